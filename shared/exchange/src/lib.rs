@@ -1,0 +1,21 @@
+//! How engines exchange data across process borders: station pages (cells, rings, waitable words), streams (iceoryx2, loaned in
+//! place), rendezvous, meeting point, and the usher that keeps connecting off the real-time threads. After Tuchschmid et al.,
+//! "A Flexible Framework for Highly-Modular Surgical Simulation Systems" (ISBMS 2006), carried across processes.
+//!
+//! This is the only crate that names iceoryx2, and the only one with `unsafe`: in [`page`] and [`system`].
+
+pub mod cell;
+pub mod meeting;
+pub mod page;
+pub mod rendezvous;
+pub mod roster;
+pub mod station;
+pub mod stream;
+pub mod synchronized;
+pub mod system;
+pub mod usher;
+
+pub use page::{Access, OwnedPage, PageError, ReadPage};
+pub use roster::{Roster, Tenure};
+pub use station::{Station, StationError, StationPage};
+pub use stream::{Held, LinkError, Links, Loan, Publisher, Subscriber};

@@ -1,0 +1,357 @@
+//! A station page: one file of fixed size on tmpfs, mapped shared, read-write by its one owner and read-only by everyone else.
+//! Layout in `hyst_messages::page`.
+//!
+//! Promise: a page is reserved in full when it is made, so that a full /dev/shm is an error here and never a SIGBUS later; it is
+//! refused if its magic, layout or length is another; a reader cannot write it.
+
+use crate::cell;
+use crate::system;
+use bytemuck::Pod;
+use hyst_messages::page::{CellAt, ProcessState, RingAt, WORDS32, header};
+use hyst_messages::{bucket_of_ns, layout_hash};
+use rustix::fs::{FallocateFlags, Mode, OFlags};
+use rustix::mm::{MapFlags, ProtFlags};
+use std::path::{Path, PathBuf};
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+/// First word of every page that is ready: "HYSTPAGE" mixed with the layout.
+pub fn magic() -> u64 {
+    u64::from_be_bytes(*b"HYSTPAGE") ^ layout_hash()
+}
+
+/// Why a page cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The file system refused.
+    #[error("station page {path}: {reason}; look at `df /dev/shm` and at the rights of that folder")]
+    Refused {
+        /// The page's file.
+        path: PathBuf,
+        /// What the system said.
+        reason: rustix::io::Errno,
+    },
+    /// Length, magic or layout is another.
+    #[error("station page {path} is of another version or damaged; stop the station and rebuild all binaries from one source")]
+    Foreign {
+        /// The page's file.
+        path: PathBuf,
+    },
+}
+
+/// How a page is mapped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Loads only.
+    Read,
+    /// Loads and stores.
+    Write,
+}
+
+#[derive(Debug)]
+struct Mapping {
+    start: NonNull<u8>,
+    bytes: usize,
+}
+
+// SAFETY: the mapping is only ever viewed as atomics, which may be used from any thread.
+#[allow(unsafe_code)]
+unsafe impl Send for Mapping {}
+// SAFETY: as above.
+#[allow(unsafe_code)]
+unsafe impl Sync for Mapping {}
+
+impl Mapping {
+    #[allow(unsafe_code)]
+    fn new(file: &rustix::fd::OwnedFd, bytes: usize, access: Access) -> Result<Mapping, rustix::io::Errno> {
+        let protection = match access {
+            Access::Read => ProtFlags::READ,
+            Access::Write => ProtFlags::READ | ProtFlags::WRITE,
+        };
+        // SAFETY: a null hint lets the kernel choose a free range, so nothing that is mapped is replaced; the length was checked
+        // against the file and the file is never truncated while a station lives.
+        let start =
+            unsafe { rustix::mm::mmap(std::ptr::null_mut(), bytes, protection, MapFlags::SHARED | MapFlags::POPULATE, file, 0)? };
+        let start = NonNull::new(start.cast::<u8>()).ok_or(rustix::io::Errno::NOMEM)?;
+        Ok(Mapping { start, bytes })
+    }
+
+    #[allow(unsafe_code)]
+    fn words32(&self) -> &[AtomicU32] {
+        // SAFETY: mmap returns page-aligned memory of at least 4 KiB + 8 (checked at creation); the first WORDS32 words are only ever
+        // viewed as AtomicU32, by every process; the memory lives as long as self. Stores through a read-only mapping are kept
+        // out by the types: `ReadPage` has none.
+        unsafe { std::slice::from_raw_parts(self.start.as_ptr().cast(), WORDS32) }
+    }
+
+    #[allow(unsafe_code)]
+    fn words64(&self) -> &[AtomicU64] {
+        let words = (self.bytes - 4 * WORDS32) / 8;
+        // SAFETY: as above; this range begins after the 32-bit words, at an offset that is a multiple of 8, and is only ever viewed as
+        // AtomicU64.
+        unsafe { std::slice::from_raw_parts(self.start.as_ptr().add(4 * WORDS32).cast(), words) }
+    }
+}
+
+impl Drop for Mapping {
+    #[allow(unsafe_code)]
+    fn drop(&mut self) {
+        // SAFETY: the range was returned by mmap with this length, and no reference into it outlives self.
+        let _ = unsafe { rustix::mm::munmap(self.start.as_ptr().cast(), self.bytes) };
+    }
+}
+
+fn page_bytes(words: usize) -> usize {
+    (4 * WORDS32 + 8 * words).div_ceil(4096) * 4096
+}
+
+/// A page of somebody else: loads only.
+#[derive(Debug)]
+pub struct ReadPage {
+    mapping: Mapping,
+}
+
+/// A page that this process may write.
+#[derive(Debug)]
+pub struct OwnedPage {
+    mapping: Mapping,
+}
+
+/// Makes a page for a slot's incarnation; reserves its memory and writes its header. Fails if the file exists.
+pub fn create(path: &Path, words: usize, slot: usize, incarnation: u32) -> Result<OwnedPage, PageError> {
+    let refused = |reason| PageError::Refused { path: path.to_path_buf(), reason };
+    let flags = OFlags::RDWR | OFlags::CREATE | OFlags::EXCL | OFlags::CLOEXEC;
+    let file = rustix::fs::open(path, flags, Mode::RUSR | Mode::WUSR).map_err(refused)?;
+    let bytes = page_bytes(words);
+    let made = rustix::fs::fallocate(&file, FallocateFlags::empty(), 0, bytes as u64)
+        .and_then(|()| Mapping::new(&file, bytes, Access::Write));
+    let mapping = match made {
+        Ok(mapping) => mapping,
+        Err(reason) => {
+            let _ = rustix::fs::unlink(path); // nothing half-made stays
+            return Err(refused(reason));
+        }
+    };
+    let page = OwnedPage { mapping };
+    page.store64(header::SLOT, slot as u64);
+    page.store64(header::INCARNATION, incarnation as u64);
+    page.store64(header::MAGIC, magic());
+    Ok(page)
+}
+
+fn open(path: &Path, words: usize, access: Access) -> Result<Mapping, PageError> {
+    let refused = |reason| PageError::Refused { path: path.to_path_buf(), reason };
+    let flags = match access {
+        Access::Read => OFlags::RDONLY,
+        Access::Write => OFlags::RDWR,
+    };
+    let file = rustix::fs::open(path, flags | OFlags::CLOEXEC, Mode::empty()).map_err(refused)?;
+    let bytes = page_bytes(words);
+    let found = rustix::fs::fstat(&file).map_err(refused)?.st_size;
+    if found != bytes as i64 {
+        return Err(PageError::Foreign { path: path.to_path_buf() });
+    }
+    let mapping = Mapping::new(&file, bytes, access).map_err(refused)?;
+    if mapping.words64()[header::MAGIC].load(Ordering::Acquire) != magic() {
+        return Err(PageError::Foreign { path: path.to_path_buf() });
+    }
+    Ok(mapping)
+}
+
+impl ReadPage {
+    /// Opens a page for reading.
+    pub fn open(path: &Path, words: usize) -> Result<ReadPage, PageError> {
+        open(path, words, Access::Read).map(|mapping| ReadPage { mapping })
+    }
+    /// A 32-bit word.
+    pub fn load32(&self, index: usize) -> u32 {
+        self.mapping.words32()[index].load(Ordering::Acquire)
+    }
+    /// A 64-bit word.
+    pub fn load64(&self, index: usize) -> u64 {
+        self.mapping.words64()[index].load(Ordering::Acquire)
+    }
+    /// Some 64-bit words from `index` on.
+    pub fn load64s(&self, index: usize, out: &mut [u64]) {
+        for (value, word) in out.iter_mut().zip(&self.mapping.words64()[index..]) {
+            *value = word.load(Ordering::Relaxed);
+        }
+    }
+    /// Newest value of a cell with its number.
+    pub fn cell<T: Pod>(&self, at: CellAt<T>) -> Option<(u64, T)> {
+        cell::read_cell_at(self.mapping.words64(), at)
+    }
+    /// Number of the newest value of a cell.
+    pub fn cell_number<T: Pod>(&self, at: CellAt<T>) -> u64 {
+        cell::cell_number(&self.mapping.words64()[at.word..at.end()], CellAt::<T>::RECORD_WORDS)
+    }
+    /// An entry of a ring.
+    pub fn ring<T: Pod>(&self, at: RingAt<T>, key: u64) -> Option<T> {
+        cell::read_ring_at(self.mapping.words64(), at, key)
+    }
+    /// Key after the newest entry of a ring.
+    pub fn ring_end<T>(&self, at: RingAt<T>) -> u64 {
+        cell::ring_end(self.mapping.words64(), at)
+    }
+    /// Waits until a 32-bit word differs from `expected` or the deadline has passed; may return early.
+    pub fn wait(&self, index: usize, expected: u32, deadline_ns: u64) {
+        system::wait_word(&self.mapping.words32()[index], expected, deadline_ns);
+    }
+    /// State of the owner.
+    pub fn state(&self) -> ProcessState {
+        ProcessState::from_word(self.load32(header::STATE))
+    }
+    /// Incarnation of the owner.
+    pub fn incarnation(&self) -> u32 {
+        self.load64(header::INCARNATION) as u32
+    }
+    /// What the owner last said before it died.
+    pub fn last_words(&self) -> String {
+        let mut words = [0u64; header::LAST_WORDS_WORDS];
+        self.load64s(header::LAST_WORDS, &mut words);
+        let bytes: &[u8] = bytemuck::cast_slice(&words);
+        let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+        String::from_utf8_lossy(&bytes[..end]).into_owned()
+    }
+}
+
+impl OwnedPage {
+    /// Opens a page that was made for this process.
+    pub fn open(path: &Path, words: usize) -> Result<OwnedPage, PageError> {
+        open(path, words, Access::Write).map(|mapping| OwnedPage { mapping })
+    }
+    /// A 32-bit word.
+    pub fn load32(&self, index: usize) -> u32 {
+        self.mapping.words32()[index].load(Ordering::Acquire)
+    }
+    /// A 64-bit word.
+    pub fn load64(&self, index: usize) -> u64 {
+        self.mapping.words64()[index].load(Ordering::Acquire)
+    }
+    /// Stores a 32-bit word.
+    pub fn store32(&self, index: usize, value: u32) {
+        self.mapping.words32()[index].store(value, Ordering::Release);
+    }
+    /// Stores a 32-bit word and wakes who waits on it.
+    pub fn store32_and_wake(&self, index: usize, value: u32) {
+        self.store32(index, value);
+        system::wake_word(&self.mapping.words32()[index]);
+    }
+    /// Adds one to a 32-bit word and wakes who waits on it.
+    pub fn bump_and_wake(&self, index: usize) {
+        self.mapping.words32()[index].fetch_add(1, Ordering::Release);
+        system::wake_word(&self.mapping.words32()[index]);
+    }
+    /// Stores a 64-bit word.
+    pub fn store64(&self, index: usize, value: u64) {
+        self.mapping.words64()[index].store(value, Ordering::Release);
+    }
+    /// Adds to a 64-bit word that only this thread writes.
+    pub fn add64(&self, index: usize, value: u64) {
+        let word = &self.mapping.words64()[index];
+        word.store(word.load(Ordering::Relaxed).wrapping_add(value), Ordering::Release);
+    }
+    /// Adds to a 64-bit word that others may write too; gives the value before.
+    pub fn fetch_add64(&self, index: usize, value: u64) -> u64 {
+        self.mapping.words64()[index].fetch_add(value, Ordering::AcqRel)
+    }
+    /// Compare-and-swap of a 64-bit word; the value found on failure.
+    pub fn swap64(&self, index: usize, current: u64, new: u64) -> Result<(), u64> {
+        self.mapping.words64()[index].compare_exchange(current, new, Ordering::AcqRel, Ordering::Acquire).map(|_| ())
+    }
+    /// Writes a cell.
+    pub fn write<T: Pod>(&self, at: CellAt<T>, value: &T) {
+        cell::write_cell_at(self.mapping.words64(), at, value);
+    }
+    /// Reads a cell of the own page.
+    pub fn cell<T: Pod>(&self, at: CellAt<T>) -> Option<(u64, T)> {
+        cell::read_cell_at(self.mapping.words64(), at)
+    }
+    /// Writes an entry of a ring.
+    pub fn push<T: Pod>(&self, at: RingAt<T>, key: u64, value: &T) {
+        cell::write_ring_at(self.mapping.words64(), at, key, value);
+    }
+    /// Reads an entry of a ring of the own page.
+    pub fn ring<T: Pod>(&self, at: RingAt<T>, key: u64) -> Option<T> {
+        cell::read_ring_at(self.mapping.words64(), at, key)
+    }
+    /// Key after the newest entry of a ring of the own page.
+    pub fn ring_end<T>(&self, at: RingAt<T>) -> u64 {
+        cell::ring_end(self.mapping.words64(), at)
+    }
+    /// Waits until a 32-bit word of the own page differs from `expected` or the deadline has passed; may return early.
+    pub fn wait(&self, index: usize, expected: u32, deadline_ns: u64) {
+        system::wait_word(&self.mapping.words32()[index], expected, deadline_ns);
+    }
+    /// Counts a latency in one of the histograms ([`header::WAKEUP`] or [`header::LOOP`]).
+    pub fn count_latency(&self, histogram: usize, latency_ns: u64) {
+        self.add64(histogram + bucket_of_ns(latency_ns), 1);
+    }
+    /// Says in which state the process is.
+    pub fn set_state(&self, state: ProcessState) {
+        self.store32_and_wake(header::STATE, state as u32);
+    }
+    /// Incarnation of this process.
+    pub fn incarnation(&self) -> u32 {
+        self.load64(header::INCARNATION) as u32
+    }
+    /// Leaves last words, cut to what fits; allocates nothing.
+    pub fn last_words(&self, text: &str) {
+        let bytes = text.as_bytes();
+        for index in 0..header::LAST_WORDS_WORDS {
+            let mut word = [0u8; 8];
+            for (offset, byte) in word.iter_mut().enumerate() {
+                *byte = bytes.get(8 * index + offset).copied().unwrap_or(0);
+            }
+            self.store64(header::LAST_WORDS + index, u64::from_ne_bytes(word));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::page::haptic;
+    use hyst_messages::ForceRecord;
+
+    struct Folder(PathBuf);
+    impl Folder {
+        fn new(name: &str) -> Folder {
+            let path = PathBuf::from(format!("/dev/shm/hyst-test-{}-{name}", std::process::id()));
+            std::fs::create_dir_all(&path).unwrap();
+            Folder(path)
+        }
+    }
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    #[test]
+    fn a_value_written_by_the_owner_is_read_by_another() {
+        let folder = Folder::new("page");
+        let path = folder.0.join("a.page");
+        let owner = create(&path, haptic::WORDS, 2, 17).unwrap();
+        let reader = ReadPage::open(&path, haptic::WORDS).unwrap();
+        assert!(reader.cell(haptic::FORCE).is_none());
+        let record = ForceRecord { tick: 5, force_n: [1.0, 2.0, 3.0], ..Default::default() };
+        owner.write(haptic::FORCE, &record);
+        assert_eq!(reader.cell(haptic::FORCE), Some((1, record)));
+        assert_eq!(reader.incarnation(), 17);
+        owner.last_words("thread 'main' panicked");
+        assert_eq!(reader.last_words(), "thread 'main' panicked");
+    }
+
+    #[test]
+    fn a_foreign_short_or_missing_page_is_refused_and_a_second_owner_too() {
+        let folder = Folder::new("foreign");
+        let path = folder.0.join("a.page");
+        assert!(matches!(ReadPage::open(&path, haptic::WORDS), Err(PageError::Refused { .. })));
+        std::fs::write(&path, vec![7u8; page_bytes(haptic::WORDS)]).unwrap();
+        assert!(matches!(ReadPage::open(&path, haptic::WORDS), Err(PageError::Foreign { .. })));
+        std::fs::write(&path, [1, 2, 3]).unwrap();
+        assert!(matches!(ReadPage::open(&path, haptic::WORDS), Err(PageError::Foreign { .. })));
+        assert!(matches!(create(&path, haptic::WORDS, 2, 1), Err(PageError::Refused { .. })));
+    }
+}

@@ -1,0 +1,251 @@
+//! A station on this machine: its name, its root on tmpfs, its pages. Two stations never meet, because everything that they make
+//! lies under their own root or bears their own prefix.
+
+use crate::page::{self, OwnedPage, PageError, ReadPage};
+use crate::system;
+use hyst_messages::page::{station as layout, words_of};
+use hyst_messages::{Role, SLOTS, Slot, TICK_NS};
+use std::path::{Path, PathBuf};
+
+/// Longest name of a station, so that every path and service name fits.
+pub const MAX_NAME: usize = 24;
+
+/// Why a station cannot be addressed.
+#[derive(Debug, thiserror::Error)]
+pub enum StationError {
+    /// Not a name.
+    #[error("station name {0:?}: use 1 to {MAX_NAME} of the letters a-z, digits and '-'")]
+    Name(String),
+    /// The root cannot be made.
+    #[error("station root {path}: {source}; look at `df /dev/shm` and at the rights of that folder")]
+    Root {
+        /// The root.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A page.
+    #[error(transparent)]
+    Page(#[from] PageError),
+}
+
+/// Where a station keeps its things.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Station {
+    name: String,
+    root: PathBuf,
+}
+
+impl Station {
+    /// The station of this user with this name.
+    pub fn named(name: &str) -> Result<Station, StationError> {
+        let good = (1..=MAX_NAME).contains(&name.len())
+            && name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
+        if !good {
+            return Err(StationError::Name(name.to_string()));
+        }
+        let root = PathBuf::from(format!("/dev/shm/hystation-{}-{name}", system::user_id()));
+        Ok(Station { name: name.to_string(), root })
+    }
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// Its root on tmpfs; everything but iceoryx2's segments lies below.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+    /// Prefix of the segments in /dev/shm.
+    pub fn prefix(&self) -> String {
+        format!("hyst{}_{}_", system::user_id(), self.name)
+    }
+    /// The page of an incarnation in a slot.
+    pub fn slot_page(&self, slot: Slot, incarnation: u32) -> PathBuf {
+        self.root.join(format!("pages/{:02}-{incarnation}.page", slot.number()))
+    }
+    /// The station's own page.
+    pub fn station_page(&self) -> PathBuf {
+        self.root.join("pages/station.page")
+    }
+    /// The roster's page.
+    pub fn roster_page(&self) -> PathBuf {
+        self.root.join("pages/roster.page")
+    }
+    /// Configuration of iceoryx2 for this station.
+    pub fn link_config(&self) -> PathBuf {
+        self.root.join("link.toml")
+    }
+    /// The control socket.
+    pub fn control_socket(&self) -> PathBuf {
+        self.root.join("control.sock")
+    }
+    /// The log of a slot's processes.
+    pub fn log(&self, slot: Slot) -> PathBuf {
+        self.root.join(format!("logs/{slot}.log"))
+    }
+    /// What the engines were started with: the command line's settings, as TOML.
+    pub fn settings(&self) -> PathBuf {
+        self.root.join("settings.toml")
+    }
+
+    /// Makes root, pages and link configuration. The root must not exist.
+    pub fn found(&self) -> Result<(), StationError> {
+        let refused = |source| StationError::Root { path: self.root.clone(), source };
+        use std::os::unix::fs::DirBuilderExt;
+        std::fs::DirBuilder::new().mode(0o700).create(&self.root).map_err(refused)?;
+        for folder in ["pages", "logs", "iox2"] {
+            std::fs::create_dir(self.root.join(folder)).map_err(refused)?;
+        }
+        std::fs::write(self.link_config(), self.link_toml()).map_err(refused)?;
+        let station = page::create(&self.station_page(), layout::WORDS, SLOTS, 0)?;
+        station.store64(layout::T0_NS, system::now_ns());
+        station.store64(layout::NEXT_INCARNATION, 1);
+        station.store32(layout::READY, 1);
+        page::create(&self.roster_page(), hyst_messages::page::roster::WORDS, SLOTS, 0)?;
+        Ok(())
+    }
+
+    /// iceoryx2's configuration: own root and prefix, no automatic clean-up anywhere.
+    fn link_toml(&self) -> String {
+        format!(
+            "[global]\nroot-path = \"{}/iox2\"\nprefix = \"{}\"\n\n[global.node]\n\
+             cleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n",
+            self.root.display(),
+            self.prefix()
+        )
+    }
+
+    /// Segments, files and folders that exist of this station.
+    pub fn leftovers(&self) -> Vec<PathBuf> {
+        let prefix = self.prefix();
+        let mut found: Vec<PathBuf> = std::fs::read_dir("/dev/shm")
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+            .map(|entry| entry.path())
+            .collect();
+        if self.root.exists() {
+            found.push(self.root.clone());
+        }
+        found
+    }
+
+    /// Removes everything of the station. Only when nothing of it lives.
+    pub fn wipe(&self) {
+        for path in self.leftovers() {
+            // What cannot be removed is seen by the next `leftovers`.
+            let _ = if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+        }
+    }
+
+    /// The station's page for reading.
+    pub fn open(&self) -> Result<StationPage, StationError> {
+        Ok(StationPage { page: ReadPage::open(&self.station_page(), layout::WORDS)? })
+    }
+    /// The station's page for its keepers.
+    pub fn open_for_keeping(&self) -> Result<OwnedPage, StationError> {
+        Ok(OwnedPage::open(&self.station_page(), layout::WORDS)?)
+    }
+    /// The page of a slot's incarnation, for reading.
+    pub fn read_slot(&self, slot: Slot, incarnation: u32) -> Result<ReadPage, PageError> {
+        ReadPage::open(&self.slot_page(slot, incarnation), words_of(slot.role()))
+    }
+    /// The page of a slot's incarnation, for its owner.
+    pub fn own_slot(&self, slot: Slot, incarnation: u32) -> Result<OwnedPage, PageError> {
+        OwnedPage::open(&self.slot_page(slot, incarnation), words_of(slot.role()))
+    }
+    /// Makes the page of a new incarnation.
+    pub fn create_slot(&self, slot: Slot, incarnation: u32) -> Result<OwnedPage, PageError> {
+        page::create(&self.slot_page(slot, incarnation), words_of(slot.role()), slot.number(), incarnation)
+    }
+}
+
+/// The station's page, read-only.
+#[derive(Debug)]
+pub struct StationPage {
+    page: ReadPage,
+}
+
+impl StationPage {
+    /// Start of tick 0, ns.
+    pub fn t0_ns(&self) -> u64 {
+        self.page.load64(layout::T0_NS)
+    }
+    /// Tick at a time.
+    pub fn tick_at(&self, time_ns: u64) -> u64 {
+        time_ns.saturating_sub(self.t0_ns()) / TICK_NS
+    }
+    /// Start of a tick, ns.
+    pub fn start_of(&self, tick: u64) -> u64 {
+        self.t0_ns() + tick * TICK_NS
+    }
+    /// Whether everything must stop.
+    pub fn stop_requested(&self) -> bool {
+        self.page.load32(layout::STOP) != 0
+    }
+    /// Whether faults may be injected.
+    pub fn test_mode(&self) -> bool {
+        self.page.load32(layout::TEST_MODE) != 0
+    }
+    /// Number of collision workers.
+    pub fn workers(&self) -> usize {
+        self.page.load32(layout::WORKERS) as usize
+    }
+    /// Incarnation in a slot, 0 if none.
+    pub fn incarnation(&self, slot: Slot) -> u32 {
+        self.page.load32(layout::SLOT_INCARNATION + slot.number())
+    }
+    /// Process in a slot, 0 if none.
+    pub fn pid(&self, slot: Slot) -> u32 {
+        self.page.load32(layout::SLOT_PID + slot.number())
+    }
+    /// Whether the process in the slot is known to be dead.
+    pub fn is_dead(&self, slot: Slot) -> bool {
+        self.page.load32(layout::SLOT_DEAD + slot.number()) != 0
+    }
+    /// Counts the changes of the slots.
+    pub fn changes(&self) -> u32 {
+        self.page.load32(layout::CHANGES)
+    }
+    /// Waits for a change of the slots.
+    pub fn wait_for_change(&self, seen: u32, deadline_ns: u64) {
+        self.page.wait(layout::CHANGES, seen, deadline_ns);
+    }
+    /// The page itself, for what has no name here.
+    pub fn page(&self) -> &ReadPage {
+        &self.page
+    }
+    /// All slots of a role that have an incarnation.
+    pub fn occupied(&self, role: Role) -> impl Iterator<Item = (Slot, u32)> + '_ {
+        (0..role.slots().1).filter_map(move |index| {
+            let slot = Slot::new(role, index)?;
+            let incarnation = self.incarnation(slot);
+            (incarnation != 0).then_some((slot, incarnation))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_would_break_paths_are_refused() {
+        for bad in ["", "A", "a/b", "a b", "..", &"x".repeat(25), "ä"] {
+            assert!(matches!(Station::named(bad), Err(StationError::Name(_))), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_station_is_founded_once_and_wiped_without_leftovers() {
+        let station = Station::named(&format!("t{}-found", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        assert!(matches!(station.found(), Err(StationError::Root { .. })), "a second station of one name");
+        let page = station.open().unwrap();
+        assert_eq!(page.tick_at(page.start_of(41) + 5), 41);
+        station.wipe();
+        assert_eq!(station.leftovers(), Vec::<PathBuf>::new());
+    }
+}

@@ -1,0 +1,276 @@
+//! Streams: iceoryx2 publish-subscribe, one service for each incarnation and kind, written in place in the loan, read in place.
+//!
+//! Guarantees. A sample is either whole or not there: what its writer has not sent, nobody sees. A sample that a reader holds stays
+//! readable after the death of its writer. A slow, stopped or dead reader never blocks a writer (safe overflow: the reader loses the oldest).
+//! Nobody shares a service with an incarnation that died, so a zombie writes where nobody reads. Services are created by the supervisor,
+//! engines only open them. Connecting and mapping happen in the usher, which then hands the port to the real-time thread.
+
+use crate::station::Station;
+use hyst_messages::{Kind, Role, layout_hash};
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+use iceoryx2::sample_mut::SampleMut;
+
+type Variant = ipc_threadsafe::Service;
+type Factory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Variant, [u8], ()>;
+
+/// Samples that a reader may hold: the state in use, the one before, and the one that is being received.
+pub const MAX_HELD: usize = 4;
+/// Samples that wait for a reader before the oldest is dropped.
+pub const READER_BUFFER: usize = 2;
+/// Readers of one service: every consumer of a state, each with a successor that is warming up.
+pub const MAX_READERS: usize = 12;
+/// Readers of a collision job: every worker, each with a successor.
+pub const MAX_JOB_READERS: usize = 2 * hyst_messages::MAX_WORKERS;
+/// Loans of a writer: the step being computed.
+pub const MAX_LOANS: usize = 2;
+/// Nodes that may open one service.
+pub const MAX_NODES: usize = 40;
+
+/// Why a link cannot be had or used. The library's reason is part of the message.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The configuration of the station cannot be read.
+    #[error("link configuration of station {station}: {reason}; is the station running?")]
+    Configuration {
+        /// Station.
+        station: String,
+        /// The library's reason.
+        reason: String,
+    },
+    /// A service or port cannot be made or opened.
+    #[error("stream {name}: {reason}")]
+    Service {
+        /// The service.
+        name: String,
+        /// The library's reason.
+        reason: String,
+    },
+    /// A loan, a send or a receive failed.
+    #[error("stream {name}: {action} failed: {reason}")]
+    Use {
+        /// The service.
+        name: String,
+        /// What was tried.
+        action: &'static str,
+        /// The library's reason.
+        reason: String,
+    },
+}
+
+/// The process's node in the station's iceoryx2 domain.
+#[derive(Debug)]
+pub struct Links {
+    node: Node<Variant>,
+    station: String,
+}
+
+/// A service that is held open so that it exists while an incarnation lives.
+#[derive(Debug)]
+pub struct HeldService {
+    _factory: Factory,
+}
+
+impl Links {
+    /// Joins the station's domain. The first thing that a process does with the link: the configuration is global to the process.
+    pub fn join(station: &Station, process: &str) -> Result<Links, LinkError> {
+        iceoryx2::prelude::set_log_level(LogLevel::Fatal);
+        let configuration = |reason: String| LinkError::Configuration { station: station.name().to_string(), reason };
+        let path = station.link_config();
+        let path = FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|e| configuration(format!("{e:?}")))?;
+        let config = Config::setup_global_config_from_file(&path).map_err(|e| configuration(format!("{e:?}")))?;
+        let name = NodeName::new(process).map_err(|e| configuration(format!("{e:?}")))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Variant>()
+            .map_err(|e| configuration(format!("{e:?}")))?;
+        Ok(Links { node, station: station.name().to_string() })
+    }
+
+    /// Name of a service: station, role, incarnation, kind and layout. Another layout is another name, so it is never opened.
+    pub fn service_name(&self, role: Role, incarnation: u32, kind: Kind) -> String {
+        format!("{}/{}/{incarnation}/{}/{:016x}", self.station, role.name(), kind.name(), layout_hash())
+    }
+
+    fn builder(&self, name: &str, kind: Kind) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u8], (), Variant>, LinkError> {
+        let fail = |reason: String| LinkError::Service { name: name.to_string(), reason };
+        let service = ServiceName::new(name).map_err(|e| fail(format!("{e:?}")))?;
+        let alignment = Alignment::new(64).ok_or_else(|| fail("alignment".into()))?;
+        let readers = if kind == Kind::CollisionJob { MAX_JOB_READERS } else { MAX_READERS };
+        Ok(self
+            .node
+            .service_builder(&service)
+            .publish_subscribe::<[u8]>()
+            .payload_alignment(alignment)
+            .max_publishers(1)
+            .max_subscribers(readers)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(READER_BUFFER)
+            .subscriber_max_borrowed_samples(MAX_HELD)
+            .history_size(1)
+            .enable_safe_overflow(true))
+    }
+
+    /// Creates the service of an incarnation; the supervisor holds it while the incarnation lives.
+    pub fn create_service(&self, role: Role, incarnation: u32, kind: Kind) -> Result<HeldService, LinkError> {
+        let name = self.service_name(role, incarnation, kind);
+        let factory = self.builder(&name, kind)?.create();
+        factory
+            .map(|factory| HeldService { _factory: factory })
+            .map_err(|e| LinkError::Service { name, reason: format!("{e:?}") })
+    }
+
+    fn open_service(&self, name: &str, kind: Kind) -> Result<Factory, LinkError> {
+        self.builder(name, kind)?
+            .open()
+            .map_err(|e| LinkError::Service { name: name.to_string(), reason: format!("{e:?}") })
+    }
+
+    /// Opens the one writer of a service. `bytes` is the longest message.
+    pub fn publisher(&self, role: Role, incarnation: u32, kind: Kind, bytes: usize) -> Result<Publisher, LinkError> {
+        let name = self.service_name(role, incarnation, kind);
+        let factory = self.open_service(&name, kind)?;
+        let inner = factory
+            .publisher_builder()
+            .initial_max_slice_len(bytes)
+            .max_loaned_samples(MAX_LOANS)
+            .create()
+            .map_err(|e| LinkError::Service { name: name.clone(), reason: format!("{e:?}") })?;
+        Ok(Publisher { inner, name, bytes, _factory: factory })
+    }
+
+    /// Opens a reader of a service; not on a real-time thread.
+    pub fn subscriber(&self, role: Role, incarnation: u32, kind: Kind) -> Result<Subscriber, LinkError> {
+        let name = self.service_name(role, incarnation, kind);
+        let factory = self.open_service(&name, kind)?;
+        let inner = factory
+            .subscriber_builder()
+            .create()
+            .map_err(|e| LinkError::Service { name: name.clone(), reason: format!("{e:?}") })?;
+        Ok(Subscriber { inner, name, incarnation, _factory: factory })
+    }
+
+    /// Removes what dead nodes left. The supervisor alone does this, after a reap; takes 4 to 30 ms for each.
+    pub fn clean_up_dead(&self) {
+        self.node.try_cleanup_dead_nodes();
+    }
+
+    /// The node, for the rendezvous.
+    pub(crate) fn node(&self) -> &Node<Variant> {
+        &self.node
+    }
+}
+
+/// The one writer of a stream.
+#[derive(Debug)]
+pub struct Publisher {
+    inner: iceoryx2::port::publisher::Publisher<Variant, [u8], ()>,
+    name: String,
+    bytes: usize,
+    _factory: Factory,
+}
+
+/// A block of shared memory that is being written. Dropped unsent, nobody ever sees it.
+#[derive(Debug)]
+pub struct Loan {
+    sample: SampleMut<Variant, [u8], ()>,
+}
+
+impl Publisher {
+    /// A zeroed block of at most the length given at creation, aligned to 64 bytes.
+    pub fn loan(&self, bytes: usize) -> Result<Loan, LinkError> {
+        let fail = |reason: String| LinkError::Use { name: self.name.clone(), action: "loan", reason };
+        if bytes > self.bytes {
+            return Err(fail(format!("{bytes} bytes where at most {} were announced", self.bytes)));
+        }
+        let sample = self.inner.loan_slice(bytes).map_err(|e| fail(format!("{e:?}")))?;
+        Ok(Loan { sample })
+    }
+    /// Longest message.
+    pub fn max_bytes(&self) -> usize {
+        self.bytes
+    }
+    /// Connects readers that came since; gives them the newest message. Not on a real-time thread.
+    pub fn announce(&self) -> Result<(), LinkError> {
+        self.inner
+            .update_connections()
+            .map_err(|e| LinkError::Use { name: self.name.clone(), action: "announce", reason: format!("{e:?}") })
+    }
+}
+
+impl Loan {
+    /// The block.
+    pub fn bytes(&self) -> &[u8] {
+        self.sample.payload()
+    }
+    /// The block, to write.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        self.sample.payload_mut()
+    }
+    /// Hands the block to the readers; from now on it is read-only for everyone.
+    pub fn send(self) -> Result<usize, LinkError> {
+        self.sample
+            .send()
+            .map_err(|e| LinkError::Use { name: String::new(), action: "send", reason: format!("{e:?}") })
+    }
+}
+
+/// A reader of a stream.
+#[derive(Debug)]
+pub struct Subscriber {
+    inner: iceoryx2::port::subscriber::Subscriber<Variant, [u8], ()>,
+    name: String,
+    incarnation: u32,
+    _factory: Factory,
+}
+
+/// A message that is held and read in place; its memory is not reused while it is held.
+#[derive(Debug)]
+pub struct Held {
+    sample: Sample<Variant, [u8], ()>,
+}
+
+impl Held {
+    /// The message.
+    pub fn bytes(&self) -> &[u8] {
+        self.sample.payload()
+    }
+}
+
+impl Subscriber {
+    /// The next message, if there is one.
+    pub fn next(&self) -> Result<Option<Held>, LinkError> {
+        self.inner
+            .receive()
+            .map(|sample| sample.map(|sample| Held { sample }))
+            .map_err(|e| LinkError::Use { name: self.name.clone(), action: "receive", reason: format!("{e:?}") })
+    }
+    /// The newest message, if there is one that was not yet read. Bounded by the buffer.
+    pub fn newest(&self) -> Result<Option<Held>, LinkError> {
+        let mut newest = None;
+        for _ in 0..=READER_BUFFER {
+            match self.next()? {
+                Some(held) => newest = Some(held),
+                None => break,
+            }
+        }
+        Ok(newest)
+    }
+    /// Maps the writer's memory if the writer is there. Not on a real-time thread.
+    pub fn connect(&self) -> Result<(), LinkError> {
+        self.inner
+            .update_connections()
+            .map_err(|e| LinkError::Use { name: self.name.clone(), action: "connect", reason: format!("{e:?}") })
+    }
+    /// Incarnation of the writer.
+    pub fn incarnation(&self) -> u32 {
+        self.incarnation
+    }
+    /// Name of the service.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}

@@ -1,0 +1,140 @@
+//! The few system calls that the link needs: clock, absolute sleep, futex, real-time class, memory lock, core.
+//!
+//! Promise: what is refused by the machine is reported, never assumed. Times are CLOCK_MONOTONIC nanoseconds.
+
+use rustix::thread::futex;
+use rustix::time::{ClockId, Timespec, clock_gettime};
+use std::num::NonZeroU32;
+use std::sync::atomic::AtomicU32;
+
+/// CLOCK_MONOTONIC in nanoseconds.
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+fn timespec(time_ns: u64) -> Timespec {
+    Timespec { tv_sec: (time_ns / 1_000_000_000) as i64, tv_nsec: (time_ns % 1_000_000_000) as i64 }
+}
+
+/// Sleeps until an absolute time; a time in the past returns at once. A signal does not end the sleep.
+pub fn sleep_until_ns(time_ns: u64) {
+    let request = timespec(time_ns);
+    // Bounded by the number of signals that arrive before `time_ns`.
+    while rustix::thread::clock_nanosleep_absolute(ClockId::Monotonic, &request).is_err() {
+        if now_ns() >= time_ns {
+            return;
+        }
+    }
+}
+
+/// Sleeps for a time, for threads that are not real time.
+pub fn sleep_ns(duration_ns: u64) {
+    sleep_until_ns(now_ns() + duration_ns);
+}
+
+/// Waits until `word` differs from `expected` or `deadline_ns` has passed; may return early. The caller looks at the word again.
+pub fn wait_word(word: &AtomicU32, expected: u32, deadline_ns: u64) {
+    let deadline = timespec(deadline_ns);
+    // Every outcome (woken, changed, timed out, interrupted) has the same answer: look again.
+    let _ = futex::wait_bitset(word, futex::Flags::empty(), expected, Some(&deadline), NonZeroU32::MAX);
+}
+
+/// Wakes all who wait on `word`.
+pub fn wake_word(word: &AtomicU32) {
+    // Fails only for an unmapped address, which a reference cannot be.
+    let _ = futex::wake(word, futex::Flags::empty(), i32::MAX as u32);
+}
+
+/// What the machine granted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RealTime {
+    /// SCHED_FIFO was granted.
+    pub fifo: bool,
+    /// Memory is locked.
+    pub locked: bool,
+    /// The thread is tied to a core.
+    pub pinned: bool,
+}
+
+impl RealTime {
+    /// The word in the page: bit 0 FIFO, bit 1 locked, bit 2 pinned.
+    pub fn word(self) -> u64 {
+        self.fifo as u64 | (self.locked as u64) << 1 | (self.pinned as u64) << 2
+    }
+}
+
+/// Locks the memory of the process, present and to come. False where RLIMIT_MEMLOCK forbids it.
+pub fn lock_memory() -> bool {
+    use rustix::mm::{MlockAllFlags, mlockall};
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok()
+}
+
+/// Makes the calling thread SCHED_FIFO with this priority; children go back to the ordinary class. False where it is refused.
+#[allow(unsafe_code)] // rustix has no scheduler class; one call, proof below
+pub fn become_fifo(priority: i32) -> bool {
+    let parameters = libc::sched_param { sched_priority: priority };
+    // SAFETY: pid 0 is the calling thread; the pointer is to a live, initialised sched_param and is only read during the call.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &parameters) == 0 }
+}
+
+/// Moves a whole thread by id to the idle class, so that its tear-down disturbs nobody. False where it is refused.
+#[allow(unsafe_code)] // as above
+pub fn demote(thread_id: i32) -> bool {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: the pointer is to a live, initialised sched_param and is only read during the call; any thread id is allowed.
+    unsafe { libc::sched_setscheduler(thread_id, libc::SCHED_IDLE, &parameters) == 0 }
+}
+
+/// Ties the calling thread to a core. False where the core does not exist or is not allowed.
+pub fn pin_to_core(core: usize) -> bool {
+    use rustix::thread::{CpuSet, sched_setaffinity};
+    if core >= CpuSet::MAX_CPU {
+        return false;
+    }
+    let mut cores = CpuSet::new();
+    cores.set(core);
+    sched_setaffinity(None, &cores).is_ok()
+}
+
+/// Number of cores that this process may use.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// User id, which is part of the station's root.
+pub fn user_id() -> u32 {
+    rustix::process::getuid().as_raw()
+}
+
+/// Start time of a process in clock ticks since boot (field 22 of /proc/PID/stat); `None` if it does not exist or is a zombie.
+pub fn process_start(pid: u32) -> Option<u64> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let after_name = stat.rsplit_once(')')?.1;
+    let mut fields = after_name.split_whitespace();
+    let state = fields.next()?;
+    if state == "Z" || state == "X" {
+        return None;
+    }
+    fields.nth(18)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wait_on_a_word_that_differs_returns_and_a_sleep_is_not_short() {
+        let word = AtomicU32::new(1);
+        wait_word(&word, 0, u64::MAX / 2);
+        let until = now_ns() + 2_000_000;
+        sleep_until_ns(until);
+        assert!(now_ns() >= until);
+    }
+
+    #[test]
+    fn own_start_time_is_known_and_no_process_has_none() {
+        assert!(process_start(std::process::id()).is_some());
+        assert_eq!(process_start(u32::MAX), None);
+    }
+}

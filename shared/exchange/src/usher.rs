@@ -1,0 +1,205 @@
+//! The usher: an ordinary thread of an engine that opens, maps and touches the pages and streams of newcomers, and hands the finished
+//! ports to the real-time thread through a wait-free queue; what the real-time thread has done with comes back to be unmapped here.
+//!
+//! Promise: the real-time thread never connects, maps, unmaps or cleans up. A page comes as soon as its process is announced; a stream when
+//! its writer is there. If a queue is full, what does not fit waits with the usher.
+
+use crate::page::ReadPage;
+use crate::rendezvous::ProcessClient;
+use crate::station::{Station, StationError, StationPage};
+use crate::stream::{Held, Links, Subscriber};
+use crate::system;
+use hyst_messages::page::ProcessState;
+use hyst_messages::{Kind, Role, Slot};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Ports on their way in either direction.
+const QUEUE: usize = 256;
+/// How often the usher looks while somebody is warming up, ns.
+const EAGER_NS: u64 = 1_000_000;
+/// How often it looks otherwise, ns; a change of the slots wakes it at once.
+const IDLE_NS: u64 = 20_000_000;
+
+/// What an engine wants of every process of a role.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// Its page.
+    Page,
+    /// One of its streams.
+    Stream(Kind),
+    /// A client of one of its rendezvous.
+    Client(Kind),
+}
+
+/// A port that is ready for use.
+#[derive(Debug)]
+pub enum Port {
+    /// A page.
+    Page(ReadPage),
+    /// A stream.
+    Stream(Kind, Subscriber),
+    /// A rendezvous.
+    Client(Kind, ProcessClient),
+}
+
+/// What the usher hands over.
+#[derive(Debug)]
+pub struct Arrival {
+    /// Whose.
+    pub slot: Slot,
+    /// Which life of it.
+    pub incarnation: u32,
+    /// The port.
+    pub port: Port,
+}
+
+/// What the real-time thread hands back.
+#[derive(Debug)]
+pub enum Departure {
+    /// A page that is no longer read.
+    Page(ReadPage),
+    /// A stream that is no longer read.
+    Stream(Subscriber),
+    /// A message that need not be held any longer, but whose segment may have to be unmapped.
+    Message(Held),
+}
+
+/// The real-time thread's end.
+#[derive(Debug)]
+pub struct Inbox {
+    arrivals: rtrb::Consumer<Arrival>,
+    departures: rtrb::Producer<Departure>,
+    stop: Arc<AtomicBool>,
+    handle: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Inbox {
+    /// The next port, if one has come.
+    pub fn next(&mut self) -> Option<Arrival> {
+        self.arrivals.pop().ok()
+    }
+    /// Hands a port back. If the queue is full, it is dropped here: an unmapping on this thread, said by the return value.
+    pub fn retire(&mut self, departure: Departure) -> bool {
+        self.departures.push(departure).is_ok()
+    }
+}
+
+impl Drop for Inbox {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(handle) = self.handle.take() {
+            let _ = handle.join(); // the usher has nothing to say at its end
+        }
+    }
+}
+
+struct Guest {
+    slot: Slot,
+    incarnation: u32,
+    wanted: Wanted,
+    page: Option<ReadPage>,
+    tries: u32,
+}
+
+/// Tries to connect to a newcomer, one for each look; a process that dies in its start-up is given up after about 20 s.
+const MAX_TRIES: u32 = 20_000;
+
+struct Desk {
+    station: Station,
+    links: Option<Links>,
+    me: u32,
+    interests: Vec<(Role, Wanted)>,
+    known: Vec<(Slot, u32, Wanted)>,
+    waiting: Vec<Guest>,
+}
+
+impl Desk {
+    fn notice(&mut self, page: &StationPage) {
+        for &(role, wanted) in &self.interests {
+            for (slot, incarnation) in page.occupied(role) {
+                let key = (slot, incarnation, wanted);
+                if incarnation == self.me || self.known.contains(&key) {
+                    continue;
+                }
+                self.known.retain(|(s, _, w)| (*s, *w) != (slot, wanted));
+                self.known.push(key);
+                self.waiting.retain(|guest| (guest.slot, guest.wanted) != (slot, wanted));
+                self.waiting.push(Guest { slot, incarnation, wanted, page: None, tries: 0 });
+            }
+        }
+    }
+
+    /// The port, if the newcomer is ready for it; `Err` if it never will be.
+    fn connect(&mut self, at: usize) -> Result<Option<Port>, ()> {
+        let guest = &mut self.waiting[at];
+        guest.tries += 1;
+        if guest.tries > MAX_TRIES {
+            return Err(());
+        }
+        if guest.page.is_none() {
+            // Not there yet, or already gone again: both are seen at the next look.
+            guest.page = self.station.read_slot(guest.slot, guest.incarnation).ok();
+        }
+        let Some(page) = &guest.page else { return Ok(None) };
+        if guest.wanted == Wanted::Page {
+            return Ok(guest.page.take().map(Port::Page));
+        }
+        if !matches!(page.state(), ProcessState::Warm | ProcessState::Live) {
+            return Ok(None);
+        }
+        let Some(links) = &self.links else { return Err(()) };
+        let role = guest.slot.role();
+        match guest.wanted {
+            Wanted::Page => Ok(None),
+            Wanted::Stream(kind) => {
+                let Ok(subscriber) = links.subscriber(role, guest.incarnation, kind) else { return Ok(None) };
+                Ok(subscriber.connect().is_ok().then_some(Port::Stream(kind, subscriber)))
+            }
+            Wanted::Client(kind) => Ok(links.client(role, guest.incarnation, kind).ok().map(|client| Port::Client(kind, client))),
+        }
+    }
+
+    fn seat(&mut self, arrivals: &mut rtrb::Producer<Arrival>) {
+        let mut at = 0;
+        while at < self.waiting.len() {
+            if arrivals.is_full() {
+                return;
+            }
+            match self.connect(at) {
+                Ok(None) => at += 1,
+                Err(()) => drop(self.waiting.remove(at)),
+                Ok(Some(port)) => {
+                    let guest = self.waiting.remove(at);
+                    // The queue was seen not to be full, and nobody else fills it.
+                    let _ = arrivals.push(Arrival { slot: guest.slot, incarnation: guest.incarnation, port });
+                }
+            }
+        }
+    }
+}
+
+/// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
+pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
+    let (mut arrivals, inbox_arrivals) = rtrb::RingBuffer::new(QUEUE);
+    let (inbox_departures, mut departures) = rtrb::RingBuffer::<Departure>::new(QUEUE);
+    let page = station.open()?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    let mut desk = Desk { station: station.clone(), links, me, interests, known: Vec::new(), waiting: Vec::new() };
+    let body = move || {
+        while !stopped.load(Ordering::Acquire) {
+            let seen = page.changes();
+            while departures.pop().is_ok() {}
+            desk.notice(&page);
+            desk.seat(&mut arrivals);
+            let pause = if desk.waiting.is_empty() { IDLE_NS } else { EAGER_NS };
+            page.wait_for_change(seen, system::now_ns() + pause);
+        }
+    };
+    let handle = std::thread::Builder::new()
+        .name("usher".into())
+        .spawn(body)
+        .map_err(|source| StationError::Root { path: station.root().to_path_buf(), source })?;
+    Ok(Inbox { arrivals: inbox_arrivals, departures: inbox_departures, stop, handle: Some(handle) })
+}

@@ -1,0 +1,323 @@
+//! Where things lie in a station page. A page is two arrays: [`WORDS32`] 32-bit words, which may be waited on, then 64-bit words.
+//! A cell holds two copies of a record, each with a stamp and a checksum; a ring holds one copy for each entry.
+
+use crate::record::*;
+use crate::{LATENCY_BUCKETS, SLOTS};
+use bytemuck::Pod;
+use std::marker::PhantomData;
+
+/// 32-bit words at the start of a page: 4 KiB.
+pub const WORDS32: usize = 1024;
+
+/// Place of a cell of `T` in the 64-bit words.
+pub struct CellAt<T> {
+    /// First word.
+    pub word: usize,
+    kind: PhantomData<T>,
+}
+
+/// Place of a ring of `T` in the 64-bit words.
+pub struct RingAt<T> {
+    /// First word.
+    pub word: usize,
+    /// Number of entries.
+    pub entries: usize,
+    kind: PhantomData<T>,
+}
+
+impl<T> Clone for CellAt<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<T> Copy for CellAt<T> {}
+impl<T> Clone for RingAt<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<T> Copy for RingAt<T> {}
+
+impl<T: Pod> CellAt<T> {
+    /// Words of one record.
+    pub const RECORD_WORDS: usize = size_of::<T>() / 8;
+    const fn new(word: usize) -> CellAt<T> {
+        assert!(size_of::<T>().is_multiple_of(8));
+        CellAt { word, kind: PhantomData }
+    }
+    /// The word after the cell.
+    pub const fn end(&self) -> usize {
+        self.word + 2 * (2 + Self::RECORD_WORDS)
+    }
+}
+
+impl<T: Pod> RingAt<T> {
+    /// Words of one record.
+    pub const RECORD_WORDS: usize = size_of::<T>() / 8;
+    const fn new(word: usize, entries: usize) -> RingAt<T> {
+        assert!(size_of::<T>().is_multiple_of(8));
+        RingAt { word, entries, kind: PhantomData }
+    }
+    /// Words of one entry: stamp, checksum, record.
+    pub const fn entry_words(&self) -> usize {
+        2 + Self::RECORD_WORDS
+    }
+    /// The word after the ring. The first word of a ring is the key of its newest entry plus one.
+    pub const fn end(&self) -> usize {
+        self.word + 1 + self.entries * self.entry_words()
+    }
+}
+
+/// What every page starts with, in its 64-bit words.
+pub mod header {
+    use super::*;
+    /// Magic and layout.
+    pub const MAGIC: usize = 0;
+    /// Slot number.
+    pub const SLOT: usize = 1;
+    /// Incarnation.
+    pub const INCARNATION: usize = 2;
+    /// Process id of the owner.
+    pub const PID: usize = 3;
+    /// Newest heartbeat, CLOCK_MONOTONIC ns.
+    pub const HEARTBEAT_NS: usize = 4;
+    /// Newest tick of the owner.
+    pub const TICK: usize = 5;
+    /// Steps so far.
+    pub const STEPS: usize = 6;
+    /// Overruns so far: steps that ended after the next had to start.
+    pub const OVERRUNS: usize = 7;
+    /// When the owner's newest value was written, ns.
+    pub const VALUE_NS: usize = 8;
+    /// Epoch of the owner.
+    pub const EPOCH: usize = 9;
+    /// Values refused because they were not valid.
+    pub const INVALID: usize = 10;
+    /// Values refused because they were stale or fenced.
+    pub const STALE: usize = 11;
+    /// Steps computed as a substitute for another owner.
+    pub const SUBSTITUTES: usize = 12;
+    /// Promotions of the owner.
+    pub const PROMOTIONS: usize = 13;
+    /// Allocations on the real-time thread since it became real time.
+    pub const ALLOCATIONS: usize = 14;
+    /// Real-time set-up: bit 0 SCHED_FIFO, bit 1 memory locked, bit 2 pinned.
+    pub const REAL_TIME: usize = 15;
+    /// Bytes written into streams, and bytes copied beyond the one write.
+    pub const STREAM_BYTES: usize = 16;
+    /// Bytes copied beyond the one write into the loan.
+    pub const COPIED_BYTES: usize = 17;
+    /// Values refused because their writer stood still while its input changed.
+    pub const FROZEN: usize = 18;
+    /// Histogram of wake-up latencies.
+    pub const WAKEUP: usize = 64;
+    /// Histogram of loop latencies.
+    pub const LOOP: usize = WAKEUP + LATENCY_BUCKETS;
+    /// Last words, UTF-8, zero-padded.
+    pub const LAST_WORDS: usize = LOOP + LATENCY_BUCKETS;
+    /// Words of the last words.
+    pub const LAST_WORDS_WORDS: usize = 64;
+    /// First word that belongs to the role.
+    pub const END: usize = 512;
+    const _: () = assert!(LAST_WORDS + LAST_WORDS_WORDS <= END);
+
+    /// 32-bit words: state of the process.
+    pub const STATE: usize = 0;
+    /// 32-bit words: release of the Meeting Point that the owner co-ordinates; waited on by its members.
+    pub const RELEASE: usize = 1;
+    /// 32-bit words: bumped when the owner has written a new value; waited on by its readers.
+    pub const NEWS: usize = 2;
+    /// 32-bit words: incarnation of the coordinator that the join word answers.
+    pub const JOIN_OF: usize = 3;
+    /// 32-bit words: the release that the owner has joined, as a member.
+    pub const JOIN: usize = 4;
+    /// 32-bit words: which members the coordinator releases: one bit for each share.
+    pub const RELEASE_SHARES: usize = 5;
+    /// 32-bit words: incarnation of the member that computes share i.
+    pub const SHARE_MEMBER: usize = 16;
+}
+
+/// States of a process, as it says in [`header::STATE`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ProcessState {
+    /// Page made, process not yet there.
+    Empty = 0,
+    /// Connecting, mapping, touching.
+    Warming = 1,
+    /// A spare that follows.
+    Warm = 2,
+    /// Doing the role's work.
+    Live = 3,
+    /// On its way out because it was asked to.
+    Stopping = 4,
+    /// On its way out because it found itself broken or fenced.
+    Failed = 5,
+}
+
+impl ProcessState {
+    /// From the word in the page; nonsense is `Failed`.
+    pub fn from_word(word: u32) -> ProcessState {
+        [Self::Empty, Self::Warming, Self::Warm, Self::Live, Self::Stopping]
+            .get(word as usize)
+            .copied()
+            .unwrap_or(Self::Failed)
+    }
+    /// The word that people read.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Empty => "starting",
+            Self::Warming => "warming",
+            Self::Warm => "spare",
+            Self::Live => "live",
+            Self::Stopping => "stopping",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+/// The hardware's page.
+pub mod hardware {
+    use super::*;
+    /// Newest sample.
+    pub const SAMPLE: CellAt<HardwareSample> = CellAt::new(header::END);
+    /// About 16 s of the ledger, keyed by hardware tick.
+    pub const LEDGER: RingAt<LedgerEntry> = RingAt::new(SAMPLE.end(), 16_384);
+    /// Totals since the start, 64-bit words: ticks, fresh, held, ramped, zero, void, hash of the force trace.
+    pub const TOTALS: usize = LEDGER.end();
+    /// Number of totals.
+    pub const TOTAL_COUNT: usize = 8;
+    /// Words of the page.
+    pub const WORDS: usize = TOTALS + TOTAL_COUNT;
+}
+
+/// The device's page.
+pub mod device {
+    use super::*;
+    /// Newest input record.
+    pub const INPUT: CellAt<InputRecord> = CellAt::new(header::END);
+    /// Input records of the last 64 ticks, for a spare that computes a missing step.
+    pub const INPUTS: RingAt<InputRecord> = RingAt::new(INPUT.end(), 64);
+    /// Newest command.
+    pub const COMMAND: CellAt<ForceCommand> = CellAt::new(INPUTS.end());
+    /// About 4 s of force and tool records.
+    pub const APPLIED: RingAt<AppliedRecord> = RingAt::new(COMMAND.end(), 4_096);
+    /// Selected replica: slot number, then incarnation.
+    pub const SELECTED: usize = APPLIED.end();
+    /// Words of the page.
+    pub const WORDS: usize = SELECTED + 8;
+}
+
+/// A servo's page.
+pub mod haptic {
+    use super::*;
+    /// Newest force.
+    pub const FORCE: CellAt<ForceRecord> = CellAt::new(header::END);
+    /// Words of the page.
+    pub const WORDS: usize = FORCE.end();
+}
+
+/// A tissue's page.
+pub mod tissue {
+    use super::*;
+    /// Newest contact model.
+    pub const MODEL: CellAt<ContactModel> = CellAt::new(header::END);
+    /// Newest status.
+    pub const STATUS: CellAt<TissueStatus> = CellAt::new(MODEL.end());
+    /// Words of the page.
+    pub const WORDS: usize = STATUS.end();
+}
+
+/// A fluid's page.
+pub mod fluid {
+    use super::*;
+    /// Newest status.
+    pub const STATUS: CellAt<FluidStatus> = CellAt::new(header::END);
+    /// Words of the page.
+    pub const WORDS: usize = STATUS.end();
+}
+
+/// Rendering's page.
+pub mod rendering {
+    use super::*;
+    /// The hand in the window.
+    pub const POINTER: CellAt<PointerRecord> = CellAt::new(header::END);
+    /// Newest status.
+    pub const STATUS: CellAt<RenderingStatus> = CellAt::new(POINTER.end());
+    /// Words of the page.
+    pub const WORDS: usize = STATUS.end();
+}
+
+/// The recorder's page.
+pub mod recorder {
+    use super::*;
+    /// Newest status.
+    pub const STATUS: CellAt<RecorderStatus> = CellAt::new(header::END);
+    /// Words of the page.
+    pub const WORDS: usize = STATUS.end();
+}
+
+/// Words of the page of a role.
+pub const fn words_of(role: crate::Role) -> usize {
+    match role {
+        crate::Role::Hardware => hardware::WORDS,
+        crate::Role::Device => device::WORDS,
+        crate::Role::Haptic => haptic::WORDS,
+        crate::Role::Tissue => tissue::WORDS,
+        crate::Role::Fluid => fluid::WORDS,
+        crate::Role::Rendering => rendering::WORDS,
+        crate::Role::Recorder => recorder::WORDS,
+        _ => header::END,
+    }
+}
+
+/// The station's own page: written by guardian and supervisor, read by everyone.
+pub mod station {
+    use super::*;
+    /// Start of tick 0, CLOCK_MONOTONIC ns.
+    pub const T0_NS: usize = 1;
+    /// Next incarnation number.
+    pub const NEXT_INCARNATION: usize = 2;
+    /// Hash of the scene.
+    pub const SCENE_HASH: usize = 3;
+    /// Process id of the supervisor, of the guardian.
+    pub const SUPERVISOR_PID: usize = 4;
+    /// Process id of the guardian.
+    pub const GUARDIAN_PID: usize = 5;
+    /// Supervisor's heartbeat, ns.
+    pub const SUPERVISOR_NS: usize = 6;
+    /// Starts of the supervisor so far.
+    pub const SUPERVISOR_STARTS: usize = 7;
+    /// Start time of the process in each slot (field 22 of /proc/PID/stat).
+    pub const SLOT_START: usize = 64;
+    /// Restarts of each slot after a fault.
+    pub const SLOT_RESTARTS: usize = SLOT_START + SLOTS;
+    /// Words of the page.
+    pub const WORDS: usize = SLOT_RESTARTS + SLOTS;
+
+    /// 32-bit words: nonzero once the page is ready.
+    pub const READY: usize = 0;
+    /// 32-bit words: nonzero when everything must stop.
+    pub const STOP: usize = 1;
+    /// 32-bit words: nonzero in test mode.
+    pub const TEST_MODE: usize = 2;
+    /// 32-bit words: number of collision workers.
+    pub const WORKERS: usize = 3;
+    /// 32-bit words: bumped at each change of the slots; waited on by ushers.
+    pub const CHANGES: usize = 4;
+    /// 32-bit words: incarnation in each slot, 0 if none.
+    pub const SLOT_INCARNATION: usize = 64;
+    /// 32-bit words: process in each slot.
+    pub const SLOT_PID: usize = SLOT_INCARNATION + SLOTS;
+    /// 32-bit words: 1 while the process in the slot is known to be dead.
+    pub const SLOT_DEAD: usize = SLOT_PID + SLOTS;
+}
+
+/// The roster: one 64-bit word for each role, `epoch << 32 | incarnation`. Only promotion writes it, by compare-and-swap.
+pub mod roster {
+    use super::*;
+    /// First role's word.
+    pub const OWNER: usize = header::END;
+    /// Words of the page.
+    pub const WORDS: usize = OWNER + 16;
+}

@@ -1,0 +1,288 @@
+//! The fixed-size records that live in cells and rings of the station pages. SI units; world frame: metres, origin at the pivot
+//! in the cervix, +z into the uterus, +y anterior, +x to the patient's left. Padding is explicit, so that every bit is defined.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Most planes in a contact model.
+pub const MAX_PLANES: usize = 8;
+/// Words reserved for the servo's filter state inside a force record.
+pub const SERVO_STATE_WORDS: usize = 24;
+
+/// Where the scope is: the tip, its orientation, and the same as the four degrees of freedom about the pivot.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Pose {
+    /// Tip in the world frame, m.
+    pub position_m: [f32; 3],
+    /// Rotation about x, rad.
+    pub pitch_rad: f32,
+    /// Unit quaternion x, y, z, w; its +z is the scope's axis, pointing inwards.
+    pub orientation: [f32; 4],
+    /// Rotation about y, rad.
+    pub yaw_rad: f32,
+    /// Rotation about the scope's axis, rad.
+    pub roll_rad: f32,
+    /// Pivot to tip, m.
+    pub insertion_m: f32,
+    /// Camera head against the scope, rad.
+    pub camera_roll_rad: f32,
+}
+
+/// What the hand sets beside the pose.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Controls {
+    /// Bit 0: loop energized; bit 1: loop extended.
+    pub buttons: u32,
+    /// Inflow valve, 0 shut … 1 open.
+    pub inflow_valve: f32,
+    /// Outflow valve, 0 shut … 1 open.
+    pub outflow_valve: f32,
+    /// Set pressure of the pump, Pa.
+    pub set_pressure_pa: f32,
+    /// Light, 0…1.
+    pub light: f32,
+    /// Extension of the loop electrode beyond the sheath, m.
+    pub loop_extension_m: f32,
+}
+
+/// What the hardware says at one of its own ticks.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct HardwareSample {
+    /// Tick of the hardware's own clock.
+    pub hardware_tick: u64,
+    /// CLOCK_MONOTONIC of the sample, ns.
+    pub time_ns: u64,
+    /// Encoders, as a pose.
+    pub pose: Pose,
+    /// Velocity of the tip, m/s.
+    pub velocity_m_s: [f32; 3],
+    /// Force that the motors make at this moment, N.
+    pub force_n: [f32; 3],
+    /// Buttons and valves.
+    pub controls: Controls,
+}
+
+/// One plane of the local contact model: F = stiffness · max(0, (point − x)·normal) · normal, x the tip.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ContactPlane {
+    /// A point of the plane, m.
+    pub point_m: [f32; 3],
+    /// Stiffness along the normal, N/m.
+    pub stiffness_n_m: f32,
+    /// Unit normal, pointing to the free side.
+    pub normal: [f32; 3],
+    /// Damping along the normal, N·s/m.
+    pub damping_n_s_m: f32,
+}
+
+/// The contact model that tissue hands to the servo.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ContactModel {
+    /// Epoch of the tissue that made it; a higher one fences a lower one.
+    pub epoch: u32,
+    /// Incarnation of the tissue that made it.
+    pub incarnation: u32,
+    /// Tick of the tissue state that it describes.
+    pub state_tick: u64,
+    /// Tick of the input that the state was computed from.
+    pub input_tick: u64,
+    /// Planes in use.
+    pub plane_count: u32,
+    /// Set to 1 while the tissue holds still because no successor survives.
+    pub frozen: u32,
+    /// The planes; beyond `plane_count` they are zero.
+    pub planes: [ContactPlane; MAX_PLANES],
+}
+
+/// What both replicas of the servo compute from, once a tick.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct InputRecord {
+    /// Station tick.
+    pub tick: u64,
+    /// Incarnation of the device that wrote it.
+    pub device_incarnation: u64,
+    /// The newest sample of the hardware.
+    pub sample: HardwareSample,
+    /// The newest valid contact model.
+    pub model: ContactModel,
+}
+
+/// What one replica of the servo answers.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ForceRecord {
+    /// Tick of the input record that it answers.
+    pub tick: u64,
+    /// Hash of that input record; two replicas with equal hashes must have equal forces.
+    pub input_hash: u64,
+    /// Force on the hand, N.
+    pub force_n: [f32; 3],
+    /// Flags of the servo: bit 0 in contact, bit 1 fading because the model is old, bit 2 shadow (not yet to be chosen).
+    pub flags: u32,
+    /// Filter state after this tick; a newborn replica goes on from it.
+    pub servo_state: [u64; SERVO_STATE_WORDS],
+}
+
+/// Bit of [`ForceRecord::flags`]: the replica is in its shadow phase and must not be chosen.
+pub const FORCE_SHADOW: u32 = 4;
+
+/// What kind of force the last hop applied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Applied {
+    /// Computed for this tick or the one before.
+    Fresh = 0,
+    /// The last force, held.
+    Held = 1,
+    /// Ramping to zero.
+    Ramped = 2,
+    /// Zero: nothing has been computed yet, or the ramp has ended.
+    Zero = 3,
+}
+
+/// What the device hands to the hardware.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ForceCommand {
+    /// Station tick at which it was written.
+    pub tick: u64,
+    /// Tick of the input that the force was computed from.
+    pub force_tick: u64,
+    /// Force, N.
+    pub force_n: [f32; 3],
+    /// An [`Applied`].
+    pub kind: u32,
+    /// Incarnation of the replica that computed it.
+    pub source_incarnation: u32,
+    /// Incarnation of the device.
+    pub device_incarnation: u32,
+}
+
+/// The force and tool record of one tick, in the device's ring.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct AppliedRecord {
+    /// Station tick.
+    pub tick: u64,
+    /// What was handed to the hardware.
+    pub command: ForceCommand,
+    /// The sample that the tick's input was made from.
+    pub sample: HardwareSample,
+    /// Tick of the contact model in use.
+    pub model_tick: u64,
+    /// Epoch of the contact model in use.
+    pub model_epoch: u32,
+    /// Incarnation of the tissue that made the contact model in use.
+    pub model_incarnation: u32,
+}
+
+/// One tick of the hardware's ledger.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct LedgerEntry {
+    /// Tick of the hardware's own clock.
+    pub hardware_tick: u64,
+    /// CLOCK_MONOTONIC, ns.
+    pub time_ns: u64,
+    /// Station tick at that time.
+    pub station_tick: u64,
+    /// Tick of the input that the command's force was computed from.
+    pub force_tick: u64,
+    /// Force commanded, N.
+    pub force_n: [f32; 3],
+    /// An [`Applied`], as the hardware judges it.
+    pub kind: u32,
+    /// Incarnation of the replica that computed it.
+    pub source_incarnation: u32,
+    /// Nonzero when the canaries saw the host itself stall.
+    pub void: u32,
+}
+
+/// What tissue says of itself each step.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct TissueStatus {
+    /// Tick of the newest state.
+    pub state_tick: u64,
+    /// Hash of the newest state.
+    pub state_hash: u64,
+    /// Volume removed so far, ml.
+    pub removed_volume_ml: f64,
+    /// Volume of the cavity's distension, Pa, as used in the step.
+    pub cavity_pressure_pa: f32,
+    /// Contacts found in the step.
+    pub contact_count: u32,
+    /// Force of the tissue on the tool in the step, N.
+    pub tool_force_n: [f32; 3],
+    /// Shares of the intersection test that the coordinator had to compute itself, so far.
+    pub shares_missing: u32,
+    /// Time of each part of the last step, µs: deformation, collision, response, surface.
+    pub phase_us: [f32; 4],
+}
+
+/// What fluid says of itself each step.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FluidStatus {
+    /// Tick of the newest state.
+    pub state_tick: u64,
+    /// Volume in minus volume out since the start, ml.
+    pub deficit_ml: f64,
+    /// Volume of the cavity, ml.
+    pub cavity_volume_ml: f64,
+    /// Pressure in the cavity, Pa.
+    pub pressure_pa: f32,
+    /// Flow into the cavity, ml/min.
+    pub inflow_ml_min: f32,
+    /// Flow out of the cavity, ml/min.
+    pub outflow_ml_min: f32,
+    /// Alarm bits of the pump.
+    pub alarms: u32,
+}
+
+/// The hand that comes from a window: targets for the simulated hardware.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PointerRecord {
+    /// Counts changes.
+    pub sequence: u64,
+    /// Target of pitch, yaw, roll (rad), insertion (m).
+    pub target: [f32; 4],
+    /// Valves, buttons, pressure, light.
+    pub controls: Controls,
+}
+
+/// How far the recorder has come.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RecorderStatus {
+    /// The newest tick on disk.
+    pub last_tick: u64,
+    /// Ticks written.
+    pub ticks: u64,
+    /// Ticks that could not be had any more.
+    pub lost: u64,
+    /// Bytes on disk.
+    pub bytes: u64,
+}
+
+/// What rendering says of itself each frame.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct RenderingStatus {
+    /// Frames since the start.
+    pub frames: u64,
+    /// Bytes uploaded for the last frame (the only copy).
+    pub upload_bytes: u64,
+    /// Bytes copied for the last frame beyond the upload.
+    pub copied_bytes: u64,
+    /// Time of the last frame, ms.
+    pub frame_ms: f32,
+    /// Internal scale, 0…1.
+    pub scale: f32,
+}

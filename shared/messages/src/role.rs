@@ -1,0 +1,180 @@
+//! Roles and slots. A role is what a process does; a slot is a place for one process of that role (`haptic:1`).
+//! An incarnation is one life of a process in a slot; its number is unique in the station and only grows.
+
+/// The most collision workers a station may have.
+pub const MAX_WORKERS: usize = 16;
+/// Number of slots; each has one word of every kind in the station page.
+pub const SLOTS: usize = 32;
+
+/// What a process does. The order of the variants is part of the page layout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Role {
+    /// The simulated hardware: outside the station's fault model, the ruler by which it is judged.
+    Hardware = 0,
+    /// The last hop to the hand, 1 kHz.
+    Device = 1,
+    /// The servo, two replicas, 1 kHz.
+    Haptic = 2,
+    /// The Main Loop and its spare.
+    Tissue = 3,
+    /// The Flow Engine and its spare.
+    Fluid = 4,
+    /// The Vision Engine.
+    Rendering = 5,
+    /// The session's recorder.
+    Recorder = 6,
+    /// The operator's page.
+    Console = 7,
+    /// One share of the intersection test.
+    CollisionWorker = 8,
+    /// Starts, watches and restarts the engines.
+    Supervisor = 9,
+    /// Starts and restarts the supervisor.
+    Guardian = 10,
+}
+
+impl Role {
+    /// All roles, in slot order.
+    pub const ALL: [Role; 11] = [
+        Role::Hardware,
+        Role::Device,
+        Role::Haptic,
+        Role::Tissue,
+        Role::Fluid,
+        Role::Rendering,
+        Role::Recorder,
+        Role::Console,
+        Role::CollisionWorker,
+        Role::Supervisor,
+        Role::Guardian,
+    ];
+
+    /// First slot and number of slots of the role.
+    pub const fn slots(self) -> (usize, usize) {
+        match self {
+            Role::Hardware => (0, 1),
+            Role::Device => (1, 1),
+            Role::Haptic => (2, 2),
+            Role::Tissue => (4, 2),
+            Role::Fluid => (6, 2),
+            Role::Rendering => (8, 1),
+            Role::Recorder => (9, 1),
+            Role::Console => (10, 1),
+            Role::CollisionWorker => (11, MAX_WORKERS),
+            Role::Supervisor => (28, 1),
+            Role::Guardian => (29, 1),
+        }
+    }
+
+    /// The role's name, which is also the name of its binary.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Role::Hardware => "hardware",
+            Role::Device => "device",
+            Role::Haptic => "haptic",
+            Role::Tissue => "tissue",
+            Role::Fluid => "fluid",
+            Role::Rendering => "rendering",
+            Role::Recorder => "recorder",
+            Role::Console => "console",
+            Role::CollisionWorker => "collision-worker",
+            Role::Supervisor => "supervisor",
+            Role::Guardian => "guardian",
+        }
+    }
+
+    /// The role with this name.
+    pub fn from_name(name: &str) -> Option<Role> {
+        Role::ALL.into_iter().find(|role| role.name() == name)
+    }
+
+    /// Whether the role is written with an index (`haptic:0`) because it may have several processes.
+    pub const fn is_indexed(self) -> bool {
+        matches!(self, Role::Haptic | Role::Tissue | Role::Fluid | Role::CollisionWorker)
+    }
+}
+
+/// A place for one process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Slot(u8);
+
+impl Slot {
+    /// The slot of `role` with this index; `None` if the role has fewer.
+    pub const fn new(role: Role, index: usize) -> Option<Slot> {
+        let (first, count) = role.slots();
+        if index < count { Some(Slot((first + index) as u8)) } else { None }
+    }
+
+    /// The first slot of a role; every role has one.
+    pub const fn first(role: Role) -> Slot {
+        Slot(role.slots().0 as u8)
+    }
+
+    /// The slot with this number, if it belongs to a role.
+    pub fn from_number(number: usize) -> Option<Slot> {
+        Role::ALL
+            .into_iter()
+            .find(|role| (role.slots().0..role.slots().0 + role.slots().1).contains(&number))
+            .map(|_| Slot(number as u8))
+    }
+
+    /// The slot's number, `0..SLOTS`.
+    pub const fn number(self) -> usize {
+        self.0 as usize
+    }
+
+    /// The role that the slot belongs to.
+    pub fn role(self) -> Role {
+        let number = self.number();
+        Role::ALL
+            .into_iter()
+            .find(|role| (role.slots().0..role.slots().0 + role.slots().1).contains(&number))
+            .unwrap_or(Role::Guardian)
+    }
+
+    /// Index within the role.
+    pub fn index(self) -> usize {
+        self.number() - self.role().slots().0
+    }
+
+    /// Parses `haptic:1`, `device`; an indexed role without an index means index 0.
+    pub fn parse(text: &str) -> Option<Slot> {
+        let (name, index) = match text.split_once(':') {
+            Some((name, index)) => (name, index.parse().ok()?),
+            None => (text, 0),
+        };
+        Slot::new(Role::from_name(name)?, index)
+    }
+}
+
+impl std::fmt::Display for Slot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.role().is_indexed() {
+            write!(f, "{}:{}", self.role().name(), self.index())
+        } else {
+            f.write_str(self.role().name())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slots_do_not_overlap_and_names_round_trip() {
+        let mut taken = [false; SLOTS];
+        for role in Role::ALL {
+            for index in 0..role.slots().1 {
+                let slot = Slot::new(role, index).unwrap();
+                assert!(!taken[slot.number()], "{slot} overlaps");
+                taken[slot.number()] = true;
+                assert_eq!(Slot::parse(&slot.to_string()), Some(slot));
+                assert_eq!((slot.role(), slot.index()), (role, index));
+                assert_eq!(Slot::from_number(slot.number()), Some(slot));
+            }
+            assert_eq!(Slot::new(role, role.slots().1), None);
+        }
+    }
+}

@@ -1,0 +1,343 @@
+//! The framing of a stream message: one header, a table of sections, and the sections themselves, all in one block of shared
+//! memory that is written in place and read in place. Sections start on 64-byte borders.
+//!
+//! Promise: [`Message::parse`] checks kind, layout, length and every section before anything is read through it.
+
+use bytemuck::{AnyBitPattern, NoUninit, Pod, Zeroable};
+
+/// Most sections in one message.
+pub const MAX_SECTIONS: usize = 12;
+const ALIGNMENT: usize = 64;
+
+/// What a message carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Kind {
+    /// Nodes, velocities and surface vertices of all deformable objects.
+    TissueState = 1,
+    /// Objects, tets, triangles and bindings; sent on change and by every new owner.
+    Topology = 2,
+    /// Points, positions and the spatial hash of one tick, for the collision workers.
+    CollisionJob = 3,
+    /// One share of the hits of one tick.
+    Contacts = 4,
+    /// State of the Flow Engine.
+    FluidState = 5,
+    /// Force and tool records of some ticks.
+    Force = 6,
+    /// Request for the appearance of the objects.
+    AppearanceRequest = 7,
+    /// The appearance of the objects.
+    Appearance = 8,
+    /// A picture.
+    Picture = 9,
+}
+
+impl Kind {
+    /// The last part of the stream's name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Kind::TissueState | Kind::FluidState => "state",
+            Kind::Topology => "topology",
+            Kind::CollisionJob => "job",
+            Kind::Contacts => "contacts",
+            Kind::Force => "force",
+            Kind::AppearanceRequest | Kind::Appearance => "appearance",
+            Kind::Picture => "picture",
+        }
+    }
+}
+
+/// First bytes of every message.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct StreamHeader {
+    /// A [`Kind`].
+    pub kind: u32,
+    /// Sections in use.
+    pub sections: u32,
+    /// [`crate::layout_hash`] of the writer.
+    pub layout: u64,
+    /// Epoch of the writer.
+    pub epoch: u32,
+    /// Incarnation of the writer.
+    pub incarnation: u32,
+    /// Tick that the content describes.
+    pub tick: u64,
+    /// Tick of the newest input that it was computed from.
+    pub input_tick: u64,
+    /// Version of the topology that it belongs to.
+    pub topology_version: u32,
+    /// Step of the writer in ticks.
+    pub step_ticks: u32,
+    /// Share index and count, or other two words that the kind defines.
+    pub words: [u32; 2],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+struct Section {
+    offset: u32,
+    length: u32,
+}
+
+const TABLE: usize = size_of::<StreamHeader>();
+const BODY: usize = round_up(TABLE + MAX_SECTIONS * size_of::<Section>());
+
+const fn round_up(bytes: usize) -> usize {
+    bytes.div_ceil(ALIGNMENT) * ALIGNMENT
+}
+
+/// Why a message cannot be read.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WireError {
+    /// Fewer bytes than a header.
+    #[error("message of {0} bytes is shorter than a header; the writer is broken and must be restarted")]
+    Short(usize),
+    /// Another kind of message.
+    #[error("message of kind {found} where kind {expected} was expected")]
+    Kind {
+        /// What was found.
+        found: u32,
+        /// What was expected.
+        expected: u32,
+    },
+    /// Written by a binary with other layouts.
+    #[error("message has layout {0:#x}, this binary has {1:#x}; rebuild both from one source")]
+    Layout(u64, u64),
+    /// A section is missing, out of range or not a whole number of elements.
+    #[error("section {0} of the message is missing, out of range or misaligned")]
+    Section(usize),
+    /// The block cannot hold the sections.
+    #[error("the sections need {need} bytes, the block has {have}")]
+    Space {
+        /// Bytes needed.
+        need: usize,
+        /// Bytes there.
+        have: usize,
+    },
+}
+
+/// Bytes of a message with sections of these lengths (bytes).
+pub fn message_bytes(sections: &[usize]) -> usize {
+    sections.iter().fold(BODY, |at, length| round_up(at + length))
+}
+
+/// A message that is read in place.
+#[derive(Clone, Copy, Debug)]
+pub struct Message<'a> {
+    header: StreamHeader,
+    bytes: &'a [u8],
+}
+
+impl<'a> Message<'a> {
+    /// Checks the frame and every section's range.
+    pub fn parse(bytes: &'a [u8], kind: Kind) -> Result<Message<'a>, WireError> {
+        if bytes.len() < BODY {
+            return Err(WireError::Short(bytes.len()));
+        }
+        let header: StreamHeader = bytemuck::pod_read_unaligned(&bytes[..TABLE]);
+        if header.kind != kind as u32 {
+            return Err(WireError::Kind { found: header.kind, expected: kind as u32 });
+        }
+        if header.layout != crate::layout_hash() {
+            return Err(WireError::Layout(header.layout, crate::layout_hash()));
+        }
+        if header.sections as usize > MAX_SECTIONS {
+            return Err(WireError::Section(header.sections as usize));
+        }
+        let message = Message { header, bytes };
+        for index in 0..header.sections as usize {
+            message.section_bytes(index)?;
+        }
+        Ok(message)
+    }
+
+    /// The header.
+    pub fn header(&self) -> &StreamHeader {
+        &self.header
+    }
+
+    fn section_bytes(&self, index: usize) -> Result<&'a [u8], WireError> {
+        if index >= self.header.sections as usize {
+            return Err(WireError::Section(index));
+        }
+        let at = TABLE + index * size_of::<Section>();
+        let section: Section = bytemuck::pod_read_unaligned(&self.bytes[at..at + size_of::<Section>()]);
+        let (start, length) = (section.offset as usize, section.length as usize);
+        if start < BODY {
+            return Err(WireError::Section(index));
+        }
+        self.bytes.get(start..start.saturating_add(length)).ok_or(WireError::Section(index))
+    }
+
+    /// Section `index` as a slice of `T`, in place.
+    pub fn section<T: AnyBitPattern>(&self, index: usize) -> Result<&'a [T], WireError> {
+        bytemuck::try_cast_slice(self.section_bytes(index)?).map_err(|_| WireError::Section(index))
+    }
+
+    /// The first element of section `index`, copied.
+    pub fn record<T: AnyBitPattern>(&self, index: usize) -> Result<T, WireError> {
+        self.section::<T>(index)?.first().copied().ok_or(WireError::Section(index))
+    }
+}
+
+/// A message that is written in place.
+#[derive(Debug)]
+pub struct MessageMut<'a> {
+    bytes: &'a mut [u8],
+    ranges: [(usize, usize); MAX_SECTIONS],
+    sections: usize,
+}
+
+impl<'a> MessageMut<'a> {
+    /// Writes header and section table into `bytes`; the sections keep what is there.
+    pub fn format(
+        bytes: &'a mut [u8],
+        kind: Kind,
+        mut header: StreamHeader,
+        sections: &[usize],
+    ) -> Result<MessageMut<'a>, WireError> {
+        let need = message_bytes(sections);
+        if sections.len() > MAX_SECTIONS || bytes.len() < need || need > u32::MAX as usize {
+            return Err(WireError::Space { need, have: bytes.len() });
+        }
+        header.kind = kind as u32;
+        header.sections = sections.len() as u32;
+        header.layout = crate::layout_hash();
+        bytes[..TABLE].copy_from_slice(bytemuck::bytes_of(&header));
+        let mut ranges = [(0, 0); MAX_SECTIONS];
+        let mut at = BODY;
+        for (index, &length) in sections.iter().enumerate() {
+            let entry = Section { offset: at as u32, length: length as u32 };
+            let place = TABLE + index * size_of::<Section>();
+            bytes[place..place + size_of::<Section>()].copy_from_slice(bytemuck::bytes_of(&entry));
+            ranges[index] = (at, at + length);
+            at = round_up(at + length);
+        }
+        Ok(MessageMut { bytes, ranges, sections: sections.len() })
+    }
+
+    /// Section `index` as a slice of `T`.
+    pub fn section<T: NoUninit + AnyBitPattern>(&mut self, index: usize) -> Result<&mut [T], WireError> {
+        let (start, end) = self.ranges[index.min(MAX_SECTIONS - 1)];
+        if index >= self.sections {
+            return Err(WireError::Section(index));
+        }
+        bytemuck::try_cast_slice_mut(&mut self.bytes[start..end]).map_err(|_| WireError::Section(index))
+    }
+
+    /// Splits into the byte slices of all sections, so that several can be written at once.
+    pub fn split(self) -> [&'a mut [u8]; MAX_SECTIONS] {
+        let mut parts: [&'a mut [u8]; MAX_SECTIONS] = Default::default();
+        let mut rest = self.bytes;
+        let mut consumed = 0;
+        for (part, &(start, end)) in parts.iter_mut().zip(&self.ranges[..self.sections]) {
+            let (_, tail) = rest.split_at_mut(start - consumed);
+            let (section, tail) = tail.split_at_mut(end - start);
+            *part = section;
+            rest = tail;
+            consumed = end;
+        }
+        parts
+    }
+
+    /// Changes header fields that are known only after the step.
+    pub fn set_header(&mut self, change: impl FnOnce(&mut StreamHeader)) {
+        let mut header: StreamHeader = bytemuck::pod_read_unaligned(&self.bytes[..TABLE]);
+        change(&mut header);
+        self.bytes[..TABLE].copy_from_slice(bytemuck::bytes_of(&header));
+    }
+}
+
+/// One object in a topology message.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ObjectRecord {
+    /// Name, UTF-8, zero-padded.
+    pub name: [u8; 32],
+    /// 0 organ, 1 pathology, 2 free piece, 3 rigid tool.
+    pub kind: u32,
+    /// Registration number with the Site Manager.
+    pub id: u32,
+    /// First node and number of nodes.
+    pub nodes: [u32; 2],
+    /// First tet and number of tets.
+    pub tets: [u32; 2],
+    /// First surface vertex and number of surface vertices.
+    pub vertices: [u32; 2],
+    /// First triangle and number of triangles.
+    pub triangles: [u32; 2],
+}
+
+/// One object's appearance, the answer to a rendezvous.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct AppearanceRecord {
+    /// Registration number of the object.
+    pub id: u32,
+    /// 0 mucosa, 1 polyp, 2 myoma, 3 metal.
+    pub material: u32,
+    /// Base colour, linear RGB.
+    pub colour: [f32; 3],
+    /// Roughness, 0…1.
+    pub roughness: f32,
+    /// Age of the last cut on it, ticks; 0 if never cut.
+    pub cut_age_ticks: u32,
+    /// Padding, zero.
+    pub reserved: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn block(bytes: usize) -> Vec<u64> {
+        vec![0u64; bytes.div_ceil(8)]
+    }
+
+    #[test]
+    fn what_is_written_in_place_is_read_in_place() {
+        let sections = [24, 0, 16];
+        let mut memory = block(message_bytes(&sections));
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let header = StreamHeader { tick: 7, epoch: 3, ..Default::default() };
+        let mut message = MessageMut::format(bytes, Kind::TissueState, header, &sections).unwrap();
+        message.section::<f32>(0).unwrap().copy_from_slice(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        message.set_header(|header| header.input_tick = 6);
+        let parts = message.split();
+        parts[2].fill(9);
+        let bytes: &[u8] = bytemuck::cast_slice(&memory);
+        let read = Message::parse(bytes, Kind::TissueState).unwrap();
+        assert_eq!(read.section::<[f32; 3]>(0).unwrap(), &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        assert_eq!(read.section::<u8>(2).unwrap(), &[9; 16]);
+        assert_eq!((read.header().tick, read.header().input_tick), (7, 6));
+        assert_eq!(read.section::<u8>(3), Err(WireError::Section(3)));
+    }
+
+    #[test]
+    fn a_damaged_message_is_refused_wherever_it_is_damaged() {
+        let sections = [24, 16];
+        let mut memory = block(message_bytes(&sections));
+        MessageMut::format(bytemuck::cast_slice_mut(&mut memory), Kind::Force, StreamHeader::default(), &sections).unwrap();
+        let good: Vec<u8> = bytemuck::cast_slice(&memory).to_vec();
+        for length in 0..BODY + 1 {
+            assert!(Message::parse(&good[..length], Kind::Force).is_err());
+        }
+        let mut refused = 0;
+        for at in 0..BODY {
+            for bit in 0..8 {
+                let mut bad = memory.clone();
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut bad);
+                bytes[at] ^= 1 << bit;
+                if let Ok(message) = Message::parse(bytes, Kind::Force) {
+                    let _ = message.section::<u64>(0); // never a panic
+                } else {
+                    refused += 1;
+                }
+            }
+        }
+        assert!(refused > 100);
+        assert!(matches!(Message::parse(&good, Kind::Picture), Err(WireError::Kind { .. })));
+    }
+}

@@ -1,0 +1,2 @@
+//! hystation
+fn main() {}
