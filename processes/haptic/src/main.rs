@@ -1,1 +1,10 @@
-fn main() {}
+//! The `haptic` process: the servo, 1 kHz, one of two replicas. See [`servo`].
+
+mod drain;
+mod servo;
+
+use hyst_messages::Role;
+
+fn main() -> std::process::ExitCode {
+    hyst_engine::run(Role::Haptic, servo::run)
+}

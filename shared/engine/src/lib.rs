@@ -1,1 +1,16 @@
-//! hyst-engine
+//! What every engine does the same way: start, real-time set-up, the paced loop, the loop of an engine with a spare, last words.
+
+pub mod life;
+pub mod pace;
+pub mod realtime;
+pub mod settings;
+pub mod stateful;
+
+pub use life::{Failure, Life, run};
+pub use pace::Pace;
+pub use settings::Settings;
+pub use stateful::{Stateful, StepContext, run_stateful};
+
+/// Counts allocations on real-time threads; every engine installs it, so that the station itself reports them.
+#[global_allocator]
+static ALLOCATOR: hyst_exchange::allocation::Counting = hyst_exchange::allocation::Counting;

@@ -149,6 +149,15 @@ pub fn ring_end<T>(words: &[AtomicU64], at: RingAt<T>) -> u64 {
     words[at.word].load(Ordering::Acquire)
 }
 
+/// The words of a record, for a hash of it. `T` is a whole number of words.
+pub fn words_of<T: Pod>(value: &T) -> impl Iterator<Item = u64> {
+    bytemuck::bytes_of(value).chunks_exact(8).map(|chunk| {
+        let mut word = [0u8; 8];
+        word.copy_from_slice(chunk);
+        u64::from_ne_bytes(word)
+    })
+}
+
 fn with_words<T: Pod>(value: &T, write: impl FnOnce(&[u64])) {
     let mut buffer = [0u64; MAX_RECORD_WORDS];
     let bytes = bytemuck::bytes_of(value);

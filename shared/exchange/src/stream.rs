@@ -123,6 +123,12 @@ impl Links {
             .map_err(|e| LinkError::Service { name, reason: format!("{e:?}") })
     }
 
+    /// Holds a service that exists already: a supervisor that was restarted does this for the incarnations that it finds alive.
+    pub fn hold_service(&self, role: Role, incarnation: u32, kind: Kind) -> Result<HeldService, LinkError> {
+        let factory = self.open_service(&self.service_name(role, incarnation, kind), kind)?;
+        Ok(HeldService { _factory: factory })
+    }
+
     fn open_service(&self, name: &str, kind: Kind) -> Result<Factory, LinkError> {
         self.builder(name, kind)?
             .open()

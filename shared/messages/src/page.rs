@@ -183,10 +183,37 @@ pub mod hardware {
     pub const SAMPLE: CellAt<HardwareSample> = CellAt::new(header::END);
     /// About 16 s of the ledger, keyed by hardware tick.
     pub const LEDGER: RingAt<LedgerEntry> = RingAt::new(SAMPLE.end(), 16_384);
-    /// Totals since the start, 64-bit words: ticks, fresh, held, ramped, zero, void, hash of the force trace.
+    /// Totals since the start, 64-bit words, in the order of [`Total`].
     pub const TOTALS: usize = LEDGER.end();
     /// Number of totals.
-    pub const TOTAL_COUNT: usize = 8;
+    pub const TOTAL_COUNT: usize = 16;
+    /// What is counted in [`TOTALS`].
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(usize)]
+    pub enum Total {
+        /// Ticks of the hardware.
+        Ticks = 0,
+        /// Ticks with a force computed for this station tick or the one before.
+        Fresh = 1,
+        /// Ticks with the last force, held.
+        Held = 2,
+        /// Ticks on the way to zero.
+        Ramped = 3,
+        /// Ticks with no force at all.
+        Zero = 4,
+        /// Ticks that are void because the canaries saw the host stall.
+        Void = 5,
+        /// Hash of the trace of all forces applied.
+        TraceHash = 6,
+        /// Forces applied that were not finite or beyond the limit.
+        InvalidApplied = 7,
+        /// Forces applied as fresh that were computed for an older tick than one applied before.
+        StaleApplied = 8,
+        /// Largest step of the force between two ticks, N, as the bits of an f64.
+        ForceStepMax = 9,
+        /// Trips of the firmware's watchdog.
+        Trips = 10,
+    }
     /// Words of the page.
     pub const WORDS: usize = TOTALS + TOTAL_COUNT;
 }
@@ -202,8 +229,27 @@ pub mod device {
     pub const COMMAND: CellAt<ForceCommand> = CellAt::new(INPUTS.end());
     /// About 4 s of force and tool records.
     pub const APPLIED: RingAt<AppliedRecord> = RingAt::new(COMMAND.end(), 4_096);
-    /// Selected replica: slot number, then incarnation.
+    /// Selected replica: its slot number.
     pub const SELECTED: usize = APPLIED.end();
+    /// Selected replica: its incarnation.
+    pub const SELECTED_INCARNATION: usize = SELECTED + 1;
+    /// Incarnation of a replica that must be restarted because its output is wrong, 0 if none.
+    pub const DISTRUSTED: usize = SELECTED + 2;
+    /// Why, as the number of a [`Distrust`].
+    pub const DISTRUST: usize = SELECTED + 3;
+    /// Why the device distrusts a replica.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u64)]
+    pub enum Distrust {
+        /// Not finite, out of range, or for another input.
+        Invalid = 1,
+        /// Its stamp stands still.
+        Still = 2,
+        /// Its force stands still although the tip moves against it.
+        Frozen = 3,
+        /// It differs from the other replica and is farther from the force last applied.
+        Differs = 4,
+    }
     /// Words of the page.
     pub const WORDS: usize = SELECTED + 8;
 }

@@ -110,6 +110,10 @@ pub struct InputRecord {
     pub sample: HardwareSample,
     /// The newest valid contact model.
     pub model: ContactModel,
+    /// Force that the last hop applied in the tick before, N.
+    pub applied_n: [f32; 3],
+    /// Padding, zero.
+    pub reserved: u32,
 }
 
 /// What one replica of the servo answers.

@@ -241,13 +241,36 @@ impl<'a> MessageMut<'a> {
         }
         parts
     }
+}
 
-    /// Changes header fields that are known only after the step.
-    pub fn set_header(&mut self, change: impl FnOnce(&mut StreamHeader)) {
-        let mut header: StreamHeader = bytemuck::pod_read_unaligned(&self.bytes[..TABLE]);
-        change(&mut header);
-        self.bytes[..TABLE].copy_from_slice(bytemuck::bytes_of(&header));
-    }
+/// Changes the header of a message in place, after its sections were written. A block too short for a header stays as it is.
+pub fn change_header(bytes: &mut [u8], change: impl FnOnce(&mut StreamHeader)) {
+    let Some(place) = bytes.get_mut(..TABLE) else { return };
+    let mut header: StreamHeader = bytemuck::pod_read_unaligned(place);
+    change(&mut header);
+    place.copy_from_slice(bytemuck::bytes_of(&header));
+}
+
+/// The kind that a message says it is.
+pub fn kind_of(bytes: &[u8]) -> Option<Kind> {
+    const KINDS: [Kind; 9] = [
+        Kind::TissueState,
+        Kind::Topology,
+        Kind::CollisionJob,
+        Kind::Contacts,
+        Kind::FluidState,
+        Kind::Force,
+        Kind::AppearanceRequest,
+        Kind::Appearance,
+        Kind::Picture,
+    ];
+    let header: StreamHeader = bytemuck::pod_read_unaligned(bytes.get(..TABLE)?);
+    KINDS.into_iter().find(|kind| *kind as u32 == header.kind)
+}
+
+/// The bytes of a message that was kept as words.
+pub fn bytes_of_words(words: &[u64]) -> &[u8] {
+    bytemuck::cast_slice(words)
 }
 
 /// One object in a topology message.
@@ -304,9 +327,10 @@ mod tests {
         let header = StreamHeader { tick: 7, epoch: 3, ..Default::default() };
         let mut message = MessageMut::format(bytes, Kind::TissueState, header, &sections).unwrap();
         message.section::<f32>(0).unwrap().copy_from_slice(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
-        message.set_header(|header| header.input_tick = 6);
         let parts = message.split();
         parts[2].fill(9);
+        change_header(bytemuck::cast_slice_mut(&mut memory), |header| header.input_tick = 6);
+        assert_eq!(kind_of(bytemuck::cast_slice(&memory)), Some(Kind::TissueState));
         let bytes: &[u8] = bytemuck::cast_slice(&memory);
         let read = Message::parse(bytes, Kind::TissueState).unwrap();
         assert_eq!(read.section::<[f32; 3]>(0).unwrap(), &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);

@@ -62,6 +62,12 @@ impl Links {
         made.map(|factory| HeldRendezvous { _factory: factory }).map_err(|e| LinkError::Service { name, reason: format!("{e:?}") })
     }
 
+    /// Holds a rendezvous that exists already.
+    pub fn hold_rendezvous(&self, role: Role, incarnation: u32, kind: Kind) -> Result<HeldRendezvous, LinkError> {
+        let factory = self.open_rendezvous(&self.service_name(role, incarnation, kind))?;
+        Ok(HeldRendezvous { _factory: factory })
+    }
+
     fn open_rendezvous(&self, name: &str) -> Result<Factory, LinkError> {
         let opened = self.rendezvous_builder(name)?.open();
         opened.map_err(|e| LinkError::Service { name: name.to_string(), reason: format!("{e:?}") })

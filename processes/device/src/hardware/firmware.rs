@@ -1,0 +1,139 @@
+//! The firmware: 1 kHz by a clock of its own that drifts against the station's, the newest command to the motors, a watchdog that ramps the
+//! force to zero when commands stay out, encoders, and the compliant hand that closes the loop.
+
+use crate::canary::Canaries;
+use crate::hand::Hand;
+use crate::ledger::{Judged, Ledger};
+use hyst_coupling::{HardwareParams, HardwareState, hardware_step};
+use hyst_engine::{Failure, Life, realtime};
+use hyst_exchange::usher::{Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::{ReadPage, allocation, system};
+use hyst_messages::page::{ProcessState, device, hardware, header, rendering};
+use hyst_messages::{ForceCommand, HardwareSample, Role, TICK_NS};
+
+/// Drift of the simulated clock against the station's, ppm: an ordinary crystal.
+const DRIFT_PPM: f64 = 20.0;
+
+struct Firmware<'a> {
+    life: &'a Life,
+    inbox: Inbox,
+    device: Option<ReadPage>,
+    window: Option<ReadPage>,
+    seen: (u32, u64),
+    command: ForceCommand,
+    params: HardwareParams,
+    state: HardwareState,
+    hand: Hand,
+    ledger: Ledger,
+}
+
+/// The whole life of the hardware.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    let drift = life.settings.number("drift_ppm", DRIFT_PPM, -500.0..=500.0, "a number from -500 to 500")?;
+    let period_ns = TICK_NS as f64 * (1.0 + drift * 1e-6);
+    let hand = Hand::of(life)?;
+    let interests = vec![(Role::Device, Wanted::Page), (Role::Rendering, Wanted::Page)];
+    let inbox = usher(&life.station, None, life.incarnation, interests)?;
+    let canaries = Canaries::start(life)?;
+    let mut firmware = Firmware {
+        life,
+        inbox,
+        device: None,
+        window: None,
+        seen: (0, 0),
+        command: ForceCommand::default(),
+        params: HardwareParams::default(),
+        state: HardwareState::default(),
+        hand,
+        ledger: Ledger::new(life, canaries),
+    };
+    realtime::go(life)?;
+    life.page.set_state(ProcessState::Live);
+    firmware.run(period_ns);
+    Ok(())
+}
+
+impl Firmware<'_> {
+    fn run(&mut self, period_ns: f64) {
+        let start_ns = system::now_ns();
+        let allocations = allocation::of_this_thread();
+        let page = &self.life.page;
+        let mut hardware_tick = 0u64;
+        while !self.life.clock.stop_requested() {
+            hardware_tick += 1;
+            let due_ns = start_ns + (hardware_tick as f64 * period_ns) as u64;
+            let now = system::now_ns();
+            if now > due_ns + TICK_NS {
+                // The host stalled. A real device would have gone on: the ticks that passed are in the ledger, without a new command.
+                self.tick(hardware_tick, due_ns);
+                continue;
+            }
+            system::sleep_until_ns(due_ns);
+            let woken_ns = system::now_ns();
+            self.receive_ports();
+            self.tick(hardware_tick, woken_ns);
+            let end_ns = system::now_ns();
+            page.count_latency(header::WAKEUP, woken_ns.saturating_sub(due_ns));
+            page.count_latency(header::LOOP, end_ns - woken_ns);
+            page.store64(header::HEARTBEAT_NS, end_ns);
+            page.store64(header::TICK, hardware_tick);
+            page.add64(header::STEPS, 1);
+            page.store64(header::ALLOCATIONS, allocation::of_this_thread() - allocations);
+        }
+        self.ledger.flush();
+    }
+
+    fn receive_ports(&mut self) {
+        while let Some(arrival) = self.inbox.next() {
+            let Port::Page(page) = arrival.port else { continue };
+            let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.window };
+            if let Some(before) = place.replace(page) {
+                self.inbox.retire(Departure::Page(before));
+            }
+        }
+    }
+
+    /// The command that has come since the last tick, if one has.
+    fn new_command(&mut self) -> Option<ForceCommand> {
+        let page = self.device.as_ref()?;
+        let key = (page.incarnation(), page.cell_number(device::COMMAND));
+        if key == self.seen || key.1 == 0 {
+            return None;
+        }
+        let (_, command) = page.cell(device::COMMAND)?;
+        self.seen = key;
+        self.command = command;
+        Some(command)
+    }
+
+    fn tick(&mut self, hardware_tick: u64, time_ns: u64) {
+        let command = self.new_command();
+        let trips = self.state.trips;
+        let (state, force_n) = hardware_step(&self.params, &self.state, command.map(|command| command.force_n));
+        self.state = state;
+        let pointer = self.window.as_ref().and_then(|page| page.cell(rendering::POINTER)).map(|(_, pointer)| pointer);
+        let hand = self.hand.step(hardware_tick, force_n, pointer.as_ref());
+        let sample = HardwareSample {
+            hardware_tick,
+            time_ns,
+            pose: hand.pose,
+            velocity_m_s: hand.velocity_m_s,
+            force_n,
+            controls: hand.controls,
+        };
+        self.life.page.write(hardware::SAMPLE, &sample);
+        self.life.page.store64(header::VALUE_NS, time_ns);
+        let station_tick = self.life.clock.tick_at(time_ns);
+        let judged = Judged {
+            hardware_tick,
+            time_ns,
+            station_tick,
+            command: self.command,
+            silent: command.is_none(),
+            force_n,
+            tripped: state.trips != trips,
+            max_force_n: self.params.max_force_n,
+        };
+        self.ledger.write(&judged);
+    }
+}

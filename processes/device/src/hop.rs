@@ -1,0 +1,141 @@
+//! The last hop: reads pose and buttons from the hardware, publishes one input record a tick, takes the force of the selected servo if it is
+//! valid by the deadline, else the other's and stays with it, limits it, and hands it to the hardware.
+//!
+//! Promise: what is applied is finite, within the force and slew limit, and computed for this tick; with neither servo there it is held for
+//! 2 ticks, then ramped to zero in 20 ms. The way from hand to force touches station pages alone: no lock, no allocation, no stream.
+
+use crate::models::Models;
+use crate::replicas::Replicas;
+use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
+use hyst_engine::{Failure, Life, Pace, realtime};
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::{ReadPage, system};
+use hyst_messages::page::{ProcessState, device as layout, hardware, header};
+use hyst_messages::{Applied, AppliedRecord, ForceCommand, HardwareSample, InputRecord, Role};
+
+/// Time after the start of a tick by which a servo's force must be there, ns: it needs about 50 µs, and the hardware reads the command at
+/// any phase of the tick, so that what comes later than this may be felt one tick later.
+pub const DEADLINE_NS: u64 = 400_000;
+/// How long a device that was started waits for the hardware's page before it says so, ns.
+const PATIENCE_NS: u64 = 5_000_000_000;
+
+struct Hop<'a> {
+    life: &'a Life,
+    inbox: Inbox,
+    hardware: ReadPage,
+    models: Models,
+    replicas: Replicas,
+    params: LastHopParams,
+    state: LastHopState,
+}
+
+/// The whole life of the device.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    let interests = vec![(Role::Hardware, Wanted::Page), (Role::Haptic, Wanted::Page), (Role::Tissue, Wanted::Page)];
+    let mut inbox = usher(&life.station, None, life.incarnation, interests)?;
+    let mut models = Models::default();
+    let mut replicas = Replicas::default();
+    let patience_ns = system::now_ns() + PATIENCE_NS;
+    let hardware = loop {
+        match inbox.next() {
+            Some(Arrival { port: Port::Page(page), slot, .. }) if slot.role() == Role::Hardware => break page,
+            Some(arrival) => seat(arrival, &mut models, &mut replicas, &mut inbox),
+            None if system::now_ns() > patience_ns => return Err(Failure::Broken("the hardware's page has not come".into())),
+            None => system::sleep_ns(hyst_messages::TICK_NS),
+        }
+        life.heartbeat();
+    };
+    let mut hop = Hop {
+        life,
+        inbox,
+        hardware,
+        models,
+        replicas,
+        params: LastHopParams::default(),
+        state: LastHopState::default(),
+    };
+    realtime::go(life)?;
+    hop.resume();
+    hop.run()
+}
+
+/// Puts a page where it belongs and hands its predecessor's back.
+fn seat(arrival: Arrival, models: &mut Models, replicas: &mut Replicas, inbox: &mut Inbox) {
+    let Port::Page(page) = arrival.port else { return };
+    let before = match arrival.slot.role() {
+        Role::Haptic => replicas.seat(arrival.slot.index(), page),
+        Role::Tissue => models.seat(arrival.slot.index(), page),
+        _ => Some(page),
+    };
+    if let Some(before) = before {
+        inbox.retire(Departure::Page(before));
+    }
+}
+
+impl Hop<'_> {
+    /// Goes on from the force that the motors make at this moment, so that a restart makes no kick.
+    fn resume(&mut self) {
+        let felt = self.hardware.cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
+        if felt != [0.0; 3] {
+            self.state = LastHopState::resumed(felt);
+        }
+        self.life.page.set_state(ProcessState::Live);
+    }
+
+    fn run(&mut self) -> Result<(), Failure> {
+        let mut pace = Pace::new(self.life, 1, 0);
+        let mut sample = HardwareSample::default();
+        while let Some(tick) = pace.next() {
+            while let Some(arrival) = self.inbox.next() {
+                seat(arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
+            }
+            if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
+                sample = newest;
+            }
+            self.tick(tick, sample);
+            pace.end();
+        }
+        Ok(())
+    }
+
+    fn tick(&mut self, tick: u64, sample: HardwareSample) {
+        let page = &self.life.page;
+        let model = self.models.newest(page);
+        let device_incarnation = self.life.incarnation as u64;
+        let input = InputRecord { tick, device_incarnation, sample, model, applied_n: self.state.applied_n, reserved: 0 };
+        page.write(layout::INPUT, &input);
+        page.push(layout::INPUTS, tick, &input);
+        page.bump_and_wake(header::NEWS);
+        let deadline_ns = self.life.clock.start_of(tick) + DEADLINE_NS;
+        let chosen = self.replicas.choose(self.life, &input, self.state.applied_n, &self.params, deadline_ns);
+        let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n);
+        self.state = state;
+        let kind = match kind {
+            AppliedKind::Fresh => Applied::Fresh,
+            AppliedKind::Held => Applied::Held,
+            AppliedKind::Ramped => Applied::Ramped,
+            // The gate is shut, but the servo answered: zero is the force computed for this tick.
+            AppliedKind::Zero if chosen.force_n.is_some() => Applied::Fresh,
+            AppliedKind::Zero => Applied::Zero,
+        };
+        let command = ForceCommand {
+            tick,
+            force_tick: chosen.tick,
+            force_n,
+            kind: kind as u32,
+            source_incarnation: chosen.incarnation,
+            device_incarnation: self.life.incarnation,
+        };
+        page.write(layout::COMMAND, &command);
+        page.store64(header::VALUE_NS, system::now_ns());
+        let record = AppliedRecord {
+            tick,
+            command,
+            sample,
+            model_tick: model.state_tick,
+            model_epoch: model.epoch,
+            model_incarnation: model.incarnation,
+        };
+        page.push(layout::APPLIED, tick, &record);
+    }
+}

@@ -1,0 +1,79 @@
+//! The drain: an ordinary thread of the servo's process that publishes the device's force and tool records as a stream, so that the way from
+//! hand to force touches no stream. Both replicas publish; a reader takes each tick once.
+
+use hyst_engine::{Failure, Life};
+use hyst_exchange::usher::{Departure, Port, Wanted, usher};
+use hyst_exchange::{Links, Publisher, ReadPage, system};
+use hyst_messages::page::device as layout;
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{AppliedRecord, Kind, MessageMut, Role, StreamHeader};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Time between two messages, ns.
+const INTERVAL_NS: u64 = 20_000_000;
+/// Records in one message: what comes together in one interval, and enough to catch up after a stall.
+const BATCH: usize = 256;
+
+/// Ends the drain's thread when dropped.
+pub struct Drain {
+    stop: Arc<AtomicBool>,
+    handle: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Drop for Drain {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(handle) = self.handle.take() {
+            let _ = handle.join(); // it has nothing to say at its end
+        }
+    }
+}
+
+/// Starts the drain.
+pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
+    let bytes = message_bytes(&[BATCH * size_of::<AppliedRecord>()]);
+    let publisher = links.publisher(Role::Haptic, life.incarnation, Kind::Force, bytes)?;
+    let mut inbox = usher(&life.station, Some(links), life.incarnation, vec![(Role::Device, Wanted::Page)])?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    let incarnation = life.incarnation;
+    let body = move || {
+        let mut device: Option<ReadPage> = None;
+        let mut next = 0;
+        while !stopped.load(Ordering::Acquire) {
+            while let Some(arrival) = inbox.next() {
+                let Port::Page(page) = arrival.port else { continue };
+                if let Some(before) = device.replace(page) {
+                    inbox.retire(Departure::Page(before));
+                }
+            }
+            if let Some(device) = &device {
+                next = publish(&publisher, device, next, incarnation);
+            }
+            system::sleep_ns(INTERVAL_NS);
+        }
+    };
+    let handle = std::thread::Builder::new().name("drain".into()).spawn(body)?;
+    Ok(Drain { stop, handle: Some(handle) })
+}
+
+/// Publishes the records from `next` on; gives the tick after the last one. A message that cannot be sent is sent again with the next.
+fn publish(publisher: &Publisher, device: &ReadPage, next: u64, incarnation: u32) -> u64 {
+    let end = device.ring_end(layout::APPLIED);
+    let first = next.max(end.saturating_sub(BATCH as u64));
+    if end <= first {
+        return next;
+    }
+    let count = (end - first) as usize;
+    let sections = [count * size_of::<AppliedRecord>()];
+    let Ok(mut loan) = publisher.loan(message_bytes(&sections)) else { return next };
+    let header = StreamHeader { tick: first, incarnation, ..Default::default() };
+    let Ok(mut message) = MessageMut::format(loan.bytes_mut(), Kind::Force, header, &sections) else { return next };
+    let Ok(records) = message.section::<AppliedRecord>(0) else { return next };
+    for (record, tick) in records.iter_mut().zip(first..) {
+        // A tick that the device skipped stays zero, with tick 0, and is skipped by the reader.
+        *record = device.ring(layout::APPLIED, tick).unwrap_or_default();
+    }
+    if loan.send().is_ok() { end } else { next }
+}

@@ -1,0 +1,75 @@
+//! The paced loop: absolute time, wake-up latency and loop latency apart, an overrun counted once.
+
+use crate::life::Life;
+use hyst_exchange::{allocation, system};
+use hyst_messages::TICK_NS;
+use hyst_messages::page::header;
+
+/// Wakes its thread once a period, at a phase within the period's first tick.
+#[derive(Debug)]
+pub struct Pace<'a> {
+    life: &'a Life,
+    period_ticks: u64,
+    phase_ns: u64,
+    tick: u64,
+    woken_ns: u64,
+    allocations: u64,
+}
+
+impl<'a> Pace<'a> {
+    /// A loop that begins with the next period.
+    pub fn new(life: &'a Life, period_ticks: u64, phase_ns: u64) -> Pace<'a> {
+        let tick = life.tick() / period_ticks * period_ticks;
+        Pace { life, period_ticks, phase_ns, tick, woken_ns: 0, allocations: allocation::of_this_thread() }
+    }
+
+    /// Changes the phase from the next period on.
+    pub fn set_phase(&mut self, phase_ns: u64) {
+        self.phase_ns = phase_ns;
+    }
+
+    /// Changes the period.
+    pub fn set_period(&mut self, period_ticks: u64) {
+        self.period_ticks = period_ticks;
+        self.tick = self.tick / period_ticks * period_ticks;
+    }
+
+    /// Sleeps until the next period and gives its tick; `None` when the station stops. Periods that have passed are skipped, and the
+    /// overrun is counted once.
+    pub fn next(&mut self) -> Option<u64> {
+        let clock = &self.life.clock;
+        if clock.stop_requested() {
+            return None;
+        }
+        let page = &self.life.page;
+        let mut next = self.tick + self.period_ticks;
+        let now = system::now_ns();
+        let due = clock.start_of(next) + self.phase_ns;
+        if now >= due + self.period_ticks * TICK_NS {
+            page.add64(header::OVERRUNS, 1);
+            next = clock.tick_at(now.saturating_sub(self.phase_ns)) / self.period_ticks * self.period_ticks;
+        }
+        let due = clock.start_of(next) + self.phase_ns;
+        system::sleep_until_ns(due);
+        self.woken_ns = system::now_ns();
+        page.count_latency(header::WAKEUP, self.woken_ns.saturating_sub(due));
+        self.tick = next;
+        Some(next)
+    }
+
+    /// When the present period's thread was woken, ns.
+    pub fn woken_ns(&self) -> u64 {
+        self.woken_ns
+    }
+
+    /// Ends the step: loop latency, heartbeat, tick, and what the thread has allocated.
+    pub fn end(&mut self) {
+        let page = &self.life.page;
+        let now = system::now_ns();
+        page.count_latency(header::LOOP, now.saturating_sub(self.woken_ns));
+        page.store64(header::HEARTBEAT_NS, now);
+        page.store64(header::TICK, self.tick);
+        page.add64(header::STEPS, 1);
+        page.store64(header::ALLOCATIONS, allocation::of_this_thread() - self.allocations);
+    }
+}

@@ -1,0 +1,84 @@
+//! What an engine is started with: three words on its command line, and the station's settings from a file in its root.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// The station's settings, written once by `hystation run`, read by every engine. TOML.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Scene or mesh file, absolute; the embedded scene if absent.
+    pub scene: Option<PathBuf>,
+    /// `script:NAME`, `mouse`, `replay:FILE` or `idle`.
+    pub hand: String,
+    /// No window even if there is a display.
+    pub headless: bool,
+    /// Number of collision workers.
+    pub workers: usize,
+    /// Recording, absolute.
+    pub record: Option<PathBuf>,
+    /// Folder, absolute, into which rendering writes a PNG every `set.picture_every_s` seconds (default 1).
+    pub pictures: Option<PathBuf>,
+    /// Faults may be injected.
+    pub test_mode: bool,
+    /// `--set key=value`, as given.
+    pub set: BTreeMap<String, String>,
+}
+
+impl Default for Settings {
+    fn default() -> Settings {
+        Settings {
+            scene: None,
+            hand: "script:press".into(),
+            headless: false,
+            workers: 2,
+            record: None,
+            pictures: None,
+            test_mode: false,
+            set: BTreeMap::new(),
+        }
+    }
+}
+
+/// A `--set` value that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("--set {key}={value}: expected {expected}")]
+pub struct SetError {
+    /// Key.
+    pub key: String,
+    /// Value found.
+    pub value: String,
+    /// What is allowed.
+    pub expected: &'static str,
+}
+
+/// Keys that `--set` takes, each with what it takes and what it does.
+pub const SET_KEYS: &[(&str, &str)] = &[
+    ("realtime", "on or off: SCHED_FIFO, memory lock and cores (default on)"),
+    ("isa", "baseline, avx2 or avx512: instruction set of the deformation (default: the best there is)"),
+    ("tissue_step_ticks", "1, 2 or 4: step of the Main Loop in ticks (default: the least that the machine manages)"),
+    ("drift_ppm", "-500 to 500: drift of the simulated hardware's clock (default 20)"),
+    ("picture_every_s", "0.02 to 3600: seconds between pictures on disk (default 1)"),
+    ("view", "endoscope or external: camera of the pictures (default endoscope)"),
+    ("spares", "on or off: spares of tissue and fluid (default on)"),
+    ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default 1)"),
+];
+
+impl Settings {
+    /// A number set with `--set`, or the default.
+    pub fn number(&self, key: &str, default: f64, range: std::ops::RangeInclusive<f64>, expected: &'static str) -> Result<f64, SetError> {
+        let Some(value) = self.set.get(key) else { return Ok(default) };
+        let number = value.parse::<f64>().ok().filter(|number| range.contains(number));
+        number.ok_or_else(|| SetError { key: key.into(), value: value.clone(), expected })
+    }
+    /// A switch set with `--set`: `on` or `off`.
+    pub fn switch(&self, key: &str, default: bool) -> Result<bool, SetError> {
+        match self.set.get(key).map(String::as_str) {
+            None => Ok(default),
+            Some("on") => Ok(true),
+            Some("off") => Ok(false),
+            Some(value) => Err(SetError { key: key.into(), value: value.into(), expected: "on or off" }),
+        }
+    }
+}

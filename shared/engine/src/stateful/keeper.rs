@@ -1,0 +1,46 @@
+//! The keeper: an ordinary thread that writes a checkpoint of the own stream's newest state every 100 ms.
+
+use crate::life::{Failure, Life};
+use hyst_exchange::checkpoint::CheckpointWriter;
+use hyst_exchange::{Subscriber, system};
+use hyst_messages::Message;
+use hyst_messages::stream::kind_of;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Time between two checkpoints: what is lost at most if all replicas of a role die at once.
+pub const INTERVAL_NS: u64 = 100_000_000;
+
+/// Ends the keeper's thread when dropped.
+pub struct Keeper {
+    stop: Arc<AtomicBool>,
+    handle: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(handle) = self.handle.take() {
+            let _ = handle.join(); // it has nothing to say at its end
+        }
+    }
+}
+
+/// Starts the keeper of this process's stream.
+pub fn keep(life: &Life, stream: Subscriber, bytes: usize) -> Result<Keeper, Failure> {
+    let writer = CheckpointWriter::open(&life.station, life.slot, bytes)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    let body = move || {
+        while !stopped.load(Ordering::Acquire) {
+            system::sleep_ns(INTERVAL_NS);
+            let Ok(Some(held)) = stream.newest() else { continue };
+            let Some(kind) = kind_of(held.bytes()) else { continue };
+            if let Ok(message) = Message::parse(held.bytes(), kind) {
+                writer.write(message.header().epoch, message.header().tick, held.bytes());
+            }
+        }
+    };
+    let handle = std::thread::Builder::new().name("keeper".into()).spawn(body)?;
+    Ok(Keeper { stop, handle: Some(handle) })
+}
