@@ -1,0 +1,167 @@
+//! A Synchronized Process: its author writes one function, the test of a share. It reads the tissue's state and the hash in place, and
+//! writes its hits in place.
+//!
+//! Promise: a release is always answered; what cannot be computed (the state has not come, say) is answered with nothing, and the
+//! coordinator computes it.
+
+use hyst_contact::{HashRef, Hit, Points, Share, Split, Tissue, intersect};
+use hyst_engine::{Failure, Life, realtime};
+use hyst_exchange::meeting::{ProcessMember, Release};
+use hyst_exchange::roster::Roster;
+use hyst_exchange::synchronized::synchronized_process;
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::{Held, Links, Publisher, ReadPage, Subscriber, allocation, system};
+use hyst_messages::page::{ProcessState, header};
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS};
+use std::sync::Arc;
+
+/// Most hits of one share; what is beyond is not sent, and the coordinator sees that from the count.
+const MAX_HITS: usize = 8192;
+/// How long the worker waits for a release before it looks for a new coordinator, ns.
+const PATIENCE_NS: u64 = 2 * TICK_NS;
+/// Tissues whose streams are read.
+const TISSUES: usize = 2;
+
+#[derive(Default)]
+struct Source {
+    page: Option<ReadPage>,
+    states: Option<Subscriber>,
+    jobs: Option<Subscriber>,
+    state: Option<Held>,
+    topology: Option<Subscriber>,
+}
+
+struct Worker<'a> {
+    life: &'a Life,
+    publisher: Publisher,
+    inbox: Inbox,
+    roster: Roster,
+    sources: [Source; TISSUES],
+    topology: Option<Held>,
+    hits: Vec<Hit>,
+}
+
+/// The whole life of a worker.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    let links = Links::join(&life.station, &life.slot.to_string())?;
+    let bytes = message_bytes(&[MAX_HITS * size_of::<Hit>()]);
+    let publisher = links.publisher(Role::CollisionWorker, life.incarnation, Kind::Contacts, bytes)?;
+    let interests = [Wanted::Page, Wanted::Stream(Kind::TissueState), Wanted::Stream(Kind::CollisionJob), Wanted::Stream(Kind::Topology)];
+    let interests = interests.map(|wanted| (Role::Tissue, wanted)).to_vec();
+    let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
+    let roster = Roster::open(&life.station)?;
+    let mut worker = Worker { life, publisher, inbox, roster, sources: Default::default(), topology: None, hits: vec![Hit::default(); MAX_HITS] };
+    let mut member = ProcessMember::new(Arc::clone(&life.page));
+    life.page.set_state(ProcessState::Warm);
+    while worker.topology.is_none() && !life.clock.stop_requested() {
+        worker.receive(&mut member);
+        life.heartbeat();
+        system::sleep_ns(TICK_NS);
+    }
+    realtime::go(life)?;
+    life.page.set_state(ProcessState::Live);
+    let allocations = allocation::of_this_thread();
+    let worker = std::cell::RefCell::new(worker);
+    let between = |member: &mut ProcessMember| {
+        worker.borrow_mut().receive(member);
+        life.heartbeat();
+        !life.clock.stop_requested()
+    };
+    let step = |release: Release| {
+        let woken_ns = system::now_ns();
+        // What cannot be computed is computed by the coordinator; the release is answered all the same.
+        if worker.borrow_mut().share(release).is_none() {
+            life.page.add64(header::INVALID, 1);
+        }
+        let page = &life.page;
+        page.count_latency(header::LOOP, system::now_ns() - woken_ns);
+        page.store64(header::VALUE_NS, system::now_ns());
+        page.store64(header::TICK, life.clock.tick_at(woken_ns));
+        page.add64(header::STEPS, 1);
+        page.store64(header::ALLOCATIONS, allocation::of_this_thread() - allocations);
+    };
+    synchronized_process(&mut member, PATIENCE_NS, between, step);
+    Ok(())
+}
+
+impl Worker<'_> {
+    fn receive(&mut self, member: &mut ProcessMember) {
+        while let Some(arrival) = self.inbox.next() {
+            self.arrival(arrival);
+        }
+        for source in &mut self.sources {
+            if let Some(held) = source.topology.as_ref().and_then(|stream| stream.newest().ok()?) {
+                self.topology = Some(held);
+            }
+        }
+        let holder = self.roster.holder(Role::Tissue).incarnation;
+        if holder != member.follows() {
+            let of_holder = |source: &&mut Source| source.page.as_ref().is_some_and(|page| page.incarnation() == holder);
+            if let Some(page) = self.sources.iter_mut().find(of_holder).and_then(|source| source.page.take())
+                && let Some(before) = member.follow(page)
+            {
+                self.inbox.retire(Departure::Page(before));
+            }
+        }
+    }
+
+    fn arrival(&mut self, arrival: Arrival) {
+        let Some(source) = self.sources.get_mut(arrival.slot.index()) else { return };
+        let before = match arrival.port {
+            Port::Page(page) => source.page.replace(page).map(Departure::Page),
+            Port::Stream(Kind::TissueState, stream) => source.states.replace(stream).map(Departure::Stream),
+            Port::Stream(Kind::CollisionJob, stream) => source.jobs.replace(stream).map(Departure::Stream),
+            Port::Stream(Kind::Topology, stream) => source.topology.replace(stream).map(Departure::Stream),
+            _ => None,
+        };
+        if let Some(before) = before {
+            self.inbox.retire(before);
+        }
+    }
+
+    /// The share of a release: the job of the coordinator that released, and the state that the job is about.
+    fn share(&mut self, release: Release) -> Option<()> {
+        for source in &mut self.sources {
+            if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?) {
+                source.state = Some(held);
+            }
+        }
+        let of_coordinator = |source: &&Source| source.jobs.as_ref().is_some_and(|jobs| jobs.incarnation() == release.coordinator);
+        let job = self.sources.iter().find(of_coordinator)?.jobs.as_ref()?.newest().ok()??;
+        let job = Message::parse(job.bytes(), Kind::CollisionJob).ok()?;
+        let about = |held: &&Held| Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| state.header().tick == job.header().tick);
+        let state = self.sources.iter().filter_map(|source| source.state.as_ref()).find(about)?;
+        let state = Message::parse(state.bytes(), Kind::TissueState).ok()?;
+        let topology = Message::parse(self.topology.as_ref()?.bytes(), Kind::Topology).ok()?;
+        if topology.header().topology_version != state.header().topology_version {
+            return None;
+        }
+        let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
+        let tissue = Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };
+        let points = Points { owner: job.section(2).ok()?, node: &[], self_contact: false };
+        let hash = HashRef::in_words(job.section(1).ok()?).ok()?;
+        let found = intersect(share, &hash, &points, &tissue, &mut self.hits).ok()?;
+        if found.dropped > 0 {
+            return None;
+        }
+        self.answer(job.header(), share, found.count)
+    }
+
+    fn answer(&self, job: &StreamHeader, share: Share, count: usize) -> Option<()> {
+        let sections = [count * size_of::<Hit>()];
+        let mut loan = self.publisher.loan(message_bytes(&sections)).ok()?;
+        let header = StreamHeader {
+            tick: job.tick,
+            epoch: job.epoch,
+            incarnation: self.life.incarnation,
+            words: [share.index, share.count],
+            ..Default::default()
+        };
+        let mut message = MessageMut::format(loan.bytes_mut(), Kind::Contacts, header, &sections).ok()?;
+        message.section::<Hit>(0).ok()?.copy_from_slice(&self.hits[..count]);
+        loan.send().ok()?;
+        self.life.page.add64(header::STREAM_BYTES, message_bytes(&sections) as u64);
+        Some(())
+    }
+}

@@ -1,0 +1,355 @@
+//! The Main Loop, in the paper's order (Tuchschmid et al. 2006, section 3.1): rigid objects and their points, collision, response,
+//! deformation with the visual surface in the same step, forces to the device, synchronization with the slower engines. It reads the state of
+//! t and writes the state of t + step straight into shared memory.
+//!
+//! A step depends on the state of t and on the input record that the device published for the tick before t, and on nothing else; so a
+//! substitute computes the same bits.
+
+use crate::clerk::Clerk;
+use crate::collision::Collision;
+use crate::contacts::{Contacts, ToolMotion};
+use crate::world::World;
+use bytemuck::{Pod, Zeroable};
+use hyst_contact::{Memory, PlaneSet};
+use hyst_engine::{Failure, Life, Stateful, StepContext};
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
+use hyst_exchange::{Links, ReadPage, system};
+use hyst_messages::page::{device, fluid, header, tissue};
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus, fnv_words};
+use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
+use std::cell::Cell;
+use std::time::Duration;
+
+/// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
+const INPUT_REACH: u64 = 22;
+/// Dry steps that find out what the machine manages.
+const TRIALS: usize = 10;
+/// A step may take this share of its period: the rest belongs to the others on the core.
+const SHARE_OF_PERIOD: f64 = 0.6;
+/// Pressure beyond which the pump's is not believed, Pa: its range ends at 20 kPa.
+const MAX_PRESSURE_PA: f32 = 40_000.0;
+/// Most surface vertices whose sum is checked before a foreign state is gone on from: one in so many.
+const SAMPLE: usize = 16;
+
+/// First section of a tissue state.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Core {
+    /// The tool in the step that made the state.
+    pub pose: Pose,
+    /// Velocity of its tip, m/s.
+    pub velocity_m_s: [f32; 3],
+    /// Force of the tissue on it, N.
+    pub force_n: [f32; 3],
+    /// Removed so far, ml.
+    pub removed_volume_ml: f64,
+    /// Pressure in the cavity to be used by the next step, Pa.
+    pub pressure_pa: f32,
+    /// Contacts in the step.
+    pub contact_count: u32,
+}
+
+/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points.
+pub const SECTIONS: usize = 5;
+
+/// The engine.
+pub struct MainLoop<'a> {
+    life: &'a Life,
+    world: World,
+    scratch: Scratch,
+    contacts: Contacts,
+    collision: Collision,
+    clerk: Option<Clerk>,
+    device: Option<ReadPage>,
+    fluids: [Option<ReadPage>; 2],
+    points_m: Vec<[f32; 3]>,
+    owner: Vec<u32>,
+    pressure_pa: Vec<f32>,
+    step_ticks: Cell<u64>,
+    planes: PlaneSet,
+    status: TissueStatus,
+}
+
+impl<'a> MainLoop<'a> {
+    /// An engine for a world.
+    pub fn new(life: &'a Life, world: World) -> Result<MainLoop<'a>, Failure> {
+        let contacts = Contacts::new(&world);
+        let points = world.tool.points_m.len();
+        let owner = contacts.points().owner.to_vec();
+        let asked = life.settings.number("tissue_step_ticks", 0.0, 0.0..=4.0, "1, 2 or 4")? as u64;
+        if asked == 3 {
+            return Err(Failure::Input("--set tissue_step_ticks=3: expected 1, 2 or 4".into()));
+        }
+        let engine = MainLoop {
+            life,
+            scratch: Scratch::new(&world.model),
+            collision: Collision::new(life, &world),
+            contacts,
+            clerk: None,
+            device: None,
+            fluids: [None, None],
+            points_m: vec![[0.0; 3]; points],
+            owner,
+            pressure_pa: vec![0.0; world.wall.len()],
+            step_ticks: Cell::new(asked.max(1)),
+            planes: PlaneSet::default(),
+            status: TissueStatus::default(),
+            world,
+        };
+        if asked == 0 {
+            engine.step_ticks.set(engine.affordable_step()?);
+            life.say(&format!("steps of {} ms", engine.step_ticks.get()));
+        }
+        Ok(engine)
+    }
+
+    fn sections(&self) -> [usize; SECTIONS] {
+        let nodes = self.world.model.node_count();
+        [
+            size_of::<Core>(),
+            nodes * 12,
+            nodes * 12,
+            self.world.bindings.len() * 12,
+            self.world.tool.points_m.len() * size_of::<Memory>(),
+        ]
+    }
+
+    /// The shortest step, in ticks, whose deformation takes no more than its share of the period.
+    fn affordable_step(&self) -> Result<u64, Failure> {
+        let rest = self.world.model.rest_m().to_vec();
+        let still = vec![[0.0; 3]; rest.len()];
+        let (mut position_m, mut velocity_m_s) = (rest.clone(), still.clone());
+        let mut scratch = Scratch::new(&self.world.model);
+        for ticks in [1u64, 2, 4] {
+            let mut least_ns = u64::MAX;
+            for _ in 0..TRIALS {
+                let begun = system::now_ns();
+                let now = StateRef { position_m: &rest, velocity_m_s: &still };
+                let next = StateMut { position_m: &mut position_m, velocity_m_s: &mut velocity_m_s };
+                let input = self.step_input(&[], &[], ticks);
+                step(&self.world.model, &mut scratch, now, &input, next).map_err(|error| Failure::Input(error.to_string()))?;
+                least_ns = least_ns.min(system::now_ns() - begun);
+            }
+            if (least_ns as f64) < SHARE_OF_PERIOD * Duration::from_millis(ticks).as_nanos() as f64 {
+                return Ok(ticks);
+            }
+        }
+        Ok(4)
+    }
+
+    fn step_input<'b>(&'b self, external_force_n: &'b [[f32; 3]], springs: &'b [hyst_tissue::PlaneSpring], ticks: u64) -> StepInput<'b> {
+        StepInput { external_force_n, targets_m: &[], springs, attachments: &self.world.attachments, dt_s: ticks as f32 * 1e-3 }
+    }
+
+    /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
+    fn input(&self, tick: u64) -> Option<InputRecord> {
+        let page = self.device.as_ref()?;
+        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
+    }
+
+    /// Pressure for the step after this one: the fluid's newest that can be believed, else as it was.
+    fn next_pressure(&self, before_pa: f32) -> f32 {
+        let newest = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
+        let newest = newest.max_by_key(|status| status.state_tick).map(|status| status.pressure_pa);
+        newest.filter(|pressure| (0.0..=MAX_PRESSURE_PA).contains(pressure)).unwrap_or(before_pa)
+    }
+
+    fn first_core(&self) -> Core {
+        let rest = &self.world.rest;
+        Core {
+            pose: Pose {
+                position_m: rest.tip_m(self.world.pivot_m),
+                orientation: rest.orientation(),
+                insertion_m: rest.insertion_m,
+                ..Pose::default()
+            },
+            pressure_pa: self.world.rest_pressure_pa,
+            ..Core::default()
+        }
+    }
+}
+
+impl Stateful for MainLoop<'_> {
+    fn kind(&self) -> Kind {
+        Kind::TissueState
+    }
+
+    fn message_bytes(&self) -> usize {
+        message_bytes(&self.sections())
+    }
+
+    fn step_ticks(&self) -> u64 {
+        self.step_ticks.get()
+    }
+
+    fn interests(&self) -> Vec<(Role, Wanted)> {
+        let mut interests = vec![(Role::Device, Wanted::Page), (Role::Fluid, Wanted::Page)];
+        if self.life.settings.workers > 0 {
+            interests.push((Role::CollisionWorker, Wanted::Page));
+            interests.push((Role::CollisionWorker, Wanted::Stream(Kind::Contacts)));
+        }
+        interests
+    }
+
+    fn open(&mut self, links: &Links) -> Result<(), Failure> {
+        self.collision.open(self.life, links, self.points_m.len())?;
+        self.clerk = Some(Clerk::start(self.life, links, &self.world)?);
+        Ok(())
+    }
+
+    fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
+        let sections = self.sections();
+        let header = StreamHeader { topology_version: self.world.site.version(), ..header };
+        let parts = MessageMut::format(state, Kind::TissueState, header, &sections)?.split();
+        let [core, positions, velocities, surface, ..] = parts;
+        core.copy_from_slice(bytemuck::bytes_of(&self.first_core()));
+        let positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(positions);
+        positions.copy_from_slice(self.world.model.rest_m());
+        velocities.fill(0);
+        surface_update(&self.world.bindings, self.world.model.tets(), positions, bytemuck::cast_slice_mut(surface));
+        Ok(())
+    }
+
+    fn accepts(&self, state: &[u8]) -> bool {
+        let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
+        let sections = self.sections();
+        let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
+        if !(0..SECTIONS).all(fits) || message.header().topology_version != self.world.site.version() {
+            return false;
+        }
+        let sane = |index: usize| {
+            let rows: &[[f32; 3]] = message.section(index).unwrap_or(&[]);
+            rows.iter().step_by(SAMPLE).flatten().all(|value| value.is_finite())
+        };
+        if let step @ (1 | 2 | 4) = message.header().step_ticks {
+            self.step_ticks.set(step as u64);
+        }
+        sane(1) && sane(2)
+    }
+
+    fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
+        let begun_ns = system::now_ns();
+        let message = Message::parse(now, Kind::TissueState)?;
+        let before: Core = message.record(0)?;
+        let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
+        let input = self.input(context.tick);
+        let (pose, velocity_m_s) = input.map_or((before.pose, [0.0; 3]), |input| (input.sample.pose, input.sample.velocity_m_s));
+        let sections = self.sections();
+        let mut header = *message.header();
+        header.input_tick = input.map_or(0, |input| input.tick);
+        let [core, next_positions, next_velocities, surface, memory, ..] =
+            MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
+        memory.copy_from_slice(message.section::<u8>(4)?);
+        let memory: &mut [Memory] = bytemuck::cast_slice_mut(memory);
+
+        // Rigid objects and their points, then the intersection test.
+        self.world.tool.place(&pose, &mut self.points_m);
+        let job = self.collision.hash(context, &self.points_m, &self.owner, self.world.cell_m)?;
+        let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
+        self.collision.test(context, job, &points, &self.world, positions)?;
+        let tested_ns = system::now_ns();
+
+        // Response: springs for the deformation, friction and the fluid's pressure as forces.
+        let pivot = self.world.pivot_m;
+        let tool = ToolMotion {
+            points_m: &self.points_m,
+            velocity_m_s,
+            tip_m: pose.position_m,
+            back: std::array::from_fn(|axis| pivot[axis] - pose.position_m[axis]),
+        };
+        self.contacts.meet(&self.world, self.collision.hits(), &tool, positions, velocities, memory)?;
+        self.pressure_pa.fill(before.pressure_pa - self.world.rest_pressure_pa);
+        pressure_forces(&self.world.wall, positions, &self.pressure_pa, self.contacts.node_force_n());
+        let answered_ns = system::now_ns();
+
+        // Deformation of all objects, and the surfaces for the eye.
+        let next_positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(next_positions);
+        let state = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
+        let input = StepInput {
+            external_force_n: self.contacts.forces_n(),
+            targets_m: &[],
+            springs: self.contacts.springs(),
+            attachments: &self.world.attachments,
+            dt_s: context.step_ticks as f32 * 1e-3,
+        };
+        let from = StateRef { position_m: positions, velocity_m_s: velocities };
+        step(&self.world.model, &mut self.scratch, from, &input, state).map_err(|error| Failure::Broken(error.to_string()))?;
+        let deformed_ns = system::now_ns();
+        surface_update(&self.world.bindings, self.world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
+
+        // Forces to the device.
+        let (planes, force_n) = self.contacts.planes(&self.world, &self.collision.table()?, &tool, next_positions)?;
+        self.planes = planes;
+        let core_now = Core {
+            pose,
+            velocity_m_s,
+            force_n,
+            removed_volume_ml: before.removed_volume_ml,
+            pressure_pa: self.next_pressure(before.pressure_pa),
+            contact_count: self.contacts.count() as u32,
+        };
+        core.copy_from_slice(bytemuck::bytes_of(&core_now));
+        let ended_ns = system::now_ns();
+        let us = |from: u64, to: u64| (to - from) as f32 * 1e-3;
+        self.status = TissueStatus {
+            removed_volume_ml: core_now.removed_volume_ml,
+            cavity_pressure_pa: before.pressure_pa,
+            contact_count: core_now.contact_count,
+            tool_force_n: force_n,
+            shares_missing: self.collision.missing(),
+            phase_us: [us(answered_ns, deformed_ns), us(begun_ns, tested_ns), us(tested_ns, answered_ns), us(deformed_ns, ended_ns)],
+            ..TissueStatus::default()
+        };
+        Ok(())
+    }
+
+    fn finished(&mut self, context: &StepContext, state: &[u8]) {
+        let Ok(message) = Message::parse(state, Kind::TissueState) else { return };
+        let mut model = ContactModel {
+            epoch: context.tenure.epoch,
+            incarnation: self.life.incarnation,
+            state_tick: context.next_tick,
+            input_tick: message.header().input_tick,
+            plane_count: self.planes.count,
+            ..ContactModel::default()
+        };
+        for (to, from) in model.planes.iter_mut().zip(&self.planes.planes[..self.planes.count as usize]) {
+            *to = ContactPlane {
+                point_m: from.point_m,
+                stiffness_n_m: from.stiffness_n_m,
+                normal: from.normal,
+                damping_n_s_m: from.damping_n_s_m,
+            };
+        }
+        let page = &self.life.page;
+        page.write(tissue::MODEL, &model);
+        self.status.state_tick = context.next_tick;
+        self.status.state_hash = state_hash(&message);
+        page.write(tissue::STATUS, &self.status);
+        page.store64(header::COPIED_BYTES, page.load64(header::COPIED_BYTES) + self.collision.copied_bytes());
+    }
+
+    fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
+        self.world.site.register_engine(arrival.slot, arrival.incarnation);
+        let index = arrival.slot.index();
+        let before = match (arrival.slot.role(), arrival.port) {
+            (Role::Device, Port::Page(page)) => self.device.replace(page),
+            (Role::Fluid, Port::Page(page)) => self.fluids.get_mut(index).and_then(|place| place.replace(page)),
+            (_, port) => {
+                let arrival = Arrival { slot: arrival.slot, incarnation: arrival.incarnation, port };
+                self.collision.arrival(arrival, inbox);
+                None
+            }
+        };
+        if let Some(before) = before {
+            inbox.retire(Departure::Page(before));
+        }
+    }
+}
+
+/// Hash of what the next step depends on: positions and velocities.
+fn state_hash(message: &Message<'_>) -> u64 {
+    let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
+    fnv_words(message.header().tick, words(1).chain(words(2)))
+}

@@ -1,0 +1,190 @@
+//! Reading the spatial hash where it lies: what another process built is checked first, then read without a copy.
+
+use crate::ContactError;
+use crate::hash::{HEADER_WORDS, HashSizes, Header, LANES, MAGIC, cell_of, hash_cell};
+
+/// A filled table, for reading where it lies.
+#[derive(Debug, Clone, Copy)]
+pub struct HashRef<'a> {
+    pub(crate) header: Header,
+    pub(crate) starts: &'a [u32],
+    pub(crate) ids: &'a [u32],
+    pub(crate) xyz: [&'a [f32]; 3],
+}
+
+impl<'a> HashRef<'a> {
+    /// Reads and checks a table that another process built in these words.
+    ///
+    /// # Errors
+    /// [`ContactError::Words`] or [`ContactError::Corrupt`] if they do not hold one.
+    pub fn in_words(words: &'a [u32]) -> Result<HashRef<'a>, ContactError> {
+        let have = words.len();
+        let head = words.get(..HEADER_WORDS).ok_or(ContactError::Words {
+            have,
+            need: HEADER_WORDS,
+        })?;
+        let header: Header = *bytemuck::from_bytes(bytemuck::cast_slice(head));
+        let bad = |what| Err(ContactError::Corrupt { what });
+        if header.magic != MAGIC {
+            return bad("no mark at the start");
+        }
+        if header.kept > header.points || header.points > header.capacity || header.slots == 0 {
+            return bad("counts that contradict one another");
+        }
+        let sizes = HashSizes {
+            points: header.capacity as usize,
+            slots: header.slots as usize,
+        };
+        let words = words.get(..sizes.words()).ok_or(ContactError::Words {
+            have,
+            need: sizes.words(),
+        })?;
+        let (starts, rest) = words[HEADER_WORDS..].split_at(sizes.slots + 1);
+        let (ids, rest) = rest.split_at(sizes.padded());
+        let (x, rest) = rest.split_at(sizes.padded());
+        let (y, rest) = rest.split_at(sizes.padded());
+        let z = &rest[..sizes.padded()];
+        if starts[0] != 0
+            || starts[sizes.slots] != header.kept
+            || starts.windows(2).any(|w| w[0] > w[1])
+        {
+            return bad("slots out of order");
+        }
+        if ids[..header.kept as usize]
+            .iter()
+            .any(|&id| id >= header.points)
+        {
+            return bad("a point that does not exist");
+        }
+        let cells = header.dims.iter().fold(1u128, |n, &d| n * u128::from(d));
+        if (header.hashed == 0 && cells > u128::from(header.slots))
+            || header.dims.iter().any(|&d| d > 1_000_000_001)
+        {
+            return bad("a box larger than the table");
+        }
+        let ends = |a: usize| i64::from(header.origin[a]) + i64::from(header.dims[a]);
+        if (0..3).any(|a| header.origin[a].unsigned_abs() > 500_000_000 || ends(a) > 500_000_001) {
+            return bad("a box outside of the space of cells");
+        }
+        Ok(HashRef {
+            header,
+            starts,
+            ids,
+            xyz: [x, y, z].map(bytemuck::cast_slice),
+        })
+    }
+
+    /// Points that were given, finite or not.
+    pub fn points(&self) -> usize {
+        self.header.points as usize
+    }
+
+    /// Points that are in the table: the finite ones.
+    pub fn kept(&self) -> usize {
+        self.header.kept as usize
+    }
+
+    /// Whether slots come from the hash function.
+    pub fn is_hashed(&self) -> bool {
+        self.header.hashed != 0
+    }
+
+    /// Index of the point at a sorted place.
+    #[inline(always)]
+    pub(crate) fn id(&self, at: usize) -> u32 {
+        self.ids[at]
+    }
+
+    /// Position of the point at a sorted place, metres.
+    #[inline(always)]
+    pub(crate) fn position(&self, at: usize) -> [f32; 3] {
+        self.xyz.map(|axis| axis[at])
+    }
+
+    /// Coordinates of `LANES` sorted points from `at` on; `at` must be below [`HashRef::kept`].
+    #[inline(always)]
+    pub(crate) fn lanes(&self, at: usize) -> [&[f32; LANES]; 3] {
+        self.xyz
+            .map(|axis| axis[at..].first_chunk().unwrap_or(&[f32::NAN; LANES]))
+    }
+
+    /// Cells of the corners of some boxes, clipped to the occupied ones; first beyond last where a box meets none.
+    #[inline(always)]
+    pub(crate) fn cells<const N: usize>(
+        &self,
+        lo: &[[f32; N]; 3],
+        hi: &[[f32; N]; 3],
+    ) -> ([[i32; N]; 3], [[i32; N]; 3]) {
+        let (mut first, mut last) = ([[0; N]; 3], [[0; N]; 3]);
+        for axis in 0..3 {
+            let origin = self.header.origin[axis];
+            let end = origin
+                .wrapping_add(self.header.dims[axis] as i32)
+                .wrapping_sub(1);
+            for l in 0..N {
+                first[axis][l] = cell_of(lo[axis][l], self.header.per_m).max(origin);
+                last[axis][l] = cell_of(hi[axis][l], self.header.per_m).min(end);
+            }
+        }
+        (first, last)
+    }
+
+    /// Calls `run(from, to)` for ranges of sorted places that together hold each point of the box once, and points outside of
+    /// it too. Ends after a bounded number of cells, whatever the box.
+    #[inline(always)]
+    pub(crate) fn for_runs(&self, lo: [f32; 3], hi: [f32; 3], run: impl FnMut(usize, usize)) {
+        let (first, last) = self.cells(&lo.map(|v| [v]), &hi.map(|v| [v]));
+        self.for_runs_in(first.map(|v| v[0]), last.map(|v| v[0]), run);
+    }
+
+    /// As [`HashRef::for_runs`], from the clipped cells of the box's corners.
+    #[inline(always)]
+    pub(crate) fn for_runs_in(
+        &self,
+        first: [i32; 3],
+        last: [i32; 3],
+        mut run: impl FnMut(usize, usize),
+    ) {
+        /// More cells than this, and reading all points costs less.
+        const MAX_CELLS: u64 = 96;
+        let mut cells = 1u64;
+        for axis in 0..3 {
+            if first[axis] > last[axis] {
+                return;
+            }
+            cells =
+                cells.saturating_mul((last[axis].wrapping_sub(first[axis]) as u64).wrapping_add(1));
+        }
+        if self.header.hashed == 0 {
+            for k in first[2]..=last[2] {
+                for j in first[1]..=last[1] {
+                    let from = self.header.slot([first[0], j, k]);
+                    let to = from
+                        .wrapping_add(last[0].wrapping_sub(first[0]) as usize)
+                        .wrapping_add(1);
+                    run(self.starts[from] as usize, self.starts[to] as usize);
+                }
+            }
+        } else if cells > MAX_CELLS {
+            run(0, self.kept());
+        } else {
+            let mut seen = [usize::MAX; MAX_CELLS as usize];
+            let mut known = 0;
+            for k in first[2]..=last[2] {
+                for j in first[1]..=last[1] {
+                    for i in first[0]..=last[0] {
+                        let slot = hash_cell([i, j, k], self.header.slots);
+                        if self.starts[slot] == self.starts[slot + 1]
+                            || seen[..known].contains(&slot)
+                        {
+                            continue;
+                        }
+                        seen[known] = slot;
+                        known += 1;
+                        run(self.starts[slot] as usize, self.starts[slot + 1] as usize);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! Contact: which points lie in which tetrahedron, how deep, which way out, and what force follows.
+//!
+//! Promises: same input, same bits, whatever the number of workers and whatever the instruction set; no panic and no NaN in
+//! any result, whatever the input; nothing is allocated in a step (the buffers of a step are the caller's, or sized once).
+//! Frame: metres, the station's frame. Every step is a pure function of its arguments.
+//!
+//! The order of one tick:
+//! 1. [`HashMut::build`] hashes the points (the coordinator, in place in shared words),
+//! 2. [`intersect`] tests one [`Share`] (each worker), [`merge`] joins the shares,
+//! 3. [`penetration`] gives each hit point a depth and a way out,
+//! 4. [`respond`] turns that into forces on nodes, equal and opposite on the rigid tool,
+//! 5. [`planes`] condenses the tool's contacts to at most [`MAX_PLANES`] planes for the haptic servo,
+//!    with [`find_gaps`] for the wall that the tool is about to meet.
+//!
+//! Papers: Teschner et al., VMV 2003 (spatial hashing, barycentric test); Heidelberger et al., VMV 2004 (consistent penetration
+//! depth); Hunt and Crossley 1975 (damping that starts at zero); Möller and Trumbore 1997 (segment against triangle).
+
+mod brute;
+mod error;
+mod hash;
+mod hash_read;
+mod intersect;
+mod lanes;
+mod near;
+mod penetrate;
+mod penetrate_data;
+mod planes;
+mod response;
+mod sweep;
+mod tet;
+mod topology;
+mod types;
+mod walk;
+
+pub use brute::intersect_brute;
+pub use error::ContactError;
+pub use hash::{HashMut, HashSizes, LANES, Layout};
+pub use hash_read::HashRef;
+pub use intersect::{intersect, merge};
+pub use near::{Gap, find_gaps};
+pub use penetrate::{Workspace, penetration};
+pub use penetrate_data::{
+    Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source,
+};
+pub use planes::{MAX_PLANES, Plane, PlaneInput, PlaneParams, PlaneSet, planes};
+pub use response::{ContactForce, Motion, ResponseOutput, ResponseParams, Rigid, Wrench, respond};
+pub use sweep::{Crossing, first_crossing, segment_triangle};
+pub use tet::TetTest;
+pub use topology::{NONE, PointGraph, Topology};
+pub use types::{Found, Hit, Points, Share, Split, Tissue};
+pub use walk::{Exit, exit_along};

@@ -1,0 +1,199 @@
+//! Points outside of the tissue but close to its surface: the closest boundary triangle of each, found with the hash of the points.
+//!
+//! Only points on a triangle's outer side count; points inside have penetrations, not gaps.
+
+use crate::ContactError;
+use crate::error::same_length;
+use crate::hash::LANES;
+use crate::hash_read::HashRef;
+use crate::tet::{max, min};
+use crate::topology::{NONE, Topology};
+use crate::types::{Points, Tissue};
+use glam::Vec3;
+
+/// Distance of a point to the surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gap {
+    /// Metres; infinite: no surface in range.
+    pub distance_m: f32,
+    /// Unit vector from the surface to the point.
+    pub direction: [f32; 3],
+    /// Index of the closest boundary triangle, or [`NONE`].
+    pub triangle: u32,
+}
+
+impl Gap {
+    /// No surface in range.
+    pub const FAR: Gap = Gap {
+        distance_m: f32::INFINITY,
+        direction: [0.0, 0.0, 1.0],
+        triangle: NONE,
+    };
+}
+
+/// Finds for each hashed point the closest boundary triangle of other objects within `range_m`; `gaps` has one entry per point.
+///
+/// # Errors
+/// [`ContactError::Length`] if arrays that belong together differ in length.
+pub fn find_gaps(
+    hash: &HashRef<'_>,
+    points: &Points<'_>,
+    tissue: &Tissue<'_>,
+    topology: &Topology,
+    range_m: f32,
+    gaps: &mut [Gap],
+) -> Result<(), ContactError> {
+    points.check(hash.points())?;
+    same_length("gaps", hash.points(), gaps.len())?;
+    gaps.fill(Gap::FAR);
+    if range_m.is_nan() || range_m <= 0.0 {
+        return Ok(());
+    }
+    pulp::Arch::new().dispatch(Search {
+        hash,
+        points,
+        tissue,
+        topology,
+        range_m,
+        gaps,
+    });
+    Ok(())
+}
+
+/// The search, to be compiled for each instruction set.
+struct Search<'a> {
+    hash: &'a HashRef<'a>,
+    points: &'a Points<'a>,
+    tissue: &'a Tissue<'a>,
+    topology: &'a Topology,
+    range_m: f32,
+    gaps: &'a mut [Gap],
+}
+
+impl pulp::WithSimd for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(mut self, _: S) {
+        let topology = self.topology;
+        let triangles = topology.boundary.iter().zip(&topology.boundary_owner);
+        for (t, (tri, &owner)) in triangles.enumerate() {
+            if let Some(near) = Near::new(tri.map(|n| self.tissue.node(n)), self.range_m) {
+                self.triangle(t as u32, owner, &near);
+            }
+        }
+    }
+}
+
+impl Search<'_> {
+    #[inline(always)]
+    fn triangle(&mut self, triangle: u32, owner: u32, near: &Near) {
+        let hash = self.hash;
+        hash.for_runs(
+            near.lo,
+            near.hi,
+            #[inline(always)]
+            |from, to| {
+                let mut at = from;
+                while at < to {
+                    let close = near.lanes(hash.lanes(at), self.range_m);
+                    if close.iter().fold(0, |any, &c| any | c) != 0 {
+                        let real = close.iter().enumerate().take(to.wrapping_sub(at));
+                        for (l, _) in real.filter(|(_, c)| **c != 0) {
+                            self.point(at.wrapping_add(l), triangle, owner, near);
+                        }
+                    }
+                    at = at.wrapping_add(LANES);
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn point(&mut self, at: usize, triangle: u32, owner: u32, near: &Near) {
+        let (point, p) = (
+            self.hash.id(at) as usize,
+            Vec3::from_array(self.hash.position(at)),
+        );
+        let gap = &mut self.gaps[point];
+        let [a, b, c] = near.corners;
+        if self.points.owner[point] == owner || (p - a).dot(near.normal) >= gap.distance_m {
+            return;
+        }
+        let away = p - closest_on_triangle(p, a, b, c);
+        let distance_m = away.length();
+        let direction = away.try_normalize().unwrap_or(near.normal);
+        let nearer = distance_m < self.range_m && distance_m < gap.distance_m;
+        if nearer && direction.dot(near.normal) > 0.0 {
+            *gap = Gap {
+                distance_m,
+                direction: direction.to_array(),
+                triangle,
+            };
+        }
+    }
+}
+
+/// A triangle made ready: its unit normal, and its box grown by the range.
+struct Near {
+    corners: [Vec3; 3],
+    normal: Vec3,
+    lo: [f32; 3],
+    hi: [f32; 3],
+}
+
+impl Near {
+    #[inline(always)]
+    fn new(corners: [[f32; 3]; 3], range_m: f32) -> Option<Near> {
+        let [p, q, r] = corners;
+        let [a, b, c] = corners.map(Vec3::from_array);
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let lo = [0, 1, 2].map(|i| min(min(p[i], q[i]), r[i]) - range_m);
+        let hi = [0, 1, 2].map(|i| max(max(p[i], q[i]), r[i]) + range_m);
+        Some(Near {
+            corners: [a, b, c],
+            normal,
+            lo,
+            hi,
+        })
+    }
+
+    /// For each lane 1 if the point is in the box and on the outer side, no further than the range; else 0.
+    #[inline(always)]
+    fn lanes(&self, [x, y, z]: [&[f32; LANES]; 3], range_m: f32) -> [u32; LANES] {
+        let (a, n) = (self.corners[0], self.normal);
+        let mut close = [0; LANES];
+        for l in 0..LANES {
+            let above = (x[l] - a.x) * n.x + (y[l] - a.y) * n.y + (z[l] - a.z) * n.z;
+            let boxed = (x[l] > self.lo[0])
+                & (x[l] < self.hi[0])
+                & (y[l] > self.lo[1])
+                & (y[l] < self.hi[1])
+                & (z[l] > self.lo[2])
+                & (z[l] < self.hi[2]);
+            close[l] = u32::from((above > 0.0) & (above < range_m) & boxed);
+        }
+        close
+    }
+}
+
+/// Closest point of a triangle, by the regions of its plane.
+#[inline(always)]
+pub(crate) fn closest_on_triangle(p: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
+    let normal = (b - a).cross(c - a);
+    let inside = |from: Vec3, to: Vec3| (to - from).cross(p - from).dot(normal) >= 0.0;
+    if inside(a, b) && inside(b, c) && inside(c, a) {
+        return p - normal * ((p - a).dot(normal) / normal.length_squared());
+    }
+    let on = |from: Vec3, to: Vec3| {
+        let edge = to - from;
+        from + edge * ((p - from).dot(edge) / edge.length_squared()).clamp(0.0, 1.0)
+    };
+    let mut best = on(a, b);
+    for candidate in [on(b, c), on(c, a)] {
+        if candidate.distance_squared(p) < best.distance_squared(p) {
+            best = candidate;
+        }
+    }
+    best
+}

@@ -1,0 +1,80 @@
+//! What the penetration step reads and writes.
+
+use crate::topology::{PointGraph, Topology};
+use crate::types::{Hit, Points, Tissue};
+use bytemuck::{Pod, Zeroable};
+
+/// How far inside a hit point is and which way out. Plain old data.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+pub struct Penetration {
+    /// Index of the point.
+    pub point: u32,
+    /// The tet that holds it.
+    pub tet: u32,
+    /// Weights of the tet's nodes at the point.
+    pub weights: [f32; 4],
+    /// Depth along the direction, metres, at least 0.
+    pub depth_m: f32,
+    /// Unit vector along which the point leaves the tissue.
+    pub direction: [f32; 3],
+    /// Where depth and direction come from: a [`Source`] as a number.
+    pub source: u32,
+}
+
+/// Where depth and direction come from.
+#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// Own edges cross the surface.
+    Border = 0,
+    /// From points nearer to the border.
+    Inward = 1,
+    /// No border in reach.
+    Fallback = 2,
+}
+
+/// A point's direction in the tick before; all zero: it had none. State that goes with the tissue's.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+pub struct Memory {
+    /// Object of the tet that the point was in.
+    pub owner: u32,
+    /// Unit vector out of the tissue, or zero.
+    pub direction: [f32; 3],
+}
+
+/// The way back for points of an object that is wholly inside: for a tool, from its tip along the shaft to the pivot.
+#[derive(Debug, Clone, Copy)]
+pub struct Retreat {
+    /// Object of the points.
+    pub owner: u32,
+    /// Direction; any length.
+    pub direction: [f32; 3],
+}
+
+/// Bounds and fallbacks.
+#[derive(Debug, Clone, Copy)]
+pub struct PenetrationParams<'a> {
+    /// Depths are cut here, metres: about the thickness of the wall.
+    pub max_depth_m: f32,
+    /// Ways back, one for each rigid object.
+    pub retreats: &'a [Retreat],
+}
+
+/// What the step reads.
+#[derive(Debug, Clone, Copy)]
+pub struct PenetrationInput<'a> {
+    /// All hits, sorted by point and tet, as [`crate::merge`] leaves them.
+    pub hits: &'a [Hit],
+    /// Positions of all points, metres.
+    pub points_m: &'a [[f32; 3]],
+    /// Whom the points belong to.
+    pub points: Points<'a>,
+    /// Edges between the points.
+    pub graph: &'a PointGraph,
+    /// The tets as they are now.
+    pub tissue: Tissue<'a>,
+    /// Their faces.
+    pub topology: &'a Topology,
+}

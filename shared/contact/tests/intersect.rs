@@ -1,0 +1,245 @@
+//! The hashed test is brute force to the last bit, for any number of workers, and nothing from outside makes it panic.
+
+mod common;
+
+use common::{TOOL, block, brute, hits_split};
+use hyst_contact::*;
+use parry3d::math::Vec3;
+use parry3d::query::PointQuery;
+use parry3d::shape::Tetrahedron;
+use proptest::array::{uniform3, uniform4};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+
+fn config(cases: u32) -> ProptestConfig {
+    ProptestConfig {
+        cases,
+        rng_seed: RngSeed::Fixed(41),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    }
+}
+
+/// Coordinates that make trouble: a lattice (flat tets, points on faces, duplicates), anything, and not even numbers.
+fn coordinate() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        6 => (-4i32..5).prop_map(|v| v as f32 * 0.25),
+        6 => -1.0f32..1.0,
+        1 => prop_oneof![Just(f32::NAN), Just(f32::INFINITY), Just(-1e30f32), Just(1e30f32), Just(-0.0f32), Just(1e-42f32)],
+    ]
+}
+
+fn vertex() -> impl Strategy<Value = [f32; 3]> {
+    [coordinate(), coordinate(), coordinate()]
+}
+
+proptest! {
+    #![proptest_config(config(300))]
+
+    #[test]
+    fn any_scene_is_brute_force_to_the_last_bit(
+        nodes in prop::collection::vec(vertex(), 4..40),
+        points_m in prop::collection::vec(vertex(), 0..70),
+        corners in prop::collection::vec([0u32..44, 0u32..44, 0u32..44, 0u32..44], 0..60),
+        cell_m in prop_oneof![Just(0.25f32), 0.01f32..3.0, Just(1e-30f32)],
+        hashed in any::<bool>(),
+        workers in 1u32..6,
+        own in any::<bool>(),
+        by_tets in any::<bool>(),
+    ) {
+        let owner: Vec<u32> = (0..points_m.len() as u32).map(|p| if p % 3 == 0 { TOOL } else { p % 2 }).collect();
+        let node: Vec<u32> = (0..points_m.len() as u32).collect();
+        let tet_owner: Vec<u32> = (0..corners.len() as u32).map(|t| t % 2).collect();
+        let points = Points { owner: &owner, node: &node, self_contact: own };
+        let tissue = Tissue { positions_m: &nodes, tets: &corners, tet_owner: &tet_owner };
+        let layout = if hashed { Layout::Hashed } else { Layout::Auto };
+        let split = if by_tets { Split::Tets } else { Split::Points };
+        let found = hits_split(&points_m, &points, &tissue, (cell_m, layout), (workers, split));
+        let wanted = brute(&points_m, &points, &tissue);
+        prop_assert_eq!(bytemuck::cast_slice::<Hit, u32>(&found), bytemuck::cast_slice::<Hit, u32>(&wanted));
+        for hit in &found {
+            prop_assert!(points_m[hit.point as usize].iter().all(|v| v.is_finite()));
+            prop_assert!(hit.weights.iter().all(|w| (0.0..=1.0001).contains(w)));
+            prop_assert!((hit.weights.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn parry_agrees_on_every_point_off_the_faces(
+        corners in uniform4(uniform3(-1.0f32..1.0)), weights in uniform4(0.0f32..1.0), shift in uniform3(-0.6f32..0.6),
+    ) {
+        let Some(test) = TetTest::new(&corners) else { return Ok(()) };
+        let sum: f32 = weights.iter().sum();
+        prop_assume!(sum > 0.1);
+        let p: [f32; 3] =
+            std::array::from_fn(|i| (0..4).map(|c| corners[c][i] * weights[c] / sum).sum::<f32>() + shift[i] * weights[0]);
+        let at = test.weights_at(p);
+        let [a, b, c, d] = corners.map(Vec3::from_array);
+        let volume = (b - a).cross(c - a).dot(d - a).abs();
+        prop_assume!(volume > 1e-2 && at.iter().all(|w| w.abs() > 1e-3));
+        let inside = Tetrahedron::new(a, b, c, d).contains_local_point(Vec3::from_array(p));
+        prop_assert_eq!(test.weights(p).is_some(), inside, "{:?}", at);
+    }
+
+    #[test]
+    fn words_of_another_process_are_checked_before_they_are_used(
+        words in prop::collection::vec(any::<u32>(), 0..60), flips in prop::collection::vec((0usize..1500, any::<u32>()), 0..4),
+    ) {
+        prop_assert!(HashRef::in_words(&words).is_err());
+        let points_m: Vec<[f32; 3]> = (0..20).map(|i| [i as f32 * 0.1; 3]).collect();
+        let sizes = HashSizes::for_points(points_m.len());
+        let mut words = vec![0u32; sizes.words()];
+        HashMut::in_words(&mut words, sizes).unwrap().build(&points_m, 0.3, Layout::Auto).unwrap();
+        for (at, value) in flips {
+            let n = words.len();
+            words[at % n] = value;
+        }
+        if let Ok(hash) = HashRef::in_words(&words) {
+            let (nodes, tets) = block([2, 2, 2], 1.0, [0.0; 3]);
+            let (owner, tet_owner) = (vec![TOOL; hash.points()], vec![0; tets.len()]);
+            let points = Points { owner: &owner, node: &[], self_contact: false };
+            let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
+            let mut out = vec![Hit::default(); 64];
+            let found = intersect(Share::ALL, &hash, &points, &tissue, &mut out).unwrap();
+            prop_assert!(found.count <= 64);
+        }
+    }
+}
+
+#[test]
+fn a_block_full_of_points_gives_one_tet_to_each_point_inside() {
+    let (nodes, tets) = block([4, 4, 4], 0.25, [-0.5; 3]);
+    let lattice = |i: usize| -0.5 + 0.125 * i as f32;
+    let points_m: Vec<[f32; 3]> = (0..9 * 9 * 9)
+        .map(|n| [lattice(n % 9), lattice(n / 9 % 9), lattice(n / 81)])
+        .collect();
+    let (owner, tet_owner) = (vec![TOOL; points_m.len()], vec![0; tets.len()]);
+    let points = Points {
+        owner: &owner,
+        node: &[],
+        self_contact: false,
+    };
+    let tissue = Tissue {
+        positions_m: &nodes,
+        tets: &tets,
+        tet_owner: &tet_owner,
+    };
+    let all: Vec<u32> = (0..points_m.len() as u32).collect();
+    for layout in [Layout::Auto, Layout::Hashed] {
+        for split in [Split::Points, Split::Tets] {
+            for workers in [1, 2, 3, 7, 100] {
+                let found =
+                    hits_split(&points_m, &points, &tissue, (0.2, layout), (workers, split));
+                assert_eq!(found.iter().map(|h| h.point).collect::<Vec<_>>(), all);
+                assert_eq!(found, brute(&points_m, &points, &tissue));
+            }
+        }
+    }
+}
+
+#[test]
+fn shares_are_equal_sets_of_points_and_cover_all() {
+    for len in [0usize, 1, 5, 1000] {
+        for count in 1u32..9 {
+            let mut next = 0;
+            for index in 0..count {
+                let share = Share {
+                    index,
+                    count,
+                    split: Split::Points,
+                };
+                let (from, to) = share.points(len).unwrap();
+                assert_eq!(from, next);
+                assert!((to - from).abs_diff(len / count as usize) <= 1);
+                next = to;
+            }
+            assert_eq!(next, len);
+        }
+    }
+    for split in [Split::Points, Split::Tets] {
+        let wrong = Share {
+            index: 2,
+            count: 2,
+            split,
+        };
+        assert_eq!(
+            wrong.points(4),
+            Err(ContactError::Share { index: 2, count: 2 })
+        );
+    }
+}
+
+#[test]
+fn too_short_an_output_is_reported_with_what_is_missing() {
+    let (nodes, tets) = block([2, 2, 2], 1.0, [0.0; 3]);
+    let points_m: Vec<[f32; 3]> = (0..50)
+        .map(|i| [0.013 + 0.037 * i as f32, 0.71, 0.9])
+        .collect();
+    let (owner, tet_owner) = (vec![TOOL; 50], vec![0; tets.len()]);
+    let points = Points {
+        owner: &owner,
+        node: &[],
+        self_contact: false,
+    };
+    let tissue = Tissue {
+        positions_m: &nodes,
+        tets: &tets,
+        tet_owner: &tet_owner,
+    };
+    let sizes = HashSizes::for_points(50);
+    let mut words = vec![0; sizes.words()];
+    let mut table = HashMut::in_words(&mut words, sizes).unwrap();
+    table.build(&points_m, 0.5, Layout::Auto).unwrap();
+    let mut out = [Hit::default(); 20];
+    let found = intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut out).unwrap();
+    assert_eq!((found.count, found.dropped), (20, 30));
+    let wanted = brute(&points_m, &points, &tissue);
+    assert!(out.iter().all(|hit| wanted.contains(hit)));
+    let mut room = [Hit::default(); 12];
+    let joined = merge(&[&out[..15], &out[10..]], &tissue, &mut room);
+    assert_eq!((joined.count, joined.dropped), (12, 13));
+}
+
+#[test]
+fn bad_sizes_are_errors_that_name_the_cure() {
+    let sizes = HashSizes::for_points(4);
+    let mut words = vec![0; sizes.words()];
+    assert!(matches!(
+        HashMut::in_words(&mut words[1..], sizes),
+        Err(ContactError::Words { .. })
+    ));
+    let mut table = HashMut::in_words(&mut words, sizes).unwrap();
+    for cell_m in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-45] {
+        assert!(
+            matches!(
+                table.build(&[], cell_m, Layout::Auto),
+                Err(ContactError::Cell { .. })
+            ),
+            "{cell_m}"
+        );
+    }
+    let full = table.build(&[[0.0; 3]; 5], 1.0, Layout::Auto).unwrap_err();
+    assert_eq!(
+        full,
+        ContactError::Capacity {
+            points: 5,
+            capacity: 4
+        }
+    );
+    assert!(full.to_string().contains("HashSizes::for_points(5)"));
+    table.build(&[[0.0; 3]; 4], 1.0, Layout::Auto).unwrap();
+    let points = Points {
+        owner: &[TOOL; 3],
+        node: &[],
+        self_contact: false,
+    };
+    let tissue = Tissue {
+        positions_m: &[],
+        tets: &[],
+        tet_owner: &[],
+    };
+    assert!(matches!(
+        intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut []),
+        Err(ContactError::Length { .. })
+    ));
+}

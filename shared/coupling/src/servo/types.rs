@@ -1,0 +1,226 @@
+//! What the servo is given and gives: parameters, state, input, output, flags.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+
+use crate::contact::ContactModel;
+use crate::vector::{is_finite, sane};
+
+/// Bound on the energy account of a state, J: 3.3 N over 0.1 m. More is a corrupt state.
+pub(crate) const MAX_ENERGY_J: f32 = 0.33;
+
+/// In [`ServoOutput::flags`]: at least one plane pushes.
+pub const SERVO_CONTACT: u32 = 1;
+/// In [`ServoOutput::flags`]: the force limit was reached.
+pub const SERVO_SATURATED: u32 = 1 << 1;
+/// In [`ServoOutput::flags`]: the model is too old for full force.
+pub const SERVO_FADING: u32 = 1 << 2;
+/// In [`ServoOutput::flags`]: the surface is on its way back to its place after a gap or a fade.
+pub const SERVO_RETURNING: u32 = 1 << 3;
+/// In [`ServoOutput::flags`]: the passivity controller damps.
+pub const SERVO_PASSIVITY: u32 = 1 << 4;
+/// In [`ServoOutput::flags`]: the force lags behind a contact model that jumped.
+pub const SERVO_BLENDING: u32 = 1 << 5;
+/// In [`ServoOutput::flags`]: a plane of the model could not be used.
+pub const SERVO_BAD_PLANE: u32 = 1 << 6;
+/// In [`ServoOutput::flags`]: pose, speed or time step could not be used; the tick counts as missing.
+pub const SERVO_BAD_INPUT: u32 = 1 << 7;
+/// In [`ServoOutput::flags`]: the given state was corrupt or from the future and was begun anew.
+pub const SERVO_STATE_RESET: u32 = 1 << 8;
+/// In [`ServoOutput::flags`]: ticks were missing before this one, more than are held.
+pub const SERVO_GAP: u32 = 1 << 9;
+
+/// Parameters of the servo. The defaults suit a desktop device of the Touch class behind a hand.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ServoParams {
+    /// Largest force, N.
+    pub max_force_n: f32,
+    /// Wanted stiffness of the virtual coupling, N/m; limited by `coupling_limit_n_m`.
+    pub coupling_stiffness_n_m: f32,
+    /// Largest virtual damping B, all planes together, N·s/m.
+    pub max_damping_n_s_m: f32,
+    /// Physical damping b of device and grip that may be relied on, N·s/m.
+    pub device_damping_n_s_m: f32,
+    /// Ticks from reading the pose to applying its force.
+    pub loop_delay_ticks: f32,
+    /// Depth at which a plane's damping is fully there, m.
+    pub damping_depth_m: f32,
+    /// Ticks of age up to which a contact model is felt in full.
+    pub full_age_ticks: u32,
+    /// Ticks over which it then fades to nothing.
+    pub fade_ticks: u32,
+    /// Missing ticks that the last hop holds; equal to its `hold_ticks`.
+    pub gap_hold_ticks: u32,
+    /// Ticks over which the last hop then ramps to zero; equal to its `ramp_ticks`.
+    pub gap_ramp_ticks: u32,
+    /// Change of force per tick that a change of the contact model may cause beyond what motion explains, N.
+    pub model_step_n: f32,
+    /// Fastest motion of a hand that counts as an explanation, m/s.
+    pub max_speed_m_s: f32,
+    /// Speed at which the surface returns to its place after force was let go of while the tip was buried, m/s.
+    pub return_speed_m_s: f32,
+    /// Largest damping of the passivity controller, N·s/m.
+    pub controller_damping_n_s_m: f32,
+    /// Energy that contact may have in credit beyond what is stored, and at most in debt, J.
+    pub energy_reserve_j: f32,
+}
+
+impl Default for ServoParams {
+    fn default() -> Self {
+        Self {
+            max_force_n: 3.3,
+            coupling_stiffness_n_m: 1200.0,
+            max_damping_n_s_m: 1.0,
+            device_damping_n_s_m: 3.0,
+            loop_delay_ticks: 1.0,
+            damping_depth_m: 0.5e-3,
+            full_age_ticks: 100,
+            fade_ticks: 200,
+            gap_hold_ticks: 2,
+            gap_ramp_ticks: 20,
+            model_step_n: 0.1,
+            max_speed_m_s: 1.0,
+            return_speed_m_s: 0.03,
+            controller_damping_n_s_m: 4.0,
+            energy_reserve_j: 2e-3,
+        }
+    }
+}
+
+impl ServoParams {
+    /// The largest coupling stiffness that is passive with these parameters at a time step of `dt_s`, N/m:
+    /// `min(wanted, (b − B) / (T (½ + delay)))`, at least 1.
+    pub fn coupling_limit_n_m(&self, dt_s: f32) -> f32 {
+        let delay = 0.5 + sane(self.loop_delay_ticks, 0.0, 100.0, 1.0);
+        let spare = self.device_damping_n_s_m - self.max_damping_n_s_m;
+        sane(
+            self.coupling_stiffness_n_m.min(spare / (dt_s * delay)),
+            1.0,
+            1e5,
+            1.0,
+        )
+    }
+
+    /// The same parameters with each number inside its meaningful range; what is not a number becomes the safe end.
+    pub(crate) fn checked(&self) -> Self {
+        Self {
+            max_force_n: sane(self.max_force_n, 0.0, 100.0, 0.0),
+            coupling_stiffness_n_m: sane(self.coupling_stiffness_n_m, 1.0, 1e5, 1.0),
+            max_damping_n_s_m: sane(self.max_damping_n_s_m, 0.0, 1e3, 0.0),
+            device_damping_n_s_m: sane(self.device_damping_n_s_m, 0.0, 1e3, 0.0),
+            loop_delay_ticks: sane(self.loop_delay_ticks, 0.0, 100.0, 1.0),
+            damping_depth_m: sane(self.damping_depth_m, 1e-6, 1.0, 0.5e-3),
+            gap_ramp_ticks: self.gap_ramp_ticks.max(1),
+            fade_ticks: self.fade_ticks.max(1),
+            model_step_n: sane(self.model_step_n, 0.0, 100.0, 0.1),
+            max_speed_m_s: sane(self.max_speed_m_s, 1e-3, 100.0, 1.0),
+            return_speed_m_s: sane(self.return_speed_m_s, 1e-3, 1.0, 0.03),
+            controller_damping_n_s_m: sane(self.controller_damping_n_s_m, 0.0, 1e3, 0.0),
+            energy_reserve_j: sane(self.energy_reserve_j, 0.0, 0.1, 0.0),
+            ..*self
+        }
+    }
+}
+
+/// State of the servo: 96 bytes, a message like any other state. All zero is a servo that never ran.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ServoState {
+    /// Tick of the last step.
+    pub tick: u64,
+    /// Device position then, m.
+    pub position_m: [f32; 3],
+    /// Device velocity then, m/s.
+    pub velocity_m_s: [f32; 3],
+    /// Proxy position then, m.
+    pub proxy_m: [f32; 3],
+    /// Force then, N, on the hand.
+    pub force_n: [f32; 3],
+    /// Where the planes are felt less where they are, m: not zero while the surface returns to its place.
+    pub shift_m: [f32; 3],
+    /// Energy taken up from the hand since contact began, less what was given back, J; negative is a debt.
+    pub energy_j: f32,
+    /// Progress of the fade, 1 (full force) to 0 (no force); the gain is its smoothstep.
+    pub ramp: f32,
+    /// 1 once a step was made.
+    pub running: u32,
+    /// Ticks since contact began; 0 out of contact.
+    pub contact_ticks: u32,
+    /// Steps that followed a gap longer than is held, for the report.
+    pub gaps: u32,
+    /// The passivity controller's damping, N·s/m.
+    pub damper_n_s_m: f32,
+    /// Explicit padding, zero.
+    pub reserved: u32,
+}
+
+impl ServoState {
+    /// The state if it is whole and from before `tick`, else a fresh one with the flag that says so.
+    pub(crate) fn repaired(&self, params: &ServoParams, tick: u64) -> (Self, u32) {
+        if self.running == 0 {
+            return (Self::default(), 0);
+        }
+        let vectors = [
+            self.position_m,
+            self.velocity_m_s,
+            self.proxy_m,
+            self.force_n,
+            self.shift_m,
+        ];
+        let finite =
+            vectors.into_iter().all(is_finite) && self.shift_m.iter().all(|c| c.abs() <= 2.0);
+        let ramp = (0.0..=1.0).contains(&self.ramp);
+        let damper = (0.0..=params.controller_damping_n_s_m).contains(&self.damper_n_s_m);
+        let energy = self.energy_j.abs() <= MAX_ENERGY_J;
+        let force =
+            Vec3::from_array(self.force_n).as_dvec3().length() <= f64::from(params.max_force_n);
+        if finite && ramp && damper && energy && force && self.running == 1 && self.tick < tick {
+            return (*self, 0);
+        }
+        (Self::default(), SERVO_STATE_RESET)
+    }
+}
+
+/// What one step reads. Both replicas must be given the same.
+#[derive(Clone, Copy, Debug)]
+pub struct ServoInput<'a> {
+    /// The tick that the force is for.
+    pub tick: u64,
+    /// Tip position, m, station frame.
+    pub position_m: [f32; 3],
+    /// Tip velocity, m/s.
+    pub velocity_m_s: [f32; 3],
+    /// Length of a tick, s; outside 0.1–10 ms the tick counts as missing.
+    pub dt_s: f32,
+    /// The newest contact model.
+    pub model: &'a ContactModel,
+    /// Its age, now minus its tick; `u32::MAX` if there never was one.
+    pub model_age_ticks: u32,
+    /// The force that the device applied at the tick before, N, if its input record says so. It is used only where the servo's
+    /// own last force is not what the hand feels: without a state and after missing ticks.
+    pub applied_n: Option<[f32; 3]>,
+}
+
+impl ServoInput<'_> {
+    /// True if every number of the input can be used. (The planes are checked one by one.)
+    pub(crate) fn usable(&self) -> bool {
+        is_finite(self.position_m)
+            && self.position_m.iter().all(|c| c.abs() <= 2.0)
+            && is_finite(self.velocity_m_s)
+            && (1e-4..=1e-2).contains(&self.dt_s)
+    }
+}
+
+/// What one step gives.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct ServoOutput {
+    /// Force on the hand, N; finite, no longer than `max_force_n`.
+    pub force_n: [f32; 3],
+    /// `SERVO_…` bits.
+    pub flags: u32,
+}
+
+/// What other processes map must not change size unnoticed.
+const _: () = assert!(size_of::<ServoState>() == 96 && size_of::<ContactModel>() == 272);

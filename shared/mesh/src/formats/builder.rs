@@ -1,0 +1,146 @@
+//! Collects nodes by tag and tets by the tags of their nodes, in any order, and checks that they fit together.
+
+use crate::error::{Place, ReadError, ReadErrorKind};
+use crate::types::TetMesh;
+
+/// Nodes and tets as a file names them.
+#[derive(Default)]
+pub(crate) struct Builder {
+    positions: Vec<[f32; 3]>,
+    node_tags: Vec<(i64, Place)>,
+    tets: Vec<([i64; 4], Place)>,
+    regions: Vec<u32>,
+    /// Hexahedra, prisms, pyramids and the like that were passed over.
+    pub other_volume_cells: usize,
+}
+
+impl Builder {
+    pub fn node(&mut self, tag: i64, position: [f32; 3], place: Place) {
+        self.positions.push(position);
+        self.node_tags.push((tag, place));
+    }
+
+    pub fn tet(&mut self, tags: [i64; 4], region: i64, place: Place) {
+        self.tets.push((tags, place));
+        self.regions
+            .push(u32::try_from(region.unsigned_abs()).unwrap_or(u32::MAX));
+    }
+
+    pub fn node_count(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// The mesh, and the number of volume cells that are no tets.
+    ///
+    /// # Errors
+    /// Two nodes with one tag, a tet with a node that is not there, no tet at all.
+    pub fn finish(self) -> Result<(TetMesh, usize), ReadError> {
+        let Builder {
+            positions,
+            node_tags,
+            tets,
+            regions,
+            other_volume_cells,
+        } = self;
+        if tets.is_empty() {
+            return Err(no_tets(positions.len(), other_volume_cells));
+        }
+        let by_tag = index_by_tag(&node_tags)?;
+        let resolve =
+            |tag: i64, place: Place| match by_tag.binary_search_by_key(&tag, |&(tag, _)| tag) {
+                Ok(found) => Ok(by_tag[found].1),
+                Err(_) => Err(missing(tag, place, &by_tag)),
+            };
+        let mut indices = Vec::with_capacity(tets.len());
+        for (tags, place) in tets {
+            let mut tet = [0; 4];
+            for (index, tag) in tet.iter_mut().zip(tags) {
+                *index = resolve(tag, place)?;
+            }
+            indices.push(tet);
+        }
+        Ok((
+            TetMesh {
+                positions_m: positions,
+                tets: indices,
+                regions,
+            },
+            other_volume_cells,
+        ))
+    }
+}
+
+fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError> {
+    let mut by_tag = Vec::with_capacity(node_tags.len());
+    for (index, &(tag, place)) in node_tags.iter().enumerate() {
+        let index = u32::try_from(index).map_err(|_| too_many(place))?;
+        by_tag.push((tag, index));
+    }
+    by_tag.sort_unstable();
+    for pair in by_tag.windows(2) {
+        if pair[0].0 == pair[1].0 {
+            let tag = pair[0].0;
+            let (_, first) = node_tags[pair[0].1 as usize];
+            let (_, second) = node_tags[pair[1].1 as usize];
+            return Err(ReadError::new(
+                ReadErrorKind::DuplicateNode,
+                second,
+                format!("node {tag} again (first at {first})"),
+                "each node once",
+                "remove one of the two, or merge duplicate nodes in the meshing tool and export again",
+            ));
+        }
+    }
+    Ok(by_tag)
+}
+
+fn too_many(place: Place) -> ReadError {
+    let expected = "at most 4294967295 nodes";
+    ReadError::new(
+        ReadErrorKind::AbsurdCount,
+        place,
+        "more nodes than that",
+        expected,
+        "mesh more coarsely",
+    )
+}
+
+fn missing(tag: i64, place: Place, by_tag: &[(i64, u32)]) -> ReadError {
+    let expected = match (by_tag.first(), by_tag.last()) {
+        (Some(first), Some(last)) => format!(
+            "one of the {} nodes, numbered from {} to {}",
+            by_tag.len(),
+            first.0,
+            last.0
+        ),
+        _ => "nodes before elements, but the file has none".into(),
+    };
+    ReadError::new(
+        ReadErrorKind::MissingNode,
+        place,
+        format!("a tet with node {tag}"),
+        expected,
+        "the node list is incomplete or the index is wrong: export the mesh again",
+    )
+}
+
+fn no_tets(nodes: usize, other_volume_cells: usize) -> ReadError {
+    let (found, cure) = if other_volume_cells > 0 {
+        (
+            format!("{nodes} nodes and {other_volume_cells} volume cells of other shapes"),
+            "mesh the volume with tetrahedra (in Gmsh: no recombination, no transfinite volumes)",
+        )
+    } else {
+        (
+            format!("{nodes} nodes and no volume cell"),
+            "export the volume mesh, not only its surface (in Gmsh: Mesh > 3D; if physical groups exist, one must hold the volume)",
+        )
+    };
+    ReadError::new(
+        ReadErrorKind::Empty,
+        Place::File,
+        found,
+        "at least one tetrahedron",
+        cure,
+    )
+}

@@ -1,0 +1,11 @@
+//! One file per format. Each reader turns bytes into a [`Builder`](builder::Builder), which checks the whole.
+
+pub(crate) mod builder;
+pub(crate) mod gmsh;
+pub(crate) mod gmsh4;
+pub(crate) mod medit;
+pub(crate) mod obj;
+pub(crate) mod tetgen;
+mod vtk_binary;
+pub(crate) mod vtk_legacy;
+pub(crate) mod vtk_xml;

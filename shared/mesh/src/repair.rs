@@ -1,0 +1,334 @@
+//! Makes a tet mesh fit for a simulation, and says what it did.
+//!
+//! After a repair: every tet has a positive volume that is more than rounding, no two tets have the same nodes, every node is used.
+//! Flat tets with a real volume stay: taking one out would tear a slit into the tissue. They are reported.
+
+use crate::check::{FLAT_QUALITY, duplicate_tets, unused_nodes};
+use crate::geometry::{corners, count, quality, signed_volume, volume_rounding};
+use crate::types::TetMesh;
+use std::fmt;
+
+/// One thing that a repair did, or left for a reason. `to_string` makes a sentence of it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Repair {
+    /// Inverted tets had two nodes exchanged.
+    Flipped {
+        /// How many.
+        tets: usize,
+        /// Of how many in all.
+        of: usize,
+    },
+    /// Tets with the nodes of an earlier tet were dropped.
+    DroppedDuplicates {
+        /// How many.
+        tets: usize,
+        /// The first of them in the file's order, from 0.
+        first: u32,
+    },
+    /// Tets whose volume is zero or within the rounding of their coordinates were dropped.
+    DroppedFlat {
+        /// How many.
+        tets: usize,
+        /// The first of them in the file's order, from 0.
+        first: u32,
+    },
+    /// Tets of low quality but real volume were kept.
+    KeptFlat {
+        /// How many.
+        tets: usize,
+        /// The lowest quality among them.
+        worst_quality: f64,
+        /// The tet that has it, in the file's order, from 0.
+        worst: u32,
+    },
+    /// Nodes that no tet uses were dropped.
+    DroppedUnusedNodes {
+        /// How many.
+        nodes: usize,
+        /// The first of them in the file's order, from 0.
+        first: u32,
+    },
+}
+
+impl fmt::Display for Repair {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Repair::Flipped { tets, of } if tets == of && *of > 1 => {
+                write!(
+                    out,
+                    "turned round all {tets} tets: they were inverted, as some programs write them"
+                )
+            }
+            Repair::Flipped { tets, of } => write!(
+                out,
+                "turned round {} of {of}: inverted",
+                count(*tets, "tet")
+            ),
+            Repair::DroppedDuplicates { tets, first } => {
+                write!(
+                    out,
+                    "dropped {} with the nodes of an earlier one (first: tet {first})",
+                    count(*tets, "tet")
+                )
+            }
+            Repair::DroppedFlat { tets, first } => {
+                write!(
+                    out,
+                    "dropped {} without a volume beyond rounding (first: tet {first})",
+                    count(*tets, "tet")
+                )
+            }
+            Repair::KeptFlat {
+                tets,
+                worst_quality,
+                worst,
+            } => write!(
+                out,
+                "kept {} of nearly no height (worst: tet {worst}, quality {worst_quality:.1e}, flat below {FLAT_QUALITY:e}): \
+                 without them the tissue would have a slit; they need a smaller step or more mass",
+                count(*tets, "tet")
+            ),
+            Repair::DroppedUnusedNodes { nodes, first } => {
+                write!(
+                    out,
+                    "dropped {} that no tet uses (first: node {first})",
+                    count(*nodes, "node")
+                )
+            }
+        }
+    }
+}
+
+/// A repaired mesh, what was done, and where everything went.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Repaired {
+    /// The mesh as it is now.
+    pub mesh: TetMesh,
+    /// What was done, in this order. Empty if the mesh was sound.
+    pub repairs: Vec<Repair>,
+    /// For each former node its index now, or `None` if it was dropped.
+    pub node_map: Vec<Option<u32>>,
+    /// For each former tet its index now, or `None` if it was dropped.
+    pub tet_map: Vec<Option<u32>>,
+}
+
+/// Why a mesh cannot be repaired.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum RepairError {
+    /// There is no tet.
+    #[error(
+        "the mesh has no tet; give a volume mesh (a surface must be filled with tets first, as by gmsh, tetgen or fTetWild)"
+    )]
+    NoTets,
+    /// The list of regions does not fit.
+    #[error(
+        "the mesh has {regions} regions for {tets} tets; give one for each, 0 where there is none"
+    )]
+    Regions {
+        /// How many regions.
+        regions: usize,
+        /// How many tets.
+        tets: usize,
+    },
+    /// A coordinate is not finite.
+    #[error(
+        "node {node} has a coordinate that is no finite number; correct it in the file, or scale by a smaller factor"
+    )]
+    NotFinite {
+        /// The node.
+        node: u32,
+    },
+    /// A tet names a node that is not there.
+    #[error(
+        "tet {tet} names node {node}, but there are {nodes}, counted from 0; export the mesh again"
+    )]
+    OutOfRange {
+        /// The tet.
+        tet: u32,
+        /// What it names.
+        node: u32,
+        /// How many nodes there are.
+        nodes: usize,
+    },
+    /// No tet has a volume.
+    #[error(
+        "all {tets} tets are flat, so nothing is left; the file may be a surface or its coordinates may have lost a dimension"
+    )]
+    NothingLeft {
+        /// How many there were.
+        tets: usize,
+    },
+}
+
+/// Repairs a mesh: flips inverted tets, drops duplicates, tets without volume and nodes without tets, and keeps the order of the rest.
+///
+/// # Errors
+/// A [`RepairError`] for what no repair can cure.
+pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
+    refuse_broken(&mesh)?;
+    let TetMesh {
+        positions_m,
+        mut tets,
+        regions,
+    } = mesh;
+    let mut repairs = Vec::new();
+    let mut keep = vec![true; tets.len()];
+
+    let duplicates = duplicate_tets(&tets);
+    duplicates
+        .iter()
+        .for_each(|&tet| keep[tet as usize] = false);
+    if let Some(&first) = duplicates.first() {
+        repairs.push(Repair::DroppedDuplicates {
+            tets: duplicates.len(),
+            first,
+        });
+    }
+    drop_flat(&positions_m, &tets, &mut keep, &mut repairs);
+    let left = keep.iter().filter(|&&keep| keep).count();
+    if left == 0 {
+        return Err(RepairError::NothingLeft { tets: tets.len() });
+    }
+    let flipped = flip_inverted(&positions_m, &mut tets, &keep);
+    if flipped > 0 {
+        repairs.push(Repair::Flipped {
+            tets: flipped,
+            of: left,
+        });
+    }
+    let tet_map = renumber(&keep);
+    let kept = |index: usize| keep[index];
+    let mut tets: Vec<[u32; 4]> = (0..tets.len())
+        .filter(|&index| kept(index))
+        .map(|index| tets[index])
+        .collect();
+    let regions = (0..regions.len())
+        .filter(|&index| kept(index))
+        .map(|index| regions[index])
+        .collect();
+
+    let node_map = drop_unused_nodes(&positions_m, &tets, &mut repairs);
+    let used = positions_m
+        .iter()
+        .zip(&node_map)
+        .filter(|(_, index)| index.is_some());
+    let positions_m = used.map(|(position, _)| *position).collect();
+    for node in tets.as_flattened_mut() {
+        *node = node_map[*node as usize].unwrap_or(*node); // every node of a kept tet is used
+    }
+    Ok(Repaired {
+        mesh: TetMesh {
+            positions_m,
+            tets,
+            regions,
+        },
+        repairs,
+        node_map,
+        tet_map,
+    })
+}
+
+fn drop_unused_nodes(
+    positions_m: &[[f32; 3]],
+    tets: &[[u32; 4]],
+    repairs: &mut Vec<Repair>,
+) -> Vec<Option<u32>> {
+    let unused = unused_nodes(positions_m.len(), tets);
+    let mut used = vec![true; positions_m.len()];
+    unused.iter().for_each(|&node| used[node as usize] = false);
+    if let Some(&first) = unused.first() {
+        repairs.push(Repair::DroppedUnusedNodes {
+            nodes: unused.len(),
+            first,
+        });
+    }
+    renumber(&used)
+}
+
+fn refuse_broken(mesh: &TetMesh) -> Result<(), RepairError> {
+    if mesh.tets.is_empty() {
+        return Err(RepairError::NoTets);
+    }
+    if mesh.regions.len() != mesh.tets.len() {
+        return Err(RepairError::Regions {
+            regions: mesh.regions.len(),
+            tets: mesh.tets.len(),
+        });
+    }
+    let nodes = mesh.positions_m.len();
+    for (tet, tet_nodes) in mesh.tets.iter().enumerate() {
+        if let Some(&node) = tet_nodes.iter().find(|&&node| node as usize >= nodes) {
+            return Err(RepairError::OutOfRange {
+                tet: tet as u32,
+                node,
+                nodes,
+            });
+        }
+    }
+    let broken = mesh
+        .positions_m
+        .iter()
+        .position(|position| position.iter().any(|c| !c.is_finite()));
+    broken.map_or(Ok(()), |node| {
+        Err(RepairError::NotFinite { node: node as u32 })
+    })
+}
+
+fn drop_flat(
+    positions_m: &[[f32; 3]],
+    tets: &[[u32; 4]],
+    keep: &mut [bool],
+    repairs: &mut Vec<Repair>,
+) {
+    let mut dropped: Vec<u32> = Vec::new();
+    let mut flat: Vec<(f64, u32)> = Vec::new();
+    for (index, &tet) in tets.iter().enumerate() {
+        let corners = corners(positions_m, tet);
+        if !keep[index] {
+            continue;
+        }
+        if signed_volume(corners).abs() <= volume_rounding(corners) {
+            keep[index] = false;
+            dropped.push(index as u32);
+        } else if quality(corners) < FLAT_QUALITY {
+            flat.push((quality(corners), index as u32));
+        }
+    }
+    if let Some(&first) = dropped.first() {
+        repairs.push(Repair::DroppedFlat {
+            tets: dropped.len(),
+            first,
+        });
+    }
+    if let Some(&(worst_quality, worst)) =
+        flat.iter().min_by(|left, right| left.0.total_cmp(&right.0))
+    {
+        repairs.push(Repair::KeptFlat {
+            tets: flat.len(),
+            worst_quality,
+            worst,
+        });
+    }
+}
+
+fn flip_inverted(positions_m: &[[f32; 3]], tets: &mut [[u32; 4]], keep: &[bool]) -> usize {
+    let mut flipped = 0;
+    for (tet, _) in tets.iter_mut().zip(keep).filter(|(_, keep)| **keep) {
+        if signed_volume(corners(positions_m, *tet)) < 0.0 {
+            tet.swap(2, 3);
+            flipped += 1;
+        }
+    }
+    flipped
+}
+
+fn renumber(keep: &[bool]) -> Vec<Option<u32>> {
+    let mut next = 0;
+    let number = |&keep: &bool| {
+        keep.then(|| {
+            next += 1;
+            next - 1
+        })
+    };
+    keep.iter().map(number).collect()
+}

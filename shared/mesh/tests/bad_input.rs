@@ -1,0 +1,191 @@
+//! Promise: a bad file gives one error that says where, what was found, what was expected and what to do.
+
+use hyst_mesh::{Place, ReadError, ReadErrorKind as Kind, read_tetgen, read_tets, read_triangles};
+
+const GOOD: &str = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n\
+                    $Elements\n1\n1 4 2 0 1 1 2 3 4\n$EndElements\n";
+
+fn error(name: &str, bytes: &[u8]) -> ReadError {
+    let error = read_tets(name, bytes).expect_err("the file is bad");
+    for part in [&error.found, &error.expected, &error.cure] {
+        assert!(!part.is_empty() && part.len() < 400, "{error}");
+    }
+    error
+}
+
+fn changed(from: &str, to: &str) -> ReadError {
+    assert!(GOOD.contains(from));
+    error("a.msh", GOOD.replacen(from, to, 1).as_bytes())
+}
+
+#[test]
+fn each_fault_of_a_gmsh_file_is_named_with_its_line() {
+    read_tets("a.msh", GOOD.as_bytes()).expect("the file is good before the change");
+    let cases = [
+        ("3 0 1 0", "3 0 nan 0", Kind::NotFinite, 8),
+        ("3 0 1 0", "3 0 1e39 0", Kind::NotFinite, 8),
+        ("3 0 1 0", "3 0 one 0", Kind::BadNumber, 8),
+        ("3 0 1 0", "2 0 1 0", Kind::DuplicateNode, 8),
+        ("1 2 3 4", "1 2 3 44", Kind::MissingNode, 13),
+        ("1 2 3 4", "1 2 3", Kind::Truncated, 13),
+        ("\n4\n", "\n3\n", Kind::Syntax, 9),
+        ("\n4\n", "\n5\n", Kind::BadNumber, 10),
+        ("\n4\n", "\n999999999999\n", Kind::AbsurdCount, 5),
+        ("\n4\n", "\n-1\n", Kind::AbsurdCount, 5),
+        ("2.2 0 8", "2.2 1 8", Kind::Unsupported, 2),
+        ("2.2 0 8", "5.0 0 8", Kind::Unsupported, 2),
+        (
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n",
+            "$A\n",
+            Kind::Syntax,
+            2,
+        ),
+    ];
+    for (from, to, kind, line) in cases {
+        let error = changed(from, to);
+        assert_eq!(
+            (error.kind, error.place),
+            (kind, Place::Line(line)),
+            "{from:?} → {to:?}: {error}"
+        );
+    }
+}
+
+#[test]
+fn a_message_reads_as_a_sentence() {
+    let expected = "line 8: found “nan” as y of node 3 of 4, expected a finite coordinate below 3.4e38; \
+                    correct the coordinate, or mesh again: the program that wrote the file has failed there";
+    assert_eq!(changed("3 0 1 0", "3 0 nan 0").to_string(), expected);
+}
+
+#[test]
+fn every_cut_of_a_good_file_is_an_error() {
+    let end_of_content = GOOD.rfind("$EndElements").expect("it is there");
+    for cut in 0..end_of_content {
+        error("a.msh", &GOOD.as_bytes()[..cut]);
+    }
+}
+
+#[test]
+fn a_file_without_tets_says_what_it_holds_instead() {
+    let surface = GOOD.replace("1 4 2 0 1 1 2 3 4", "1 2 2 0 1 1 2 3");
+    assert_eq!(error("a.msh", surface.as_bytes()).kind, Kind::Empty);
+    let hexahedra = GOOD.replace("1 4 2 0 1 1 2 3 4", "1 5 2 0 1 1 2 3 4 1 2 3 4");
+    assert!(
+        error("a.msh", hexahedra.as_bytes())
+            .found
+            .contains("1 volume cell")
+    );
+}
+
+#[test]
+fn what_is_not_read_here_names_the_cure() {
+    let vtu = |attributes: &str, array: &str| {
+        format!(
+            "<VTKFile type=\"UnstructuredGrid\" {attributes}><UnstructuredGrid><Piece NumberOfPoints=\"1\" NumberOfCells=\"0\">\
+             <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" {array}</DataArray></Points></Piece></UnstructuredGrid>"
+        )
+    };
+    let mut appended = vtu("", "format=\"appended\" offset=\"0\">").into_bytes();
+    appended.extend_from_slice(
+        b"<AppendedData encoding=\"raw\">_\x00\xff\xfe<</AppendedData></VTKFile>",
+    );
+    let compressed = vtu(
+        "compressor=\"vtkZLibDataCompressor\"",
+        "format=\"binary\">AAAA",
+    ) + "</VTKFile>";
+    let cases: [(&str, &[u8], &str); 7] = [
+        ("a.vtu", &appended, "Ascii"),
+        ("a.vtu", compressed.as_bytes(), "Ascii"),
+        (
+            "a.vtk",
+            b"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET UNSTRUCTURED_GRID\n",
+            "Ascii",
+        ),
+        (
+            "a.msh",
+            b"$MeshFormat\n4.1 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n",
+            "gmsh FILE -save",
+        ),
+        ("a.msh.gz", b"\x1f\x8b\x08\x00", "unpack"),
+        ("a.ele", b"1 4 0\n1 1 2 3 4\n", "a.node"),
+        ("a.obj", b"v 0 0 0\nf 1 1 1\n", "volume mesh"),
+    ];
+    for (name, bytes, cure) in cases {
+        let error = error(name, bytes);
+        assert!(error.cure.contains(cure), "{name}: {error}");
+        assert!(
+            matches!(error.kind, Kind::Unsupported | Kind::Empty),
+            "{name}: {error}"
+        );
+    }
+    let unknown = error("a.stl", b"solid a\nfacet normal 0 0 1\n");
+    assert!(
+        unknown.kind == Kind::UnknownFormat && unknown.cure.contains("meshio"),
+        "{unknown}"
+    );
+    assert_eq!(error("a.msh", b" \n").kind, Kind::Truncated);
+}
+
+#[test]
+fn faults_of_a_vtu_file_are_named_with_their_line() {
+    let good = "<VTKFile type=\"UnstructuredGrid\">\n<UnstructuredGrid>\n<Piece NumberOfPoints=\"4\" NumberOfCells=\"1\">\n\
+                <Points><DataArray type=\"Float32\" NumberOfComponents=\"3\">\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n</DataArray></Points>\n<Cells>\n\
+                <DataArray Name=\"connectivity\" format=\"ascii\">0 1 2 3</DataArray>\n<DataArray Name=\"offsets\">4</DataArray>\n\
+                <DataArray Name=\"types\">10</DataArray></Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>";
+    read_tets("a.vtu", good.as_bytes()).expect("good before the change");
+    let cases = [
+        ("0 1 0\n", "0 inf 0\n", Kind::NotFinite, 7),
+        ("0 1 0\n", "0 1 0 7\n", Kind::Truncated, 3),
+        ("0 1 2 3", "0 1 2 4", Kind::MissingNode, 11),
+        ("0 1 2 3", "0 1 2 -1", Kind::MissingNode, 11),
+        (">4<", ">5<", Kind::Syntax, 11),
+        (">10<", ">ten<", Kind::BadNumber, 13),
+        ("</Cells>", "", Kind::Syntax, 14),
+        ("\"4\"", "\"99999999999999999999\"", Kind::Truncated, 3),
+    ];
+    for (from, to, kind, line) in cases {
+        let error = error("a.vtu", good.replacen(from, to, 1).as_bytes());
+        assert_eq!(
+            (error.kind, error.place),
+            (kind, Place::Line(line)),
+            "{from:?} → {to:?}: {error}"
+        );
+    }
+}
+
+#[test]
+fn faults_of_a_surface_are_named_with_their_line() {
+    let cases = [
+        (
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+            Kind::MissingNode,
+            Place::Line(4),
+        ),
+        ("v 0 0 0\nf 1 1 0\n", Kind::MissingNode, Place::Line(2)),
+        ("v 0 0 0\nf -1 -1 -2\n", Kind::MissingNode, Place::Line(2)),
+        ("v 0 0 0\nf 1 x 1\n", Kind::BadNumber, Place::Line(2)),
+        ("v 0 0\n", Kind::Truncated, Place::Line(1)),
+        ("v 0 0 inf\n", Kind::NotFinite, Place::Line(1)),
+        ("v 0 0 0\n", Kind::Empty, Place::File),
+    ];
+    for (file, kind, place) in cases {
+        let error = read_triangles("a.obj", file.as_bytes()).expect_err("the file is bad");
+        assert_eq!(
+            (error.kind, error.place),
+            (kind, place),
+            "{file:?}: {error}"
+        );
+    }
+}
+
+#[test]
+fn a_fault_of_a_tetgen_pair_names_the_file() {
+    let error = read_tetgen(
+        b"4 3 0 0\n1 0 0 0\n2 1 0 0\n3 0 1 0\n",
+        b"1 4 0\n1 1 2 3 4\n",
+    )
+    .expect_err("a point is missing");
+    assert_eq!(error.kind, Kind::Truncated);
+    assert!(error.to_string().contains(".node file"), "{error}");
+}

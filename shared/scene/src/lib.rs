@@ -1,0 +1,57 @@
+//! Scenes: what the station simulates, read from a TOML file, checked, and made ready to run.
+//!
+//! [`load`] takes the path of a scene, or of a mesh alone, and returns a [`LoadedScene`]: tets and surfaces in metres in the scene's
+//! frame, sound and bound, with fixed and attached nodes, the instrument's points, the fluid's box and the scripted hands. What a
+//! scene leaves out is found from its geometry, and every repair and assumption is named in the notes. [`load_embedded`] gives the
+//! default scene from the binary itself.
+//!
+//! Promise: no file makes anything here panic, wait for ever, or take more memory than a fixed multiple of the file; an error says
+//! which file, line and key, what is wrong and what to do; the same files give the same bits and the same hash.
+//!
+//! The division into a deformable and a rigid kind, tets for physics with a finer surface bound to them, and points for the
+//! instrument follows Tuchschmid et al., “A Flexible Framework for Highly-Modular Surgical Simulation Systems” (ISBMS 2006).
+#![deny(unsafe_code)]
+
+mod embedded;
+mod error;
+mod file;
+mod fixed;
+mod hands;
+mod hash;
+mod load;
+mod loaded;
+mod locate;
+mod names;
+mod object;
+mod parse;
+mod place;
+mod pose;
+mod report;
+mod rigid;
+mod source;
+mod validate;
+mod wrap;
+
+pub use error::{SceneError, SceneErrorKind};
+pub use file::{
+    Deformable, DeformableKind, Fixed, Fluid, Hand, HandPose, Material, Medium, Place, Rigid,
+    RigidKind, Scene, Tip, View, Workspace,
+};
+pub use load::{load, load_embedded};
+pub use loaded::{
+    Attach, AttachedNode, LoadedDeformable, LoadedFluid, LoadedScene, LoadedWorkspace,
+};
+pub use object::{MAX_TETS, MAX_TRIANGLES};
+pub use parse::MAX_SCENE_BYTES;
+pub use pose::{LoadedHand, Pose};
+pub use report::{CheckReport, ObjectReport, check, check_report};
+pub use rigid::{LoadedRigid, collision_points};
+pub use source::MAX_MESH_BYTES;
+
+/// The JSON schema of a scene file, derived from the types that read it.
+pub fn schema_json() -> String {
+    let schema = schemars::schema_for!(Scene);
+    let mut text = serde_json::to_string_pretty(&schema).unwrap_or_default(); // a schema always serializes
+    text.push('\n');
+    text
+}

@@ -1,0 +1,352 @@
+//! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
+
+use crate::error::{SceneError, SceneErrorKind as Kind};
+use crate::file::{Rigid, Scene};
+use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
+use crate::hands::{self, Probe};
+use crate::hash::Fnv;
+use crate::loaded::{LoadedDeformable, LoadedFluid, LoadedScene, LoadedWorkspace};
+use crate::locate::{Locator, bounds};
+use crate::object::{self, RawObject};
+use crate::parse::MAX_SCENE_BYTES;
+use crate::place::{Transform, in_front, is_auto};
+use crate::rigid::{LoadedRigid, collision_points, shaft};
+use crate::source::{Folder, read_bounded};
+use crate::{embedded, wrap};
+use glam::Vec3;
+use hyst_mesh::TetMesh;
+use std::path::Path;
+
+/// Reads a scene, or wraps a mesh in one, and makes it ready to run.
+///
+/// # Errors
+/// A [`SceneError`] whose text says which file, which line and key, what is wrong and what to do.
+pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
+    let (scene, text, folder) = read_scene(path)?;
+    let origin = path.display().to_string();
+    assemble(scene, &origin, &folder).map_err(|error| error.located(&origin, &text))
+}
+
+/// The default scene, from the binary itself.
+///
+/// # Errors
+/// None with the assets as they are; a test loads them.
+pub fn load_embedded() -> Result<LoadedScene, SceneError> {
+    let origin = embedded::DEFAULT_ORIGIN;
+    let scene = Scene::embedded_default()?;
+    assemble(scene, origin, &Folder::Embedded)
+        .map_err(|error| error.located(origin, embedded::DEFAULT_SCENE))
+}
+
+impl Scene {
+    /// The default scene as it stands in the binary.
+    ///
+    /// # Errors
+    /// None with the assets as they are; a test reads them.
+    pub fn embedded_default() -> Result<Scene, SceneError> {
+        Scene::parse(embedded::DEFAULT_SCENE, embedded::DEFAULT_ORIGIN)
+    }
+}
+
+/// The scene of a path, its text, and the folder of its meshes. A file that is not named `.toml` is taken for a mesh.
+pub(crate) fn read_scene(path: &Path) -> Result<(Scene, String, Folder), SceneError> {
+    let origin = path.display().to_string();
+    let folder = Folder::Disk(path.parent().unwrap_or(Path::new("")).to_owned());
+    if path
+        .extension()
+        .is_none_or(|extension| !extension.eq_ignore_ascii_case("toml"))
+    {
+        return Ok((wrap::around_mesh(path)?, String::new(), folder));
+    }
+    let cure = "give the path of a scene (.toml) or of a mesh";
+    let bytes =
+        read_bounded(path, MAX_SCENE_BYTES as u64, "", cure).map_err(|error| error.at(&origin))?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let what = format!(
+            "byte {} is not UTF-8 text",
+            error.utf8_error().valid_up_to()
+        );
+        SceneError::new(Kind::Syntax, "", what, "save the scene as UTF-8").at(&origin)
+    })?;
+    Ok((Scene::parse(&text, &origin)?, text, folder))
+}
+
+fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, SceneError> {
+    let mut notes = Vec::new();
+    let raw = scene
+        .deformable
+        .iter()
+        .enumerate()
+        .map(|(index, one)| object::read(one, index, folder));
+    let raw: Vec<RawObject> = raw.collect::<Result<_, _>>()?;
+    let workspace = workspace(&scene);
+    let transforms = transforms(&scene, &raw, workspace.pivot_m, &mut notes)?;
+    let mut placed = Vec::new();
+    for (index, (raw, transform)) in raw.into_iter().zip(&transforms).enumerate() {
+        placed.push(raw.place(&scene.deformable[index], index, transform, &mut notes)?);
+    }
+    let locators: Vec<Locator> = placed.iter().map(|(mesh, _)| Locator::new(mesh)).collect();
+    let meshes: Vec<TetMesh> = placed.iter().map(|(mesh, _)| mesh.clone()).collect();
+    let mut objects: Vec<LoadedDeformable> = Vec::new();
+    let mut hollow = Vec::new();
+    for (index, (mesh, surface)) in placed.into_iter().enumerate() {
+        let (mut object, deep) =
+            finish(&scene, index, mesh, surface, &locators[index], &mut notes)?;
+        if let Some(host) = host_of(&scene, index) {
+            object.attach = Some(object::attach(
+                &scene.deformable[index],
+                index,
+                &object.mesh,
+                host,
+                &meshes[host],
+                &locators[host],
+            )?);
+        }
+        objects.push(object);
+        hollow.push(deep);
+    }
+    let rigid: Vec<LoadedRigid> = scene
+        .rigid
+        .iter()
+        .enumerate()
+        .map(|(index, one)| load_rigid(one, index, folder))
+        .collect::<Result<_, _>>()?;
+    let fluid = fluid(&scene, &objects[0], &hollow[0], workspace.pivot_m);
+    let probe = Probe {
+        objects: &locators,
+        points_m: &rigid[0].points_m,
+        pivot_m: workspace.pivot_m,
+        pitch_rad: workspace.pitch_rad,
+        yaw_rad: workspace.yaw_rad,
+        insertion_m: workspace.insertion_m,
+    };
+    let (hands, rest) = hands::find(&scene, &objects, &probe, &mut notes);
+    let mut loaded = LoadedScene {
+        scene,
+        origin: origin.to_owned(),
+        objects,
+        rigid,
+        workspace,
+        fluid,
+        hands,
+        rest,
+        hash: 0,
+        notes,
+    };
+    loaded.hash = content_hash(&loaded);
+    Ok(loaded)
+}
+
+fn host_of(scene: &Scene, index: usize) -> Option<usize> {
+    let name = scene.deformable[index].attach_to.as_ref()?;
+    scene
+        .deformable
+        .iter()
+        .position(|object| object.name == *name)
+}
+
+/// One transform per object. Those placed by themselves share one: they come from one frame. An attached one goes with its host.
+fn transforms(
+    scene: &Scene,
+    raw: &[RawObject],
+    pivot_m: [f32; 3],
+    notes: &mut Vec<String>,
+) -> Result<Vec<Transform>, SceneError> {
+    let mut shared: Option<Transform> = None;
+    let mut transforms = Vec::new();
+    for index in 0..scene.deformable.len() {
+        // Up the chain of hosts as long as they, too, are placed by themselves; `validate` has shown that the chain ends.
+        let mut leader = index;
+        while is_auto(&scene.deformable[leader]) {
+            let Some(host) = host_of(scene, leader) else {
+                break;
+            };
+            leader = host;
+        }
+        let transform = if !is_auto(&scene.deformable[leader]) {
+            Transform::given(&scene.deformable[leader], 1.0)
+        } else if let Some(transform) = shared {
+            transform
+        } else {
+            let (scale, why) = raw[leader].auto_scale();
+            let mut transform = Transform::given(&scene.deformable[leader], scale);
+            raw[leader].check_size(leader, transform.scale)?;
+            let mut mesh = raw[leader].mesh.clone();
+            transform.apply(&mut mesh.positions_m);
+            transform.translation_m += in_front(&mesh, pivot_m);
+            notes.push(format!(
+                "{}: {why}; placed in front of the scope",
+                scene.deformable[leader].name
+            ));
+            shared = Some(transform);
+            transform
+        };
+        raw[index].check_size(index, transform.scale)?;
+        transforms.push(transform);
+    }
+    Ok(transforms)
+}
+
+/// Binds the surface and holds the fixed nodes. Returns also the nodes that lie in the object's hollow.
+fn finish(
+    scene: &Scene,
+    index: usize,
+    mesh: TetMesh,
+    surface: Option<(hyst_mesh::TriangleMesh, String)>,
+    locator: &Locator,
+    notes: &mut Vec<String>,
+) -> Result<(LoadedDeformable, Vec<usize>), SceneError> {
+    let object = &scene.deformable[index];
+    let (surface, bindings, _) = object::bind(&object.name, index, &mesh, surface, notes)?;
+    let boundary = hyst_mesh::boundary(&mesh).triangles;
+    let mut on_boundary = vec![false; mesh.positions_m.len()];
+    for &node in boundary.as_flattened() {
+        on_boundary[node as usize] = true;
+    }
+    let depth = depth_under_hull(&mesh.positions_m);
+    let deep = hollow_nodes(&mesh.positions_m, &boundary, locator);
+    let shapes = match (&object.fixed, &object.attach_to) {
+        (Some(shapes), _) => shapes.clone(),
+        (None, Some(_)) => Vec::new(),
+        (None, None) => default_shapes(!deep.is_empty(), &mesh.positions_m),
+    };
+    let fixed = fixed_nodes(&shapes, &mesh.positions_m, &depth, &on_boundary);
+    let held = fixed.iter().filter(|&&fixed| fixed).count();
+    if held == fixed.len() {
+        notes.push(format!(
+            "{}: every node is fixed, nothing will give way; make `fixed` smaller",
+            object.name
+        ));
+    } else if held == 0 && object.attach_to.is_none() {
+        notes.push(format!(
+            "{}: no node is fixed and it is attached to nothing: it will drift; add `fixed`",
+            object.name
+        ));
+    }
+    let loaded = LoadedDeformable {
+        name: object.name.clone(),
+        kind: object.kind,
+        mesh,
+        surface,
+        bindings,
+        fixed,
+        material: object.material.clone(),
+        attach: None,
+        hollow: !deep.is_empty(),
+    };
+    Ok((loaded, deep))
+}
+
+fn load_rigid(rigid: &Rigid, index: usize, folder: &Folder) -> Result<LoadedRigid, SceneError> {
+    let triangles = match &rigid.mesh {
+        None => shaft(rigid),
+        Some(name) => {
+            let key = format!("rigid[{index}].mesh");
+            let (bytes, shown) = folder.mesh(&key, name)?;
+            hyst_mesh::read_triangles(&shown, &bytes).map_err(|error| {
+                SceneError::new(
+                    Kind::Mesh,
+                    key,
+                    format!("cannot be read: {error}"),
+                    "export it as .obj",
+                )
+                .at(&shown)
+            })?
+        }
+    };
+    Ok(LoadedRigid {
+        name: rigid.name.clone(),
+        kind: rigid.kind,
+        tip: rigid.tip,
+        radius_m: (rigid.diameter_m / 2.0) as f32,
+        length_m: rigid.length_m as f32,
+        collision_length_m: rigid.collision_length_m as f32,
+        points_m: collision_points(rigid),
+        triangles,
+    })
+}
+
+fn workspace(scene: &Scene) -> LoadedWorkspace {
+    let limits = &scene.workspace;
+    let radians = |degrees: [f64; 2]| degrees.map(|angle| angle.to_radians() as f32);
+    LoadedWorkspace {
+        pivot_m: limits.pivot_m.map(|coordinate| coordinate as f32),
+        pitch_rad: radians(limits.pitch_deg),
+        yaw_rad: radians(limits.yaw_deg),
+        roll_rad: radians(limits.roll_deg),
+        insertion_m: limits.insertion_m.map(|length| length as f32),
+    }
+}
+
+/// The fluid's figures, with a box around the hollow of the first object, or around the object and the pivot if it has none.
+fn fluid(
+    scene: &Scene,
+    organ: &LoadedDeformable,
+    hollow: &[usize],
+    pivot_m: [f32; 3],
+) -> LoadedFluid {
+    let fluid = &scene.fluid;
+    let (box_min_m, box_max_m) = match (fluid.box_min_m, fluid.box_max_m) {
+        (Some(low), Some(high)) => (low.map(|c| c as f32), high.map(|c| c as f32)),
+        _ => {
+            let inner: Vec<[f32; 3]> = hollow
+                .iter()
+                .map(|&node| organ.mesh.positions_m[node])
+                .collect();
+            let (low, high) = if inner.is_empty() {
+                let (low, high) = bounds(&organ.mesh.positions_m);
+                (low.min(pivot_m.into()), high.max(pivot_m.into()))
+            } else {
+                bounds(&inner)
+            };
+            let margin = Vec3::splat((fluid.margin_m as f32).max(1e-4));
+            ((low - margin).to_array(), (high + margin).to_array())
+        }
+    };
+    LoadedFluid {
+        grid: fluid.grid,
+        box_min_m,
+        box_max_m,
+        rate_hz: fluid.rate_hz as f32,
+        medium: fluid.medium,
+        set_pressure_pa: fluid.set_pressure_pa as f32,
+        viscosity_pa_s: fluid.viscosity_pa_s as f32,
+        density_kg_m3: fluid.density_kg_m3 as f32,
+    }
+}
+
+fn content_hash(loaded: &LoadedScene) -> u64 {
+    let mut hash = Fnv::new();
+    // The text's content in a fixed order; a scene's types always serialize.
+    hash.bytes(
+        serde_json::to_string(&loaded.scene)
+            .unwrap_or_default()
+            .as_bytes(),
+    );
+    for object in &loaded.objects {
+        hash.floats(&object.mesh.positions_m);
+        hash.indices(&object.mesh.tets);
+        hash.floats(&object.surface.positions_m);
+        hash.indices(&object.surface.triangles);
+        for binding in &object.bindings {
+            hash.bytes(&binding.tet.to_le_bytes());
+            hash.floats(&[binding.weights]);
+        }
+        hash.bytes(
+            &object
+                .fixed
+                .iter()
+                .map(|&fixed| u8::from(fixed))
+                .collect::<Vec<_>>(),
+        );
+        for node in object.attach.iter().flat_map(|attach| &attach.nodes) {
+            hash.indices(&[[node.node, node.tet]]);
+            hash.floats(&[node.weights]);
+        }
+    }
+    for rigid in &loaded.rigid {
+        hash.floats(&rigid.points_m);
+        hash.floats(&rigid.triangles.positions_m);
+    }
+    hash.finish()
+}

@@ -1,0 +1,117 @@
+//! A scene with its meshes read, checked, placed and bound: what the engines start from.
+
+use crate::file::{DeformableKind, Material, Medium, Scene};
+use crate::pose::{LoadedHand, Pose};
+use crate::rigid::LoadedRigid;
+use hyst_mesh::{Binding, TetMesh, TriangleMesh};
+
+/// A scene that is ready to run. Metres and radians, in the scene's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadedScene {
+    /// The scene as it was read.
+    pub scene: Scene,
+    /// The file that it was read from.
+    pub origin: String,
+    /// The deformable objects, in the scene's order.
+    pub objects: Vec<LoadedDeformable>,
+    /// The instruments, in the scene's order; the first is held by the hand.
+    pub rigid: Vec<LoadedRigid>,
+    /// Pivot and limits.
+    pub workspace: LoadedWorkspace,
+    /// The fluid's grid and figures.
+    pub fluid: LoadedFluid,
+    /// The scripted hands, by ascending name: those of the scene, and `press`, `explore` and `polyp` where the geometry allows them.
+    pub hands: Vec<LoadedHand>,
+    /// Where the hand rests: inserted a little, straight.
+    pub rest: Pose,
+    /// Hash of all content: the scene, every mesh as placed, every binding and point.
+    pub hash: u64,
+    /// What was found, assumed or repaired, one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl LoadedScene {
+    /// A scripted hand by its name.
+    pub fn hand(&self, name: &str) -> Option<&LoadedHand> {
+        self.hands.iter().find(|hand| hand.name == name)
+    }
+}
+
+/// A deformable object, ready for simulation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadedDeformable {
+    /// Its name in the scene.
+    pub name: String,
+    /// Organ or pathology.
+    pub kind: DeformableKind,
+    /// Its tets: sound, none inverted, in place.
+    pub mesh: TetMesh,
+    /// Its surface for the eye, in place.
+    pub surface: TriangleMesh,
+    /// One per vertex of the surface: the tet and the weights that it follows.
+    pub bindings: Vec<Binding>,
+    /// One per node: whether it never moves.
+    pub fixed: Vec<bool>,
+    /// What it is made of.
+    pub material: Material,
+    /// Where it is rooted.
+    pub attach: Option<Attach>,
+    /// Whether it has a cavity that the instrument can be in.
+    pub hollow: bool,
+}
+
+/// Where an object is rooted in another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attach {
+    /// Index of the host in [`LoadedScene::objects`].
+    pub host: usize,
+    /// The nodes that lie in the host, at least one.
+    pub nodes: Vec<AttachedNode>,
+}
+
+/// A node that follows a tet of the host.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AttachedNode {
+    /// Node of the attached object.
+    pub node: u32,
+    /// Tet of the host.
+    pub tet: u32,
+    /// The node's barycentric weights in that tet; they add up to 1.
+    pub weights: [f32; 4],
+}
+
+/// Pivot and limits of the hand. Radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LoadedWorkspace {
+    /// The pivot.
+    pub pivot_m: [f32; 3],
+    /// Lowest and highest pitch.
+    pub pitch_rad: [f32; 2],
+    /// Lowest and highest yaw.
+    pub yaw_rad: [f32; 2],
+    /// Lowest and highest roll.
+    pub roll_rad: [f32; 2],
+    /// Shortest and longest insertion.
+    pub insertion_m: [f32; 2],
+}
+
+/// The fluid's grid and figures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LoadedFluid {
+    /// Cells along x, y and z.
+    pub grid: [u32; 3],
+    /// Lowest corner of the grid.
+    pub box_min_m: [f32; 3],
+    /// Highest corner of the grid.
+    pub box_max_m: [f32; 3],
+    /// Steps per second.
+    pub rate_hz: f32,
+    /// The medium.
+    pub medium: Medium,
+    /// Set pressure of the pump.
+    pub set_pressure_pa: f32,
+    /// Dynamic viscosity.
+    pub viscosity_pa_s: f32,
+    /// Density.
+    pub density_kg_m3: f32,
+}

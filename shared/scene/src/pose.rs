@@ -1,0 +1,201 @@
+//! The hand's four degrees of freedom about the pivot, and the scripted hands that move through them.
+
+use crate::file::{Hand, HandPose};
+use glam::{Quat, Vec3};
+
+/// A pose of the instrument about the pivot.
+///
+/// The orientation is R_y(yaw) · R_x(pitch) · R_z(roll); the instrument's axis is its local +z, pointing inwards. Positive pitch
+/// lowers the tip (−y, posterior), positive yaw moves it to +x (the patient's left).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose {
+    /// About x.
+    pub pitch_rad: f32,
+    /// About y.
+    pub yaw_rad: f32,
+    /// About the instrument's axis.
+    pub roll_rad: f32,
+    /// From pivot to tip.
+    pub insertion_m: f32,
+}
+
+impl Pose {
+    /// A straight pose at this insertion.
+    pub fn straight(insertion_m: f32) -> Pose {
+        Pose {
+            insertion_m,
+            ..Pose::default()
+        }
+    }
+
+    /// The unit quaternion (x, y, z, w) from the instrument's frame to the scene's.
+    pub fn orientation(&self) -> [f32; 4] {
+        self.quat().to_array()
+    }
+
+    /// The instrument's axis in the scene's frame, a unit vector.
+    pub fn axis(&self) -> [f32; 3] {
+        (self.quat() * Vec3::Z).to_array()
+    }
+
+    /// Where the tip is.
+    pub fn tip_m(&self, pivot_m: [f32; 3]) -> [f32; 3] {
+        self.place(pivot_m, [0.0; 3])
+    }
+
+    /// A point of the instrument's frame (tip at the origin, shaft along −z) in the scene's frame.
+    pub fn place(&self, pivot_m: [f32; 3], point_m: [f32; 3]) -> [f32; 3] {
+        let local = Vec3::from(point_m) + Vec3::Z * self.insertion_m;
+        (Vec3::from(pivot_m) + self.quat() * local).to_array()
+    }
+
+    /// The pose, without roll, whose axis passes through a point, the tip in that point. `None` if the point is at the pivot.
+    pub fn aim(pivot_m: [f32; 3], point_m: [f32; 3]) -> Option<Pose> {
+        let away = Vec3::from(point_m) - Vec3::from(pivot_m);
+        let insertion_m = away.length();
+        if !insertion_m.is_finite() || insertion_m < 1e-6 {
+            return None;
+        }
+        let axis = away / insertion_m;
+        Some(Pose {
+            pitch_rad: (-axis.y).clamp(-1.0, 1.0).asin(),
+            yaw_rad: axis.x.atan2(axis.z),
+            roll_rad: 0.0,
+            insertion_m,
+        })
+    }
+
+    /// On the straight line, in the four coordinates, from this pose (0) to another (1).
+    pub fn towards(&self, other: &Pose, share: f32) -> Pose {
+        let mix = |a: f32, b: f32| a + (b - a) * share;
+        Pose {
+            pitch_rad: mix(self.pitch_rad, other.pitch_rad),
+            yaw_rad: mix(self.yaw_rad, other.yaw_rad),
+            roll_rad: mix(self.roll_rad, other.roll_rad),
+            insertion_m: mix(self.insertion_m, other.insertion_m),
+        }
+    }
+
+    fn quat(&self) -> Quat {
+        Quat::from_rotation_y(self.yaw_rad)
+            * Quat::from_rotation_x(self.pitch_rad)
+            * Quat::from_rotation_z(self.roll_rad)
+    }
+}
+
+impl From<&HandPose> for Pose {
+    fn from(pose: &HandPose) -> Pose {
+        Pose {
+            pitch_rad: pose.pitch_deg.to_radians() as f32,
+            yaw_rad: pose.yaw_deg.to_radians() as f32,
+            roll_rad: pose.roll_deg.to_radians() as f32,
+            insertion_m: pose.insertion_m as f32,
+        }
+    }
+}
+
+/// A scripted hand, ready to be followed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadedHand {
+    /// Its name in the scene: `press`, `explore`, `polyp`, or the author's.
+    pub name: String,
+    /// Where it starts, what it passes, where it turns: at least two poses.
+    pub way: Vec<Pose>,
+    /// Time there and back.
+    pub period_s: f64,
+    /// Index of the object that it is meant to touch.
+    pub target: Option<usize>,
+}
+
+impl LoadedHand {
+    pub(crate) fn from_file(name: &str, hand: &Hand, target: Option<usize>) -> LoadedHand {
+        let middle = hand.through.iter().map(Pose::from);
+        let way = std::iter::once(Pose::from(&hand.from))
+            .chain(middle)
+            .chain([Pose::from(&hand.into)])
+            .collect();
+        LoadedHand {
+            name: name.to_owned(),
+            way,
+            period_s: hand.period_s,
+            target,
+        }
+    }
+
+    /// The pose at a time: there and back along the way, once per period, at rest at both ends. A pure function of the time; a time
+    /// that is not finite counts as 0.
+    pub fn pose_at(&self, time_s: f64) -> Pose {
+        let phase = if time_s.is_finite() {
+            (time_s / self.period_s).rem_euclid(1.0)
+        } else {
+            0.0
+        };
+        let along = 0.5 - 0.5 * (phase * std::f64::consts::TAU).cos();
+        let last = self.way.len() - 1;
+        let position = along * last as f64;
+        let segment = (position as usize).min(last - 1);
+        self.way[segment].towards(&self.way[segment + 1], (position - segment as f64) as f32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn near(a: [f32; 3], b: [f32; 3]) -> bool {
+        Vec3::from(a).distance(Vec3::from(b)) < 1e-6
+    }
+
+    #[test]
+    fn positive_pitch_lowers_the_tip_and_positive_yaw_moves_it_left() {
+        let quarter = std::f32::consts::FRAC_PI_2;
+        let pitched = Pose {
+            pitch_rad: quarter,
+            insertion_m: 0.05,
+            ..Pose::default()
+        };
+        assert!(near(pitched.tip_m([0.0; 3]), [0.0, -0.05, 0.0]));
+        let yawed = Pose {
+            yaw_rad: quarter,
+            insertion_m: 0.05,
+            ..Pose::default()
+        };
+        assert!(near(yawed.tip_m([0.0, 0.0, 1.0]), [0.05, 0.0, 1.0]));
+    }
+
+    #[test]
+    fn aiming_at_a_point_puts_the_tip_there() {
+        let pivot_m = [0.01, -0.02, 0.005];
+        for point_m in [
+            [0.03, 0.01, 0.06],
+            [-0.02, -0.03, 0.04],
+            [0.01, -0.02, 0.05],
+        ] {
+            assert!(near(
+                Pose::aim(pivot_m, point_m).unwrap().tip_m(pivot_m),
+                point_m
+            ));
+        }
+        assert_eq!(Pose::aim(pivot_m, pivot_m), None);
+    }
+
+    #[test]
+    fn a_hand_goes_there_and_back_and_repeats_exactly() {
+        let way = vec![
+            Pose::straight(0.01),
+            Pose::straight(0.02),
+            Pose::straight(0.05),
+        ];
+        let hand = LoadedHand {
+            name: "x".to_owned(),
+            way,
+            period_s: 2.0,
+            target: None,
+        };
+        assert_eq!(hand.pose_at(0.0), Pose::straight(0.01));
+        assert_eq!(hand.pose_at(1.0), Pose::straight(0.05));
+        assert_eq!(hand.pose_at(0.5), Pose::straight(0.02));
+        assert_eq!(hand.pose_at(0.25), hand.pose_at(4.25));
+        assert_eq!(hand.pose_at(f64::NAN), Pose::straight(0.01));
+    }
+}

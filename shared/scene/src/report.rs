@@ -1,0 +1,287 @@
+//! What `hystation check` says of a scene or a mesh: what was found, and what will be done about it. Nothing is started.
+
+use crate::error::SceneError;
+use crate::load::{load, read_scene};
+use crate::loaded::LoadedScene;
+use crate::object::{self, RawObject};
+use crate::place::is_auto;
+use hyst_mesh::Report;
+use serde::Serialize;
+use std::fmt::{self, Write as _};
+use std::path::Path;
+
+/// What was found in a scene or a mesh.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CheckReport {
+    /// The file.
+    pub origin: String,
+    /// Name of the scene.
+    pub name: String,
+    /// One per deformable object.
+    pub objects: Vec<ObjectReport>,
+    /// True if the station can run it.
+    pub runnable: bool,
+    /// Why it cannot, if it cannot: where, what, what to do.
+    pub error: Option<String>,
+    /// What is assumed, repaired or worth knowing, one sentence each.
+    pub notes: Vec<String>,
+    /// The hands that can be scripted.
+    pub hands: Vec<String>,
+    /// Hash of all content, 16 hexadecimal digits; empty if it is not runnable.
+    pub hash: String,
+}
+
+/// What was found in one object's files, before any repair.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObjectReport {
+    /// Its name in the scene.
+    pub name: String,
+    /// Its mesh file.
+    pub mesh: String,
+    /// Nodes of the file.
+    pub nodes: usize,
+    /// Tets of the file.
+    pub tets: usize,
+    /// Extent of its box, in the file's unit.
+    pub extent: [f32; 3],
+    /// Unit of the file as guessed from its size: m, cm or mm.
+    pub unit_guess: String,
+    /// Metres per unit as the scene gives it; none if it is placed by itself.
+    pub scale_to_m: Option<f64>,
+    /// Tets with a negative volume.
+    pub inverted: usize,
+    /// Tets of hardly any volume for their size.
+    pub flat: usize,
+    /// Lowest quality as `hyst_mesh::quality` gives it, 0 to 1.
+    pub worst_quality: f64,
+    /// Tets that are there twice.
+    pub duplicate: usize,
+    /// Nodes that no tet uses.
+    pub unused_nodes: usize,
+    /// Parts that hang apart.
+    pub components: usize,
+    /// Triangles of the boundary.
+    pub boundary_triangles: usize,
+    /// Boundary edges with one triangle.
+    pub open_edges: usize,
+    /// Boundary edges with more than two triangles.
+    pub non_manifold_edges: usize,
+    /// Nodes at which the boundary touches itself.
+    pub non_manifold_nodes: usize,
+    /// Faces that more than two tets share.
+    pub crowded_faces: usize,
+    /// Cells that are not tets.
+    pub other_volume_cells: usize,
+    /// Triangles of the surface file; none if the boundary is drawn.
+    pub surface_triangles: Option<usize>,
+}
+
+/// Checks a scene or a mesh as text for a person. See [`check`].
+///
+/// # Errors
+/// As [`check`].
+pub fn check_report(path: &Path) -> Result<String, SceneError> {
+    check(path).map(|report| report.to_string())
+}
+
+/// Checks a scene or a mesh without starting anything.
+///
+/// # Errors
+/// A [`SceneError`] if a file cannot be read at all. What can be read but not run is a report with `runnable == false`.
+pub fn check(path: &Path) -> Result<CheckReport, SceneError> {
+    let (scene, text, folder) = read_scene(path)?;
+    let origin = path.display().to_string();
+    let mut objects = Vec::new();
+    for (index, deformable) in scene.deformable.iter().enumerate() {
+        let raw = object::read(deformable, index, &folder)
+            .map_err(|error| error.located(&origin, &text))?;
+        let scale_to_m = if is_auto(deformable) {
+            None
+        } else {
+            Some(deformable.scale_to_m.unwrap_or(1.0))
+        };
+        objects.push(object_report(&deformable.name, scale_to_m, &raw));
+    }
+    let mut report = CheckReport {
+        origin,
+        name: scene.name,
+        objects,
+        runnable: false,
+        error: None,
+        notes: Vec::new(),
+        hands: Vec::new(),
+        hash: String::new(),
+    };
+    match load(path) {
+        Ok(loaded) => fill(&mut report, loaded),
+        Err(error) => report.error = Some(error.to_string()),
+    }
+    Ok(report)
+}
+
+fn fill(report: &mut CheckReport, loaded: LoadedScene) {
+    report.runnable = true;
+    report.hash = format!("{:016x}", loaded.hash);
+    for object in &loaded.objects {
+        let held = object.fixed.iter().filter(|&&fixed| fixed).count();
+        let rooted = object
+            .attach
+            .as_ref()
+            .map_or(0, |attach| attach.nodes.len());
+        let form = if object.hollow { "hollow" } else { "solid" };
+        let line = format!(
+            "{}: {form}, {} nodes, {held} held, {rooted} rooted in another object, {} tets, drawn as {} triangles",
+            object.name,
+            object.mesh.positions_m.len(),
+            object.mesh.tets.len(),
+            object.surface.triangles.len()
+        );
+        report.notes.push(line);
+    }
+    report.notes.extend(loaded.notes);
+    report.hands = loaded.hands.into_iter().map(|hand| hand.name).collect();
+}
+
+fn object_report(name: &str, scale_to_m: Option<f64>, raw: &RawObject) -> ObjectReport {
+    let found: &Report = &raw.report;
+    ObjectReport {
+        name: name.to_owned(),
+        mesh: raw.mesh_name.clone(),
+        nodes: found.nodes,
+        tets: found.tets,
+        extent: std::array::from_fn(|axis| found.max_m[axis] - found.min_m[axis]),
+        unit_guess: raw.unit().symbol().to_owned(),
+        scale_to_m,
+        inverted: found.inverted.len(),
+        flat: found.flat.len(),
+        worst_quality: found.worst.map_or(0.0, |(_, quality)| quality),
+        duplicate: found.duplicate.len(),
+        unused_nodes: found.unused_nodes.len(),
+        components: found.components,
+        boundary_triangles: found.boundary_triangles,
+        open_edges: found.open_edges,
+        non_manifold_edges: found.non_manifold_edges,
+        non_manifold_nodes: found.non_manifold_vertices,
+        crowded_faces: found.crowded_faces,
+        other_volume_cells: raw.other_volume_cells,
+        surface_triangles: raw
+            .surface
+            .as_ref()
+            .map(|(surface, _)| surface.triangles.len()),
+    }
+}
+
+impl ObjectReport {
+    /// Every fault with its count and what is done about it; faults that are not there are left out.
+    fn faults(&self) -> Vec<(usize, &'static str, &'static str)> {
+        let all = [
+            (self.inverted, "inverted tets", "turned round when loaded"),
+            (
+                self.flat,
+                "flat tets",
+                "dropped if their volume is within rounding, else kept and named",
+            ),
+            (self.duplicate, "tets that are there twice", "dropped"),
+            (self.unused_nodes, "nodes that no tet uses", "dropped"),
+            (
+                self.components.saturating_sub(1),
+                "parts beside the first, hanging apart",
+                "kept; hold or attach each",
+            ),
+            (
+                self.open_edges,
+                "open boundary edges",
+                "kept; the contact there is one-sided",
+            ),
+            (
+                self.non_manifold_edges,
+                "boundary edges of more than two triangles",
+                "kept; cutting there may be refused",
+            ),
+            (
+                self.non_manifold_nodes,
+                "nodes at which the boundary touches itself",
+                "kept; cutting there may be refused",
+            ),
+            (
+                self.crowded_faces,
+                "faces of more than two tets",
+                "kept; export the mesh again if tets overlap",
+            ),
+            (
+                self.other_volume_cells,
+                "cells that are not tets",
+                "passed over; convert them to tets if the mesh has holes now",
+            ),
+        ];
+        all.into_iter().filter(|(count, ..)| *count > 0).collect()
+    }
+}
+
+impl fmt::Display for ObjectReport {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(out, "{} ({})", self.name, self.mesh)?;
+        writeln!(
+            out,
+            "  nodes {}, tets {}, boundary triangles {}",
+            self.nodes, self.tets, self.boundary_triangles
+        )?;
+        let [x, y, z] = self.extent;
+        let scale = self
+            .scale_to_m
+            .map_or("placed by itself".to_owned(), |scale| {
+                format!("scale_to_m {scale}")
+            });
+        writeln!(
+            out,
+            "  size {x:.4} × {y:.4} × {z:.4} units; by its size the unit is {}; {scale}",
+            self.unit_guess
+        )?;
+        writeln!(
+            out,
+            "  worst quality {:.2e} (1 is a regular tet)",
+            self.worst_quality
+        )?;
+        match self.surface_triangles {
+            Some(triangles) => writeln!(out, "  surface of {triangles} triangles")?,
+            None => writeln!(out, "  no surface file: the boundary is drawn")?,
+        }
+        let faults = self.faults();
+        if faults.is_empty() {
+            writeln!(
+                out,
+                "  sound: no inverted or flat tet, no unused node, the boundary is closed and manifold"
+            )?;
+        }
+        for (count, what, cure) in faults {
+            writeln!(out, "  {count} {what}: {cure}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for CheckReport {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(out, "{}: “{}”", self.origin, self.name)?;
+        for object in &self.objects {
+            write!(out, "{object}")?;
+        }
+        for note in &self.notes {
+            writeln!(out, "- {note}")?;
+        }
+        match &self.error {
+            Some(error) => writeln!(out, "cannot be run: {error}"),
+            None => {
+                let mut hands = String::new();
+                self.hands
+                    .iter()
+                    .try_for_each(|hand| write!(hands, " {hand}"))?;
+                writeln!(
+                    out,
+                    "can be run; scripted hands:{hands} idle; content {}",
+                    self.hash
+                )
+            }
+        }
+    }
+}

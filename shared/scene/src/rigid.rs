@@ -1,0 +1,183 @@
+//! The instrument's collision points and its plain shaft. Its own frame: tip at the origin, shaft along −z.
+
+use crate::file::{Rigid, RigidKind, Tip};
+use hyst_mesh::TriangleMesh;
+
+/// Share of the points that lie on the tip: it touches first and most often, so it is sampled about ten times as densely as the shaft.
+const TIP_SHARE: f64 = 0.4;
+/// Exponent that draws the shaft's points towards the tip.
+const SHAFT_CROWDING: f64 = 1.5;
+/// Corners of the drawn shaft's cross-section, and rings of its tip.
+const SIDES: u32 = 24;
+const TIP_RINGS: u32 = 6;
+
+/// An instrument, ready for collision and for the eye.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadedRigid {
+    /// Its name in the scene.
+    pub name: String,
+    /// What it is.
+    pub kind: RigidKind,
+    /// Form of its tip.
+    pub tip: Tip,
+    /// Half its outer diameter.
+    pub radius_m: f32,
+    /// Length that is drawn.
+    pub length_m: f32,
+    /// Length behind the tip that carries points.
+    pub collision_length_m: f32,
+    /// Collision points, the foremost one at the origin.
+    pub points_m: Vec<[f32; 3]>,
+    /// What is drawn, counter-clockwise from outside.
+    pub triangles: TriangleMesh,
+}
+
+/// The collision points of an instrument: `points` of them, the same for the same table.
+pub fn collision_points(rigid: &Rigid) -> Vec<[f32; 3]> {
+    let radius_m = rigid.diameter_m / 2.0;
+    let golden_rad = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let on_tip = ((f64::from(rigid.points) * TIP_SHARE) as u32).max(1);
+    let on_shaft = rigid.points - on_tip;
+    let point = |radius_m: f64, behind_m: f64, index: u32| {
+        let (sin, cos) = (golden_rad * f64::from(index)).sin_cos();
+        [
+            (radius_m * cos) as f32,
+            (radius_m * sin) as f32,
+            -behind_m as f32,
+        ]
+    };
+    let tip = (0..on_tip).map(|index| {
+        let share = f64::from(index) / f64::from(on_tip);
+        match rigid.tip {
+            // Equal steps along the axis are equal areas on a sphere.
+            Tip::Round => point(
+                radius_m * (1.0 - (1.0 - share).powi(2)).sqrt(),
+                radius_m * share,
+                index,
+            ),
+            Tip::Flat => point(radius_m * share.sqrt(), 0.0, index),
+        }
+    });
+    let start_m = shoulder_m(rigid);
+    let shaft = (0..on_shaft).map(|index| {
+        let share = f64::from(index) / f64::from(on_shaft.max(2) - 1);
+        point(
+            radius_m,
+            start_m + (rigid.collision_length_m - start_m) * share.powf(SHAFT_CROWDING),
+            on_tip + index,
+        )
+    });
+    tip.chain(shaft).collect()
+}
+
+/// How far behind the tip the shaft has its full radius.
+fn shoulder_m(rigid: &Rigid) -> f64 {
+    match rigid.tip {
+        Tip::Round => rigid.diameter_m / 2.0,
+        Tip::Flat => 0.0,
+    }
+}
+
+/// The plain shaft as a closed surface.
+pub(crate) fn shaft(rigid: &Rigid) -> TriangleMesh {
+    let radius_m = rigid.diameter_m / 2.0;
+    let mut rings: Vec<(f64, f64)> = match rigid.tip {
+        Tip::Round => (1..=TIP_RINGS)
+            .map(|ring| f64::from(ring) / f64::from(TIP_RINGS) * std::f64::consts::FRAC_PI_2)
+            .map(|angle| (radius_m * angle.sin(), radius_m * (1.0 - angle.cos())))
+            .collect(),
+        Tip::Flat => vec![(radius_m, 0.0)],
+    };
+    rings.push((radius_m, rigid.length_m));
+    let mut mesh = TriangleMesh {
+        positions_m: vec![[0.0; 3]],
+        triangles: Vec::new(),
+    };
+    for &(ring_m, behind_m) in &rings {
+        for side in 0..SIDES {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
+            mesh.positions_m.push([
+                (ring_m * cos) as f32,
+                (ring_m * sin) as f32,
+                -behind_m as f32,
+            ]);
+        }
+    }
+    let end = mesh.positions_m.len() as u32;
+    mesh.positions_m.push([0.0, 0.0, -rigid.length_m as f32]);
+    let node = |ring: u32, side: u32| 1 + ring * SIDES + side % SIDES;
+    let last = rings.len() as u32 - 1;
+    for side in 0..SIDES {
+        mesh.triangles.push([0, node(0, side), node(0, side + 1)]);
+        for ring in 0..last {
+            let (a, b, c, d) = (
+                node(ring, side),
+                node(ring, side + 1),
+                node(ring + 1, side),
+                node(ring + 1, side + 1),
+            );
+            mesh.triangles.extend([[a, c, d], [a, d, b]]);
+        }
+        mesh.triangles
+            .push([end, node(last, side + 1), node(last, side)]);
+    }
+    mesh
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn scope(tip: Tip) -> Rigid {
+        let mut rigid: Rigid = toml::from_str("name = \"scope\"").unwrap();
+        rigid.tip = tip;
+        rigid
+    }
+
+    #[test]
+    fn points_lie_on_the_capsule_and_the_tip_is_the_densest_part() {
+        let points = collision_points(&scope(Tip::Round));
+        assert_eq!(points.len(), 400);
+        assert_eq!(points[0], [0.0; 3]);
+        for point in &points {
+            let axis = Vec3::new(0.0, 0.0, point[2].min(-0.0025));
+            assert!(
+                (Vec3::from(*point).distance(axis) - 0.0025).abs() < 1e-6,
+                "{point:?}"
+            );
+            assert!(point[2] <= 0.0 && point[2] >= -0.0351, "{point:?}");
+        }
+        let tip = points.iter().filter(|point| point[2] > -0.0025).count();
+        assert_eq!(tip, 160);
+    }
+
+    #[test]
+    fn both_forms_of_the_shaft_are_closed_and_turned_outwards() {
+        for (tip, behind) in [(Tip::Round, 0.0025 / 3.0), (Tip::Flat, 0.0)] {
+            let mesh = shaft(&scope(tip));
+            let volume: f32 = mesh
+                .triangles
+                .iter()
+                .map(|corners| {
+                    let [a, b, c] =
+                        corners.map(|corner| Vec3::from(mesh.positions_m[corner as usize]));
+                    a.dot(b.cross(c)) / 6.0
+                })
+                .sum();
+            let expected = std::f32::consts::PI * 0.0025f32.powi(2) * (0.3 - behind);
+            assert!(
+                (volume / expected - 1.0).abs() < 0.03,
+                "{tip:?}: {volume} instead of {expected}"
+            );
+            let mut edges = std::collections::BTreeMap::new();
+            for [a, b, c] in &mesh.triangles {
+                for (from, to) in [(a, b), (b, c), (c, a)] {
+                    *edges.entry((from.min(to), from.max(to))).or_insert(0) +=
+                        if from < to { 1 } else { -1 };
+                }
+            }
+            assert!(edges.values().all(|&balance| balance == 0));
+        }
+    }
+}

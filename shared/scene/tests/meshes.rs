@@ -1,0 +1,304 @@
+//! Scenes on meshes that nobody made for them: units, faults, surfaces, attachments, and a mesh alone.
+#![allow(missing_docs)]
+
+use hyst_scene::{
+    LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, check_report, load,
+};
+use std::path::PathBuf;
+
+/// A folder of its own for one test, removed when it ends.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Folder {
+        let path = std::env::temp_dir().join(format!("hyst-scene-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+
+    fn file(&self, name: &str, content: &str) -> PathBuf {
+        let path = self.0.join(name);
+        std::fs::write(&path, content).unwrap();
+        path
+    }
+
+    /// Loads a scene of one deformable table and one instrument.
+    fn load(&self, deformable: &str) -> Result<LoadedScene, SceneError> {
+        let text = format!(
+            "version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n"
+        );
+        load(&self.file("scene.toml", &text))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A block of n³ cubes of six tets each as Gmsh 2.2, its side `side` units long, moved by `shift` on every axis.
+fn block(n: u32, side: f64, shift: f64) -> String {
+    let mut nodes = String::new();
+    let id = |x: u32, y: u32, z: u32| 1 + x + (n + 1) * (y + (n + 1) * z);
+    for z in 0..=n {
+        for y in 0..=n {
+            for x in 0..=n {
+                let at = [x, y, z].map(|i| shift + side * f64::from(i) / f64::from(n));
+                nodes += &format!("{} {} {} {}\n", id(x, y, z), at[0], at[1], at[2]);
+            }
+        }
+    }
+    let mut tets = String::new();
+    let mut count = 0;
+    for (x, y, z) in (0..n).flat_map(|x| (0..n).flat_map(move |y| (0..n).map(move |z| (x, y, z)))) {
+        for [i, j] in [[0, 1], [1, 0], [1, 2], [2, 1], [0, 2], [2, 0]] {
+            let mut corner = [x, y, z];
+            let mut tet = vec![id(x, y, z)];
+            for axis in [i, j] {
+                corner[axis] += 1;
+                tet.push(id(corner[0], corner[1], corner[2]));
+            }
+            tet.push(id(x + 1, y + 1, z + 1));
+            count += 1;
+            tets += &format!(
+                "{count} 4 2 1 1 {} {} {} {}\n",
+                tet[0], tet[1], tet[2], tet[3]
+            );
+        }
+    }
+    let nodes_count = (n + 1).pow(3);
+    format!(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{nodes_count}\n{nodes}$EndNodes\n$Elements\n{count}\n{tets}$EndElements\n"
+    )
+}
+
+fn extent_m(scene: &LoadedScene) -> f32 {
+    let z = scene.objects[0]
+        .mesh
+        .positions_m
+        .iter()
+        .map(|position| position[2]);
+    z.clone().fold(f32::MIN, f32::max) - z.fold(f32::MAX, f32::min)
+}
+
+#[test]
+fn an_organ_in_any_unit_comes_to_lie_before_the_scope_and_the_press_touches_it() {
+    let folder = Folder::new("units");
+    for (side, expected_m) in [
+        (0.08, 0.08),
+        (8.0, 0.08),
+        (80.0, 0.08),
+        (8e4, 0.1),
+        (1e-5, 0.1),
+    ] {
+        folder.file("organ.msh", &block(3, side, 17.0 * side));
+        let scene = folder
+            .load("mesh = \"organ.msh\"")
+            .unwrap_or_else(|error| panic!("{side}: {error}"));
+        assert!(
+            (extent_m(&scene) / expected_m - 1.0).abs() < 1e-3,
+            "{side}: {} m",
+            extent_m(&scene)
+        );
+        let press = scene.hand("press").unwrap();
+        let tip = |pose: Pose| pose.tip_m(scene.workspace.pivot_m)[2];
+        assert!(
+            tip(press.way[0]) < 0.03 && tip(press.way[1]) > 0.03,
+            "{side}: {press:?}"
+        );
+        assert!(
+            scene.objects[0].fixed.iter().any(|&fixed| fixed)
+                && !scene.objects[0].fixed.iter().all(|&fixed| fixed)
+        );
+        assert!(
+            scene
+                .notes
+                .iter()
+                .any(|note| note.contains("placed in front of the scope")),
+            "{:?}",
+            scene.notes
+        );
+    }
+}
+
+#[test]
+fn a_mesh_alone_is_a_scene() {
+    let folder = Folder::new("alone");
+    let scene = load(&folder.file("organ.msh", &block(2, 80.0, 0.0)))
+        .unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((scene.objects.len(), scene.rigid.len()), (1, 1));
+    assert!(scene.hand("press").is_some() && scene.hand("explore").is_some());
+}
+
+#[test]
+fn a_given_place_is_kept_to_the_millimetre() {
+    let folder = Folder::new("given");
+    folder.file("organ.msh", &block(2, 50.0, 0.0));
+    let scene = folder.load("mesh = \"organ.msh\"\nscale_to_m = 0.001\nrotate_deg = [0.0, 0.0, 90.0]\ntranslate_m = [0.1, 0.2, 0.3]").unwrap();
+    let (low, high) = scene.objects[0].mesh.positions_m.iter().fold(
+        ([f32::MAX; 3], [f32::MIN; 3]),
+        |(low, high), p| {
+            (
+                std::array::from_fn(|i| low[i].min(p[i])),
+                std::array::from_fn(|i| high[i].max(p[i])),
+            )
+        },
+    );
+    for (found, expected) in low
+        .iter()
+        .chain(&high)
+        .zip([0.05, 0.2, 0.3, 0.1, 0.25, 0.35])
+    {
+        assert!((found - expected).abs() < 1e-6, "{low:?} {high:?}");
+    }
+}
+
+#[test]
+fn a_wrong_scale_is_refused_with_the_right_one() {
+    let folder = Folder::new("scale");
+    folder.file("organ.msh", &block(2, 80.0, 0.0));
+    for scale in ["1.0", "0.000001"] {
+        let error = folder
+            .load(&format!("mesh = \"organ.msh\"\nscale_to_m = {scale}"))
+            .unwrap_err();
+        assert_eq!(error.kind, Kind::Size, "{error}");
+        assert!(error.cure.contains("scale_to_m = 0.001"), "{error}");
+    }
+}
+
+#[test]
+fn a_missing_truncated_or_broken_mesh_names_its_file_and_its_cure() {
+    let folder = Folder::new("broken");
+    let good = block(2, 80.0, 0.0);
+    folder.file("short.msh", &good[..good.len() / 2]);
+    folder.file("nan.msh", &good.replacen(" 40 ", " nan ", 1));
+    folder.file("index.msh", &good.replace("1 4 2 1 1 1 ", "1 4 2 1 1 999 "));
+    folder.file("surface.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let cases = [
+        ("none.msh", Kind::Missing),
+        ("short.msh", Kind::Mesh),
+        ("nan.msh", Kind::Mesh),
+        ("index.msh", Kind::Mesh),
+        ("surface.obj", Kind::Mesh),
+    ];
+    for (name, kind) in cases {
+        let error = folder.load(&format!("mesh = \"{name}\"")).expect_err(name);
+        assert_eq!(error.kind, kind, "{error}");
+        assert!(
+            error.to_string().contains(name) && !error.cure.is_empty(),
+            "{error}"
+        );
+    }
+    let error = folder.load("mesh = \"builtin:liver.msh\"").unwrap_err();
+    assert!(error.to_string().contains("builtin:uterus.msh"), "{error}");
+    let error = load(&folder.0).unwrap_err();
+    assert_eq!(error.kind, Kind::Missing, "{error}");
+}
+
+#[test]
+fn an_inverted_tet_and_an_unused_node_are_repaired_and_said_so() {
+    let folder = Folder::new("repair");
+    let mesh = block(2, 80.0, 0.0)
+        .replace("$Nodes\n27\n", "$Nodes\n28\n28 500 500 500\n")
+        .replace("1 4 2 1 1 1 2 5 14", "1 4 2 1 1 1 5 2 14");
+    let path = folder.file("organ.msh", &mesh);
+    let scene = folder
+        .load("mesh = \"organ.msh\"\nscale_to_m = 0.001")
+        .unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(scene.objects[0].mesh.positions_m.len(), 27);
+    assert!(hyst_mesh::check(&scene.objects[0].mesh).is_sound());
+    assert!(scene.notes.len() >= 2, "{:?}", scene.notes);
+    let report = check(&path).unwrap();
+    let inverted = report.objects[0].inverted;
+    assert!(
+        inverted >= 1 && report.objects[0].unused_nodes == 1 && report.runnable,
+        "{report:?}"
+    );
+    assert!(
+        (extent_m(&load(&path).unwrap()) - 0.08).abs() < 1e-6,
+        "the stray node decided about the scale"
+    );
+    let text = check_report(&path).unwrap();
+    for part in [
+        "nodes 28",
+        "tets 48",
+        "the unit is mm",
+        "inverted",
+        "no tet uses",
+        "turned round",
+        "can be run",
+    ] {
+        assert!(text.contains(part), "no “{part}” in:\n{text}");
+    }
+    assert!(serde_json::to_value(&report).unwrap()["objects"][0]["tets"] == 48);
+}
+
+#[test]
+fn a_surface_of_another_mesh_is_refused_and_its_own_is_bound() {
+    let folder = Folder::new("surface");
+    folder.file("organ.msh", &block(2, 80.0, 0.0));
+    let square =
+        |z: f64| format!("v 0 0 {z}\nv 80 0 {z}\nv 80 80 {z}\nv 0 80 {z}\nf 1 2 3\nf 1 3 4\n");
+    folder.file("own.obj", &square(80.0));
+    folder.file("other.obj", &square(800.0));
+    let scene = folder
+        .load("mesh = \"organ.msh\"\nsurface = \"own.obj\"")
+        .unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(
+        (
+            scene.objects[0].surface.triangles.len(),
+            scene.objects[0].bindings.len()
+        ),
+        (2, 4)
+    );
+    let error = folder
+        .load("mesh = \"organ.msh\"\nsurface = \"other.obj\"")
+        .unwrap_err();
+    assert_eq!(error.kind, Kind::Apart, "{error}");
+    assert!(error.to_string().contains("other.obj"), "{error}");
+}
+
+#[test]
+fn what_is_attached_to_nothing_near_is_refused() {
+    let folder = Folder::new("attach");
+    folder.file("organ.msh", &block(2, 80.0, 0.0));
+    folder.file("knob.msh", &block(1, 10.0, 0.0));
+    let knob = |shift_m: f64| {
+        let place = format!("scale_to_m = 0.001\ntranslate_m = [0.03, 0.03, {shift_m}]");
+        folder.load(&format!("mesh = \"organ.msh\"\nscale_to_m = 0.001\n[[deformable]]\nname = \"knob\"\nmesh = \"knob.msh\"\nattach_to = \"organ\"\n{place}"))
+    };
+    let scene = knob(-0.005).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(scene.objects[1].attach.as_ref().unwrap().nodes.len(), 4);
+    let error = knob(-0.5).unwrap_err();
+    assert_eq!(
+        (error.kind, error.key.as_str()),
+        (Kind::Apart, "deformable[1].attach_to"),
+        "{error}"
+    );
+    assert!(error.line_column.is_some(), "{error}");
+}
+
+#[test]
+fn more_tets_than_can_be_simulated_are_refused() {
+    let folder = Folder::new("large");
+    folder.file("organ.msh", &block(33, 80.0, 0.0));
+    let error = folder.load("mesh = \"organ.msh\"").unwrap_err();
+    assert_eq!(error.kind, Kind::TooLarge, "{error}");
+}
+
+#[test]
+fn the_hash_follows_the_content() {
+    let folder = Folder::new("hash");
+    folder.file("organ.msh", &block(2, 80.0, 0.0));
+    let first = folder.load("mesh = \"organ.msh\"").unwrap();
+    assert_eq!(first, folder.load("mesh = \"organ.msh\"").unwrap());
+    folder.file(
+        "organ.msh",
+        &block(2, 80.0, 0.0).replacen(" 40 ", " 40.1 ", 1),
+    );
+    assert_ne!(
+        first.hash,
+        folder.load("mesh = \"organ.msh\"").unwrap().hash
+    );
+}
