@@ -1,2 +1,10 @@
-//! hystation
-fn main() {}
+//! `hystation`: reads the command line, does it, gives the exit code: 0 good, 1 failed or a promise broken, 2 bad arguments or input,
+//! 3 finished but data or a process was lost.
+
+use clap::Parser;
+use hystation::cli::Cli;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    hystation::commands::run(Cli::parse())
+}

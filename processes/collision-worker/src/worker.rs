@@ -53,7 +53,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let roster = Roster::open(&life.station)?;
     let mut worker = Worker { life, publisher, inbox, roster, sources: Default::default(), topology: None, hits: vec![Hit::default(); MAX_HITS] };
     let mut member = ProcessMember::new(Arc::clone(&life.page));
-    life.page.set_state(ProcessState::Warm);
+    life.ports_are_open();
     while worker.topology.is_none() && !life.clock.stop_requested() {
         worker.receive(&mut member);
         life.heartbeat();

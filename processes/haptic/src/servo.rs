@@ -36,6 +36,7 @@ struct Servo<'a> {
 pub fn run(life: &Life) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let _drain = drain::start(life, links)?;
+    life.ports_are_open();
     let interests = vec![(Role::Device, Wanted::Page), (Role::Haptic, Wanted::Page)];
     let inbox = usher(&life.station, None, life.incarnation, interests)?;
     let mut servo = Servo {

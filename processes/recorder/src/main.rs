@@ -1,1 +1,12 @@
-fn main() {}
+//! The `recorder` process: the session as an MCAP file. Ordinary, never real time. See [`session`].
+
+mod gather;
+mod keeper;
+mod session;
+mod watch;
+
+use hyst_messages::Role;
+
+fn main() -> std::process::ExitCode {
+    hyst_engine::run(Role::Recorder, session::run)
+}

@@ -98,6 +98,11 @@ impl Life {
         Ok(Life { station, clock, page, slot, incarnation, settings })
     }
 
+    /// Says that this process's streams have their writers, so that others may connect; the warm-up may still go on.
+    pub fn ports_are_open(&self) {
+        self.page.store32_and_wake(header::PORTS_OPEN, 1);
+    }
+
     /// Says that the process is alive; loops that are paced say it themselves.
     pub fn heartbeat(&self) {
         self.page.store64(header::HEARTBEAT_NS, system::now_ns());

@@ -131,8 +131,7 @@ impl<S: Stateful> Loop<'_, S> {
     /// Gets a state: the holder's, a checkpoint's, or the first. Then computes one step that nobody sees, to touch everything.
     fn warm(&mut self) -> Result<(), Failure> {
         let patience_ns = system::now_ns() + NEWBORN_PATIENCE_NS;
-        // From here on a holder knows us, and its usher can connect.
-        self.life.page.set_state(ProcessState::Warm);
+        self.life.ports_are_open();
         loop {
             self.life.heartbeat();
             self.receive_ports();

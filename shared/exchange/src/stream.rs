@@ -13,7 +13,7 @@ use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 
 type Variant = ipc_threadsafe::Service;
-type Factory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Variant, [u8], ()>;
+type Factory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Variant, [u64], ()>;
 
 /// Samples that a reader may hold: the state in use, the one before, and the one that is being received.
 pub const MAX_HELD: usize = 4;
@@ -80,6 +80,10 @@ impl Links {
         let path = station.link_config();
         let path = FilePath::new(path.as_os_str().as_encoded_bytes()).map_err(|e| configuration(format!("{e:?}")))?;
         let config = Config::setup_global_config_from_file(&path).map_err(|e| configuration(format!("{e:?}")))?;
+        // The library keeps the first configuration of a process for good and says nothing when a second one is asked for.
+        if config.global.prefix.to_string() != station.prefix() {
+            return Err(configuration(format!("this process has joined the domain {} before; use one process for each station", config.global.prefix)));
+        }
         let name = NodeName::new(process).map_err(|e| configuration(format!("{e:?}")))?;
         let node = NodeBuilder::new()
             .name(&name)
@@ -95,16 +99,14 @@ impl Links {
         format!("{}/{}/{incarnation}/{}/{:016x}", self.station, role.name(), kind.name(), layout_hash())
     }
 
-    fn builder(&self, name: &str, kind: Kind) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u8], (), Variant>, LinkError> {
+    fn builder(&self, name: &str, kind: Kind) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u64], (), Variant>, LinkError> {
         let fail = |reason: String| LinkError::Service { name: name.to_string(), reason };
         let service = ServiceName::new(name).map_err(|e| fail(format!("{e:?}")))?;
-        let alignment = Alignment::new(64).ok_or_else(|| fail("alignment".into()))?;
         let readers = if kind == Kind::CollisionJob { MAX_JOB_READERS } else { MAX_READERS };
         Ok(self
             .node
             .service_builder(&service)
-            .publish_subscribe::<[u8]>()
-            .payload_alignment(alignment)
+            .publish_subscribe::<[u64]>()
             .max_publishers(1)
             .max_subscribers(readers)
             .max_nodes(MAX_NODES)
@@ -141,7 +143,7 @@ impl Links {
         let factory = self.open_service(&name, kind)?;
         let inner = factory
             .publisher_builder()
-            .initial_max_slice_len(bytes)
+            .initial_max_slice_len(bytes.div_ceil(8))
             .max_loaned_samples(MAX_LOANS)
             .create()
             .map_err(|e| LinkError::Service { name: name.clone(), reason: format!("{e:?}") })?;
@@ -173,7 +175,7 @@ impl Links {
 /// The one writer of a stream.
 #[derive(Debug)]
 pub struct Publisher {
-    inner: iceoryx2::port::publisher::Publisher<Variant, [u8], ()>,
+    inner: iceoryx2::port::publisher::Publisher<Variant, [u64], ()>,
     name: String,
     bytes: usize,
     _factory: Factory,
@@ -182,17 +184,17 @@ pub struct Publisher {
 /// A block of shared memory that is being written. Dropped unsent, nobody ever sees it.
 #[derive(Debug)]
 pub struct Loan {
-    sample: SampleMut<Variant, [u8], ()>,
+    sample: SampleMut<Variant, [u64], ()>,
 }
 
 impl Publisher {
-    /// A zeroed block of at most the length given at creation, aligned to 64 bytes.
+    /// A zeroed block of at most the length given at creation, rounded up to whole 64-bit words and aligned to them.
     pub fn loan(&self, bytes: usize) -> Result<Loan, LinkError> {
         let fail = |reason: String| LinkError::Use { name: self.name.clone(), action: "loan", reason };
         if bytes > self.bytes {
             return Err(fail(format!("{bytes} bytes where at most {} were announced", self.bytes)));
         }
-        let sample = self.inner.loan_slice(bytes).map_err(|e| fail(format!("{e:?}")))?;
+        let sample = self.inner.loan_slice(bytes.div_ceil(8)).map_err(|e| fail(format!("{e:?}")))?;
         Ok(Loan { sample })
     }
     /// Longest message.
@@ -210,11 +212,11 @@ impl Publisher {
 impl Loan {
     /// The block.
     pub fn bytes(&self) -> &[u8] {
-        self.sample.payload()
+        bytemuck::cast_slice(self.sample.payload())
     }
     /// The block, to write.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
-        self.sample.payload_mut()
+        bytemuck::cast_slice_mut(self.sample.payload_mut())
     }
     /// Hands the block to the readers; from now on it is read-only for everyone.
     pub fn send(self) -> Result<usize, LinkError> {
@@ -227,7 +229,7 @@ impl Loan {
 /// A reader of a stream.
 #[derive(Debug)]
 pub struct Subscriber {
-    inner: iceoryx2::port::subscriber::Subscriber<Variant, [u8], ()>,
+    inner: iceoryx2::port::subscriber::Subscriber<Variant, [u64], ()>,
     name: String,
     incarnation: u32,
     _factory: Factory,
@@ -236,13 +238,13 @@ pub struct Subscriber {
 /// A message that is held and read in place; its memory is not reused while it is held.
 #[derive(Debug)]
 pub struct Held {
-    sample: Sample<Variant, [u8], ()>,
+    sample: Sample<Variant, [u64], ()>,
 }
 
 impl Held {
     /// The message.
     pub fn bytes(&self) -> &[u8] {
-        self.sample.payload()
+        bytemuck::cast_slice(self.sample.payload())
     }
 }
 

@@ -9,7 +9,7 @@ use crate::rendezvous::ProcessClient;
 use crate::station::{Station, StationError, StationPage};
 use crate::stream::{Held, Links, Subscriber};
 use crate::system;
-use hyst_messages::page::ProcessState;
+use hyst_messages::page::header;
 use hyst_messages::{Kind, Role, Slot};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -102,7 +102,8 @@ struct Guest {
     tries: u32,
 }
 
-/// Tries to connect to a newcomer, one for each look; a process that dies in its start-up is given up after about 20 s.
+/// Tries to connect to a newcomer, one for each look: about 20 s. A process that dies in its start-up is given up as soon as its slot
+/// says so; this bound is for one that hangs there, and for a supervisor that is dead itself.
 const MAX_TRIES: u32 = 20_000;
 
 struct Desk {
@@ -116,10 +117,13 @@ struct Desk {
 
 impl Desk {
     fn notice(&mut self, page: &StationPage) {
+        // What the dead have not opened they never will; their pages stay readable.
+        let is_over = |slot: Slot, wanted: Wanted| wanted != Wanted::Page && page.is_dead(slot);
+        self.waiting.retain(|guest| !is_over(guest.slot, guest.wanted));
         for &(role, wanted) in &self.interests {
             for (slot, incarnation) in page.occupied(role) {
                 let key = (slot, incarnation, wanted);
-                if incarnation == self.me || self.known.contains(&key) {
+                if incarnation == self.me || self.known.contains(&key) || is_over(slot, wanted) {
                     continue;
                 }
                 self.known.retain(|(s, _, w)| (*s, *w) != (slot, wanted));
@@ -145,7 +149,7 @@ impl Desk {
         if guest.wanted == Wanted::Page {
             return Ok(guest.page.take().map(Port::Page));
         }
-        if !matches!(page.state(), ProcessState::Warm | ProcessState::Live) {
+        if page.load32(header::PORTS_OPEN) == 0 {
             return Ok(None);
         }
         let Some(links) = &self.links else { return Err(()) };

@@ -133,6 +133,8 @@ pub mod header {
     pub const JOIN: usize = 4;
     /// 32-bit words: which members the coordinator releases: one bit for each share.
     pub const RELEASE_SHARES: usize = 5;
+    /// 32-bit words: 1 once the owner's ports are open, so that others may connect to them while it still warms up.
+    pub const PORTS_OPEN: usize = 6;
     /// 32-bit words: incarnation of the member that computes share i.
     pub const SHARE_MEMBER: usize = 16;
 }

@@ -1,1 +1,29 @@
-//! hyst-recording
+//! The session as an MCAP file: JSON channels with JSON schemas, which Foxglove and PlotJuggler open as they are.
+//!
+//! A recording is a head (magic, header, metadata `station`), then blocks, then a summary. A block is one compressed chunk with its
+//! own schemas, channels and checksum, followed by its message indexes, and is appended by one write. Promise: a file that is cut at any byte
+//! is readable to its last whole block, without a summary; a damaged block is found by its checksum, named, and costs no other block;
+//! a [`Writer`] that comes after one that died goes on in the same file, each tick once. Nothing outside causes a panic.
+//!
+//! Times in the file are station time: tick × 1 ms in ns, from the start of tick 0. Format: <https://mcap.dev/spec>.
+
+mod block;
+pub mod channels;
+mod frame;
+mod messages;
+mod reader;
+mod recover;
+pub mod sequence;
+mod summary;
+mod writer;
+
+pub use block::{Block, Event, Level, TickRange};
+pub use reader::{Damage, Ending, ReadError, Reader, Recording};
+pub use sequence::{Collector, History, Taken};
+pub use writer::{WriteError, Writer};
+
+/// Session facts by name: the metadata record `station` of a file. `session` must be there; it tells one session from another.
+pub type Session = std::collections::BTreeMap<String, String>;
+
+/// Version of channels and framing; a file of another version is not continued.
+pub const FORMAT: &str = "1";

@@ -4,8 +4,13 @@
 use super::{Coordinator, Group, MAX_MEMBERS, Member, Outcome, Release, members};
 use crate::page::{OwnedPage, ReadPage};
 use crate::system;
-use hyst_messages::page::header;
+use hyst_messages::page::{WORDS32, header};
 use std::sync::Arc;
+
+/// 32-bit words of the coordinator's page, one for each seat: the newest release that named the seat. A member looks at its own word
+/// alone, so it is never released by the mask of another group, and one that slept through a release finds out and catches up.
+const SHARE_RELEASE: usize = header::SHARE_MEMBER + MAX_MEMBERS;
+const _: () = assert!(SHARE_RELEASE + MAX_MEMBERS <= WORDS32);
 
 #[derive(Debug)]
 struct Seat {
@@ -34,6 +39,8 @@ impl ProcessCoordinator {
     /// Seats a member, or its replacement; gives back the page of whom it replaces, to be unmapped elsewhere.
     pub fn seat(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
         let incarnation = page.incarnation();
+        // In this order, so that the newcomer never takes a release that named its predecessor for its own.
+        self.page.store32(SHARE_RELEASE + index, 0);
         self.page.store32(header::SHARE_MEMBER + index, incarnation);
         let before = self.seats[index].replace(Seat { page, incarnation, excluded: false, named: 0 });
         before.map(|seat| seat.page)
@@ -65,7 +72,8 @@ impl ProcessCoordinator {
 
     fn release_group(&mut self, group: Group, deadline_ns: u64) -> Group {
         let asked = group & self.present();
-        if asked == 0 {
+        // A group whose time is up before it begins is missing, but not to blame: it is neither released nor excluded.
+        if asked == 0 || system::now_ns() >= deadline_ns {
             return 0;
         }
         // Zero is what a fresh page holds, so it is never a release.
@@ -73,9 +81,9 @@ impl ProcessCoordinator {
         for index in members(asked) {
             if let Some(seat) = &mut self.seats[index] {
                 seat.named = number;
+                self.page.store32(SHARE_RELEASE + index, number);
             }
         }
-        self.page.store32(header::RELEASE_SHARES, asked);
         self.page.store32_and_wake(header::RELEASE, number);
         let mut joined = 0;
         for index in members(asked) {
@@ -143,8 +151,18 @@ impl ProcessMember {
         self.coordinator.as_ref().map_or(0, |(_, incarnation)| *incarnation)
     }
 
-    fn seat_in(&self, coordinator: &ReadPage) -> Option<usize> {
-        (0..MAX_MEMBERS).find(|index| coordinator.load32(header::SHARE_MEMBER + index) == self.incarnation)
+    /// Newest release that named this member, and its seat. `None` if it has no seat, or never had a release there.
+    fn named_in(&self, coordinator: &ReadPage) -> Option<(u32, usize)> {
+        let seated = |index: &usize| coordinator.load32(header::SHARE_MEMBER + index) == self.incarnation;
+        let index = (0..MAX_MEMBERS).find(seated)?;
+        let named = coordinator.load32(SHARE_RELEASE + index);
+        // Read again: the seat may have been given to a replacement in between, and the release with it.
+        (named != 0 && seated(&index)).then_some((named, index))
+    }
+
+    fn say_joined(&self, coordinator: u32, number: u32) {
+        self.page.store32(header::JOIN_OF, coordinator);
+        self.page.store32_and_wake(header::JOIN, number);
     }
 }
 
@@ -154,19 +172,17 @@ impl Member for ProcessMember {
             system::sleep_until_ns(deadline_ns);
             return None;
         };
+        let coordinator = *coordinator;
         loop {
             let number = page.load32(header::RELEASE);
-            if number != self.seen {
-                let shares = page.load32(header::RELEASE_SHARES);
-                let seat = self.seat_in(page).filter(|index| shares & (1 << index) != 0);
-                self.seen = number;
-                // If the next release came in between, the seat may be of that one: read again.
-                if page.load32(header::RELEASE) != number {
-                    continue;
+            if let Some((named, index)) = self.named_in(page).filter(|(named, _)| *named != self.seen) {
+                self.seen = named;
+                // The seat's word is written before the release word, so it may be ahead of it, but behind only if the release is over.
+                let is_over = (page.load32(header::RELEASE).wrapping_sub(named) as i32) > 0;
+                if !is_over {
+                    return Some(Release { number: named, coordinator, index });
                 }
-                if let Some(index) = seat {
-                    return Some(Release { number, coordinator: *coordinator, index });
-                }
+                self.say_joined(coordinator, named); // slept through it: no work, but caught up
             }
             if system::now_ns() >= deadline_ns {
                 return None;
@@ -176,7 +192,6 @@ impl Member for ProcessMember {
     }
 
     fn join(&mut self, release: Release) {
-        self.page.store32(header::JOIN_OF, release.coordinator);
-        self.page.store32_and_wake(header::JOIN, release.number);
+        self.say_joined(release.coordinator, release.number);
     }
 }

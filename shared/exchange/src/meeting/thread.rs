@@ -111,6 +111,11 @@ impl Coordinator for ThreadCoordinator {
     fn release(&mut self, groups: &[Group], deadline_ns: u64) -> Outcome {
         let mut outcome = Outcome::default();
         for &group in groups {
+            // A group whose time is up before it begins is missing, but not to blame: it is neither released nor excluded.
+            if system::now_ns() >= deadline_ns {
+                outcome.missing |= group;
+                continue;
+            }
             let begun = self.begin(group);
             let ended = self.finish(begun, deadline_ns);
             outcome.joined |= ended.joined;
@@ -141,9 +146,13 @@ impl Member for ThreadMember {
             if state.closed {
                 return None;
             }
-            if state.released & (1 << self.index) != 0 && state.number != self.seen {
-                self.seen = state.number;
-                return Some(Release { number: state.number, coordinator: 0, index: self.index });
+            let named = state.named[self.index];
+            if named != self.seen {
+                self.seen = named;
+                if state.released & (1 << self.index) != 0 {
+                    return Some(Release { number: named, coordinator: 0, index: self.index });
+                }
+                state.caught_up[self.index] = named; // slept through it: no work, but caught up
             }
             if self.shared.release.wait_until(&mut state, until).timed_out() {
                 return None;
@@ -237,15 +246,47 @@ mod tests {
         }
     }
 
+    /// One release names the member while nobody runs it; the next does not.
+    #[test]
+    fn a_member_that_slept_through_a_release_does_no_work_for_it_and_is_back() {
+        let (mut coordinator, mut members) = threads(2);
+        let mut sleeper = members.remove(0);
+        assert_eq!(coordinator.release(&[0b01], system::now_ns() + 1_000_000).missing, 0b01);
+        assert_eq!(sleeper.await_release(system::now_ns()), None, "the release is over");
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let release = sleeper.await_release(FAR).unwrap();
+                sleeper.join(release);
+            });
+            assert_eq!(coordinator.release(&[0b01], FAR), Outcome { joined: 0b01, missing: 0 });
+        });
+    }
+
+    #[test]
+    fn a_group_whose_time_is_up_before_it_begins_is_missing_but_not_excluded() {
+        let (mut coordinator, mut members) = threads(2);
+        let mut second = members.remove(1);
+        let first_hangs = coordinator.release(&[0b01, 0b10], system::now_ns() + 1_000_000);
+        assert_eq!(first_hangs, Outcome { joined: 0, missing: 0b11 });
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let release = second.await_release(FAR).unwrap();
+                second.join(release);
+            });
+            assert_eq!(coordinator.release(&[0b10], FAR), Outcome { joined: 0b10, missing: 0 });
+        });
+    }
+
     #[test]
     fn a_member_that_hangs_costs_one_deadline_and_is_back_when_it_has_caught_up() {
         let (mut coordinator, mut members) = threads(1);
         let mut member = members.remove(0);
         let release = std::thread::scope(|scope| {
             let waiting = scope.spawn(|| member.await_release(FAR));
-            let outcome = coordinator.release(&[1], system::now_ns() + SOON_NS);
-            assert_eq!(outcome.missing, 1);
-            waiting.join().unwrap()
+            let begun = coordinator.begin(1);
+            let release = waiting.join().unwrap();
+            assert_eq!(coordinator.finish(begun, system::now_ns() + SOON_NS).missing, 1);
+            release
         });
         assert_eq!(coordinator.release(&[1], FAR), Outcome { joined: 0, missing: 1 }, "excluded: no wait although the deadline is far");
         member.join(release.unwrap());

@@ -1,0 +1,166 @@
+//! What waits to be written, and the file. While the disk is full or fails, the recorder says so, keeps a minute in memory, tries again, and
+//! counts what it has to drop.
+
+use hyst_engine::{Failure, Life};
+use hyst_exchange::system;
+use hyst_messages::page::{ProcessState, header, recorder as layout};
+use hyst_messages::RecorderStatus;
+use hyst_recording::{Block, Session, TickRange, WriteError, Writer};
+use std::path::Path;
+
+/// Time between two blocks, ns: what a kill may leave to the successor, who finds it in the device's ring of 4 s.
+const INTERVAL_NS: u64 = 200_000_000;
+/// Time between two tries on a full disk, ns.
+const RETRY_NS: u64 = 1_000_000_000;
+/// Pause while the file cannot be had, ns.
+const WAIT_NS: u64 = 50_000_000;
+/// How long a recorder waits for its predecessor to let go of the file, ns: longer than the supervisor takes to kill one that hangs.
+const LOCK_PATIENCE_NS: u64 = 10_000_000_000;
+/// Ticks in one block.
+const BLOCK_TICKS: usize = 1_000;
+/// Ticks that wait in memory: a minute, 13 MB.
+const MAX_TICKS: usize = 60_000;
+/// Statuses and events that wait in memory, of each kind.
+const MAX_OTHERS: usize = 10_000;
+
+/// The file and its queue.
+pub struct Keeper {
+    writer: Writer,
+    /// What waits.
+    pub queue: Block,
+    next_write_ns: u64,
+    refused: bool,
+}
+
+impl Keeper {
+    /// Opens the file or goes on in it; waits while a predecessor holds it or the disk is full. `None` if the station stops meanwhile.
+    pub fn open(life: &Life, path: &Path, session: &Session) -> Result<Option<Keeper>, Failure> {
+        let patience_ns = system::now_ns() + LOCK_PATIENCE_NS;
+        let mut said = false;
+        while !life.clock.stop_requested() {
+            let error = match Writer::open(path, session) {
+                Ok(writer) => return Ok(Some(Keeper { writer, queue: Block::default(), next_write_ns: 0, refused: false })),
+                Err(error) => error,
+            };
+            match &error {
+                WriteError::Open { .. } | WriteError::Foreign { .. } => return Err(Failure::Input(error.to_string())),
+                WriteError::Encode(_) => return Err(Failure::Broken(error.to_string())),
+                WriteError::Locked { .. } if system::now_ns() > patience_ns => return Err(Failure::Broken(error.to_string())),
+                WriteError::Locked { .. } | WriteError::Full { .. } | WriteError::Write { .. } => {}
+            }
+            if !std::mem::replace(&mut said, true) {
+                life.say(&error.to_string());
+            }
+            life.page.set_state(ProcessState::Warm);
+            life.heartbeat();
+            system::sleep_ns(WAIT_NS);
+        }
+        Ok(None)
+    }
+
+    /// Newest tick on disk.
+    pub fn last_tick(&self) -> Option<u64> {
+        self.writer.last_tick()
+    }
+
+    /// Whether a predecessor began the file.
+    pub fn is_continued(&self) -> bool {
+        self.writer.is_continued()
+    }
+
+    /// Writes what waits if it is time, or `now` at once; publishes how far the recording has come.
+    pub fn keep(&mut self, life: &Life, now: bool) -> Result<(), Failure> {
+        let time_ns = system::now_ns();
+        if now || time_ns >= self.next_write_ns {
+            self.next_write_ns = time_ns + INTERVAL_NS;
+            if let Err(error) = self.write() {
+                if matches!(error, WriteError::Encode(_)) {
+                    return Err(Failure::Broken(error.to_string()));
+                }
+                self.next_write_ns = time_ns + RETRY_NS;
+                if !std::mem::replace(&mut self.refused, true) {
+                    life.say(&error.to_string());
+                    life.page.last_words(&error.to_string());
+                }
+            } else {
+                life.page.store64(header::VALUE_NS, system::now_ns());
+                if std::mem::replace(&mut self.refused, false) {
+                    life.say("the recording goes on");
+                    life.page.last_words("");
+                }
+            }
+        }
+        drop_oldest(&mut self.queue);
+        self.publish(life);
+        Ok(())
+    }
+
+    /// Closes the file; what still waits is lost, and said.
+    pub fn close(self, life: &Life) {
+        let left = self.queue.applied.len();
+        if left > 0 {
+            let lost = self.lost() + left as u64;
+            let bytes = self.writer.bytes();
+            let (last_tick, ticks) = (self.writer.last_tick().unwrap_or(0), self.writer.ticks());
+            life.page.write(layout::STATUS, &RecorderStatus { last_tick, ticks, lost, bytes });
+            life.say(&format!("{left} ticks could not be written and are lost"));
+        }
+        if let Err(error) = self.writer.finish() {
+            life.say(&format!("{error}; the recording has no summary, but is readable"));
+        }
+    }
+
+    fn write(&mut self) -> Result<(), WriteError> {
+        // Each turn takes a block of ticks off the queue, so it ends.
+        while !self.queue.is_empty() {
+            let rest = self.queue.applied.split_off(self.queue.applied.len().min(BLOCK_TICKS));
+            if let Err(error) = self.writer.append(&self.queue) {
+                self.queue.applied.extend(rest);
+                return Err(error);
+            }
+            self.queue = Block { applied: rest, ..Block::default() };
+        }
+        Ok(())
+    }
+
+    fn lost(&self) -> u64 {
+        self.writer.lost() + self.queue.lost.iter().map(TickRange::count).sum::<u64>()
+    }
+
+    fn publish(&self, life: &Life) {
+        let status = RecorderStatus {
+            last_tick: self.writer.last_tick().unwrap_or(0),
+            ticks: self.writer.ticks(),
+            lost: self.lost(),
+            bytes: self.writer.bytes(),
+        };
+        life.page.write(layout::STATUS, &status);
+    }
+}
+
+/// Drops the oldest of what does not fit into memory; the ticks are noted as lost.
+fn drop_oldest(queue: &mut Block) {
+    let over = queue.applied.len().saturating_sub(MAX_TICKS);
+    for record in queue.applied.drain(..over) {
+        TickRange::extend(&mut queue.lost, record.tick);
+    }
+    queue.tissue.drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
+    queue.fluid.drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));
+    queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));
+    queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::AppliedRecord;
+
+    #[test]
+    fn what_does_not_fit_into_memory_is_dropped_from_its_old_end_and_noted() {
+        let ticks = 1..MAX_TICKS as u64 + 8;
+        let mut queue = Block { applied: ticks.map(|tick| AppliedRecord { tick, ..Default::default() }).collect(), ..Block::default() };
+        drop_oldest(&mut queue);
+        assert_eq!((queue.applied.len(), queue.applied[0].tick), (MAX_TICKS, 8));
+        assert_eq!(queue.lost, [TickRange { first: 1, last: 7 }]);
+    }
+}

@@ -1,0 +1,111 @@
+//! The whole life of the recorder: looks 20 times a second, writes five times. Promise: each tick of the device is in the file once, also
+//! across a kill of the recorder at any moment; it costs the real-time processes nothing, because it only reads their pages and streams.
+
+use crate::gather::Gather;
+use crate::keeper::Keeper;
+use crate::watch::Look;
+use hyst_engine::{Failure, Life};
+use hyst_exchange::{Roster, system};
+use hyst_messages::page::{ProcessState, header, recorder as layout, station};
+use hyst_messages::{LAYOUT_VERSION, RecorderStatus, Slot, layout_hash};
+use hyst_recording::{Event, Session};
+
+/// Longest time between two looks, ns. A change of the slots wakes the recorder earlier, so that events have their tick.
+const LOOK_NS: u64 = 50_000_000;
+/// Shortest time between two looks, ns, however often the slots change.
+const REST_NS: u64 = 10_000_000;
+
+/// The whole life of the recorder.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    let Some(path) = &life.settings.record else { return idle(life) };
+    let Some(mut keeper) = Keeper::open(life, path, &facts(life))? else { return Ok(()) };
+    let mut gather = Gather::new(life, keeper.last_tick())?;
+    let roster = Roster::open(&life.station)?;
+    let mut before: Option<Look> = None;
+    let first = if keeper.is_continued() { "present" } else { "started" };
+    life.say(&format!("recording {}, {}", path.display(), if keeper.is_continued() { "continued" } else { "new" }));
+    life.page.set_state(ProcessState::Live);
+    loop {
+        let changes = life.clock.changes();
+        let is_last = life.clock.stop_requested() || is_superseded(life);
+        if is_last {
+            gather.wait_for_last();
+        }
+        gather.take(life, &roster, &mut keeper.queue);
+        let look = Look::take(&life.clock, &roster);
+        let events = look.events(before.as_ref(), first, life.tick());
+        keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));
+        before = Some(look);
+        keeper.keep(life, is_last)?;
+        alive(life);
+        if is_last {
+            break;
+        }
+        rest(life, changes);
+    }
+    keeper.close(life);
+    Ok(())
+}
+
+/// A station without a recording has a recorder all the same, so that every process of a station can be watched alike.
+fn idle(life: &Life) -> Result<(), Failure> {
+    life.page.write(layout::STATUS, &RecorderStatus::default());
+    life.page.set_state(ProcessState::Live);
+    while !life.clock.stop_requested() && !is_superseded(life) {
+        let changes = life.clock.changes();
+        alive(life);
+        rest(life, changes);
+    }
+    Ok(())
+}
+
+/// Whether a newer recorder has the slot: it waits for the file's lock.
+fn is_superseded(life: &Life) -> bool {
+    life.clock.incarnation(life.slot) > life.incarnation
+}
+
+fn alive(life: &Life) {
+    life.heartbeat();
+    life.page.store64(header::TICK, life.tick());
+    life.page.add64(header::STEPS, 1);
+}
+
+fn rest(life: &Life, changes: u32) {
+    let deadline_ns = system::now_ns() + LOOK_NS;
+    system::sleep_ns(REST_NS);
+    life.clock.wait_for_change(changes, deadline_ns);
+}
+
+/// What a process said before it died, if its page is still there.
+fn with_last_words(life: &Life, mut event: Event) -> Event {
+    if event.kind == "died"
+        && let Some(slot) = Slot::parse(&event.process)
+        && let Ok(page) = life.station.read_slot(slot, event.incarnation)
+    {
+        let words = page.last_words();
+        if !words.is_empty() {
+            event.text = format!("{}: {words}", event.text);
+        }
+    }
+    event
+}
+
+/// The facts of the session, the same for every incarnation of the recorder.
+fn facts(life: &Life) -> Session {
+    let t0_ns = life.clock.t0_ns();
+    let settings = std::fs::read_to_string(life.station.settings()).unwrap_or_default();
+    let scene = life.settings.scene.as_ref().map_or("embedded".into(), |path| path.display().to_string());
+    let scene_hash = life.clock.page().load64(station::SCENE_HASH);
+    let facts = [
+        ("session", format!("{}-{t0_ns}", life.station.name())),
+        ("station", life.station.name().to_string()),
+        ("t0_ns", t0_ns.to_string()),
+        ("scene", scene),
+        ("scene_hash", format!("{scene_hash:016x}")),
+        ("hand", life.settings.hand.clone()),
+        ("version", env!("CARGO_PKG_VERSION").to_string()),
+        ("layout", format!("{LAYOUT_VERSION}/{:016x}", layout_hash())),
+        ("settings", settings),
+    ];
+    facts.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+}

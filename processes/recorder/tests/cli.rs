@@ -1,0 +1,194 @@
+//! Promises of the process: bad arguments are one message and exit code 2; a session that is killed half-way and taken up by a successor
+//! holds every tick once; a file of somebody else is not touched. The test founds the station and is its device.
+
+use hyst_exchange::{OwnedPage, ReadPage, Station, system};
+use hyst_messages::page::{ProcessState, device, recorder, station as layout};
+use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, RecorderStatus, Role, Slot};
+use hyst_recording::{Ending, Recording};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+
+const BINARY: &str = env!("CARGO_BIN_EXE_recorder");
+
+/// A station without any process; the recording lies in its root.
+struct Stage {
+    station: Station,
+    keeper: OwnedPage,
+    children: Vec<Child>,
+}
+
+impl Stage {
+    fn new(name: &str, record: bool) -> Stage {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let keeper = station.open_for_keeping().unwrap();
+        let file = station.root().join("session.mcap");
+        let settings = if record { format!("record = \"{}\"\n", file.display()) } else { String::new() };
+        std::fs::write(station.settings(), settings).unwrap();
+        Stage { station, keeper, children: Vec::new() }
+    }
+    fn file(&self) -> PathBuf {
+        self.station.root().join("session.mcap")
+    }
+    fn announce(&self, slot: Slot, incarnation: u32) {
+        self.keeper.store32(layout::SLOT_DEAD + slot.number(), 0);
+        self.keeper.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+        self.keeper.bump_and_wake(layout::CHANGES);
+    }
+    fn device(&self, incarnation: u32) -> OwnedPage {
+        let slot = Slot::first(Role::Device);
+        let page = self.station.create_slot(slot, incarnation).unwrap();
+        self.announce(slot, incarnation);
+        page
+    }
+    /// Starts a recorder; gives its page.
+    fn start(&mut self, incarnation: u32) -> ReadPage {
+        let slot = Slot::first(Role::Recorder);
+        self.station.create_slot(slot, incarnation).unwrap();
+        let child = self.command(incarnation).stderr(Stdio::null()).spawn().unwrap();
+        self.children.push(child);
+        self.announce(slot, incarnation);
+        self.station.read_slot(slot, incarnation).unwrap()
+    }
+    fn command(&self, incarnation: u32) -> Command {
+        let mut command = Command::new(BINARY);
+        command.args(["--station", self.station.name(), "--slot", "recorder", "--incarnation", &incarnation.to_string()]);
+        command
+    }
+    fn kill(&mut self) {
+        let mut child = self.children.pop().unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        self.keeper.store32(layout::SLOT_DEAD + Slot::first(Role::Recorder).number(), 1);
+        self.keeper.bump_and_wake(layout::CHANGES);
+    }
+    fn stop(&mut self) -> Option<i32> {
+        self.keeper.store32(layout::STOP, 1);
+        self.keeper.bump_and_wake(layout::CHANGES);
+        self.children.pop().unwrap().wait().unwrap().code()
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        for child in &mut self.children {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        self.station.wipe();
+    }
+}
+
+fn push(page: &OwnedPage, ticks: std::ops::Range<u64>) {
+    for tick in ticks {
+        let sample = HardwareSample { hardware_tick: tick, time_ns: tick, ..Default::default() };
+        let command = ForceCommand { tick, force_n: [0.0, 0.001 * tick as f32, 0.1], ..Default::default() };
+        page.push(device::APPLIED, tick, &AppliedRecord { tick, command, sample, ..Default::default() });
+    }
+}
+
+/// Looks until the recorder says so; a recorder that never does hangs the test, which is then ended from outside.
+fn wait_for(page: &ReadPage, done: impl Fn(&RecorderStatus) -> bool) -> RecorderStatus {
+    loop {
+        match page.cell(recorder::STATUS) {
+            Some((_, status)) if done(&status) => return status,
+            _ => system::sleep_ns(2_000_000),
+        }
+    }
+}
+
+fn ticks(recording: &Recording) -> Vec<u64> {
+    recording.applied().iter().map(|record| record.tick).collect()
+}
+
+fn refused(output: &Output, word: &str) {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains(word) && !said.contains("panicked"), "{said}");
+}
+
+#[test]
+fn bad_arguments_are_one_message_and_exit_code_2() {
+    let run = |arguments: &[&str]| Command::new(BINARY).args(arguments).output().unwrap();
+    refused(&run(&[]), "--station");
+    refused(&run(&["--station", "x", "--slot", "haptic:0", "--incarnation", "1"]), "this binary is a recorder");
+    refused(&run(&["--station", "NO SUCH", "--slot", "recorder", "--incarnation", "1"]), "station name");
+    let absent = format!("t{}-absent", std::process::id());
+    refused(&run(&["--station", &absent, "--slot", "recorder", "--incarnation", "1"]), "hystation run");
+}
+
+#[test]
+fn every_tick_is_in_the_file_once_although_the_recorder_was_killed_half_way() {
+    let mut stage = Stage::new("kill", true);
+    let device = stage.device(1);
+    push(&device, 10..100);
+    let page = stage.start(2);
+    wait_for(&page, |status| status.last_tick == 99);
+    push(&device, 100..170);
+    wait_for(&page, |status| status.last_tick >= 99);
+    stage.kill();
+    let halfway = Recording::read(&stage.file()).unwrap();
+    assert!(matches!(halfway.ending, Ending::Cut { .. }) && halfway.applied().len() >= 90);
+    push(&device, 170..200);
+    let page = stage.start(3);
+    wait_for(&page, |status| status.last_tick == 199);
+    assert_eq!(page.state(), ProcessState::Live);
+    // The device is restarted too, and its successor begins some ticks later.
+    push(&device, 200..210);
+    let successor = stage.device(4);
+    push(&successor, 220..310);
+    let status = wait_for(&page, |status| status.last_tick == 309);
+    assert_eq!((status.ticks, status.lost), (290, 0));
+    push(&successor, 310..320);
+    assert_eq!(stage.stop(), Some(0));
+    let recording = Recording::read(&stage.file()).unwrap();
+    assert_eq!(ticks(&recording), (10..210).chain(220..320).collect::<Vec<_>>());
+    assert_eq!((recording.ending, recording.damage.len(), recording.content.lost.len()), (Ending::Complete, 0, 0));
+    assert_eq!(recording.applied()[150].command.force_n, [0.0, 0.001 * 160.0, 0.1]);
+    assert_eq!(recording.session["station"], stage.station.name());
+    let said = |kind: &str, process: &str| {
+        recording.content.events.iter().filter(|event| event.kind == kind && event.process == process).count()
+    };
+    assert_eq!((said("skipped", "recorder"), said("started", "device")), (1, 2));
+}
+
+#[test]
+fn ticks_that_left_the_ring_while_no_recorder_lived_are_counted_as_lost() {
+    let mut stage = Stage::new("lost", true);
+    let device = stage.device(1);
+    push(&device, 1..100);
+    let page = stage.start(2);
+    wait_for(&page, |status| status.last_tick == 99);
+    stage.kill();
+    let end = 120 + device::APPLIED.entries as u64;
+    push(&device, 100..end);
+    let page = stage.start(3);
+    let status = wait_for(&page, |status| status.last_tick == end - 1);
+    assert_eq!(status.lost, 20 + 1, "the entry that would be written next counts as gone");
+    assert_eq!(stage.stop(), Some(0));
+    let recording = Recording::read(&stage.file()).unwrap();
+    let lost: u64 = recording.content.lost.iter().map(|range| range.count()).sum();
+    assert_eq!((lost, recording.applied().len() as u64), (status.lost, end - 1 - status.lost));
+}
+
+#[test]
+fn without_a_recording_the_recorder_lives_and_writes_nothing() {
+    let mut stage = Stage::new("none", false);
+    let page = stage.start(1);
+    wait_for(&page, |status| *status == RecorderStatus::default());
+    assert_eq!(stage.stop(), Some(0));
+    assert_eq!(page.state(), ProcessState::Stopping);
+    assert!(!stage.file().exists());
+}
+
+#[test]
+fn a_file_of_somebody_else_is_refused_and_stays_as_it_is() {
+    let stage = Stage::new("foreign", true);
+    let precious: &Path = &stage.file();
+    std::fs::write(precious, "precious").unwrap();
+    stage.station.create_slot(Slot::first(Role::Recorder), 1).unwrap();
+    let output = stage.command(1).output().unwrap();
+    refused(&output, "is not an MCAP file");
+    assert_eq!(std::fs::read(precious).unwrap(), b"precious");
+}

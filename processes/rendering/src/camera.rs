@@ -1,0 +1,313 @@
+//! Where the picture is taken from: the endoscope's lens at the scope's tip, or an eye outside for developers.
+//!
+//! Frame: the station's (metres, +z into the uterus, +y anterior, +x to the patient's left). The scope's pose is its tip and a unit
+//! quaternion whose +z is the axis. A fore-oblique optic looks along the axis turned by its angle towards the scope's +y. The lens is a
+//! radial polynomial of degree 4 in the picture's radius, r (1 + k1 r² + k2 r⁴) / (1 + k1 + k2); with the defaults the rim is drawn at
+//! 52 % of the centre's size (geometric mean of radial and tangential), as measured for rigid endoscopes.
+use glam::{Mat4, Quat, Vec3};
+
+/// The optic and how it is held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Endoscope {
+    /// tip of the scope, m
+    pub tip_m: [f32; 3],
+    /// unit quaternion (x, y, z, w); its +z is the scope's axis
+    pub rotation: [f32; 4],
+    /// angle between axis and line of sight, rad; 30° is usual
+    pub oblique_rad: f32,
+    /// turn of the camera head against the scope, rad, clockwise seen by the surgeon; the notch turns the other way
+    pub head_rad: f32,
+    /// full angle that the round picture covers, rad
+    pub field_of_view_rad: f32,
+    /// distortion k1, k2
+    pub distortion: [f32; 2],
+}
+
+impl Default for Endoscope {
+    fn default() -> Self {
+        Self {
+            tip_m: [0.0; 3],
+            rotation: [0.0, 0.0, 0.0, 1.0],
+            oblique_rad: 30_f32.to_radians(),
+            head_rad: 0.0,
+            field_of_view_rad: 90_f32.to_radians(),
+            distortion: [0.35, 0.10],
+        }
+    }
+}
+
+/// An eye outside the body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct External {
+    /// the eye, m
+    pub eye_m: [f32; 3],
+    /// what it looks at, m
+    pub target_m: [f32; 3],
+    /// the picture's up, any length
+    pub up: [f32; 3],
+    /// vertical field of view, rad
+    pub field_of_view_rad: f32,
+    /// tissue with n·p > d is cut away, so that cavity and tool show; unit n and d in m
+    pub clip: Option<([f32; 3], f32)>,
+    /// opacity of uncut tissue, 0..=1
+    pub tissue_alpha: f32,
+}
+
+impl Default for External {
+    fn default() -> Self {
+        Self {
+            eye_m: [0.150, 0.045, 0.035],
+            target_m: [0.0, 0.0, 0.022],
+            up: [0.0, 1.0, 0.0],
+            field_of_view_rad: 35_f32.to_radians(),
+            clip: Some(([1.0, 0.0, 0.0], 0.0)),
+            tissue_alpha: 1.0,
+        }
+    }
+}
+
+/// One of the two.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Camera {
+    /// what the surgeon sees
+    Endoscope(Endoscope),
+    /// what a bystander with X-ray eyes sees
+    External(External),
+}
+
+/// How a frame is to be made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// where from
+    pub camera: Camera,
+    /// light at the tip: 1 is full
+    pub light: f32,
+    /// exposure compensation, 1 is what the camera head meters
+    pub gain: f32,
+    /// how fast metering follows, share per frame 0..=1; 1 is at once
+    pub adaptation: f32,
+    /// resolution and passes
+    pub quality: crate::Quality,
+    /// the strip of text
+    pub overlay: crate::Overlay,
+}
+
+impl View {
+    /// A view with full light and automatic exposure.
+    pub fn new(camera: Camera) -> Self {
+        Self {
+            camera,
+            light: 1.0,
+            gain: 1.0,
+            adaptation: 0.15,
+            quality: crate::Quality::default(),
+            overlay: crate::Overlay::default(),
+        }
+    }
+}
+
+/// A camera in the form that the passes use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Eye {
+    pub view_proj: Mat4,
+    pub eye_m: Vec3,
+    pub light_m: Vec3,
+    pub light_axis: Vec3,
+    /// from the lamp to what it lights, m; used outside alone
+    pub lamp_m: f32,
+    pub round: bool,
+    pub notch_rad: f32,
+    pub distortion: [f32; 2],
+    pub clip: [f32; 4],
+    pub tissue_alpha: f32,
+}
+
+/// Nothing nearer is drawn, m: a lens that touches tissue sees red, not the inside of the wall.
+const NEAR_M: f32 = 2.0e-4;
+/// Nothing farther is drawn, m.
+const FAR_M: f32 = 1.0;
+/// From the lens to the middle of the light fibres, m, towards the scope's -y.
+const LIGHT_OFFSET_M: f32 = 1.3e-3;
+
+impl Camera {
+    pub(crate) fn eye(&self, aspect: f32) -> Eye {
+        match self {
+            Self::Endoscope(scope) => scope.eye(),
+            Self::External(outside) => outside.eye(aspect),
+        }
+    }
+}
+
+impl Endoscope {
+    fn eye(&self) -> Eye {
+        let tip = finite(self.tip_m, Vec3::ZERO);
+        let q = Quat::from_array(self.rotation);
+        let q = if q.is_finite() && q.length_squared() > 1e-6 {
+            q.normalize()
+        } else {
+            Quat::IDENTITY
+        };
+        let oblique = bounded(self.oblique_rad, -1.5, 1.5, 0.5);
+        let sight = q * Vec3::new(0.0, oblique.sin(), oblique.cos());
+        let up = q * Vec3::new(0.0, oblique.cos(), -oblique.sin());
+        let head = bounded(self.head_rad, -1.0e3, 1.0e3, 0.0);
+        let up = Quat::from_axis_angle(sight, head) * up;
+        let half = 0.5 * bounded(self.field_of_view_rad, 0.2, 2.6, 1.57);
+        let proj = glam::camera::rh::proj::directx::perspective(2.0 * half, 1.0, NEAR_M, FAR_M);
+        Eye {
+            view_proj: proj * glam::camera::rh::view::look_to_mat4(tip, sight, up),
+            eye_m: tip,
+            light_m: tip - q * Vec3::Y * LIGHT_OFFSET_M,
+            light_axis: sight,
+            lamp_m: 0.01,
+            round: true,
+            notch_rad: -head,
+            distortion: self.distortion.map(|k| bounded(k, -0.2, 2.0, 0.0)),
+            clip: [0.0; 4],
+            tissue_alpha: 1.0,
+        }
+    }
+}
+
+impl External {
+    fn eye(&self, aspect: f32) -> Eye {
+        let target = finite(self.target_m, Vec3::ZERO);
+        let mut eye = finite(self.eye_m, Vec3::new(0.2, 0.0, 0.0));
+        if eye.distance_squared(target) < 1e-10 {
+            eye = target + Vec3::X * 0.1;
+        }
+        let sight = (target - eye).normalize();
+        let mut up = finite(self.up, Vec3::Y);
+        if up.cross(sight).length_squared() < 1e-12 {
+            up = sight.any_orthogonal_vector();
+        }
+        let fov = bounded(self.field_of_view_rad, 0.05, 2.6, 0.6);
+        let proj = glam::camera::rh::proj::directx::perspective(
+            fov,
+            aspect,
+            eye.distance(target) * 0.02,
+            eye.distance(target) * 20.0,
+        );
+        let right = sight.cross(up).normalize();
+        let clip = self.clip.map_or([0.0; 4], |(n, d)| {
+            let n = finite(n, Vec3::ZERO).normalize_or_zero();
+            [n.x, n.y, n.z, if d.is_finite() { d } else { 0.0 }]
+        });
+        let distance = eye.distance(target);
+        let light = eye + (up.normalize() * 0.45 - right * 0.35) * distance;
+        Eye {
+            view_proj: proj * glam::camera::rh::view::look_to_mat4(eye, sight, up),
+            eye_m: eye,
+            light_m: light,
+            light_axis: (target - light).normalize(),
+            lamp_m: target.distance(light),
+            round: false,
+            notch_rad: 0.0,
+            distortion: [0.0; 2],
+            clip,
+            tissue_alpha: bounded(self.tissue_alpha, 0.0, 1.0, 1.0),
+        }
+    }
+}
+
+fn finite(v: [f32; 3], otherwise: Vec3) -> Vec3 {
+    let v = Vec3::from(v);
+    if v.is_finite() && v.length() < 10.0 {
+        v
+    } else {
+        otherwise
+    }
+}
+
+fn bounded(x: f32, low: f32, high: f32, otherwise: f32) -> f32 {
+    if x.is_finite() {
+        x.clamp(low, high)
+    } else {
+        otherwise
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn projected(eye: &Eye, p: Vec3) -> Vec3 {
+        eye.view_proj.project_point3(p)
+    }
+
+    #[test]
+    fn a_fore_oblique_optic_has_its_line_of_sight_in_the_middle() {
+        for degrees in [0.0_f32, 12.0, 30.0, 70.0] {
+            let scope = Endoscope {
+                oblique_rad: degrees.to_radians(),
+                tip_m: [0.001, 0.002, 0.03],
+                ..Endoscope::default()
+            };
+            let a = degrees.to_radians();
+            let ahead = Vec3::from(scope.tip_m) + Vec3::new(0.0, a.sin(), a.cos()) * 0.02;
+            let p = projected(&scope.eye(), ahead);
+            assert!(
+                p.x.abs() < 1e-4 && p.y.abs() < 1e-4 && (0.0..1.0).contains(&p.z),
+                "{degrees}: {p}"
+            );
+        }
+    }
+
+    #[test]
+    fn anterior_is_up_and_the_patients_left_is_on_the_pictures_left() {
+        let scope = Endoscope {
+            oblique_rad: 0.0,
+            ..Endoscope::default()
+        };
+        let eye = scope.eye();
+        assert!(projected(&eye, Vec3::new(0.0, 0.004, 0.02)).y > 0.1);
+        assert!(projected(&eye, Vec3::new(0.004, 0.0, 0.02)).x < -0.1);
+    }
+
+    #[test]
+    fn the_light_post_swings_the_view_and_the_horizon_stays_with_the_head() {
+        let half_turn = Quat::from_rotation_z(std::f32::consts::PI).to_array();
+        let scope = Endoscope {
+            rotation: half_turn,
+            ..Endoscope::default()
+        };
+        let below = Vec3::new(0.0, -0.5, 0.75_f32.sqrt()) * 0.02;
+        assert!(projected(&scope.eye(), below).truncate().length() < 1e-4);
+        let held = Endoscope {
+            head_rad: std::f32::consts::PI,
+            ..scope
+        };
+        assert!(
+            projected(&held.eye(), below + Vec3::Y * 0.003).y > 0.1,
+            "up is up again once the head is turned back"
+        );
+    }
+
+    #[test]
+    fn the_rim_is_drawn_at_52_percent_of_the_centre() {
+        let [k1, k2] = Endoscope::default().distortion;
+        let source = |r: f32| r * (1.0 + k1 * r * r + k2 * r.powi(4)) / (1.0 + k1 + k2);
+        let centre = 1e-3 / source(1e-3);
+        let radial = 1e-3 / (source(1.0) - source(0.999));
+        let rim = (radial * (1.0 / source(1.0))).sqrt();
+        assert!((rim / centre - 0.52).abs() < 0.01, "{}", rim / centre);
+    }
+
+    #[test]
+    fn no_camera_gives_a_matrix_that_is_not_finite() {
+        let bad = Endoscope {
+            tip_m: [f32::NAN; 3],
+            rotation: [0.0; 4],
+            field_of_view_rad: f32::INFINITY,
+            ..Endoscope::default()
+        };
+        assert!(bad.eye().view_proj.is_finite());
+        let bad = External {
+            eye_m: [0.0; 3],
+            target_m: [0.0; 3],
+            up: [1.0, 0.0, 0.0],
+            ..External::default()
+        };
+        assert!(bad.eye(1.33).view_proj.is_finite());
+    }
+}

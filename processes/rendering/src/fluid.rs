@@ -1,0 +1,129 @@
+//! The medium in the cavity as the picture needs it: a density of blood on a grid, seen along the ray.
+use crate::{
+    error::RenderError,
+    gpu::Gpu,
+    pipelines::{LIGHT, Pipelines, group},
+    targets::{solid, view},
+};
+
+/// Cells of one field: far above the 128³ that the flow engine aims at.
+pub const MAX_CELLS: usize = 4_194_304;
+
+/// A field of density, borrowed for the call alone.
+#[derive(Debug, Clone, Copy)]
+pub struct FluidField<'a> {
+    /// cells along x, y, z
+    pub dims: [u32; 3],
+    /// lowest corner of the grid's box, m
+    pub min_m: [f32; 3],
+    /// highest corner, m
+    pub max_m: [f32; 3],
+    /// density per cell, x fastest, 0 is clear; values that are not finite count as clear
+    pub density: &'a [f32],
+    /// extinction at density 1, 1/m
+    pub extinction_per_m: f32,
+}
+
+/// The field on the device.
+pub(crate) struct Fluid {
+    dims: [u32; 3],
+    density: wgpu::Buffer,
+    convert: wgpu::BindGroup,
+    pub view: wgpu::TextureView,
+    pub min: [f32; 4],
+    pub max: [f32; 4],
+    pub changed: bool,
+}
+
+impl Fluid {
+    /// A field of one clear cell, so that there is always something to bind.
+    pub(crate) fn clear(gpu: &Gpu, pipelines: &Pipelines) -> Self {
+        Self::sized(gpu, pipelines, [1; 3])
+    }
+
+    fn sized(gpu: &Gpu, pipelines: &Pipelines, dims: [u32; 3]) -> Self {
+        let cells: u64 = dims.iter().map(|&n| u64::from(n)).product();
+        let texture = solid(
+            &gpu.device,
+            dims,
+            LIGHT,
+            wgpu::TextureUsages::STORAGE_BINDING,
+        );
+        let view = view(&texture);
+        let density = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("density"),
+            size: 4 * cells,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let resources = [
+            density.as_entire_binding(),
+            wgpu::BindingResource::TextureView(&view),
+        ];
+        let convert = group(&gpu.device, &pipelines.field_layout, &resources);
+        Self {
+            dims,
+            density,
+            convert,
+            view,
+            min: [0.0; 4],
+            max: [0.0; 4],
+            changed: false,
+        }
+    }
+
+    /// Takes a new field; says whether the texture is another one, so that it must be bound anew.
+    pub(crate) fn set(
+        &mut self,
+        gpu: &Gpu,
+        pipelines: &Pipelines,
+        field: &FluidField<'_>,
+    ) -> Result<bool, RenderError> {
+        let cells = field
+            .dims
+            .iter()
+            .try_fold(1_usize, |n, &d| n.checked_mul(d as usize))
+            .unwrap_or(usize::MAX);
+        let box_is_sane = (0..3).all(|a| {
+            (field.max_m[a] - field.min_m[a]).is_finite() && field.max_m[a] > field.min_m[a]
+        });
+        if cells != field.density.len()
+            || cells == 0
+            || !box_is_sane
+            || !field.extinction_per_m.is_finite()
+        {
+            return Err(RenderError::BadField {
+                got: field.density.len(),
+                dims: field.dims,
+            });
+        }
+        let longest = field.dims.iter().fold(0, |n, &d| n.max(d as usize));
+        if cells > MAX_CELLS || longest > 512 {
+            return Err(RenderError::TooLarge {
+                what: "cells of the fluid field",
+                got: cells,
+                bound: MAX_CELLS,
+            });
+        }
+        let renewed = field.dims != self.dims;
+        if renewed {
+            *self = Self::sized(gpu, pipelines, field.dims);
+        }
+        gpu.queue
+            .write_buffer(&self.density, 0, bytemuck::cast_slice(field.density));
+        let ([x, y, z], [u, v, w]) = (field.min_m, field.max_m);
+        self.min = [x, y, z, field.extinction_per_m.clamp(0.0, 1.0e5)];
+        self.max = [u, v, w, 0.0];
+        self.changed = true;
+        Ok(renewed)
+    }
+
+    pub(crate) fn convert(&mut self, pass: &mut wgpu::ComputePass<'_>, pipelines: &Pipelines) {
+        if std::mem::take(&mut self.changed) {
+            let [x, y, z] = self.dims.map(|n| n.div_ceil(4));
+            pass.set_pipeline(&pipelines.field);
+            pass.set_bind_group(0, &self.convert, &[]);
+            pass.dispatch_workgroups(x, y, z);
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! The graphics device: Vulkan through wgpu, on a GPU or on lavapipe, headless or with a window's surface.
+//!
+//! Promise: every failure is a typed error of one line; nothing in here panics when a driver is missing, an adapter refuses or a
+//! device is lost. Errors that wgpu reports out of line are kept and returned by the next call of [`Gpu::check`].
+use std::sync::{Arc, Mutex};
+
+use crate::error::RenderError;
+
+/// Which adapter to take where there are several.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Prefer {
+    /// a discrete GPU if there is one, else whatever there is
+    Fastest,
+    /// the software rasterizer (lavapipe): the same pictures on every machine of one driver version
+    Software,
+}
+
+/// An opened device. Cloning its parts is cheap; they refer to one device.
+pub struct Gpu {
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
+    pub(crate) adapter: wgpu::Adapter,
+    /// Kept with the surface: the surface of a window belongs to the instance that made it.
+    pub(crate) surface: Option<wgpu::Surface<'static>>,
+    faults: Arc<Mutex<Option<String>>>,
+}
+
+impl std::fmt::Debug for Gpu {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Gpu")
+            .field("adapter", &self.name())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Gpu {
+    /// Opens a device without a window.
+    ///
+    /// # Errors
+    /// [`RenderError::NoVulkan`], [`RenderError::NoDevice`].
+    pub fn new(prefer: Prefer) -> Result<Self, RenderError> {
+        let instance = instance();
+        Self::open(&instance, prefer, None)
+    }
+
+    /// Opens a device that can draw into `window`.
+    ///
+    /// # Errors
+    /// As [`Gpu::new`], and [`RenderError::NoSurface`].
+    pub fn with_window(
+        prefer: Prefer,
+        window: &crate::window::Window,
+    ) -> Result<Self, RenderError> {
+        let instance = instance();
+        let handle = window
+            .handle()
+            .ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
+        let surface = instance
+            .create_surface(handle)
+            .map_err(|e| RenderError::NoSurface {
+                adapter: "Vulkan".into(),
+                reason: one_line(&e.to_string()),
+            })?;
+        Self::open(&instance, prefer, Some(surface))
+    }
+
+    fn open(
+        instance: &wgpu::Instance,
+        prefer: Prefer,
+        surface: Option<wgpu::Surface<'static>>,
+    ) -> Result<Self, RenderError> {
+        let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            force_fallback_adapter: prefer == Prefer::Software,
+            compatible_surface: surface.as_ref(),
+            ..Default::default()
+        }))
+        .map_err(|e| {
+            RenderError::NoVulkan(one_line(
+                e.to_string().split(';').next().unwrap_or_default(),
+            ))
+        })?;
+        let name = adapter.get_info().name;
+        let wanted = wgpu::Features::TIMESTAMP_QUERY & adapter.features();
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("rendering"),
+            required_features: wanted,
+            required_limits: wgpu::Limits::default(),
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
+            ..Default::default()
+        }))
+        .map_err(|e| RenderError::NoDevice {
+            adapter: name,
+            reason: one_line(&e.to_string()),
+        })?;
+        let faults = Arc::new(Mutex::new(None));
+        let (late, lost) = (Arc::clone(&faults), Arc::clone(&faults));
+        device.on_uncaptured_error(Arc::new(move |e| note(&late, e.to_string())));
+        device.set_device_lost_callback(move |reason, text| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note(&lost, format!("device lost: {text}"));
+            }
+        });
+        Ok(Self {
+            device,
+            queue,
+            adapter,
+            surface,
+            faults,
+        })
+    }
+
+    /// Name and kind of the adapter, for the log.
+    pub fn name(&self) -> String {
+        let info = self.adapter.get_info();
+        format!(
+            "{} ({:?}, {})",
+            info.name, info.device_type, info.driver_info
+        )
+    }
+
+    /// Whether pictures come from the processor, so that they compete with the engines.
+    pub fn is_software(&self) -> bool {
+        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// The first error that was reported since the last call.
+    ///
+    /// # Errors
+    /// [`RenderError::DeviceLost`] with the driver's words.
+    pub fn check(&self) -> Result<(), RenderError> {
+        let fault = self
+            .faults
+            .lock()
+            .map_or_else(|held| held.into_inner().take(), |mut held| held.take());
+        fault.map_or(Ok(()), |text| Err(RenderError::DeviceLost(one_line(&text))))
+    }
+}
+
+fn instance() -> wgpu::Instance {
+    let mut wanted = wgpu::InstanceDescriptor::new_without_display_handle();
+    wanted.backends = wgpu::Backends::VULKAN;
+    wanted.flags = wgpu::InstanceFlags::empty();
+    wgpu::Instance::new(wanted)
+}
+
+fn note(faults: &Mutex<Option<String>>, text: String) {
+    if let Ok(mut held) = faults.lock() {
+        held.get_or_insert(text);
+    }
+}
+
+/// A message of a driver on one line of at most 200 characters.
+pub(crate) fn one_line(text: &str) -> String {
+    let joined: Vec<&str> = text.split_whitespace().collect();
+    joined.join(" ").chars().take(200).collect()
+}

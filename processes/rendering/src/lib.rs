@@ -1,0 +1,40 @@
+//! The Vision Engine: what the surgeon sees, drawn with Vulkan on a GPU or on lavapipe, in a window or headless.
+//!
+//! The scene graph ([`Stage`]) reads what streams in and hands it to the driver, which is the only copy; normals, textures and light are
+//! computed by the device. Pictures give way first ([`next_scale`]); no failure in here is anything but one error of one line, and nothing
+//! in here is on the way from the hand to the force.
+//!
+//! Technique: forward shading with solid noise at rest positions (Perlin 2002), smooth normals by a gather over incident triangles,
+//! inverse-square spotlight, a filmic curve, and a radial lens polynomial of degree 4.
+mod camera;
+mod error;
+mod fluid;
+mod font;
+mod gpu;
+mod input;
+mod noise;
+mod overlay;
+mod passes;
+mod pipelines;
+mod present;
+mod quality;
+mod renderer;
+pub mod shapes;
+mod stage;
+mod targets;
+mod timing;
+mod uniforms;
+mod window;
+
+pub use camera::{Camera, Endoscope, External, View};
+pub use error::RenderError;
+pub use fluid::{FluidField, MAX_CELLS};
+pub use gpu::{Gpu, Prefer};
+pub use input::{Key, PointerInput};
+pub use overlay::{COLUMNS, Overlay, ROWS};
+pub use present::Shown;
+pub use quality::{MIN_SCALE, Quality, SCALE_STEP, next_scale};
+pub use renderer::{FRAME_LIMIT, FrameStats, MAX_SIDE_PX, Renderer};
+pub use stage::{Appearance, MAX_OBJECTS, MAX_TRIANGLES, Material, Stage, SurfaceMesh};
+pub use timing::PASS_NAMES;
+pub use window::{Status, Window};

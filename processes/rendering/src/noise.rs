@@ -1,0 +1,157 @@
+//! Solid noise that tiles, from which the passes make glands, vessels and mottling. Made once at start-up, from no asset and no clock.
+//!
+//! Gradient noise after Perlin, "Improving noise" (SIGGRAPH 2002), with a hash of our own on a lattice that wraps around.
+
+/// Texels per axis of a solid.
+pub(crate) const SIDE: usize = 64;
+
+/// Four fields per texel, each in -1..=1 as a signed byte: vessels, capillaries' spread, mottling, breaks.
+pub(crate) fn fields() -> Vec<u8> {
+    let octaves: [&[(u32, f32)]; 4] = [
+        &[(4, 0.8), (8, 0.3)],
+        &[(3, 0.7), (9, 0.55)],
+        &[(3, 0.7), (6, 0.4), (14, 0.25)],
+        &[(5, 0.9), (11, 0.3)],
+    ];
+    let mut out = vec![0_u8; SIDE * SIDE * SIDE * 4];
+    for (channel, parts) in octaves.iter().enumerate() {
+        for (texel, value) in solid(parts, channel as u32 * 7_919).iter().enumerate() {
+            out[texel * 4 + channel] = signed_byte(*value * 1.5);
+        }
+    }
+    out
+}
+
+/// Slope (x, y, z) and height of a glandular surface, each in -1..=1 as a signed byte.
+pub(crate) fn relief() -> Vec<u8> {
+    let mut height = solid(&[(8, 0.9), (16, 0.35)], 101);
+    for h in &mut height {
+        *h = 1.0 - 3.0 * h.abs(); // billows: rounded glands with furrows between them
+    }
+    let at = |x: usize, y: usize, z: usize| height[(z % SIDE * SIDE + y % SIDE) * SIDE + x % SIDE];
+    let mut out = Vec::with_capacity(SIDE * SIDE * SIDE * 4);
+    for z in 0..SIDE {
+        for y in 0..SIDE {
+            for x in 0..SIDE {
+                let slope = [
+                    at(x + 1, y, z) - at(x + SIDE - 1, y, z),
+                    at(x, y + 1, z) - at(x, y + SIDE - 1, z),
+                    at(x, y, z + 1) - at(x, y, z + SIDE - 1),
+                ];
+                out.extend(slope.map(|s| signed_byte(s * 0.8)));
+                out.push(signed_byte(at(x, y, z) * 0.8));
+            }
+        }
+    }
+    out
+}
+
+fn signed_byte(x: f32) -> u8 {
+    (x.clamp(-1.0, 1.0) * 127.0).round() as i8 as u8
+}
+
+fn solid(octaves: &[(u32, f32)], seed: u32) -> Vec<f32> {
+    let mut out = vec![0.0; SIDE * SIDE * SIDE];
+    for &(cells, weight) in octaves {
+        let lattice = Lattice::new(cells, seed);
+        for (texel, value) in out.iter_mut().enumerate() {
+            let place = [texel % SIDE, texel / SIDE % SIDE, texel / (SIDE * SIDE)];
+            *value += weight * lattice.noise(place.map(|i| i as f32 / SIDE as f32));
+        }
+    }
+    out
+}
+
+/// A hash per node of a lattice that wraps around, made once: hashing per texel would be most of the start-up.
+struct Lattice {
+    cells: u32,
+    hashes: Vec<u32>,
+}
+
+impl Lattice {
+    fn new(cells: u32, seed: u32) -> Self {
+        let node = |i: u32| [i % cells, i / cells % cells, i / (cells * cells)];
+        let hashes = (0..cells.pow(3))
+            .map(|i| hash(node(i), seed ^ cells))
+            .collect();
+        Self { cells, hashes }
+    }
+
+    /// Noise at `p` in the unit cube.
+    fn noise(&self, p: [f32; 3]) -> f32 {
+        let q = p.map(|c| c * self.cells as f32);
+        let base = q.map(|c| c as u32);
+        let f = [0, 1, 2].map(|a| q[a] - base[a] as f32);
+        let ease = f.map(|t| t * t * t * (t * (t * 6.0 - 15.0) + 10.0));
+        let mut sum = 0.0;
+        for corner in 0..8_u32 {
+            let bit = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+            let [x, y, z] = [0, 1, 2].map(|a| (base[a] + bit[a]) % self.cells);
+            let away = [0, 1, 2].map(|a| f[a] - bit[a] as f32);
+            let share = |a: usize| if bit[a] == 1 { ease[a] } else { 1.0 - ease[a] };
+            let hash = self.hashes[((z * self.cells + y) * self.cells + x) as usize];
+            sum += share(0) * share(1) * share(2) * slope(hash, away);
+        }
+        sum
+    }
+}
+
+/// One of the twelve edge directions of a cube, dotted with `v`.
+fn slope(h: u32, v: [f32; 3]) -> f32 {
+    let (a, b) = match h % 3 {
+        0 => (v[0], v[1]),
+        1 => (v[1], v[2]),
+        _ => (v[2], v[0]),
+    };
+    (if h & 0x100 == 0 { a } else { -a }) + (if h & 0x200 == 0 { b } else { -b })
+}
+
+fn hash(node: [u32; 3], seed: u32) -> u32 {
+    let mut h = seed.wrapping_mul(0x9e37_79b1);
+    for n in node {
+        h = (h ^ n).wrapping_mul(0x85eb_ca6b);
+        h ^= h >> 15;
+        h = h.wrapping_mul(0xc2b2_ae35);
+        h ^= h >> 13;
+    }
+    h
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_solid_wraps_without_a_seam() {
+        for cells in [3, 8] {
+            let lattice = Lattice::new(cells, 5);
+            let inside = lattice.noise([0.999_99, 0.3, 0.7]);
+            let outside = lattice.noise([0.0, 0.3, 0.7]);
+            assert!(
+                (inside - outside).abs() < 1e-3,
+                "{cells}: {inside} {outside}"
+            );
+        }
+    }
+
+    #[test]
+    fn each_field_is_balanced_and_varied() {
+        let fields = fields();
+        for channel in 0..4 {
+            let values: Vec<f32> = fields
+                .iter()
+                .skip(channel)
+                .step_by(4)
+                .map(|&b| f32::from(b as i8) / 127.0)
+                .collect();
+            let mean = values.iter().sum::<f32>() / values.len() as f32;
+            let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>()
+                / values.len() as f32)
+                .sqrt();
+            assert!(
+                mean.abs() < 0.15 && spread > 0.2,
+                "channel {channel}: mean {mean}, spread {spread}"
+            );
+        }
+    }
+}

@@ -1,0 +1,347 @@
+//! One frame: normals, scene, glow and exposure, lens and text; then the picture is read, written to a file, or shown.
+//!
+//! Promise: whatever the streams held, `render` ends within [`FRAME_LIMIT`] with a picture or with one error. Passes run in one submission.
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use crate::{
+    camera::{Eye, View},
+    error::RenderError,
+    fluid::{Fluid, FluidField},
+    gpu::{Gpu, one_line},
+    noise, overlay,
+    pipelines::{Pipelines, group},
+    stage::Stage,
+    targets::{PostBuffers, Sizes, Targets, solid, view},
+    timing::{PASSES, Timer},
+    uniforms::{Globals, Post, globals, post},
+};
+
+/// A frame that takes longer is given up: the device hangs.
+pub const FRAME_LIMIT: Duration = Duration::from_secs(5);
+/// Largest side of a picture, px.
+pub const MAX_SIDE_PX: u32 = 4_096;
+
+/// What a frame cost.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FrameStats {
+    /// from the call to the finished picture, ms
+    pub total_ms: f32,
+    /// of that: handing over data and recording commands, ms
+    pub encode_ms: f32,
+    /// device time of the passes named by [`PASS_NAMES`](crate::PASS_NAMES), ms; zero where the device keeps no time
+    pub passes_ms: [f32; PASSES],
+    /// scene texels drawn
+    pub inner_px: [u32; 2],
+    /// triangles drawn
+    pub triangles: u64,
+}
+
+/// The Vision Engine's drawing half. Fields and methods touch one device; a lost device loses all of it.
+pub struct Renderer {
+    pub(crate) gpu: Gpu,
+    pub(crate) pipelines: Arc<Pipelines>,
+    pub(crate) stage: Stage,
+    shown_px: [u32; 2],
+    pub(crate) targets: Targets,
+    post: PostBuffers,
+    globals: wgpu::Buffer,
+    solids: [wgpu::TextureView; 2],
+    samplers: [wgpu::Sampler; 2],
+    pub(crate) scene_group: wgpu::BindGroup,
+    pub(crate) fluid: Fluid,
+    pub(crate) fluid_shown: bool,
+    pub(crate) timer: Option<Timer>,
+    words: Box<[u32; overlay::WORDS]>,
+    written: crate::Overlay,
+    pub(crate) rgba: Vec<u8>,
+}
+
+impl std::fmt::Debug for Renderer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Renderer")
+            .field("gpu", &self.gpu)
+            .field("stage", &self.stage)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Renderer {
+    /// Pictures of `width_px` × `height_px` on this device. Compiles all shaders.
+    ///
+    /// # Errors
+    /// [`RenderError::DeviceLost`] if the device refuses a shader or a buffer.
+    pub fn new(gpu: Gpu, width_px: u32, height_px: u32) -> Result<Self, RenderError> {
+        let shown = gpu
+            .surface
+            .as_ref()
+            .and_then(|s| crate::present::format(s, &gpu.adapter));
+        let pipelines = Arc::new(Pipelines::new(&gpu, shown));
+        let d = &gpu.device;
+        let words = Box::new(overlay::blank());
+        let post = post_buffers(&gpu, &words[..]);
+        let shown_px = [width_px, height_px].map(|n| n.clamp(16, MAX_SIDE_PX));
+        let targets = Targets::new(
+            d,
+            &pipelines,
+            &post,
+            Sizes {
+                inner: shown_px,
+                shown: shown_px,
+            },
+        );
+        let globals = buffer(d, size_of::<Globals>() as u64, wgpu::BufferUsages::UNIFORM);
+        let solids = [noise::fields(), noise::relief()].map(|texels| upload_solid(&gpu, &texels));
+        let samplers = [
+            sampler(d, wgpu::AddressMode::Repeat),
+            sampler(d, wgpu::AddressMode::ClampToEdge),
+        ];
+        let fluid = Fluid::clear(&gpu, &pipelines);
+        let scene_group = scene_bindings(&gpu, &pipelines, &globals, &solids, &fluid, &samplers);
+        let timer = Timer::new(d, &gpu.queue);
+        let stage = Stage::new(&gpu, Arc::clone(&pipelines));
+        gpu.check()?;
+        Ok(Self {
+            stage,
+            shown_px,
+            targets,
+            post,
+            globals,
+            solids,
+            samplers,
+            scene_group,
+            fluid,
+            fluid_shown: false,
+            timer,
+            words,
+            written: crate::Overlay::default(),
+            rgba: Vec::new(),
+            pipelines,
+            gpu,
+        })
+    }
+
+    /// The objects.
+    pub fn stage(&mut self) -> &mut Stage {
+        &mut self.stage
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Size of the shown picture, px.
+    pub fn size_px(&self) -> [u32; 2] {
+        self.shown_px
+    }
+
+    /// Another size for the shown picture, px; bounded to 16..=[`MAX_SIDE_PX`].
+    pub fn resize(&mut self, width_px: u32, height_px: u32) {
+        self.shown_px = [width_px, height_px].map(|n| n.clamp(16, MAX_SIDE_PX));
+    }
+
+    /// Blood or turbidity along the ray; `None` is a clear medium.
+    ///
+    /// # Errors
+    /// [`RenderError::BadField`], [`RenderError::TooLarge`]; the field of before stays.
+    pub fn set_fluid(&mut self, field: Option<FluidField<'_>>) -> Result<(), RenderError> {
+        if let Some(field) = &field
+            && self.fluid.set(&self.gpu, &self.pipelines, field)?
+        {
+            self.scene_group = scene_bindings(
+                &self.gpu,
+                &self.pipelines,
+                &self.globals,
+                &self.solids,
+                &self.fluid,
+                &self.samplers,
+            );
+        }
+        self.fluid_shown = field.is_some();
+        Ok(())
+    }
+
+    /// Draws one frame and waits for it.
+    ///
+    /// # Errors
+    /// [`RenderError::DeviceLost`] if the device reports an error or does not finish in time.
+    pub fn render(&mut self, view: &View) -> Result<FrameStats, RenderError> {
+        let began = Instant::now();
+        let [width, height] = self.shown_px;
+        let eye = view.camera.eye(width as f32 / height as f32);
+        self.fit(&eye, view.quality.scale);
+        self.write_frame(view, &eye);
+        let mut encoder = self
+            .gpu
+            .device
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor {
+                label: Some("frame"),
+            });
+        self.shape_pass(&mut encoder);
+        let triangles = self.scene_pass(&mut encoder, &eye);
+        self.glow_passes(&mut encoder, view.quality.bloom);
+        self.screen_pass(
+            &mut encoder,
+            &self.pipelines.finish,
+            &self.targets.picture_view,
+            &self.targets.to_picture,
+            Some((3, true, true)),
+        );
+        if let Some(timer) = &self.timer {
+            timer.resolve(&mut encoder);
+        }
+        let submission = self.gpu.queue.submit([encoder.finish()]);
+        let encode_ms = ms_since(began);
+        self.wait(submission)?;
+        Ok(FrameStats {
+            total_ms: ms_since(began),
+            encode_ms,
+            passes_ms: self
+                .timer
+                .as_ref()
+                .map_or([0.0; PASSES], |t| t.read_ms(&self.gpu.device)),
+            inner_px: self.targets.sizes.inner,
+            triangles,
+        })
+    }
+
+    pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
+        let wait = wgpu::PollType::Wait {
+            submission_index: Some(submission),
+            timeout: Some(FRAME_LIMIT),
+        };
+        self.gpu
+            .device
+            .poll(wait)
+            .map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))?;
+        self.gpu.check()
+    }
+
+    /// Makes the targets anew if the shown size, the scale or the kind of camera changed.
+    fn fit(&mut self, eye: &Eye, scale: f32) {
+        let scale = if scale.is_finite() {
+            scale.clamp(0.1, 1.0)
+        } else {
+            1.0
+        };
+        let [w, h] = self.shown_px;
+        let square = [w.min(h); 2];
+        let inner =
+            if eye.round { square } else { [w, h] }.map(|n| ((n as f32 * scale) as u32).max(16));
+        let sizes = Sizes {
+            inner,
+            shown: self.shown_px,
+        };
+        if sizes != self.targets.sizes {
+            self.targets = Targets::new(&self.gpu.device, &self.pipelines, &self.post, sizes);
+        }
+    }
+
+    fn write_frame(&mut self, view: &View, eye: &Eye) {
+        let queue = &self.gpu.queue;
+        let light = if view.light.is_finite() {
+            view.light.clamp(0.0, 10.0)
+        } else {
+            1.0
+        };
+        queue.write_buffer(
+            &self.globals,
+            0,
+            bytemuck::bytes_of(&globals(eye, light, &self.fluid)),
+        );
+        queue.write_buffer(
+            &self.post.uniform,
+            0,
+            bytemuck::bytes_of(&post(view, eye, self.targets.sizes)),
+        );
+        if view.overlay != self.written {
+            view.overlay.write(&mut self.words);
+            queue.write_buffer(&self.post.glyphs, 0, bytemuck::cast_slice(&self.words[..]));
+            self.written.clone_from(&view.overlay);
+        }
+        self.stage.flush(eye.tissue_alpha);
+    }
+}
+
+fn ms_since(began: Instant) -> f32 {
+    began.elapsed().as_secs_f32() * 1.0e3
+}
+
+pub(crate) fn buffer(d: &wgpu::Device, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    let usage = usage | wgpu::BufferUsages::COPY_DST;
+    d.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size,
+        usage,
+        mapped_at_creation: false,
+    })
+}
+
+fn post_buffers(gpu: &Gpu, words: &[u32]) -> PostBuffers {
+    let d = &gpu.device;
+    let glyphs = buffer(d, size_of_val(words) as u64, wgpu::BufferUsages::STORAGE);
+    gpu.queue
+        .write_buffer(&glyphs, 0, bytemuck::cast_slice(words));
+    PostBuffers {
+        uniform: buffer(d, size_of::<Post>() as u64, wgpu::BufferUsages::UNIFORM),
+        exposure: buffer(d, 16, wgpu::BufferUsages::STORAGE),
+        glyphs,
+        sampler: sampler(d, wgpu::AddressMode::ClampToEdge),
+    }
+}
+
+fn sampler(d: &wgpu::Device, mode: wgpu::AddressMode) -> wgpu::Sampler {
+    d.create_sampler(&wgpu::SamplerDescriptor {
+        address_mode_u: mode,
+        address_mode_v: mode,
+        address_mode_w: mode,
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        ..Default::default()
+    })
+}
+
+fn upload_solid(gpu: &Gpu, texels: &[u8]) -> wgpu::TextureView {
+    let side = noise::SIDE as u32;
+    let texture = solid(
+        &gpu.device,
+        [side; 3],
+        wgpu::TextureFormat::Rgba8Snorm,
+        wgpu::TextureUsages::COPY_DST,
+    );
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(4 * side),
+        rows_per_image: Some(side),
+    };
+    let size = wgpu::Extent3d {
+        width: side,
+        height: side,
+        depth_or_array_layers: side,
+    };
+    gpu.queue
+        .write_texture(texture.as_image_copy(), texels, layout, size);
+    view(&texture)
+}
+
+fn scene_bindings(
+    gpu: &Gpu,
+    pipelines: &Pipelines,
+    globals: &wgpu::Buffer,
+    solids: &[wgpu::TextureView; 2],
+    fluid: &Fluid,
+    samplers: &[wgpu::Sampler; 2],
+) -> wgpu::BindGroup {
+    let resources = [
+        globals.as_entire_binding(),
+        wgpu::BindingResource::TextureView(&solids[0]),
+        wgpu::BindingResource::TextureView(&solids[1]),
+        wgpu::BindingResource::TextureView(&fluid.view),
+        wgpu::BindingResource::Sampler(&samplers[0]),
+        wgpu::BindingResource::Sampler(&samplers[1]),
+    ];
+    group(&gpu.device, &pipelines.scene_layout, &resources)
+}

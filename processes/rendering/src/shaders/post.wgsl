@@ -1,0 +1,142 @@
+// From linear light to the picture: bloom, exposure, the lens (barrel distortion, vignetting, round mask with notch), text.
+struct Post {
+    size: vec4<f32>,     // picture px: width, height; scene texels: width, height
+    lens: vec4<f32>,     // k1, k2 of the radial polynomial, 1 if round, notch angle rad
+    tone: vec4<f32>,     // gain, rate of adaptation 0..1, 1 if exposure is fixed, bloom 0..1
+    text: vec4<f32>,     // glyph scale px, columns, rows, 1 if the last row is a sign
+};
+@group(0) @binding(0) var<uniform> p: Post;
+@group(0) @binding(1) var source: texture_2d<f32>;
+@group(0) @binding(2) var glow: texture_2d<f32>;
+@group(0) @binding(3) var smooth_sampler: sampler;
+@group(0) @binding(4) var<storage, read_write> exposure: array<f32>;
+@group(0) @binding(5) var<storage, read> glyphs: array<u32>;  // 8 bytes per glyph, a byte per row, then the text, a code per word
+
+struct Screen { @builtin(position) at: vec4<f32>, @location(0) uv: vec2<f32> };
+
+@vertex
+fn screen(@builtin(vertex_index) i: u32) -> Screen {
+    var s: Screen;
+    s.uv = vec2<f32>(f32((i << 1u) & 2u), f32(i & 2u));
+    s.at = vec4<f32>(s.uv * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+    return s;
+}
+
+fn clean(c: vec3<f32>) -> vec3<f32> { return clamp(c, vec3<f32>(0.0), vec3<f32>(60.0)); }
+
+// A quarter of the size, each texel the mean of 4 × 4.
+@fragment
+fn shrink(s: Screen) -> @location(0) vec4<f32> {
+    let t = 1.0 / p.size.zw;
+    var c = clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(-1.0, -1.0), 0.0).rgb);
+    c += clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(1.0, -1.0), 0.0).rgb);
+    c += clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(-1.0, 1.0), 0.0).rgb);
+    c += clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(1.0, 1.0), 0.0).rgb);
+    return vec4<f32>(c * 0.25, 1.0);
+}
+
+fn blur(uv: vec2<f32>, step: vec2<f32>, threshold: f32) -> vec4<f32> {
+    var c = vec3<f32>(0.0);
+    var weights = array<f32, 4>(0.22, 0.19, 0.13, 0.07);
+    for (var k = -3; k <= 3; k++) {
+        let t = textureSampleLevel(source, smooth_sampler, uv + step * f32(k) * 1.5, 0.0).rgb;
+        c += max(t - vec3<f32>(threshold), vec3<f32>(0.0)) * weights[abs(k)];
+    }
+    return vec4<f32>(c, 1.0);
+}
+
+@fragment
+fn blur_across(s: Screen) -> @location(0) vec4<f32> {
+    return blur(s.uv, vec2<f32>(4.0 / p.size.z, 0.0), 0.7 / max(exposure[0], 1.0e-3));
+}
+
+@fragment
+fn blur_down(s: Screen) -> @location(0) vec4<f32> {
+    return blur(s.uv, vec2<f32>(0.0, 4.0 / p.size.w), 0.0);
+}
+
+// Exposure from the mean logarithm of luminance over the round field, as a camera head does it; eased from frame to frame.
+var<workgroup> partial: array<vec2<f32>, 64>;
+@compute @workgroup_size(64)
+fn meter(@builtin(local_invocation_index) i: u32) {
+    let size = vec2<f32>(textureDimensions(source));
+    var sum = vec2<f32>(0.0);
+    for (var k = i; k < 1024u; k += 64u) {
+        let uv = (vec2<f32>(f32(k % 32u), f32(k / 32u)) + 0.5) / 32.0;
+        let q = uv * 2.0 - 1.0;
+        let c = clean(textureLoad(source, vec2<i32>(uv * size), 0).rgb);
+        let inside = select(0.0, 1.0, dot(q, q) < 0.9);
+        let lum = dot(c, vec3<f32>(0.30, 0.59, 0.11));
+        sum += vec2<f32>(log(lum + 0.01), 1.0) * inside;
+    }
+    partial[i] = sum;
+    workgroupBarrier();
+    if i == 0u {
+        var total = vec2<f32>(0.0);
+        for (var k = 0u; k < 64u; k++) { total += partial[k]; }
+        var wanted = clamp(0.21 / exp(total.x / max(total.y, 1.0)), 0.15, 6.0);
+        if p.tone.z > 0.5 { wanted = 1.0; }
+        let old = exposure[0];
+        let eased = select(wanted, old + (wanted - old) * p.tone.y, old > 0.0 && old < 100.0);
+        exposure[0] = eased;
+    }
+}
+
+fn filmic(x: vec3<f32>) -> vec3<f32> {
+    return clamp(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), vec3<f32>(0.0), vec3<f32>(1.0));
+}
+
+fn picture(pixel: vec2<f32>) -> vec3<f32> {
+    var uv = pixel / p.size.xy;
+    var shade = 1.0;
+    if p.lens.z > 0.5 {
+        let radius = 0.5 * min(p.size.x, p.size.y);
+        let q = (pixel - 0.5 * p.size.xy) / radius;
+        let r2 = dot(q, q);
+        let r = sqrt(r2);
+        if r > 1.0 { return vec3<f32>(0.0); }
+        let turned = vec2<f32>(q.x * cos(p.lens.w) + q.y * sin(p.lens.w), -q.x * sin(p.lens.w) + q.y * cos(p.lens.w));
+        if abs(turned.x) < (turned.y * -1.0 - 0.93) * 0.55 { return vec3<f32>(0.0); } // the orientation notch, a small triangle
+        let src = q * (1.0 + p.lens.x * r2 + p.lens.y * r2 * r2) / (1.0 + p.lens.x + p.lens.y);
+        uv = src * 0.5 + 0.5;
+        shade = (1.0 - 0.40 * r2 * r2) * (1.0 - smoothstep(0.975, 1.0, r));
+    }
+    let lit = textureSampleLevel(source, smooth_sampler, uv, 0.0);
+    var behind = vec3<f32>(0.0);
+    if p.lens.z < 0.5 { behind = mix(vec3<f32>(0.085, 0.095, 0.115), vec3<f32>(0.012, 0.014, 0.018), length(uv - vec2<f32>(0.5, 0.42)) * 1.3); }
+    let c = lit.rgb + behind * (1.0 - lit.a) + textureSampleLevel(glow, smooth_sampler, uv, 0.0).rgb * p.tone.w;
+    return pow(filmic(clean(c) * exposure[0] * p.tone.x * shade), vec3<f32>(0.4545));
+}
+
+// x: ink, y: in a cell with a glyph, z: on the sign's row
+fn text(pixel: vec2<f32>) -> vec3<f32> {
+    let at = (pixel - vec2<f32>(6.0)) / p.text.x;
+    let cell = floor(at / vec2<f32>(7.0, 11.0));
+    if any(cell < vec2<f32>(0.0)) || cell.x >= p.text.y || cell.y >= p.text.z { return vec3<f32>(0.0); }
+    let code = glyphs[256u + u32(cell.y * p.text.y + cell.x)];
+    if code == 0u { return vec3<f32>(0.0); }
+    let inside = at - cell * vec2<f32>(7.0, 11.0);
+    let row = u32(inside.y) - 1u;
+    let sign = select(0.0, 1.0, p.text.w > 0.5 && cell.y == p.text.z - 1.0);
+    if u32(inside.y) < 1u || row >= 8u { return vec3<f32>(0.0, 1.0, sign); }
+    let bits = (glyphs[2u * (code & 127u) + row / 4u] >> ((row % 4u) * 8u)) & 255u;
+    let column = u32(inside.x);
+    return vec3<f32>(f32((bits >> (7u - min(column, 7u))) & 1u), 1.0, sign);
+}
+
+@fragment
+fn finish(s: Screen) -> @location(0) vec4<f32> {
+    var c = picture(s.at.xy);
+    if p.text.z > 0.5 {
+        let t = text(s.at.xy);
+        let ink = mix(vec3<f32>(0.86, 0.95, 0.90), vec3<f32>(1.0, 0.74, 0.20), t.z);
+        c = mix(c * (1.0 - 0.55 * t.y), ink, t.x);
+    }
+    return vec4<f32>(c, 1.0);
+}
+
+// The finished picture on the window, whole, with its own aspect ratio.
+@fragment
+fn show(s: Screen) -> @location(0) vec4<f32> {
+    return vec4<f32>(textureSampleLevel(source, smooth_sampler, s.uv, 0.0).rgb, 1.0);
+}

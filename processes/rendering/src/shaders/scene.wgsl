@@ -1,0 +1,167 @@
+// The scene as the lens sees it, in linear light: wet tissue, metal, the spotlight at the scope's tip, blood along the ray.
+// Textures are solid noise looked up at the rest position, so that vessels and glands move with the tissue and need no unwrapping.
+override METAL: bool = false;
+override FLUID: bool = false;
+
+struct Globals {
+    view_proj: mat4x4<f32>,
+    eye: vec4<f32>,          // m
+    light: vec4<f32>,        // position m, intensity at 10 mm
+    light_axis: vec4<f32>,   // unit, cosine of the cone's edge
+    cone: vec4<f32>,         // cosine of the full-light cone, ambient, 1 if seen from outside, 0
+    clip: vec4<f32>,         // tissue with dot(n, p) > d is cut away; n = 0: no cut
+    fluid_min: vec4<f32>,    // corner of the fluid's box m, extinction 1/m at density 1
+    fluid_max: vec4<f32>,    // opposite corner m
+    blood: vec4<f32>,        // linear colour of blood that is lit
+};
+struct Object {
+    model: mat4x4<f32>,
+    colour: vec4<f32>,       // linear, alpha
+    surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1
+};
+@group(0) @binding(0) var<uniform> g: Globals;
+@group(0) @binding(1) var noise: texture_3d<f32>;
+@group(0) @binding(2) var bump: texture_3d<f32>;
+@group(0) @binding(3) var fluid: texture_3d<f32>;
+@group(0) @binding(4) var tiled: sampler;
+@group(0) @binding(5) var clamped: sampler;
+@group(1) @binding(0) var<uniform> o: Object;
+
+struct Varying {
+    @builtin(position) clip: vec4<f32>,
+    @location(0) world: vec3<f32>,
+    @location(1) normal: vec3<f32>,
+    @location(2) rest: vec3<f32>,
+};
+
+fn sane(x: f32) -> bool {
+    return (bitcast<u32>(x) & 0x7f800000u) != 0x7f800000u && abs(x) < 10.0;
+}
+
+@vertex
+fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>) -> Varying {
+    var p = position;
+    if !(sane(p.x) && sane(p.y) && sane(p.z)) { p = rest; }
+    var v: Varying;
+    let w = o.model * vec4<f32>(p, 1.0);
+    v.world = w.xyz;
+    v.normal = (o.model * vec4<f32>(normal, 0.0)).xyz;
+    v.rest = rest;
+    v.clip = g.view_proj * w;
+    return v;
+}
+
+// Light that reaches a point: inverse square (softened within 5 mm of the fibres), cone, nothing else.
+fn spot(to_light: vec3<f32>, distance: f32) -> f32 {
+    let cone = smoothstep(g.light_axis.w, g.cone.x, -dot(to_light, g.light_axis.xyz));
+    return g.light.w * cone * 1.0e-4 / (distance * distance + 2.5e-5);
+}
+
+fn lobe(n_dot_h: f32, power: f32) -> f32 {
+    return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
+}
+
+fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
+    let p = in.rest * o.surface.y;
+    let a = textureSampleLevel(noise, tiled, p, 0.0);
+    let warped = p + a.wzx * 0.035;
+    let fine = textureSampleLevel(noise, tiled, warped * 2.3, 0.0);
+    let b1 = textureSampleLevel(bump, tiled, warped, 0.0);
+    let b2 = textureSampleLevel(bump, tiled, warped * 3.7, 0.0);
+    let slope = b1.xyz * 0.50 + b2.xyz * 0.30;
+    let n = normalize(n0 - (slope - n0 * dot(slope, n0)) * o.surface.w);
+
+    // colour: pale glandular patches, redder folds, two sizes of vessels
+    let patchy = smoothstep(-0.35, 0.45, a.z);
+    var albedo = o.colour.rgb * mix(vec3<f32>(0.98, 0.74, 0.70), vec3<f32>(1.05, 1.22, 1.20), patchy);
+    albedo *= 1.0 + 0.22 * vec3<f32>(0.4, 1.0, 1.0) * (b1.w + 0.7 * b2.w);
+    let trunk = 1.0 - smoothstep(0.012, 0.055 + 0.05 * max(fine.z, 0.0), abs(a.x));
+    let branch = 1.0 - smoothstep(0.02, 0.10, abs(fine.y));
+    let spread = smoothstep(-0.15, 0.30, a.y);
+    let vessel = clamp((0.75 * trunk * smoothstep(-0.45, 0.1, a.w) + 0.42 * branch * spread) * o.surface.z, 0.0, 1.0);
+    albedo = mix(albedo, vec3<f32>(0.40, 0.050, 0.052) * (0.6 + 0.4 * o.colour.r), vessel);
+    // coagulated: dry, yellow-white rim to brown-black core
+    let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
+    albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
+
+    // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
+    let nl = dot(n, l);
+    let soft = max(vec3<f32>(nl) + vec3<f32>(0.32, 0.16, 0.13), vec3<f32>(0.0)) / vec3<f32>(1.32, 1.16, 1.13);
+    let mutual = albedo * albedo * (0.30 + 0.20 * n.y) * g.cone.y;
+    var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.25 + 0.75 * min(e, 1.0));
+    // wet film: a narrow and a broad lobe, and Fresnel towards the rim
+    let ripple = slope * 0.9 + (fine.xyz - a.yzw * 0.6) * 0.55;
+    let film_n = normalize(n0 - (ripple - n0 * dot(ripple, n0)) * o.surface.w);
+    let h = normalize(l + v);
+    let nh = max(dot(film_n, h), 0.0);
+    let nv = max(dot(n, v), 0.0);
+    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn);
+    let film = (0.15 * lobe(nh, 210.0) + 0.07 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
+    // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
+    let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 90.0) * smoothstep(0.0, 0.5, b2.w) * (1.0 - nv) * 1.1 * wet;
+    let rim = pow(1.0 - nv, 4.0) * 0.12 * wet;
+    c += vec3<f32>(1.0, 0.96, 0.93) * (film * e + (rim + pooled) * min(e, 1.0));
+    return c;
+}
+
+// Brushed steel in a pink room: no diffuse light to speak of, a bright band where the room's light part mirrors.
+fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
+    let r = reflect(-v, n);
+    let band = 0.30 + 0.70 * smoothstep(-0.25, 0.35, r.y) * (1.0 - 0.55 * smoothstep(0.45, 0.9, r.y));
+    let room = mix(vec3<f32>(0.75, 0.34, 0.30), vec3<f32>(0.85, 0.88, 0.95), g.cone.z);
+    let h = normalize(l + v);
+    let sharp = 1.0 - o.surface.x;
+    let glint = lobe(dot(n, h), mix(12.0, 160.0, sharp)) * 0.12;
+    let fresnel = 0.65 + 0.35 * pow(1.0 - max(dot(n, v), 0.0), 5.0);
+    let lit = min(e, 1.5);
+    let facing = max(dot(n, l), 0.0);
+    return o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + g.cone.z) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
+}
+
+// Blood between the lens and a point: extinction along the ray in eight steps, and the light that it scatters back.
+fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
+    let ray = world - g.eye.xyz;
+    let size = g.fluid_max.xyz - g.fluid_min.xyz;
+    let jitter = fract(dot(pixel, vec2<f32>(0.7548777, 0.5698403)));
+    var depth = 0.0;
+    var glow = 0.0;
+    for (var k = 0; k < 8; k++) {
+        let at = g.eye.xyz + ray * ((f32(k) + jitter) / 8.0);
+        let u = (at - g.fluid_min.xyz) / size;
+        if all(u >= vec3<f32>(0.0)) && all(u <= vec3<f32>(1.0)) {
+            let density = max(textureSampleLevel(fluid, clamped, u, 0.0).x, 0.0);
+            let step = density * g.fluid_min.w * length(ray) / 8.0;
+            let to = g.light.xyz - at;
+            glow += exp(-depth) * (1.0 - exp(-step)) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), 2.0);
+            depth += step;
+        }
+    }
+    return c * exp(-depth * vec3<f32>(0.45, 1.0, 1.0)) + g.blood.rgb * glow;
+}
+
+@fragment
+fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    let cut = any(g.clip.xyz != vec3<f32>(0.0));
+    if cut && o.extra.x < 0.5 && dot(g.clip.xyz, in.world) > g.clip.w { discard; }
+    let to_eye = g.eye.xyz - in.world;
+    let v = normalize(to_eye);
+    var n = normalize(in.normal);
+    if dot(n, v) < 0.0 && !(cut && !METAL) { n = -n; }
+    let to_light = g.light.xyz - in.world;
+    let distance = length(to_light);
+    let l = to_light / max(distance, 1.0e-6);
+    let e = spot(l, distance);
+    var c: vec3<f32>;
+    if METAL {
+        c = metal(in, n, v, l, e);
+    } else if cut && !front && o.extra.x < 0.5 {
+        // the inside of a wall that was cut open reads as its section: flat, matte
+        let grain = textureSampleLevel(noise, tiled, in.rest * 70.0, 0.0);
+        c = o.colour.rgb * vec3<f32>(0.62, 0.40, 0.40) * min(0.55 * e, 0.8) * (1.0 + 0.25 * grain.z + 0.15 * grain.x);
+    } else {
+        c = tissue(in, n, v, l, e);
+    }
+    if FLUID { c = murk(c, in.world, in.clip.xy); }
+    return vec4<f32>(min(c, vec3<f32>(60.0)), o.colour.a);
+}

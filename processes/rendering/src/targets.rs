@@ -1,0 +1,130 @@
+//! The textures that the passes draw into, sized for one inner and one shown resolution, and the bind groups that chain them.
+use crate::pipelines::{DEPTH, LIGHT, PICTURE, Pipelines, group};
+
+/// What a set of targets was made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Sizes {
+    /// scene texels
+    pub inner: [u32; 2],
+    /// picture px
+    pub shown: [u32; 2],
+}
+
+pub(crate) struct Targets {
+    pub sizes: Sizes,
+    pub scene: wgpu::TextureView,
+    pub depth: wgpu::TextureView,
+    pub quarter: wgpu::TextureView,
+    pub across: wgpu::TextureView,
+    pub glow: wgpu::TextureView,
+    pub picture: wgpu::Texture,
+    pub picture_view: wgpu::TextureView,
+    pub from_scene: wgpu::BindGroup,
+    pub from_quarter: wgpu::BindGroup,
+    pub from_across: wgpu::BindGroup,
+    pub to_picture: wgpu::BindGroup,
+    pub from_picture: wgpu::BindGroup,
+}
+
+/// Buffers that every post pass reads.
+pub(crate) struct PostBuffers {
+    pub uniform: wgpu::Buffer,
+    pub exposure: wgpu::Buffer,
+    pub glyphs: wgpu::Buffer,
+    pub sampler: wgpu::Sampler,
+}
+
+impl Targets {
+    pub(crate) fn new(
+        d: &wgpu::Device,
+        pipelines: &Pipelines,
+        post: &PostBuffers,
+        sizes: Sizes,
+    ) -> Self {
+        let small = sizes.inner.map(|n| (n / 4).max(1));
+        let light = |size| view(&texture(d, size, LIGHT));
+        let (scene, quarter, across, glow) =
+            (light(sizes.inner), light(small), light(small), light(small));
+        let dark = light([1, 1]);
+        let depth = view(&texture(d, sizes.inner, DEPTH));
+        let picture = texture(d, sizes.shown, PICTURE);
+        let picture_view = view(&picture);
+        let chain = |source: &wgpu::TextureView, glow: &wgpu::TextureView| {
+            let resources = [
+                post.uniform.as_entire_binding(),
+                wgpu::BindingResource::TextureView(source),
+                wgpu::BindingResource::TextureView(glow),
+                wgpu::BindingResource::Sampler(&post.sampler),
+                post.exposure.as_entire_binding(),
+                post.glyphs.as_entire_binding(),
+            ];
+            group(d, &pipelines.post_layout, &resources)
+        };
+        Self {
+            sizes,
+            from_scene: chain(&scene, &dark),
+            from_quarter: chain(&quarter, &dark),
+            from_across: chain(&across, &dark),
+            to_picture: chain(&scene, &glow),
+            from_picture: chain(&picture_view, &dark),
+            scene,
+            depth,
+            quarter,
+            across,
+            glow,
+            picture,
+            picture_view,
+        }
+    }
+}
+
+fn texture(d: &wgpu::Device, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
+    let readable = if format == PICTURE {
+        wgpu::TextureUsages::COPY_SRC
+    } else {
+        wgpu::TextureUsages::empty()
+    };
+    d.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d {
+            width: size[0],
+            height: size[1],
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | readable,
+        view_formats: &[],
+    })
+}
+
+pub(crate) fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}
+
+/// A solid texture that tiles or holds a field.
+pub(crate) fn solid(
+    d: &wgpu::Device,
+    dims: [u32; 3],
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
+    d.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: wgpu::Extent3d {
+            width: dims[0],
+            height: dims[1],
+            depth_or_array_layers: dims[2],
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D3,
+        format,
+        usage: usage | wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    })
+}

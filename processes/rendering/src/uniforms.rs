@@ -1,0 +1,95 @@
+//! What the shaders read per frame, laid out as they declare it (`scene.wgsl`, `post.wgsl`). No number that is not finite gets past here.
+use bytemuck::{Pod, Zeroable};
+
+use crate::{
+    camera::{Eye, View},
+    fluid::Fluid,
+    overlay::COLUMNS,
+    targets::Sizes,
+};
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub(crate) struct Globals {
+    view_proj: [[f32; 4]; 4],
+    eye: [f32; 4],
+    light: [f32; 4],
+    light_axis: [f32; 4],
+    cone: [f32; 4],
+    clip: [f32; 4],
+    fluid_min: [f32; 4],
+    fluid_max: [f32; 4],
+    blood: [f32; 4],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+pub(crate) struct Post {
+    size: [f32; 4],
+    lens: [f32; 4],
+    tone: [f32; 4],
+    text: [f32; 4],
+}
+
+pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
+    // at the tip: full at 10 mm; outside: a lamp that gives one unit at the target, from wherever it stands
+    let (intensity, outer, inner, ambient) = if eye.round {
+        (2.2 * light, 0.45, 0.86, 1.0)
+    } else {
+        (
+            1.3 * light * eye.lamp_m * eye.lamp_m * 1.0e4,
+            -1.1,
+            -1.0,
+            1.4,
+        )
+    };
+    Globals {
+        view_proj: eye.view_proj.to_cols_array_2d(),
+        eye: eye.eye_m.extend(1.0).to_array(),
+        light: eye.light_m.extend(intensity).to_array(),
+        light_axis: eye.light_axis.extend(outer).to_array(),
+        cone: [inner, ambient, f32::from(u8::from(!eye.round)), 0.0],
+        clip: eye.clip,
+        fluid_min: fluid.min,
+        fluid_max: fluid.max,
+        blood: [0.26, 0.008, 0.008, 1.0],
+    }
+}
+
+pub(crate) fn post(view: &View, eye: &Eye, sizes: Sizes) -> Post {
+    let flag = |on: bool| f32::from(u8::from(on));
+    let [w, h] = sizes.shown.map(|n| n as f32);
+    let [iw, ih] = sizes.inner.map(|n| n as f32);
+    let gain = if view.gain.is_finite() {
+        view.gain.clamp(0.05, 20.0)
+    } else {
+        1.0
+    };
+    let rate = if view.adaptation.is_finite() {
+        view.adaptation.clamp(0.0, 1.0)
+    } else {
+        1.0
+    };
+    let glyph_px = (h / 420.0).round().max(1.0);
+    Post {
+        size: [w, h, iw, ih],
+        lens: [
+            eye.distortion[0],
+            eye.distortion[1],
+            flag(eye.round),
+            eye.notch_rad,
+        ],
+        tone: [
+            gain,
+            rate,
+            flag(!eye.round),
+            if view.quality.bloom { 0.35 } else { 0.0 },
+        ],
+        text: [
+            glyph_px,
+            COLUMNS as f32,
+            view.overlay.rows() as f32,
+            flag(!view.overlay.sign.is_empty()),
+        ],
+    }
+}

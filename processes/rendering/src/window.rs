@@ -1,0 +1,322 @@
+//! The window: shows pictures, and turns mouse and keyboard into movements of the hand.
+//!
+//! Promise: it is pumped from the process's own loop and never blocks it; no display, or a display that goes away, is an error, never a panic
+//! that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
+//! line; the restarted process finds no display and goes on headless, which is the same path as a start without one.
+//! Left button and mouse move pitch and yaw; right button and mouse turn the scope; the wheel inserts. Arrow keys, page up and down,
+//! Q and E do the same by the keyboard, at a fixed speed while they are held.
+use std::{sync::Arc, time::Duration};
+
+use winit::{
+    application::ApplicationHandler,
+    dpi::{LogicalSize, PhysicalPosition},
+    event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent},
+    event_loop::{ActiveEventLoop, EventLoop},
+    keyboard::PhysicalKey,
+    platform::{
+        pump_events::{EventLoopExtPumpEvents, PumpStatus},
+        x11::EventLoopBuilderExtX11,
+    },
+    window::{Window as Native, WindowId},
+};
+
+use crate::{
+    error::RenderError,
+    gpu::one_line,
+    input::{KEYS, Key, PointerInput},
+};
+
+/// Turn of the scope per pixel of the mouse, rad.
+const RAD_PER_PX: f32 = 0.0022;
+/// Insertion per notch of the wheel, m.
+const M_PER_NOTCH: f32 = 0.0015;
+/// Pixels of a touch pad's scroll that count as a notch.
+const PX_PER_NOTCH: f64 = 40.0;
+
+/// What a pump found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Status {
+    /// the window is open; this is what the hand did
+    Open(PointerInput),
+    /// the user closed it
+    Closed,
+}
+
+/// A window on the display.
+pub struct Window {
+    event_loop: Option<EventLoop<()>>, // none only while it is dropped
+    app: App,
+}
+
+impl Drop for Window {
+    fn drop(&mut self) {
+        let (native, event_loop) = (self.app.native.take(), self.event_loop.take());
+        // a display that is gone cannot be said goodbye to; that failure has been reported by pump
+        let _ = guarded(|| drop(native));
+        let _ = guarded(|| drop(event_loop));
+    }
+}
+
+impl std::fmt::Debug for Window {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Window")
+            .field("title", &self.app.title)
+            .field("size_px", &self.size_px())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Window {
+    /// Opens a window of `width_px` × `height_px`. One per process: the windowing library makes no second event loop.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`].
+    pub fn open(title: &str, width_px: u32, height_px: u32) -> Result<Self, RenderError> {
+        let mut event_loop = guarded(|| {
+            EventLoop::builder()
+                .with_any_thread(true)
+                .build()
+                .map_err(|e| RenderError::NoDisplay(without_place(&e.to_string())))
+        })??;
+        let mut app = App {
+            title: title.into(),
+            size: [width_px, height_px],
+            ..App::default()
+        };
+        guarded(|| event_loop.pump_app_events(Some(Duration::from_millis(200)), &mut app))?;
+        if let Some(reason) = app.failed.take() {
+            return Err(RenderError::NoDisplay(reason));
+        }
+        if app.native.is_none() {
+            return Err(RenderError::NoDisplay(
+                "the display opened no window".into(),
+            ));
+        }
+        Ok(Self {
+            event_loop: Some(event_loop),
+            app,
+        })
+    }
+
+    /// Takes what happened since the last call, without waiting. `elapsed_s` is the time since then, for keys that are held.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`] if the display went away; the window is of no more use.
+    pub fn pump(&mut self, elapsed_s: f32) -> Result<Status, RenderError> {
+        let app = &mut self.app;
+        let Some(event_loop) = &mut self.event_loop else {
+            return Ok(Status::Closed);
+        };
+        let status = guarded(|| event_loop.pump_app_events(Some(Duration::ZERO), app))?;
+        match status {
+            PumpStatus::Exit(code) if !app.closed => Err(RenderError::NoDisplay(format!(
+                "the display went away, code {code}"
+            ))),
+            _ if app.closed => Ok(Status::Closed),
+            _ => Ok(Status::Open(app.take_input(elapsed_s))),
+        }
+    }
+
+    /// Inner size, px.
+    pub fn size_px(&self) -> [u32; 2] {
+        self.app.size // as last reported; asking a display that went away would end the process
+    }
+
+    /// Another title: the name of the station, and what it does.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`] if the display went away.
+    pub fn set_title(&self, title: &str) -> Result<(), RenderError> {
+        self.app
+            .native
+            .as_ref()
+            .map_or(Ok(()), |window| guarded(|| window.set_title(title)))
+    }
+
+    pub(crate) fn handle(&self) -> Option<Arc<Native>> {
+        self.app.native.clone()
+    }
+}
+
+/// The library's message without the place in its source that it begins with.
+fn without_place(text: &str) -> String {
+    one_line(
+        text.rsplit(".rs:")
+            .next()
+            .and_then(|t| t.split_once(": "))
+            .map_or(text, |(_, message)| message),
+    )
+}
+
+/// The windowing library panics on some failures of the display; they become errors here.
+fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, RenderError> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).map_err(|cause| {
+        let text = cause
+            .downcast_ref::<String>()
+            .cloned()
+            .or_else(|| cause.downcast_ref::<&str>().map(ToString::to_string));
+        RenderError::NoDisplay(one_line(
+            &text.unwrap_or_else(|| "the display failed".into()),
+        ))
+    })
+}
+
+#[derive(Default)]
+struct App {
+    title: String,
+    size: [u32; 2],
+    native: Option<Arc<Native>>,
+    failed: Option<String>,
+    closed: bool,
+    at: Option<PhysicalPosition<f64>>,
+    input: PointerInput,
+}
+
+impl App {
+    fn take_input(&mut self, elapsed_s: f32) -> PointerInput {
+        let mut input = self.input;
+        self.input = PointerInput {
+            buttons: input.buttons,
+            held: input.held,
+            ..PointerInput::default()
+        };
+        let seconds = if elapsed_s.is_finite() {
+            elapsed_s.clamp(0.0, 0.1)
+        } else {
+            0.0
+        };
+        let axis = |plus: Key, minus: Key| {
+            (input.is_held(plus) as i8 - input.is_held(minus) as i8) as f32 * seconds
+        };
+        let (pitch, yaw) = (
+            axis(Key::Up, Key::Down) * 0.35,
+            axis(Key::Right, Key::Left) * 0.35,
+        );
+        let (inwards, roll) = (
+            axis(Key::In, Key::Out) * 0.02,
+            axis(Key::TurnRight, Key::TurnLeft) * 0.8,
+        );
+        input.pitch_rad += pitch;
+        input.yaw_rad += yaw;
+        input.insertion_m += inwards;
+        input.roll_rad += roll;
+        input
+    }
+
+    fn moved(&mut self, to: PhysicalPosition<f64>) {
+        if let Some(from) = self.at.replace(to) {
+            let [dx, dy] = [(to.x - from.x) as f32, (to.y - from.y) as f32];
+            if self.input.buttons & 1 != 0 {
+                self.input.yaw_rad += dx * RAD_PER_PX;
+                self.input.pitch_rad -= dy * RAD_PER_PX;
+            }
+            if self.input.buttons & 2 != 0 {
+                self.input.roll_rad += dx * 2.0 * RAD_PER_PX;
+            }
+        }
+    }
+
+    fn button(&mut self, button: MouseButton, state: ElementState) {
+        let bit = match button {
+            MouseButton::Left => 1,
+            MouseButton::Right => 2,
+            MouseButton::Middle => 4,
+            _ => 0,
+        };
+        if state.is_pressed() {
+            self.input.buttons |= bit
+        } else {
+            self.input.buttons &= !bit
+        }
+    }
+
+    fn key(&mut self, event: &KeyEvent) {
+        let PhysicalKey::Code(code) = event.physical_key else {
+            return;
+        };
+        let Some((_, key)) = KEYS.iter().find(|(known, _)| *known == code) else {
+            return;
+        };
+        if event.state.is_pressed() {
+            self.input.pressed |= if event.repeat { 0 } else { key.bit() };
+            self.input.held |= key.bit();
+        } else {
+            self.input.held &= !key.bit();
+        }
+    }
+}
+
+impl ApplicationHandler for App {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.native.is_none() {
+            let [width, height] = self.size;
+            let wanted = Native::default_attributes()
+                .with_title(self.title.clone())
+                .with_inner_size(LogicalSize::new(width, height));
+            match event_loop.create_window(wanted) {
+                Ok(window) => self.native = Some(Arc::new(window)),
+                Err(e) => self.failed = Some(one_line(&e.to_string())),
+            }
+        }
+    }
+
+    fn window_event(&mut self, _: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        match event {
+            WindowEvent::Resized(size) => self.size = size.into(),
+            WindowEvent::CloseRequested | WindowEvent::Destroyed => self.closed = true,
+            WindowEvent::CursorMoved { position, .. } => self.moved(position),
+            WindowEvent::CursorLeft { .. } => self.at = None,
+            WindowEvent::MouseInput { state, button, .. } => self.button(button, state),
+            WindowEvent::MouseWheel {
+                delta: MouseScrollDelta::LineDelta(_, y),
+                ..
+            } => self.input.insertion_m += y * M_PER_NOTCH,
+            WindowEvent::MouseWheel {
+                delta: MouseScrollDelta::PixelDelta(p),
+                ..
+            } => {
+                self.input.insertion_m += (p.y / PX_PER_NOTCH) as f32 * M_PER_NOTCH;
+            }
+            WindowEvent::KeyboardInput { event, .. } => self.key(&event),
+            WindowEvent::Focused(false) => (self.input.held, self.input.buttons) = (0, 0),
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mouse_moves_the_scope_only_while_a_button_is_held() {
+        let mut app = App::default();
+        app.moved(PhysicalPosition::new(10.0, 10.0));
+        app.moved(PhysicalPosition::new(30.0, 10.0));
+        assert_eq!(app.take_input(0.0), PointerInput::default());
+        app.button(MouseButton::Left, ElementState::Pressed);
+        app.moved(PhysicalPosition::new(40.0, 5.0));
+        let input = app.take_input(0.0);
+        assert!(
+            (input.yaw_rad - 10.0 * RAD_PER_PX).abs() < 1e-6
+                && (input.pitch_rad - 5.0 * RAD_PER_PX).abs() < 1e-6
+        );
+        assert_eq!(
+            app.take_input(0.0),
+            PointerInput {
+                buttons: 1,
+                ..PointerInput::default()
+            },
+            "a movement counts once"
+        );
+    }
+
+    #[test]
+    fn a_held_key_moves_with_time_and_a_stall_does_not_make_it_leap() {
+        let mut app = App::default();
+        app.input.held = Key::In.bit();
+        assert!((app.take_input(0.05).insertion_m - 0.001).abs() < 1e-7);
+        assert!(app.take_input(1000.0).insertion_m <= 0.0021);
+        assert_eq!(app.take_input(f32::NAN).insertion_m, 0.0);
+    }
+}

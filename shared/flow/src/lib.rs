@@ -1,0 +1,47 @@
+//! The Flow Engine's mathematics: distension medium in the cavity, pump, and blood.
+//!
+//! Incompressible Navier–Stokes on a staggered grid with solid cells and moving tools, in the order of the paper (Stam 1999; Zátonyi
+//! et al., MedIA 2005): forces with in- and outflow, diffusion, self-advection, mass conservation. No threads, no clock, no files here.
+//!
+//! - [`FlowModel`] is what does not change; [`Solver`] holds the fields; [`Solver::store`] writes the state as a message, and
+//!   [`Solver::load`] makes a spare continue with the same bits.
+//! - [`Solver::step_serial`] computes a step on one thread; [`Solver::begin`], [`Solver::next_phase`] and [`Solver::run_phase`] let
+//!   several threads compute bands of layers with the same result, bit for bit.
+
+mod blood;
+mod coarsen;
+mod coarsest;
+mod coordinator;
+mod dye;
+mod error;
+mod field;
+mod grid;
+mod initial;
+mod inputs;
+mod kernels;
+mod mask;
+mod model;
+mod multigrid;
+mod plan;
+mod ports;
+mod prepare;
+mod pressure;
+mod pump;
+mod rows;
+mod sample;
+mod solver;
+mod state;
+mod transport;
+mod walls;
+
+pub use blood::{BloodSource, BloodState, Particle};
+pub use coordinator::{MAX_SWEEPS, StepReport};
+pub use error::FlowError;
+pub use grid::{Grid, MAX_AXIS, MAX_BANDS, MAX_CELLS};
+pub use inputs::{
+    Capsule, FlowInputs, MAX_PORTS, MAX_SOURCES, MAX_SPEED_M_S, MAX_STEP_S, MAX_TOOLS, Port,
+};
+pub use model::{BloodModel, FlowModel, Medium, Wall};
+pub use pump::{Alarms, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
+pub use solver::{Phase, Solver};
+pub use state::{StateView, state_bytes};

@@ -1,0 +1,117 @@
+//! What the coordinator tells the bands between two phases, and what they tell it back: scalars, never fields.
+
+use crate::blood::Particle;
+use crate::grid::Layout;
+use crate::inputs::FlowInputs;
+use crate::pump::PumpReport;
+
+/// Parts of the fluid that do not touch each other: each has its own pressure level. Smaller parts beyond these become solid.
+pub(crate) const MAX_COMPONENTS: usize = 8;
+
+/// One cell in which medium enters (rate > 0) or leaves.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Source {
+    /// Padded layer.
+    pub kk: usize,
+    /// Offset in the plane.
+    pub at: usize,
+    /// Volume per cell volume, 1/s.
+    pub rate_per_s: f32,
+    /// Velocity of the jet, m/s.
+    pub jet_m_s: [f32; 3],
+    pub has_jet: bool,
+    /// Dye fraction of what enters.
+    pub dye: f32,
+}
+
+/// Which velocity buffers play which part; a sweep never writes what it reads.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Roles {
+    /// The newest velocity.
+    pub now: usize,
+    /// The buffer that the next sweep writes.
+    pub next: usize,
+    /// Carries the others during advection.
+    pub carrier: usize,
+    /// Result of the forward half of a sweep.
+    pub forward: usize,
+}
+
+pub(crate) struct Plan {
+    pub inputs: FlowInputs,
+    pub roles: Roles,
+    /// dt/(sweeps·h) per axis, s/m.
+    pub courant: [f32; 3],
+    /// ν·dt/(sweeps·h²) per axis.
+    pub diffusion: [f32; 3],
+    /// Change of velocity by body forces per diffusion sweep, m/s.
+    pub impulse_m_s: [f32; 3],
+    /// dt/ρ: the pressure in pascal times this is the potential whose gradient corrects the velocity.
+    pub dt_by_density: f32,
+    pub alpha: f32,
+    pub beta: f32,
+    pub first_direction: bool,
+    pub components: usize,
+    pub means: [f32; MAX_COMPONENTS],
+    /// Component of each cell (only filled when there is more than one).
+    pub labels: Vec<u8>,
+    pub sources: Vec<Source>,
+    /// True in cells where medium leaves.
+    pub sinks: Vec<bool>,
+    /// Index of the dye field that is read; the other one is written.
+    pub dye: usize,
+    /// dt/(dye sweeps), s.
+    pub dye_dt_s: f32,
+    pub particle_sweeps: usize,
+    pub pump: PumpReport,
+}
+
+/// Partial results of one layer; the coordinator adds them in the order of the layers, whoever computed them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct LayerSums {
+    pub a: f64,
+    pub b: f64,
+    pub top: f32,
+    pub count: u32,
+    pub by_component: [f64; MAX_COMPONENTS],
+}
+
+impl Plan {
+    /// Sum of a plane's inside by component.
+    #[inline(always)]
+    pub fn component_sums(
+        &self,
+        layout: &Layout,
+        kk: usize,
+        plane: &[f32],
+        into: &mut [f64; MAX_COMPONENTS],
+    ) {
+        for j in 0..layout.n[1] {
+            let o = layout.row(j);
+            let row = &plane[o..o + layout.n[0]];
+            if self.components <= 1 {
+                into[0] += crate::kernels::sum(row);
+            } else {
+                let first = ((kk - 1) * layout.n[1] + j) * layout.n[0];
+                for (x, &label) in row.iter().zip(&self.labels[first..]) {
+                    into[usize::from(label)] += f64::from(*x);
+                }
+            }
+        }
+    }
+    /// Mean of the component of cell `i` of row `j`.
+    #[inline(always)]
+    pub fn fill_means(&self, layout: &Layout, kk: usize, j: usize, row: &mut [f32]) {
+        if self.components <= 1 {
+            row.fill(self.means[0]);
+        } else {
+            let first = ((kk - 1) * layout.n[1] + j) * layout.n[0];
+            for (m, &label) in row.iter_mut().zip(&self.labels[first..]) {
+                *m = self.means[usize::from(label)];
+            }
+        }
+    }
+}
+
+/// A share of the particle ring.
+pub(crate) type Share = Vec<Particle>;

@@ -1,0 +1,156 @@
+//! Between Mask and the first sweep: the connected parts of the fluid, the cells of the ports, and the numbers of sweeps.
+
+use crate::coordinator::{Coordinator, MAX_SWEEPS};
+use crate::error::FlowError;
+use crate::inputs::MAX_SPEED_M_S;
+use crate::plan::{Plan, Roles, Source};
+use crate::solver::{MAX_SOURCE_CELLS, Phase, Solver};
+
+impl Solver {
+    /// After Mask: connected parts, sources, and how many sweeps the step needs.
+    pub(crate) fn after_mask(
+        &self,
+        c: &mut Coordinator,
+        plan: &mut Plan,
+    ) -> Result<Phase, FlowError> {
+        let total = self.total()?;
+        let changed = total.count > 0 || !c.built;
+        if changed {
+            self.label(c, plan)?;
+            self.push_dye(plan.dye, &mut c.blood)?;
+            c.built = true;
+        }
+        c.report.components = plan.components as u32;
+        let jet = self.place_sources(c, plan)?;
+        self.set_floor(c, total.top, jet);
+        let h = self.model.grid.spacing_m();
+        let dt_s = plan.inputs.dt_s;
+        let smallest = h[0].min(h[1]).min(h[2]);
+        let courant = dt_s * total.top.max(jet / smallest);
+        c.report.sweeps = (courant.ceil() as u32).clamp(1, MAX_SWEEPS);
+        c.report.slowed = courant > MAX_SWEEPS as f32;
+        c.advect_left = c.report.sweeps;
+        plan.courant = h.map(|h| dt_s / (c.report.sweeps as f32 * h));
+        let viscosity = self.model.medium.viscosity_m2_s;
+        let number = 2.0 * viscosity * dt_s * self.weights.iter().sum::<f32>();
+        c.diffuse_left = (number.ceil() as u32).clamp(1, MAX_SWEEPS);
+        c.report.slowed |= number > MAX_SWEEPS as f32;
+        let part = dt_s / c.diffuse_left as f32
+            * (MAX_SWEEPS as f32 / number.max(f32::MIN_POSITIVE)).min(1.0);
+        plan.diffusion = self.weights.map(|w| viscosity * part * w);
+        plan.impulse_m_s = plan
+            .inputs
+            .acceleration_m_s2
+            .map(|a| a * dt_s / c.diffuse_left as f32);
+        let now = plan.roles.now;
+        plan.roles = Roles {
+            now,
+            next: (now + 1) % 4,
+            ..Default::default()
+        };
+        Ok(if changed {
+            Phase::Operator
+        } else {
+            Phase::Diffuse
+        })
+    }
+
+    fn label(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<(), FlowError> {
+        let layout = &*self.layout;
+        let fluid = self.fluid.read()?;
+        let (parts, sizes, pockets) =
+            c.components
+                .label(layout, |kk| fluid.layer(kk), &mut plan.labels);
+        drop(fluid);
+        plan.components = parts;
+        c.sizes = sizes;
+        if pockets {
+            let [nx, ny, _] = layout.n;
+            for band in 0..self.bands {
+                let mut fluid = self.fluid.write(band)?;
+                for kk in layout.own(band) {
+                    let plane = fluid.layer(kk);
+                    for (cell, label) in plan.labels[(kk - 1) * nx * ny..kk * nx * ny]
+                        .iter_mut()
+                        .enumerate()
+                    {
+                        if *label == u8::MAX {
+                            plane[layout.row(cell / nx) + cell % nx] = 0.0;
+                            *label = 0;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Spreads the pump's flow over the cells of the ports. Returns the fastest jet, m/s.
+    fn place_sources(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<f32, FlowError> {
+        let layout = &*self.layout;
+        for source in &plan.sources {
+            let flat = (source.kk - 1) * layout.n[0] * layout.n[1];
+            let (j, i) = (source.at / layout.stride - 1, source.at % layout.stride - 1);
+            plan.sinks[flat + j * layout.n[0] + i] = false;
+        }
+        plan.sources.clear();
+        c.largest_rate_per_s = 0.0;
+        let mut fastest = 0.0f32;
+        let fluid = self.fluid.read()?;
+        for port in plan.inputs.ports {
+            let total: f32 = plan
+                .inputs
+                .ports
+                .iter()
+                .filter(|p| p.inflow == port.inflow)
+                .map(|p| p.share)
+                .sum();
+            let flow_ml_s = if port.inflow {
+                plan.pump.in_ml_s
+            } else {
+                plan.pump.out_ml_s
+            };
+            if port.share <= 0.0 || flow_ml_s <= 0.0 {
+                continue;
+            }
+            let flow_m3_s = flow_ml_s * 1e-6 * f64::from(port.share / total);
+            let from = plan.sources.len();
+            crate::ports::cells(&self.model.grid, layout, &port, |kk, at| {
+                if fluid.layer(kk)[at] > 0.0 && plan.sources.len() < MAX_SOURCE_CELLS {
+                    plan.sources.push(Source {
+                        kk,
+                        at,
+                        ..Default::default()
+                    });
+                }
+                plan.sources.len() > from
+            });
+            let cells = plan.sources.len() - from;
+            if cells == 0 {
+                continue; // the port lies in a solid: its flow widens or narrows the cavity but drives nothing
+            }
+            let rate = (flow_m3_s / (self.model.grid.cell_volume_m3() * cells as f64)) as f32;
+            let jet = crate::ports::jet_m_s(&self.model.grid, &port, flow_m3_s)
+                .map(|j| j.map(|v| v.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S)));
+            fastest = jet.iter().flatten().fold(fastest, |m, v| m.max(v.abs()));
+            if !port.inflow {
+                c.largest_rate_per_s = c.largest_rate_per_s.max(rate);
+            }
+            for source in &mut plan.sources[from..] {
+                source.rate_per_s = if port.inflow { rate } else { -rate };
+                source.dye = port.dye;
+                (source.has_jet, source.jet_m_s) = (jet.is_some(), jet.unwrap_or_default());
+                let (j, i) = (source.at / layout.stride - 1, source.at % layout.stride - 1);
+                plan.sinks[((source.kk - 1) * layout.n[1] + j) * layout.n[0] + i] = !port.inflow;
+            }
+        }
+        Ok(fastest)
+    }
+
+    /// Below this the residual is what single precision leaves of the speeds at hand.
+    fn set_floor(&self, c: &mut Coordinator, rate_per_s: f32, jet_m_s: f32) {
+        let h = self.model.grid.spacing_m();
+        let floor = 1e-7 * f64::from(rate_per_s.max(jet_m_s / h[0].min(h[1]).min(h[2])));
+        c.rest_residual2 = floor * floor * self.layout.cell_count() as f64;
+    }
+}

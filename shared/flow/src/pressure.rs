@@ -1,0 +1,291 @@
+//! Mass conservation: the pressure whose gradient makes the velocity free of divergence, by preconditioned conjugate gradients.
+//!
+//! Solved: A·φ = s − ∇·v with φ = p·dt/ρ, s the sources, and the mean of each connected part taken off: what enters and does not
+//! leave widens the cavity evenly. Promise: ends at the model's relative residual or at its bound of iterations, and says which.
+
+use crate::error::FlowError;
+use crate::field::Read;
+use crate::grid::MAX_AXIS;
+use crate::inputs::MAX_SPEED_M_S;
+use crate::kernels::{Star, dot, larger, max_abs, wide};
+use crate::rows;
+use crate::solver::Solver;
+use crate::transport::hold_solid;
+
+/// Slower is at rest: keeps decaying flows out of the range of denormal numbers, which cost a hundred cycles each.
+const REST_M_S: f32 = 1e-12;
+
+impl Solver {
+    /// Phase RightSide: r = s − ∇·v in fluid cells, φ from the last pressure, and the sums of r by component.
+    pub(crate) fn right_side_band(&self, band: usize) -> Result<(), FlowError> {
+        let plan = self.plan()?;
+        let layout = &*self.layout;
+        let velocity = self.read_velocity(plan.roles.now)?;
+        let fluid = self.fluid.read()?;
+        let level = &self.hierarchy.levels[0];
+        let (mut r, mut pressure) = (level.r.write(band)?, self.pressure.write(band)?);
+        let per_m = self.model.grid.spacing_m().map(|h| 1.0 / h);
+        let n = layout.n[0];
+        let mut sums = self.sums(band)?;
+        for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+            let (out, phi) = (r.layer(kk), pressure.layer(kk));
+            wide(
+                #[inline(always)]
+                || {
+                    for j in 0..layout.n[1] {
+                        let o = layout.row(j);
+                        let m = &fluid.layer(kk)[o..o + n];
+                        rows::convergence(
+                            &mut out[o..o + n],
+                            m,
+                            faces(&velocity, kk, o, layout.stride),
+                            per_m,
+                        );
+                        rows::scale_masked(&mut phi[o..o + n], m, plan.dt_by_density);
+                    }
+                },
+            );
+            for source in plan.sources.iter().filter(|s| s.kk == kk) {
+                out[source.at] += source.rate_per_s;
+            }
+            sum.by_component = Default::default();
+            wide(
+                #[inline(always)]
+                || plan.component_sums(layout, kk, out, &mut sum.by_component),
+            );
+        }
+        Ok(())
+    }
+
+    /// Phase Residual: b = r − mean, r = b − A·φ, z = damped r; partial sums b·b and r·r.
+    pub(crate) fn residual_band(&self, band: usize) -> Result<(), FlowError> {
+        let plan = self.plan()?;
+        let layout = &*self.layout;
+        let level = &self.hierarchy.levels[0];
+        let (phi, diagonal, inverse) = (
+            self.pressure.read()?,
+            level.diagonal.read()?,
+            level.inverse.read()?,
+        );
+        let fluid = self.fluid.read()?;
+        let (mut r, mut z) = (level.r.write(band)?, level.z.write(band)?);
+        let n = layout.n[0];
+        let mut sums = self.sums(band)?;
+        for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+            let (r, z) = (r.layer(kk), z.layer(kk));
+            (sum.a, sum.b) = wide(
+                #[inline(always)]
+                || {
+                    let (mut bb, mut rr) = (0.0, 0.0);
+                    let mut t = [0.0f32; MAX_AXIS];
+                    let mut mean = [0.0f32; MAX_AXIS];
+                    for j in 0..layout.n[1] {
+                        let o = layout.row(j);
+                        let star = Star::new(phi.three(kk), o, layout.stride, n);
+                        rows::fine_operator(
+                            &mut t[..n],
+                            &diagonal.layer(kk)[o..o + n],
+                            &star,
+                            self.weights,
+                        );
+                        plan.fill_means(layout, kk, j, &mut mean[..n]);
+                        let (r, z, v) = (
+                            &mut r[o..o + n],
+                            &mut z[o..o + n],
+                            &inverse.layer(kk)[o..o + n],
+                        );
+                        rows::subtract_masked(r, &fluid.layer(kk)[o..o + n], &mean[..n]);
+                        bb += dot(r, r);
+                        rows::reduce(r, z, &t[..n], v, 1.0);
+                        rr += dot(r, r);
+                    }
+                    (bb, rr)
+                },
+            );
+        }
+        Ok(())
+    }
+
+    /// Phase Direction: d = z + β·d and q = A·z + β·q (so A·d without a second pass); partial sums d·q.
+    pub(crate) fn direction_band(&self, band: usize) -> Result<(), FlowError> {
+        let plan = self.plan()?;
+        let layout = &*self.layout;
+        let level = &self.hierarchy.levels[0];
+        let (z, diagonal) = (level.z.read()?, level.diagonal.read()?);
+        let (mut d, mut q) = (self.direction.write(band)?, self.image.write(band)?);
+        let n = layout.n[0];
+        let mut sums = self.sums(band)?;
+        for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+            let (d, q) = (d.layer(kk), q.layer(kk));
+            sum.a = wide(
+                #[inline(always)]
+                || {
+                    let mut dq = 0.0;
+                    let mut t = [0.0f32; MAX_AXIS];
+                    for j in 0..layout.n[1] {
+                        let o = layout.row(j);
+                        let star = Star::new(z.three(kk), o, layout.stride, n);
+                        rows::fine_operator(
+                            &mut t[..n],
+                            &diagonal.layer(kk)[o..o + n],
+                            &star,
+                            self.weights,
+                        );
+                        let (d, q, t) = (&mut d[o..o + n], &mut q[o..o + n], &t[..n]);
+                        if plan.first_direction {
+                            d.copy_from_slice(star.c);
+                            q.copy_from_slice(t);
+                        } else {
+                            rows::scale_and_add(d, star.c, plan.beta);
+                            rows::scale_and_add(q, t, plan.beta);
+                        }
+                        dq += dot(d, q);
+                    }
+                    dq
+                },
+            );
+        }
+        Ok(())
+    }
+
+    /// Phase Update: φ += α·d, r −= α·q, z = damped r; partial sums r·r.
+    pub(crate) fn update_band(&self, band: usize) -> Result<(), FlowError> {
+        let plan = self.plan()?;
+        let layout = &*self.layout;
+        let level = &self.hierarchy.levels[0];
+        let (d, q, inverse) = (
+            self.direction.read()?,
+            self.image.read()?,
+            level.inverse.read()?,
+        );
+        let (mut phi, mut r, mut z) = (
+            self.pressure.write(band)?,
+            level.r.write(band)?,
+            level.z.write(band)?,
+        );
+        let n = layout.n[0];
+        let mut sums = self.sums(band)?;
+        for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+            let (phi, r, z) = (phi.layer(kk), r.layer(kk), z.layer(kk));
+            sum.b = wide(
+                #[inline(always)]
+                || {
+                    let mut rr = 0.0;
+                    for j in 0..layout.n[1] {
+                        let o = layout.row(j);
+                        let (d, q, v) = (
+                            &d.layer(kk)[o..o + n],
+                            &q.layer(kk)[o..o + n],
+                            &inverse.layer(kk)[o..o + n],
+                        );
+                        let (r, z) = (&mut r[o..o + n], &mut z[o..o + n]);
+                        rows::add_scaled(&mut phi[o..o + n], d, plan.alpha);
+                        rows::reduce(r, z, q, v, plan.alpha);
+                        rr += dot(r, r);
+                    }
+                    rr
+                },
+            );
+        }
+        Ok(())
+    }
+
+    /// Phase Project: v −= ∇φ on open faces; a value beyond any real speed becomes 0 and is counted; sums of φ by component.
+    pub(crate) fn project_band(&self, band: usize) -> Result<(), FlowError> {
+        let plan = self.plan()?;
+        let layout = &*self.layout;
+        let (phi, fluid) = (self.pressure.read()?, self.fluid.read()?);
+        let n = layout.n[0];
+        let mut sums = self.sums(band)?;
+        for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+            (sum.count, sum.top) = (0, 0.0);
+            sum.by_component = Default::default();
+            wide(
+                #[inline(always)]
+                || plan.component_sums(layout, kk, phi.layer(kk), &mut sum.by_component),
+            );
+        }
+        for component in 0..3 {
+            let inverse_h = 1.0 / self.model.grid.spacing_m()[component];
+            let face = self.face[component].read()?;
+            let mut velocity = self.velocity[plan.roles.now][component].write(band)?;
+            for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+                let plane = velocity.layer(kk);
+                wide(
+                    #[inline(always)]
+                    || {
+                        for j in 0..layout.n[1] {
+                            let o = layout.row(j);
+                            let star = Star::new(phi.three(kk), o, layout.stride, n);
+                            let back = [star.xm, star.ym, star.zm][component];
+                            let row = &mut plane[o..o + n];
+                            sum.count += rows::project(
+                                row,
+                                star.c,
+                                back,
+                                inverse_h,
+                                2.0 * MAX_SPEED_M_S,
+                                REST_M_S,
+                            );
+                            hold_solid(&fluid, &face, component, kk, o, layout.stride, row);
+                            sum.top = larger(sum.top, max_abs(row));
+                        }
+                    },
+                );
+                self.mirrors.plane(layout, component, plane);
+            }
+            self.mirrors.layers(layout, component, band, &mut velocity);
+        }
+        Ok(())
+    }
+
+    /// Phase Centre: pressure in pascal with mean 0 in each part of the fluid; largest outflow of a cell, 1/s.
+    pub(crate) fn centre_band(&self, band: usize) -> Result<(), FlowError> {
+        let plan = self.plan()?;
+        let layout = &*self.layout;
+        let velocity = self.read_velocity(plan.roles.now)?;
+        let fluid = self.fluid.read()?;
+        let mut pressure = self.pressure.write(band)?;
+        let per_m = self.model.grid.spacing_m().map(|h| 1.0 / h);
+        let scale = 1.0 / plan.dt_by_density;
+        let n = layout.n[0];
+        let mut sums = self.sums(band)?;
+        for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
+            let phi = pressure.layer(kk);
+            sum.top = wide(
+                #[inline(always)]
+                || {
+                    let mut top = 0.0;
+                    let mut mean = [0.0f32; MAX_AXIS];
+                    let mut out = [0.0f32; MAX_AXIS];
+                    for j in 0..layout.n[1] {
+                        let o = layout.row(j);
+                        plan.fill_means(layout, kk, j, &mut mean[..n]);
+                        let m = &fluid.layer(kk)[o..o + n];
+                        rows::centre(&mut phi[o..o + n], m, &mean[..n], scale);
+                        let out = &mut out[..n];
+                        rows::outflow(out, m, faces(&velocity, kk, o, layout.stride), per_m);
+                        top = larger(top, max_abs(out));
+                    }
+                    top
+                },
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Low and high faces of the cells of a row along x, y, z.
+#[inline(always)]
+fn faces<'a>(velocity: &'a [Read<'_>; 3], kk: usize, o: usize, stride: usize) -> [&'a [f32]; 6] {
+    let [u, v, w] = velocity;
+    let (u, v) = (u.layer(kk), v.layer(kk));
+    [
+        &u[o..],
+        &u[o + 1..],
+        &v[o..],
+        &v[o + stride..],
+        &w.layer(kk)[o..],
+        &w.layer(kk + 1)[o..],
+    ]
+}

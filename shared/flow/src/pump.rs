@@ -1,0 +1,350 @@
+//! Pump and hydrometra: how much medium is in the cavity, at which pressure, and where the rest went.
+//!
+//! One compartment: dV/t = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume.
+//! Promise: implicit Euler, unconditionally stable; the balance of the counters holds to rounding whatever the inputs; counters are f64.
+//! Figures: Zátonyi et al. 2005 (hydrometra), WOM's manual, ACOG Committee Opinion 800. The conductances, the leak
+//! and the shape of the curve between its two published points are this model's assumptions, to be set per case.
+
+use crate::error::FlowError;
+use crate::inputs::tame;
+use crate::model::range;
+
+/// Pascal per millimetre of mercury.
+pub const PA_PER_MMHG: f64 = 133.322;
+/// The longest inner step, s: a tenth of the time in which the outflow empties a cavity of 5 ml.
+const INNER_STEP_S: f64 = 0.005;
+/// Bisections per inner step: 2⁻⁵⁰ of the bracket is beyond what f64 volumes show.
+const BISECTIONS: usize = 50;
+
+/// Cavity, pump, tubes and vessels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PumpModel {
+    /// Volume of the cavity at 150 mmHg, ml (published: 0.6 to 11.4).
+    pub volume_150_mmhg_ml: f64,
+    /// Pressure at which the walls part, Pa (published median 40 mmHg).
+    pub parting_pa: f64,
+    /// Volume over which the pressure rises to the parting pressure, ml.
+    pub parting_ml: f64,
+    /// The roller pump's largest flow, ml/s (800 ml/min).
+    pub max_flow_ml_s: f64,
+    /// The pump runs at full flow when the pressure is this far below the set pressure, Pa.
+    pub band_pa: f64,
+    /// Largest pressure that the pump obeys, Pa (150 mmHg).
+    pub max_set_pa: f64,
+    /// Pressure at the roller at most, Pa; the tube's resistance takes its part.
+    pub max_delivery_pa: f64,
+    /// Conductance of the fully open inflow valve and tube, ml/(s·Pa).
+    pub inflow_ml_s_pa: f64,
+    /// Conductance of the fully open outflow valve and tube, ml/(s·Pa).
+    pub outflow_ml_s_pa: f64,
+    /// Suction at the outflow, Pa below the atmosphere.
+    pub suction_pa: f64,
+    /// Leak past the sheath through the cervix, ml/(s·Pa).
+    pub leak_ml_s_pa: f64,
+    /// Pressure in the veins that medium enters, Pa (10 mmHg).
+    pub venous_pa: f64,
+    /// Conductance of fully open veins, ml/(s·Pa).
+    pub intravasation_ml_s_pa: f64,
+    /// Conductance of a perforation of size 1, ml/(s·Pa), into the abdomen at 0 Pa.
+    pub perforation_ml_s_pa: f64,
+    /// Alarm: pressure above the set pressure by this, Pa.
+    pub pressure_alarm_pa: f64,
+    /// Alarm: loss (not seen at the outflow) faster than this, ml/s (300 ml/min).
+    pub loss_alarm_ml_s: f64,
+}
+
+impl Default for PumpModel {
+    fn default() -> Self {
+        Self {
+            volume_150_mmhg_ml: 8.0,
+            parting_pa: 40.0 * PA_PER_MMHG,
+            parting_ml: 0.5,
+            max_flow_ml_s: 800.0 / 60.0,
+            band_pa: 1_000.0,
+            max_set_pa: 150.0 * PA_PER_MMHG,
+            max_delivery_pa: 40_000.0,
+            inflow_ml_s_pa: 5e-4,
+            outflow_ml_s_pa: 5e-4,
+            suction_pa: 0.0,
+            leak_ml_s_pa: 0.0,
+            venous_pa: 10.0 * PA_PER_MMHG,
+            intravasation_ml_s_pa: 2e-4,
+            perforation_ml_s_pa: 2e-3,
+            pressure_alarm_pa: 20.0 * PA_PER_MMHG,
+            loss_alarm_ml_s: 5.0,
+        }
+    }
+}
+
+/// What the operator and the tissue tell the pump. All zero: everything shut.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PumpInput {
+    /// Set pressure, Pa.
+    pub set_pa: f32,
+    /// Limit of the flow, ml/min; 0 stops the pump.
+    pub flow_limit_ml_min: f32,
+    /// Inflow valve, 0 shut to 1 open.
+    pub inflow_valve: f32,
+    /// Outflow valve, 0 shut to 1 open.
+    pub outflow_valve: f32,
+    /// Open veins, 0 none to 1 all of the model's conductance.
+    pub open_veins: f32,
+    /// Perforation, 0 none to 1.
+    pub perforation: f32,
+    /// Volume that tools and pieces take from the cavity, ml.
+    pub displaced_ml: f32,
+}
+
+impl PumpInput {
+    pub(crate) fn tame(&mut self) -> u32 {
+        let mut count = 0;
+        tame(&mut self.set_pa, 0.0, 1e5, 0.0, &mut count);
+        tame(&mut self.flow_limit_ml_min, 0.0, 1e4, 0.0, &mut count);
+        for part in [
+            &mut self.inflow_valve,
+            &mut self.outflow_valve,
+            &mut self.open_veins,
+            &mut self.perforation,
+        ] {
+            tame(part, 0.0, 1.0, 0.0, &mut count);
+        }
+        tame(&mut self.displaced_ml, 0.0, 100.0, 0.0, &mut count);
+        count
+    }
+}
+
+/// Integrators of pump and cavity, ml. What a power loss must not lose.
+#[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct PumpState {
+    /// Medium (and blood) in the cavity.
+    pub cavity_ml: f64,
+    /// Medium that the pump delivered.
+    pub in_ml: f64,
+    /// What came back through the outflow.
+    pub out_ml: f64,
+    /// Medium that entered the vessels.
+    pub intravasated_ml: f64,
+    /// Medium lost past the sheath.
+    pub leaked_ml: f64,
+    /// Medium lost through a perforation.
+    pub perforated_ml: f64,
+    /// Blood that entered the cavity.
+    pub bled_ml: f64,
+}
+
+impl PumpState {
+    /// Deficit as the clinic counts it: delivered − returned, ml.
+    pub fn deficit_ml(&self) -> f64 {
+        self.in_ml - self.out_ml
+    }
+    /// The counters' balance, ml: 0 but for rounding, from an empty cavity on.
+    pub fn imbalance_ml(&self) -> f64 {
+        self.in_ml + self.bled_ml
+            - self.out_ml
+            - self.intravasated_ml
+            - self.leaked_ml
+            - self.perforated_ml
+            - self.cavity_ml
+    }
+}
+
+/// Alarms of the pump.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Alarms {
+    /// Pressure above the set pressure by the model's margin.
+    pub pressure: bool,
+    /// Deficit at its limit: 1 000 ml for hypotonic, 2 500 ml for isotonic medium.
+    pub deficit: bool,
+    /// Medium disappears faster than vessels take it: a perforation.
+    pub abnormal_loss: bool,
+}
+
+/// Flows and pressure at the end of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PumpReport {
+    /// Pressure in the cavity above the atmosphere, Pa: what distends the tissue.
+    pub pressure_pa: f64,
+    /// Mean flow in during the step, ml/s.
+    pub in_ml_s: f64,
+    /// Mean flow out during the step, ml/s.
+    pub out_ml_s: f64,
+    /// Mean flow of medium into vessels, ml/s.
+    pub intravasation_ml_s: f64,
+    /// Mean leak past the sheath, ml/s.
+    pub leak_ml_s: f64,
+    /// Mean loss through a perforation, ml/s.
+    pub perforation_ml_s: f64,
+    /// Alarms.
+    pub alarms: Alarms,
+}
+
+/// Flows at one pressure, ml/s.
+#[derive(Clone, Copy)]
+struct Flows {
+    inward: f64,
+    outward: f64,
+    veins: f64,
+    leak: f64,
+    hole: f64,
+}
+
+impl Flows {
+    fn net(&self) -> f64 {
+        self.inward - self.outward - self.veins - self.leak - self.hole
+    }
+}
+
+impl PumpModel {
+    pub(crate) fn check(&self) -> Result<(), FlowError> {
+        range(
+            "pump.volume_150_mmhg_ml",
+            self.volume_150_mmhg_ml,
+            0.1,
+            1e3,
+            "0.1 to 1000",
+        )?;
+        range(
+            "pump.parting_pa",
+            self.parting_pa,
+            0.0,
+            140.0 * PA_PER_MMHG,
+            "0 to 18665",
+        )?;
+        range("pump.parting_ml", self.parting_ml, 1e-3, 1e2, "1e-3 to 100")?;
+        range(
+            "pump.max_flow_ml_s",
+            self.max_flow_ml_s,
+            0.0,
+            100.0,
+            "0 to 100",
+        )?;
+        range("pump.band_pa", self.band_pa, 1.0, 1e5, "1 to 1e5")?;
+        range("pump.max_set_pa", self.max_set_pa, 0.0, 1e5, "0 to 1e5")?;
+        range(
+            "pump.max_delivery_pa",
+            self.max_delivery_pa,
+            0.0,
+            1e6,
+            "0 to 1e6",
+        )?;
+        range("pump.suction_pa", self.suction_pa, 0.0, 1e5, "0 to 1e5")?;
+        range("pump.venous_pa", self.venous_pa, 0.0, 1e5, "0 to 1e5")?;
+        range(
+            "pump.pressure_alarm_pa",
+            self.pressure_alarm_pa,
+            0.0,
+            1e5,
+            "0 to 1e5",
+        )?;
+        range(
+            "pump.loss_alarm_ml_s",
+            self.loss_alarm_ml_s,
+            0.0,
+            1e3,
+            "0 to 1000",
+        )?;
+        let conductances = [
+            self.inflow_ml_s_pa,
+            self.outflow_ml_s_pa,
+            self.leak_ml_s_pa,
+            self.intravasation_ml_s_pa,
+        ];
+        for value in conductances.into_iter().chain([self.perforation_ml_s_pa]) {
+            range("pump.…_ml_s_pa", value, 0.0, 1.0, "0 to 1")?;
+        }
+        Ok(())
+    }
+
+    /// Pressure at a volume, Pa: up to the parting pressure the walls lie on each other and a little medium raises the pressure
+    /// much; from there it grows with the volume, to 150 mmHg at the model's volume. Strictly increasing.
+    pub fn pressure_pa(&self, volume_ml: f64) -> f64 {
+        let parted = |v: f64| self.parting_pa * (1.0 - (-v / self.parting_ml).exp());
+        let slope =
+            (150.0 * PA_PER_MMHG - parted(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml;
+        parted(volume_ml) + slope * volume_ml
+    }
+
+    fn flows(&self, input: &PumpInput, volume_ml: f64) -> Flows {
+        let pressure_pa = self.pressure_pa(volume_ml + f64::from(input.displaced_ml));
+        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        let limit_ml_s = (f64::from(input.flow_limit_ml_min) / 60.0).min(self.max_flow_ml_s);
+        let wanted = limit_ml_s * ((set_pa - pressure_pa) / self.band_pa).clamp(0.0, 1.0);
+        let tube = f64::from(input.inflow_valve)
+            * self.inflow_ml_s_pa
+            * (self.max_delivery_pa - pressure_pa).max(0.0);
+        // An empty cavity has nothing to give: the last 0.05 ml throttle every way out.
+        let filled = (volume_ml / 0.05).clamp(0.0, 1.0);
+        Flows {
+            inward: wanted.min(tube),
+            outward: filled
+                * f64::from(input.outflow_valve)
+                * self.outflow_ml_s_pa
+                * (pressure_pa + self.suction_pa),
+            veins: filled
+                * f64::from(input.open_veins)
+                * self.intravasation_ml_s_pa
+                * (pressure_pa - self.venous_pa).max(0.0),
+            leak: filled * self.leak_ml_s_pa * pressure_pa,
+            hole: filled * f64::from(input.perforation) * self.perforation_ml_s_pa * pressure_pa,
+        }
+    }
+
+    /// One step of `dt_s` with neutralised input; `bled_ml` is the blood that entered during the step.
+    pub fn step(
+        &self,
+        state: &mut PumpState,
+        input: &PumpInput,
+        isotonic: bool,
+        bled_ml: f64,
+        dt_s: f64,
+    ) -> PumpReport {
+        let before = *state;
+        state.cavity_ml += bled_ml;
+        state.bled_ml += bled_ml;
+        let parts = (dt_s / INNER_STEP_S).ceil().max(1.0);
+        let h_s = dt_s / parts;
+        for _ in 0..parts as usize {
+            let flows = self.implicit(state.cavity_ml, input, h_s);
+            state.cavity_ml = (state.cavity_ml + h_s * flows.net()).max(0.0);
+            state.in_ml += h_s * flows.inward;
+            state.out_ml += h_s * flows.outward;
+            state.intravasated_ml += h_s * flows.veins;
+            state.leaked_ml += h_s * flows.leak;
+            state.perforated_ml += h_s * flows.hole;
+        }
+        let per_s = if dt_s > 0.0 { 1.0 / dt_s } else { 0.0 };
+        let pressure_pa = self.pressure_pa(state.cavity_ml + f64::from(input.displaced_ml));
+        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        let lost = state.intravasated_ml + state.leaked_ml + state.perforated_ml;
+        let lost_before = before.intravasated_ml + before.leaked_ml + before.perforated_ml;
+        PumpReport {
+            pressure_pa,
+            in_ml_s: (state.in_ml - before.in_ml) * per_s,
+            out_ml_s: (state.out_ml - before.out_ml) * per_s,
+            intravasation_ml_s: (state.intravasated_ml - before.intravasated_ml) * per_s,
+            leak_ml_s: (state.leaked_ml - before.leaked_ml) * per_s,
+            perforation_ml_s: (state.perforated_ml - before.perforated_ml) * per_s,
+            alarms: Alarms {
+                pressure: pressure_pa > set_pa + self.pressure_alarm_pa,
+                deficit: state.deficit_ml() >= if isotonic { 2_500.0 } else { 1_000.0 },
+                abnormal_loss: (lost - lost_before) * per_s > self.loss_alarm_ml_s,
+            },
+        }
+    }
+
+    /// The flows at the end of a step of `h_s`: net(V) falls with V, so V = V₀ + h·net(V) has one root; bisection finds it.
+    fn implicit(&self, volume_ml: f64, input: &PumpInput, h_s: f64) -> Flows {
+        let mut low = 0.0;
+        let mut high = volume_ml + h_s * self.max_flow_ml_s;
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if volume_ml + h_s * self.flows(input, middle).net() > middle {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        self.flows(input, 0.5 * (low + high))
+    }
+}

@@ -1,0 +1,245 @@
+//! Row kernels: each works on rows of equal length `out.len()`, with the written rows as arguments of their own, so that the compiler
+//! knows that they overlap nothing and keeps every loop in vectors.
+
+#![allow(clippy::needless_range_loop)] // one index over rows of one length: the form that the compiler turns into vectors
+
+use crate::kernels::{Star, larger, smaller};
+
+/// out = keep·c + Σ weights·neighbours + push
+#[inline(always)]
+pub(crate) fn diffuse(out: &mut [f32], star: &Star<'_>, keep: f32, weights: [f32; 3], push: f32) {
+    let n = out.len();
+    let star = star.cut(n);
+    for i in 0..n {
+        out[i] = keep * star.c[i] + star.around(i, weights) + push;
+    }
+}
+
+/// Faces between a fluid cell and another keep their value, the others take the held one.
+#[inline(always)]
+pub(crate) fn hold(row: &mut [f32], here: &[f32], back: &[f32], held: &[f32]) {
+    let n = row.len();
+    let (here, back, held) = (&here[..n], &back[..n], &held[..n]);
+    for i in 0..n {
+        row[i] = if here[i] * back[i] > 0.0 {
+            row[i]
+        } else {
+            held[i]
+        };
+    }
+}
+
+/// out = −m·∇·v; `faces` are the low and high faces along x, y, z.
+#[inline(always)]
+pub(crate) fn convergence(out: &mut [f32], m: &[f32], faces: [&[f32]; 6], per_m: [f32; 3]) {
+    let n = out.len();
+    let [u0, u1, v0, v1, w0, w1] = faces;
+    let (u0, u1, v0, v1, w0, w1, m) = (
+        &u0[..n],
+        &u1[..n],
+        &v0[..n],
+        &v1[..n],
+        &w0[..n],
+        &w1[..n],
+        &m[..n],
+    );
+    let [cx, cy, cz] = per_m;
+    for i in 0..n {
+        out[i] = -m[i] * (cx * (u1[i] - u0[i]) + cy * (v1[i] - v0[i]) + cz * (w1[i] - w0[i]));
+    }
+}
+
+/// out = m·(what leaves a cell per second), a number ≥ 0.
+#[inline(always)]
+pub(crate) fn outflow(out: &mut [f32], m: &[f32], faces: [&[f32]; 6], per_m: [f32; 3]) {
+    let n = out.len();
+    let [u0, u1, v0, v1, w0, w1] = faces;
+    let (u0, u1, v0, v1, w0, w1, m) = (
+        &u0[..n],
+        &u1[..n],
+        &v0[..n],
+        &v1[..n],
+        &w0[..n],
+        &w1[..n],
+        &m[..n],
+    );
+    for i in 0..n {
+        let x = per_m[0] * (larger(u1[i], 0.0) - smaller(u0[i], 0.0));
+        let y = per_m[1] * (larger(v1[i], 0.0) - smaller(v0[i], 0.0));
+        let z = per_m[2] * (larger(w1[i], 0.0) - smaller(w0[i], 0.0));
+        out[i] = m[i] * (x + y + z);
+    }
+}
+
+/// x = x·m·scale
+#[inline(always)]
+pub(crate) fn scale_masked(x: &mut [f32], m: &[f32], scale: f32) {
+    for (x, m) in x.iter_mut().zip(m) {
+        *x *= m * scale;
+    }
+}
+
+/// phi = m·scale·(phi − mean); beyond 1e30 or not a number: 0.
+#[inline(always)]
+pub(crate) fn centre(phi: &mut [f32], m: &[f32], mean: &[f32], scale: f32) {
+    let n = phi.len();
+    let (m, mean) = (&m[..n], &mean[..n]);
+    for i in 0..n {
+        let p = m[i] * scale * (phi[i] - mean[i]);
+        phi[i] = if p.abs() < 1e30 { p } else { 0.0 };
+    }
+}
+
+/// r −= m·mean
+#[inline(always)]
+pub(crate) fn subtract_masked(r: &mut [f32], m: &[f32], mean: &[f32]) {
+    let n = r.len();
+    let (m, mean) = (&m[..n], &mean[..n]);
+    for i in 0..n {
+        r[i] -= m[i] * mean[i];
+    }
+}
+
+/// r −= t·a, z = v·r
+#[inline(always)]
+pub(crate) fn reduce(r: &mut [f32], z: &mut [f32], t: &[f32], v: &[f32], a: f32) {
+    let n = r.len();
+    let (z, t, v) = (&mut z[..n], &t[..n], &v[..n]);
+    for i in 0..n {
+        r[i] -= a * t[i];
+        z[i] = v[i] * r[i];
+    }
+}
+
+/// x += a·y
+#[inline(always)]
+pub(crate) fn add_scaled(x: &mut [f32], y: &[f32], a: f32) {
+    for (x, y) in x.iter_mut().zip(y) {
+        *x += a * y;
+    }
+}
+
+/// x += a·y·z
+#[inline(always)]
+pub(crate) fn add_product(x: &mut [f32], y: &[f32], z: &[f32], a: f32) {
+    let n = x.len();
+    let (y, z) = (&y[..n], &z[..n]);
+    for i in 0..n {
+        x[i] += a * (y[i] * z[i]);
+    }
+}
+
+/// x = y + a·x
+#[inline(always)]
+pub(crate) fn scale_and_add(x: &mut [f32], y: &[f32], a: f32) {
+    for (x, y) in x.iter_mut().zip(y) {
+        *x = y + a * *x;
+    }
+}
+
+/// row −= per_m·(phi − back); what exceeds `limit` becomes 0 and is counted, what is below `rest` becomes 0.
+#[inline(always)]
+pub(crate) fn project(
+    row: &mut [f32],
+    phi: &[f32],
+    back: &[f32],
+    per_m: f32,
+    limit: f32,
+    rest: f32,
+) -> u32 {
+    let n = row.len();
+    let (phi, back) = (&phi[..n], &back[..n]);
+    let mut wild = 0u32;
+    for i in 0..n {
+        let x = row[i] - per_m * (phi[i] - back[i]);
+        let size = x.abs();
+        wild = wild.wrapping_add(u32::from(size > limit || size.is_nan()));
+        row[i] = if size <= limit && size >= rest {
+            x
+        } else {
+            0.0
+        };
+    }
+    wild
+}
+
+/// out = A·x on the finest level; 0 where the diagonal is 0.
+#[inline(always)]
+pub(crate) fn fine_operator(out: &mut [f32], diagonal: &[f32], star: &Star<'_>, weights: [f32; 3]) {
+    let n = out.len();
+    let (diagonal, star) = (&diagonal[..n], star.cut(n));
+    for i in 0..n {
+        let value = diagonal[i] * star.c[i] - star.around(i, weights);
+        out[i] = if diagonal[i] > 0.0 { value } else { 0.0 };
+    }
+}
+
+/// out = Σ coefficient·neighbour on a coarse level; `faces` are the low and high coefficients along x, y, z. The result is A·x.
+#[inline(always)]
+pub(crate) fn coarse_operator(
+    out: &mut [f32],
+    diagonal: &[f32],
+    star: &Star<'_>,
+    faces: [&[f32]; 6],
+) {
+    let n = out.len();
+    let [x0, x1, y0, y1, z0, z1] = faces;
+    let (x0, x1, y0, y1, z0, z1) = (&x0[..n], &x1[..n], &y0[..n], &y1[..n], &z0[..n], &z1[..n]);
+    let (diagonal, star) = (&diagonal[..n], star.cut(n));
+    for i in 0..n {
+        let x = x0[i] * star.xm[i] + x1[i] * star.xp[i];
+        let y = y0[i] * star.ym[i] + y1[i] * star.yp[i];
+        let z = z0[i] * star.zm[i] + z1[i] * star.zp[i];
+        out[i] = diagonal[i] * star.c[i] - (x + y + z);
+    }
+}
+
+/// out = y + v·(r − ay)
+#[inline(always)]
+pub(crate) fn smooth(out: &mut [f32], y: &[f32], v: &[f32], r: &[f32], ay: &[f32]) {
+    let n = out.len();
+    let (y, v, r, ay) = (&y[..n], &v[..n], &r[..n], &ay[..n]);
+    for i in 0..n {
+        out[i] = y[i] + v[i] * (r[i] - ay[i]);
+    }
+}
+
+/// sum += r − az
+#[inline(always)]
+pub(crate) fn add_residual(sum: &mut [f32], r: &[f32], az: &[f32]) {
+    let n = sum.len();
+    let (r, az) = (&r[..n], &az[..n]);
+    for i in 0..n {
+        sum[i] += r[i] - az[i];
+    }
+}
+
+/// out = z + w where the diagonal is not 0, else 0.
+#[inline(always)]
+pub(crate) fn correct(out: &mut [f32], z: &[f32], w: &[f32], diagonal: &[f32]) {
+    let n = out.len();
+    let (z, w, diagonal) = (&z[..n], &w[..n], &diagonal[..n]);
+    for i in 0..n {
+        out[i] = if diagonal[i] > 0.0 { z[i] + w[i] } else { 0.0 };
+    }
+}
+
+/// Displacement: out = clamp(c·own, −1, 1)
+#[inline(always)]
+pub(crate) fn shift_own(out: &mut [f32], own: &[f32], c: f32) {
+    for (out, x) in out.iter_mut().zip(own) {
+        *out = smaller(larger(c * x, -1.0), 1.0);
+    }
+}
+
+/// Displacement by the mean of four faces, within −1..1.
+#[inline(always)]
+pub(crate) fn shift_mean(out: &mut [f32], four: [&[f32]; 4], c: f32) {
+    let n = out.len();
+    let [p, q, r, s] = four;
+    let (p, q, r, s) = (&p[..n], &q[..n], &r[..n], &s[..n]);
+    for i in 0..n {
+        let mean = 0.25 * c * ((p[i] + q[i]) + (r[i] + s[i]));
+        out[i] = smaller(larger(mean, -1.0), 1.0);
+    }
+}

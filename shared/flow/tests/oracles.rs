@@ -1,0 +1,171 @@
+//! The flow against solutions that somebody else knows: Poiseuille, Taylor–Green, and the lid-driven cavity of Ghia et al. 1982.
+
+use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, Wall};
+
+/// The state of a solver in aligned memory.
+fn state(solver: &Solver) -> Vec<u64> {
+    let mut block = vec![0u64; solver.state_bytes() / 8];
+    solver.store(bytemuck::cast_slice_mut(&mut block)).unwrap();
+    block
+}
+
+fn flat(cells: [usize; 2], h: f32, viscosity_m2_s: f32) -> FlowModel {
+    let grid = Grid::new([cells[0], cells[1], 1], [h; 3], [0.0; 3]).unwrap();
+    let mut model = FlowModel::new(grid);
+    model.medium = Medium {
+        viscosity_m2_s,
+        ..Medium::SALINE
+    };
+    (model.walls[4], model.walls[5]) = (Wall::Slip, Wall::Slip);
+    model
+}
+
+#[test]
+fn flow_between_plates_is_the_parabola_of_its_discharge() {
+    let (nx, ny, h) = (64, 16, 0.5e-3f32);
+    let solver = Solver::new(flat([nx, ny], h, 1e-5), 1).unwrap();
+    let mut inputs = FlowInputs {
+        dt_s: 5e-3,
+        ..Default::default()
+    };
+    inputs.pump = PumpInput {
+        set_pa: 15_000.0,
+        flow_limit_ml_min: 1.2,
+        inflow_valve: 1.0,
+        outflow_valve: 0.5,
+        ..Default::default()
+    };
+    let port = |x: f32, inflow| Port {
+        centre_m: [x, 4e-3, 0.25e-3],
+        radius_m: 2e-3,
+        share: 1.0,
+        inflow,
+        ..Default::default()
+    };
+    inputs.ports[0] = port(2e-3, true);
+    inputs.ports[1] = port(30e-3, false);
+    let mut report = Default::default();
+    for _ in 0..1_200 {
+        report = solver.step_serial(&inputs).unwrap();
+    }
+    assert!(
+        (report.pump.out_ml_s / report.pump.in_ml_s - 1.0).abs() < 0.01,
+        "the cavity is in balance: {:?}",
+        report.pump
+    );
+    let height = ny as f32 * h;
+    let mean = (report.pump.out_ml_s * 1e-6) as f32 / (height * h);
+    let block = state(&solver);
+    let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
+    let top = 1.5 * mean;
+    for j in 0..ny {
+        let y = (j as f32 + 0.5) * h;
+        let exact = 6.0 * mean * y * (height - y) / (height * height);
+        let u = view.velocity_m_s(0)[j * nx + nx / 2];
+        assert!(
+            (u - exact).abs() < 0.008 * top,
+            "row {j}: {u} against {exact} (0.8 % of the maximum {top} allowed)"
+        );
+    }
+}
+
+#[test]
+fn taylor_green_vortex_decays_at_the_viscous_rate() {
+    let n = 32;
+    let (h, viscosity, pi) = (1.0 / n as f32, 0.01f32, std::f32::consts::PI);
+    let mut model = flat([n, n], h, viscosity);
+    model.walls = [Wall::Slip; 6];
+    let solver = Solver::new(model, 1).unwrap();
+    let (mut u, mut v) = (vec![0.0; n * n], vec![0.0; n * n]);
+    for j in 0..n {
+        for i in 0..n {
+            let (x, y) = (i as f32 * h, j as f32 * h);
+            u[j * n + i] = (pi * x).sin() * (pi * (y + 0.5 * h)).cos();
+            v[j * n + i] = -(pi * (x + 0.5 * h)).cos() * (pi * y).sin();
+        }
+    }
+    solver.set_velocity_m_s(0, &u).unwrap();
+    solver.set_velocity_m_s(1, &v).unwrap();
+    let (dt, steps) = (0.01, 100);
+    for _ in 0..steps {
+        solver
+            .step_serial(&FlowInputs {
+                dt_s: dt,
+                ..Default::default()
+            })
+            .unwrap();
+    }
+    let block = state(&solver);
+    let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
+    let energy = |a: &[f32]| a.iter().map(|x| f64::from(x * x)).sum::<f64>();
+    let left = (energy(view.velocity_m_s(0)) / energy(&u)).sqrt();
+    let exact = f64::from(-2.0 * pi * pi * viscosity * dt * steps as f32).exp();
+    assert!(
+        (left / exact - 1.0).abs() < 0.025,
+        "amplitude {left:.4} left, exact {exact:.4}, 2.5 % allowed"
+    );
+}
+
+/// Ghia, Ghia and Shin 1982, tables I and II, Re = 100: (y, u on the vertical centreline), (x, v on the horizontal one).
+const GHIA_U: [(f32, f32); 11] = [
+    (0.0547, -0.03717),
+    (0.1016, -0.06434),
+    (0.1719, -0.10150),
+    (0.2813, -0.15662),
+    (0.4531, -0.21090),
+    (0.5000, -0.20581),
+    (0.6172, -0.13641),
+    (0.7344, 0.00332),
+    (0.8516, 0.23151),
+    (0.9531, 0.68717),
+    (0.9688, 0.78871),
+];
+const GHIA_V: [(f32, f32); 9] = [
+    (0.0625, 0.09233),
+    (0.0938, 0.12317),
+    (0.1563, 0.16077),
+    (0.2266, 0.17507),
+    (0.5000, 0.05454),
+    (0.8047, -0.24533),
+    (0.8594, -0.22445),
+    (0.9063, -0.16914),
+    (0.9531, -0.08864),
+];
+
+#[test]
+fn lid_driven_cavity_follows_ghia() {
+    let n = 32;
+    let h = 1.0 / n as f32;
+    let mut model = flat([n, n], h, 0.01);
+    model.walls[3] = Wall::NoSlip([1.0, 0.0, 0.0]);
+    let solver = Solver::new(model, 1).unwrap();
+    for _ in 0..2_000 {
+        solver
+            .step_serial(&FlowInputs {
+                dt_s: 0.012,
+                ..Default::default()
+            })
+            .unwrap();
+    }
+    let block = state(&solver);
+    let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
+    let between = |at: f32, value: &dyn Fn(usize) -> f32| {
+        let x = (at / h - 0.5).clamp(0.0, n as f32 - 1.001);
+        let t = x - x.floor();
+        value(x as usize) * (1.0 - t) + value(x as usize + 1) * t
+    };
+    for (y, exact) in GHIA_U {
+        let u = between(y, &|j| view.velocity_m_s(0)[j * n + n / 2]);
+        assert!(
+            (u - exact).abs() < 0.012,
+            "u at y = {y}: {u:.4} against {exact}, 0.012 of the lid's speed allowed on 32²"
+        );
+    }
+    for (x, exact) in GHIA_V {
+        let v = between(x, &|i| view.velocity_m_s(1)[n / 2 * n + i]);
+        assert!(
+            (v - exact).abs() < 0.012,
+            "v at x = {x}: {v:.4} against {exact}, 0.012 of the lid's speed allowed on 32²"
+        );
+    }
+}

@@ -1,0 +1,126 @@
+//! The channels of a recording: topic, id and JSON schema of each.
+
+use hyst_messages::TICK_NS;
+use serde_json::{Value, json};
+
+/// A channel. The discriminant is its id, and its schema's, in every recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u16)]
+pub enum Channel {
+    /// Pose and velocity of the scope, each tick. A Foxglove PoseInFrame with more fields.
+    Tool = 1,
+    /// Force handed to the hardware, each tick.
+    Force = 2,
+    /// Buttons and valves: on change, and once in each block.
+    Controls = 3,
+    /// What happened to processes and data. A Foxglove Log with more fields.
+    Events = 4,
+    /// Status of the tissue, as often as the recorder looks.
+    Tissue = 5,
+    /// Status of the fluid, as often as the recorder looks.
+    Fluid = 6,
+}
+
+impl Channel {
+    /// All channels in the order of their ids.
+    pub const ALL: [Channel; 6] =
+        [Channel::Tool, Channel::Force, Channel::Controls, Channel::Events, Channel::Tissue, Channel::Fluid];
+
+    /// The topic.
+    pub const fn topic(self) -> &'static str {
+        match self {
+            Channel::Tool => "/tool",
+            Channel::Force => "/force",
+            Channel::Controls => "/controls",
+            Channel::Events => "/events",
+            Channel::Tissue => "/tissue",
+            Channel::Fluid => "/fluid",
+        }
+    }
+
+    /// Name of the schema; the two that Foxglove knows bear its names.
+    pub const fn schema_name(self) -> &'static str {
+        match self {
+            Channel::Tool => "foxglove.PoseInFrame",
+            Channel::Force => "hyst.Force",
+            Channel::Controls => "hyst.Controls",
+            Channel::Events => "foxglove.Log",
+            Channel::Tissue => "hyst.Tissue",
+            Channel::Fluid => "hyst.Fluid",
+        }
+    }
+
+    /// The channel with this id.
+    pub fn from_id(id: u16) -> Option<Channel> {
+        Channel::ALL.into_iter().find(|channel| *channel as u16 == id)
+    }
+
+    /// The JSON schema.
+    pub fn schema(self) -> Value {
+        let (time, xyz) = (time_schema(), vector_schema(&["x", "y", "z"]));
+        let properties = match self {
+            Channel::Tool => {
+                let pose = json!({"type": "object", "properties": {"position": xyz, "orientation": vector_schema(&["x", "y", "z", "w"])}});
+                let mut fields = json!({"timestamp": time, "frame_id": {"type": "string"}, "pose": pose, "velocity_m_s": xyz});
+                add(&mut fields, "integer", &["tick", "hardware_tick", "time_ns"]);
+                add(&mut fields, "number", &["pitch_rad", "yaw_rad", "roll_rad", "insertion_m", "camera_roll_rad"]);
+                fields
+            }
+            Channel::Force => {
+                let kind = json!({"type": "integer", "description": "0 fresh, 1 held, 2 ramped, 3 zero"});
+                let mut fields = json!({"force_n": xyz, "motor_n": xyz, "kind": kind});
+                let words = ["tick", "force_tick", "source_incarnation", "device_incarnation", "model_tick", "model_epoch"];
+                add(&mut fields, "integer", &words);
+                add(&mut fields, "integer", &["model_incarnation"]);
+                fields
+            }
+            Channel::Controls => {
+                let mut fields = json!({});
+                add(&mut fields, "integer", &["tick", "buttons"]);
+                add(&mut fields, "number", &["inflow_valve", "outflow_valve", "set_pressure_pa", "light", "loop_extension_m"]);
+                fields
+            }
+            Channel::Events => {
+                let mut fields = json!({"timestamp": time});
+                add(&mut fields, "integer", &["level", "line", "tick", "incarnation"]);
+                add(&mut fields, "string", &["message", "name", "file", "kind"]);
+                fields
+            }
+            Channel::Tissue => {
+                let phases = vector_schema(&["deformation", "collision", "response", "surface"]);
+                let mut fields = json!({"tool_force_n": xyz, "phase_us": phases, "state_hash": {"type": "string"}});
+                add(&mut fields, "integer", &["tick", "contact_count", "shares_missing"]);
+                add(&mut fields, "number", &["removed_volume_ml", "cavity_pressure_pa"]);
+                fields
+            }
+            Channel::Fluid => {
+                let mut fields = json!({});
+                add(&mut fields, "integer", &["tick", "alarms"]);
+                add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "pressure_pa", "inflow_ml_min", "outflow_ml_min"]);
+                fields
+            }
+        };
+        json!({"$schema": "https://json-schema.org/draft/2020-12/schema", "title": self.schema_name(), "type": "object", "properties": properties})
+    }
+}
+
+fn time_schema() -> Value {
+    json!({"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}})
+}
+
+fn vector_schema(names: &[&str]) -> Value {
+    let mut fields = json!({});
+    add(&mut fields, "number", names);
+    json!({"type": "object", "properties": fields})
+}
+
+fn add(fields: &mut Value, kind: &str, names: &[&str]) {
+    for name in names {
+        fields[*name] = json!({"type": kind});
+    }
+}
+
+/// Station time of a tick, ns.
+pub fn time_of_ns(tick: u64) -> u64 {
+    tick.saturating_mul(TICK_NS)
+}

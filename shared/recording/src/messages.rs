@@ -1,0 +1,336 @@
+//! The JSON messages of the channels, and the way from a record to its messages and back. World frame and units of `hyst-messages`.
+//! An f32 comes back bit for bit; one that is not finite is `null` in the file and NaN when read.
+
+use crate::block::{Event, Level};
+use crate::channels::time_of_ns;
+use hyst_messages::{AppliedRecord, Controls, FluidStatus, ForceCommand, HardwareSample, Pose, TissueStatus};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A number that may be NaN: `null` in JSON.
+#[derive(Clone, Copy, Debug)]
+struct Number(f32);
+
+impl Serialize for Number {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_f32(self.0)
+    }
+}
+impl<'de> Deserialize<'de> for Number {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Number, D::Error> {
+        Ok(Number(Option::<f32>::deserialize(deserializer)?.unwrap_or(f32::NAN)))
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Xyz {
+    x: Number,
+    y: Number,
+    z: Number,
+}
+
+impl Xyz {
+    fn of([x, y, z]: [f32; 3]) -> Xyz {
+        Xyz { x: Number(x), y: Number(y), z: Number(z) }
+    }
+    fn array(&self) -> [f32; 3] {
+        [self.x.0, self.y.0, self.z.0]
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Xyzw {
+    x: Number,
+    y: Number,
+    z: Number,
+    w: Number,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Time {
+    sec: u64,
+    nsec: u64,
+}
+
+impl Time {
+    fn of(tick: u64) -> Time {
+        let time_ns = time_of_ns(tick);
+        Time { sec: time_ns / 1_000_000_000, nsec: time_ns % 1_000_000_000 }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct PoseMessage {
+    position: Xyz,
+    orientation: Xyzw,
+}
+
+/// Message of `/tool`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Tool {
+    timestamp: Time,
+    frame_id: String,
+    pose: PoseMessage,
+    pub(crate) tick: u64,
+    hardware_tick: u64,
+    time_ns: u64,
+    pitch_rad: Number,
+    yaw_rad: Number,
+    roll_rad: Number,
+    insertion_m: Number,
+    camera_roll_rad: Number,
+    velocity_m_s: Xyz,
+}
+
+impl Tool {
+    pub(crate) fn of(record: &AppliedRecord) -> Tool {
+        let (sample, pose) = (&record.sample, &record.sample.pose);
+        let [x, y, z, w] = pose.orientation.map(Number);
+        Tool {
+            timestamp: Time::of(record.tick),
+            frame_id: "world".into(),
+            pose: PoseMessage { position: Xyz::of(pose.position_m), orientation: Xyzw { x, y, z, w } },
+            tick: record.tick,
+            hardware_tick: sample.hardware_tick,
+            time_ns: sample.time_ns,
+            pitch_rad: Number(pose.pitch_rad),
+            yaw_rad: Number(pose.yaw_rad),
+            roll_rad: Number(pose.roll_rad),
+            insertion_m: Number(pose.insertion_m),
+            camera_roll_rad: Number(pose.camera_roll_rad),
+            velocity_m_s: Xyz::of(sample.velocity_m_s),
+        }
+    }
+}
+
+/// Message of `/force`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Force {
+    pub(crate) tick: u64,
+    force_n: Xyz,
+    motor_n: Xyz,
+    kind: u32,
+    force_tick: u64,
+    source_incarnation: u32,
+    device_incarnation: u32,
+    model_tick: u64,
+    model_epoch: u32,
+    model_incarnation: u32,
+}
+
+impl Force {
+    pub(crate) fn of(record: &AppliedRecord) -> Force {
+        Force {
+            tick: record.tick,
+            force_n: Xyz::of(record.command.force_n),
+            motor_n: Xyz::of(record.sample.force_n),
+            kind: record.command.kind,
+            force_tick: record.command.force_tick,
+            source_incarnation: record.command.source_incarnation,
+            device_incarnation: record.command.device_incarnation,
+            model_tick: record.model_tick,
+            model_epoch: record.model_epoch,
+            model_incarnation: record.model_incarnation,
+        }
+    }
+}
+
+/// The record of a tick from its messages; the command's tick is the record's.
+pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> AppliedRecord {
+    let Xyzw { x, y, z, w } = &tool.pose.orientation;
+    let pose = Pose {
+        position_m: tool.pose.position.array(),
+        pitch_rad: tool.pitch_rad.0,
+        orientation: [x.0, y.0, z.0, w.0],
+        yaw_rad: tool.yaw_rad.0,
+        roll_rad: tool.roll_rad.0,
+        insertion_m: tool.insertion_m.0,
+        camera_roll_rad: tool.camera_roll_rad.0,
+    };
+    AppliedRecord {
+        tick: tool.tick,
+        command: ForceCommand {
+            tick: force.tick,
+            force_tick: force.force_tick,
+            force_n: force.force_n.array(),
+            kind: force.kind,
+            source_incarnation: force.source_incarnation,
+            device_incarnation: force.device_incarnation,
+        },
+        sample: HardwareSample {
+            hardware_tick: tool.hardware_tick,
+            time_ns: tool.time_ns,
+            pose,
+            velocity_m_s: tool.velocity_m_s.array(),
+            force_n: force.motor_n.array(),
+            controls,
+        },
+        model_tick: force.model_tick,
+        model_epoch: force.model_epoch,
+        model_incarnation: force.model_incarnation,
+    }
+}
+
+/// Message of `/controls`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct ControlsMessage {
+    pub(crate) tick: u64,
+    buttons: u32,
+    inflow_valve: Number,
+    outflow_valve: Number,
+    set_pressure_pa: Number,
+    light: Number,
+    loop_extension_m: Number,
+}
+
+impl ControlsMessage {
+    pub(crate) fn of(tick: u64, controls: &Controls) -> ControlsMessage {
+        ControlsMessage {
+            tick,
+            buttons: controls.buttons,
+            inflow_valve: Number(controls.inflow_valve),
+            outflow_valve: Number(controls.outflow_valve),
+            set_pressure_pa: Number(controls.set_pressure_pa),
+            light: Number(controls.light),
+            loop_extension_m: Number(controls.loop_extension_m),
+        }
+    }
+    pub(crate) fn controls(&self) -> Controls {
+        Controls {
+            buttons: self.buttons,
+            inflow_valve: self.inflow_valve.0,
+            outflow_valve: self.outflow_valve.0,
+            set_pressure_pa: self.set_pressure_pa.0,
+            light: self.light.0,
+            loop_extension_m: self.loop_extension_m.0,
+        }
+    }
+}
+
+/// Message of `/events`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct EventMessage {
+    timestamp: Time,
+    level: u32,
+    message: String,
+    name: String,
+    file: String,
+    line: u32,
+    tick: u64,
+    kind: String,
+    incarnation: u32,
+}
+
+impl EventMessage {
+    pub(crate) fn of(event: &Event) -> EventMessage {
+        EventMessage {
+            timestamp: Time::of(event.tick),
+            level: event.level as u32,
+            message: event.text.clone(),
+            name: event.process.clone(),
+            file: String::new(),
+            line: 0,
+            tick: event.tick,
+            kind: event.kind.clone(),
+            incarnation: event.incarnation,
+        }
+    }
+    pub(crate) fn event(self) -> Event {
+        let level = Level::from_number(self.level);
+        Event { tick: self.tick, level, kind: self.kind, process: self.name, incarnation: self.incarnation, text: self.message }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Phases {
+    deformation: Number,
+    collision: Number,
+    response: Number,
+    surface: Number,
+}
+
+/// Message of `/tissue`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Tissue {
+    tick: u64,
+    /// Hexadecimal, because readers in JavaScript have 53 bits.
+    state_hash: String,
+    #[serde(deserialize_with = "number")]
+    removed_volume_ml: f64,
+    cavity_pressure_pa: Number,
+    contact_count: u32,
+    tool_force_n: Xyz,
+    shares_missing: u32,
+    phase_us: Phases,
+}
+
+impl Tissue {
+    pub(crate) fn of(status: &TissueStatus) -> Tissue {
+        let [deformation, collision, response, surface] = status.phase_us.map(Number);
+        Tissue {
+            tick: status.state_tick,
+            state_hash: format!("{:016x}", status.state_hash),
+            removed_volume_ml: status.removed_volume_ml,
+            cavity_pressure_pa: Number(status.cavity_pressure_pa),
+            contact_count: status.contact_count,
+            tool_force_n: Xyz::of(status.tool_force_n),
+            shares_missing: status.shares_missing,
+            phase_us: Phases { deformation, collision, response, surface },
+        }
+    }
+    pub(crate) fn status(&self) -> TissueStatus {
+        let phases = &self.phase_us;
+        TissueStatus {
+            state_tick: self.tick,
+            state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
+            removed_volume_ml: self.removed_volume_ml,
+            cavity_pressure_pa: self.cavity_pressure_pa.0,
+            contact_count: self.contact_count,
+            tool_force_n: self.tool_force_n.array(),
+            shares_missing: self.shares_missing,
+            phase_us: [phases.deformation.0, phases.collision.0, phases.response.0, phases.surface.0],
+        }
+    }
+}
+
+/// Message of `/fluid`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Fluid {
+    tick: u64,
+    #[serde(deserialize_with = "number")]
+    deficit_ml: f64,
+    #[serde(deserialize_with = "number")]
+    cavity_volume_ml: f64,
+    pressure_pa: Number,
+    inflow_ml_min: Number,
+    outflow_ml_min: Number,
+    alarms: u32,
+}
+
+impl Fluid {
+    pub(crate) fn of(status: &FluidStatus) -> Fluid {
+        Fluid {
+            tick: status.state_tick,
+            deficit_ml: status.deficit_ml,
+            cavity_volume_ml: status.cavity_volume_ml,
+            pressure_pa: Number(status.pressure_pa),
+            inflow_ml_min: Number(status.inflow_ml_min),
+            outflow_ml_min: Number(status.outflow_ml_min),
+            alarms: status.alarms,
+        }
+    }
+    pub(crate) fn status(&self) -> FluidStatus {
+        FluidStatus {
+            state_tick: self.tick,
+            deficit_ml: self.deficit_ml,
+            cavity_volume_ml: self.cavity_volume_ml,
+            pressure_pa: self.pressure_pa.0,
+            inflow_ml_min: self.inflow_ml_min.0,
+            outflow_ml_min: self.outflow_ml_min.0,
+            alarms: self.alarms,
+        }
+    }
+}
+
+fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}

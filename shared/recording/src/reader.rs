@@ -1,0 +1,251 @@
+//! The reader: block by block, without a summary, so that a file that was cut reads like a whole one up to the cut.
+//!
+//! Promise: what is damaged is named with its byte and left out, what follows it is read; a record that is given is what was written.
+
+use crate::block::{Block, LOST, STATION};
+use crate::channels::Channel;
+use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, MAX_RECORD_BYTES, Walk, messages, metadata};
+use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool, applied};
+use crate::{FORMAT, Session, recover};
+use hyst_messages::{AppliedRecord, Controls};
+use mcap::records::op;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read, Seek};
+use std::path::{Path, PathBuf};
+
+/// Why a file cannot be read as a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The system refused.
+    #[error("recording {path}: {source}; check the path and its rights")]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Something else, or the beginning is gone.
+    #[error("recording {path}: {what}; give a file that `hystation run --record` wrote")]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What was found.
+        what: String,
+    },
+}
+
+/// A part of the file that was left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Byte at which the damaged record begins.
+    pub at: u64,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+/// How the file ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// It was closed by its writer.
+    Complete,
+    /// The last whole record ends at this byte; its writer died, still writes, or the file was cut.
+    Cut {
+        /// The byte.
+        at: u64,
+    },
+}
+
+/// A recording that is read block by block; `R` is a file or bytes in memory.
+pub struct Reader<R> {
+    walk: Walk<R>,
+    path: PathBuf,
+    session: Session,
+    damage: Vec<Damage>,
+    ending: Option<Ending>,
+}
+
+impl Reader<File> {
+    /// Opens a file and reads its session's facts.
+    pub fn open(path: &Path) -> Result<Reader<File>, ReadError> {
+        let file = File::open(path).map_err(|source| ReadError::File { path: path.to_path_buf(), source })?;
+        Reader::new(file, path)
+    }
+}
+
+impl<R: Read + Seek> Reader<R> {
+    /// Reads from `source`; `path` is for messages.
+    pub fn new(source: R, path: &Path) -> Result<Reader<R>, ReadError> {
+        let refused = |source| ReadError::File { path: path.to_path_buf(), source };
+        let foreign = |what: &str| ReadError::Foreign { path: path.to_path_buf(), what: what.to_string() };
+        let mut walk = Walk::begin(source).map_err(refused)?.ok_or_else(|| foreign("is not an MCAP file"))?;
+        let header = walk.next().map_err(refused)?.filter(|frame| frame.opcode == op::HEADER);
+        header.ok_or_else(|| foreign("has no header"))?;
+        let facts = walk.next().map_err(refused)?.filter(|frame| frame.opcode == op::METADATA);
+        let facts = facts.ok_or_else(|| foreign("has no facts of a session"))?;
+        let body = walk.body(&facts, u64::MAX).map_err(refused)?;
+        let facts = metadata(&body).map_err(|e| foreign(&e))?;
+        if facts.name != STATION || facts.metadata.get("format").map(String::as_str) != Some(FORMAT) {
+            return Err(foreign("is not a recording of this version"));
+        }
+        Ok(Reader { walk, path: path.to_path_buf(), session: facts.metadata, damage: Vec::new(), ending: None })
+    }
+
+    /// The session's facts: station, scene hash, versions, settings.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// What was left out so far.
+    pub fn damage(&self) -> &[Damage] {
+        &self.damage
+    }
+
+    /// How the file ends; known after the last block.
+    pub fn ending(&self) -> Option<Ending> {
+        self.ending
+    }
+
+    /// The next block; `None` after the last.
+    pub fn next_block(&mut self) -> Result<Option<Block>, ReadError> {
+        let path = self.path.clone();
+        let refused = move |source| ReadError::File { path: path.clone(), source };
+        while self.ending.is_none() {
+            let Some(frame) = self.walk.next().map_err(&refused)? else {
+                let at = self.walk.at();
+                self.ending = Some(Ending::Cut { at });
+                break;
+            };
+            match frame.opcode {
+                op::MESSAGE_INDEX if self.is_index(&frame).map_err(&refused)? => {}
+                op::DATA_END if frame.length == DATA_END_BYTES => self.ending = Some(self.close().map_err(&refused)?),
+                op::CHUNK | op::METADATA if frame.length > MAX_RECORD_BYTES => self.damaged(&frame, "is longer than any block"),
+                op::CHUNK | op::METADATA => {
+                    let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
+                    let read = if frame.opcode == op::CHUNK { chunk(&body) } else { lost(&body) };
+                    match read {
+                        Ok(block) => return Ok(Some(block)),
+                        Err(reason) => self.damaged(&frame, &reason),
+                    }
+                }
+                _ => self.damaged(&frame, "is of a kind that no recorder writes"),
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether a message index says the length that it has; a chunk whose opcode was flipped does not.
+    fn is_index(&mut self, frame: &Frame) -> io::Result<bool> {
+        let head = self.walk.body(frame, INDEX_HEAD_BYTES)?;
+        let said = head.get(2..6).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes);
+        Ok(said.is_some_and(|said| said as u64 + INDEX_HEAD_BYTES == frame.length))
+    }
+
+    fn damaged(&mut self, frame: &Frame, reason: &str) {
+        self.damage.push(Damage { at: frame.at, reason: reason.to_string() });
+    }
+
+    /// Goes through the summary to the footer.
+    fn close(&mut self) -> io::Result<Ending> {
+        while let Some(frame) = self.walk.next()? {
+            if frame.opcode == op::FOOTER {
+                let is_end = self.walk.length() - self.walk.at() == mcap::MAGIC.len() as u64;
+                return Ok(if is_end { Ending::Complete } else { Ending::Cut { at: frame.end() } });
+            }
+        }
+        Ok(Ending::Cut { at: self.walk.at() })
+    }
+}
+
+fn lost(body: &[u8]) -> Result<Block, String> {
+    let record = metadata(body)?;
+    let range = recover::range(&record.metadata).filter(|range| record.name == LOST && range.first <= range.last);
+    Ok(Block { lost: vec![range.ok_or("names no range of lost ticks")?], ..Block::default() })
+}
+
+fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
+    serde_json::from_slice(data).map_err(|e| e.to_string())
+}
+
+/// The messages of one tick on their way to one record.
+#[derive(Default)]
+struct Tick {
+    tool: Option<Tool>,
+    force: Option<Force>,
+}
+
+fn chunk(body: &[u8]) -> Result<Block, String> {
+    let mut block = Block::default();
+    let mut ticks: BTreeMap<u64, Tick> = BTreeMap::new();
+    let mut controls: BTreeMap<u64, Controls> = BTreeMap::new();
+    messages(body, |id, _, data| {
+        match Channel::from_id(id).ok_or_else(|| format!("has a message of an unknown channel {id}"))? {
+            Channel::Tool => {
+                let tool: Tool = json(data)?;
+                let tick = tool.tick;
+                ticks.entry(tick).or_default().tool = Some(tool);
+            }
+            Channel::Force => {
+                let force: Force = json(data)?;
+                let tick = force.tick;
+                ticks.entry(tick).or_default().force = Some(force);
+            }
+            Channel::Controls => {
+                let message: ControlsMessage = json(data)?;
+                controls.insert(message.tick, message.controls());
+            }
+            Channel::Events => block.events.push(json::<EventMessage>(data)?.event()),
+            Channel::Tissue => block.tissue.push(json::<Tissue>(data)?.status()),
+            Channel::Fluid => block.fluid.push(json::<Fluid>(data)?.status()),
+        }
+        Ok(())
+    })?;
+    for (tick, messages) in &ticks {
+        let (Some(tool), Some(force)) = (&messages.tool, &messages.force) else {
+            return Err(format!("has half of tick {tick}"));
+        };
+        let controls = controls.range(..=tick).next_back().ok_or_else(|| format!("has no controls for tick {tick}"))?;
+        block.applied.push(applied(tool, force, *controls.1));
+    }
+    Ok(block)
+}
+
+/// A whole recording in memory: about 200 bytes for each tick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// The session's facts.
+    pub session: Session,
+    /// Everything that was recorded, in the file's order.
+    pub content: Block,
+    /// What was left out.
+    pub damage: Vec<Damage>,
+    /// How the file ends.
+    pub ending: Ending,
+}
+
+impl Recording {
+    /// Reads a file.
+    pub fn read(path: &Path) -> Result<Recording, ReadError> {
+        Recording::collect(Reader::open(path)?)
+    }
+
+    /// Reads everything that a reader gives.
+    pub fn collect<R: Read + Seek>(mut reader: Reader<R>) -> Result<Recording, ReadError> {
+        let mut content = Block::default();
+        while let Some(mut block) = reader.next_block()? {
+            content.applied.append(&mut block.applied);
+            content.tissue.append(&mut block.tissue);
+            content.fluid.append(&mut block.fluid);
+            content.events.append(&mut block.events);
+            content.lost.append(&mut block.lost);
+        }
+        let ending = reader.ending.unwrap_or(Ending::Cut { at: reader.walk.at() });
+        Ok(Recording { session: reader.session, content, damage: reader.damage, ending })
+    }
+
+    /// Forces and poses by tick: for a replay.
+    pub fn applied(&self) -> &[AppliedRecord] {
+        &self.content.applied
+    }
+}

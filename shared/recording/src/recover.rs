@@ -1,0 +1,151 @@
+//! What a file that somebody else began already holds: its session, its blocks, and the byte after the last whole one. Reads frames and
+//! message indexes; only the last chunk is decompressed.
+
+use crate::block::{LOST, STATION};
+use crate::channels::Channel;
+use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
+use crate::summary::Contents;
+use crate::{Session, TickRange};
+use hyst_messages::TICK_NS;
+use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
+use std::collections::BTreeMap;
+use std::io::{self, Read, Seek};
+
+/// Bytes of a chunk's header before its records, with room for the compression's name.
+const CHUNK_HEAD_BYTES: u64 = 128;
+/// Bytes of an entry of a message index.
+const INDEX_ENTRY_BYTES: u64 = 16;
+
+/// What was found.
+#[derive(Debug, Default)]
+pub(crate) struct Found {
+    /// The session's facts; `None` if the file was cut before them.
+    pub(crate) session: Option<Session>,
+    /// The byte after the last whole block.
+    pub(crate) end: u64,
+    pub(crate) contents: Contents,
+    pub(crate) lost: u64,
+    /// Newest tick in `/force`.
+    pub(crate) last_tick: Option<u64>,
+}
+
+/// A chunk with its indexes, and the byte after them.
+struct Whole {
+    index: ChunkIndex,
+    counts: BTreeMap<u16, u64>,
+    frame: Frame,
+    last_tick: Option<u64>,
+}
+
+/// Looks through a file; `None` if it is not MCAP.
+pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
+    let Some(mut walk) = Walk::begin(inner)? else { return Ok(None) };
+    let mut found = Found { end: walk.at(), ..Default::default() };
+    let mut open: Option<Whole> = None;
+    let mut last: Option<Whole> = None;
+    while let Some(frame) = walk.next()? {
+        match frame.opcode {
+            op::HEADER => found.end = frame.end(),
+            op::MESSAGE_INDEX => {
+                if let Some(chunk) = &mut open {
+                    index(&mut walk, &frame, chunk)?;
+                }
+            }
+            op::CHUNK => {
+                settle(&mut found, &mut last, open.take());
+                open = chunk(&mut walk, &frame)?;
+            }
+            op::METADATA => {
+                settle(&mut found, &mut last, open.take());
+                facts(&mut walk, &frame, &mut found)?;
+            }
+            op::DATA_END if frame.length == DATA_END_BYTES => break,
+            _ => {} // damaged: what follows it counts
+        }
+    }
+    // The chunk at the end may have been cut between its indexes, which the frames do not show.
+    if let Some(tail) = open.take() {
+        if is_whole(&mut walk, &tail)? {
+            settle(&mut found, &mut last, Some(tail));
+        }
+    }
+    found.last_tick = last.and_then(|chunk| chunk.last_tick);
+    Ok(Some(found))
+}
+
+fn settle(found: &mut Found, last: &mut Option<Whole>, chunk: Option<Whole>) {
+    let Some(chunk) = chunk else { return };
+    found.end = chunk.frame.end() + chunk.index.message_index_length;
+    for (id, count) in &chunk.counts {
+        *found.contents.counts.entry(*id).or_insert(0) += count;
+    }
+    found.contents.chunks.push(chunk.index.clone());
+    if chunk.last_tick.is_some() || last.is_none() {
+        *last = Some(chunk);
+    }
+}
+
+fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option<Whole>> {
+    let head = walk.body(frame, CHUNK_HEAD_BYTES)?;
+    let word = |at: usize| head.get(at..at + 8).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
+    let name_bytes = head.get(28..32).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
+    let parse = || {
+        let name_end = 32usize.checked_add(name_bytes? as usize)?;
+        let compression = String::from_utf8(head.get(32..name_end)?.to_vec()).ok()?;
+        Some(ChunkIndex {
+            message_start_time: word(0)?,
+            message_end_time: word(8)?,
+            chunk_start_offset: frame.at,
+            chunk_length: frame.end() - frame.at,
+            message_index_offsets: BTreeMap::new(),
+            message_index_length: 0,
+            compression,
+            compressed_size: word(name_end)?,
+            uncompressed_size: word(16)?,
+        })
+    };
+    Ok(parse().map(|index| Whole { index, counts: BTreeMap::new(), frame: *frame, last_tick: None }))
+}
+
+fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -> io::Result<()> {
+    let body = walk.body(frame, u64::MAX)?;
+    chunk.index.message_index_length += frame.end() - frame.at;
+    let Ok(Record::MessageIndex(index)) = mcap::parse_record(op::MESSAGE_INDEX, &body) else { return Ok(()) };
+    chunk.index.message_index_offsets.insert(index.channel_id, frame.at);
+    let entries = frame.length.saturating_sub(INDEX_HEAD_BYTES) / INDEX_ENTRY_BYTES;
+    chunk.counts.insert(index.channel_id, entries);
+    if index.channel_id == Channel::Force as u16 {
+        chunk.last_tick = index.records.iter().map(|entry| entry.log_time / TICK_NS).max();
+    }
+    Ok(())
+}
+
+fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -> io::Result<()> {
+    let body = walk.body(frame, u64::MAX)?;
+    found.end = frame.end();
+    let Ok(record) = metadata(&body) else { return Ok(()) };
+    found.contents.metadata.push(MetadataIndex { offset: frame.at, length: frame.end() - frame.at, name: record.name.clone() });
+    if record.name == STATION && found.session.is_none() {
+        found.session = Some(record.metadata);
+    } else if record.name == LOST {
+        found.lost += range(&record.metadata).map_or(0, |range| range.count());
+    }
+    Ok(())
+}
+
+/// The range that a metadata record of lost ticks names.
+pub(crate) fn range(facts: &Session) -> Option<TickRange> {
+    let number = |key: &str| facts.get(key)?.parse().ok();
+    Some(TickRange { first: number("first")?, last: number("last")? })
+}
+
+/// Whether the chunk has its checksum and an index entry for each message.
+fn is_whole<R: Read + Seek>(walk: &mut Walk<R>, chunk: &Whole) -> io::Result<bool> {
+    let body = walk.body(&chunk.frame, u64::MAX)?;
+    let mut counts = BTreeMap::new();
+    let sound = messages(&body, |id, _, _| {
+        *counts.entry(id).or_insert(0u64) += 1;
+        Ok(())
+    });
+    Ok(sound.is_ok() && counts == chunk.counts)
+}

@@ -1,0 +1,317 @@
+//! One step of the Main Loop: the state of t in, the state of t+1 out.
+//!
+//! Promises: no allocation, no panic, no NaN in the output whatever the input holds; every correction is counted.
+//! Rotations are sought once, at the positions of t, and kept for all substeps.
+
+use crate::isa::Isa;
+use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
+use crate::lanes::Lanes;
+use crate::layout::{self, LANES, Row};
+use crate::links::Links;
+use crate::model::{Model, SUBSTEPS_MAX};
+use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
+
+/// Largest force per axis that is taken from outside, N: far above any contact, far below the end of single precision.
+pub(crate) const EXTERNAL_FORCE_MAX_N: f32 = 1e12;
+/// Longest step, s: beyond it nothing about the hand's contact is true any more.
+const STEP_MAX_S: f32 = 0.02;
+
+/// Working memory of a step, made once per model. It carries nothing from step to step.
+#[derive(Debug, Clone)]
+pub struct Scratch {
+    position: Vec<Row>,
+    velocity: Vec<Row>,
+    force: Vec<Row>,
+    external: Vec<Row>,
+    frames: Vec<Frame>,
+    /// Sum of spring stiffness per node, N/m.
+    load_n_m: Vec<f32>,
+}
+
+impl Scratch {
+    /// Working memory for `model`.
+    pub fn new(model: &Model) -> Self {
+        let rows = || vec![Row::ZERO; layout::node_rows(model.node_count())];
+        Scratch {
+            position: rows(),
+            velocity: rows(),
+            force: rows(),
+            external: rows(),
+            frames: vec![Frame::ZERO; model.blocks.len()],
+            load_n_m: vec![0.0; model.node_count()],
+        }
+    }
+}
+
+/// Advances the object by `input.dt_s`: reads `now`, writes all of `next`.
+///
+/// Errors: arrays of another length than the model's nodes, a scratch of another model, a step out of range.
+pub fn step(
+    model: &Model,
+    scratch: &mut Scratch,
+    now: StateRef<'_>,
+    input: &StepInput<'_>,
+    next: StateMut<'_>,
+) -> Result<StepReport, StepError> {
+    check(model, scratch, &now, input, &next)?;
+    let substeps = model.substeps(f64::from(input.dt_s));
+    if substeps > SUBSTEPS_MAX {
+        return Err(StepError::Substeps {
+            dt_s: input.dt_s,
+            substeps,
+        });
+    }
+    let mut report = StepReport {
+        substeps,
+        ..StepReport::default()
+    };
+    read(model, scratch, &now, input, &mut report);
+    let links = Links {
+        springs: input.springs,
+        attachments: input.attachments,
+    };
+    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
+    let substep_s = input.dt_s / substeps as f32;
+    let job = Job {
+        model,
+        scratch,
+        links,
+        substep_s,
+        substeps,
+    };
+    let sums = match model.options.isa {
+        Isa::Baseline => run(pulp::Scalar::new(), job),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => match pulp::x86::V3::try_new() {
+            Some(simd) => simd.vectorize(Run { simd, job }),
+            None => run(pulp::Scalar::new(), job),
+        },
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => match pulp::x86::V4::try_new() {
+            Some(simd) => simd.vectorize(Run { simd, job }),
+            None => run(pulp::Scalar::new(), job),
+        },
+        #[cfg(not(target_arch = "x86_64"))]
+        _ => run(pulp::Scalar::new(), job),
+    };
+    report.elastic_energy_j = sums.energy_j.0.iter().map(|&lane| f64::from(lane)).sum();
+    report.inverted_tets = sums.inverted.0.iter().map(|&lane| lane as u32).sum();
+    write(model, scratch, &now, input, next, &mut report);
+    Ok(report)
+}
+
+fn check(
+    model: &Model,
+    scratch: &Scratch,
+    now: &StateRef<'_>,
+    input: &StepInput<'_>,
+    next: &StateMut<'_>,
+) -> Result<(), StepError> {
+    let expected = model.node_count();
+    let optional = |length: usize| if length == 0 { expected } else { length };
+    let lengths = [
+        ("now.position_m", now.position_m.len()),
+        ("now.velocity_m_s", now.velocity_m_s.len()),
+        ("next.position_m", next.position_m.len()),
+        ("next.velocity_m_s", next.velocity_m_s.len()),
+        ("external_force_n", optional(input.external_force_n.len())),
+        ("targets_m", optional(input.targets_m.len())),
+        ("scratch", scratch.load_n_m.len()),
+    ];
+    if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != expected) {
+        return Err(StepError::Length {
+            what,
+            expected,
+            found,
+        });
+    }
+    if scratch.frames.len() != model.blocks.len() {
+        return Err(StepError::Length {
+            what: "scratch (tets)",
+            expected,
+            found: scratch.frames.len() * LANES,
+        });
+    }
+    if input.dt_s > 0.0 && input.dt_s <= STEP_MAX_S {
+        Ok(())
+    } else {
+        Err(StepError::Step(input.dt_s))
+    }
+}
+
+fn finite(vector: [f32; 3]) -> bool {
+    vector.iter().all(|x| x.is_finite())
+}
+
+/// Whether a position is finite and within reach of its place at rest.
+fn in_reach(model: &Model, node: usize, position_m: [f32; 3]) -> bool {
+    position_m
+        .iter()
+        .zip(model.rest_m[node])
+        .all(|(x, rest)| (x - rest).abs() <= model.reach_m)
+}
+
+/// The position of `now`, or that at rest where it cannot be used.
+fn sane_position(model: &Model, now: &StateRef<'_>, node: usize) -> ([f32; 3], bool) {
+    let position = now.position_m[node];
+    if in_reach(model, node, position) {
+        (position, true)
+    } else {
+        (model.rest_m[node], false)
+    }
+}
+
+/// Copies the inputs into rows, with everything that is not finite or out of reach replaced and counted.
+fn read(
+    model: &Model,
+    scratch: &mut Scratch,
+    now: &StateRef<'_>,
+    input: &StepInput<'_>,
+    report: &mut StepReport,
+) {
+    let cap = model.options.velocity_cap_m_s as f32;
+    let position: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.position);
+    let velocity: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.velocity);
+    let external: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.external);
+    for node in 0..model.node_count() {
+        let (x, position_good) = sane_position(model, now, node);
+        let mut v = now.velocity_m_s[node];
+        let mut good = position_good && finite(v);
+        if !good {
+            v = [0.0; 3];
+        }
+        if model.held[node] {
+            let target = input.targets_m.get(node).copied().unwrap_or(x);
+            let target_good = in_reach(model, node, target);
+            good &= target_good;
+            v = if target_good {
+                [0, 1, 2].map(|axis| (target[axis] - x[axis]) / input.dt_s)
+            } else {
+                [0.0; 3]
+            };
+        }
+        let v = v.map(|v| v.clamp(-cap, cap));
+        let mut force = input
+            .external_force_n
+            .get(node)
+            .copied()
+            .unwrap_or([0.0; 3]);
+        if !finite(force) {
+            (force, good) = ([0.0; 3], false);
+        }
+        let force = force.map(|f| f.clamp(-EXTERNAL_FORCE_MAX_N, EXTERNAL_FORCE_MAX_N));
+        position[node] = [x[0], x[1], x[2], 0.0];
+        velocity[node] = [v[0], v[1], v[2], 0.0];
+        external[node] = [force[0], force[1], force[2], 0.0];
+        report.neutralised_inputs += u32::from(!good);
+    }
+    scratch.force.copy_from_slice(&scratch.external);
+}
+
+/// The part of a step that runs in the chosen instruction set.
+struct Job<'a> {
+    model: &'a Model,
+    scratch: &'a mut Scratch,
+    links: Links<'a>,
+    substep_s: f32,
+    substeps: u32,
+}
+
+struct Run<'a, S> {
+    simd: S,
+    job: Job<'a>,
+}
+
+impl<S: Lanes> pulp::NullaryFnOnce for Run<'_, S> {
+    type Output = TetSums;
+    #[inline(always)]
+    fn call(self) -> TetSums {
+        run(self.simd, self.job)
+    }
+}
+
+/// Velocity Verlet with the rotations of the start: half a kick, then drifts and kicks in turn, and half a kick with the same
+/// rotations at the end. So positions and velocities belong to one time when the rotations change, and the change cannot feed
+/// the fast modes; one more evaluation of the forces per step is its price.
+#[inline(always)]
+fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
+    let Job {
+        model,
+        scratch,
+        links,
+        substep_s,
+        substeps,
+    } = job;
+    let Scratch {
+        position,
+        velocity,
+        force,
+        external,
+        frames,
+        load_n_m,
+    } = scratch;
+    let seen: &[[f32; 4]] = bytemuck::cast_slice(position);
+    let sums = kernel::rotations(simd, &model.blocks, &model.rest_blocks, seen, frames);
+    for substep in 0..=substeps {
+        let at: &[[f32; 4]] = bytemuck::cast_slice(position);
+        let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
+        kernel::element_forces(simd, &model.blocks, frames, at, sum);
+        links.add_forces(model, load_n_m, at, sum);
+        let constants = Constants {
+            kick_s: if substep == 0 || substep == substeps {
+                0.5 * substep_s
+            } else {
+                substep_s
+            },
+            drift_s: if substep == substeps { 0.0 } else { substep_s },
+            velocity_cap_m_s: model.options.velocity_cap_m_s as f32,
+        };
+        let (inv_mass, damping_per_s) = (&model.inv_mass, &model.damping_per_s);
+        let mut rows = NodeRows {
+            inv_mass,
+            damping_per_s,
+            external,
+            position,
+            velocity,
+            force,
+        };
+        kernel::move_nodes(simd, &constants, &mut rows);
+    }
+    sums
+}
+
+/// Writes the next state; what is not finite or out of reach goes back to where it was, at rest.
+fn write(
+    model: &Model,
+    scratch: &Scratch,
+    now: &StateRef<'_>,
+    input: &StepInput<'_>,
+    next: StateMut<'_>,
+    report: &mut StepReport,
+) {
+    let cap = model.options.velocity_cap_m_s as f32;
+    let position: &[[f32; 4]] = bytemuck::cast_slice(&scratch.position);
+    let velocity: &[[f32; 4]] = bytemuck::cast_slice(&scratch.velocity);
+    for node in 0..model.node_count() {
+        let ([x, y, z, _], [vx, vy, vz, _]) = (position[node], velocity[node]);
+        let (mut at, mut v) = ([x, y, z], [vx, vy, vz]);
+        if !in_reach(model, node, at) || !finite(v) {
+            (at, v) = (sane_position(model, now, node).0, [0.0; 3]);
+            report.recovered_nodes += 1;
+        } else if v.iter().any(|v| v.abs() >= cap) {
+            report.capped_nodes += 1;
+        } else if model.held[node]
+            && in_reach(
+                model,
+                node,
+                input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3]),
+            )
+        {
+            at = input.targets_m[node]; // free of the rounding of the substeps
+        }
+        let squared: f64 = v.iter().map(|&v| f64::from(v) * f64::from(v)).sum();
+        report.kinetic_energy_j += 0.5 * f64::from(model.mass_kg[node]) * squared;
+        next.position_m[node] = at;
+        next.velocity_m_s[node] = v;
+    }
+}

@@ -1,0 +1,140 @@
+//! Meshes and helpers that the tests and the bench share.
+#![allow(dead_code, missing_docs)]
+
+use hyst_mesh::TetMesh;
+use hyst_tissue::{Model, Options, Scratch, StateMut, StateRef, StepInput, StepReport, step};
+
+/// A block of `cells` cubes with edge `edge_m`, each cut into 6 tets along its diagonal; lowest corner in the origin.
+pub fn block(cells: [u32; 3], edge_m: f32) -> TetMesh {
+    let [nx, ny, nz] = cells;
+    let index = |x: u32, y: u32, z: u32| x + (nx + 1) * (y + (ny + 1) * z);
+    let mut mesh = TetMesh::default();
+    for z in 0..=nz {
+        for y in 0..=ny {
+            for x in 0..=nx {
+                mesh.positions_m
+                    .push([x as f32 * edge_m, y as f32 * edge_m, z as f32 * edge_m]);
+            }
+        }
+    }
+    // Each order of the three axes is a path from the lowest to the highest corner, and so a tet.
+    let paths = [
+        ([0, 1, 2], false),
+        ([1, 2, 0], false),
+        ([2, 0, 1], false),
+        ([0, 2, 1], true),
+        ([2, 1, 0], true),
+        ([1, 0, 2], true),
+    ];
+    for z in 0..nz {
+        for y in 0..ny {
+            for x in 0..nx {
+                for (path, odd) in paths {
+                    let mut at = [x, y, z];
+                    let mut tet = [index(x, y, z); 4];
+                    for (corner, axis) in path.into_iter().enumerate() {
+                        at[axis] += 1;
+                        tet[corner + 1] = index(at[0], at[1], at[2]);
+                    }
+                    if odd {
+                        tet.swap(2, 3);
+                    }
+                    mesh.tets.push(tet);
+                    mesh.regions.push(0);
+                }
+            }
+        }
+    }
+    mesh
+}
+
+/// A model with its state, stepped in place.
+pub struct Body {
+    pub model: Model,
+    pub scratch: Scratch,
+    pub position_m: Vec<[f32; 3]>,
+    pub velocity_m_s: Vec<[f32; 3]>,
+    pub force_n: Vec<[f32; 3]>,
+    next_position_m: Vec<[f32; 3]>,
+    next_velocity_m_s: Vec<[f32; 3]>,
+}
+
+impl Body {
+    pub fn new(model: Model) -> Self {
+        let (rest, still) = (model.rest_m().to_vec(), vec![[0.0; 3]; model.node_count()]);
+        Body {
+            scratch: Scratch::new(&model),
+            position_m: rest.clone(),
+            velocity_m_s: still.clone(),
+            force_n: still.clone(),
+            next_position_m: rest,
+            next_velocity_m_s: still,
+            model,
+        }
+    }
+
+    pub fn step_with(&mut self, input: &StepInput) -> StepReport {
+        let now = StateRef {
+            position_m: &self.position_m,
+            velocity_m_s: &self.velocity_m_s,
+        };
+        let next = StateMut {
+            position_m: &mut self.next_position_m,
+            velocity_m_s: &mut self.next_velocity_m_s,
+        };
+        let report = step(&self.model, &mut self.scratch, now, input, next).expect("a valid step");
+        std::mem::swap(&mut self.position_m, &mut self.next_position_m);
+        std::mem::swap(&mut self.velocity_m_s, &mut self.next_velocity_m_s);
+        report
+    }
+
+    /// One step of 1 ms under `force_n`.
+    pub fn step(&mut self) -> StepReport {
+        let force = std::mem::take(&mut self.force_n);
+        let report = self.step_with(&StepInput {
+            external_force_n: &force,
+            targets_m: &[],
+            springs: &[],
+            attachments: &[],
+            dt_s: 1e-3,
+        });
+        self.force_n = force;
+        report
+    }
+
+    /// Kinetic energy and the elastic one of the resting material at this state, J, by a step that is thrown away.
+    pub fn energy_j(&self) -> f64 {
+        let mut still = Body::new(self.model.clone());
+        still.position_m.copy_from_slice(&self.position_m);
+        let elastic = still.step().elastic_energy_j;
+        let speeds = self
+            .velocity_m_s
+            .iter()
+            .map(|v| v.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>());
+        elastic
+            + speeds
+                .zip(self.model.mass_kg())
+                .map(|(squared, &mass)| 0.5 * f64::from(mass) * squared)
+                .sum::<f64>()
+    }
+}
+
+/// Default options with another number of substeps allowed.
+pub fn options() -> Options {
+    Options {
+        max_substeps: 32,
+        ..Options::default()
+    }
+}
+
+/// Numbers from −1 to 1 that depend on `seed` alone (splitmix64).
+pub fn noise(seed: u64) -> impl FnMut() -> f32 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+    }
+}

@@ -1,0 +1,179 @@
+//! What each slot did over the run, summed over its incarnations: steps, latencies, overruns, values refused, memory, processor time.
+//! Kept in a file in the station's root, so that a supervisor that is restarted goes on from it.
+
+use hyst_exchange::{ReadPage, Station};
+use hyst_messages::page::header;
+use hyst_messages::{LATENCY_BUCKETS, Slot};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// What is counted in a page's header.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Steps.
+    pub steps: u64,
+    /// Steps that ended after the next had to start.
+    pub overruns: u64,
+    /// Values refused as invalid, as stale or fenced, as frozen.
+    pub refused: [u64; 3],
+    /// Steps computed for another owner, and promotions.
+    pub substitutes: u64,
+    /// Promotions.
+    pub promotions: u64,
+    /// Allocations on the real-time thread.
+    pub allocations: u64,
+    /// Bytes written into streams, bytes copied beyond that.
+    pub bytes: [u64; 2],
+    /// Histogram of wake-up latencies.
+    pub wakeup: Vec<u64>,
+    /// Histogram of loop latencies.
+    pub looping: Vec<u64>,
+    /// Processor time, s.
+    pub processor_s: f64,
+    /// Time since it was ready, s.
+    pub ready_s: f64,
+    /// Steps since it was ready.
+    pub ready_steps: u64,
+}
+
+impl Counters {
+    fn read(page: &ReadPage) -> Counters {
+        let mut wakeup = vec![0; LATENCY_BUCKETS];
+        let mut looping = vec![0; LATENCY_BUCKETS];
+        page.load64s(header::WAKEUP, &mut wakeup);
+        page.load64s(header::LOOP, &mut looping);
+        let word = |at| page.load64(at);
+        Counters {
+            steps: word(header::STEPS),
+            overruns: word(header::OVERRUNS),
+            refused: [word(header::INVALID), word(header::STALE), word(header::FROZEN)],
+            substitutes: word(header::SUBSTITUTES),
+            promotions: word(header::PROMOTIONS),
+            allocations: word(header::ALLOCATIONS),
+            bytes: [word(header::STREAM_BYTES), word(header::COPIED_BYTES)],
+            wakeup,
+            looping,
+            ..Counters::default()
+        }
+    }
+
+    fn add(&mut self, other: &Counters) {
+        self.steps += other.steps;
+        self.overruns += other.overruns;
+        self.substitutes += other.substitutes;
+        self.promotions += other.promotions;
+        self.allocations += other.allocations;
+        self.processor_s += other.processor_s;
+        self.ready_s += other.ready_s;
+        self.ready_steps += other.ready_steps;
+        for (sum, value) in self.refused.iter_mut().zip(other.refused) {
+            *sum += value;
+        }
+        for (sum, value) in self.bytes.iter_mut().zip(other.bytes) {
+            *sum += value;
+        }
+        for (sums, values) in [(&mut self.wakeup, &other.wakeup), (&mut self.looping, &other.looping)] {
+            sums.resize(sums.len().max(values.len()), 0);
+            for (sum, value) in sums.iter_mut().zip(values) {
+                *sum += value;
+            }
+        }
+    }
+}
+
+/// One slot.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Account {
+    /// Incarnations so far.
+    pub incarnations: u32,
+    /// Sum over the incarnations that are gone.
+    past: Counters,
+    /// The present incarnation.
+    present: Counters,
+    incarnation: u32,
+    /// Time and steps at which it was ready.
+    ready: Option<(u64, u64)>,
+    /// Most resident memory, MiB.
+    pub resident_mib: f64,
+    /// Newest share of memory, MiB.
+    pub proportional_mib: f64,
+}
+
+impl Account {
+    /// Sum over all incarnations.
+    pub fn total(&self) -> Counters {
+        let mut total = self.past.clone();
+        total.add(&self.present);
+        total
+    }
+    fn turn(&mut self, incarnation: u32) {
+        if self.incarnation != incarnation {
+            let present = std::mem::take(&mut self.present);
+            self.past.add(&present);
+            self.incarnation = incarnation;
+            self.incarnations += 1;
+            self.ready = None;
+        }
+    }
+}
+
+/// All slots by name.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Accounts {
+    /// By the slot's name.
+    pub slots: BTreeMap<String, Account>,
+}
+
+impl Accounts {
+    fn path(station: &Station) -> PathBuf {
+        station.root().join("accounts.json")
+    }
+    /// The accounts that a supervisor before this one kept, or none.
+    pub fn read(station: &Station) -> Accounts {
+        let text = std::fs::read_to_string(Accounts::path(station)).unwrap_or_default();
+        serde_json::from_str(&text).unwrap_or_default()
+    }
+    /// Keeps the accounts.
+    pub fn write(&self, station: &Station) {
+        if let Ok(text) = serde_json::to_string(self) {
+            let _ = crate::plan::write_whole(&Accounts::path(station), text.as_bytes()); // tried again in a second
+        }
+    }
+
+    /// Reads a slot's page; `process` while it lives.
+    pub fn sample(&mut self, now_ns: u64, slot: Slot, incarnation: u32, page: &ReadPage, process: Option<u32>, ready: bool) {
+        let account = self.slots.entry(slot.to_string()).or_default();
+        account.turn(incarnation);
+        let mut counters = Counters::read(page);
+        counters.processor_s = process.and_then(crate::proc::processor_s).unwrap_or(account.present.processor_s);
+        counters.ready_s = account.present.ready_s;
+        counters.ready_steps = account.present.ready_steps;
+        if ready {
+            let (since_ns, steps) = *account.ready.get_or_insert((now_ns, counters.steps));
+            counters.ready_s = now_ns.saturating_sub(since_ns) as f64 * 1e-9;
+            counters.ready_steps = counters.steps.saturating_sub(steps);
+        }
+        account.present = counters;
+        if let Some(process) = process {
+            account.resident_mib = account.resident_mib.max(crate::proc::resident_mib(process).unwrap_or(0.0));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_of_the_dead_are_kept_and_added() {
+        let mut account = Account::default();
+        account.turn(5);
+        account.present = Counters { steps: 10, refused: [1, 2, 3], wakeup: vec![1, 0], ..Default::default() };
+        account.turn(5);
+        account.turn(9);
+        account.present = Counters { steps: 4, refused: [1, 0, 0], wakeup: vec![0, 7], ..Default::default() };
+        let total = account.total();
+        assert_eq!((total.steps, total.refused, total.wakeup, account.incarnations), (14, [2, 2, 3], vec![1, 7], 2));
+    }
+}

@@ -1,0 +1,205 @@
+//! The command line, as design.md fixes it.
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
+#[derive(Debug, Parser)]
+#[command(name = "hystation", version)]
+pub struct Cli {
+    /// Name of the station; several run side by side and never meet.
+    #[arg(long, global = true, default_value = "default")]
+    pub name: String,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run a station in the foreground until Ctrl-C, `hystation stop`, or the end of --for.
+    Run(Box<RunArgs>),
+    /// The processes of a running station.
+    Status {
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// A live table of a running station.
+    Top,
+    /// What happened, or the log of a process.
+    Logs {
+        /// A process as `status` names it; without it, the station's events.
+        process: Option<String>,
+        /// Follow.
+        #[arg(short, long)]
+        follow: bool,
+    },
+    /// Stop a running station.
+    Stop,
+    /// Faults on purpose, in a station that was started with --test-mode.
+    Fault {
+        /// What to do.
+        #[command(subcommand)]
+        command: FaultCommand,
+    },
+    /// Validate a scene or a mesh without starting anything.
+    Check {
+        /// Scene (.toml) or mesh; without it, the embedded scene.
+        file: Option<PathBuf>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Is this machine fit, and the cure for each thing that is not.
+    Doctor,
+    /// Measure.
+    Bench {
+        /// tissue, contact, flow, exchange or station.
+        what: String,
+        /// Mesh to measure with.
+        #[arg(long)]
+        mesh: Option<PathBuf>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Not part of this build.
+    #[command(hide = true)]
+    Swap(Rest),
+    /// Not part of this build.
+    #[command(hide = true)]
+    Replay(Rest),
+    /// Not part of this build.
+    #[command(hide = true)]
+    Report(Rest),
+    /// The supervisor of a station; started by the guardian.
+    #[command(hide = true)]
+    Supervise {
+        /// Station.
+        #[arg(long)]
+        station: String,
+    },
+    /// Removes what dead processes left in the link; started by the supervisor.
+    #[command(hide = true)]
+    Clean {
+        /// Station.
+        #[arg(long)]
+        station: String,
+    },
+}
+
+/// Arguments of commands that this build does not have.
+#[derive(Debug, Args)]
+pub struct Rest {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    rest: Vec<String>,
+}
+
+/// Faults on purpose.
+#[derive(Debug, Subcommand)]
+pub enum FaultCommand {
+    /// The kinds of faults.
+    List,
+    /// Inject a fault.
+    Inject {
+        /// Kind, see `fault list`.
+        kind: String,
+        /// PROCESS, PROCESS:active, PROCESS:spare or PROCESS:INDEX.
+        target: String,
+        /// After this time a stopped process is continued.
+        #[arg(long = "for", value_parser = seconds)]
+        for_s: Option<f64>,
+    },
+    /// Not part of this build.
+    #[command(hide = true)]
+    Campaign(Rest),
+}
+
+/// Arguments of `run`.
+#[derive(Clone, Debug, Args)]
+pub struct RunArgs {
+    /// Scene (.toml) or mesh; without it, the embedded scene.
+    pub scene: Option<PathBuf>,
+    /// No window even if there is a display.
+    #[arg(long)]
+    pub headless: bool,
+    /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
+    #[arg(long = "for", value_parser = seconds)]
+    pub for_s: Option<f64>,
+    /// script:NAME, mouse, replay:FILE or idle. Default: the mouse in a window, script:press without one.
+    #[arg(long)]
+    pub hand: Option<String>,
+    /// Record the session (MCAP).
+    #[arg(long)]
+    pub record: Option<PathBuf>,
+    /// Write a report (JSON) at the end.
+    #[arg(long)]
+    pub report: Option<PathBuf>,
+    /// Write pictures (PNG) into this folder.
+    #[arg(long)]
+    pub pictures: Option<PathBuf>,
+    /// Not part of this build.
+    #[arg(long, hide = true)]
+    pub lockstep: bool,
+    /// Allow faults to be injected.
+    #[arg(long)]
+    pub test_mode: bool,
+    /// Inject the faults of this file (TOML); needs --test-mode.
+    #[arg(long)]
+    pub faults: Option<PathBuf>,
+    /// Number of collision workers, 0 to 16.
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// key=value; an unknown key lists those that exist.
+    #[arg(long = "set")]
+    pub set: Vec<String>,
+    /// Only these roles, for tests of single engines.
+    #[arg(long, hide = true, value_delimiter = ',')]
+    pub roles: Option<Vec<String>>,
+    /// Folder of the engines' binaries; default: that of this program.
+    #[arg(long, hide = true)]
+    pub binaries: Option<PathBuf>,
+    /// No live table even on a terminal.
+    #[arg(long, hide = true)]
+    pub quiet: bool,
+}
+
+/// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let (number, factor) = match text {
+        _ if text.ends_with("ms") => (&text[..text.len() - 2], 1e-3),
+        _ if text.ends_with('s') => (&text[..text.len() - 1], 1.0),
+        _ if text.ends_with('m') => (&text[..text.len() - 1], 60.0),
+        _ if text.ends_with('h') => (&text[..text.len() - 1], 3600.0),
+        _ => (text, 1.0),
+    };
+    let value = number.parse::<f64>().ok().map(|value| value * factor);
+    value.filter(|value| (0.0..=86_400.0).contains(value)).ok_or_else(|| format!("{text:?} is no time between 0 and 24h; write 30s, 2m or 500ms"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_read_with_their_units_and_nonsense_is_refused() {
+        assert_eq!([seconds("30s"), seconds("2m"), seconds("500ms"), seconds("1.5")], [Ok(30.0), Ok(120.0), Ok(0.5), Ok(1.5)]);
+        for bad in ["", "s", "-1s", "nan", "25h", "1d", "ü"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_command_line_of_the_design_is_accepted() {
+        let line = "hystation --name a run scene.toml --headless --for 30s --hand script:press --record a.mcap --report r.json \
+                    --lockstep --test-mode --faults f.toml --workers 3 --set isa=avx2 --set drift_ppm=3 --pictures out";
+        let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();
+        let Command::Run(run) = cli.command else { panic!("not run") };
+        assert_eq!((cli.name.as_str(), run.for_s, run.workers, run.set.len()), ("a", Some(30.0), Some(3), 2));
+        for line in ["hystation status --json --name b", "hystation swap tissue ./x", "hystation fault inject stop haptic:active --for 2s", "hystation bench station --json", "hystation logs haptic:0 -f"] {
+            assert!(Cli::try_parse_from(line.split_whitespace()).is_ok(), "{line}");
+        }
+    }
+}

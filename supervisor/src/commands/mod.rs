@@ -1,0 +1,61 @@
+//! One file for each command; this one chooses among them.
+
+pub mod bench;
+pub mod check;
+pub mod doctor;
+pub mod fault;
+pub mod logs;
+pub mod status;
+pub mod stop;
+
+use crate::cli::{Cli, Command};
+use crate::settings::Refusal;
+use hyst_exchange::Station;
+use std::process::ExitCode;
+
+/// Does what the command line says.
+pub fn run(cli: Cli) -> ExitCode {
+    match choose(cli) {
+        Ok(code) => ExitCode::from(code),
+        Err(refusal) => {
+            eprintln!("hystation: {}", refusal.message);
+            ExitCode::from(refusal.code)
+        }
+    }
+}
+
+/// A command that this build does not have.
+pub fn not_here(what: &str) -> Result<u8, Refusal> {
+    Err(Refusal::input(format!("{what}: this build does not offer it; `hystation --help` lists what it does")))
+}
+
+fn choose(cli: Cli) -> Result<u8, Refusal> {
+    let station = Station::named(&cli.name).map_err(|e| Refusal::input(e.to_string()))?;
+    match cli.command {
+        Command::Run(args) => crate::guardian::run(&cli.name, &args),
+        Command::Status { json } => status::status(&station, json),
+        Command::Top => status::top(&station),
+        Command::Logs { process, follow } => logs::logs(&station, process.as_deref(), follow),
+        Command::Stop => stop::stop(&station),
+        Command::Fault { command } => fault::fault(&station, command),
+        Command::Check { file, json } => check::check(file.as_deref(), json),
+        Command::Doctor => doctor::doctor(),
+        Command::Bench { what, mesh, json } => bench::bench(&what, mesh.as_deref(), json),
+        Command::Swap(_) => not_here("swap"),
+        Command::Replay(_) => not_here("replay"),
+        Command::Report(_) => not_here("report"),
+        Command::Supervise { station } => {
+            let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
+            crate::supervise::supervise(&station).map_err(|e| Refusal::failed(e.to_string()))
+        }
+        Command::Clean { station } => {
+            let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
+            crate::clean::clean(&station).map(|()| 0).map_err(|e| Refusal::failed(e.to_string()))
+        }
+    }
+}
+
+/// The error of a command that needs a running station.
+pub fn no_station(station: &Station) -> Refusal {
+    Refusal::input(format!("no station named {0:?} is running; start it with `hystation --name {0} run`", station.name()))
+}

@@ -1,0 +1,42 @@
+//! `hystation stop`: asks the station to stop, and if its guardian is dead does the guardian's last work.
+
+use super::no_station;
+use crate::control::{self, Request};
+use crate::remains;
+use crate::settings::Refusal;
+use hyst_exchange::{Station, system};
+use hyst_messages::page::station as layout;
+
+/// The guardian promises to be done within its own bounds, 4 s for the engines and 3 s for what must be killed.
+const PATIENCE_NS: u64 = 10_000_000_000;
+const LOOK_NS: u64 = 10_000_000;
+
+/// Stops the station and waits until nothing of it is left.
+pub fn stop(station: &Station) -> Result<u8, Refusal> {
+    if station.leftovers().is_empty() && remains::living(station).is_empty() {
+        return Err(no_station(station));
+    }
+    if control::ask(station, &Request::Stop).is_err()
+        && let Ok(page) = station.open_for_keeping()
+    {
+        page.store32_and_wake(layout::STOP, 1); // the supervisor is dead: the word in the page is what it would have written
+        page.bump_and_wake(layout::CHANGES);
+    }
+    let deadline_ns = system::now_ns() + PATIENCE_NS;
+    while remains::guardian(station).is_some() && system::now_ns() < deadline_ns {
+        system::sleep_ns(LOOK_NS);
+    }
+    if remains::guardian(station).is_some() {
+        return Err(Refusal::failed(format!("the guardian of station {:?} does not end; kill it and call stop again", station.name())));
+    }
+    remains::wait_until_gone(station, system::now_ns() + crate::supervise::STOP_NS, || {});
+    let killed = remains::kill_all(station, || {});
+    if !killed.is_empty() {
+        eprintln!("hystation: killed because they did not stop: {}", killed.join(", "));
+    }
+    station.wipe();
+    match station.leftovers().as_slice() {
+        [] => Ok(0),
+        left => Err(Refusal::failed(format!("cannot remove {left:?}; remove it by hand"))),
+    }
+}

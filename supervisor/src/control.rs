@@ -1,0 +1,183 @@
+//! The control socket: a Unix stream in the station's root, for its user alone. One line of JSON asks, one line of JSON answers.
+//!
+//! Promise: whatever is sent, the answer is a line of JSON with a key `ok`; a line that is too long, a connection too many or a client
+//! that sends nothing is ended; none of them holds the supervisor, which only ever sees whole and valid requests.
+
+use crate::faultfile::Injection;
+use crate::supervise::Input;
+use hyst_exchange::Station;
+use serde::{Deserialize, Serialize};
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::sync::mpsc::{Sender, channel};
+use std::time::{Duration, Instant};
+
+/// Longest request or answer line that is accepted, bytes.
+pub const MOST_BYTES: usize = 64 * 1024;
+/// Longest answer that a client takes: a report with some thousands of faults.
+const MOST_ANSWER_BYTES: usize = 16 * 1024 * 1024;
+/// Clients at the same time.
+const MOST_CLIENTS: usize = 16;
+/// A client that has not sent a line by then is ended.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// The main loop answers within milliseconds.
+const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+/// Between two looks at the clients.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// What can be asked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Request {
+    /// The processes.
+    Status,
+    /// The report as it is now.
+    Report,
+    /// Stop everything.
+    Stop,
+    /// Inject a fault.
+    Fault(Injection),
+}
+
+/// An answer that carries a value.
+pub fn good(value: serde_json::Value) -> String {
+    serde_json::json!({ "ok": true, "value": value }).to_string()
+}
+
+/// An answer that carries an error.
+pub fn bad(reason: &str) -> String {
+    serde_json::json!({ "ok": false, "error": reason }).to_string()
+}
+
+/// Starts the thread that serves the socket.
+pub fn serve(station: &Station, tell: Sender<Input>) -> std::io::Result<()> {
+    let path = station.control_socket();
+    let _ = std::fs::remove_file(&path); // of a supervisor before this one
+    let listener = UnixListener::bind(&path)?;
+    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600))?;
+    listener.set_nonblocking(true)?;
+    std::thread::Builder::new().name("control".into()).spawn(move || body(&listener, &tell))?;
+    Ok(())
+}
+
+struct Client {
+    stream: UnixStream,
+    line: Vec<u8>,
+    since: Instant,
+}
+
+fn body(listener: &UnixListener, tell: &Sender<Input>) {
+    let mut clients: Vec<Client> = Vec::new();
+    loop {
+        while let Ok((stream, _)) = listener.accept() {
+            if clients.len() < MOST_CLIENTS && stream.set_nonblocking(true).is_ok() {
+                clients.push(Client { stream, line: Vec::new(), since: Instant::now() });
+            } // else it is dropped, which closes it
+        }
+        clients.retain_mut(|client| tend(client, tell));
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Reads what is there; false when the client is done with.
+fn tend(client: &mut Client, tell: &Sender<Input>) -> bool {
+    let mut buffer = [0u8; 4096];
+    // At most one line's worth in one look.
+    for _ in 0..=MOST_BYTES / buffer.len() {
+        match client.stream.read(&mut buffer) {
+            Ok(0) => return false,
+            Ok(count) => {
+                client.line.extend_from_slice(&buffer[..count]);
+                if let Some(end) = client.line.iter().position(|byte| *byte == b'\n') {
+                    answer(client, end, tell);
+                    return false;
+                }
+                if client.line.len() > MOST_BYTES {
+                    send(&client.stream, &bad("the line is longer than 64 KiB"));
+                    return false;
+                }
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+            Err(_) => return false,
+        }
+    }
+    client.since.elapsed() < PATIENCE
+}
+
+fn answer(client: &Client, end: usize, tell: &Sender<Input>) {
+    let text = match serde_json::from_slice::<Request>(&client.line[..end.min(MOST_BYTES)]) {
+        Err(error) => bad(&format!("not a request: {error}")),
+        Ok(request) => {
+            let (reply, inbox) = channel();
+            let sent = tell.send(Input::Request(request, reply)).is_ok();
+            let answered = if sent { inbox.recv_timeout(ANSWER_WITHIN).ok() } else { None };
+            answered.unwrap_or_else(|| bad("the supervisor is busy; ask again"))
+        }
+    };
+    send(&client.stream, &text);
+}
+
+fn send(mut stream: &UnixStream, text: &str) {
+    let _ = stream.set_nonblocking(false);
+    let _ = stream.set_write_timeout(Some(Duration::from_secs(1)));
+    let _ = stream.write_all(format!("{text}\n").as_bytes()); // a client that has gone loses its answer
+}
+
+/// Asks the supervisor of a station; the error says what to do.
+pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
+    let path = station.control_socket();
+    let gone = |error: std::io::Error| format!("station {}: no supervisor answers at {}: {error}", station.name(), path.display());
+    let mut stream = UnixStream::connect(&path).map_err(gone)?;
+    stream.set_read_timeout(Some(2 * ANSWER_WITHIN)).map_err(gone)?;
+    let line = serde_json::to_string(request).map_err(|e| e.to_string())?;
+    stream.write_all(format!("{line}\n").as_bytes()).map_err(gone)?;
+    let mut text = String::new();
+    stream.take(MOST_ANSWER_BYTES as u64).read_to_string(&mut text).map_err(gone)?;
+    let answer: serde_json::Value = serde_json::from_str(&text).map_err(|e| format!("station {}: the answer is damaged: {e}", station.name()))?;
+    match answer.get("ok").and_then(serde_json::Value::as_bool) {
+        Some(true) => Ok(answer.get("value").cloned().unwrap_or_default()),
+        _ => Err(answer.get("error").and_then(|error| error.as_str()).unwrap_or("refused").to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn raw(path: &std::path::Path, bytes: &[u8]) -> String {
+        let mut stream = UnixStream::connect(path).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        let _ = stream.write_all(bytes); // a line that is too long is cut off in the middle
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    #[test]
+    fn garbage_gets_an_error_and_a_request_an_answer() {
+        let station = Station::named(&format!("t{}-control", std::process::id())).unwrap();
+        station.wipe();
+        std::fs::create_dir(station.root()).unwrap();
+        let (tell, inbox) = channel();
+        serve(&station, tell).unwrap();
+        std::thread::spawn(move || {
+            for input in inbox {
+                if let Input::Request(request, reply) = input {
+                    let _ = reply.send(good(serde_json::json!(request == Request::Status)));
+                }
+            }
+        });
+        let path = station.control_socket();
+        assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
+        let garbage: [&[u8]; 5] = [b"\n", b"{}\n", b"\xff\xfe\n", b"{\"do\":\"dance\"}\n", b"{\"do\":\"fault\",\"kind\":1}\n"];
+        for line in garbage {
+            assert!(raw(&path, line).starts_with("{\"error\""), "{line:?}");
+        }
+        raw(&path, &vec![b'x'; MOST_BYTES * 2]);
+        assert_eq!(ask(&station, &Request::Status), Ok(serde_json::json!(true)));
+        let _idle: Vec<UnixStream> = (0..MOST_CLIENTS / 2).map(|_| UnixStream::connect(&path).unwrap()).collect();
+        assert_eq!(ask(&station, &Request::Stop), Ok(serde_json::json!(false)), "idle clients hold nobody");
+        station.wipe();
+    }
+}

@@ -1,0 +1,224 @@
+//! The hardware's ledger as the supervisor keeps it: the last two minutes, tick by tick, and what was found in windows of it.
+//!
+//! A *miss* is a tick at which the hardware did not get a fresh force, unless the canaries saw the host itself stall (void).
+
+use hyst_exchange::ReadPage;
+use hyst_messages::page::hardware as layout;
+use hyst_messages::{Applied, LedgerEntry};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Ticks that are kept: a window is judged seconds after its end.
+pub const HISTORY_TICKS: usize = 120_000;
+/// Ticks after the first fresh one that are still start-up.
+pub const SETTLING_TICKS: u64 = 500;
+/// No motor of such a device makes more, N; more was never meant to be applied.
+const LIMIT_N: f32 = 50.0;
+
+/// One tick.
+#[derive(Clone, Copy, Debug)]
+struct Tick {
+    station_tick: u64,
+    force_n: [f32; 3],
+    missed: bool,
+    void: bool,
+}
+
+/// What was found in a window.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Window {
+    /// First station tick.
+    pub from_tick: u64,
+    /// Station tick after the last.
+    pub to_tick: u64,
+    /// Ticks that count.
+    pub ticks: u64,
+    /// Ticks without a fresh force.
+    pub missed: u64,
+    /// Ticks that do not count because the host stalled.
+    pub voided: u64,
+    /// Largest change of the force from one tick to the next, N.
+    pub force_step_max_n: f64,
+}
+
+/// The history.
+#[derive(Debug, Default)]
+pub struct Ledger {
+    ticks: VecDeque<Tick>,
+    next_key: u64,
+    first_fresh_tick: Option<u64>,
+    newest_force_tick: u64,
+    /// Ticks whose force was not finite or beyond any motor.
+    pub invalid_applied: u64,
+    /// Ticks whose force had been computed for an older tick than a force applied before, and for none of the last two.
+    pub stale_applied: u64,
+    /// Ticks that were overwritten before they were read.
+    pub lost: u64,
+}
+
+impl Ledger {
+    /// Reads what is new in the hardware's page.
+    pub fn read(&mut self, page: &ReadPage) {
+        let end = page.ring_end(layout::LEDGER);
+        let oldest = end.saturating_sub(layout::LEDGER.entries as u64);
+        if self.next_key < oldest {
+            self.lost += if self.next_key == 0 { 0 } else { oldest - self.next_key };
+            self.next_key = oldest;
+        }
+        if self.ticks.is_empty() {
+            // Keys before the first that was ever written are not lost.
+            while self.next_key < end && page.ring(layout::LEDGER, self.next_key).is_none() {
+                self.next_key += 1;
+            }
+        }
+        while self.next_key < end {
+            match page.ring(layout::LEDGER, self.next_key) {
+                Some(entry) => self.push(&entry),
+                None => self.lost += 1,
+            }
+            self.next_key += 1;
+        }
+    }
+
+    /// Adds a tick.
+    pub fn push(&mut self, entry: &LedgerEntry) {
+        let fresh = entry.kind == Applied::Fresh as u32;
+        let strength_n = norm(entry.force_n);
+        self.invalid_applied += u64::from(!strength_n.is_finite() || strength_n > LIMIT_N);
+        let goes_back = entry.force_tick < self.newest_force_tick && entry.station_tick.saturating_sub(entry.force_tick) > 1;
+        self.stale_applied += u64::from(goes_back && entry.kind != Applied::Zero as u32 && entry.kind != Applied::Ramped as u32);
+        self.newest_force_tick = self.newest_force_tick.max(entry.force_tick);
+        if fresh {
+            self.first_fresh_tick.get_or_insert(entry.station_tick);
+        }
+        if self.ticks.len() >= HISTORY_TICKS {
+            self.ticks.pop_front();
+        }
+        let station_tick = entry.station_tick.max(self.ticks.back().map_or(0, |tick| tick.station_tick));
+        self.ticks.push_back(Tick { station_tick, force_n: entry.force_n, missed: !fresh && entry.void == 0, void: entry.void != 0 });
+    }
+
+    /// The newest station tick that was read; `None` before the first.
+    pub fn newest_tick(&self) -> Option<u64> {
+        self.ticks.back().map(|tick| tick.station_tick)
+    }
+
+    /// The first tick at which a control window may begin; `None` while nothing fresh has been applied.
+    pub fn settled_tick(&self) -> Option<u64> {
+        let first = self.first_fresh_tick? + SETTLING_TICKS;
+        self.ticks.front().map(|tick| tick.station_tick.max(first))
+    }
+
+    fn range(&self, from_tick: u64, to_tick: u64) -> (usize, usize) {
+        let first = self.ticks.partition_point(|tick| tick.station_tick < from_tick);
+        (first, self.ticks.partition_point(|tick| tick.station_tick < to_tick))
+    }
+
+    /// What happened in `from_tick..to_tick`.
+    pub fn window(&self, from_tick: u64, to_tick: u64) -> Window {
+        let (first, end) = self.range(from_tick, to_tick);
+        let mut window = Window { from_tick, to_tick, ..Window::default() };
+        let mut before = first.checked_sub(1).and_then(|at| self.ticks.get(at));
+        for tick in self.ticks.range(first..end) {
+            window.voided += u64::from(tick.void);
+            window.ticks += u64::from(!tick.void);
+            window.missed += u64::from(tick.missed);
+            if let Some(before) = before.filter(|before| !before.void && !tick.void) {
+                window.force_step_max_n = window.force_step_max_n.max(distance(before.force_n, tick.force_n) as f64);
+            }
+            before = Some(tick);
+        }
+        window
+    }
+
+    /// Whether the hand was in contact at a tick: a force of more than a hundredth of a newton.
+    pub fn in_contact(&self, tick: u64) -> bool {
+        let at = self.ticks.partition_point(|entry| entry.station_tick < tick);
+        self.ticks.get(at).is_some_and(|tick| norm(tick.force_n) > 0.01)
+    }
+}
+
+fn norm(v: [f32; 3]) -> f32 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}
+
+fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+    norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]])
+}
+
+/// Between two tries for a control window, ticks.
+const CONTROL_STEP_TICKS: u64 = 20;
+/// How far from the fault its control may lie, ticks: the same breath of the scripted hand, and the same load of the machine.
+const CONTROL_REACH_TICKS: u64 = 8_000;
+
+/// The control of a fault window: the same length, in the same state (contact or none at its start), overlapping no fault's window, as
+/// close before the fault as there is one, else as close after it. `None` if there is none yet.
+pub fn control_for(ledger: &Ledger, from_tick: u64, to_tick: u64, taken: &[(u64, u64)]) -> Option<Window> {
+    let length = to_tick - from_tick;
+    let (settled, newest) = (ledger.settled_tick()?, ledger.newest_tick()?);
+    let contact = ledger.in_contact(from_tick);
+    let free = |start: u64| taken.iter().all(|(from, to)| start + length <= *from || start >= *to);
+    let before = (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map_while(|step| from_tick.checked_sub(length + step * CONTROL_STEP_TICKS));
+    let after = (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map(|step| to_tick + step * CONTROL_STEP_TICKS);
+    let candidates = || before.clone().chain(after.clone()).filter(|start| *start >= settled && start + length <= newest && free(*start));
+    let start = candidates().find(|start| ledger.in_contact(*start) == contact).or_else(|| candidates().next())?;
+    Some(ledger.window(start, start + length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ledger(ticks: u64, missed: &[u64], void: &[u64]) -> Ledger {
+        let mut ledger = Ledger::default();
+        for tick in 0..ticks {
+            let kind = if missed.contains(&tick) { Applied::Held } else { Applied::Fresh } as u32;
+            let contact = (tick / 500) % 2 == 1;
+            ledger.push(&LedgerEntry {
+                hardware_tick: tick,
+                station_tick: tick,
+                force_tick: tick,
+                force_n: [if contact { 1.0 } else { 0.0 }, 0.0, 0.0],
+                kind,
+                void: u32::from(void.contains(&tick)),
+                ..Default::default()
+            });
+        }
+        ledger
+    }
+
+    #[test]
+    fn misses_are_counted_and_void_ticks_count_in_neither() {
+        let ledger = ledger(2_000, &[1_000, 1_001, 1_500], &[1_001, 1_002]);
+        let window = ledger.window(990, 1_010);
+        assert_eq!((window.ticks, window.missed, window.voided), (18, 1, 2));
+        assert_eq!(ledger.window(990, 1_001).force_step_max_n, 1.0, "the force falls from 1 N to 0 at tick 1000");
+        assert_eq!(ledger.window(1_100, 1_200).force_step_max_n, 0.0);
+        assert_eq!(ledger.window(5_000, 6_000).ticks, 0);
+    }
+
+    #[test]
+    fn a_control_has_the_same_length_and_state_and_meets_no_fault() {
+        let ledger = ledger(6_000, &[], &[]);
+        let control = control_for(&ledger, 3_600, 3_800, &[(3_600, 3_800)]).unwrap();
+        assert_eq!((control.to_tick - control.from_tick, control.to_tick <= 3_600), (200, true));
+        assert!(ledger.in_contact(control.from_tick) && ledger.in_contact(3_600));
+        let taken = [(3_600, 3_800), (1_000, 3_600)];
+        let control = control_for(&ledger, 3_600, 3_800, &taken).unwrap();
+        assert!(control.to_tick <= 1_000 || control.from_tick >= 3_800, "{control:?}");
+        assert_eq!(control_for(&ledger, 3_600, 3_800, &[(0, 6_000)]), None);
+    }
+
+    #[test]
+    fn a_force_that_goes_back_or_is_no_number_is_counted() {
+        let mut ledger = ledger(10, &[], &[]);
+        let entry = |station_tick, force_tick, x| LedgerEntry { station_tick, force_tick, force_n: [x, 0.0, 0.0], ..Default::default() };
+        ledger.push(&entry(10, 9, 1.0));
+        ledger.push(&entry(11, 10, 1.0));
+        assert_eq!((ledger.stale_applied, ledger.invalid_applied), (0, 0));
+        ledger.push(&entry(12, 7, 1.0));
+        ledger.push(&entry(13, 12, f32::NAN));
+        ledger.push(&entry(14, 13, 500.0));
+        assert_eq!((ledger.stale_applied, ledger.invalid_applied), (1, 2));
+    }
+}

@@ -1,0 +1,307 @@
+//! The report of a run, as JSON with the keys that design.md fixes, and the statistics of its faults.
+//!
+//! The supervisor hands it over in a file in the station's root once a second and at the end; the guardian adds what is left over after
+//! everything has stopped, and writes it where the user wants it.
+
+use crate::accounts::{Account, Accounts, Counters};
+use crate::faults::{Fault, Faults};
+use crate::policy::State;
+use crate::view::Viewer;
+use hyst_exchange::Station;
+use hyst_messages::page::{fluid, hardware, rendering, tissue};
+use hyst_messages::{Role, Slot, percentile_ns};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// 95 % of a normal distribution lie below its mean and this many standard deviations.
+const NORMAL_95: f64 = 1.645;
+/// Excess misses per fault that the station may make, and faults that are needed to say that it made more.
+pub const MOST_EXCESS: f64 = 0.1;
+
+fn path(station: &Station) -> PathBuf {
+    station.root().join("report.json")
+}
+
+/// Leaves the report for the guardian.
+pub fn hand_over(station: &Station, report: &Value) {
+    let _ = crate::plan::write_whole(&path(station), report.to_string().as_bytes()); // tried again in a second
+}
+
+/// The report that the supervisor handed over last; an empty object if there is none.
+pub fn take(station: &Station) -> Value {
+    let text = std::fs::read_to_string(path(station)).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_else(|_| json!({}))
+}
+
+/// p50, p99, p99.9 and the last bucket of a histogram in µs.
+pub fn latency(counts: &[u64]) -> Value {
+    let us = |fraction| percentile_ns(counts, fraction) as f64 * 1e-3;
+    json!({ "p50": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": us(1.0) })
+}
+
+fn process(account: &Account) -> Value {
+    let total = account.total();
+    let per_s = |value: f64| if total.ready_s > 0.0 { value / total.ready_s } else { 0.0 };
+    json!({
+        "rate_hz": per_s(total.ready_steps as f64),
+        "cpu_percent": 100.0 * per_s(total.processor_s),
+        "steps": total.steps,
+        "overruns": total.overruns,
+        "incarnations": account.incarnations,
+        "wakeup_us": latency(&total.wakeup),
+        "loop_us": latency(&total.looping),
+        "rss_mib": account.resident_mib,
+        "refused": { "invalid": total.refused[0], "stale": total.refused[1], "frozen": total.refused[2] },
+        "substitutes": total.substitutes,
+        "promotions": total.promotions,
+        "allocations": total.allocations,
+    })
+}
+
+/// The report as of now.
+pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: &State) -> Value {
+    let mut processes: Map<String, Value> = accounts.slots.iter().map(|(name, account)| (name.clone(), process(account))).collect();
+    for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
+        let active = active_slot(viewer, faults, role);
+        if let Some(row) = active.and_then(|slot| processes.get(&slot.to_string())).cloned() {
+            processes.insert(role.name().into(), row);
+        }
+    }
+    let status = Statuses::read(viewer);
+    json!({
+        "processes": processes,
+        "device": device(viewer, faults),
+        "faults": faults.all().map(|fault| serde_json::to_value(fault).unwrap_or_default()).collect::<Vec<_>>(),
+        "by_target": by_target(faults),
+        "invalid_applied": faults.ledger.invalid_applied,
+        "stale_applied": faults.ledger.stale_applied,
+        "ledger_lost": faults.ledger.lost,
+        "force_trace_hash": hash(total(viewer, 6)),
+        "state_hash": hash(status.state_hash),
+        "fluid_deficit_ml": status.deficit_ml,
+        "removed_volume_ml": status.removed_volume_ml,
+        "rss_mib": accounts.slots.values().map(|account| account.resident_mib).sum::<f64>(),
+        "copies": copies(accounts, &status),
+        "given_up": policy.given_up().map(|slot| slot.to_string()).collect::<Vec<_>>(),
+        "leftovers": { "processes": 0, "shared_memory": 0, "files": 0 },
+    })
+}
+
+fn active_slot(viewer: &mut Viewer, faults: &Faults, role: Role) -> Option<Slot> {
+    let incarnation = faults.active_incarnation(role);
+    (0..role.slots().1).filter_map(|index| Slot::new(role, index)).find(|slot| viewer.page().incarnation(*slot) == incarnation)
+}
+
+fn hash(value: u64) -> String {
+    format!("{value:016x}")
+}
+
+fn total(viewer: &mut Viewer, index: usize) -> u64 {
+    viewer.slot_page(Slot::first(Role::Hardware)).map_or(0, |page| page.load64(hardware::TOTALS + index))
+}
+
+fn device(viewer: &mut Viewer, faults: &Faults) -> Value {
+    let judged = |fault: &&Fault| fault.target != Role::Device.name();
+    let arms = Arms::of(faults.closed.iter().filter(judged));
+    let own = Arms::of(faults.closed.iter().filter(|fault| fault.target == Role::Device.name()));
+    json!({
+        "ticks": total(viewer, 0),
+        "fresh": total(viewer, 1),
+        "held": total(viewer, 2),
+        "ramped": total(viewer, 3),
+        "zero": total(viewer, 4),
+        "voided": total(viewer, 5),
+        "fault_window": { "ticks": arms.fault[0], "missed": arms.fault[1], "voided": arms.fault[2] },
+        "control_window": { "ticks": arms.control[0], "missed": arms.control[1], "voided": arms.control[2] },
+        "excess_per_fault": arms.excess(),
+        "force_step_max_n": arms.step_n,
+        "force_step_max_control_n": arms.control_step_n,
+        "own_faults": { "count": own.excesses.len(), "excess_per_fault": own.excess() },
+    })
+}
+
+/// Fault windows against control windows.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Arms {
+    fault: [u64; 3],
+    control: [u64; 3],
+    step_n: f64,
+    control_step_n: f64,
+    excesses: Vec<f64>,
+}
+
+impl Arms {
+    fn of<'a>(faults: impl Iterator<Item = &'a Fault>) -> Arms {
+        let mut arms = Arms::default();
+        for fault in faults {
+            let (Some(window), Some(control)) = (fault.window, fault.control) else { continue };
+            for (sums, window) in [(&mut arms.fault, window), (&mut arms.control, control)] {
+                sums[0] += window.ticks;
+                sums[1] += window.missed;
+                sums[2] += window.voided;
+            }
+            arms.step_n = arms.step_n.max(window.force_step_max_n);
+            arms.control_step_n = arms.control_step_n.max(control.force_step_max_n);
+            arms.excesses.push(window.missed as f64 - control.missed as f64);
+        }
+        arms
+    }
+
+    /// Mean excess with the upper end of its one-sided 95 % interval (normal approximation, from 2 faults on).
+    fn excess(&self) -> Value {
+        let count = self.excesses.len() as f64;
+        if self.excesses.is_empty() {
+            return json!({ "mean": 0.0, "upper95": null, "faults": 0, "faults_with_excess": 0 });
+        }
+        let mean = self.excesses.iter().sum::<f64>() / count;
+        let upper = (count >= 2.0).then(|| mean + NORMAL_95 * self.error(mean));
+        let with = self.excesses.iter().filter(|excess| **excess > 0.0).count();
+        json!({ "mean": mean, "upper95": upper, "faults": self.excesses.len(), "faults_with_excess": with })
+    }
+
+    fn error(&self, mean: f64) -> f64 {
+        let count = self.excesses.len() as f64;
+        let variance = self.excesses.iter().map(|excess| (excess - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+        (variance / count).sqrt()
+    }
+
+    /// Whether the promise is broken beyond doubt: even the lower end of the interval is above what is allowed.
+    fn is_broken(&self) -> bool {
+        if self.excesses.len() < 2 {
+            return false;
+        }
+        let mean = self.excesses.iter().sum::<f64>() / self.excesses.len() as f64;
+        mean - NORMAL_95 * self.error(mean) > MOST_EXCESS
+    }
+}
+
+fn by_target(faults: &Faults) -> Value {
+    let mut groups: BTreeMap<String, Vec<&Fault>> = BTreeMap::new();
+    for fault in &faults.closed {
+        let role = fault.target.split(':').next().unwrap_or("");
+        let indexed = Role::from_name(role).is_some_and(Role::is_indexed) && role != Role::CollisionWorker.name();
+        let name = match (indexed, fault.active) {
+            (false, _) => role.to_string(),
+            (true, true) => format!("{role}:active"),
+            (true, false) => format!("{role}:spare"),
+        };
+        groups.entry(name).or_default().push(fault);
+    }
+    let row = |group: &Vec<&Fault>| {
+        let recovered: Vec<f64> = group.iter().filter_map(|fault| fault.recovered_us).collect();
+        let mut excess = Arms::of(group.iter().copied()).excess();
+        if let Some(object) = excess.as_object_mut() {
+            object.insert("count".into(), json!(group.len()));
+            object.insert("recovered".into(), json!(recovered.len()));
+            object.insert("recovered_us_mean".into(), json!(recovered.iter().sum::<f64>() / (recovered.len() as f64).max(1.0)));
+        }
+        excess
+    };
+    Value::Object(groups.iter().map(|(name, group)| (name.clone(), row(group))).collect())
+}
+
+/// Whether the report shows a promise that is broken beyond doubt, or a force applied that must not be.
+pub fn is_broken(report: &Value) -> bool {
+    let count = |key: &str| report.get(key).and_then(Value::as_u64).unwrap_or(0);
+    let faults: Vec<Fault> = report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
+    let judged = faults.iter().filter(|fault| fault.target != Role::Device.name());
+    count("invalid_applied") > 0 || count("stale_applied") > 0 || Arms::of(judged).is_broken()
+}
+
+/// One line for people.
+pub fn summary(report: &Value) -> String {
+    let device = &report["device"];
+    let excess = &device["excess_per_fault"];
+    format!(
+        "{} ticks: {} fresh, {} held, {} ramped, {} void; {} faults, excess misses per fault {} (95 %: below {})",
+        device["ticks"],
+        device["fresh"],
+        device["held"],
+        device["ramped"],
+        device["voided"],
+        report["faults"].as_array().map_or(0, Vec::len),
+        excess["mean"],
+        excess["upper95"]
+    )
+}
+
+/// Whether a process was lost for good.
+pub fn has_lost(report: &Value) -> bool {
+    report.get("given_up").and_then(Value::as_array).is_some_and(|slots| !slots.is_empty())
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Statuses {
+    state_hash: u64,
+    removed_volume_ml: f64,
+    deficit_ml: f64,
+    copied_per_frame: Option<u64>,
+}
+
+impl Statuses {
+    /// The newest status of tissue, fluid and rendering, whoever wrote it.
+    fn read(viewer: &mut Viewer) -> Statuses {
+        let mut found = Statuses::default();
+        let (mut tissue_tick, mut fluid_tick) = (0, 0);
+        for index in 0..2 {
+            let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
+            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= tissue_tick) {
+                tissue_tick = status.state_tick;
+                (found.state_hash, found.removed_volume_ml) = (status.state_hash, status.removed_volume_ml);
+            }
+            let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
+            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= fluid_tick) {
+                (fluid_tick, found.deficit_ml) = (status.state_tick, status.deficit_ml);
+            }
+        }
+        let status = viewer.slot_page(Slot::first(Role::Rendering)).and_then(|page| page.cell(rendering::STATUS));
+        found.copied_per_frame = status.map(|(_, status)| status.copied_bytes);
+        found
+    }
+}
+
+fn copies(accounts: &Accounts, status: &Statuses) -> Value {
+    let mut sum = Counters::default();
+    for account in accounts.slots.values() {
+        let total = account.total();
+        sum.bytes[0] += total.bytes[0];
+        sum.bytes[1] += total.bytes[1];
+    }
+    json!({ "bytes_per_frame": status.copied_per_frame.unwrap_or(0), "stream_bytes": sum.bytes[0], "copied_bytes": sum.bytes[1] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ledger::Window;
+
+    fn fault(missed: u64, control: u64) -> Fault {
+        let window = |missed| Some(Window { ticks: 200, missed, ..Window::default() });
+        let mut fault = Fault::default();
+        fault.target = "haptic:0".into();
+        (fault.window, fault.control) = (window(missed), window(control));
+        fault
+    }
+
+    #[test]
+    fn the_excess_by_hand() {
+        let faults = [fault(3, 1), fault(0, 0), fault(0, 1), fault(1, 0)];
+        let arms = Arms::of(faults.iter());
+        assert_eq!((arms.fault, arms.control), ([800, 4, 0], [800, 2, 0]));
+        let excess = arms.excess();
+        assert_eq!((excess["mean"].as_f64(), excess["faults_with_excess"].as_u64()), (Some(0.5), Some(2)));
+        let error = ((1.5f64.powi(2) + 0.5f64.powi(2) + 1.5f64.powi(2) + 0.5f64.powi(2)) / 3.0 / 4.0).sqrt();
+        assert!((excess["upper95"].as_f64().unwrap() - (0.5 + 1.645 * error)).abs() < 1e-12);
+        assert!(!arms.is_broken(), "four faults prove nothing");
+    }
+
+    #[test]
+    fn a_promise_is_broken_only_beyond_doubt() {
+        let many: Vec<Fault> = (0..50).map(|index| fault(2 + index % 2, 0)).collect();
+        assert!(Arms::of(many.iter()).is_broken());
+        let noise: Vec<Fault> = (0..50).map(|index| fault(u64::from(index == 7) * 4, u64::from(index == 9) * 2)).collect();
+        assert!(!Arms::of(noise.iter()).is_broken());
+        assert!(is_broken(&json!({ "invalid_applied": 1 })) && !is_broken(&json!({ "faults": [] })));
+    }
+}

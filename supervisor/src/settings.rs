@@ -1,0 +1,163 @@
+//! From the command line to the station's settings, everything checked before anything starts.
+
+use crate::cli::RunArgs;
+use crate::faultfile::{self, Injection};
+use crate::plan::{self, Plan};
+use hyst_engine::Settings;
+use hyst_engine::settings::SET_KEYS;
+use hyst_messages::{MAX_WORKERS, Role};
+use std::path::{Path, PathBuf};
+
+/// A command that is not done, with its exit code and a message that names the cure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Exit code.
+    pub code: u8,
+    /// What, where, what to do.
+    pub message: String,
+}
+
+impl Refusal {
+    /// Bad arguments or bad input.
+    pub fn input(message: impl Into<String>) -> Refusal {
+        Refusal { code: 2, message: message.into() }
+    }
+    /// It failed.
+    pub fn failed(message: impl Into<String>) -> Refusal {
+        Refusal { code: 1, message: message.into() }
+    }
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Refusal> {
+    std::path::absolute(path).map_err(|e| Refusal::input(format!("{}: {e}", path.display())))
+}
+
+/// The settings and the plan of a run.
+pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
+    if args.lockstep {
+        return Err(Refusal::input("--lockstep: this build does not offer the virtual clock; run without it"));
+    }
+    let headless = args.headless || !has_display();
+    let workers = args.workers.unwrap_or(Settings::default().workers);
+    if workers > MAX_WORKERS {
+        return Err(Refusal::input(format!("--workers {workers}: at most {MAX_WORKERS} are allowed")));
+    }
+    let mut settings = Settings {
+        scene: args.scene.as_deref().map(absolute).transpose()?,
+        hand: args.hand.clone().unwrap_or_else(|| if headless { "script:press".into() } else { "mouse".into() }),
+        headless,
+        workers,
+        record: args.record.as_deref().map(absolute).transpose()?,
+        pictures: args.pictures.as_deref().map(absolute).transpose()?,
+        test_mode: args.test_mode,
+        ..Settings::default()
+    };
+    check_hand(&mut settings)?;
+    for pair in &args.set {
+        let (key, value) = pair.split_once('=').ok_or_else(|| Refusal::input(format!("--set {pair}: write key=value\n{}", known_keys())))?;
+        check_set(key, value)?;
+        settings.set.insert(key.into(), value.into());
+    }
+    check_outputs(args, &settings)?;
+    let faults = read_faults(args)?;
+    let spares = settings.switch("spares", true).map_err(|e| Refusal::input(e.to_string()))?;
+    let roles = args.roles.as_ref().map(|names| names.iter().map(|name| known_role(name)).collect::<Result<Vec<Role>, _>>()).transpose()?;
+    let binaries = match &args.binaries {
+        Some(folder) => absolute(folder)?,
+        None => own_folder()?,
+    };
+    let slots = plan::slots(&settings, spares, roles.as_deref()).iter().map(ToString::to_string).collect();
+    let plan = Plan { binaries, slots, faults };
+    let missing = plan.missing();
+    if !missing.is_empty() {
+        let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();
+        return Err(Refusal::input(format!("missing: {}; build all engines into one folder with `cargo build --release`", list.join(", "))));
+    }
+    Ok((settings, plan))
+}
+
+fn has_display() -> bool {
+    ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+}
+
+fn own_folder() -> Result<PathBuf, Refusal> {
+    let program = std::env::current_exe().map_err(|e| Refusal::failed(format!("cannot find the folder of this program: {e}")))?;
+    Ok(program.parent().map(Path::to_path_buf).unwrap_or_default())
+}
+
+fn known_role(name: &str) -> Result<Role, Refusal> {
+    Role::from_name(name).ok_or_else(|| Refusal::input(format!("--roles {name}: no such role; use the names that `status` shows")))
+}
+
+fn check_hand(settings: &mut Settings) -> Result<(), Refusal> {
+    let hand = settings.hand.clone();
+    let bad = |reason: &str| Err(Refusal::input(format!("--hand {hand}: {reason}")));
+    match hand.split_once(':') {
+        None if hand == "idle" => Ok(()),
+        None if hand == "mouse" && settings.headless => bad("there is no window that the mouse could be in; use script:press, or run with a display"),
+        None if hand == "mouse" => Ok(()),
+        Some(("script", name)) if !name.is_empty() => Ok(()),
+        Some(("replay", file)) if Path::new(file).is_file() => {
+            settings.hand = format!("replay:{}", absolute(Path::new(file))?.display());
+            Ok(())
+        }
+        Some(("replay", _)) => bad("the recording cannot be read; give the path of an MCAP file"),
+        _ => bad("write script:idle, script:press, script:explore, script:polyp, mouse, replay:FILE or idle"),
+    }
+}
+
+fn check_outputs(args: &RunArgs, settings: &Settings) -> Result<(), Refusal> {
+    for (name, path) in [("--record", &settings.record), ("--report", &args.report)] {
+        let folder = path.as_deref().map(|path| path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+            return Err(Refusal::input(format!("{name}: folder {} does not exist; make it first", folder.display())));
+        }
+    }
+    if let Some(folder) = &settings.pictures {
+        std::fs::create_dir_all(folder).map_err(|e| Refusal::input(format!("--pictures {}: {e}; give a folder that can be made", folder.display())))?;
+    }
+    Ok(())
+}
+
+fn read_faults(args: &RunArgs) -> Result<Vec<Injection>, Refusal> {
+    let Some(path) = &args.faults else { return Ok(Vec::new()) };
+    if !args.test_mode {
+        return Err(Refusal::input("--faults: faults are injected in test mode alone; add --test-mode"));
+    }
+    Ok(faultfile::read(path).map_err(|e| Refusal::input(e.to_string()))?.fault)
+}
+
+/// The keys that `--set` takes, one a line.
+pub fn known_keys() -> String {
+    let lines: Vec<String> = SET_KEYS.iter().map(|(key, text)| format!("  {key:<20} {text}")).collect();
+    format!("known keys:\n{}", lines.join("\n"))
+}
+
+/// Checks a value against what its key's text says it takes: `A to B: …`, or `a, b or c: …`.
+pub fn check_set(key: &str, value: &str) -> Result<(), Refusal> {
+    let Some((_, text)) = SET_KEYS.iter().find(|(known, _)| *known == key) else {
+        return Err(Refusal::input(format!("--set {key}: no such key\n{}", known_keys())));
+    };
+    let takes = text.split(':').next().unwrap_or(text);
+    let fits = match takes.split_once(" to ").map(|(low, high)| (low.trim().parse::<f64>(), high.trim().parse::<f64>())) {
+        Some((Ok(low), Ok(high))) => value.parse::<f64>().is_ok_and(|value| (low..=high).contains(&value)),
+        _ => takes.replace(" or ", ", ").split(", ").any(|word| word.trim() == value),
+    };
+    if fits { Ok(()) } else { Err(Refusal::input(format!("--set {key}={value}: expected {takes}"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn set_takes_what_the_keys_say_and_nothing_else() {
+        for (key, value) in [("realtime", "off"), ("isa", "avx2"), ("tissue_step_ticks", "4"), ("drift_ppm", "-20.5"), ("fluid_threads", "3")] {
+            assert_eq!(check_set(key, value), Ok(()), "{key}={value}");
+        }
+        for (key, value) in [("realtime", "maybe"), ("isa", "sse9"), ("tissue_step_ticks", "3"), ("drift_ppm", "900"), ("drift_ppm", "nan"), ("view", "")] {
+            assert_eq!(check_set(key, value).unwrap_err().code, 2, "{key}={value}");
+        }
+        assert!(check_set("colour", "red").unwrap_err().message.contains("tissue_step_ticks"), "an unknown key lists the known ones");
+    }
+}

@@ -1,0 +1,201 @@
+//! Starting an incarnation: number, page, services, process, and then the words in the station page that tell everyone. And its end:
+//! the services are dropped and the page is removed, after the process was reaped.
+//!
+//! The services of an incarnation exist before its process does, and the supervisor holds them while it lives, so that a process that
+//! dies while it starts cannot leave a service half-made.
+
+use crate::plan::Plan;
+use crate::policy::Exit;
+use crate::proc;
+use crate::watch::Ward;
+use hyst_exchange::page::PageError;
+use hyst_exchange::rendezvous::HeldRendezvous;
+use hyst_exchange::stream::HeldService;
+use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
+use hyst_messages::page::station as layout;
+use hyst_messages::{Kind, Role, Slot};
+use rustix::process::{PidfdFlags, WaitOptions};
+use std::collections::BTreeMap;
+use std::os::unix::process::CommandExt;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+
+/// Why an incarnation could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum SpawnError {
+    /// Its page.
+    #[error("{0}: {1}")]
+    Page(Slot, PageError),
+    /// Its services.
+    #[error("{0}: {1}")]
+    Link(Slot, LinkError),
+    /// Its process or log.
+    #[error("{slot}: cannot start {path}: {source}; build all binaries into one folder (`cargo build --release`)")]
+    Process {
+        /// Where.
+        slot: Slot,
+        /// The binary or log.
+        path: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It was gone before it could be watched.
+    #[error("{0}: the process was gone before it could be watched; look at its log")]
+    Gone(Slot),
+    /// The station.
+    #[error(transparent)]
+    Station(#[from] StationError),
+}
+
+#[derive(Debug)]
+enum Service {
+    Stream(#[allow(dead_code, reason = "held, not used")] HeldService),
+    Rendezvous(#[allow(dead_code, reason = "held, not used")] HeldRendezvous),
+}
+
+/// Streams that an incarnation of a role writes; the rendezvous is last in the list of tissue.
+pub const fn kinds_of(role: Role) -> &'static [Kind] {
+    match role {
+        Role::Tissue => &[Kind::TissueState, Kind::Topology, Kind::CollisionJob, Kind::Appearance],
+        Role::CollisionWorker => &[Kind::Contacts],
+        Role::Fluid => &[Kind::FluidState],
+        Role::Haptic => &[Kind::Force],
+        Role::Rendering => &[Kind::Picture],
+        _ => &[],
+    }
+}
+
+/// Starts and buries incarnations.
+#[derive(Debug)]
+pub struct Spawner {
+    station: Station,
+    page: Arc<OwnedPage>,
+    links: Links,
+    plan: Plan,
+    held: BTreeMap<(Slot, u32), Vec<Service>>,
+}
+
+impl Spawner {
+    /// Joins the station's link domain.
+    pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan) -> Result<Spawner, LinkError> {
+        let links = Links::join(station, "supervisor")?;
+        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new() })
+    }
+
+    /// Starts a new incarnation in a slot whose last owner was reaped.
+    pub fn spawn(&mut self, slot: Slot) -> Result<Ward, SpawnError> {
+        let incarnation = self.page.fetch_add64(layout::NEXT_INCARNATION, 1) as u32;
+        drop(self.station.create_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?);
+        let made = self.create_services(slot, incarnation).and_then(|()| self.start(slot, incarnation));
+        if made.is_err() {
+            self.bury(slot, incarnation);
+        }
+        made
+    }
+
+    fn create_services(&mut self, slot: Slot, incarnation: u32) -> Result<(), SpawnError> {
+        let mut services = Vec::new();
+        for &kind in kinds_of(slot.role()) {
+            let service = match kind {
+                Kind::Appearance => self.links.create_rendezvous(slot.role(), incarnation, kind).map(Service::Rendezvous),
+                _ => self.links.create_service(slot.role(), incarnation, kind).map(Service::Stream),
+            };
+            services.push(service.map_err(|e| SpawnError::Link(slot, e))?);
+        }
+        self.held.insert((slot, incarnation), services);
+        Ok(())
+    }
+
+    fn start(&self, slot: Slot, incarnation: u32) -> Result<Ward, SpawnError> {
+        let binary = self.plan.binary(slot.role());
+        let log_path = self.station.log(slot);
+        let fail = |path: &std::path::Path, source| SpawnError::Process { slot, path: path.display().to_string(), source };
+        let log = std::fs::OpenOptions::new().append(true).create(true).open(&log_path).map_err(|e| fail(&log_path, e))?;
+        let second = log.try_clone().map_err(|e| fail(&log_path, e))?;
+        let spawned_ns = system::now_ns();
+        // Without pre_exec the standard library uses posix_spawn, which does not copy this process.
+        let child = Command::new(&binary)
+            .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
+            .stdin(Stdio::null())
+            .stdout(log)
+            .stderr(second)
+            .process_group(0)
+            .spawn()
+            .map_err(|e| fail(&binary, e))?;
+        let pid = child.id();
+        let at = slot.number();
+        // A child that has already exited is still a zombie of this process: it has no start time, but a pidfd.
+        self.page.store64(layout::SLOT_START + at, system::process_start(pid).unwrap_or(0));
+        self.page.store32(layout::SLOT_PID + at, pid);
+        self.page.store32(layout::SLOT_DEAD + at, 0);
+        self.page.store32(layout::SLOT_INCARNATION + at, incarnation);
+        self.page.bump_and_wake(layout::CHANGES);
+        self.watch(slot, incarnation, pid, spawned_ns)
+    }
+
+    fn watch(&self, slot: Slot, incarnation: u32, pid: u32, spawned_ns: u64) -> Result<Ward, SpawnError> {
+        let process = proc::pid(pid).ok_or(SpawnError::Gone(slot))?;
+        let pidfd = rustix::process::pidfd_open(process, PidfdFlags::empty()).map_err(|_| SpawnError::Gone(slot))?;
+        let page = self.station.read_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?;
+        Ok(Ward::new(slot, incarnation, pid, pidfd, page, spawned_ns))
+    }
+
+    /// Takes over an incarnation that a supervisor before this one started; `None` if it is not alive.
+    pub fn adopt(&mut self, slot: Slot) -> Option<Ward> {
+        let page = self.station.open().ok()?;
+        let living = crate::remains::slot_alive(&page, slot.number())?;
+        let incarnation = page.incarnation(slot);
+        let ward = self.watch(slot, incarnation, living.pid, system::now_ns()).ok()?;
+        let mut services = Vec::new();
+        for &kind in kinds_of(slot.role()) {
+            let service = match kind {
+                Kind::Appearance => self.links.hold_rendezvous(slot.role(), incarnation, kind).map(Service::Rendezvous),
+                _ => self.links.hold_service(slot.role(), incarnation, kind).map(Service::Stream),
+            };
+            services.extend(service.ok()); // not held means only that it goes with the engine
+        }
+        self.held.insert((slot, incarnation), services);
+        Some(ward)
+    }
+
+    /// Says that the slot's incarnation is dead, if it is still the one in the slot.
+    pub fn mark_dead(&self, slot: Slot, incarnation: u32) {
+        let at = slot.number();
+        if self.page.load32(layout::SLOT_INCARNATION + at) == incarnation && self.page.load32(layout::SLOT_DEAD + at) == 0 {
+            self.page.store32(layout::SLOT_DEAD + at, 1);
+            self.page.bump_and_wake(layout::CHANGES);
+        }
+    }
+
+    /// Drops the services of a dead incarnation and removes its page.
+    pub fn bury(&mut self, slot: Slot, incarnation: u32) {
+        self.held.remove(&(slot, incarnation));
+        let _ = std::fs::remove_file(self.station.slot_page(slot, incarnation)); // gone already is as good
+    }
+
+    /// The station.
+    pub fn station(&self) -> &Station {
+        &self.station
+    }
+    /// The plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+    /// The station's page.
+    pub fn page(&self) -> &Arc<OwnedPage> {
+        &self.page
+    }
+}
+
+/// Takes the exit status of a dead child; an adopted process is not a child, and its end stays unknown.
+pub fn reap(pid: u32) -> Exit {
+    let Some(pid) = proc::pid(pid) else { return Exit::Unknown };
+    match rustix::process::waitpid(Some(pid), WaitOptions::NOHANG) {
+        Ok(Some((_, status))) => match (status.exit_status(), status.terminating_signal()) {
+            (Some(code), _) => Exit::Code(code),
+            (None, Some(signal)) => Exit::Signal(signal),
+            (None, None) => Exit::Unknown,
+        },
+        _ => Exit::Unknown,
+    }
+}

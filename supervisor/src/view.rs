@@ -1,0 +1,175 @@
+//! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
+
+use hyst_exchange::{ReadPage, Station, StationError, StationPage, system};
+use hyst_messages::page::{header, station as layout};
+use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// One process.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProcessView {
+    /// Slot's name.
+    pub name: String,
+    /// Process id.
+    pub pid: u32,
+    /// Epoch in which it holds its role, 0 if it does not.
+    pub epoch: u32,
+    /// `starting`, `warming`, `spare`, `live`, `stopping`, `failed` or `dead`.
+    pub state: &'static str,
+    /// Incarnation.
+    pub incarnation: u32,
+    /// Restarts of the slot after faults.
+    pub restarts: u64,
+    /// Steps per second since the look before; `None` at the first look.
+    pub rate_hz: Option<f64>,
+    /// 99th percentile of the wake-up latency since its start, µs.
+    pub wakeup_p99_us: Option<f64>,
+    /// Age of its newest value, ms.
+    pub age_ms: Option<f64>,
+    /// Its newest tick.
+    pub tick: u64,
+}
+
+/// The station.
+#[derive(Clone, Debug, Serialize)]
+pub struct StationView {
+    /// Name.
+    pub station: String,
+    /// Tick.
+    pub tick: u64,
+    /// `running`, `stopping` or `dead`.
+    pub state: &'static str,
+    /// Faults may be injected.
+    pub test_mode: bool,
+    /// Processes in slot order.
+    pub processes: Vec<ProcessView>,
+}
+
+/// Looks at a station again and again.
+#[derive(Debug)]
+pub struct Viewer {
+    station: Station,
+    page: StationPage,
+    pages: BTreeMap<Slot, (u32, ReadPage)>,
+    before: BTreeMap<Slot, (u32, u64, u64)>,
+}
+
+impl Viewer {
+    /// Opens a station; an error if there is none.
+    pub fn open(station: &Station) -> Result<Viewer, StationError> {
+        Ok(Viewer { station: station.clone(), page: station.open()?, pages: BTreeMap::new(), before: BTreeMap::new() })
+    }
+
+    /// The station's page.
+    pub fn page(&self) -> &StationPage {
+        &self.page
+    }
+
+    /// The page of the slot's present incarnation.
+    pub fn slot_page(&mut self, slot: Slot) -> Option<&ReadPage> {
+        let incarnation = self.page.incarnation(slot);
+        if incarnation == 0 {
+            return None;
+        }
+        if self.pages.get(&slot).is_none_or(|(known, _)| *known != incarnation) {
+            self.pages.remove(&slot);
+            let page = self.station.read_slot(slot, incarnation).ok()?;
+            self.pages.insert(slot, (incarnation, page));
+        }
+        self.pages.get(&slot).map(|(_, page)| page)
+    }
+
+    /// Looks.
+    pub fn look(&mut self) -> StationView {
+        let mut processes = Vec::new();
+        for slot in (0..SLOTS).filter_map(Slot::from_number) {
+            if self.page.pid(slot) != 0 {
+                processes.push(self.process(slot));
+            }
+        }
+        let alive = processes.iter().any(|process| process.state != "dead");
+        let state = match (alive, self.page.stop_requested()) {
+            (false, _) => "dead",
+            (true, true) => "stopping",
+            (true, false) => "running",
+        };
+        StationView {
+            station: self.station.name().to_string(),
+            tick: self.page.tick_at(system::now_ns()),
+            state,
+            test_mode: self.page.test_mode(),
+            processes,
+        }
+    }
+
+    fn process(&mut self, slot: Slot) -> ProcessView {
+        let alive = crate::remains::slot_alive(&self.page, slot.number()).is_some();
+        let mut view = ProcessView {
+            name: slot.to_string(),
+            pid: self.page.pid(slot),
+            epoch: 0,
+            state: if alive { "live" } else { "dead" },
+            incarnation: self.page.incarnation(slot),
+            restarts: self.page.page().load64(layout::SLOT_RESTARTS + slot.number()),
+            rate_hz: None,
+            wakeup_p99_us: None,
+            age_ms: None,
+            tick: 0,
+        };
+        if slot.role() == Role::Supervisor {
+            view.epoch = self.page.page().load64(layout::SUPERVISOR_STARTS) as u32;
+            view.restarts = (view.epoch as u64).saturating_sub(1);
+        }
+        let before = self.before.get(&slot).copied();
+        let Some(page) = self.slot_page(slot) else { return view };
+        let now_ns = system::now_ns();
+        view.epoch = page.load64(header::EPOCH) as u32;
+        view.tick = page.load64(header::TICK);
+        if alive {
+            view.state = page.state().name();
+        }
+        let value_ns = page.load64(header::VALUE_NS);
+        view.age_ms = (value_ns != 0).then(|| now_ns.saturating_sub(value_ns) as f64 * 1e-6);
+        let mut wakeups = [0u64; LATENCY_BUCKETS];
+        page.load64s(header::WAKEUP, &mut wakeups);
+        let p99_ns = percentile_ns(&wakeups, 0.99);
+        view.wakeup_p99_us = (p99_ns != 0).then_some(p99_ns as f64 * 1e-3);
+        let steps = page.load64(header::STEPS);
+        if let Some((incarnation, steps_before, before_ns)) = before
+            && incarnation == view.incarnation
+            && now_ns > before_ns
+        {
+            view.rate_hz = Some(steps.saturating_sub(steps_before) as f64 * 1e9 / (now_ns - before_ns) as f64);
+        }
+        self.before.insert(slot, (view.incarnation, steps, now_ns));
+        view
+    }
+}
+
+/// The table of a look, as lines of plain text.
+pub fn table(view: &StationView) -> String {
+    let mut text = format!(
+        "station {}  {}  tick {}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}\n",
+        view.station,
+        view.state,
+        view.tick,
+        if view.test_mode { "  test mode" } else { "" },
+        "process", "incarn", "pid", "state", "epoch", "rate/Hz", "p99 wake/us", "age/ms"
+    );
+    let number = |value: Option<f64>, digits: usize| value.map_or("-".to_string(), |value| format!("{value:.digits$}"));
+    for process in &view.processes {
+        text.push_str(&format!(
+            "{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}\n",
+            process.name,
+            process.incarnation,
+            process.pid,
+            process.state,
+            process.epoch,
+            number(process.rate_hz, 1),
+            number(process.wakeup_p99_us, 0),
+            number(process.age_ms, 1)
+        ));
+    }
+    text
+}

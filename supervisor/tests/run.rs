@@ -1,0 +1,218 @@
+//! The keeper with processes that do nothing but beat: it starts them, brings them back, adopts them, stops them, and leaves nothing.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+const HYSTATION: &str = env!("CARGO_BIN_EXE_hystation");
+/// A wait in these tests ends with a failure after this time; a station of such processes is ready within a fraction of a second.
+const PATIENCE: Duration = Duration::from_secs(40);
+
+struct Place {
+    name: String,
+    folder: PathBuf,
+}
+
+impl Place {
+    /// A folder in which every engine's name is the fake engine.
+    fn new(name: &str) -> Place {
+        let name = format!("k{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(&name);
+        std::fs::create_dir_all(&folder).unwrap();
+        let fake = Path::new(HYSTATION).parent().unwrap().join("examples/fake_engine");
+        for role in ["hardware", "device", "haptic", "tissue", "fluid", "rendering", "recorder", "collision-worker"] {
+            std::os::unix::fs::symlink(&fake, folder.join(role)).unwrap();
+        }
+        Place { name, folder }
+    }
+    fn command(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(HYSTATION);
+        command.args(["--name", &self.name]).args(words);
+        command
+    }
+    fn call(&self, words: &[&str]) -> Output {
+        self.command(words).output().unwrap()
+    }
+    fn start(&self, words: &[&str]) -> Child {
+        let mut command = self.command(&["run", "--headless", "--binaries", self.folder.to_str().unwrap()]);
+        command.args(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    }
+    fn report(&self) -> PathBuf {
+        self.folder.join("report.json")
+    }
+    fn status(&self) -> Option<serde_json::Value> {
+        let output = self.call(&["status", "--json"]);
+        output.status.success().then(|| serde_json::from_slice(&output.stdout).unwrap())
+    }
+    /// Waits until the processes fulfil a condition.
+    fn wait(&self, what: &str, mut holds: impl FnMut(&[(String, u64, String)]) -> bool) -> Vec<(String, u64, String)> {
+        let since = Instant::now();
+        while since.elapsed() < PATIENCE {
+            if let Some(status) = self.status() {
+                let row = |row: &serde_json::Value| (row["name"].as_str().unwrap().to_string(), row["pid"].as_u64().unwrap(), row["state"].as_str().unwrap().to_string());
+                let rows: Vec<_> = status["processes"].as_array().unwrap().iter().map(row).collect();
+                if holds(&rows) {
+                    return rows;
+                }
+            }
+        }
+        panic!("{what}: not within {PATIENCE:?}; {:?}", self.status());
+    }
+    fn wait_ready(&self) -> Vec<(String, u64, String)> {
+        self.wait("ready", |rows| rows.len() == 13 && rows.iter().all(|(_, _, state)| state == "live" || state == "spare"))
+    }
+    fn leftovers(&self) -> Vec<String> {
+        let names = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
+        names.filter(|name| name.contains(&self.name)).collect()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = self.call(&["stop"]);
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn pid_of(rows: &[(String, u64, String)], name: &str) -> u64 {
+    rows.iter().find(|(known, _, _)| known == name).map(|(_, pid, _)| *pid).unwrap()
+}
+
+fn kill(pid: u64) {
+    assert!(Command::new("kill").args(["-9", &pid.to_string()]).status().unwrap().success());
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
+    let place = Place::new("kill");
+    let report = place.report();
+    let child = place.start(&["--report", report.to_str().unwrap()]);
+    let rows = place.wait_ready();
+    let victim = pid_of(&rows, "haptic:0");
+    kill(victim);
+    place.wait("haptic:0 is back", |rows| rows.iter().any(|(name, pid, state)| name == "haptic:0" && *pid != victim && state == "live"));
+    let second = place.call(&["run", "--headless", "--binaries", place.folder.to_str().unwrap()]);
+    assert_eq!(second.status.code(), Some(2), "a second station of one name");
+    assert!(text(&second.stderr).contains("is running"));
+    assert_eq!(place.call(&["fault", "inject", "kill", "haptic:1"]).status.code(), Some(1), "faults are for test mode");
+    assert!(place.call(&["stop"]).status.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    let fault = &report["faults"][0];
+    assert_eq!((fault["kind"].as_str(), fault["target"].as_str(), fault["active"].as_bool()), (Some("external"), Some("haptic:0"), Some(true)));
+    assert!(fault["recovered_us"].as_f64().unwrap() > 0.0);
+    assert_eq!(report["processes"]["haptic:0"]["incarnations"], 2);
+    assert_eq!(report["leftovers"], serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 }));
+    for key in ["device", "copies", "invalid_applied", "stale_applied", "force_trace_hash", "state_hash", "fluid_deficit_ml", "removed_volume_ml"] {
+        assert!(!report[key].is_null(), "{key}");
+    }
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn engines_outlive_the_supervisor_and_their_deaths_are_not_forgotten() {
+    let place = Place::new("adopt");
+    let report = place.report();
+    let child = place.start(&["--report", report.to_str().unwrap()]);
+    let before = place.wait_ready();
+    let supervisor = pid_of(&before, "supervisor");
+    kill(supervisor);
+    let after = place.wait("a new supervisor", |rows| rows.iter().any(|(name, pid, state)| name == "supervisor" && *pid != supervisor && state == "live"));
+    for (name, pid, _) in before.iter().filter(|(name, _, _)| name != "supervisor") {
+        assert_eq!(pid_of(&after, name), *pid, "{name} was not touched");
+    }
+    let fluid = pid_of(&after, "fluid:1");
+    kill(fluid);
+    place.wait("an adopted engine is replaced", |rows| rows.iter().any(|(name, pid, state)| name == "fluid:1" && *pid != fluid && state == "spare"));
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    let targets: Vec<&str> = report["faults"].as_array().unwrap().iter().filter_map(|fault| fault["target"].as_str()).collect();
+    assert!(targets.contains(&"supervisor") && targets.contains(&"fluid:1"), "{targets:?}");
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn a_hanging_engine_is_found_by_its_heartbeat_and_replaced() {
+    let place = Place::new("hang");
+    let report = place.report();
+    let child = place.start(&["--test-mode", "--report", report.to_str().unwrap()]);
+    let victim = pid_of(&place.wait_ready(), "tissue:0");
+    assert!(place.call(&["fault", "inject", "stop", "tissue:active"]).status.success());
+    place.wait("tissue:0 is back", |rows| rows.iter().any(|(name, pid, state)| name == "tissue:0" && *pid != victim && state == "live"));
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    assert_eq!((report["faults"][0]["kind"].as_str(), report["faults"][0]["detected_by"].as_str()), (Some("stop"), Some("heartbeat")));
+}
+
+#[test]
+fn an_engine_that_refuses_the_scene_ends_the_run_with_its_words_and_code_2() {
+    let place = Place::new("refuse");
+    std::fs::write(place.folder.join("fake"), "refuse tissue").unwrap();
+    let output = place.start(&[]).wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("the cavity is inside out"), "{}", text(&output.stderr));
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn what_a_dead_station_left_is_removed_and_a_station_without_guardian_is_not() {
+    let place = Place::new("remains");
+    let mut child = place.start(&[]);
+    let rows = place.wait_ready();
+    kill(pid_of(&rows, "guardian"));
+    child.wait().unwrap();
+    let refused = place.call(&["run", "--headless", "--binaries", place.folder.to_str().unwrap()]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("without their guardian"), "{}", text(&refused.stderr));
+    assert!(place.call(&["stop"]).status.success(), "stop does the dead guardian's work");
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+    let mut child = place.start(&[]);
+    for (name, pid, _) in place.wait_ready().iter().filter(|(name, _, _)| name == "guardian" || name == "supervisor") {
+        assert!(*pid > 0, "{name}");
+        kill(*pid);
+    }
+    child.wait().unwrap();
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(place.call(&["stop"]).status.code(), Some(2), "nothing to stop");
+}
+
+#[test]
+fn bad_arguments_give_one_message_and_code_2_and_start_nothing() {
+    let place = Place::new("bad");
+    let binaries = place.folder.to_str().unwrap().to_string();
+    let missing = place.folder.join("nowhere").to_str().unwrap().to_string();
+    let cases: [&[&str]; 14] = [
+        &["run", "--set", "colour=red"],
+        &["run", "--set", "tissue_step_ticks=3"],
+        &["run", "--workers", "99"],
+        &["run", "--hand", "juggle"],
+        &["run", "--headless", "--hand", "mouse"],
+        &["run", "--lockstep"],
+        &["run", "--faults", "/dev/null"],
+        &["run", "--test-mode", "--faults", &missing],
+        &["run", "--binaries", &missing],
+        &["run", &missing],
+        &["run", "--for", "yesterday"],
+        &["swap", "tissue", "./x"],
+        &["replay", "x.mcap"],
+        &["status"],
+    ];
+    for words in cases {
+        let mut words = words.to_vec();
+        if words[0] == "run" && !words.contains(&"--binaries") {
+            words.extend(["--binaries", &binaries]);
+        }
+        let output = place.call(&words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {}", text(&output.stderr));
+        assert!(!output.stderr.is_empty() && !text(&output.stderr).contains("panicked"), "{words:?}");
+        assert_eq!(place.leftovers(), Vec::<String>::new(), "{words:?}");
+    }
+    assert_eq!(Command::new(HYSTATION).args(["--name", "Not A Name", "status"]).output().unwrap().status.code(), Some(2));
+}
