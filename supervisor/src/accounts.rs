@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+/// Samples between two looks at the share of memory, which walks the process's page tables for some milliseconds.
+const SHARE_EVERY: u64 = 8;
+
 /// What is counted in a page's header.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
@@ -96,8 +99,9 @@ pub struct Account {
     ready: Option<(u64, u64)>,
     /// Most resident memory, MiB.
     pub resident_mib: f64,
-    /// Newest share of memory, MiB.
+    /// Most memory with what is shared divided among its sharers, MiB.
     pub proportional_mib: f64,
+    samples: u64,
 }
 
 impl Account {
@@ -157,6 +161,10 @@ impl Accounts {
         account.present = counters;
         if let Some(process) = process {
             account.resident_mib = account.resident_mib.max(crate::proc::resident_mib(process).unwrap_or(0.0));
+            account.samples += 1;
+            if account.samples % SHARE_EVERY == SHARE_EVERY / 2 {
+                account.proportional_mib = account.proportional_mib.max(crate::proc::proportional_mib(process).unwrap_or(0.0));
+            }
         }
     }
 }

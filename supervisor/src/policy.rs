@@ -247,18 +247,18 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         return Vec::new();
     }
     let mut actions = vec![Action::MarkDead { slot, incarnation }];
-    if !stopping && exit == Exit::Code(2) && ready_ns.is_none() {
+    if stopping {
+        place.life = Life::Vacant { due_ns: u64::MAX };
+        return actions;
+    }
+    if exit == Exit::Code(2) && ready_ns.is_none() {
         place.life = Life::GivenUp;
         let reason = "it refused the scene or the settings";
         actions.push(Action::GiveUp { slot, reason, end: Some(2) });
         return actions;
     }
     let settled = ready_ns.is_some_and(|ready_ns| now_ns.saturating_sub(ready_ns) >= SETTLED_NS);
-    let gave_up = bereave(now_ns, slot, place, settled);
-    if stopping {
-        return actions;
-    }
-    actions.extend(gave_up);
+    actions.extend(bereave(now_ns, slot, place, settled));
     actions.extend(spawn_due(now_ns, state));
     actions
 }

@@ -4,6 +4,7 @@
 
 use crate::policy;
 use crate::proc;
+use hyst_engine::realtime::WATCH_PRIORITY;
 use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::page::{ProcessState, header, station as layout};
 use hyst_messages::{Role, Slot};
@@ -12,8 +13,6 @@ use rustix::fd::OwnedFd;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::Arc;
 
-/// Priority of the thread: above every engine.
-pub const PRIORITY: i32 = 90;
 /// Between two looks at the heartbeats: a twentieth of the shortest bound, and a load of less than a thousandth.
 const LOOK_NS: u64 = 5_000_000;
 /// When the thread itself was this much late, the host stalled and nobody else is blamed.
@@ -95,7 +94,7 @@ impl Watch {
         let own_bell = Arc::clone(&bell);
         std::thread::Builder::new().name("watch".into()).spawn(move || {
             if real_time {
-                system::become_fifo(PRIORITY); // refused without rights: then it watches at the ordinary priority
+                system::become_fifo(WATCH_PRIORITY); // refused without rights: then it watches at the ordinary priority
             }
             body(&page, &own_bell, &arrivals, &tell);
         })?;

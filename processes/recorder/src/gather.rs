@@ -1,8 +1,8 @@
 //! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid.
 
 use hyst_engine::{Failure, Life};
-use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::stream::READER_BUFFER;
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot};
@@ -27,7 +27,8 @@ impl History for DeviceLife {
         if self.began.get().is_none() {
             let end = self.end();
             let oldest = (end + 1).saturating_sub(RING_TICKS);
-            self.began.set((oldest..end).find(|tick| self.read(*tick).is_some()));
+            self.began
+                .set((oldest..end).find(|tick| self.read(*tick).is_some()));
         }
         self.began.get()
     }
@@ -65,7 +66,7 @@ pub struct Gather {
 impl Gather {
     /// Begins to look for the sources; goes on after `last_tick`.
     pub fn new(life: &Life, last_tick: Option<u64>) -> Result<Gather, Failure> {
-        let links = Links::join(&life.station, &format!("recorder-{}", life.incarnation))?;
+        let links = Links::join(&life.station, &life.slot.to_string())?;
         let interests = vec![
             (Role::Haptic, Wanted::Stream(Kind::Force)),
             (Role::Device, Wanted::Page),
@@ -74,7 +75,13 @@ impl Gather {
         ];
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         let collector = Collector::after(last_tick);
-        Ok(Gather { inbox, collector, lives: Vec::new(), streams: Vec::new(), statuses: Vec::new() })
+        Ok(Gather {
+            inbox,
+            collector,
+            lives: Vec::new(),
+            streams: Vec::new(),
+            statuses: Vec::new(),
+        })
     }
 
     /// Adds everything that is new to the block.
@@ -86,8 +93,20 @@ impl Gather {
         let taken = self.collector.collect(&self.lives);
         let tick = life.tick();
         block.applied.extend(taken.records);
-        block.events.extend(say(tick, Level::Warning, "skipped", "the device made no tick", &taken.unmade));
-        block.events.extend(say(tick, Level::Error, "lost", "the recording has lost", &taken.lost));
+        block.events.extend(say(
+            tick,
+            Level::Warning,
+            "skipped",
+            "the device made no tick",
+            &taken.unmade,
+        ));
+        block.events.extend(say(
+            tick,
+            Level::Error,
+            "lost",
+            "the recording has lost",
+            &taken.lost,
+        ));
         block.lost.extend(taken.lost);
         self.forget_lives();
         self.read_statuses(roster, block);
@@ -95,7 +114,9 @@ impl Gather {
 
     /// Waits until the device has made its last tick; a fraction of the time that a process has to stop.
     pub fn wait_for_last(&self) {
-        let Some(newest) = self.lives.last() else { return };
+        let Some(newest) = self.lives.last() else {
+            return;
+        };
         let (mut end, mut quiet) = (newest.end(), 0);
         for _ in 0..LAST_LOOKS {
             system::sleep_ns(LAST_LOOK_NS);
@@ -112,17 +133,27 @@ impl Gather {
         match arrival.port {
             Port::Stream(_, stream) => {
                 if let Some(at) = self.streams.iter().position(|(owner, _)| *owner == slot) {
-                    self.inbox.retire(Departure::Stream(self.streams.swap_remove(at).1));
+                    self.inbox
+                        .retire(Departure::Stream(self.streams.swap_remove(at).1));
                 }
                 self.streams.push((slot, stream));
             }
             // The life before is kept until its ring is read to its end.
-            Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife { page, began: Cell::new(None) }),
+            Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife {
+                page,
+                began: Cell::new(None),
+            }),
             Port::Page(page) => {
                 if let Some(at) = self.statuses.iter().position(|status| status.slot == slot) {
-                    self.inbox.retire(Departure::Page(self.statuses.swap_remove(at).page));
+                    self.inbox
+                        .retire(Departure::Page(self.statuses.swap_remove(at).page));
                 }
-                self.statuses.push(StatusPage { slot, incarnation: arrival.incarnation, page, seen: 0 });
+                self.statuses.push(StatusPage {
+                    slot,
+                    incarnation: arrival.incarnation,
+                    page,
+                    seen: 0,
+                });
             }
             Port::Client(..) => {} // none was asked for
         }
@@ -132,9 +163,12 @@ impl Gather {
         for (_, stream) in &self.streams {
             for _ in 0..=READER_BUFFER {
                 let Ok(Some(held)) = stream.next() else { break };
-                let records = Message::parse(held.bytes(), Kind::Force).and_then(|message| message.section::<AppliedRecord>(0));
+                let records = Message::parse(held.bytes(), Kind::Force)
+                    .and_then(|message| message.section::<AppliedRecord>(0));
                 match records {
-                    Ok(records) => records.iter().for_each(|record| self.collector.offer(*record)),
+                    Ok(records) => records
+                        .iter()
+                        .for_each(|record| self.collector.offer(*record)),
                     Err(_) => life.page.add64(header::INVALID, 1),
                 }
             }
@@ -143,7 +177,9 @@ impl Gather {
 
     /// Hands back the lives that are read to their end.
     fn forget_lives(&mut self) {
-        let (Some(newest), Some(next)) = (self.lives.last(), self.collector.next()) else { return };
+        let (Some(newest), Some(next)) = (self.lives.last(), self.collector.next()) else {
+            return;
+        };
         if self.lives.len() > 1 && newest.began().is_some_and(|began| next > began) {
             let keep = self.lives.len() - 1;
             for old in self.lives.drain(..keep) {
@@ -160,11 +196,21 @@ impl Gather {
                 continue;
             }
             if role == Role::Tissue {
-                let value = status.page.cell(tissue::STATUS).filter(|(number, _)| *number != status.seen);
-                block.tissue.extend(value.map(|(number, value)| status.note(number, value)));
+                let value = status
+                    .page
+                    .cell(tissue::STATUS)
+                    .filter(|(number, _)| *number != status.seen);
+                block
+                    .tissue
+                    .extend(value.map(|(number, value)| status.note(number, value)));
             } else {
-                let value = status.page.cell(fluid::STATUS).filter(|(number, _)| *number != status.seen);
-                block.fluid.extend(value.map(|(number, value)| status.note(number, value)));
+                let value = status
+                    .page
+                    .cell(fluid::STATUS)
+                    .filter(|(number, _)| *number != status.seen);
+                block
+                    .fluid
+                    .extend(value.map(|(number, value)| status.note(number, value)));
             }
         }
     }
@@ -174,6 +220,16 @@ impl Gather {
 fn say(tick: u64, level: Level, kind: &str, what: &str, ranges: &[TickRange]) -> Option<Event> {
     let (first, last) = (ranges.first()?.first, ranges.last()?.last);
     let count: u64 = ranges.iter().map(TickRange::count).sum();
-    let text = format!("{what}: {count} in {} ranges from tick {first} to {last}", ranges.len());
-    Some(Event { tick, level, kind: kind.into(), process: "recorder".into(), incarnation: 0, text })
+    let text = format!(
+        "{what}: {count} in {} ranges from tick {first} to {last}",
+        ranges.len()
+    );
+    Some(Event {
+        tick,
+        level,
+        kind: kind.into(),
+        process: "recorder".into(),
+        incarnation: 0,
+        text,
+    })
 }

@@ -103,6 +103,7 @@ impl Collision {
     pub fn hash(&mut self, context: &StepContext, points_m: &[[f32; 3]], owner: &[u32], cell_m: f32) -> Result<Job, Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let sections = self.sections(points_m.len());
+        self.coordinator.readmit();
         let jobs = self.jobs.as_ref().filter(|_| context.holding && self.coordinator.present() != 0);
         let Some(jobs) = jobs else {
             self.copied_bytes = 0;

@@ -29,6 +29,9 @@ const TRIALS: usize = 10;
 const SHARE_OF_PERIOD: f64 = 0.6;
 /// Pressure beyond which the pump's is not believed, Pa: its range ends at 20 kPa.
 const MAX_PRESSURE_PA: f32 = 40_000.0;
+/// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
+/// wall would need the stress-free shape, which no mesh of a distended cavity holds.
+const MAX_DISTENSION_PA: f32 = 2_000.0;
 /// Most surface vertices whose sum is checked before a foreign state is gone on from: one in so many.
 const SAMPLE: usize = 16;
 
@@ -150,6 +153,9 @@ impl<'a> MainLoop<'a> {
 
     /// Pressure for the step after this one: the fluid's newest that can be believed, else as it was.
     fn next_pressure(&self, before_pa: f32) -> f32 {
+        if !self.world.site.has_engine(Role::Fluid) {
+            return before_pa;
+        }
         let newest = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
         let newest = newest.max_by_key(|status| status.state_tick).map(|status| status.pressure_pa);
         newest.filter(|pressure| (0.0..=MAX_PRESSURE_PA).contains(pressure)).unwrap_or(before_pa)
@@ -259,7 +265,8 @@ impl Stateful for MainLoop<'_> {
             back: std::array::from_fn(|axis| pivot[axis] - pose.position_m[axis]),
         };
         self.contacts.meet(&self.world, self.collision.hits(), &tool, positions, velocities, memory)?;
-        self.pressure_pa.fill(before.pressure_pa - self.world.rest_pressure_pa);
+        let distension_pa = before.pressure_pa - self.world.rest_pressure_pa;
+        self.pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
         pressure_forces(&self.world.wall, positions, &self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 

@@ -80,9 +80,9 @@ impl SiteManager {
         self.engines.reserve(count);
     }
 
-    /// Engines of a role that have registered.
-    pub fn engines(&self, role: Role) -> usize {
-        self.engines.iter().filter(|(slot, _)| slot.role() == role).count()
+    /// Whether an engine of the role has registered.
+    pub fn has_engine(&self, role: Role) -> bool {
+        self.engines.iter().any(|(slot, _)| slot.role() == role)
     }
 
     /// All objects, in order of registration.
@@ -122,6 +122,7 @@ mod tests {
         let slot = Slot::first(Role::Fluid);
         site.register_engine(slot, 7);
         site.register_engine(slot, 9);
-        assert_eq!(site.engines(Role::Fluid), 1);
+        assert!(site.has_engine(Role::Fluid) && !site.has_engine(Role::Rendering));
+        assert_eq!(site.engines, vec![(slot, 9)]);
     }
 }

@@ -44,8 +44,6 @@ pub struct World {
     pub pivot_m: [f32; 3],
     /// Pressure at which the organ has its rest shape, Pa.
     pub rest_pressure_pa: f32,
-    /// Hash of the scene.
-    pub hash: u64,
 }
 
 /// The scene of the settings.
@@ -107,7 +105,6 @@ impl World {
             rest: scene.rest,
             pivot_m: scene.workspace.pivot_m,
             rest_pressure_pa: scene.fluid.set_pressure_pa,
-            hash: scene.hash,
         })
     }
 }

@@ -61,12 +61,28 @@ fn statistics(out: &mut Vec<u8>, contents: &Contents) {
     let mut body = Vec::new();
     words(&mut body, &[contents.counts.values().sum()]);
     body.extend((Channel::ALL.len() as u16).to_le_bytes());
-    for count in [Channel::ALL.len(), 0, contents.metadata.len(), contents.chunks.len()] {
+    for count in [
+        Channel::ALL.len(),
+        0,
+        contents.metadata.len(),
+        contents.chunks.len(),
+    ] {
         body.extend((count as u32).to_le_bytes());
     }
-    let filled = || contents.chunks.iter().filter(|chunk| chunk.message_end_time > 0);
-    let start = filled().map(|chunk| chunk.message_start_time).min().unwrap_or(0);
-    let end = filled().map(|chunk| chunk.message_end_time).max().unwrap_or(0);
+    let filled = || {
+        contents
+            .chunks
+            .iter()
+            .filter(|chunk| chunk.message_end_time > 0)
+    };
+    let start = filled()
+        .map(|chunk| chunk.message_start_time)
+        .min()
+        .unwrap_or(0);
+    let end = filled()
+        .map(|chunk| chunk.message_end_time)
+        .max()
+        .unwrap_or(0);
     words(&mut body, &[start, end]);
     counts(&mut body, &contents.counts);
     record(out, op::STATISTICS, &body);
@@ -75,7 +91,15 @@ fn statistics(out: &mut Vec<u8>, contents: &Contents) {
 fn chunk_indexes(out: &mut Vec<u8>, contents: &Contents) {
     for chunk in &contents.chunks {
         let mut body = Vec::new();
-        words(&mut body, &[chunk.message_start_time, chunk.message_end_time, chunk.chunk_start_offset, chunk.chunk_length]);
+        words(
+            &mut body,
+            &[
+                chunk.message_start_time,
+                chunk.message_end_time,
+                chunk.chunk_start_offset,
+                chunk.chunk_length,
+            ],
+        );
         counts(&mut body, &chunk.message_index_offsets);
         words(&mut body, &[chunk.message_index_length]);
         text(&mut body, &chunk.compression);
@@ -93,12 +117,15 @@ fn metadata_indexes(out: &mut Vec<u8>, contents: &Contents) {
     }
 }
 
+/// Writes all records of one kind.
+type Group<'a> = &'a dyn Fn(&mut Vec<u8>);
+
 /// The bytes from the end of the last block, at `end`, to the end of the file.
 pub(crate) fn encode(contents: &Contents, end: u64) -> Vec<u8> {
     let mut out = Vec::new();
     record(&mut out, op::DATA_END, &0u32.to_le_bytes());
     let summary_start = end + out.len() as u64;
-    let groups: [(u8, &dyn Fn(&mut Vec<u8>)); 5] = [
+    let groups: [(u8, Group); 5] = [
         (op::SCHEMA, &|out| schemas(out)),
         (op::CHANNEL, &|out| channels(out)),
         (op::STATISTICS, &|out| statistics(out, contents)),

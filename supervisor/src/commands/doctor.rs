@@ -1,6 +1,118 @@
-//! `hystation doctor`.
+//! `hystation doctor`: is this machine fit for a station, and the cure for each thing that is not. Nothing is changed.
+
 use crate::settings::Refusal;
-/// Doctor.
+use hyst_exchange::system;
+use rustix::process::{Resource, getrlimit};
+use std::path::Path;
+
+/// Memory that the real-time processes lock together, bytes.
+const LOCKED_BYTES: u64 = 256 << 20;
+/// What a station of the default scene takes in /dev/shm, bytes.
+const SHARED_BYTES: u64 = 64 << 20;
+
+/// One finding.
+struct Finding {
+    what: &'static str,
+    found: String,
+    /// What to do; `None` if it is good.
+    cure: Option<String>,
+    /// A station runs without it, though worse.
+    is_optional: bool,
+}
+
+fn finding(what: &'static str, found: String, good: bool, is_optional: bool, cure: &str) -> Finding {
+    Finding { what, found, cure: (!good).then(|| cure.to_string()), is_optional }
+}
+
+/// Looks at the machine; exit code 1 if a station cannot run on it.
 pub fn doctor() -> Result<u8, Refusal> {
-    super::not_here("doctor")
+    let findings = [cores(), real_time(), locked_memory(), shared_memory(), throttling(), pictures(), display(), leftovers()];
+    for finding in &findings {
+        let mark = match (&finding.cure, finding.is_optional) {
+            (None, _) => "good",
+            (Some(_), true) => "weak",
+            (Some(_), false) => "bad ",
+        };
+        println!("{mark}  {:<16} {}", finding.what, finding.found);
+        if let Some(cure) = &finding.cure {
+            println!("      {:<16} cure: {cure}", "");
+        }
+    }
+    Ok(u8::from(findings.iter().any(|finding| finding.cure.is_some() && !finding.is_optional)))
+}
+
+fn cores() -> Finding {
+    let cores = system::cores();
+    finding("cores", format!("{cores}"), cores >= 2, true, "give the station two cores: the two servos belong on different ones")
+}
+
+fn real_time() -> Finding {
+    // Asked of a thread that ends at once, so that nothing here runs in real time.
+    let granted = std::thread::spawn(|| system::become_fifo(1)).join().unwrap_or(false);
+    let found = if granted { "SCHED_FIFO is granted" } else { "SCHED_FIFO is refused; the station runs without it, with more misses" };
+    let cure = "run as root, or put `@users - rtprio 95` into /etc/security/limits.d/hystation.conf and log in again, or give docker \
+                --cap-add SYS_NICE";
+    finding("real time", found.into(), granted, true, cure)
+}
+
+fn locked_memory() -> Finding {
+    let limit = getrlimit(Resource::Memlock).current;
+    let good = limit.is_none_or(|bytes| bytes >= LOCKED_BYTES) || system::user_id() == 0;
+    let found = limit.map_or("unlimited".to_string(), |bytes| format!("limit {} MiB", bytes >> 20));
+    let cure = "put `@users - memlock unlimited` into /etc/security/limits.d/hystation.conf and log in again, or give docker --ulimit memlock=-1";
+    finding("locked memory", found, good, true, cure)
+}
+
+fn shared_memory() -> Finding {
+    let cure = "free it (`ls -l /dev/shm`) or enlarge it: `mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g";
+    match rustix::fs::statvfs("/dev/shm") {
+        Ok(disk) => {
+            let (size, free) = (disk.f_blocks * disk.f_frsize, disk.f_bavail * disk.f_frsize);
+            finding("/dev/shm", format!("{} MiB free of {} MiB", free >> 20, size >> 20), free >= SHARED_BYTES, false, cure)
+        }
+        Err(error) => finding("/dev/shm", format!("{error}"), false, false, "mount a tmpfs there: `mount -t tmpfs tmpfs /dev/shm`"),
+    }
+}
+
+fn throttling() -> Finding {
+    let text = std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us").unwrap_or_default();
+    let found = if text.trim().is_empty() { "unknown".to_string() } else { format!("sched_rt_runtime_us {}", text.trim()) };
+    let granted_us: i64 = text.trim().parse().unwrap_or(-1);
+    let good = granted_us < 0 || granted_us >= 900_000;
+    finding("throttling", found, good, true, "`sysctl kernel.sched_rt_runtime_us=950000`: real-time threads need most of each second")
+}
+
+fn pictures() -> Finding {
+    let folders = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"];
+    let drivers: Vec<String> = folders
+        .iter()
+        .filter_map(|folder| std::fs::read_dir(folder).ok())
+        .flat_map(|entries| entries.flatten())
+        .map(|entry| entry.file_name().to_string_lossy().trim_end_matches(".json").to_string())
+        .collect();
+    let found = if drivers.is_empty() { "no Vulkan driver: there are no pictures".into() } else { drivers.join(", ") };
+    finding("Vulkan", found, !drivers.is_empty(), true, "`apt install mesa-vulkan-drivers libvulkan1`: the software driver is enough")
+}
+
+fn display() -> Finding {
+    let display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()));
+    let found = display.unwrap_or_else(|| "none: the station runs headless, with a scripted hand".into());
+    finding("display", found, true, true, "")
+}
+
+/// Roots and segments of stations of this user of which nobody lives.
+fn leftovers() -> Finding {
+    let user = system::user_id();
+    let roots = format!("hystation-{user}-");
+    let mut dead: Vec<String> = Vec::new();
+    for entry in std::fs::read_dir(Path::new("/dev/shm")).into_iter().flatten().flatten() {
+        let file = entry.file_name().to_string_lossy().into_owned();
+        let Some(name) = file.strip_prefix(&roots) else { continue };
+        if hyst_exchange::Station::named(name).is_ok_and(|station| crate::remains::living(&station).is_empty()) {
+            dead.push(name.to_string());
+        }
+    }
+    let found = if dead.is_empty() { "none of dead stations".into() } else { format!("of dead stations: {}", dead.join(", ")) };
+    let cure = format!("`hystation --name {} stop` removes them, and so does the next run of that name", dead.first().map_or("NAME", String::as_str));
+    finding("leftovers", found, dead.is_empty(), true, &cure)
 }

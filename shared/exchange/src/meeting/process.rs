@@ -62,7 +62,7 @@ impl ProcessCoordinator {
     }
 
     /// Excluded members that have joined the last release that named them are back.
-    fn readmit(&mut self) {
+    pub fn readmit(&mut self) {
         let incarnation = self.incarnation;
         for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded) {
             let caught_up = seat.page.load32(header::JOIN) == seat.named && seat.page.load32(header::JOIN_OF) == incarnation;

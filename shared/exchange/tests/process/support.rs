@@ -104,6 +104,10 @@ impl Partner {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+    /// Waits for its own end if its fate is one that it meets, and ends it otherwise.
+    pub fn kill_or_await(&mut self, fate: &str) {
+        if fate == "kill@before-request" { self.kill() } else { self.await_death() }
+    }
     /// Stops it from outside, and waits until it stands.
     pub fn stop(&self) {
         rustix::process::kill_process(self.pid(), Signal::STOP).unwrap();

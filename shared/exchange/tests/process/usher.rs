@@ -1,0 +1,125 @@
+//! The usher: what arrives of newcomers, of those who die in their start-up, and of successors.
+
+use crate::support::*;
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::{Links, OwnedPage, Station, Subscriber};
+use hyst_messages::page::header;
+use hyst_messages::{Kind, Role, Slot};
+
+const KIND: Kind = Kind::TissueState;
+const ME: u32 = 99;
+
+struct House {
+    station: Station,
+    links: Links,
+    keeper: OwnedPage,
+    inbox: Inbox,
+}
+
+fn house(station: &Station) -> House {
+    let links = Links::join(station, "supervisor").unwrap();
+    let ushers = Links::join(station, "usher").unwrap();
+    let interests = vec![(Role::Tissue, Wanted::Page), (Role::Tissue, Wanted::Stream(KIND)), (Role::Fluid, Wanted::Page)];
+    let inbox = usher(station, Some(ushers), ME, interests).unwrap();
+    House { station: station.clone(), links, keeper: station.open_for_keeping().unwrap(), inbox }
+}
+
+impl House {
+    fn next(&mut self) -> Arrival {
+        until(|| self.inbox.next())
+    }
+    /// Starts a tissue, as the supervisor does.
+    fn newcomer(&self, incarnation: u32, fate: &str) -> (Partner, hyst_exchange::stream::HeldService) {
+        let service = self.links.create_service(Role::Tissue, incarnation, KIND).unwrap();
+        drop(self.station.create_slot(slot(Role::Tissue), incarnation).unwrap());
+        announce(&self.keeper, slot(Role::Tissue), incarnation);
+        (Partner::start(&self.station, "newcomer", incarnation, fate, 0), service)
+    }
+    /// A page without a process, whose arrival shows that the usher has looked at everything announced before it.
+    fn marker(&mut self, index: usize) -> Vec<Arrival> {
+        let slot = Slot::new(Role::Fluid, index).unwrap();
+        let incarnation = 200 + index as u32;
+        drop(self.station.create_slot(slot, incarnation).unwrap());
+        announce(&self.keeper, slot, incarnation);
+        let mut before = Vec::new();
+        loop {
+            let arrival = self.next();
+            if arrival.incarnation == incarnation {
+                return before;
+            }
+            before.push(arrival);
+        }
+    }
+}
+
+fn stream_of(arrival: Arrival) -> Subscriber {
+    match arrival.port {
+        Port::Stream(KIND, subscriber) => subscriber,
+        other => panic!("a stream was expected: {other:?}"),
+    }
+}
+
+#[test]
+fn pages_and_streams_of_a_newcomer_and_of_its_successor_arrive_ready_for_use() {
+    isolated(pages_and_streams_of_a_newcomer_and_of_its_successor_arrive_ready_for_use, |station| {
+        let mut house = house(station);
+        for incarnation in [3, 4, 5] {
+            let (mut partner, _service) = house.newcomer(incarnation, "live");
+            let arrival = house.next();
+            assert_eq!((arrival.slot, arrival.incarnation), (slot(Role::Tissue), incarnation));
+            let Port::Page(page) = arrival.port else { panic!("the page is first: {:?}", arrival.port) };
+            assert_eq!(page.incarnation(), incarnation);
+            partner.expect("open");
+            let arrival = house.next();
+            assert_eq!(arrival.incarnation, incarnation);
+            let subscriber = stream_of(arrival);
+            partner.tell("send");
+            partner.expect("sent");
+            let held = subscriber.newest().unwrap().expect("what the newcomer sent");
+            assert_eq!(held.bytes(), [incarnation as u8; 64]);
+            partner.kill();
+            declare_dead(&house.keeper, slot(Role::Tissue));
+            assert_eq!(held.bytes(), [incarnation as u8; 64], "its last message outlives it");
+            for departure in [Departure::Page(page), Departure::Message(held), Departure::Stream(subscriber)] {
+                assert!(house.inbox.retire(departure));
+            }
+        }
+        assert!(house.inbox.next().is_none());
+    });
+}
+
+/// Found by this test: the usher kept looking, a thousand times per second, for about 20 s.
+#[test]
+fn a_process_that_dies_in_its_start_up_is_given_up_and_its_successor_arrives() {
+    isolated(a_process_that_dies_in_its_start_up_is_given_up_and_its_successor_arrives, |station| {
+        let mut house = house(station);
+        let (mut partner, _service) = house.newcomer(3, "kill@before-ports");
+        assert!(matches!(house.next().port, Port::Page(_)));
+        partner.await_death();
+        declare_dead(&house.keeper, slot(Role::Tissue));
+        assert!(house.marker(0).is_empty());
+        // Were it still waited for, this would make its stream arrive.
+        station.own_slot(slot(Role::Tissue), 3).unwrap().store32(header::PORTS_OPEN, 1);
+        assert!(house.marker(1).is_empty(), "a port of the dead");
+
+        let (mut successor, _service) = house.newcomer(4, "live");
+        successor.expect("open");
+        for _ in 0..2 {
+            assert_eq!(house.next().incarnation, 4);
+        }
+    });
+}
+
+#[test]
+fn one_that_stands_in_its_start_up_holds_up_nobody_and_arrives_when_it_goes_on() {
+    isolated(one_that_stands_in_its_start_up_holds_up_nobody_and_arrives_when_it_goes_on, |station| {
+        let mut house = house(station);
+        let (mut partner, _service) = house.newcomer(3, "stop@before-ports");
+        assert!(matches!(house.next().port, Port::Page(_)));
+        partner.await_stop();
+        assert!(house.marker(0).is_empty());
+        partner.go_on();
+        partner.expect("open");
+        assert_eq!(stream_of(house.next()).incarnation(), 3);
+    });
+}
