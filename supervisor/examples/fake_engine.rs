@@ -8,7 +8,8 @@ use hyst_messages::{Applied, LedgerEntry, Role, Slot};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
-    let value = |name: &str| arguments.iter().position(|word| word == name).and_then(|at| arguments.get(at + 1)).cloned().unwrap();
+    let value =
+        |name: &str| arguments.iter().position(|word| word == name).and_then(|at| arguments.get(at + 1)).cloned().unwrap();
     let station = Station::named(&value("--station")).unwrap();
     let slot = Slot::parse(&value("--slot")).unwrap();
     let incarnation: u32 = value("--incarnation").parse().unwrap();

@@ -155,7 +155,9 @@ impl Accounts {
         counters.ready_steps = account.present.ready_steps;
         if ready {
             let (since_ns, steps) = *account.ready.get_or_insert((now_ns, counters.steps));
-            counters.ready_s = now_ns.saturating_sub(since_ns) as f64 * 1e-9;
+            // Up to its last heartbeat: one that has stopped or died makes no more steps.
+            let beat_ns = page.load64(header::HEARTBEAT_NS).clamp(since_ns, now_ns.max(since_ns));
+            counters.ready_s = beat_ns.saturating_sub(since_ns) as f64 * 1e-9;
             counters.ready_steps = counters.steps.saturating_sub(steps);
         }
         account.present = counters;

@@ -18,7 +18,9 @@ pub struct ActiveLog {
 impl ActiveLog {
     /// Notes who is active at a time; what did not change costs nothing.
     pub fn note(&mut self, now_ns: u64, role: Role, incarnation: u32) {
-        if incarnation == 0 || self.changes.iter().rev().find(|(_, known, _)| *known == role).is_some_and(|(_, _, active)| *active == incarnation) {
+        if incarnation == 0
+            || self.changes.iter().rev().find(|(_, known, _)| *known == role).is_some_and(|(_, _, active)| *active == incarnation)
+        {
             return;
         }
         if self.changes.len() >= MOST_CHANGES {

@@ -33,7 +33,10 @@ impl Cleaner {
                 self.running = None;
             } else if now_ns.saturating_sub(since_ns) > WATCHDOG_NS {
                 crate::proc::signal(pid, Signal::KILL);
-                crate::journal::say(station, "the clean-up after the dead hung and was killed; it is tried again after the next death");
+                crate::journal::say(
+                    station,
+                    "the clean-up after the dead hung and was killed; it is tried again after the next death",
+                );
                 self.running = Some((pid, now_ns));
             }
             return;
@@ -58,8 +61,12 @@ fn start(station: &Station) -> Option<u32> {
 }
 
 fn is_over(pid: u32) -> bool {
-    let Some(process) = crate::proc::pid(pid) else { return true };
-    let Ok(fd) = rustix::process::pidfd_open(process, PidfdFlags::empty()) else { return true };
+    let Some(process) = crate::proc::pid(pid) else {
+        return true;
+    };
+    let Ok(fd) = rustix::process::pidfd_open(process, PidfdFlags::empty()) else {
+        return true;
+    };
     let mut polled = [PollFd::new(&fd, PollFlags::IN)];
     let over = rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok_and(|ready| ready > 0);
     if over {

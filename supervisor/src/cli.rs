@@ -176,7 +176,9 @@ pub fn seconds(text: &str) -> Result<f64, String> {
         _ => (text, 1.0),
     };
     let value = number.parse::<f64>().ok().map(|value| value * factor);
-    value.filter(|value| (0.0..=86_400.0).contains(value)).ok_or_else(|| format!("{text:?} is no time between 0 and 24h; write 30s, 2m or 500ms"))
+    value
+        .filter(|value| (0.0..=86_400.0).contains(value))
+        .ok_or_else(|| format!("{text:?} is no time between 0 and 24h; write 30s, 2m or 500ms"))
 }
 
 #[cfg(test)]
@@ -198,7 +200,13 @@ mod tests {
         let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();
         let Command::Run(run) = cli.command else { panic!("not run") };
         assert_eq!((cli.name.as_str(), run.for_s, run.workers, run.set.len()), ("a", Some(30.0), Some(3), 2));
-        for line in ["hystation status --json --name b", "hystation swap tissue ./x", "hystation fault inject stop haptic:active --for 2s", "hystation bench station --json", "hystation logs haptic:0 -f"] {
+        for line in [
+            "hystation status --json --name b",
+            "hystation swap tissue ./x",
+            "hystation fault inject stop haptic:active --for 2s",
+            "hystation bench station --json",
+            "hystation logs haptic:0 -f",
+        ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_ok(), "{line}");
         }
     }

@@ -127,14 +127,16 @@ fn send(mut stream: &UnixStream, text: &str) {
 /// Asks the supervisor of a station; the error says what to do.
 pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
     let path = station.control_socket();
-    let gone = |error: std::io::Error| format!("station {}: no supervisor answers at {}: {error}", station.name(), path.display());
+    let gone =
+        |error: std::io::Error| format!("station {}: no supervisor answers at {}: {error}", station.name(), path.display());
     let mut stream = UnixStream::connect(&path).map_err(gone)?;
     stream.set_read_timeout(Some(2 * ANSWER_WITHIN)).map_err(gone)?;
     let line = serde_json::to_string(request).map_err(|e| e.to_string())?;
     stream.write_all(format!("{line}\n").as_bytes()).map_err(gone)?;
     let mut text = String::new();
     stream.take(MOST_ANSWER_BYTES as u64).read_to_string(&mut text).map_err(gone)?;
-    let answer: serde_json::Value = serde_json::from_str(&text).map_err(|e| format!("station {}: the answer is damaged: {e}", station.name()))?;
+    let answer: serde_json::Value =
+        serde_json::from_str(&text).map_err(|e| format!("station {}: the answer is damaged: {e}", station.name()))?;
     match answer.get("ok").and_then(serde_json::Value::as_bool) {
         Some(true) => Ok(answer.get("value").cloned().unwrap_or_default()),
         _ => Err(answer.get("error").and_then(|error| error.as_str()).unwrap_or("refused").to_string()),

@@ -127,8 +127,12 @@ pub enum FaultFileError {
 impl Injection {
     /// What is wrong with it, if anything.
     pub fn check(&self) -> Result<Target, String> {
-        let target = Target::parse(&self.target)
-            .ok_or_else(|| format!("target {:?}: write PROCESS, PROCESS:active, PROCESS:spare or PROCESS:INDEX, as `status` names them", self.target))?;
+        let target = Target::parse(&self.target).ok_or_else(|| {
+            format!(
+                "target {:?}: write PROCESS, PROCESS:active, PROCESS:spare or PROCESS:INDEX, as `status` names them",
+                self.target
+            )
+        })?;
         match self.for_s {
             Some(for_s) if !(0.0..=3_600.0).contains(&for_s) => Err(format!("for = {for_s}: seconds between 0 and 3600")),
             _ => Ok(target),

@@ -36,8 +36,8 @@ const SUPERVISOR_LATE_NS: u64 = 3_000_000_000;
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
 const STOP_NS: u64 = 4_000_000_000;
-/// What a station of the default scene needs in /dev/shm, with room for restarts.
-const NEEDED_BYTES: u64 = 64 << 20;
+/// What a station needs in /dev/shm: the default scene took 88 MiB without pictures, and while a tissue is replaced three lie there.
+pub const NEEDED_BYTES: u64 = 192 << 20;
 
 struct Guardian {
     station: Station,
@@ -65,7 +65,8 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
     let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
     let draw = std::io::stdout().is_terminal() && !args.quiet;
-    let mut guardian = Guardian { station, page, supervisor: None, starts: 0, next_start_ns: 0, seen: 0, lines: Vec::new(), draw };
+    let mut guardian =
+        Guardian { station, page, supervisor: None, starts: 0, next_start_ns: 0, seen: 0, lines: Vec::new(), draw };
     guardian.keep(&plan, args.for_s, &stop);
     Ok(guardian.end(args, &plan))
 }
@@ -73,7 +74,12 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
 /// The name is held by an abstract socket, which goes with its process and leaves no file.
 fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
     let name = format!("hystation-{}-{}", system::user_id(), station.name());
-    let taken = || Refusal::input(format!("a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name", station.name()));
+    let taken = || {
+        Refusal::input(format!(
+            "a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name",
+            station.name()
+        ))
+    };
     let address = SocketAddr::from_abstract_name(name.as_bytes()).map_err(|e| Refusal::failed(format!("station name: {e}")))?;
     UnixListener::bind_addr(&address).map_err(|_| taken())
 }
@@ -99,7 +105,7 @@ fn found(station: &Station, settings: &Settings, plan: &Plan, scene_hash: u64) -
     if let Ok(disk) = rustix::fs::statvfs("/dev/shm")
         && disk.f_bavail * disk.f_frsize < NEEDED_BYTES
     {
-        let free_mib = disk.f_bavail * disk.f_frsize >> 20;
+        let free_mib = (disk.f_bavail * disk.f_frsize) >> 20;
         let need_mib = NEEDED_BYTES >> 20;
         return Err(Refusal::input(format!(
             "/dev/shm has {free_mib} MiB free, a station needs {need_mib}; remove files there (`ls -l /dev/shm`) or enlarge it \
@@ -131,7 +137,9 @@ fn make(station: &Station, settings: &Settings, plan: &Plan) -> Result<OwnedPage
 impl Guardian {
     /// Keeps the station until it is asked to stop, by whomever.
     fn keep(&mut self, plan: &Plan, for_s: Option<f64>, stop: &AtomicBool) {
-        let Ok(mut viewer) = Viewer::open(&self.station) else { return };
+        let Ok(mut viewer) = Viewer::open(&self.station) else {
+            return;
+        };
         let begin_ns = system::now_ns();
         let mut ready_ns = None;
         let mut next_draw_ns = 0;
@@ -146,7 +154,11 @@ impl Guardian {
             }
             if ready_ns.is_none() && (all_ready(&mut viewer, plan) || now_ns - begin_ns > READY_WITHIN_NS) {
                 ready_ns = Some(now_ns);
-                self.tell(&format!("station {:?} is ready after {:.1} s", self.station.name(), (now_ns - begin_ns) as f64 * 1e-9));
+                self.tell(&format!(
+                    "station {:?} is ready after {:.1} s",
+                    self.station.name(),
+                    (now_ns - begin_ns) as f64 * 1e-9
+                ));
             }
             if let (Some(for_s), Some(ready_ns)) = (for_s, ready_ns)
                 && (now_ns - ready_ns) as f64 * 1e-9 >= for_s

@@ -31,7 +31,9 @@ pub fn say(station: &Station, text: &str) {
 
 /// Lines after the first `seen` bytes; moves `seen` on.
 pub fn news(station: &Station, seen: &mut usize) -> Vec<String> {
-    let Ok(text) = std::fs::read_to_string(path(station)) else { return Vec::new() };
+    let Ok(text) = std::fs::read_to_string(path(station)) else {
+        return Vec::new();
+    };
     let news = text.get(*seen..).unwrap_or("").to_string();
     *seen = text.len();
     news.lines().map(str::to_string).collect()

@@ -48,6 +48,8 @@ pub struct Ledger {
     next_key: u64,
     first_fresh_tick: Option<u64>,
     newest_force_tick: u64,
+    /// Keys before this were counted by a supervisor before this one.
+    counted_to: u64,
     /// Ticks whose force was not finite or beyond any motor.
     pub invalid_applied: u64,
     /// Ticks whose force had been computed for an older tick than a force applied before, and for none of the last two.
@@ -56,7 +58,19 @@ pub struct Ledger {
     pub lost: u64,
 }
 
+/// What outlives the supervisor: key to which was counted, invalid, stale, lost.
+pub type Counted = [u64; 4];
+
 impl Ledger {
+    /// A ledger that goes on counting where another ended; the history is read again as far as the ring holds it.
+    pub fn resume([counted_to, invalid_applied, stale_applied, lost]: Counted) -> Ledger {
+        Ledger { counted_to, invalid_applied, stale_applied, lost, ..Ledger::default() }
+    }
+    /// What a successor resumes from.
+    pub fn counted(&self) -> Counted {
+        [self.next_key.max(self.counted_to), self.invalid_applied, self.stale_applied, self.lost]
+    }
+
     /// Reads what is new in the hardware's page.
     pub fn read(&mut self, page: &ReadPage) {
         let end = page.ring_end(layout::LEDGER);
@@ -72,21 +86,23 @@ impl Ledger {
             }
         }
         while self.next_key < end {
+            let counts = self.next_key >= self.counted_to;
             match page.ring(layout::LEDGER, self.next_key) {
-                Some(entry) => self.push(&entry),
-                None => self.lost += 1,
+                Some(entry) => self.push(&entry, counts),
+                None => self.lost += u64::from(counts),
             }
             self.next_key += 1;
         }
     }
 
-    /// Adds a tick.
-    pub fn push(&mut self, entry: &LedgerEntry) {
+    /// Adds a tick; `counts` is false for one that was counted before.
+    pub fn push(&mut self, entry: &LedgerEntry, counts: bool) {
         let fresh = entry.kind == Applied::Fresh as u32;
         let strength_n = norm(entry.force_n);
-        self.invalid_applied += u64::from(!strength_n.is_finite() || strength_n > LIMIT_N);
+        self.invalid_applied += u64::from(counts && (!strength_n.is_finite() || strength_n > LIMIT_N));
         let goes_back = entry.force_tick < self.newest_force_tick && entry.station_tick.saturating_sub(entry.force_tick) > 1;
-        self.stale_applied += u64::from(goes_back && entry.kind != Applied::Zero as u32 && entry.kind != Applied::Ramped as u32);
+        self.stale_applied +=
+            u64::from(counts && goes_back && entry.kind != Applied::Zero as u32 && entry.kind != Applied::Ramped as u32);
         self.newest_force_tick = self.newest_force_tick.max(entry.force_tick);
         if fresh {
             self.first_fresh_tick.get_or_insert(entry.station_tick);
@@ -95,7 +111,12 @@ impl Ledger {
             self.ticks.pop_front();
         }
         let station_tick = entry.station_tick.max(self.ticks.back().map_or(0, |tick| tick.station_tick));
-        self.ticks.push_back(Tick { station_tick, force_n: entry.force_n, missed: !fresh && entry.void == 0, void: entry.void != 0 });
+        self.ticks.push_back(Tick {
+            station_tick,
+            force_n: entry.force_n,
+            missed: !fresh && entry.void == 0,
+            void: entry.void != 0,
+        });
     }
 
     /// The newest station tick that was read; `None` before the first.
@@ -158,9 +179,11 @@ pub fn control_for(ledger: &Ledger, from_tick: u64, to_tick: u64, taken: &[(u64,
     let (settled, newest) = (ledger.settled_tick()?, ledger.newest_tick()?);
     let contact = ledger.in_contact(from_tick);
     let free = |start: u64| taken.iter().all(|(from, to)| start + length <= *from || start >= *to);
-    let before = (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map_while(|step| from_tick.checked_sub(length + step * CONTROL_STEP_TICKS));
+    let before =
+        (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map_while(|step| from_tick.checked_sub(length + step * CONTROL_STEP_TICKS));
     let after = (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map(|step| to_tick + step * CONTROL_STEP_TICKS);
-    let candidates = || before.clone().chain(after.clone()).filter(|start| *start >= settled && start + length <= newest && free(*start));
+    let candidates =
+        || before.clone().chain(after.clone()).filter(|start| *start >= settled && start + length <= newest && free(*start));
     let start = candidates().find(|start| ledger.in_contact(*start) == contact).or_else(|| candidates().next())?;
     Some(ledger.window(start, start + length))
 }
@@ -174,7 +197,7 @@ mod tests {
         for tick in 0..ticks {
             let kind = if missed.contains(&tick) { Applied::Held } else { Applied::Fresh } as u32;
             let contact = (tick / 500) % 2 == 1;
-            ledger.push(&LedgerEntry {
+            let entry = LedgerEntry {
                 hardware_tick: tick,
                 station_tick: tick,
                 force_tick: tick,
@@ -182,7 +205,8 @@ mod tests {
                 kind,
                 void: u32::from(void.contains(&tick)),
                 ..Default::default()
-            });
+            };
+            ledger.push(&entry, true);
         }
         ledger
     }
@@ -212,13 +236,15 @@ mod tests {
     #[test]
     fn a_force_that_goes_back_or_is_no_number_is_counted() {
         let mut ledger = ledger(10, &[], &[]);
-        let entry = |station_tick, force_tick, x| LedgerEntry { station_tick, force_tick, force_n: [x, 0.0, 0.0], ..Default::default() };
-        ledger.push(&entry(10, 9, 1.0));
-        ledger.push(&entry(11, 10, 1.0));
+        let entry =
+            |station_tick, force_tick, x| LedgerEntry { station_tick, force_tick, force_n: [x, 0.0, 0.0], ..Default::default() };
+        ledger.push(&entry(10, 9, 1.0), true);
+        ledger.push(&entry(11, 10, 1.0), true);
         assert_eq!((ledger.stale_applied, ledger.invalid_applied), (0, 0));
-        ledger.push(&entry(12, 7, 1.0));
-        ledger.push(&entry(13, 12, f32::NAN));
-        ledger.push(&entry(14, 13, 500.0));
+        ledger.push(&entry(12, 7, 1.0), true);
+        ledger.push(&entry(13, 12, f32::NAN), true);
+        ledger.push(&entry(14, 13, 500.0), true);
+        ledger.push(&entry(15, 14, 500.0), false);
         assert_eq!((ledger.stale_applied, ledger.invalid_applied), (1, 2));
     }
 }

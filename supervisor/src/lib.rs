@@ -7,6 +7,7 @@ pub mod clean;
 pub mod cli;
 pub mod commands;
 pub mod control;
+pub mod fault;
 pub mod faultfile;
 pub mod faults;
 pub mod guardian;

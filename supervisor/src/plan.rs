@@ -71,7 +71,8 @@ impl Plan {
     }
     /// Binaries that are not there.
     pub fn missing(&self) -> Vec<PathBuf> {
-        let mut missing: Vec<PathBuf> = self.slots().into_iter().map(|slot| self.binary(slot.role())).filter(|path| !path.is_file()).collect();
+        let mut missing: Vec<PathBuf> =
+            self.slots().into_iter().map(|slot| self.binary(slot.role())).filter(|path| !path.is_file()).collect();
         missing.dedup();
         missing
     }
@@ -107,7 +108,8 @@ mod tests {
     #[test]
     fn the_default_station_has_two_servos_spares_and_workers_and_starts_at_the_hardware() {
         let settings = Settings { workers: 2, ..Default::default() };
-        let expected = "hardware device haptic:0 haptic:1 tissue:0 tissue:1 fluid:0 fluid:1 rendering collision-worker:0 collision-worker:1";
+        let expected =
+            "hardware device haptic:0 haptic:1 tissue:0 tissue:1 fluid:0 fluid:1 rendering collision-worker:0 collision-worker:1";
         assert_eq!(names(&slots(&settings, true, None)).join(" "), expected);
         let small = Settings { workers: 0, record: Some("/x".into()), ..Default::default() };
         let expected = "hardware device haptic:0 haptic:1 tissue:0 fluid:0 rendering recorder";

@@ -206,7 +206,8 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             None => Vec::new(),
         },
         Event::Ready { slot, incarnation } => {
-            if let Some(Life::Alive { incarnation: alive, ready_ns: ready @ None }) = state.places.get_mut(&slot).map(|place| &mut place.life)
+            if let Some(Life::Alive { incarnation: alive, ready_ns: ready @ None }) =
+                state.places.get_mut(&slot).map(|place| &mut place.life)
                 && *alive == incarnation
             {
                 *ready = Some(now_ns);
@@ -241,8 +242,12 @@ fn spawn_due(now_ns: u64, state: &mut State) -> Vec<Action> {
 
 fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State) -> Vec<Action> {
     let stopping = state.stopping;
-    let Some(place) = state.places.get_mut(&slot) else { return Vec::new() };
-    let Life::Alive { incarnation: alive, ready_ns } = place.life else { return Vec::new() };
+    let Some(place) = state.places.get_mut(&slot) else {
+        return Vec::new();
+    };
+    let Life::Alive { incarnation: alive, ready_ns } = place.life else {
+        return Vec::new();
+    };
     if alive != incarnation {
         return Vec::new();
     }

@@ -81,7 +81,9 @@ fn belongs(process: u32, user: u32, name: &str) -> bool {
     if !Path::new(&folder).metadata().is_ok_and(|data| data.uid() == user) {
         return false;
     }
-    let Ok(line) = std::fs::read(format!("{folder}/cmdline")) else { return false };
+    let Ok(line) = std::fs::read(format!("{folder}/cmdline")) else {
+        return false;
+    };
     let arguments: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
     let named = arguments.windows(2).any(|pair| pair[0] == b"--station" && pair[1] == name.as_bytes());
     named && system::process_start(process).is_some()

@@ -4,7 +4,8 @@
 //! everything has stopped, and writes it where the user wants it.
 
 use crate::accounts::{Account, Accounts, Counters};
-use crate::faults::{Fault, Faults};
+use crate::fault::Fault;
+use crate::faults::Faults;
 use crate::policy::State;
 use crate::view::Viewer;
 use hyst_exchange::Station;
@@ -42,7 +43,9 @@ pub fn latency(counts: &[u64]) -> Value {
 
 fn process(account: &Account) -> Value {
     let total = account.total();
-    let per_s = |value: f64| if total.ready_s > 0.0 { value / total.ready_s } else { 0.0 };
+    let per_s = |value: f64| {
+        if total.ready_s > 0.0 { value / total.ready_s } else { 0.0 }
+    };
     json!({
         "rate_hz": per_s(total.ready_steps as f64),
         "cpu_percent": 100.0 * per_s(total.processor_s),
@@ -62,7 +65,8 @@ fn process(account: &Account) -> Value {
 
 /// The report as of now.
 pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: &State) -> Value {
-    let mut processes: Map<String, Value> = accounts.slots.iter().map(|(name, account)| (name.clone(), process(account))).collect();
+    let mut processes: Map<String, Value> =
+        accounts.slots.iter().map(|(name, account)| (name.clone(), process(account))).collect();
     for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
         let active = active_slot(viewer, faults, role);
         if let Some(row) = active.and_then(|slot| processes.get(&slot.to_string())).cloned() {
@@ -137,7 +141,9 @@ impl Arms {
     fn of<'a>(faults: impl Iterator<Item = &'a Fault>) -> Arms {
         let mut arms = Arms::default();
         for fault in faults {
-            let (Some(window), Some(control)) = (fault.window, fault.control) else { continue };
+            let (Some(window), Some(control)) = (fault.window, fault.control) else {
+                continue;
+            };
             for (sums, window) in [(&mut arms.fault, window), (&mut arms.control, control)] {
                 sums[0] += window.ticks;
                 sums[1] += window.missed;
@@ -206,7 +212,8 @@ fn by_target(faults: &Faults) -> Value {
 /// Whether the report shows a promise that is broken beyond doubt, or a force applied that must not be.
 pub fn is_broken(report: &Value) -> bool {
     let count = |key: &str| report.get(key).and_then(Value::as_u64).unwrap_or(0);
-    let faults: Vec<Fault> = report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
+    let faults: Vec<Fault> =
+        report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
     let judged = faults.iter().filter(|fault| fault.target != Role::Device.name());
     count("invalid_applied") > 0 || count("stale_applied") > 0 || Arms::of(judged).is_broken()
 }
@@ -280,10 +287,7 @@ mod tests {
 
     fn fault(missed: u64, control: u64) -> Fault {
         let window = |missed| Some(Window { ticks: 200, missed, ..Window::default() });
-        let mut fault = Fault::default();
-        fault.target = "haptic:0".into();
-        (fault.window, fault.control) = (window(missed), window(control));
-        fault
+        Fault { target: "haptic:0".into(), window: window(missed), control: window(control), ..Fault::default() }
     }
 
     #[test]

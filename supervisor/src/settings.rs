@@ -54,14 +54,19 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
     };
     check_hand(&mut settings)?;
     for pair in &args.set {
-        let (key, value) = pair.split_once('=').ok_or_else(|| Refusal::input(format!("--set {pair}: write key=value\n{}", known_keys())))?;
+        let (key, value) =
+            pair.split_once('=').ok_or_else(|| Refusal::input(format!("--set {pair}: write key=value\n{}", known_keys())))?;
         check_set(key, value)?;
         settings.set.insert(key.into(), value.into());
     }
     check_outputs(args, &settings)?;
     let faults = read_faults(args)?;
     let spares = settings.switch("spares", true).map_err(|e| Refusal::input(e.to_string()))?;
-    let roles = args.roles.as_ref().map(|names| names.iter().map(|name| known_role(name)).collect::<Result<Vec<Role>, _>>()).transpose()?;
+    let roles = args
+        .roles
+        .as_ref()
+        .map(|names| names.iter().map(|name| known_role(name)).collect::<Result<Vec<Role>, _>>())
+        .transpose()?;
     let binaries = match &args.binaries {
         Some(folder) => absolute(folder)?,
         None => own_folder()?,
@@ -71,7 +76,10 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
     let missing = plan.missing();
     if !missing.is_empty() {
         let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();
-        return Err(Refusal::input(format!("missing: {}; build all engines into one folder with `cargo build --release`", list.join(", "))));
+        return Err(Refusal::input(format!(
+            "missing: {}; build all engines into one folder with `cargo build --release`",
+            list.join(", ")
+        )));
     }
     Ok((settings, plan))
 }
@@ -86,7 +94,8 @@ fn own_folder() -> Result<PathBuf, Refusal> {
 }
 
 fn known_role(name: &str) -> Result<Role, Refusal> {
-    Role::from_name(name).ok_or_else(|| Refusal::input(format!("--roles {name}: no such role; use the names that `status` shows")))
+    Role::from_name(name)
+        .ok_or_else(|| Refusal::input(format!("--roles {name}: no such role; use the names that `status` shows")))
 }
 
 fn check_hand(settings: &mut Settings) -> Result<(), Refusal> {
@@ -94,7 +103,9 @@ fn check_hand(settings: &mut Settings) -> Result<(), Refusal> {
     let bad = |reason: &str| Err(Refusal::input(format!("--hand {hand}: {reason}")));
     match hand.split_once(':') {
         None if hand == "idle" => Ok(()),
-        None if hand == "mouse" && settings.headless => bad("there is no window that the mouse could be in; use script:press, or run with a display"),
+        None if hand == "mouse" && settings.headless => {
+            bad("there is no window that the mouse could be in; use script:press, or run with a display")
+        }
         None if hand == "mouse" => Ok(()),
         Some(("script", name)) if !name.is_empty() => Ok(()),
         Some(("replay", file)) if Path::new(file).is_file() => {
@@ -108,19 +119,23 @@ fn check_hand(settings: &mut Settings) -> Result<(), Refusal> {
 
 fn check_outputs(args: &RunArgs, settings: &Settings) -> Result<(), Refusal> {
     for (name, path) in [("--record", &settings.record), ("--report", &args.report)] {
-        let folder = path.as_deref().map(|path| path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+        let folder =
+            path.as_deref().map(|path| path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")));
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             return Err(Refusal::input(format!("{name}: folder {} does not exist; make it first", folder.display())));
         }
     }
     if let Some(folder) = &settings.pictures {
-        std::fs::create_dir_all(folder).map_err(|e| Refusal::input(format!("--pictures {}: {e}; give a folder that can be made", folder.display())))?;
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Refusal::input(format!("--pictures {}: {e}; give a folder that can be made", folder.display())))?;
     }
     Ok(())
 }
 
 fn read_faults(args: &RunArgs) -> Result<Vec<Injection>, Refusal> {
-    let Some(path) = &args.faults else { return Ok(Vec::new()) };
+    let Some(path) = &args.faults else {
+        return Ok(Vec::new());
+    };
     if !args.test_mode {
         return Err(Refusal::input("--faults: faults are injected in test mode alone; add --test-mode"));
     }
@@ -152,12 +167,24 @@ mod tests {
 
     #[test]
     fn set_takes_what_the_keys_say_and_nothing_else() {
-        for (key, value) in [("realtime", "off"), ("isa", "avx2"), ("tissue_step_ticks", "4"), ("drift_ppm", "-20.5"), ("fluid_threads", "3")] {
+        for (key, value) in
+            [("realtime", "off"), ("isa", "avx2"), ("tissue_step_ticks", "4"), ("drift_ppm", "-20.5"), ("fluid_threads", "3")]
+        {
             assert_eq!(check_set(key, value), Ok(()), "{key}={value}");
         }
-        for (key, value) in [("realtime", "maybe"), ("isa", "sse9"), ("tissue_step_ticks", "3"), ("drift_ppm", "900"), ("drift_ppm", "nan"), ("view", "")] {
+        for (key, value) in [
+            ("realtime", "maybe"),
+            ("isa", "sse9"),
+            ("tissue_step_ticks", "3"),
+            ("drift_ppm", "900"),
+            ("drift_ppm", "nan"),
+            ("view", ""),
+        ] {
             assert_eq!(check_set(key, value).unwrap_err().code, 2, "{key}={value}");
         }
-        assert!(check_set("colour", "red").unwrap_err().message.contains("tissue_step_ticks"), "an unknown key lists the known ones");
+        assert!(
+            check_set("colour", "red").unwrap_err().message.contains("tissue_step_ticks"),
+            "an unknown key lists the known ones"
+        );
     }
 }

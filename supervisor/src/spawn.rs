@@ -116,6 +116,8 @@ impl Spawner {
         // Without pre_exec the standard library uses posix_spawn, which does not copy this process.
         let child = Command::new(&binary)
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
+            // The software rasterizer on one thread and no layers that search for devices: pictures give way to the engines.
+            .envs([("LP_NUM_THREADS", "1"), ("NODEVICE_SELECT", "1")])
             .stdin(Stdio::null())
             .stdout(log)
             .stderr(second)
@@ -189,7 +191,9 @@ impl Spawner {
 
 /// Takes the exit status of a dead child; an adopted process is not a child, and its end stays unknown.
 pub fn reap(pid: u32) -> Exit {
-    let Some(pid) = proc::pid(pid) else { return Exit::Unknown };
+    let Some(pid) = proc::pid(pid) else {
+        return Exit::Unknown;
+    };
     match rustix::process::waitpid(Some(pid), WaitOptions::NOHANG) {
         Ok(Some((_, status))) => match (status.exit_status(), status.terminating_signal()) {
             (Some(code), _) => Exit::Code(code),

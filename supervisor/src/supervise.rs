@@ -1,14 +1,16 @@
 //! The supervisor: it takes events (deaths, late heartbeats, requests, time), asks the policy, and does what the policy says. It links no
 //! simulation. Engines do not depend on its life: a supervisor that is restarted adopts those that it finds.
 
+mod effects;
+
 use crate::accounts::Accounts;
 use crate::clean::Cleaner;
 use crate::control::{self, Request};
 use crate::faults::Faults;
-use crate::journal::{self, Verdict};
+use crate::journal;
 use crate::plan::{Plan, PlanError};
-use crate::policy::{self, Action, Event, Exit, State};
-use crate::spawn::{self, SpawnError, Spawner};
+use crate::policy::{self, Event, Exit, State};
+use crate::spawn::{self, Spawner};
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
 use hyst_exchange::{LinkError, OwnedPage, Station, StationError, system};
@@ -189,6 +191,7 @@ impl Supervisor {
             self.next_accounts_ns = now_ns + ACCOUNTS_NS;
             self.sample_all(now_ns);
             self.accounts.write(&self.station);
+            self.faults.keep_open();
             self.hand_over();
         }
     }
@@ -207,7 +210,9 @@ impl Supervisor {
 
     fn sample(&mut self, now_ns: u64, slot: Slot, process: Option<u32>) {
         let incarnation = self.viewer.page().incarnation(slot);
-        let Some(page) = self.viewer.slot_page(slot) else { return };
+        let Some(page) = self.viewer.slot_page(slot) else {
+            return;
+        };
         let ready = matches!(page.state(), ProcessState::Warm | ProcessState::Live | ProcessState::Stopping);
         self.accounts.sample(now_ns, slot, incarnation, page, process, ready);
     }
@@ -219,7 +224,10 @@ impl Supervisor {
                 self.faults.ready(slot, incarnation, at_ns);
             }
             Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns }) => {
-                journal::say(&self.station, &format!("{slot} hangs (last heartbeat {} ms ago) and is killed", (at_ns - beat_ns.min(at_ns)) / 1_000_000));
+                journal::say(
+                    &self.station,
+                    &format!("{slot} hangs (last heartbeat {} ms ago) and is killed", (at_ns - beat_ns.min(at_ns)) / 1_000_000),
+                );
                 self.faults.late(slot, incarnation, at_ns, beat_ns);
                 let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation }, &mut self.policy);
                 self.act(actions);
@@ -260,83 +268,13 @@ impl Supervisor {
                 self.sample_all(system::now_ns());
                 control::good(crate::report::build(&mut self.viewer, &self.accounts, &self.faults, &self.policy))
             }
-            Request::Fault(injection) if self.page.load32(layout::TEST_MODE) != 0 => match self.faults.inject(injection, &mut self.viewer) {
-                Ok(()) => control::good(serde_json::json!({})),
-                Err(reason) => control::bad(&reason),
-            },
+            Request::Fault(injection) if self.page.load32(layout::TEST_MODE) != 0 => {
+                match self.faults.inject(injection, &mut self.viewer) {
+                    Ok(()) => control::good(serde_json::json!({})),
+                    Err(reason) => control::bad(&reason),
+                }
+            }
             Request::Fault(_) => control::bad("faults are refused outside of test mode; start the station with --test-mode"),
         }
     }
-
-    fn act(&mut self, actions: Vec<Action>) {
-        for action in actions {
-            match action {
-                Action::Spawn { slot } => self.spawn(slot),
-                Action::MarkDead { slot, incarnation } => {
-                    self.spawner.mark_dead(slot, incarnation);
-                    if !self.policy.is_stopping() {
-                        self.spawner.bury(slot, incarnation); // at a stop the report still reads the page
-                    }
-                }
-                Action::Kill { slot, incarnation } => {
-                    if self.viewer.page().incarnation(slot) == incarnation && !self.viewer.page().is_dead(slot) && slot.role() != Role::Hardware {
-                        crate::proc::demote_and_kill(self.viewer.page().pid(slot));
-                    }
-                }
-                Action::GiveUp { slot, reason, end } => self.give_up(slot, reason, end),
-            }
-        }
-    }
-
-    fn spawn(&mut self, slot: Slot) {
-        let event = match self.spawner.spawn(slot) {
-            Ok(ward) => {
-                let incarnation = ward.incarnation;
-                self.watch.add(ward);
-                Event::Spawned { slot, incarnation }
-            }
-            Err(error) => {
-                if !matches!(error, SpawnError::Gone(_)) {
-                    journal::say(&self.station, &format!("cannot start {error}"));
-                }
-                Event::SpawnFailed { slot }
-            }
-        };
-        let actions = policy::step(system::now_ns(), event, &mut self.policy);
-        self.act(actions);
-    }
-
-    fn give_up(&mut self, slot: Slot, reason: &str, end: Option<u8>) {
-        let mut message = format!("{slot} is given up: {reason}; `hystation logs {slot}` has its words");
-        if let Some(line) = last_line(&self.station, slot) {
-            message.push_str(&format!(" (last: {line})"));
-        }
-        journal::say(&self.station, &message);
-        if let Some(code) = end {
-            Verdict { code, message }.write(&self.station);
-            self.page.store32_and_wake(layout::STOP, 1);
-            self.page.bump_and_wake(layout::CHANGES);
-        }
-    }
-
-    fn finish(&mut self) -> u8 {
-        for slot in self.slots.clone() {
-            if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()) {
-                journal::say(&self.station, &format!("{slot} did not stop within {} ms and is killed", STOP_NS / 1_000_000));
-                crate::proc::demote_and_kill(living.pid);
-            }
-            self.sample(system::now_ns(), slot, None);
-        }
-        self.faults.read_ledger(&mut self.viewer);
-        self.faults.close_all();
-        self.accounts.write(&self.station);
-        self.hand_over();
-        0
-    }
-}
-
-fn last_line(station: &Station, slot: Slot) -> Option<String> {
-    let text = std::fs::read(station.log(slot)).ok()?;
-    let text = String::from_utf8_lossy(&text);
-    text.lines().rev().find(|line| !line.trim().is_empty()).map(|line| line.chars().take(300).collect())
 }

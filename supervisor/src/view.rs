@@ -1,6 +1,6 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
-use hyst_exchange::{ReadPage, Station, StationError, StationPage, system};
+use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, system};
 use hyst_messages::page::{header, station as layout};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
 use serde::Serialize;
@@ -17,6 +17,8 @@ pub struct ProcessView {
     pub epoch: u32,
     /// `starting`, `warming`, `spare`, `live`, `stopping`, `failed` or `dead`.
     pub state: &'static str,
+    /// It does its role's work: holder in the roster, the servo that the device has selected, or the only process of its role.
+    pub active: bool,
     /// Incarnation.
     pub incarnation: u32,
     /// Restarts of the slot after faults.
@@ -51,6 +53,7 @@ pub struct StationView {
 pub struct Viewer {
     station: Station,
     page: StationPage,
+    roster: Roster,
     pages: BTreeMap<Slot, (u32, ReadPage)>,
     before: BTreeMap<Slot, (u32, u64, u64)>,
 }
@@ -58,12 +61,29 @@ pub struct Viewer {
 impl Viewer {
     /// Opens a station; an error if there is none.
     pub fn open(station: &Station) -> Result<Viewer, StationError> {
-        Ok(Viewer { station: station.clone(), page: station.open()?, pages: BTreeMap::new(), before: BTreeMap::new() })
+        Ok(Viewer {
+            station: station.clone(),
+            page: station.open()?,
+            roster: Roster::open(station)?,
+            pages: BTreeMap::new(),
+            before: BTreeMap::new(),
+        })
     }
 
     /// The station's page.
     pub fn page(&self) -> &StationPage {
         &self.page
+    }
+
+    fn is_active(&mut self, slot: Slot) -> bool {
+        let incarnation = self.page.incarnation(slot);
+        let device = Slot::first(Role::Device);
+        let _ = self.slot_page(device); // maps the page of the present device
+        let device = self.pages.get(&device).map(|(_, page)| page);
+        match slot.role() {
+            Role::CollisionWorker => true,
+            role => crate::active::active_now(&self.station, &self.roster, device, role) == incarnation,
+        }
     }
 
     /// The page of the slot's present incarnation.
@@ -110,6 +130,7 @@ impl Viewer {
             pid: self.page.pid(slot),
             epoch: 0,
             state: if alive { "live" } else { "dead" },
+            active: self.is_active(slot),
             incarnation: self.page.incarnation(slot),
             restarts: self.page.page().load64(layout::SLOT_RESTARTS + slot.number()),
             rate_hz: None,
@@ -122,7 +143,9 @@ impl Viewer {
             view.restarts = (view.epoch as u64).saturating_sub(1);
         }
         let before = self.before.get(&slot).copied();
-        let Some(page) = self.slot_page(slot) else { return view };
+        let Some(page) = self.slot_page(slot) else {
+            return view;
+        };
         let now_ns = system::now_ns();
         view.epoch = page.load64(header::EPOCH) as u32;
         view.tick = page.load64(header::TICK);
@@ -155,7 +178,14 @@ pub fn table(view: &StationView) -> String {
         view.state,
         view.tick,
         if view.test_mode { "  test mode" } else { "" },
-        "process", "incarn", "pid", "state", "epoch", "rate/Hz", "p99 wake/us", "age/ms"
+        "process",
+        "incarn",
+        "pid",
+        "state",
+        "epoch",
+        "rate/Hz",
+        "p99 wake/us",
+        "age/ms"
     );
     let number = |value: Option<f64>, digits: usize| value.map_or("-".to_string(), |value| format!("{value:.digits$}"));
     for process in &view.processes {

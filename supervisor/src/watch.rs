@@ -10,8 +10,8 @@ use hyst_messages::page::{ProcessState, header, station as layout};
 use hyst_messages::{Role, Slot};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec};
 use rustix::fd::OwnedFd;
-use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// Between two looks at the heartbeats: a twentieth of the shortest bound, and a load of less than a thousandth.
 const LOOK_NS: u64 = 5_000_000;
@@ -136,7 +136,9 @@ fn body(page: &OwnedPage, bell: &OwnedFd, arrivals: &Receiver<Ward>, tell: &dyn 
             awake_since_ns = now_ns;
         }
         last_look_ns = now_ns;
-        for ward in &mut wards {
+        // An engine that is asked to stop no longer beats; who bounds its stopping is the guardian.
+        let stopping = page.load32(layout::STOP) != 0;
+        for ward in wards.iter_mut().filter(|_| !stopping) {
             look(ward, now_ns, awake_since_ns, tell);
         }
         let _ = rustix::io::read(bell, &mut [0u8; 8]);

@@ -2,7 +2,9 @@
 //! the dice say, and looks after each event whether a promise was broken.
 
 use hyst_messages::{Role, Slot};
-use hystation::policy::{Action, BACKOFF_MOST_NS, Event, Exit, MOST_DEATHS, MOST_SHORT_LIVES, SETTLED_NS, State, WINDOW_NS, step};
+use hystation::policy::{
+    Action, BACKOFF_MOST_NS, Event, Exit, MOST_DEATHS, MOST_SHORT_LIVES, SETTLED_NS, State, WINDOW_NS, step,
+};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
@@ -41,14 +43,18 @@ impl World {
                 Action::MarkDead { slot, incarnation } => {
                     assert_eq!(self.alive.remove(&slot), Some(incarnation), "marked dead but not the one that died");
                 }
-                Action::Kill { slot, incarnation } => assert_eq!(self.alive.get(&slot), Some(&incarnation), "kill of somebody else"),
+                Action::Kill { slot, incarnation } => {
+                    assert_eq!(self.alive.get(&slot), Some(&incarnation), "kill of somebody else")
+                }
                 Action::GiveUp { slot, .. } => self.given_up.push(slot),
             }
         }
     }
 
     fn settle_pending(&mut self, state: &mut State, succeeds: bool) {
-        let Some(slot) = self.pending.pop() else { return };
+        let Some(slot) = self.pending.pop() else {
+            return;
+        };
         if succeeds {
             self.next_incarnation += 1;
             self.alive.insert(slot, self.next_incarnation);

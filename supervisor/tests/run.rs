@@ -49,7 +49,13 @@ impl Place {
         let since = Instant::now();
         while since.elapsed() < PATIENCE {
             if let Some(status) = self.status() {
-                let row = |row: &serde_json::Value| (row["name"].as_str().unwrap().to_string(), row["pid"].as_u64().unwrap(), row["state"].as_str().unwrap().to_string());
+                let row = |row: &serde_json::Value| {
+                    (
+                        row["name"].as_str().unwrap().to_string(),
+                        row["pid"].as_u64().unwrap(),
+                        row["state"].as_str().unwrap().to_string(),
+                    )
+                };
                 let rows: Vec<_> = status["processes"].as_array().unwrap().iter().map(row).collect();
                 if holds(&rows) {
                     return rows;
@@ -94,7 +100,9 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
     let rows = place.wait_ready();
     let victim = pid_of(&rows, "haptic:0");
     kill(victim);
-    place.wait("haptic:0 is back", |rows| rows.iter().any(|(name, pid, state)| name == "haptic:0" && *pid != victim && state == "live"));
+    place.wait("haptic:0 is back", |rows| {
+        rows.iter().any(|(name, pid, state)| name == "haptic:0" && *pid != victim && state == "live")
+    });
     let second = place.call(&["run", "--headless", "--binaries", place.folder.to_str().unwrap()]);
     assert_eq!(second.status.code(), Some(2), "a second station of one name");
     assert!(text(&second.stderr).contains("is running"));
@@ -104,11 +112,23 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
     let fault = &report["faults"][0];
-    assert_eq!((fault["kind"].as_str(), fault["target"].as_str(), fault["active"].as_bool()), (Some("external"), Some("haptic:0"), Some(true)));
+    assert_eq!(
+        (fault["kind"].as_str(), fault["target"].as_str(), fault["active"].as_bool()),
+        (Some("external"), Some("haptic:0"), Some(true))
+    );
     assert!(fault["recovered_us"].as_f64().unwrap() > 0.0);
     assert_eq!(report["processes"]["haptic:0"]["incarnations"], 2);
     assert_eq!(report["leftovers"], serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 }));
-    for key in ["device", "copies", "invalid_applied", "stale_applied", "force_trace_hash", "state_hash", "fluid_deficit_ml", "removed_volume_ml"] {
+    for key in [
+        "device",
+        "copies",
+        "invalid_applied",
+        "stale_applied",
+        "force_trace_hash",
+        "state_hash",
+        "fluid_deficit_ml",
+        "removed_volume_ml",
+    ] {
         assert!(!report[key].is_null(), "{key}");
     }
     assert_eq!(place.leftovers(), Vec::<String>::new());
@@ -122,13 +142,17 @@ fn engines_outlive_the_supervisor_and_their_deaths_are_not_forgotten() {
     let before = place.wait_ready();
     let supervisor = pid_of(&before, "supervisor");
     kill(supervisor);
-    let after = place.wait("a new supervisor", |rows| rows.iter().any(|(name, pid, state)| name == "supervisor" && *pid != supervisor && state == "live"));
+    let after = place.wait("a new supervisor", |rows| {
+        rows.iter().any(|(name, pid, state)| name == "supervisor" && *pid != supervisor && state == "live")
+    });
     for (name, pid, _) in before.iter().filter(|(name, _, _)| name != "supervisor") {
         assert_eq!(pid_of(&after, name), *pid, "{name} was not touched");
     }
     let fluid = pid_of(&after, "fluid:1");
     kill(fluid);
-    place.wait("an adopted engine is replaced", |rows| rows.iter().any(|(name, pid, state)| name == "fluid:1" && *pid != fluid && state == "spare"));
+    place.wait("an adopted engine is replaced", |rows| {
+        rows.iter().any(|(name, pid, state)| name == "fluid:1" && *pid != fluid && state == "spare")
+    });
     assert!(place.call(&["stop"]).status.success());
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
@@ -144,11 +168,16 @@ fn a_hanging_engine_is_found_by_its_heartbeat_and_replaced() {
     let child = place.start(&["--test-mode", "--report", report.to_str().unwrap()]);
     let victim = pid_of(&place.wait_ready(), "tissue:0");
     assert!(place.call(&["fault", "inject", "stop", "tissue:active"]).status.success());
-    place.wait("tissue:0 is back", |rows| rows.iter().any(|(name, pid, state)| name == "tissue:0" && *pid != victim && state == "live"));
+    place.wait("tissue:0 is back", |rows| {
+        rows.iter().any(|(name, pid, state)| name == "tissue:0" && *pid != victim && state == "live")
+    });
     assert!(place.call(&["stop"]).status.success());
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
-    assert_eq!((report["faults"][0]["kind"].as_str(), report["faults"][0]["detected_by"].as_str()), (Some("stop"), Some("heartbeat")));
+    assert_eq!(
+        (report["faults"][0]["kind"].as_str(), report["faults"][0]["detected_by"].as_str()),
+        (Some("stop"), Some("heartbeat"))
+    );
 }
 
 #[test]

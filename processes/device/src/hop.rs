@@ -8,7 +8,7 @@ use crate::models::Models;
 use crate::replicas::Replicas;
 use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Life, Pace, realtime};
-use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::{ProcessState, device as layout, hardware, header};
 use hyst_messages::{Applied, AppliedRecord, ForceCommand, HardwareSample, InputRecord, Role};
@@ -21,7 +21,7 @@ const PATIENCE_NS: u64 = 5_000_000_000;
 
 struct Hop<'a> {
     life: &'a Life,
-    inbox: Inbox,
+    inbox: PageInbox,
     hardware: ReadPage,
     models: Models,
     replicas: Replicas,
@@ -31,14 +31,13 @@ struct Hop<'a> {
 
 /// The whole life of the device.
 pub fn run(life: &Life) -> Result<(), Failure> {
-    let interests = vec![(Role::Hardware, Wanted::Page), (Role::Haptic, Wanted::Page), (Role::Tissue, Wanted::Page)];
-    let mut inbox = usher(&life.station, None, life.incarnation, interests)?;
+    let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue])?;
     let mut models = Models::default();
     let mut replicas = Replicas::default();
     let patience_ns = system::now_ns() + PATIENCE_NS;
     let hardware = loop {
         match inbox.next() {
-            Some(Arrival { port: Port::Page(page), slot, .. }) if slot.role() == Role::Hardware => break page,
+            Some(arrival) if arrival.slot.role() == Role::Hardware => break arrival.page,
             Some(arrival) => seat(arrival, &mut models, &mut replicas, &mut inbox),
             None if system::now_ns() > patience_ns => return Err(Failure::Broken("the hardware's page has not come".into())),
             None => system::sleep_ns(hyst_messages::TICK_NS),
@@ -60,15 +59,15 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 }
 
 /// Puts a page where it belongs and hands its predecessor's back.
-fn seat(arrival: Arrival, models: &mut Models, replicas: &mut Replicas, inbox: &mut Inbox) {
-    let Port::Page(page) = arrival.port else { return };
+fn seat(arrival: PageArrival, models: &mut Models, replicas: &mut Replicas, inbox: &mut PageInbox) {
+    let page = arrival.page;
     let before = match arrival.slot.role() {
         Role::Haptic => replicas.seat(arrival.slot.index(), page),
         Role::Tissue => models.seat(arrival.slot.index(), page),
         _ => Some(page),
     };
     if let Some(before) = before {
-        inbox.retire(Departure::Page(before));
+        inbox.retire(before);
     }
 }
 

@@ -12,6 +12,7 @@ use hyst_messages::page::{fluid, hardware, header};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
 use hyst_scene::LoadedScene;
+use std::path::Path;
 
 /// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest).
 const SECTIONS: usize = 3;
@@ -63,31 +64,38 @@ pub struct FlowEngine<'a> {
     status: FluidStatus,
 }
 
-fn load_scene(life: &Life) -> Result<LoadedScene, Failure> {
-    let scene = match &life.settings.scene {
+/// The scene of the settings.
+pub fn load_scene(path: Option<&Path>) -> Result<LoadedScene, Failure> {
+    let scene = match path {
         Some(path) => hyst_scene::load(path),
         None => hyst_scene::load_embedded(),
     };
     scene.map_err(|error| Failure::Input(error.to_string()))
 }
 
+/// The solver's model of a scene's cavity, with so many cells along x, y, z.
+pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hyst_flow::FlowError> {
+    let figures = &scene.fluid;
+    let spacing_m = std::array::from_fn(|axis| (figures.box_max_m[axis] - figures.box_min_m[axis]) / cells[axis] as f32);
+    let isotonic = matches!(figures.medium, hyst_scene::Medium::Saline);
+    let named = if isotonic { Medium::SALINE } else { Medium::GLYCINE };
+    let mut model = FlowModel::new(Grid::new(cells, spacing_m, figures.box_min_m)?);
+    model.medium = Medium {
+        density_kg_m3: figures.density_kg_m3,
+        viscosity_m2_s: figures.viscosity_pa_s / figures.density_kg_m3,
+        ..named
+    };
+    Ok(model)
+}
+
 impl<'a> FlowEngine<'a> {
     /// An engine for the settings' scene.
     pub fn new(life: &'a Life) -> Result<FlowEngine<'a>, Failure> {
         let input = |error: hyst_flow::FlowError| Failure::Input(error.to_string());
-        let scene = load_scene(life)?;
+        let scene = load_scene(life.settings.scene.as_deref())?;
         let figures = &scene.fluid;
-        let cells = figures.grid.map(|count| count as usize);
-        let spacing_m = std::array::from_fn(|axis| (figures.box_max_m[axis] - figures.box_min_m[axis]) / cells[axis] as f32);
-        let grid = Grid::new(cells, spacing_m, figures.box_min_m).map_err(input)?;
-        let isotonic = matches!(figures.medium, hyst_scene::Medium::Saline);
-        let named = if isotonic { Medium::SALINE } else { Medium::GLYCINE };
-        let mut model = FlowModel::new(grid);
-        model.medium = Medium {
-            density_kg_m3: figures.density_kg_m3,
-            viscosity_m2_s: figures.viscosity_pa_s / figures.density_kg_m3,
-            ..named
-        };
+        let model = model_of(&scene, figures.grid.map(|count| count as usize)).map_err(input)?;
+        let (grid, cells) = (model.grid, model.grid.cells());
         let bands = life.settings.number("fluid_threads", 1.0, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
         let crew = Crew::new(Solver::new(model, bands.min(cells[2]).min(8)).map_err(input)?)?;
         Ok(FlowEngine {
@@ -135,30 +143,8 @@ impl<'a> FlowEngine<'a> {
     }
 
     fn inputs(&self, dt_s: f32) -> FlowInputs {
-        let mut inputs = FlowInputs { dt_s, ..FlowInputs::default() };
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
-        let Some(sample) = sample else { return inputs };
-        let axis = axis_of(&sample);
-        let tip = sample.pose.position_m;
-        let along = |from: f32| std::array::from_fn(|i| tip[i] + from * axis[i]);
-        inputs.tools[0] = Capsule {
-            a_m: along(-self.radius_m),
-            b_m: along(-SHAFT_M),
-            radius_m: self.radius_m,
-            velocity_a_m_s: sample.velocity_m_s,
-            velocity_b_m_s: [0.0; 3],
-        };
-        // Inflow at the tip, along the axis; outflow through the outer sheath, one diameter behind it.
-        inputs.ports[0] = Port { centre_m: along(PORT_M), radius_m: PORT_M, direction: axis, share: 1.0, inflow: true, dye: 0.0 };
-        inputs.ports[1] = Port { centre_m: along(-4.0 * self.radius_m), radius_m: 2.0 * self.radius_m, share: 1.0, ..Port::default() };
-        inputs.pump = PumpInput {
-            inflow_valve: sample.controls.inflow_valve,
-            outflow_valve: sample.controls.outflow_valve,
-            set_pa: sample.controls.set_pressure_pa,
-            flow_limit_ml_min: MAX_FLOW_ML_MIN,
-            ..PumpInput::default()
-        };
-        inputs
+        sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| inputs_of(&sample, self.radius_m, dt_s))
     }
 
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {
@@ -189,6 +175,32 @@ impl<'a> FlowEngine<'a> {
 /// Epoch and tick of a held state.
 fn key_of(held: &Held) -> Option<(u32, u64)> {
     Message::parse(held.bytes(), Kind::TissueState).ok().map(|message| (message.header().epoch, message.header().tick))
+}
+
+/// What a step gets from the hardware: the scope as an obstacle, its ports, valves and pump.
+pub fn inputs_of(sample: &HardwareSample, radius_m: f32, dt_s: f32) -> FlowInputs {
+    let mut inputs = FlowInputs { dt_s, ..FlowInputs::default() };
+    let axis = axis_of(sample);
+    let tip = sample.pose.position_m;
+    let along = |from: f32| std::array::from_fn(|i| tip[i] + from * axis[i]);
+    inputs.tools[0] = Capsule {
+        a_m: along(-radius_m),
+        b_m: along(-SHAFT_M),
+        radius_m: radius_m,
+        velocity_a_m_s: sample.velocity_m_s,
+        velocity_b_m_s: [0.0; 3],
+    };
+    // Inflow at the tip, along the axis; outflow through the outer sheath, one diameter behind it.
+    inputs.ports[0] = Port { centre_m: along(PORT_M), radius_m: PORT_M, direction: axis, share: 1.0, inflow: true, dye: 0.0 };
+    inputs.ports[1] = Port { centre_m: along(-4.0 * radius_m), radius_m: 2.0 * radius_m, share: 1.0, ..Port::default() };
+    inputs.pump = PumpInput {
+        inflow_valve: sample.controls.inflow_valve,
+        outflow_valve: sample.controls.outflow_valve,
+        set_pa: sample.controls.set_pressure_pa,
+        flow_limit_ml_min: MAX_FLOW_ML_MIN,
+        ..PumpInput::default()
+    };
+    inputs
 }
 
 fn axis_of(sample: &HardwareSample) -> [f32; 3] {

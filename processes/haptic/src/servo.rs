@@ -6,7 +6,7 @@
 use crate::drain;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
 use hyst_engine::{Failure, Life, realtime};
-use hyst_exchange::usher::{Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
 use hyst_messages::page::{ProcessState, device, haptic, header};
 use hyst_messages::record::{FORCE_SHADOW, SERVO_STATE_WORDS};
@@ -21,7 +21,7 @@ const PATIENCE_NS: u64 = 2 * TICK_NS;
 
 struct Servo<'a> {
     life: &'a Life,
-    inbox: Inbox,
+    inbox: PageInbox,
     device: Option<ReadPage>,
     peer: Option<ReadPage>,
     params: ServoParams,
@@ -37,8 +37,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let _drain = drain::start(life, links)?;
     life.ports_are_open();
-    let interests = vec![(Role::Device, Wanted::Page), (Role::Haptic, Wanted::Page)];
-    let inbox = usher(&life.station, None, life.incarnation, interests)?;
+    let inbox = page_usher(&life.station, life.incarnation, &[Role::Device, Role::Haptic])?;
     let mut servo = Servo {
         life,
         inbox,
@@ -65,10 +64,9 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 impl Servo<'_> {
     fn receive_ports(&mut self) {
         while let Some(arrival) = self.inbox.next() {
-            let Port::Page(page) = arrival.port else { continue };
             let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.peer };
-            if let Some(before) = place.replace(page) {
-                self.inbox.retire(Departure::Page(before));
+            if let Some(before) = place.replace(arrival.page) {
+                self.inbox.retire(before);
             }
         }
     }

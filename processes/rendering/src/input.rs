@@ -96,7 +96,7 @@ pub(crate) const KEYS: [(KeyCode, Key); 24] = [
     (KeyCode::KeyQ, Key::TurnLeft),
     (KeyCode::KeyE, Key::TurnRight),
     (KeyCode::F1, Key::Help),
-    (KeyCode::KeyX, Key::External),
+    (KeyCode::KeyV, Key::External),
     (KeyCode::Space, Key::Energize),
     (KeyCode::KeyL, Key::LoopOut),
     (KeyCode::KeyP, Key::Pressure),

@@ -1,9 +1,129 @@
 //! `tissue bench tissue|contact [--mesh FILE] [--json]`: times the parts of a Main Loop step on one core, outside of any station.
+//!
+//! `tissue` gives a row for each instruction set, `contact` one for the scene's tool and one for a tool of 1 000 points. `limit_ratio` is
+//! the time over that of reading every tet's corners once for each time that the method has to (once for a test, once a substep for the
+//! deformation). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
+mod press;
+
+use hyst_engine::bench::{finish, quantile_ns, request, spread};
+use hyst_scene::{LoadedScene, collision_points};
+use hyst_tissue::Isa;
+use press::{DEFORMATION, INTERSECTION, PHASES, Press, Record};
+use serde_json::{Map, Value, json};
 use std::process::ExitCode;
+
+/// Longest time of one run, ns: six runs and the making of the models end within 50 s.
+const RUN_NS: u64 = 5_000_000_000;
+/// Points of the second tool: those of the comparison with other libraries.
+const MANY_POINTS: u32 = 1_000;
+/// Threads of the comparison.
+const THREADS: usize = 2;
+const US: f64 = 1e3;
+const NO_PEERS: &str = "no other library is installed here";
 
 /// Runs the benchmark that the arguments name.
 pub fn run(arguments: impl Iterator<Item = String>) -> ExitCode {
-    let _ = arguments.count();
-    ExitCode::from(2)
+    let request = match request(arguments, &["tissue", "contact"], true) {
+        Ok(request) => request,
+        Err(error) => return finish("tissue", false, Err(error)),
+    };
+    let scene = crate::world::load_scene(request.mesh.as_deref()).map_err(|error| error.to_string());
+    let rows = scene.and_then(|scene| if request.what == "tissue" { tissue(&scene) } else { contact(scene) });
+    finish("tissue", request.json, rows)
+}
+
+fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
+    let mut rows = Vec::new();
+    for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
+        let mut press = Press::new(scene, isa, 1)?;
+        let record = press.run(RUN_NS)?;
+        let deformation_ns = quantile_ns(&mut record.phases_ns[DEFORMATION].clone(), 0.5);
+        let tets = press.tets() as f64;
+        let substeps = f64::from(record.substeps.max(1));
+        let mut steps_ns = record.steps_ns(|_| true);
+        let mut row = json!({
+            "method": format!("explicit corotational, {}", isa.name()),
+            "substeps": record.substeps,
+            "ns_per_tet": quantile_ns(&mut steps_ns, 0.5) / tets,
+            "ns_per_tet_and_substep": deformation_ns / tets / substeps,
+            "limit_ratio": deformation_ns / (substeps * press.pass_ns() as f64),
+            "speedup": { "1": 1.0 },
+        });
+        complete(&mut row, scene, &press, &record, |_| true);
+        if isa == Isa::detect() {
+            row["speedup"] = speedup(scene, |_| true)?;
+        }
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+fn contact(mut scene: LoadedScene) -> Result<Vec<Value>, String> {
+    let mut rows = Vec::new();
+    let tool = scene.scene.rigid.first().cloned();
+    let many = tool.map(|mut tool| {
+        tool.points = MANY_POINTS;
+        collision_points(&tool)
+    });
+    for points_m in [None, many] {
+        if let (Some(points_m), Some(rigid)) = (points_m, scene.rigid.first_mut()) {
+            rigid.points_m = points_m;
+        }
+        let mut press = Press::new(&scene, Isa::detect(), 1)?;
+        let record = press.run(RUN_NS)?;
+        let mut tests_ns = record.steps_ns(|phase| phase <= INTERSECTION);
+        let test_ns = quantile_ns(&mut tests_ns, 0.5);
+        let mut row = json!({
+            "method": "hash of the points, tets streamed past it",
+            "test_us": spread(&mut tests_ns, US),
+            "test_hz": 1e9 / test_ns,
+            "ns_per_tet": test_ns / press.tets() as f64,
+            "limit_ratio": test_ns / press.pass_ns() as f64,
+            "brute_force_ratio": press.brute_ns()? as f64 / test_ns,
+            "speedup": speedup(&scene, |phase| phase == INTERSECTION)?,
+        });
+        complete(&mut row, &scene, &press, &record, |phase| phase != DEFORMATION && PHASES[phase] != "surface");
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+/// What all rows have: the scene, the time of a step and the share of each phase, as far as it counts.
+fn complete(row: &mut Value, scene: &LoadedScene, press: &Press, record: &Record, counts: impl Fn(usize) -> bool) {
+    let mut steps_ns = record.steps_ns(&counts);
+    let all_ns = steps_ns.iter().sum::<u64>().max(1) as f64;
+    let chosen = (0..PHASES.len()).filter(|phase| counts(*phase));
+    let share: Map<String, Value> =
+        chosen.map(|phase| (PHASES[phase].into(), json!(record.total_ns(phase) as f64 / all_ns))).collect();
+    row["scene"] = json!(scene.scene.name);
+    row["hand"] = json!(press.hand());
+    row["tets"] = json!(press.tets());
+    row["points"] = json!(press.points());
+    row["contacts_max"] = json!(record.contacts);
+    row["steps"] = json!(steps_ns.len());
+    row["step_us"] = spread(&mut steps_ns, US);
+    row["share"] = Value::Object(share);
+    row["peers"] = json!({});
+    row["peers_note"] = json!(NO_PEERS);
+}
+
+/// How many times as much the chosen phases get done: with the test on several threads, and by as many independent copies. One thread
+/// alone is measured in the same breath, so that all three see the same machine.
+fn speedup(scene: &LoadedScene, counts: impl Fn(usize) -> bool + Sync) -> Result<Value, String> {
+    let median_ns = |threads: usize| -> Result<f64, String> {
+        let record = Press::new(scene, Isa::detect(), threads)?.run(RUN_NS)?;
+        Ok(quantile_ns(&mut record.steps_ns(&counts), 0.5).max(1.0))
+    };
+    let alone_ns = median_ns(1)?;
+    let shared_ns = median_ns(THREADS)?;
+    let copies: Vec<Result<f64, String>> = std::thread::scope(|scope| {
+        let running: Vec<_> = (0..THREADS).map(|_| scope.spawn(|| median_ns(1))).collect();
+        running.into_iter().map(|copy| copy.join().unwrap_or_else(|_| Err("a copy panicked".into()))).collect()
+    });
+    let mut together = 0.0;
+    for copy_ns in copies {
+        together += alone_ns / copy_ns?;
+    }
+    Ok(json!({ "1": 1.0, "2": alone_ns / shared_ns, "2_independent_copies": together }))
 }

@@ -297,17 +297,8 @@ impl Stateful for MainLoop<'_> {
             contact_count: self.contacts.count() as u32,
         };
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
-        let ended_ns = system::now_ns();
-        let us = |from: u64, to: u64| (to - from) as f32 * 1e-3;
-        self.status = TissueStatus {
-            removed_volume_ml: core_now.removed_volume_ml,
-            cavity_pressure_pa: before.pressure_pa,
-            contact_count: core_now.contact_count,
-            tool_force_n: force_n,
-            shares_missing: self.collision.missing(),
-            phase_us: [us(answered_ns, deformed_ns), us(begun_ns, tested_ns), us(tested_ns, answered_ns), us(deformed_ns, ended_ns)],
-            ..TissueStatus::default()
-        };
+        let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
+        self.status = status_of(&core_now, before.pressure_pa, self.collision.missing(), times_ns);
         Ok(())
     }
 
@@ -352,6 +343,20 @@ impl Stateful for MainLoop<'_> {
         if let Some(before) = before {
             inbox.retire(Departure::Page(before));
         }
+    }
+}
+
+/// The status of a step; `times_ns`: when it began, and when test, response, deformation and all had ended.
+fn status_of(core: &Core, cavity_pressure_pa: f32, shares_missing: u32, times_ns: [u64; 5]) -> TissueStatus {
+    let us = |part: usize| (times_ns[part + 1] - times_ns[part]) as f32 * 1e-3;
+    TissueStatus {
+        removed_volume_ml: core.removed_volume_ml,
+        cavity_pressure_pa,
+        contact_count: core.contact_count,
+        tool_force_n: core.force_n,
+        shares_missing,
+        phase_us: [us(2), us(0), us(1), us(3)],
+        ..TissueStatus::default()
     }
 }
 

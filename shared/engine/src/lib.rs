@@ -1,5 +1,6 @@
 //! What every engine does the same way: start, real-time set-up, the paced loop, the loop of an engine with a spare, last words.
 
+pub mod bench;
 pub mod life;
 pub mod pace;
 pub mod realtime;

@@ -311,8 +311,8 @@ impl OwnedPage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::page::haptic;
     use hyst_messages::ForceRecord;
+    use hyst_messages::page::haptic;
 
     struct Folder(PathBuf);
     impl Folder {

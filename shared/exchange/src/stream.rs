@@ -82,7 +82,10 @@ impl Links {
         let config = Config::setup_global_config_from_file(&path).map_err(|e| configuration(format!("{e:?}")))?;
         // The library keeps the first configuration of a process for good and says nothing when a second one is asked for.
         if config.global.prefix.to_string() != station.prefix() {
-            return Err(configuration(format!("this process has joined the domain {} before; use one process for each station", config.global.prefix)));
+            return Err(configuration(format!(
+                "this process has joined the domain {} before; use one process for each station",
+                config.global.prefix
+            )));
         }
         let name = NodeName::new(process).map_err(|e| configuration(format!("{e:?}")))?;
         let node = NodeBuilder::new()
@@ -99,7 +102,11 @@ impl Links {
         format!("{}/{}/{incarnation}/{}/{:016x}", self.station, role.name(), kind.name(), layout_hash())
     }
 
-    fn builder(&self, name: &str, kind: Kind) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u64], (), Variant>, LinkError> {
+    fn builder(
+        &self,
+        name: &str,
+        kind: Kind,
+    ) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u64], (), Variant>, LinkError> {
         let fail = |reason: String| LinkError::Service { name: name.to_string(), reason };
         let service = ServiceName::new(name).map_err(|e| fail(format!("{e:?}")))?;
         let readers = if kind == Kind::CollisionJob { MAX_JOB_READERS } else { MAX_READERS };
@@ -132,9 +139,7 @@ impl Links {
     }
 
     fn open_service(&self, name: &str, kind: Kind) -> Result<Factory, LinkError> {
-        self.builder(name, kind)?
-            .open()
-            .map_err(|e| LinkError::Service { name: name.to_string(), reason: format!("{e:?}") })
+        self.builder(name, kind)?.open().map_err(|e| LinkError::Service { name: name.to_string(), reason: format!("{e:?}") })
     }
 
     /// Opens the one writer of a service. `bytes` is the longest message.
@@ -203,9 +208,11 @@ impl Publisher {
     }
     /// Connects readers that came since; gives them the newest message. Not on a real-time thread.
     pub fn announce(&self) -> Result<(), LinkError> {
-        self.inner
-            .update_connections()
-            .map_err(|e| LinkError::Use { name: self.name.clone(), action: "announce", reason: format!("{e:?}") })
+        self.inner.update_connections().map_err(|e| LinkError::Use {
+            name: self.name.clone(),
+            action: "announce",
+            reason: format!("{e:?}"),
+        })
     }
 }
 
@@ -220,9 +227,7 @@ impl Loan {
     }
     /// Hands the block to the readers; from now on it is read-only for everyone.
     pub fn send(self) -> Result<usize, LinkError> {
-        self.sample
-            .send()
-            .map_err(|e| LinkError::Use { name: String::new(), action: "send", reason: format!("{e:?}") })
+        self.sample.send().map_err(|e| LinkError::Use { name: String::new(), action: "send", reason: format!("{e:?}") })
     }
 }
 
@@ -251,10 +256,11 @@ impl Held {
 impl Subscriber {
     /// The next message, if there is one.
     pub fn next(&self) -> Result<Option<Held>, LinkError> {
-        self.inner
-            .receive()
-            .map(|sample| sample.map(|sample| Held { sample }))
-            .map_err(|e| LinkError::Use { name: self.name.clone(), action: "receive", reason: format!("{e:?}") })
+        self.inner.receive().map(|sample| sample.map(|sample| Held { sample })).map_err(|e| LinkError::Use {
+            name: self.name.clone(),
+            action: "receive",
+            reason: format!("{e:?}"),
+        })
     }
     /// The newest message, if there is one that was not yet read. Bounded by the buffer.
     pub fn newest(&self) -> Result<Option<Held>, LinkError> {
@@ -269,9 +275,11 @@ impl Subscriber {
     }
     /// Maps the writer's memory if the writer is there. Not on a real-time thread.
     pub fn connect(&self) -> Result<(), LinkError> {
-        self.inner
-            .update_connections()
-            .map_err(|e| LinkError::Use { name: self.name.clone(), action: "connect", reason: format!("{e:?}") })
+        self.inner.update_connections().map_err(|e| LinkError::Use {
+            name: self.name.clone(),
+            action: "connect",
+            reason: format!("{e:?}"),
+        })
     }
     /// Incarnation of the writer.
     pub fn incarnation(&self) -> u32 {
@@ -280,5 +288,32 @@ impl Subscriber {
     /// Name of the service.
     pub fn name(&self) -> &str {
         &self.name
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_service_that_is_held_outlives_its_creator_and_one_that_is_not_there_cannot_be_held() {
+        let station = Station::named(&format!("t{}-hold", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        {
+            let links = Links::join(&station, "creator").unwrap();
+            assert!(links.hold_service(Role::Fluid, 3, Kind::FluidState).is_err());
+            assert!(links.hold_rendezvous(Role::Tissue, 3, Kind::Appearance).is_err());
+            let created = links.create_service(Role::Fluid, 3, Kind::FluidState).unwrap();
+            let rendezvous = links.create_rendezvous(Role::Tissue, 3, Kind::Appearance).unwrap();
+            let held = links.hold_service(Role::Fluid, 3, Kind::FluidState).unwrap();
+            let held_rendezvous = links.hold_rendezvous(Role::Tissue, 3, Kind::Appearance).unwrap();
+            drop((created, rendezvous));
+            assert!(links.publisher(Role::Fluid, 3, Kind::FluidState, 64).is_ok(), "the successor's hold is enough");
+            assert!(links.server(Role::Tissue, 3, Kind::Appearance).is_ok());
+            drop((held, held_rendezvous));
+            assert!(links.publisher(Role::Fluid, 3, Kind::FluidState, 64).is_err(), "and without it the service is gone");
+        }
+        station.wipe();
     }
 }

@@ -65,27 +65,41 @@ pub enum Departure {
     Message(Held),
 }
 
+/// A page that has arrived, for processes that read pages alone.
+#[derive(Debug)]
+pub struct PageArrival {
+    /// Whose.
+    pub slot: Slot,
+    /// Which life of it.
+    pub incarnation: u32,
+    /// The page.
+    pub page: ReadPage,
+}
+
+/// The real-time thread's end for a process that reads pages alone; nothing of the stream library is linked for it.
+pub type PageInbox = Inbox<PageArrival, ReadPage>;
+
 /// The real-time thread's end.
 #[derive(Debug)]
-pub struct Inbox {
-    arrivals: rtrb::Consumer<Arrival>,
-    departures: rtrb::Producer<Departure>,
+pub struct Inbox<A = Arrival, D = Departure> {
+    arrivals: rtrb::Consumer<A>,
+    departures: rtrb::Producer<D>,
     stop: Arc<AtomicBool>,
     handle: Option<std::thread::JoinHandle<()>>,
 }
 
-impl Inbox {
+impl<A, D> Inbox<A, D> {
     /// The next port, if one has come.
-    pub fn next(&mut self) -> Option<Arrival> {
+    pub fn next(&mut self) -> Option<A> {
         self.arrivals.pop().ok()
     }
     /// Hands a port back. If the queue is full, it is dropped here: an unmapping on this thread, said by the return value.
-    pub fn retire(&mut self, departure: Departure) -> bool {
+    pub fn retire(&mut self, departure: D) -> bool {
         self.departures.push(departure).is_ok()
     }
 }
 
-impl Drop for Inbox {
+impl<A, D> Drop for Inbox<A, D> {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(handle) = self.handle.take() {
@@ -108,22 +122,34 @@ const MAX_TRIES: u32 = 20_000;
 
 struct Desk {
     station: Station,
-    links: Option<Links>,
     me: u32,
     interests: Vec<(Role, Wanted)>,
     known: Vec<(Slot, u32, Wanted)>,
     waiting: Vec<Guest>,
 }
 
+/// Makes the port of a guest whose page is open; `Ok(None)` if it is not ready for it, `Err` if it never will be.
+fn connect_port(guest: &mut Guest, links: Option<&Links>) -> Result<Option<Arrival>, ()> {
+    let Some(page) = &guest.page else { return Ok(None) };
+    let (slot, incarnation, role) = (guest.slot, guest.incarnation, guest.slot.role());
+    let port = match guest.wanted {
+        Wanted::Page => guest.page.take().map(Port::Page),
+        _ if page.load32(header::PORTS_OPEN) == 0 => None,
+        Wanted::Stream(kind) => {
+            let subscriber = links.ok_or(())?.subscriber(role, incarnation, kind).ok();
+            subscriber.filter(|subscriber| subscriber.connect().is_ok()).map(|subscriber| Port::Stream(kind, subscriber))
+        }
+        Wanted::Client(kind) => links.ok_or(())?.client(role, incarnation, kind).ok().map(|client| Port::Client(kind, client)),
+    };
+    Ok(port.map(|port| Arrival { slot, incarnation, port }))
+}
+
 impl Desk {
     fn notice(&mut self, page: &StationPage) {
-        // What the dead have not opened they never will; their pages stay readable.
-        let is_over = |slot: Slot, wanted: Wanted| wanted != Wanted::Page && page.is_dead(slot);
-        self.waiting.retain(|guest| !is_over(guest.slot, guest.wanted));
         for &(role, wanted) in &self.interests {
             for (slot, incarnation) in page.occupied(role) {
                 let key = (slot, incarnation, wanted);
-                if incarnation == self.me || self.known.contains(&key) || is_over(slot, wanted) {
+                if incarnation == self.me || self.known.contains(&key) {
                     continue;
                 }
                 self.known.retain(|(s, _, w)| (*s, *w) != (slot, wanted));
@@ -134,49 +160,25 @@ impl Desk {
         }
     }
 
-    /// The port, if the newcomer is ready for it; `Err` if it never will be.
-    fn connect(&mut self, at: usize) -> Result<Option<Port>, ()> {
-        let guest = &mut self.waiting[at];
-        guest.tries += 1;
-        if guest.tries > MAX_TRIES {
-            return Err(());
-        }
-        if guest.page.is_none() {
-            // Not there yet, or already gone again: both are seen at the next look.
-            guest.page = self.station.read_slot(guest.slot, guest.incarnation).ok();
-        }
-        let Some(page) = &guest.page else { return Ok(None) };
-        if guest.wanted == Wanted::Page {
-            return Ok(guest.page.take().map(Port::Page));
-        }
-        if page.load32(header::PORTS_OPEN) == 0 {
-            return Ok(None);
-        }
-        let Some(links) = &self.links else { return Err(()) };
-        let role = guest.slot.role();
-        match guest.wanted {
-            Wanted::Page => Ok(None),
-            Wanted::Stream(kind) => {
-                let Ok(subscriber) = links.subscriber(role, guest.incarnation, kind) else { return Ok(None) };
-                Ok(subscriber.connect().is_ok().then_some(Port::Stream(kind, subscriber)))
-            }
-            Wanted::Client(kind) => Ok(links.client(role, guest.incarnation, kind).ok().map(|client| Port::Client(kind, client))),
-        }
-    }
-
-    fn seat(&mut self, arrivals: &mut rtrb::Producer<Arrival>) {
+    fn seat<A>(&mut self, arrivals: &mut rtrb::Producer<A>, mut connect: impl FnMut(&mut Guest) -> Result<Option<A>, ()>) {
         let mut at = 0;
         while at < self.waiting.len() {
             if arrivals.is_full() {
                 return;
             }
-            match self.connect(at) {
-                Ok(None) => at += 1,
-                Err(()) => drop(self.waiting.remove(at)),
-                Ok(Some(port)) => {
-                    let guest = self.waiting.remove(at);
+            let guest = &mut self.waiting[at];
+            guest.tries += 1;
+            if guest.page.is_none() {
+                // Not there yet, or already gone again: both are seen at the next look.
+                guest.page = self.station.read_slot(guest.slot, guest.incarnation).ok();
+            }
+            match connect(guest) {
+                Ok(None) if guest.tries <= MAX_TRIES => at += 1,
+                Ok(None) | Err(()) => drop(self.waiting.remove(at)),
+                Ok(Some(arrival)) => {
+                    self.waiting.remove(at);
                     // The queue was seen not to be full, and nobody else fills it.
-                    let _ = arrivals.push(Arrival { slot: guest.slot, incarnation: guest.incarnation, port });
+                    let _ = arrivals.push(arrival);
                 }
             }
         }
@@ -185,18 +187,35 @@ impl Desk {
 
 /// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
 pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
+    start(station, me, interests, move |guest| connect_port(guest, links.as_ref()))
+}
+
+/// Starts an usher for a process that reads pages alone.
+pub fn page_usher(station: &Station, me: u32, roles: &[Role]) -> Result<PageInbox, StationError> {
+    let interests = roles.iter().map(|role| (*role, Wanted::Page)).collect();
+    start(station, me, interests, |guest| {
+        Ok(guest.page.take().map(|page| PageArrival { slot: guest.slot, incarnation: guest.incarnation, page }))
+    })
+}
+
+fn start<A: Send + 'static, D: Send + 'static>(
+    station: &Station,
+    me: u32,
+    interests: Vec<(Role, Wanted)>,
+    mut connect: impl FnMut(&mut Guest) -> Result<Option<A>, ()> + Send + 'static,
+) -> Result<Inbox<A, D>, StationError> {
     let (mut arrivals, inbox_arrivals) = rtrb::RingBuffer::new(QUEUE);
-    let (inbox_departures, mut departures) = rtrb::RingBuffer::<Departure>::new(QUEUE);
+    let (inbox_departures, mut departures) = rtrb::RingBuffer::<D>::new(QUEUE);
     let page = station.open()?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
-    let mut desk = Desk { station: station.clone(), links, me, interests, known: Vec::new(), waiting: Vec::new() };
+    let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new() };
     let body = move || {
         while !stopped.load(Ordering::Acquire) {
             let seen = page.changes();
             while departures.pop().is_ok() {}
             desk.notice(&page);
-            desk.seat(&mut arrivals);
+            desk.seat(&mut arrivals, &mut connect);
             let pause = if desk.waiting.is_empty() { IDLE_NS } else { EAGER_NS };
             page.wait_for_change(seen, system::now_ns() + pause);
         }

@@ -69,7 +69,8 @@ fn station(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
 
 fn machine() -> Value {
     let processor = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = processor.lines().find_map(|line| line.strip_prefix("model name")).map(|rest| rest.trim_start_matches([' ', '\t', ':']));
+    let model =
+        processor.lines().find_map(|line| line.strip_prefix("model name")).map(|rest| rest.trim_start_matches([' ', '\t', ':']));
     let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
     json!({ "cores": system::cores(), "processor": model.unwrap_or("unknown"), "kernel": kernel.trim() })
 }
@@ -79,7 +80,17 @@ fn one_run(workers: usize, mesh: Option<&Path>) -> Result<Vec<Value>, Refusal> {
     let file = std::env::temp_dir().join(format!("{name}.json"));
     let program = std::env::current_exe().map_err(|e| Refusal::failed(e.to_string()))?;
     let mut command = Command::new(program);
-    command.args(["--name", &name, "run", "--headless", "--quiet", "--for", &format!("{RUN_S}s"), "--workers", &workers.to_string()]);
+    command.args([
+        "--name",
+        &name,
+        "run",
+        "--headless",
+        "--quiet",
+        "--for",
+        &format!("{RUN_S}s"),
+        "--workers",
+        &workers.to_string(),
+    ]);
     command.arg("--report").arg(&file).args(mesh).stdin(Stdio::null()).stdout(Stdio::null());
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
@@ -90,7 +101,8 @@ fn one_run(workers: usize, mesh: Option<&Path>) -> Result<Vec<Value>, Refusal> {
     let text = std::fs::read_to_string(&file).unwrap_or_default();
     let _ = std::fs::remove_file(&file); // it is in a temporary folder
     let code = status.map_err(|e| Refusal::failed(format!("bench station: {e}")))?.code().unwrap_or(1);
-    let report: Value = serde_json::from_str(&text).map_err(|_| Refusal { code: code.max(1) as u8, message: "bench station: the run gave no report".into() })?;
+    let report: Value = serde_json::from_str(&text)
+        .map_err(|_| Refusal { code: code.max(1) as u8, message: "bench station: the run gave no report".into() })?;
     Ok(rows(workers, code, &report, bare_fifo, &bare))
 }
 
@@ -131,7 +143,10 @@ fn rows(workers: usize, code: i32, report: &Value, bare_fifo: bool, bare: &[u64]
 fn print(result: &Value) {
     println!("{}", result["machine"]);
     let number = |value: &Value| value.as_f64().map_or("-".to_string(), |value| format!("{value:.1}"));
-    println!("{:>7} {:<20} {:>9} {:>7} {:>9} {:>9} {:>9} {:>9} {:>9}", "workers", "process", "rate/Hz", "cpu/%", "wake p50", "p99", "p99.9", "max/us", "rss/MiB");
+    println!(
+        "{:>7} {:<20} {:>9} {:>7} {:>9} {:>9} {:>9} {:>9} {:>9}",
+        "workers", "process", "rate/Hz", "cpu/%", "wake p50", "p99", "p99.9", "max/us", "rss/MiB"
+    );
     for row in result["rows"].as_array().into_iter().flatten() {
         let wake = &row["wakeup_us"];
         println!(

@@ -19,7 +19,10 @@ pub fn admit(settings: &Settings) -> Result<u64, Refusal> {
         && loaded.hand(name).is_none()
     {
         let known: Vec<&str> = loaded.hands.iter().map(|hand| hand.name.as_str()).collect();
-        return Err(Refusal::input(format!("--hand script:{name}: this scene has no such hand; it has idle, {}", known.join(", "))));
+        return Err(Refusal::input(format!(
+            "--hand script:{name}: this scene has no such hand; it has idle, {}",
+            known.join(", ")
+        )));
     }
     Ok(loaded.hash)
 }
@@ -34,7 +37,9 @@ fn load(path: Option<&Path>) -> Result<LoadedScene, Refusal> {
 
 /// Prints what was found in a scene or mesh and what will be done about it; exit code 2 if the station cannot run it.
 pub fn check(file: Option<&Path>, json: bool) -> Result<u8, Refusal> {
-    let Some(path) = file else { return embedded(json) };
+    let Some(path) = file else {
+        return embedded(json);
+    };
     let report = hyst_scene::check(path).map_err(|error| Refusal::input(error.to_string()))?;
     if json {
         println!("{}", serde_json::to_string_pretty(&report).map_err(|error| Refusal::failed(error.to_string()))?);
@@ -50,7 +55,8 @@ fn embedded(json: bool) -> Result<u8, Refusal> {
         .objects
         .iter()
         .map(|object| {
-            let (nodes, tets, triangles) = (object.mesh.positions_m.len(), object.mesh.tets.len(), object.surface.triangles.len());
+            let (nodes, tets, triangles) =
+                (object.mesh.positions_m.len(), object.mesh.tets.len(), object.surface.triangles.len());
             serde_json::json!({ "name": object.name, "nodes": nodes, "tets": tets, "surface_triangles": triangles })
         })
         .collect();
@@ -64,7 +70,10 @@ fn embedded(json: bool) -> Result<u8, Refusal> {
     }
     println!("{} ({}): runnable, hash {:016x}", loaded.scene.name, loaded.origin, loaded.hash);
     for object in &objects {
-        println!("  {}: {} nodes, {} tets, drawn as {} triangles", object["name"], object["nodes"], object["tets"], object["surface_triangles"]);
+        println!(
+            "  {}: {} nodes, {} tets, drawn as {} triangles",
+            object["name"], object["nodes"], object["tets"], object["surface_triangles"]
+        );
     }
     println!("  hands: idle, {}", hands.join(", "));
     for note in &loaded.notes {

@@ -7,8 +7,6 @@ use std::path::Path;
 
 /// Memory that the real-time processes lock together, bytes.
 const LOCKED_BYTES: u64 = 256 << 20;
-/// What a station of the default scene takes in /dev/shm, bytes.
-const SHARED_BYTES: u64 = 64 << 20;
 
 /// One finding.
 struct Finding {
@@ -49,7 +47,8 @@ fn cores() -> Finding {
 fn real_time() -> Finding {
     // Asked of a thread that ends at once, so that nothing here runs in real time.
     let granted = std::thread::spawn(|| system::become_fifo(1)).join().unwrap_or(false);
-    let found = if granted { "SCHED_FIFO is granted" } else { "SCHED_FIFO is refused; the station runs without it, with more misses" };
+    let found =
+        if granted { "SCHED_FIFO is granted" } else { "SCHED_FIFO is refused; the station runs without it, with more misses" };
     let cure = "run as root, or put `@users - rtprio 95` into /etc/security/limits.d/hystation.conf and log in again, or give docker \
                 --cap-add SYS_NICE";
     finding("real time", found.into(), granted, true, cure)
@@ -68,9 +67,17 @@ fn shared_memory() -> Finding {
     match rustix::fs::statvfs("/dev/shm") {
         Ok(disk) => {
             let (size, free) = (disk.f_blocks * disk.f_frsize, disk.f_bavail * disk.f_frsize);
-            finding("/dev/shm", format!("{} MiB free of {} MiB", free >> 20, size >> 20), free >= SHARED_BYTES, false, cure)
+            finding(
+                "/dev/shm",
+                format!("{} MiB free of {} MiB", free >> 20, size >> 20),
+                free >= crate::guardian::NEEDED_BYTES,
+                false,
+                cure,
+            )
         }
-        Err(error) => finding("/dev/shm", format!("{error}"), false, false, "mount a tmpfs there: `mount -t tmpfs tmpfs /dev/shm`"),
+        Err(error) => {
+            finding("/dev/shm", format!("{error}"), false, false, "mount a tmpfs there: `mount -t tmpfs tmpfs /dev/shm`")
+        }
     }
 }
 
@@ -78,8 +85,14 @@ fn throttling() -> Finding {
     let text = std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us").unwrap_or_default();
     let found = if text.trim().is_empty() { "unknown".to_string() } else { format!("sched_rt_runtime_us {}", text.trim()) };
     let granted_us: i64 = text.trim().parse().unwrap_or(-1);
-    let good = granted_us < 0 || granted_us >= 900_000;
-    finding("throttling", found, good, true, "`sysctl kernel.sched_rt_runtime_us=950000`: real-time threads need most of each second")
+    let good = !(0..900_000).contains(&granted_us);
+    finding(
+        "throttling",
+        found,
+        good,
+        true,
+        "`sysctl kernel.sched_rt_runtime_us=950000`: real-time threads need most of each second",
+    )
 }
 
 fn pictures() -> Finding {
@@ -91,11 +104,18 @@ fn pictures() -> Finding {
         .map(|entry| entry.file_name().to_string_lossy().trim_end_matches(".json").to_string())
         .collect();
     let found = if drivers.is_empty() { "no Vulkan driver: there are no pictures".into() } else { drivers.join(", ") };
-    finding("Vulkan", found, !drivers.is_empty(), true, "`apt install mesa-vulkan-drivers libvulkan1`: the software driver is enough")
+    finding(
+        "Vulkan",
+        found,
+        !drivers.is_empty(),
+        true,
+        "`apt install mesa-vulkan-drivers libvulkan1`: the software driver is enough",
+    )
 }
 
 fn display() -> Finding {
-    let display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()));
+    let display =
+        ["DISPLAY", "WAYLAND_DISPLAY"].iter().find_map(|name| std::env::var(name).ok().filter(|value| !value.is_empty()));
     let found = display.unwrap_or_else(|| "none: the station runs headless, with a scripted hand".into());
     finding("display", found, true, true, "")
 }
@@ -107,12 +127,17 @@ fn leftovers() -> Finding {
     let mut dead: Vec<String> = Vec::new();
     for entry in std::fs::read_dir(Path::new("/dev/shm")).into_iter().flatten().flatten() {
         let file = entry.file_name().to_string_lossy().into_owned();
-        let Some(name) = file.strip_prefix(&roots) else { continue };
+        let Some(name) = file.strip_prefix(&roots) else {
+            continue;
+        };
         if hyst_exchange::Station::named(name).is_ok_and(|station| crate::remains::living(&station).is_empty()) {
             dead.push(name.to_string());
         }
     }
     let found = if dead.is_empty() { "none of dead stations".into() } else { format!("of dead stations: {}", dead.join(", ")) };
-    let cure = format!("`hystation --name {} stop` removes them, and so does the next run of that name", dead.first().map_or("NAME", String::as_str));
+    let cure = format!(
+        "`hystation --name {} stop` removes them, and so does the next run of that name",
+        dead.first().map_or("NAME", String::as_str)
+    );
     finding("leftovers", found, dead.is_empty(), true, &cure)
 }

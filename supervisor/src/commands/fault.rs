@@ -18,7 +18,8 @@ pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
         }
         FaultCommand::Campaign(_) => not_here("fault campaign"),
         FaultCommand::Inject { kind, target, for_s } => {
-            let kind = FaultKind::from_name(&kind).ok_or_else(|| Refusal::input(format!("{kind:?} is no kind of fault; see `hystation fault list`")))?;
+            let kind = FaultKind::from_name(&kind)
+                .ok_or_else(|| Refusal::input(format!("{kind:?} is no kind of fault; see `hystation fault list`")))?;
             let injection = Injection { kind, target, tick: 0, for_s };
             injection.check().map_err(Refusal::input)?;
             if !station.root().is_dir() {

@@ -18,7 +18,8 @@ pub fn logs(station: &Station, process: Option<&str>, follow: bool) -> Result<u8
     let path = match process {
         None => crate::journal::path(station),
         Some(name) => {
-            let slot = Slot::parse(name).ok_or_else(|| Refusal::input(format!("{name:?} is no process; use a name that `status` shows")))?;
+            let slot = Slot::parse(name)
+                .ok_or_else(|| Refusal::input(format!("{name:?} is no process; use a name that `status` shows")))?;
             station.log(slot)
         }
     };
@@ -30,8 +31,13 @@ pub fn logs(station: &Station, process: Option<&str>, follow: bool) -> Result<u8
     let _ = file.seek(std::io::SeekFrom::Start(length.saturating_sub(MOST_BYTES))); // else from the start
     loop {
         let mut bytes = Vec::new();
-        Read::take(&mut file, MOST_BYTES).read_to_end(&mut bytes).map_err(|e| Refusal::failed(format!("{}: {e}", path.display())))?;
-        if std::io::stdout().write_all(&bytes).and_then(|()| std::io::stdout().flush()).is_err() || !follow || !station.root().is_dir() {
+        Read::take(&mut file, MOST_BYTES)
+            .read_to_end(&mut bytes)
+            .map_err(|e| Refusal::failed(format!("{}: {e}", path.display())))?;
+        if std::io::stdout().write_all(&bytes).and_then(|()| std::io::stdout().flush()).is_err()
+            || !follow
+            || !station.root().is_dir()
+        {
             return Ok(0);
         }
         system::sleep_ns(LOOK_NS);

@@ -27,7 +27,10 @@ pub fn stop(station: &Station) -> Result<u8, Refusal> {
         system::sleep_ns(LOOK_NS);
     }
     if remains::guardian(station).is_some() {
-        return Err(Refusal::failed(format!("the guardian of station {:?} does not end; kill it and call stop again", station.name())));
+        return Err(Refusal::failed(format!(
+            "the guardian of station {:?} does not end; kill it and call stop again",
+            station.name()
+        )));
     }
     remains::wait_until_gone(station, system::now_ns() + crate::supervise::STOP_NS, || {});
     let killed = remains::kill_all(station, || {});

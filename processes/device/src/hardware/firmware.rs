@@ -6,7 +6,7 @@ use crate::hand::Hand;
 use crate::ledger::{Judged, Ledger};
 use hyst_coupling::{HardwareParams, HardwareState, hardware_step};
 use hyst_engine::{Failure, Life, realtime};
-use hyst_exchange::usher::{Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{ReadPage, allocation, system};
 use hyst_messages::page::{ProcessState, device, hardware, header, rendering};
 use hyst_messages::{ForceCommand, HardwareSample, Role, TICK_NS};
@@ -16,7 +16,7 @@ const DRIFT_PPM: f64 = 20.0;
 
 struct Firmware<'a> {
     life: &'a Life,
-    inbox: Inbox,
+    inbox: PageInbox,
     device: Option<ReadPage>,
     window: Option<ReadPage>,
     seen: (u32, u64),
@@ -32,8 +32,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let drift = life.settings.number("drift_ppm", DRIFT_PPM, -500.0..=500.0, "a number from -500 to 500")?;
     let period_ns = TICK_NS as f64 * (1.0 + drift * 1e-6);
     let hand = Hand::of(life)?;
-    let interests = vec![(Role::Device, Wanted::Page), (Role::Rendering, Wanted::Page)];
-    let inbox = usher(&life.station, None, life.incarnation, interests)?;
+    let inbox = page_usher(&life.station, life.incarnation, &[Role::Device, Role::Rendering])?;
     let canaries = Canaries::start(life)?;
     let mut firmware = Firmware {
         life,
@@ -85,10 +84,9 @@ impl Firmware<'_> {
 
     fn receive_ports(&mut self) {
         while let Some(arrival) = self.inbox.next() {
-            let Port::Page(page) = arrival.port else { continue };
             let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.window };
-            if let Some(before) = place.replace(page) {
-                self.inbox.retire(Departure::Page(before));
+            if let Some(before) = place.replace(arrival.page) {
+                self.inbox.retire(before);
             }
         }
     }

@@ -198,7 +198,11 @@ mod tests {
                         if member.index < 3 {
                             running_first.fetch_add(1, Ordering::SeqCst);
                         } else {
-                            assert_eq!(running_first.load(Ordering::SeqCst) % 3, 0, "the second group began before the first had ended");
+                            assert_eq!(
+                                running_first.load(Ordering::SeqCst) % 3,
+                                0,
+                                "the second group began before the first had ended"
+                            );
                         }
                         member.join(release);
                     }
@@ -288,7 +292,11 @@ mod tests {
             assert_eq!(coordinator.finish(begun, system::now_ns() + SOON_NS).missing, 1);
             release
         });
-        assert_eq!(coordinator.release(&[1], FAR), Outcome { joined: 0, missing: 1 }, "excluded: no wait although the deadline is far");
+        assert_eq!(
+            coordinator.release(&[1], FAR),
+            Outcome { joined: 0, missing: 1 },
+            "excluded: no wait although the deadline is far"
+        );
         member.join(release.unwrap());
         std::thread::scope(|scope| {
             scope.spawn(|| {

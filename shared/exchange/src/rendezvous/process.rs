@@ -59,7 +59,8 @@ impl Links {
     pub fn create_rendezvous(&self, role: Role, incarnation: u32, kind: Kind) -> Result<HeldRendezvous, LinkError> {
         let name = self.service_name(role, incarnation, kind);
         let made = self.rendezvous_builder(&name)?.create();
-        made.map(|factory| HeldRendezvous { _factory: factory }).map_err(|e| LinkError::Service { name, reason: format!("{e:?}") })
+        made.map(|factory| HeldRendezvous { _factory: factory })
+            .map_err(|e| LinkError::Service { name, reason: format!("{e:?}") })
     }
 
     /// Holds a rendezvous that exists already.

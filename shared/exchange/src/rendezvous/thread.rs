@@ -116,7 +116,9 @@ mod tests {
         let asked = std::thread::scope(|scope| {
             scope.spawn(move || {
                 // dead while it answers
-                let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| server.serve_until(FAR, &mut |_| panic!("as the test wants"))));
+                let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                    server.serve_until(FAR, &mut |_| panic!("as the test wants"))
+                }));
                 assert!(caught.is_err());
             });
             client.ask(&[1], FAR)

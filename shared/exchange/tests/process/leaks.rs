@@ -56,7 +56,7 @@ fn fifty_lives_ended_by_a_kill_leak_neither_files_nor_descriptors() {
     isolated(fifty_lives_ended_by_a_kill_leak_neither_files_nor_descriptors, |station| {
         let links = Links::join(station, "supervisor").unwrap();
         let fates = ["kill@before-loan:2", "kill@in-loan:2", "abort@before-send:2", "kill@after-send:2"];
-        let count = || (files(station), files_below(Path::new("/proc/self/fd")));
+        let count = || (files(station), std::fs::read_dir("/proc/self/fd").unwrap().count());
         let mut warm = (0, 0);
         for incarnation in 1..=WARM_UP + CYCLES {
             life(station, &links, incarnation, fates[incarnation as usize % fates.len()]);

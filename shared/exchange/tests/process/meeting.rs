@@ -192,7 +192,11 @@ fn groups_run_in_sequence_and_one_whose_time_is_up_is_not_excluded() {
             scope.spawn(move || {
                 for _ in 0..500 {
                     let release = second.await_release(far_ns()).unwrap();
-                    assert_eq!(before.load32(header::JOIN), release.number - 1, "the second group began before the first had ended");
+                    assert_eq!(
+                        before.load32(header::JOIN),
+                        release.number - 1,
+                        "the second group began before the first had ended"
+                    );
                     second.join(release);
                 }
             });

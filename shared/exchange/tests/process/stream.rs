@@ -8,7 +8,10 @@ use iceoryx2::prelude::*;
 const KIND: Kind = Kind::TissueState;
 
 fn assert_filled(held: &Held, number: u8) {
-    assert!(!held.bytes().is_empty() && held.bytes().iter().all(|byte| *byte == number), "half a message, or another than {number}");
+    assert!(
+        !held.bytes().is_empty() && held.bytes().iter().all(|byte| *byte == number),
+        "half a message, or another than {number}"
+    );
 }
 
 fn join(station: &Station) -> Links {

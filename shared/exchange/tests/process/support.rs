@@ -46,7 +46,11 @@ pub fn isolated<T>(_test: T, body: impl FnOnce(&Station)) {
         return;
     }
     let mut inner = Command::new(std::env::current_exe().unwrap());
-    let child = inner.args(["--exact", name, "--nocapture", "--test-threads=1"]).env(INNER, name).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child = inner
+        .args(["--exact", name, "--nocapture", "--test-threads=1"])
+        .env(INNER, name)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     let child = child.spawn().unwrap();
     let station = Wiped(Station::named(&format!("t{}", child.id())).unwrap());
     let output = child.wait_with_output().unwrap();
@@ -88,9 +92,6 @@ impl Partner {
     pub fn tell(&mut self, line: &str) {
         let _ = writeln!(self.input.as_mut().unwrap(), "{line}");
     }
-    pub fn id(&self) -> u32 {
-        self.child.id()
-    }
     fn pid(&self) -> Pid {
         Pid::from_child(&self.child)
     }
@@ -115,7 +116,8 @@ impl Partner {
     }
     /// Waits until it stands.
     pub fn await_stop(&self) {
-        let stopped = rustix::process::waitid(rustix::process::WaitId::Pid(self.pid()), WaitIdOptions::STOPPED | WaitIdOptions::NOWAIT);
+        let stopped =
+            rustix::process::waitid(rustix::process::WaitId::Pid(self.pid()), WaitIdOptions::STOPPED | WaitIdOptions::NOWAIT);
         assert!(stopped.unwrap().is_some_and(|status| status.stopped()), "the partner should stand");
     }
     /// Lets it go on.

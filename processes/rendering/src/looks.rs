@@ -1,0 +1,104 @@
+//! How the objects look, asked for by rendezvous on request: when a topology is new. Rendering never waits for the answer; until it comes,
+//! and if it never comes, the usual looks of the objects' kinds are drawn.
+
+use crate::sources::REPLICAS;
+use hyst_exchange::rendezvous::{Client, ProcessClient};
+use hyst_messages::stream::AppearanceRecord;
+use rendering::{Appearance, Material};
+
+/// How long one tissue is waited for before the other is asked, ns.
+const PATIENCE_NS: u64 = 500_000_000;
+/// Most objects in an answer.
+const MAX_RECORDS: usize = rendering::MAX_OBJECTS;
+
+/// The asking side.
+#[derive(Debug, Default)]
+pub struct Looks {
+    clients: [Option<ProcessClient>; REPLICAS],
+    wanted: bool,
+    asked: Option<usize>,
+    last: usize,
+    until_ns: u64,
+}
+
+/// The records of an answer; `None` for one that makes no sense.
+fn records(answer: &[u8]) -> Option<Vec<AppearanceRecord>> {
+    let size = size_of::<AppearanceRecord>();
+    let sound = answer.len().is_multiple_of(size) && answer.len() / size <= MAX_RECORDS;
+    sound.then(|| answer.chunks_exact(size).map(bytemuck::pod_read_unaligned).collect())
+}
+
+/// A record as the stage takes it.
+pub fn appearance(record: &AppearanceRecord) -> Appearance {
+    let material = match record.material {
+        0 => Material::MucosaTissue,
+        1 | 2 => Material::Polyp,
+        3 => Material::Metal,
+        _ => Material::MucosaTissue,
+    };
+    Appearance { base_colour: record.colour, roughness: record.roughness, ..Appearance::of(material) }
+}
+
+impl Looks {
+    /// The looks are needed, again.
+    pub fn want(&mut self) {
+        (self.wanted, self.asked) = (true, None);
+    }
+
+    /// A tissue, or its successor.
+    pub fn replace(&mut self, index: usize, client: ProcessClient) {
+        self.clients[index] = Some(client);
+        if self.asked == Some(index) {
+            self.asked = None;
+        }
+    }
+
+    /// The answer, once; asks if it is time to.
+    pub fn poll(&mut self, now_ns: u64) -> Option<Vec<AppearanceRecord>> {
+        if !self.wanted {
+            return None;
+        }
+        if let Some(index) = self.asked {
+            let answer = self.clients[index].as_mut().map(Client::poll);
+            match answer {
+                Some(Ok(Some(bytes))) => {
+                    (self.wanted, self.asked) = (false, None);
+                    return records(&bytes);
+                }
+                Some(Ok(None)) if now_ns < self.until_ns => return None,
+                _ => self.asked = None, // gone, silent or broken: the next one is asked
+            }
+        }
+        for _ in 0..REPLICAS {
+            self.last = (self.last + 1) % REPLICAS;
+            if let Some(client) = &mut self.clients[self.last]
+                && client.begin(b"objects ").is_ok()
+            {
+                (self.asked, self.until_ns) = (Some(self.last), now_ns + PATIENCE_NS);
+                break;
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_of_another_length_is_no_answer() {
+        let record = AppearanceRecord { id: 4, material: 3, colour: [0.1, 0.2, 0.3], roughness: 0.4, ..Default::default() };
+        let bytes: Vec<u8> = bytemuck::cast_slice(&[record, record]).to_vec();
+        assert_eq!(records(&bytes), Some(vec![record, record]));
+        assert_eq!(records(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(records(&vec![0; size_of::<AppearanceRecord>() * (MAX_RECORDS + 1)]), None);
+        assert_eq!(records(&[]), Some(Vec::new()));
+    }
+
+    #[test]
+    fn an_unknown_material_is_drawn_as_tissue() {
+        let of = |material| appearance(&AppearanceRecord { material, ..Default::default() }).material;
+        assert_eq!([of(1), of(3), of(77)], [Material::Polyp, Material::Metal, Material::MucosaTissue]);
+    }
+}

@@ -1,0 +1,214 @@
+//! The stage as the tissue's messages describe it: a topology makes the objects, a state moves them straight from the message's memory.
+//!
+//! Promise: a message whose ranges, indices or numbers make no sense changes nothing.
+
+use crate::looks;
+use hyst_messages::stream::{AppearanceRecord, ObjectRecord};
+use hyst_messages::{Kind, Message, Pose, WireError};
+use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, shapes};
+use std::ops::Range;
+
+/// The tool's id on the stage, beyond all registration numbers.
+const TOOL: u64 = 1 << 32;
+/// The tool as it is drawn: outer radius and length, m, and the angle of its optic.
+const TOOL_RADIUS_M: f32 = 0.0025;
+const TOOL_LENGTH_M: f32 = 0.3;
+/// Angle of the optic, rad.
+pub const OBLIQUE_RAD: f32 = std::f32::consts::FRAC_PI_6;
+/// Kinds of objects in a topology, as [`ObjectRecord::kind`] says.
+const PATHOLOGY: u32 = 1;
+const FREE_PIECE: u32 = 2;
+const RIGID_TOOL: u32 = 3;
+
+/// Why a message was left out.
+#[derive(Debug, thiserror::Error)]
+pub enum Refused {
+    /// The frame or a section.
+    #[error(transparent)]
+    Wire(#[from] WireError),
+    /// Ranges that contradict each other.
+    #[error("object {object}: {what} {first}..{first}+{count} of {have}; the writer's topology is broken")]
+    Range {
+        /// Registration number.
+        object: u32,
+        /// Vertices or triangles.
+        what: &'static str,
+        /// First.
+        first: u32,
+        /// How many.
+        count: u32,
+        /// How many there are.
+        have: usize,
+    },
+    /// Another number of vertices than the topology has.
+    #[error("{got} surface vertices, the topology has {expected}")]
+    Length {
+        /// In the message.
+        got: usize,
+        /// In the topology.
+        expected: usize,
+    },
+    /// A number that is not finite.
+    #[error("surface vertex {0} is not finite; the writer is broken and must be restarted")]
+    NotFinite(usize),
+    /// The stage refused it.
+    #[error(transparent)]
+    Stage(#[from] RenderError),
+}
+
+/// One object of a topology with triangles in the numbering of its own vertices.
+#[derive(Debug, PartialEq)]
+struct Part {
+    id: u64,
+    kind: u32,
+    vertices: Range<usize>,
+    triangles: Vec<[u32; 3]>,
+}
+
+/// What the topology says.
+#[derive(Debug, Default)]
+pub struct Scenery {
+    /// Writer and version of the topology on the stage.
+    topology: Option<(u32, u32)>,
+    surfaces: Vec<(u64, Range<usize>)>,
+    tools: Vec<u64>,
+    vertices: usize,
+    said: bool,
+}
+
+fn range(record: &ObjectRecord, what: &'static str, [first, count]: [u32; 2], have: usize) -> Result<Range<usize>, Refused> {
+    let end = first as usize + count as usize;
+    if end > have {
+        return Err(Refused::Range { object: record.id, what, first, count, have });
+    }
+    Ok(first as usize..end)
+}
+
+/// The drawn objects of a topology; tools have no surface of their own.
+fn parts(records: &[ObjectRecord], triangles: &[[u32; 3]], vertices: usize) -> Result<Vec<Part>, Refused> {
+    let mut parts = Vec::with_capacity(records.len());
+    for record in records.iter().filter(|record| record.kind != RIGID_TOOL) {
+        let own = range(record, "vertices", record.vertices, vertices)?;
+        let mine = &triangles[range(record, "triangles", record.triangles, triangles.len())?];
+        // A triangle with a vertex of another object gets a number that the stage refuses.
+        let rebased = mine.iter().map(|corners| corners.map(|corner| corner.wrapping_sub(own.start as u32))).collect();
+        parts.push(Part { id: record.id as u64, kind: record.kind, vertices: own, triangles: rebased });
+    }
+    Ok(parts)
+}
+
+fn usual(kind: u32) -> Appearance {
+    Appearance::of(if matches!(kind, PATHOLOGY | FREE_PIECE) { Material::Polyp } else { Material::MucosaTissue })
+}
+
+fn check_finite(points_m: &[[f32; 3]]) -> Result<(), Refused> {
+    let bad = points_m.iter().position(|point| !point.iter().all(|value| value.is_finite()));
+    bad.map_or(Ok(()), |vertex| Err(Refused::NotFinite(vertex)))
+}
+
+impl Scenery {
+    /// A stage with the tool alone.
+    pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
+        let shape = shapes::scope(TOOL_RADIUS_M, TOOL_LENGTH_M, OBLIQUE_RAD);
+        let appearance = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
+        stage.set_object(TOOL, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance })?;
+        Ok(Scenery::default())
+    }
+
+    /// Whether the objects on the stage are those of this version, from this or any other writer.
+    pub fn is_of(&self, version: u32) -> bool {
+        self.topology.is_some_and(|(_, known)| known == version)
+    }
+
+    /// Makes the objects of a topology; gives the bytes that were copied to number the triangles by object.
+    pub fn rebuild(&mut self, stage: &mut Stage, topology: &[u8]) -> Result<u64, Refused> {
+        let message = Message::parse(topology, Kind::Topology)?;
+        let records: &[ObjectRecord] = message.section(0)?;
+        let rest_m: &[[f32; 3]] = message.section(4)?;
+        check_finite(rest_m)?;
+        let parts = parts(records, message.section(3)?, rest_m.len())?;
+        for part in &parts {
+            let mesh =
+                SurfaceMesh { triangles: &part.triangles, rest_m: &rest_m[part.vertices.clone()], appearance: usual(part.kind) };
+            stage.set_object(part.id, mesh)?;
+        }
+        let gone: Vec<u64> = stage.ids().filter(|id| *id != TOOL && !parts.iter().any(|part| part.id == *id)).collect();
+        for id in gone {
+            stage.remove_object(id);
+        }
+        self.tools = records.iter().filter(|record| record.kind == RIGID_TOOL).map(|record| record.id as u64).collect();
+        self.topology = Some((message.header().incarnation, message.header().topology_version));
+        self.vertices = rest_m.len();
+        self.surfaces = parts.iter().map(|part| (part.id, part.vertices.clone())).collect();
+        Ok(parts.iter().map(|part| size_of_val(part.triangles.as_slice()) as u64).sum())
+    }
+
+    /// Moves all surfaces to a state's; gives the bytes that were uploaded.
+    pub fn follow(&mut self, stage: &mut Stage, state: &[u8]) -> Result<u64, Refused> {
+        let points_m: &[[f32; 3]] = Message::parse(state, Kind::TissueState)?.section(3)?;
+        if points_m.len() != self.vertices {
+            return Err(Refused::Length { got: points_m.len(), expected: self.vertices });
+        }
+        check_finite(points_m)?;
+        let mut uploaded = 0;
+        for (id, vertices) in &self.surfaces {
+            let mine = &points_m[vertices.clone()];
+            stage.update_positions(*id, mine)?;
+            uploaded += size_of_val(mine) as u64;
+        }
+        Ok(uploaded)
+    }
+
+    /// Puts the tool where the hardware says that it is.
+    pub fn hold_tool(&self, stage: &mut Stage, pose: &Pose) -> Result<(), RenderError> {
+        stage.set_pose(TOOL, pose.position_m, pose.orientation)
+    }
+
+    /// Gives the objects the looks that the tissue has answered with; what is not on the stage any more is left out.
+    pub fn dress(&self, stage: &mut Stage, records: &[AppearanceRecord]) {
+        for record in records {
+            let is_tool = self.tools.contains(&(record.id as u64));
+            let look = Appearance { external_only: is_tool, ..looks::appearance(record) };
+            let _ = stage.set_appearance(if is_tool { TOOL } else { record.id as u64 }, look);
+        }
+    }
+
+    /// Whether a refusal is to be said: the first of a row is.
+    pub fn is_news(&mut self, refused: bool) -> bool {
+        refused && !std::mem::replace(&mut self.said, refused)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(id: u32, kind: u32, vertices: [u32; 2], triangles: [u32; 2]) -> ObjectRecord {
+        ObjectRecord { id, kind, vertices, triangles, ..ObjectRecord::default() }
+    }
+
+    #[test]
+    fn each_objects_triangles_are_numbered_from_its_own_first_vertex_and_tools_have_none() {
+        let records = [record(0, 0, [0, 4], [0, 1]), record(1, 1, [4, 3], [1, 1]), record(2, RIGID_TOOL, [7, 0], [2, 0])];
+        let parts = parts(&records, &[[0, 2, 3], [4, 6, 5]], 7).unwrap();
+        assert_eq!(parts.len(), 2);
+        assert_eq!((parts[1].id, parts[1].kind, parts[1].vertices.clone()), (1, 1, 4..7));
+        assert_eq!((&parts[0].triangles[..], &parts[1].triangles[..]), (&[[0, 2, 3]][..], &[[0, 2, 1]][..]));
+    }
+
+    #[test]
+    fn ranges_beyond_the_arrays_are_refused_by_name() {
+        let beyond = parts(&[record(3, 0, [5, 9], [0, 1])], &[[0, 1, 2]], 7).unwrap_err().to_string();
+        assert!(beyond.contains("object 3: vertices 5..5+9 of 7"), "{beyond}");
+        let huge = parts(&[record(3, 0, [0, 7], [u32::MAX, u32::MAX])], &[[0, 1, 2]], 7);
+        assert!(matches!(huge, Err(Refused::Range { what: "triangles", .. })));
+        let foreign = parts(&[record(3, 0, [4, 3], [0, 1])], &[[0, 5, 6]], 7).unwrap();
+        assert!(foreign[0].triangles[0][0] > 7, "a foreign corner must not be taken for an own one");
+    }
+
+    #[test]
+    fn a_vertex_that_is_not_finite_is_named() {
+        assert!(matches!(check_finite(&[[0.0; 3], [0.0, f32::NAN, 0.0]]), Err(Refused::NotFinite(1))));
+        assert!(check_finite(&[[0.0; 3]; 3]).is_ok());
+    }
+}

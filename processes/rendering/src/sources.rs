@@ -1,0 +1,129 @@
+//! What rendering reads of the others: the ushers' ports, the newest tissue state over all tissues, the pose and the pump.
+//!
+//! Messages are read in place, in the memory that their writer filled; they are held for one frame, a topology until the next one.
+
+use crate::looks::Looks;
+use hyst_engine::{Failure, Life};
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
+use hyst_exchange::{Held, Links, ReadPage, Subscriber};
+use hyst_messages::page::{fluid, hardware};
+use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHeader};
+
+/// Tissues, and fluids, whose streams are read.
+pub const REPLICAS: usize = 2;
+
+/// The ports.
+#[derive(Debug)]
+pub struct Sources {
+    inbox: Inbox,
+    states: [Option<Subscriber>; REPLICAS],
+    topologies: [Option<Subscriber>; REPLICAS],
+    fields: [Option<Subscriber>; REPLICAS],
+    held: [Option<Held>; REPLICAS],
+    fluids: [Option<ReadPage>; REPLICAS],
+    hardware: Option<ReadPage>,
+    /// How objects look, by rendezvous.
+    pub looks: Looks,
+}
+
+/// The newest unread message over several streams, by epoch and tick.
+fn newest_of(streams: &[Option<Subscriber>], kind: Kind) -> Option<(StreamHeader, Held)> {
+    let mut newest: Option<(StreamHeader, Held)> = None;
+    for stream in streams.iter().flatten() {
+        // A stream that fails has lost its writer; its successor's comes through the usher.
+        let Ok(Some(held)) = stream.newest() else { continue };
+        let Ok(header) = Message::parse(held.bytes(), kind).map(|message| *message.header()) else { continue };
+        let key = |header: &StreamHeader| (header.epoch, header.tick);
+        if newest.as_ref().is_none_or(|(before, _)| key(&header) > key(before)) {
+            newest = Some((header, held));
+        }
+    }
+    newest
+}
+
+impl Sources {
+    /// Asks the usher for everything that is of interest.
+    pub fn open(life: &Life, links: Links) -> Result<Sources, Failure> {
+        let interests = vec![
+            (Role::Hardware, Wanted::Page),
+            (Role::Tissue, Wanted::Stream(Kind::TissueState)),
+            (Role::Tissue, Wanted::Stream(Kind::Topology)),
+            (Role::Tissue, Wanted::Client(Kind::Appearance)),
+            (Role::Fluid, Wanted::Page),
+            (Role::Fluid, Wanted::Stream(Kind::FluidState)),
+        ];
+        Ok(Sources {
+            inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
+            states: [None, None],
+            topologies: [None, None],
+            fields: [None, None],
+            held: [None, None],
+            fluids: [None, None],
+            hardware: None,
+            looks: Looks::default(),
+        })
+    }
+
+    /// Takes what the usher has brought.
+    pub fn welcome(&mut self) {
+        while let Some(arrival) = self.inbox.next() {
+            let before = self.seat(arrival);
+            if let Some(before) = before {
+                self.inbox.retire(before);
+            }
+        }
+    }
+
+    fn seat(&mut self, arrival: Arrival) -> Option<Departure> {
+        let index = arrival.slot.index().min(REPLICAS - 1);
+        match (arrival.slot.role(), arrival.port) {
+            (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
+            (Role::Fluid, Port::Page(page)) => self.fluids[index].replace(page).map(Departure::Page),
+            (Role::Tissue, Port::Stream(Kind::TissueState, stream)) => self.states[index].replace(stream).map(Departure::Stream),
+            (Role::Tissue, Port::Stream(Kind::Topology, stream)) => self.topologies[index].replace(stream).map(Departure::Stream),
+            (Role::Fluid, Port::Stream(Kind::FluidState, stream)) => self.fields[index].replace(stream).map(Departure::Stream),
+            (Role::Tissue, Port::Client(Kind::Appearance, client)) => {
+                self.looks.replace(index, client);
+                None
+            }
+            _ => None,
+        }
+    }
+
+    /// The newest tissue state that was not yet read.
+    pub fn state(&self) -> Option<(StreamHeader, Held)> {
+        newest_of(&self.states, Kind::TissueState)
+    }
+
+    /// The newest state of the Flow Engine that was not yet read.
+    pub fn field(&self) -> Option<Held> {
+        newest_of(&self.fields, Kind::FluidState).map(|(_, held)| held)
+    }
+
+    /// The topology that states of this version belong to, from whichever tissue has sent it.
+    pub fn topology(&mut self, version: u32) -> Option<&Held> {
+        for (stream, held) in self.topologies.iter().zip(&mut self.held) {
+            if let Some(Ok(Some(newest))) = stream.as_ref().map(Subscriber::newest) {
+                *held = Some(newest);
+            }
+        }
+        let of_version = |held: &&Held| {
+            Message::parse(held.bytes(), Kind::Topology).is_ok_and(|message| message.header().topology_version == version)
+        };
+        self.held.iter().flatten().find(of_version)
+    }
+
+    /// Where the scope is and what the hand sets, as the hardware measures it.
+    pub fn sample(&self) -> Option<HardwareSample> {
+        let (_, sample) = self.hardware.as_ref()?.cell(hardware::SAMPLE)?;
+        let pose = &sample.pose;
+        let finite = pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite());
+        finite.then_some(sample)
+    }
+
+    /// What the newest of the fluids says of the pump.
+    pub fn pump(&self) -> Option<FluidStatus> {
+        let says = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
+        says.filter(|status| status.state_tick > 0).max_by_key(|status| status.state_tick)
+    }
+}

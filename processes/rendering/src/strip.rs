@@ -1,0 +1,92 @@
+//! What the strip of text says: time, pump, pictures per second, and for some seconds which process was replaced.
+
+use hyst_exchange::StationPage;
+use hyst_messages::{FluidStatus, SLOTS, Slot};
+use rendering::Overlay;
+
+/// How long the sign of a replaced process stays, ticks.
+const SIGN_TICKS: u64 = 3_000;
+/// Interval over which pictures are counted, ticks.
+const COUNT_TICKS: u64 = 1_000;
+/// 1 mmHg, Pa.
+const MMHG_PA: f32 = 133.322;
+
+/// The strip's memory.
+#[derive(Debug, Default)]
+pub struct Strip {
+    lives: [u32; SLOTS],
+    sign: String,
+    sign_until: u64,
+    counted_from: u64,
+    frames: u64,
+    rate_hz: f32,
+}
+
+impl Strip {
+    /// Counts a picture.
+    pub fn count(&mut self, tick: u64) {
+        self.frames += 1;
+        if tick >= self.counted_from + COUNT_TICKS {
+            self.rate_hz = self.frames as f32 * 1e3 / (tick - self.counted_from) as f32;
+            (self.frames, self.counted_from) = (0, tick);
+        }
+    }
+
+    /// Looks at the slots: a life that follows another one is a replacement.
+    pub fn look(&mut self, clock: &StationPage, tick: u64) {
+        for number in 0..SLOTS {
+            if let Some(slot) = Slot::from_number(number) {
+                self.note(slot, clock.incarnation(slot), tick);
+            }
+        }
+    }
+
+    fn note(&mut self, slot: Slot, life: u32, tick: u64) {
+        let before = std::mem::replace(&mut self.lives[slot.number()], life);
+        if before != 0 && life != before && life != 0 {
+            self.sign = format!("{slot} replaced");
+            self.sign_until = tick + SIGN_TICKS;
+        }
+    }
+
+    /// The text of this tick.
+    pub fn overlay(&self, tick: u64, fluid: Option<&FluidStatus>) -> Overlay {
+        let seconds = tick / 1_000;
+        let mut lines = vec![format!("{:02}:{:02}   {:.0} pictures/s", seconds / 60, seconds % 60, self.rate_hz)];
+        if let Some(fluid) = fluid {
+            lines.push(format!("pressure {:4.0} mmHg", fluid.pressure_pa / MMHG_PA));
+            lines.push(format!("flow     {:4.0} ml/min", fluid.inflow_ml_min));
+            lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml));
+        }
+        let sign = if tick < self.sign_until { self.sign.clone() } else { String::new() };
+        Overlay { lines, sign }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::Role;
+
+    #[test]
+    fn a_replaced_process_is_signed_for_three_seconds_and_a_first_life_is_not() {
+        let mut strip = Strip::default();
+        let haptic = Slot::new(Role::Haptic, 1).unwrap();
+        strip.note(haptic, 4, 10);
+        assert_eq!(strip.overlay(11, None).sign, "");
+        strip.note(haptic, 9, 2_000);
+        assert_eq!(strip.overlay(4_999, None).sign, "haptic:1 replaced");
+        assert_eq!(strip.overlay(5_000, None).sign, "");
+    }
+
+    #[test]
+    fn pressure_is_told_in_mmhg_and_pictures_per_second_by_the_stations_clock() {
+        let mut strip = Strip::default();
+        for frame in 1..=40 {
+            strip.count(frame * 25);
+        }
+        let fluid = FluidStatus { pressure_pa: 9_333.0, inflow_ml_min: 120.4, deficit_ml: 12.6, ..FluidStatus::default() };
+        let overlay = strip.overlay(61_000, Some(&fluid));
+        assert_eq!(overlay.lines, ["01:01   40 pictures/s", "pressure   70 mmHg", "flow      120 ml/min", "deficit    13 ml"]);
+    }
+}

@@ -1,0 +1,266 @@
+//! The loop of the Vision Engine: thirty times a second the newest state, the tool, the text, one picture; into the window, onto the disk.
+
+use crate::album::Album;
+use crate::display::{Display, SIZE_PX};
+use crate::hand::Hand;
+use crate::medium;
+use crate::pulse::Pulse;
+use crate::scenery::{OBLIQUE_RAD, Refused, Scenery};
+use crate::sources::Sources;
+use crate::strip::Strip;
+use hyst_engine::settings::SetError;
+use hyst_engine::{Failure, Life, Pace};
+use hyst_exchange::{Links, system};
+use hyst_messages::page::{ProcessState, header, rendering as page};
+use hyst_messages::{HardwareSample, RenderingStatus};
+use rendering::{Camera, Endoscope, External, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale};
+
+/// Period of the pictures, ticks: 30 in a second, the rate of the paper's display.
+const PERIOD_TICKS: u64 = 33;
+/// Time that a picture may take, ms: what is left of the period belongs to the engines on the same cores.
+const BUDGET_MS: f32 = 26.0;
+/// Period of a process without pictures, ticks: it only shows that it lives.
+const BLIND_TICKS: u64 = 50;
+/// Below the other ordinary processes: pictures give way before the flow and the recording do.
+const NICE: i32 = 5;
+
+/// Why the loop ended.
+enum End {
+    Stopped,
+    NoWindow(String),
+}
+
+/// Everything that one graphics device draws with.
+struct Vision<'a> {
+    life: &'a Life,
+    renderer: Renderer,
+    scenery: Scenery,
+    view: View,
+    external: bool,
+    strip: Strip,
+    shown: Option<(u32, u64)>,
+    uploaded: u64,
+    copied: u64,
+}
+
+fn wants_external(life: &Life) -> Result<bool, SetError> {
+    match life.settings.set.get("view").map(String::as_str) {
+        None | Some("endoscope") => Ok(false),
+        Some("external") => Ok(true),
+        Some(value) => Err(SetError { key: "view".into(), value: value.into(), expected: "endoscope or external" }),
+    }
+}
+
+/// The process.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    let mut external = wants_external(life)?;
+    let mut album = Album::open(life)?;
+    // Where the system refuses, the process is one like the others.
+    let _ = rustix::process::nice(NICE);
+    let links = Links::join(&life.station, &life.slot.to_string())?;
+    let mut sources = Sources::open(life, links)?;
+    life.ports_are_open();
+    let mut display = Display::open(life);
+    let mut hand = (life.settings.hand == "mouse").then(Hand::default);
+    loop {
+        let started = {
+            let _pulse = Pulse::start(life)?;
+            Vision::start(life, &display, external)
+        };
+        let mut vision = match started {
+            Ok(vision) => vision,
+            Err(error @ (RenderError::NoVulkan(_) | RenderError::NoDevice { .. })) => {
+                life.say(&format!("{error}; the station goes on without pictures"));
+                return without_pictures(life);
+            }
+            Err(error @ (RenderError::NoDisplay(_) | RenderError::NoSurface { .. })) if display.window().is_some() => {
+                life.say(&format!("{error}; headless"));
+                display.close();
+                continue;
+            }
+            Err(error) => return Err(Failure::Broken(error.to_string())),
+        };
+        let end = vision.show(&mut sources, &mut display, &mut album, &mut hand)?;
+        external = vision.external;
+        drop(vision);
+        match end {
+            End::Stopped => return Ok(()),
+            End::NoWindow(reason) => {
+                life.say(&format!("{reason}; headless"));
+                display.close();
+            }
+        }
+    }
+}
+
+/// The process lives, so that nobody waits for it or restarts it; its status says that it has drawn nothing.
+fn without_pictures(life: &Life) -> Result<(), Failure> {
+    life.page.write(page::STATUS, &RenderingStatus::default());
+    life.page.set_state(ProcessState::Live);
+    let mut pace = Pace::new(life, BLIND_TICKS, 0);
+    while pace.next().is_some() {
+        pace.end();
+    }
+    Ok(())
+}
+
+impl<'a> Vision<'a> {
+    /// Opens the device and draws a first picture, which compiles what drivers compile late.
+    fn start(life: &'a Life, display: &Display, external: bool) -> Result<Vision<'a>, RenderError> {
+        let gpu = match display.window() {
+            Some(window) => Gpu::with_window(Prefer::Fastest, window)?,
+            None => Gpu::new(Prefer::Fastest)?,
+        };
+        let name = gpu.name();
+        let mut renderer = Renderer::new(gpu, SIZE_PX[0], SIZE_PX[1])?;
+        let scenery = Scenery::new(renderer.stage())?;
+        let mut vision = Vision {
+            life,
+            renderer,
+            scenery,
+            view: View::new(Camera::Endoscope(Endoscope::default())),
+            external,
+            strip: Strip::default(),
+            shown: None,
+            uploaded: 0,
+            copied: 0,
+        };
+        vision.aim(None);
+        vision.renderer.render(&vision.view)?;
+        life.say(&format!("{name}, {}x{}", SIZE_PX[0], SIZE_PX[1]));
+        Ok(vision)
+    }
+
+    fn show(
+        &mut self,
+        sources: &mut Sources,
+        display: &mut Display,
+        album: &mut Album,
+        hand: &mut Option<Hand>,
+    ) -> Result<End, Failure> {
+        let life = self.life;
+        let broken = |error: RenderError| Failure::Broken(error.to_string());
+        sources.looks.want();
+        let mut pace = Pace::new(life, PERIOD_TICKS, 0);
+        let mut last_ns = system::now_ns();
+        while let Some(tick) = pace.next() {
+            let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
+            last_ns = pace.woken_ns();
+            sources.welcome();
+            let sample = sources.sample();
+            match display.pump(elapsed_s) {
+                Ok(None) => {}
+                Ok(Some(input)) => {
+                    self.external ^= input.was_pressed(Key::External);
+                    if let (Some(hand), Some(sample)) = (hand.as_mut(), &sample) {
+                        life.page.write(page::POINTER, &hand.follow(&input, &sample.pose));
+                    }
+                }
+                Err(reason) => return Ok(End::NoWindow(reason)),
+            }
+            self.gather(sources).map_err(broken)?;
+            self.aim(sample.as_ref());
+            self.strip.look(&life.clock, tick);
+            self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref());
+            let stats = self.renderer.render(&self.view).map_err(broken)?;
+            self.strip.count(tick);
+            self.report(stats.total_ms);
+            self.view.quality.scale = next_scale(stats.total_ms, BUDGET_MS, self.view.quality.scale);
+            // The glow goes with the last pixels that can be spared, and comes back with the first.
+            self.view.quality.bloom = self.view.quality.scale > MIN_SCALE;
+            if let Some(window) = display.window() {
+                let [width, height] = window.size_px();
+                match self.renderer.present(width, height) {
+                    Ok(Shown::Yes | Shown::Skipped) => {}
+                    Err(error @ RenderError::DeviceLost(_)) => return Err(broken(error)),
+                    Err(error) => return Ok(End::NoWindow(error.to_string())),
+                }
+            }
+            album.keep(life, tick, &mut self.renderer);
+            pace.end();
+            life.page.set_state(ProcessState::Live);
+        }
+        Ok(End::Stopped)
+    }
+
+    /// Takes what is new: topology, state, looks. What makes no sense is left out, counted, and said once.
+    fn gather(&mut self, sources: &mut Sources) -> Result<(), RenderError> {
+        (self.uploaded, self.copied) = (0, 0);
+        if let Some((state, held)) = sources.state().filter(|(state, _)| Some((state.epoch, state.tick)) > self.shown) {
+            let moved = self.take_state(sources, state.topology_version, held.bytes());
+            match &moved {
+                Ok(true) => self.shown = Some((state.epoch, state.tick)),
+                Ok(false) => {}
+                Err(Refused::Stage(error @ RenderError::DeviceLost(_))) => {
+                    return Err(RenderError::DeviceLost(error.to_string()));
+                }
+                Err(_) => self.life.page.add64(header::INVALID, 1),
+            }
+            let news = self.scenery.is_news(moved.is_err());
+            if let (Err(error), true) = (moved, news) {
+                self.life.say(&format!("a message is left out: {error}"));
+            }
+        }
+        if let Some(held) = sources.field() {
+            self.take_field(held.bytes())?;
+        }
+        if let Some(records) = sources.looks.poll(system::now_ns()) {
+            self.scenery.dress(self.renderer.stage(), &records);
+        }
+        Ok(())
+    }
+
+    /// Whether the surfaces have moved: not before their topology is there.
+    fn take_state(&mut self, sources: &mut Sources, version: u32, state: &[u8]) -> Result<bool, Refused> {
+        let stage = self.renderer.stage();
+        if !self.scenery.is_of(version) {
+            let Some(topology) = sources.topology(version) else { return Ok(false) };
+            self.copied = self.scenery.rebuild(stage, topology.bytes())?;
+            sources.looks.want();
+        }
+        self.uploaded += self.scenery.follow(stage, state)?;
+        Ok(true)
+    }
+
+    /// The medium as the newest fluid state has it; a state that makes no sense leaves it as it was.
+    fn take_field(&mut self, state: &[u8]) -> Result<(), RenderError> {
+        let Ok(field) = medium::field(state) else {
+            self.life.page.add64(header::INVALID, 1);
+            return Ok(());
+        };
+        let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
+        match self.renderer.set_fluid(field) {
+            Ok(()) => self.uploaded += bytes,
+            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
+            Err(_) => self.life.page.add64(header::INVALID, 1),
+        }
+        Ok(())
+    }
+
+    /// Points the camera, moves the tool, sets the light.
+    fn aim(&mut self, sample: Option<&HardwareSample>) {
+        if let Some(sample) = sample {
+            // The tool is on the stage from the start.
+            let _ = self.scenery.hold_tool(self.renderer.stage(), &sample.pose);
+            self.view.light = sample.controls.light.clamp(0.0, 1.0);
+        }
+        let scope = sample.map_or(Endoscope::default(), |sample| Endoscope {
+            tip_m: sample.pose.position_m,
+            rotation: sample.pose.orientation,
+            head_rad: sample.pose.camera_roll_rad,
+            oblique_rad: OBLIQUE_RAD,
+            ..Endoscope::default()
+        });
+        self.view.camera = if self.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
+    }
+
+    fn report(&self, frame_ms: f32) {
+        let own = &self.life.page;
+        let frames = own.load64(header::STEPS) + 1; // one for each step, over all devices of this life
+        let scale = self.view.quality.scale;
+        let status = RenderingStatus { frames, upload_bytes: self.uploaded, copied_bytes: self.copied, frame_ms, scale };
+        own.write(page::STATUS, &status);
+        own.store64(header::VALUE_NS, system::now_ns());
+        own.add64(header::COPIED_BYTES, self.copied);
+    }
+}

@@ -1,0 +1,284 @@
+//! A Main Loop step without its station: the same parts in the same order on the same model, while the scripted hand presses into the wall
+//! and comes out again. Only the carriers differ: own memory instead of the exchange, threads instead of collision workers.
+
+use crate::contacts::{self, Contacts, ToolMotion};
+use crate::world::World;
+use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
+use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
+use hyst_exchange::system;
+use hyst_messages::Pose;
+use hyst_scene::{LoadedHand, LoadedScene};
+use hyst_tissue::{Isa, Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
+use parking_lot::{Mutex, RwLock};
+use std::sync::Arc;
+
+/// Parts of a step, in the order of the Main Loop.
+pub const PHASES: [&str; 6] = ["hash", "intersection", "response", "deformation", "surface", "planes"];
+/// Indices of [`PHASES`].
+pub const INTERSECTION: usize = 1;
+/// Index of the deformation.
+pub const DEFORMATION: usize = 3;
+/// Step, s, as the Main Loop's shortest.
+const DT_S: f32 = 1e-3;
+/// Most steps of a run: two of the longest presses that the built-in hands make.
+const MAX_STEPS: usize = 8_000;
+/// Passes of brute force and of the bare pass, of which the fastest counts.
+const PASSES: usize = 7;
+
+/// What the threads of the intersection test share.
+struct Shared {
+    world: World,
+    owner: Vec<u32>,
+    input: RwLock<Input>,
+    shares: Vec<Mutex<(Vec<Hit>, usize)>>,
+}
+
+struct Input {
+    positions_m: Vec<[f32; 3]>,
+    table: Vec<u32>,
+}
+
+impl SharedWork for Shared {
+    fn step(&self, _phase: u32, index: usize, count: usize) {
+        let input = self.input.read();
+        let mut share = self.shares[index].lock();
+        let (hits, found) = &mut *share;
+        let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
+        let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
+        let tissue = contacts::tissue(&self.world, &input.positions_m);
+        let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, hits));
+        *found = tested.map_or(0, |found| found.count);
+    }
+}
+
+/// What a run measured.
+#[derive(Default)]
+pub struct Record {
+    /// Time of each phase in each step, ns.
+    pub phases_ns: [Vec<u64>; PHASES.len()],
+    /// Substeps of a step.
+    pub substeps: u32,
+    /// Most contacts in a step.
+    pub contacts: usize,
+}
+
+impl Record {
+    /// Time of each step, ns, counting the phases that are chosen.
+    pub fn steps_ns(&self, counts: impl Fn(usize) -> bool) -> Vec<u64> {
+        let sum = |step: usize| (0..PHASES.len()).filter(|phase| counts(*phase)).map(|phase| self.phases_ns[phase][step]).sum();
+        (0..self.phases_ns[0].len()).map(sum).collect()
+    }
+
+    /// Time of a phase in all steps, ns.
+    pub fn total_ns(&self, phase: usize) -> u64 {
+        self.phases_ns[phase].iter().sum()
+    }
+}
+
+/// Model, state and buffers of a run.
+pub struct Press {
+    shared: Arc<Shared>,
+    threads: SynchronizedThreads<Shared>,
+    hand: Option<LoadedHand>,
+    scratch: Scratch,
+    contacts: Contacts,
+    sizes: HashSizes,
+    hits: Vec<Hit>,
+    memory: Vec<Memory>,
+    pressure_pa: Vec<f32>,
+    points_m: Vec<[f32; 3]>,
+    velocities_m_s: Vec<[f32; 3]>,
+    next_m: Vec<[f32; 3]>,
+    next_m_s: Vec<[f32; 3]>,
+    surface_m: Vec<[f32; 3]>,
+}
+
+fn text(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
+impl Press {
+    /// At rest; the intersection test is shared among `threads` threads, the caller's included.
+    pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
+        let world = World::of(scene, isa).map_err(text)?;
+        let (points, nodes) = (world.tool.points_m.len(), world.model.node_count());
+        let contacts = Contacts::new(&world);
+        let room = contacts::max_hits(&world);
+        let sizes = HashSizes::for_points(points);
+        let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
+        let shared = Arc::new(Shared {
+            owner: contacts.points().owner.to_vec(),
+            input: RwLock::new(input),
+            shares: (0..threads).map(|_| Mutex::new((vec![Hit::default(); room], 0))).collect(),
+            world,
+        });
+        Ok(Press {
+            threads: SynchronizedThreads::new(Arc::clone(&shared), threads, "share").map_err(text)?,
+            hand: scene.hand("press").cloned(),
+            scratch: Scratch::new(&shared.world.model),
+            contacts,
+            sizes,
+            hits: vec![Hit::default(); room],
+            memory: bytemuck::zeroed_vec(points),
+            pressure_pa: vec![0.0; shared.world.wall.len()],
+            points_m: vec![[0.0; 3]; points],
+            velocities_m_s: vec![[0.0; 3]; nodes],
+            next_m: vec![[0.0; 3]; nodes],
+            next_m_s: vec![[0.0; 3]; nodes],
+            surface_m: vec![[0.0; 3]; shared.world.bindings.len()],
+            shared,
+        })
+    }
+
+    /// Number of tets.
+    pub fn tets(&self) -> usize {
+        self.shared.world.model.tets().len()
+    }
+
+    /// Number of points of the tool.
+    pub fn points(&self) -> usize {
+        self.points_m.len()
+    }
+
+    /// What the hand does.
+    pub fn hand(&self) -> &'static str {
+        if self.hand.is_some() { "press" } else { "at rest (the scene has no hand `press`)" }
+    }
+
+    fn pose(&self, tick: usize) -> Pose {
+        let world = &self.shared.world;
+        let pose = self.hand.as_ref().map_or(world.rest, |hand| hand.pose_at(tick as f64 * f64::from(DT_S)));
+        let position_m = pose.tip_m(world.pivot_m);
+        Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() }
+    }
+
+    /// One period of the hand from where the tissue is, or as much of it as fits into the time.
+    pub fn run(&mut self, budget_ns: u64) -> Result<Record, String> {
+        let period_s = self.hand.as_ref().map_or(1.0, |hand| hand.period_s);
+        let steps = ((period_s / f64::from(DT_S)).ceil() as usize).clamp(1, MAX_STEPS);
+        let mut record = Record::default();
+        for of_phase in &mut record.phases_ns {
+            of_phase.reserve(steps);
+        }
+        let begun_ns = system::now_ns();
+        for tick in 0..steps {
+            self.step(tick, &mut record)?;
+            if system::now_ns() - begun_ns > budget_ns {
+                break;
+            }
+        }
+        Ok(record)
+    }
+
+    fn step(&mut self, tick: usize, record: &mut Record) -> Result<(), String> {
+        let shared = Arc::clone(&self.shared);
+        let world = &shared.world;
+        let (pose, before) = (self.pose(tick), self.pose(tick.saturating_sub(1)));
+        let mut laps = Laps { last_ns: system::now_ns(), phase: 0, record };
+
+        world.tool.place(&pose, &mut self.points_m);
+        {
+            let mut input = shared.input.write();
+            let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
+            hash.build(&self.points_m, world.cell_m, Layout::Auto).map_err(text)?;
+        }
+        laps.lap();
+
+        self.threads.run(tick as u32);
+        let input = shared.input.read();
+        let found = self.merge(&input.positions_m);
+        laps.lap();
+
+        let tool = ToolMotion {
+            points_m: &self.points_m,
+            velocity_m_s: std::array::from_fn(|axis| (pose.position_m[axis] - before.position_m[axis]) / DT_S),
+            tip_m: pose.position_m,
+            back: std::array::from_fn(|axis| world.pivot_m[axis] - pose.position_m[axis]),
+        };
+        let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
+        self.contacts.meet(world, &self.hits[..found], &tool, positions_m, velocities_m_s, &mut self.memory).map_err(text)?;
+        pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
+        laps.lap();
+
+        let from = StateRef { position_m: positions_m, velocity_m_s: velocities_m_s };
+        let forces = StepInput {
+            external_force_n: self.contacts.forces_n(),
+            targets_m: &[],
+            springs: self.contacts.springs(),
+            attachments: &world.attachments,
+            dt_s: DT_S,
+        };
+        let to = StateMut { position_m: &mut self.next_m, velocity_m_s: &mut self.next_m_s };
+        let report = step(&world.model, &mut self.scratch, from, &forces, to).map_err(text)?;
+        laps.lap();
+
+        surface_update(&world.bindings, world.model.tets(), &self.next_m, &mut self.surface_m);
+        laps.lap();
+
+        let table = HashRef::in_words(&input.table).map_err(text)?;
+        self.contacts.planes(world, &table, &tool, &self.next_m).map_err(text)?;
+        laps.lap();
+        drop(input);
+        record.substeps = report.substeps;
+        record.contacts = record.contacts.max(self.contacts.count());
+        std::mem::swap(&mut shared.input.write().positions_m, &mut self.next_m);
+        std::mem::swap(&mut self.velocities_m_s, &mut self.next_m_s);
+        Ok(())
+    }
+
+    fn merge(&mut self, positions_m: &[[f32; 3]]) -> usize {
+        let tissue = contacts::tissue(&self.shared.world, positions_m);
+        let held: Vec<_> = self.shared.shares.iter().map(Mutex::lock).collect();
+        let parts: Vec<&[Hit]> = held.iter().map(|share| &share.0[..share.1]).collect();
+        merge(&parts, &tissue, &mut self.hits).count
+    }
+
+    /// Testing every point against every tet without any table, where the tissue is now, ns: the fastest of a few.
+    pub fn brute_ns(&mut self) -> Result<u64, String> {
+        let shared = Arc::clone(&self.shared);
+        let input = shared.input.read();
+        let tissue = contacts::tissue(&shared.world, &input.positions_m);
+        let mut least_ns = u64::MAX;
+        for _ in 0..PASSES {
+            let begun_ns = system::now_ns();
+            intersect_brute(&self.points_m, &self.contacts.points(), &tissue, &mut self.hits).map_err(text)?;
+            least_ns = least_ns.min(system::now_ns() - begun_ns);
+        }
+        Ok(least_ns)
+    }
+
+    /// Reading the corners of every tet once, ns: the fastest of a few. No method that looks at all tets takes less.
+    pub fn pass_ns(&self) -> u64 {
+        let input = self.shared.input.read();
+        let tets = self.shared.world.model.tets();
+        let pass = || {
+            let begun_ns = system::now_ns();
+            let mut low = [f32::INFINITY; 3];
+            for tet in tets {
+                for node in tet {
+                    let corner = input.positions_m[*node as usize];
+                    low = std::array::from_fn(|axis| low[axis].min(corner[axis]));
+                }
+            }
+            std::hint::black_box(low);
+            system::now_ns() - begun_ns
+        };
+        (0..PASSES * PASSES).map(|_| pass()).min().unwrap_or(1).max(1)
+    }
+}
+
+struct Laps<'a> {
+    last_ns: u64,
+    phase: usize,
+    record: &'a mut Record,
+}
+
+impl Laps<'_> {
+    /// Ends a phase.
+    fn lap(&mut self) {
+        let now_ns = system::now_ns();
+        self.record.phases_ns[self.phase].push(now_ns - self.last_ns);
+        self.phase += 1;
+        self.last_ns = now_ns;
+    }
+}

@@ -1,0 +1,171 @@
+//! What the engines' own benchmarks have in common: their arguments, the machine that a figure belongs to, the form of the result.
+//!
+//! The result is `{machine, rows}`; latencies have the same form as in a run's report.
+
+use hyst_exchange::system;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What a benchmark is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Request {
+    /// Which benchmark.
+    pub what: String,
+    /// Mesh or scene in place of the embedded scene.
+    pub mesh: Option<PathBuf>,
+    /// JSON instead of a table.
+    pub json: bool,
+}
+
+/// Reads `WHAT [--mesh FILE] [--json]`.
+///
+/// # Errors
+/// One sentence that names the argument and what is expected.
+pub fn request(words: impl Iterator<Item = String>, known: &[&str], takes_mesh: bool) -> Result<Request, String> {
+    let mut words = words;
+    let expected = format!("expected {}{} [--json]", known.join("|"), if takes_mesh { " [--mesh FILE]" } else { "" });
+    let what = words.next().filter(|word| known.contains(&word.as_str()));
+    let Some(what) = what else { return Err(format!("no known benchmark named first; {expected}")) };
+    let mut request = Request { what, mesh: None, json: false };
+    while let Some(word) = words.next() {
+        match word.as_str() {
+            "--json" => request.json = true,
+            "--mesh" if takes_mesh => {
+                let file = words.next().ok_or_else(|| format!("--mesh without a file; {expected}"))?;
+                request.mesh = Some(PathBuf::from(file));
+            }
+            other => return Err(format!("unknown argument {other:?}; {expected}")),
+        }
+    }
+    Ok(request)
+}
+
+/// The end of a benchmark: prints its rows, or says why there are none (exit code 2 as a bad input has).
+pub fn finish(program: &str, json: bool, rows: Result<Vec<Value>, String>) -> ExitCode {
+    let rows = match rows {
+        Ok(rows) => rows,
+        Err(error) => {
+            eprintln!("{program} bench: {error}");
+            return ExitCode::from(2);
+        }
+    };
+    let machine = machine();
+    if json {
+        println!("{:#}", json!({ "machine": machine, "rows": rows }));
+    } else {
+        println!("{machine}");
+        print!("{}", table(&rows));
+    }
+    ExitCode::SUCCESS
+}
+
+/// Quantiles of samples, each divided by `unit_ns`; the samples are sorted on the way. Zeros without samples.
+pub fn spread(samples_ns: &mut [u64], unit_ns: f64) -> Value {
+    let mut at = |share: f64| quantile_ns(samples_ns, share) / unit_ns;
+    json!({ "p50": at(0.5), "p99": at(0.99), "p999": at(0.999), "max": at(1.0) })
+}
+
+/// The sample below or at which a share of them lies; the samples are sorted on the way. 0 without samples.
+pub fn quantile_ns(samples_ns: &mut [u64], share: f64) -> f64 {
+    samples_ns.sort_unstable();
+    let index = (share * samples_ns.len() as f64).ceil() as usize;
+    samples_ns.get(index.saturating_sub(1)).map_or(0.0, |sample| *sample as f64)
+}
+
+/// Processor, cores, kernel, day (UTC).
+pub fn machine() -> Value {
+    let processor = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = processor.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |passed| passed.as_secs());
+    json!({
+        "cpu": model.map_or("unknown", |(_, name)| name.trim()),
+        "cores": system::cores(),
+        "kernel": kernel.trim(),
+        "date": date(seconds / 86_400),
+    })
+}
+
+/// The date of a day counted from 1970-01-01, Gregorian: years are counted from March, so that a leap day is the last of its year.
+fn date(days: u64) -> String {
+    let since_march_0 = days + 719_468;
+    let (era, day_of_era) = (since_march_0 / 146_097, since_march_0 % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = 400 * era + year_of_era + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+/// One line for each key, one column for each row; nested keys are joined with a dot.
+fn table(rows: &[Value]) -> String {
+    let mut lines: Vec<(String, Vec<String>)> = Vec::new();
+    for (column, row) in rows.iter().enumerate() {
+        flatten("", row, &mut |key, text| {
+            let found = lines.iter().position(|(known, _)| known == key);
+            let at = found.unwrap_or_else(|| {
+                lines.push((key.to_owned(), vec!["-".to_owned(); rows.len()]));
+                lines.len() - 1
+            });
+            lines[at].1[column] = text;
+        });
+    }
+    let cells = |line: &(String, Vec<String>)| line.1.iter().map(|cell| format!(" {cell:>22}")).collect::<String>();
+    lines.iter().map(|line| format!("{:<26}{}\n", line.0, cells(line))).collect()
+}
+
+fn flatten(prefix: &str, value: &Value, out: &mut impl FnMut(&str, String)) {
+    match value {
+        Value::Object(members) if members.is_empty() => out(prefix, "none".into()),
+        Value::Object(members) => {
+            for (key, member) in members {
+                let joined = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+                flatten(&joined, member, out);
+            }
+        }
+        Value::Number(number) if number.is_f64() => out(prefix, format!("{:.3}", number.as_f64().unwrap_or(f64::NAN))),
+        Value::String(text) => out(prefix, text.clone()),
+        other => out(prefix, other.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_by_hand() {
+        let mut samples: Vec<u64> = (1..=100).rev().collect();
+        assert_eq!(spread(&mut samples, 10.0), json!({ "p50": 5.0, "p99": 9.9, "p999": 10.0, "max": 10.0 }));
+        assert_eq!(quantile_ns(&mut [], 0.5), 0.0);
+    }
+
+    #[test]
+    fn dates_by_hand() {
+        let dates = [(0, "1970-01-01"), (11_016, "2000-02-29"), (11_017, "2000-03-01"), (20_453, "2025-12-31"), (20_778, "2026-11-21")];
+        for (days, expected) in dates {
+            assert_eq!(date(days), expected);
+        }
+    }
+
+    #[test]
+    fn a_request_is_read_whole_or_refused() {
+        let read = |line: &str, mesh| request(line.split_whitespace().map(String::from), &["a", "b"], mesh);
+        let asked = read("b --mesh x.msh --json", true).unwrap();
+        assert_eq!(asked, Request { what: "b".into(), mesh: Some("x.msh".into()), json: true });
+        for (line, mesh) in [("", true), ("c", true), ("a --mesh", true), ("a --mesh x", false), ("a --fast", true), ("a b", true)] {
+            assert!(read(line, mesh).is_err_and(|error| error.contains("expected a|b")), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_table_has_every_key_of_every_row() {
+        let text = table(&[json!({ "a": { "p50": 1.5 }, "peers": {} }), json!({ "b": "x" })]);
+        let words: Vec<&str> = text.split_whitespace().collect();
+        assert_eq!(words, ["a.p50", "1.500", "-", "peers", "none", "-", "b", "-", "x"]);
+    }
+}

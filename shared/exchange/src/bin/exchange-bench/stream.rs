@@ -1,0 +1,89 @@
+//! Streams beside a bare iceoryx2 publisher of equal quality of service: write, send and receive, two ports in one process. The bare
+//! publisher is measured twice: with a zeroed loan that is written in place, as ours is and as safe code must, and with an uninitialised
+//! one that is filled from a slice, which is the least that iceoryx2 can take but leaves no way to compute in place without `unsafe`.
+
+use crate::Failure;
+use crate::measure::{Arm, Budget, Row, in_turns, timed};
+use crate::partner::Site;
+use hyst_exchange::Links;
+use hyst_exchange::stream::{MAX_HELD, MAX_LOANS, MAX_NODES, MAX_READERS, READER_BUFFER};
+use hyst_messages::{Kind, Role};
+use iceoryx2::prelude::*;
+
+const BLOCKS: usize = 40;
+
+/// Adds the rows.
+pub fn rows(site: &Site, budget: &Budget, rows: &mut Vec<Row>) -> Result<(), Failure> {
+    let links = Links::join(&site.station, "bench")?;
+    let node = NodeBuilder::new().create::<ipc_threadsafe::Service>()?; // in the station's domain: the configuration is global
+    for (incarnation, name, bytes, count) in [(1, "128 B", 128, 2_000), (2, "64 KiB", 65_536, 400), (3, "1 MiB", 1 << 20, 40)] {
+        let [zeroed, uninitialised] = size(&links, &node, budget, incarnation, name, bytes, count)?;
+        rows.extend([zeroed, uninitialised]);
+    }
+    Ok(())
+}
+
+fn size(
+    links: &Links,
+    node: &Node<ipc_threadsafe::Service>,
+    budget: &Budget,
+    incarnation: u32,
+    name: &str,
+    bytes: usize,
+    count: usize,
+) -> Result<[Row; 2], Failure> {
+    let _service = links.create_service(Role::Tissue, incarnation, Kind::TissueState)?;
+    let publisher = links.publisher(Role::Tissue, incarnation, Kind::TissueState, bytes)?;
+    let subscriber = links.subscriber(Role::Tissue, incarnation, Kind::TissueState)?;
+    subscriber.connect()?;
+    let bare = node
+        .service_builder(&format!("bare/{incarnation}").as_str().try_into()?)
+        .publish_subscribe::<[u8]>()
+        .payload_alignment(Alignment::new(64).ok_or("alignment")?)
+        .max_publishers(1)
+        .max_subscribers(MAX_READERS)
+        .max_nodes(MAX_NODES)
+        .subscriber_max_buffer_size(READER_BUFFER)
+        .subscriber_max_borrowed_samples(MAX_HELD)
+        .history_size(1)
+        .enable_safe_overflow(true)
+        .create()?;
+    let bare_publisher = bare.publisher_builder().initial_max_slice_len(bytes).max_loaned_samples(MAX_LOANS).create()?;
+    let bare_subscriber = bare.subscriber_builder().create()?;
+
+    let content: Vec<u8> = (0..bytes).map(|at| (at * 31) as u8).collect();
+    let mut own_turn = || {
+        timed(|| {
+            let mut loan = publisher.loan(bytes)?;
+            loan.bytes_mut().copy_from_slice(&content);
+            loan.send()?;
+            let held = subscriber.next()?.ok_or("nothing received")?;
+            std::hint::black_box(held.bytes()[bytes - 1]);
+            Ok(())
+        })
+    };
+    let receive = || -> Result<(), Failure> {
+        let sample = bare_subscriber.receive()?.ok_or("nothing received")?;
+        std::hint::black_box(sample.payload()[bytes - 1]);
+        Ok(())
+    };
+    let mut zeroed_turn = || {
+        timed(|| {
+            let mut loan = bare_publisher.loan_slice(bytes)?;
+            loan.payload_mut().copy_from_slice(&content);
+            loan.send()?;
+            receive()
+        })
+    };
+    let mut uninitialised_turn = || {
+        timed(|| {
+            let loan = bare_publisher.loan_slice_uninit(bytes)?;
+            loan.write_from_slice(&content).send()?;
+            receive()
+        })
+    };
+    let arms: [Arm; 3] = [&mut own_turn, &mut zeroed_turn, &mut uninitialised_turn];
+    let [own, zeroed, uninitialised] = in_turns(budget, BLOCKS, count, arms)?;
+    let row = |beside, raw| Row::new(format!("stream, {name}"), beside, &own, raw, Some(1.1));
+    Ok([row("bare iceoryx2, zeroed", &zeroed), row("bare iceoryx2, filled", &uninitialised)])
+}

@@ -1,0 +1,86 @@
+//! What the supervisor does when the policy says so: spawn, mark dead, kill, give up; and the end of its work.
+
+use super::{STOP_NS, Supervisor};
+use crate::journal::{self, Verdict};
+use crate::policy::{self, Action, Event};
+use crate::spawn::SpawnError;
+use hyst_exchange::{Station, system};
+use hyst_messages::page::station as layout;
+use hyst_messages::{Role, Slot};
+
+impl Supervisor {
+    pub(super) fn act(&mut self, actions: Vec<Action>) {
+        for action in actions {
+            match action {
+                Action::Spawn { slot } => self.spawn(slot),
+                Action::MarkDead { slot, incarnation } => {
+                    self.spawner.mark_dead(slot, incarnation);
+                    if !self.policy.is_stopping() {
+                        self.spawner.bury(slot, incarnation); // at a stop the report still reads the page
+                    }
+                }
+                Action::Kill { slot, incarnation } => {
+                    if self.viewer.page().incarnation(slot) == incarnation
+                        && !self.viewer.page().is_dead(slot)
+                        && slot.role() != Role::Hardware
+                    {
+                        crate::proc::demote_and_kill(self.viewer.page().pid(slot));
+                    }
+                }
+                Action::GiveUp { slot, reason, end } => self.give_up(slot, reason, end),
+            }
+        }
+    }
+
+    fn spawn(&mut self, slot: Slot) {
+        let event = match self.spawner.spawn(slot) {
+            Ok(ward) => {
+                let incarnation = ward.incarnation;
+                self.watch.add(ward);
+                Event::Spawned { slot, incarnation }
+            }
+            Err(error) => {
+                if !matches!(error, SpawnError::Gone(_)) {
+                    journal::say(&self.station, &format!("cannot start {error}"));
+                }
+                Event::SpawnFailed { slot }
+            }
+        };
+        let actions = policy::step(system::now_ns(), event, &mut self.policy);
+        self.act(actions);
+    }
+
+    fn give_up(&mut self, slot: Slot, reason: &str, end: Option<u8>) {
+        let mut message = format!("{slot} is given up: {reason}; `hystation logs {slot}` has its words");
+        if let Some(line) = last_line(&self.station, slot) {
+            message.push_str(&format!(" (last: {line})"));
+        }
+        journal::say(&self.station, &message);
+        if let Some(code) = end {
+            Verdict { code, message }.write(&self.station);
+            self.page.store32_and_wake(layout::STOP, 1);
+            self.page.bump_and_wake(layout::CHANGES);
+        }
+    }
+
+    pub(super) fn finish(&mut self) -> u8 {
+        for slot in self.slots.clone() {
+            if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()) {
+                journal::say(&self.station, &format!("{slot} did not stop within {} ms and is killed", STOP_NS / 1_000_000));
+                crate::proc::demote_and_kill(living.pid);
+            }
+            self.sample(system::now_ns(), slot, None);
+        }
+        self.faults.read_ledger(&mut self.viewer);
+        self.faults.close_all();
+        self.accounts.write(&self.station);
+        self.hand_over();
+        0
+    }
+}
+
+fn last_line(station: &Station, slot: Slot) -> Option<String> {
+    let text = std::fs::read(station.log(slot)).ok()?;
+    let text = String::from_utf8_lossy(&text);
+    text.lines().rev().find(|line| !line.trim().is_empty()).map(|line| line.chars().take(300).collect())
+}

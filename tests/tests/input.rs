@@ -1,0 +1,149 @@
+//! Bad input: one clear error (what, where, what to do) and exit code 2; nothing is left behind; never a half-started station.
+
+use station_tests::{Station, hystation, run};
+use std::path::PathBuf;
+
+/// A folder that is removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Folder {
+        let path = std::env::temp_dir().join(format!("station-input-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+    fn write(&self, name: &str, text: &str) -> String {
+        let path = self.0.join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A block of 4 × 4 × 4 cubes of five tets each, 4 cm wide, as a Gmsh 2.2 file.
+fn block() -> String {
+    let n = 4usize;
+    let node = |i: usize, j: usize, k: usize| 1 + i + (n + 1) * (j + (n + 1) * k);
+    let mut nodes = String::new();
+    for k in 0..=n {
+        for j in 0..=n {
+            for i in 0..=n {
+                nodes += &format!("{} {} {} {}\n", node(i, j, k), i as f64 * 0.01, j as f64 * 0.01, k as f64 * 0.01);
+            }
+        }
+    }
+    let mut tets = Vec::new();
+    for k in 0..n {
+        for j in 0..n {
+            for i in 0..n {
+                let c = |bits: usize| node(i + (bits & 1), j + (bits >> 1 & 1), k + (bits >> 2));
+                let even = [[0, 1, 2, 4], [3, 1, 7, 2], [5, 1, 4, 7], [6, 2, 7, 4], [1, 2, 4, 7]];
+                let odd = [[1, 0, 5, 3], [2, 0, 3, 6], [4, 0, 6, 5], [7, 3, 5, 6], [0, 3, 6, 5]];
+                let chosen = if (i + j + k) % 2 == 0 { even } else { odd };
+                tets.extend(chosen.map(|tet| tet.map(c)));
+            }
+        }
+    }
+    let count = tets.len();
+    let rows: String = tets.iter().enumerate().map(|(at, t)| format!("{} 4 2 0 1 {} {} {} {}\n", at + 1, t[0], t[1], t[2], t[3])).collect();
+    let all = (n + 1).pow(3);
+    format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{all}\n{nodes}$EndNodes\n$Elements\n{count}\n{rows}$EndElements\n")
+}
+
+fn refused(arguments: &[&str], must_say: &[&str]) {
+    let name = format!("bad-{}", std::process::id());
+    let (code, _, said) = run(hystation().args(["--name", &name, "run", "--headless", "--for", "1s"]).args(arguments));
+    assert_eq!(code, Some(2), "{arguments:?}: {said}");
+    for word in must_say {
+        assert!(said.contains(word), "{arguments:?} does not say {word:?}: {said}");
+    }
+    assert!(!said.contains("panicked"), "{said}");
+    let left = hyst_exchange::Station::named(&name).unwrap().leftovers();
+    assert!(left.is_empty(), "{arguments:?} left {left:?}");
+}
+
+#[test]
+fn a_scene_that_cannot_be_used_is_refused_before_anything_starts() {
+    let folder = Folder::new("scene");
+    let mesh = block();
+    folder.write("block.msh", &mesh);
+    folder.write("short.msh", &mesh[..mesh.len() / 2]);
+    folder.write("nan.msh", &mesh.replacen("0.01 0 0\n", "nan 0 0\n", 1));
+    let out_of_range = mesh.replacen("1 4 2 0 1 ", "1 4 2 0 1 9", 1);
+    folder.write("range.msh", &out_of_range);
+    let scene = |mesh: &str, more: &str| {
+        format!("version = 1\nname = \"x\"\n[[deformable]]\nname = \"organ\"\nmesh = \"{mesh}\"\n{more}\n[[rigid]]\nname = \"scope\"\n")
+    };
+    let cases = [
+        ("missing.toml", scene("nowhere.msh", ""), "nowhere.msh"),
+        ("short.toml", scene("short.msh", ""), "short.msh"),
+        ("nan.toml", scene("nan.msh", ""), "nan.msh"),
+        ("range.toml", scene("range.msh", ""), "range.msh"),
+        ("unknown.toml", scene("block.msh", "colour = 3"), "colour"),
+        ("absurd.toml", scene("block.msh", "scale_to_m = 1000.0"), "scale"),
+        ("rigid.toml", "version = 1\nname = \"x\"\n[[deformable]]\nname = \"organ\"\nmesh = \"block.msh\"\n".into(), "rigid"),
+        ("soft.toml", "version = 1\nname = \"x\"\n[[rigid]]\nname = \"scope\"\n".into(), "deformable"),
+    ];
+    for (name, text, word) in cases {
+        refused(&[&folder.write(name, &text)], &[name, word]);
+    }
+    refused(&["/nowhere/at-all.toml"], &["/nowhere/at-all.toml"]);
+}
+
+#[test]
+fn arguments_that_mean_nothing_are_refused() {
+    refused(&["--set", "colour=red"], &["colour", "realtime"]);
+    refused(&["--set", "isa=mmx"], &["isa"]);
+    refused(&["--hand", "script:juggle"], &["juggle"]);
+    refused(&["--workers", "1000"], &["workers"]);
+    let (code, _, said) = run(hystation().args(["--name", "No Name", "run", "--headless", "--for", "1s"]));
+    assert_eq!(code, Some(2), "{said}");
+}
+
+#[test]
+fn two_stations_of_one_name_do_not_meet_and_two_of_different_names_do_not_either() {
+    let first = Station::start("twin", &["--hand", "idle"]);
+    let (code, _, said) = run(hystation().args(["--name", first.name(), "run", "--headless", "--for", "1s"]));
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains(first.name()), "{said}");
+    let second = Station::start("other", &["--hand", "idle"]);
+    second.run_ticks(200);
+    assert!(first.is_whole() && second.is_whole());
+    second.stop().assert_clean();
+    first.recover();
+    first.stop().assert_clean();
+}
+
+#[test]
+fn somebody_elses_mesh_is_touched_and_one_with_inverted_tets_is_repaired_and_said() {
+    let folder = Folder::new("organ");
+    // Every tet turned inside out: swaps the last two nodes of each element line.
+    let turned: String = block()
+        .lines()
+        .map(|line| match line.split(' ').collect::<Vec<_>>().as_slice() {
+            [id, "4", a, b, c, n1, n2, n3, n4] => format!("{id} 4 {a} {b} {c} {n1} {n2} {n4} {n3}\n"),
+            _ => format!("{line}\n"),
+        })
+        .collect();
+    let mesh = folder.write("turned.msh", &turned);
+    let (code, text, said) = run(hystation().args(["check", &mesh]));
+    assert_eq!(code, Some(0), "{said}");
+    assert!(text.contains("inverted"), "{text}");
+    let station = Station::start("organ", &[mesh.as_str(), "--hand", "script:press"]);
+    station.run_ticks(2_500);
+    let ended = station.stop();
+    ended.assert_clean();
+    assert!(ended.number("device.force_step_max_control_n") > 0.0 || ended.number("device.fresh") > 2_000.0);
+}
+
+#[test]
+fn without_real_time_the_station_runs_and_says_so() {
+    let station = Station::start("ordinary", &["--set", "realtime=off", "--hand", "idle"]);
+    station.run_ticks(500);
+    station.stop().assert_clean();
+}
