@@ -80,6 +80,8 @@ impl Station {
         let child = hystation()
             .args(["--name", &name, "run", "--headless", "--report"])
             .arg(folder.join("report.json"))
+            .arg("--record")
+            .arg(folder.join("session.mcap"))
             .args(arguments)
             .stdout(Stdio::null())
             .stderr(log)

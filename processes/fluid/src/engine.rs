@@ -186,7 +186,7 @@ pub fn inputs_of(sample: &HardwareSample, radius_m: f32, dt_s: f32) -> FlowInput
     inputs.tools[0] = Capsule {
         a_m: along(-radius_m),
         b_m: along(-SHAFT_M),
-        radius_m: radius_m,
+        radius_m,
         velocity_a_m_s: sample.velocity_m_s,
         velocity_b_m_s: [0.0; 3],
     };

@@ -146,7 +146,8 @@ mod tests {
 
     #[test]
     fn dates_by_hand() {
-        let dates = [(0, "1970-01-01"), (11_016, "2000-02-29"), (11_017, "2000-03-01"), (20_453, "2025-12-31"), (20_778, "2026-11-21")];
+        let dates =
+            [(0, "1970-01-01"), (11_016, "2000-02-29"), (11_017, "2000-03-01"), (20_453, "2025-12-31"), (20_778, "2026-11-21")];
         for (days, expected) in dates {
             assert_eq!(date(days), expected);
         }
@@ -157,7 +158,9 @@ mod tests {
         let read = |line: &str, mesh| request(line.split_whitespace().map(String::from), &["a", "b"], mesh);
         let asked = read("b --mesh x.msh --json", true).unwrap();
         assert_eq!(asked, Request { what: "b".into(), mesh: Some("x.msh".into()), json: true });
-        for (line, mesh) in [("", true), ("c", true), ("a --mesh", true), ("a --mesh x", false), ("a --fast", true), ("a b", true)] {
+        for (line, mesh) in
+            [("", true), ("c", true), ("a --mesh", true), ("a --mesh x", false), ("a --fast", true), ("a b", true)]
+        {
             assert!(read(line, mesh).is_err_and(|error| error.contains("expected a|b")), "{line}");
         }
     }

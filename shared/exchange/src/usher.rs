@@ -146,10 +146,13 @@ fn connect_port(guest: &mut Guest, links: Option<&Links>) -> Result<Option<Arriv
 
 impl Desk {
     fn notice(&mut self, page: &StationPage) {
+        // What the dead have not opened they never will; their pages stay readable.
+        let is_over = |slot: Slot, wanted: Wanted| wanted != Wanted::Page && page.is_dead(slot);
+        self.waiting.retain(|guest| !is_over(guest.slot, guest.wanted));
         for &(role, wanted) in &self.interests {
             for (slot, incarnation) in page.occupied(role) {
                 let key = (slot, incarnation, wanted);
-                if incarnation == self.me || self.known.contains(&key) {
+                if incarnation == self.me || self.known.contains(&key) || is_over(slot, wanted) {
                     continue;
                 }
                 self.known.retain(|(s, _, w)| (*s, *w) != (slot, wanted));

@@ -259,7 +259,8 @@ fn the_way_from_hand_to_force_links_no_iceoryx2() {
     none(found, "`device` reads and writes station pages alone: use exchange::usher::page_usher, and no stream or rendezvous.");
 }
 
-/// The names in the symbol table of a 64-bit little-endian ELF file (System V ABI, chapter 4); `None` if it is none or has no such table.
+/// The names of the functions and data in the symbol table of a 64-bit little-endian ELF file (System V ABI, chapter 4); `None` if it is
+/// none or has no such table.
 fn symbol_names(program: &[u8]) -> Option<Vec<String>> {
     let number = |at: usize, bytes: usize| {
         let mut word = [0u8; 8];
@@ -270,9 +271,18 @@ fn symbol_names(program: &[u8]) -> Option<Vec<String>> {
     let section = |index: usize| table + index * length;
     let symbols = (0..count).map(section).find(|at| number(at + 4, 4) == Some(2))?; // SHT_SYMTAB
     let strings = section(number(symbols + 40, 4)?); // sh_link
-    let (begin, size) = (number(strings + 24, 8)?, number(strings + 32, 8)?);
-    let names = program.get(begin..begin + size)?.split(|byte| *byte == 0);
-    Some(names.map(|name| String::from_utf8_lossy(name).into_owned()).collect())
+    let (begin, size) = (number(symbols + 24, 8)?, number(symbols + 32, 8)?);
+    let text = program.get(number(strings + 24, 8)?..)?;
+    let mut names = Vec::new();
+    for at in (begin..begin + size).step_by(24) {
+        let is_defined = number(at + 6, 2)? != 0; // SHN_UNDEF
+        if is_defined && number(at + 4, 1)? & 0xf != 4 {
+            // Not STT_FILE, which names every object that the linker looked into.
+            let name = text.get(number(at, 4)?..)?.split(|byte| *byte == 0).next()?;
+            names.push(String::from_utf8_lossy(name).into_owned());
+        }
+    }
+    Some(names)
 }
 
 #[test]

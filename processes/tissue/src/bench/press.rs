@@ -119,7 +119,7 @@ impl Press {
             contacts,
             sizes,
             hits: vec![Hit::default(); room],
-            memory: bytemuck::zeroed_vec(points),
+            memory: vec![Memory::default(); points],
             pressure_pa: vec![0.0; shared.world.wall.len()],
             points_m: vec![[0.0; 3]; points],
             velocities_m_s: vec![[0.0; 3]; nodes],
@@ -241,7 +241,8 @@ impl Press {
         let mut least_ns = u64::MAX;
         for _ in 0..PASSES {
             let begun_ns = system::now_ns();
-            intersect_brute(&self.points_m, &self.contacts.points(), &tissue, &mut self.hits).map_err(text)?;
+            let found = intersect_brute(&self.points_m, &self.contacts.points(), &tissue, &mut self.hits).map_err(text)?;
+            let _ = std::hint::black_box(found); // only the time is asked for
             least_ns = least_ns.min(system::now_ns() - begun_ns);
         }
         Ok(least_ns)

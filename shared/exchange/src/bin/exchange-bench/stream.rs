@@ -38,8 +38,7 @@ fn size(
     subscriber.connect()?;
     let bare = node
         .service_builder(&format!("bare/{incarnation}").as_str().try_into()?)
-        .publish_subscribe::<[u8]>()
-        .payload_alignment(Alignment::new(64).ok_or("alignment")?)
+        .publish_subscribe::<[u64]>()
         .max_publishers(1)
         .max_subscribers(MAX_READERS)
         .max_nodes(MAX_NODES)
@@ -48,14 +47,16 @@ fn size(
         .history_size(1)
         .enable_safe_overflow(true)
         .create()?;
-    let bare_publisher = bare.publisher_builder().initial_max_slice_len(bytes).max_loaned_samples(MAX_LOANS).create()?;
+    let bare_publisher = bare.publisher_builder().initial_max_slice_len(bytes / 8).max_loaned_samples(MAX_LOANS).create()?;
     let bare_subscriber = bare.subscriber_builder().create()?;
 
-    let content: Vec<u8> = (0..bytes).map(|at| (at * 31) as u8).collect();
+    let words = bytes / 8;
+    let content: Vec<u64> = (0..words as u64).map(|at| at * 31).collect();
+    let content_bytes: &[u8] = bytemuck::cast_slice(&content);
     let mut own_turn = || {
         timed(|| {
             let mut loan = publisher.loan(bytes)?;
-            loan.bytes_mut().copy_from_slice(&content);
+            loan.bytes_mut().copy_from_slice(content_bytes);
             loan.send()?;
             let held = subscriber.next()?.ok_or("nothing received")?;
             std::hint::black_box(held.bytes()[bytes - 1]);
@@ -64,12 +65,12 @@ fn size(
     };
     let receive = || -> Result<(), Failure> {
         let sample = bare_subscriber.receive()?.ok_or("nothing received")?;
-        std::hint::black_box(sample.payload()[bytes - 1]);
+        std::hint::black_box(sample.payload()[words - 1]);
         Ok(())
     };
     let mut zeroed_turn = || {
         timed(|| {
-            let mut loan = bare_publisher.loan_slice(bytes)?;
+            let mut loan = bare_publisher.loan_slice(words)?;
             loan.payload_mut().copy_from_slice(&content);
             loan.send()?;
             receive()
@@ -77,7 +78,7 @@ fn size(
     };
     let mut uninitialised_turn = || {
         timed(|| {
-            let loan = bare_publisher.loan_slice_uninit(bytes)?;
+            let loan = bare_publisher.loan_slice_uninit(words)?;
             loan.write_from_slice(&content).send()?;
             receive()
         })

@@ -1,0 +1,200 @@
+//! `fluid bench flow [--json]`: times a step of the Flow Engine on the embedded scene's cavity, outside of any station.
+//!
+//! A step is all that the engine computes in one: walls from the tissue, the solver's phases, the state written as a message. One row for
+//! the scene's own grid and one for a fine grid over the same box. `bandwidth_ratio` is the least time in which the solver's fields could
+//! be moved at the bandwidth of a triad measured in the same run, over the time of the solver; above 1 the fields stay in the caches.
+//! `speedup` has the solver on two threads, and beside it what two independent copies reach on this machine.
+
+mod traffic;
+
+use crate::cavity::Cavity;
+use crate::crew::Crew;
+use crate::engine::{inputs_of, load_scene, model_of};
+use hyst_engine::bench::{finish, quantile_ns, request, spread};
+use hyst_exchange::system;
+use hyst_flow::{FlowInputs, Solver, StepReport};
+use hyst_messages::{Controls, HardwareSample, Pose};
+use hyst_scene::LoadedScene;
+use serde_json::{Value, json};
+use std::process::ExitCode;
+use traffic::{step_bytes, triad_bytes_per_s};
+
+/// The grid beside the scene's own: the finer one of the comparison with other libraries.
+const FINE: [usize; 3] = [64, 64, 28];
+/// Parts of a step.
+const PHASES: [&str; 3] = ["walls", "solver", "state"];
+/// Index of the solver in [`PHASES`].
+const SOLVER: usize = 1;
+/// Steps of a run that count, and those before them in which the flow comes up.
+const STEPS: usize = 240;
+const WARM_UP: usize = 30;
+/// Longest time of a run, ns: eight runs end within 50 s.
+const RUN_NS: u64 = 4_500_000_000;
+/// Threads of the comparison.
+const THREADS: usize = 2;
+const MS: f64 = 1e6;
+
+/// Runs the benchmark that the arguments name.
+pub fn run(arguments: impl Iterator<Item = String>) -> ExitCode {
+    match request(arguments, &["flow"], false) {
+        Ok(request) => finish("fluid", request.json, rows()),
+        Err(error) => finish("fluid", false, Err(error)),
+    }
+}
+
+fn text(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
+fn rows() -> Result<Vec<Value>, String> {
+    let scene = load_scene(None).map_err(text)?;
+    let triad = triad_bytes_per_s();
+    let own = scene.fluid.grid.map(|count| count as usize);
+    [own, FINE].into_iter().map(|cells| row(&scene, cells, triad)).collect()
+}
+
+fn row(scene: &LoadedScene, cells: [usize; 3], triad_bytes_per_s: f64) -> Result<Value, String> {
+    let mut flow = Flow::new(scene, cells, 1)?;
+    let mut record = flow.run()?;
+    let solver = flow.crew.solver();
+    let bytes = step_bytes(solver, &flow.inputs(0)).map_err(text)?;
+    let mut steps_ns: Vec<u64> =
+        (0..record.phases_ns[0].len()).map(|at| record.phases_ns.iter().map(|phase| phase[at]).sum()).collect();
+    let all_ns = steps_ns.iter().sum::<u64>().max(1) as f64;
+    let share = |phase: usize| record.phases_ns[phase].iter().sum::<u64>() as f64 / all_ns;
+    let shares = [share(0), share(1), share(2)];
+    let solver_ns = quantile_ns(&mut record.phases_ns[SOLVER], 0.5).max(1.0);
+    let step_ns = quantile_ns(&mut steps_ns, 0.5).max(1.0);
+    let fluid = flow.cavity.mask().iter().filter(|cell| **cell == 0).count();
+    let count = cells.iter().product::<usize>();
+    Ok(json!({
+        "scene": scene.scene.name,
+        "grid": cells.map(|count| count.to_string()).join("x"),
+        "cells": count,
+        "fluid_cells": fluid,
+        "steps": steps_ns.len(),
+        "step_ms": spread(&mut steps_ns, MS),
+        "steps_per_s": 1e9 / step_ns,
+        "share": { PHASES[0]: shares[0], PHASES[1]: shares[1], PHASES[2]: shares[2] },
+        "cells_per_s": count as f64 * 1e9 / solver_ns,
+        "fluid_cells_per_s": fluid as f64 * 1e9 / solver_ns,
+        "iterations_mean": record.iterations as f64 / steps_ns.len() as f64,
+        "residual_max": record.residual,
+        "state_mib": solver.state_bytes() as f64 / f64::from(1 << 20),
+        "triad_gb_per_s": triad_bytes_per_s * 1e-9,
+        "bandwidth_ratio": bytes / triad_bytes_per_s / (solver_ns * 1e-9),
+        "peers": {},
+        "peers_note": "no other library is installed here",
+        "speedup": speedup(scene, cells)?,
+    }))
+}
+
+/// How many times as much the solver gets done: with its bands on several threads, and by as many independent copies. One thread alone is
+/// measured in the same breath, so that all three see the same machine.
+fn speedup(scene: &LoadedScene, cells: [usize; 3]) -> Result<Value, String> {
+    let median_ns = |bands: usize| -> Result<f64, String> {
+        let mut record = Flow::new(scene, cells, bands)?.run()?;
+        Ok(quantile_ns(&mut record.phases_ns[SOLVER], 0.5).max(1.0))
+    };
+    let alone_ns = median_ns(1)?;
+    let shared_ns = median_ns(THREADS)?;
+    let copies: Vec<Result<f64, String>> = std::thread::scope(|scope| {
+        let running: Vec<_> = (0..THREADS).map(|_| scope.spawn(|| median_ns(1))).collect();
+        running.into_iter().map(|copy| copy.join().unwrap_or_else(|_| Err("a copy panicked".into()))).collect()
+    });
+    let mut together = 0.0;
+    for copy_ns in copies {
+        together += alone_ns / copy_ns?;
+    }
+    Ok(json!({ "1": 1.0, "2": alone_ns / shared_ns, "2_independent_copies": together }))
+}
+
+#[derive(Default)]
+struct Record {
+    phases_ns: [Vec<u64>; PHASES.len()],
+    iterations: u64,
+    residual: f64,
+}
+
+/// The engine's computation without its station.
+struct Flow<'a> {
+    scene: &'a LoadedScene,
+    crew: Crew,
+    cavity: Cavity,
+    positions_m: Vec<[f32; 3]>,
+    tets: Vec<[u32; 4]>,
+    block: Vec<u64>,
+    dt_s: f32,
+}
+
+impl<'a> Flow<'a> {
+    fn new(scene: &'a LoadedScene, cells: [usize; 3], bands: usize) -> Result<Flow<'a>, String> {
+        let model = model_of(scene, cells).map_err(text)?;
+        let cavity = Cavity::new(model.grid);
+        let crew = Crew::new(Solver::new(model, bands).map_err(text)?).map_err(text)?;
+        let (mut positions_m, mut tets) = (Vec::new(), Vec::new());
+        for object in &scene.objects {
+            let first = positions_m.len() as u32;
+            positions_m.extend_from_slice(&object.mesh.positions_m);
+            tets.extend(object.mesh.tets.iter().map(|tet| tet.map(|node| node + first)));
+        }
+        let block = vec![0; crew.solver().state_bytes().div_ceil(size_of::<u64>())];
+        Ok(Flow { scene, crew, cavity, positions_m, tets, block, dt_s: (1.0 / scene.fluid.rate_hz) as f32 })
+    }
+
+    /// The scope pressed into the wall and out again, the valves open as a hand would have them.
+    fn inputs(&self, step: usize) -> FlowInputs {
+        let hand = self.scene.hand("press");
+        let pivot_m = self.scene.workspace.pivot_m;
+        let at = |step: usize| hand.map_or(self.scene.rest, |hand| hand.pose_at(step as f64 * f64::from(self.dt_s)));
+        let (pose, before_m) = (at(step), at(step.saturating_sub(1)).tip_m(pivot_m));
+        let position_m = pose.tip_m(pivot_m);
+        let controls = Controls {
+            inflow_valve: 1.0,
+            outflow_valve: 0.4,
+            set_pressure_pa: self.scene.fluid.set_pressure_pa,
+            ..Controls::default()
+        };
+        let sample = HardwareSample {
+            pose: Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() },
+            velocity_m_s: std::array::from_fn(|axis| (position_m[axis] - before_m[axis]) / self.dt_s),
+            controls,
+            ..HardwareSample::default()
+        };
+        inputs_of(&sample, self.scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m), self.dt_s)
+    }
+
+    fn run(&mut self) -> Result<Record, String> {
+        let mut record = Record::default();
+        let begun_ns = system::now_ns();
+        for step in 0..WARM_UP + STEPS {
+            let (laps_ns, report) = self.step(step)?;
+            if step >= WARM_UP {
+                for (phase, lap_ns) in record.phases_ns.iter_mut().zip(laps_ns) {
+                    phase.push(lap_ns);
+                }
+                record.iterations += u64::from(report.iterations);
+                record.residual = record.residual.max(report.residual_relative);
+            }
+            if step > WARM_UP && system::now_ns() - begun_ns > RUN_NS {
+                break;
+            }
+        }
+        Ok(record)
+    }
+
+    fn step(&mut self, step: usize) -> Result<([u64; PHASES.len()], StepReport), String> {
+        let seed_m = self.scene.rest.tip_m(self.scene.workspace.pivot_m);
+        let inputs = self.inputs(step);
+        let begun_ns = system::now_ns();
+        if self.cavity.update(&self.positions_m, &self.tets, seed_m) {
+            self.crew.solver().set_mask(self.cavity.mask()).map_err(text)?;
+        }
+        let walled_ns = system::now_ns();
+        let report = self.crew.step(&inputs).map_err(text)?;
+        let solved_ns = system::now_ns();
+        self.crew.solver().store(bytemuck::cast_slice_mut(&mut self.block)).map_err(text)?;
+        let stored_ns = system::now_ns();
+        Ok(([walled_ns - begun_ns, solved_ns - walled_ns, stored_ns - solved_ns], report))
+    }
+}
