@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 /// Folders that hold packages of ours, each directly or one below.
 pub const CODE: [&str; 4] = ["shared", "processes", "supervisor", "tests"];
 
-/// The top of the repository.
+/// The top of the repository. Asked at run time: a target folder that two checkouts share keeps the path of the first in the program.
 pub fn root() -> PathBuf {
-    let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
-    manifest.parent().map(Path::to_path_buf).unwrap_or_default()
+    let manifest = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").to_string());
+    Path::new(&manifest).parent().map(Path::to_path_buf).unwrap_or_default()
 }
 
 /// Text of a file of the repository.

@@ -2,9 +2,9 @@
 //! that does the job: a generation word, a counter, and one wake by the last to arrive; no deadline, no exclusion, no replacement.
 
 use crate::Failure;
-use crate::partner::{COORDINATOR, PATIENCE_NS, PRIORITY, Partner, Site, bare_page};
+use crate::partner::{COORDINATOR, PATIENCE_NS, Partner, Site, bare_page, take_place};
 use hyst_exchange::meeting::{Coordinator, Group, Member, ProcessCoordinator, ThreadCoordinator, threads};
-use hyst_exchange::system::{become_fifo, now_ns};
+use hyst_exchange::system::now_ns;
 use hyst_exchange::{OwnedPage, ReadPage};
 use hyst_messages::page::header;
 use hyst_messages::{Role, Slot};
@@ -43,7 +43,9 @@ impl BareCrew {
     /// Starts the members.
     pub fn start(site: &Site, count: u32) -> Result<BareCrew, Failure> {
         let (own, read) = bare_page(&site.station, count)?;
-        let members = (0..count).map(|_| site.partner("bare-member", &[count, count])).collect::<Result<_, _>>()?;
+        let members = (0..count)
+            .map(|index| site.partner("bare-member", &[count, count, site.core_of(index)]))
+            .collect::<Result<_, _>>()?;
         // Far behind the end of the run; computed once, for the barrier has no deadlines.
         Ok(BareCrew { own, read, generation: 0, deadline_ns: now_ns() + 60 * PATIENCE_NS, _members: members })
     }
@@ -86,7 +88,7 @@ impl ProcessCrew {
         for index in 0..count {
             let incarnation = first + index;
             drop(site.station.create_slot(slot, incarnation)?);
-            members.push(site.partner("member", &[incarnation])?);
+            members.push(site.partner("member", &[incarnation, site.core_of(index)])?);
             coordinator.seat(index as usize, site.station.read_slot(slot, incarnation)?);
         }
         Ok(ProcessCrew { coordinator, group: (1 << count) - 1, _members: members })
@@ -110,11 +112,12 @@ pub struct ThreadCrew {
 
 impl ThreadCrew {
     /// Starts the members.
-    pub fn start(count: u32) -> Result<ThreadCrew, Failure> {
+    pub fn start(site: &Site, count: u32) -> Result<ThreadCrew, Failure> {
         let (coordinator, members) = threads(count as usize);
-        for mut member in members {
+        for (index, mut member) in members.into_iter().enumerate() {
+            let core = site.core_of(index as u32);
             let body = move || {
-                become_fifo(PRIORITY);
+                take_place(core);
                 while let Some(release) = member.await_release(u64::MAX / 2) {
                     member.join(release);
                 }

@@ -21,6 +21,8 @@ pub const PATIENCE_NS: u64 = 1_000_000_000;
 pub struct Site {
     /// The station.
     pub station: Station,
+    /// Cores of the process before any thread was tied to one: the tied and their children count one core only.
+    cores: usize,
 }
 
 impl Site {
@@ -29,9 +31,13 @@ impl Site {
         let station = Station::named(&format!("bench-{}", std::process::id()))?;
         station.wipe();
         station.found()?;
-        Ok(Site { station })
+        Ok(Site { station, cores: system::cores() })
     }
-    /// Starts a partner.
+    /// Core of partner `index` of a crew: the first is not on core 0, the coordinator's, where there is another.
+    pub fn core_of(&self, index: u32) -> u32 {
+        (index + 1) % self.cores as u32
+    }
+    /// Starts a partner; its last argument is its core.
     pub fn partner(&self, role: &str, arguments: &[u32]) -> Result<Partner, Failure> {
         let mut command = Command::new(std::env::current_exe()?);
         command.args(["partner", role, self.station.name()]).args(arguments.iter().map(u32::to_string));
@@ -63,19 +69,27 @@ pub fn play(role: &str, arguments: &[&str]) -> Result<(), Failure> {
     let [station, numbers @ ..] = arguments else { return Err("a partner needs a station".into()) };
     let station = Station::named(station)?;
     let numbers: Vec<u32> = numbers.iter().map(|number| number.parse()).collect::<Result<_, _>>()?;
-    system::become_fifo(PRIORITY); // the run's report says whether it is granted
+    let core = numbers.last().copied().unwrap_or(0);
+    take_place(core); // the run's report says whether real time is granted
     match (role, numbers.as_slice()) {
-        ("member", [incarnation]) => member(&station, *incarnation),
-        ("bare-member", [page, count]) => {
+        ("member", [incarnation, _]) => member(&station, *incarnation),
+        ("bare-member", [page, count, _]) => {
             let (own, read) = bare_page(&station, *page)?;
             crews::bare_member(&own, &read, *count)
         }
-        ("woken", [page]) => {
+        ("woken", [page, _]) => {
             let (own, read) = bare_page(&station, *page)?;
             crate::waits::woken(&own, &read)
         }
         _ => Err(format!("no partner {role}").into()),
     }
+}
+
+/// Ties the calling thread to a core and makes it real time; false where the class is refused. All crews are placed alike: left to the
+/// scheduler, two equal crews of one run settle on different cores and differ by half.
+pub fn take_place(core: u32) -> bool {
+    let is_tied = system::pin_to_core(core as usize);
+    system::become_fifo(PRIORITY) && is_tied
 }
 
 fn member(station: &Station, incarnation: u32) -> Result<(), Failure> {

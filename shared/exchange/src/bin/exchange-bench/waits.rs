@@ -3,8 +3,8 @@
 use crate::Failure;
 use crate::crews::{BareCrew, ProcessCrew, ThreadCrew};
 use crate::measure::{Arm, Budget, Row, in_turns, timed};
-use crate::partner::{PATIENCE_NS, PRIORITY, Site, bare_page};
-use hyst_exchange::system::{become_fifo, now_ns, sleep_ns};
+use crate::partner::{PATIENCE_NS, Site, bare_page, take_place};
+use hyst_exchange::system::{now_ns, sleep_ns};
 use hyst_exchange::{OwnedPage, ReadPage};
 use hyst_messages::page::header;
 use rustix::thread::futex;
@@ -14,6 +14,8 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 const BLOCKS: usize = 40;
 const MEETINGS: usize = 200;
 const WAKES: usize = 50;
+/// Core of the side that releases and wakes.
+const COORDINATOR_CORE: u32 = 0;
 /// Long enough for a woken waiter to sleep again, ns.
 const REST_NS: u64 = 100_000;
 /// Number of the page of the waiter; those of the bare barriers are their sizes.
@@ -24,12 +26,12 @@ pub fn rows(site: &Site, budget: &Budget, rows: &mut Vec<Row>) -> Result<bool, F
     std::thread::scope(|scope| {
         let body = || -> Result<bool, Failure> {
             // Both sides of every comparison are started from here, so that partners live as long as this thread.
-            let granted = become_fifo(PRIORITY);
+            let granted = take_place(COORDINATOR_CORE);
             let mut coordinator = ProcessCrew::coordinator(site)?;
             for (first, count) in [(100, 1), (200, 2), (300, 4)] {
                 let mut own = ProcessCrew::start(site, coordinator, first, count)?;
                 let mut bare = BareCrew::start(site, count)?;
-                let mut thread = ThreadCrew::start(count)?;
+                let mut thread = ThreadCrew::start(site, count)?;
                 warm_up(&mut own)?;
                 let arms: [Arm; 3] =
                     [&mut || timed(|| own.meet()), &mut || timed(|| bare.meet()), &mut || timed(|| thread.meet())];
@@ -97,8 +99,8 @@ struct Plain {
 }
 
 /// The waiter in a thread of this process, by the plain system call.
-fn woken_plainly(plain: &Plain) {
-    become_fifo(PRIORITY);
+fn woken_plainly(plain: &Plain, core: u32) {
+    take_place(core);
     let mut seen = 0;
     loop {
         while plain.turn.load(Ordering::Acquire) == seen {
@@ -115,11 +117,11 @@ fn woken_plainly(plain: &Plain) {
 
 fn wake_row(site: &Site, budget: &Budget) -> Result<Row, Failure> {
     let (own, _) = bare_page(&site.station, WAKE_PAGE)?;
-    let _waiter = site.partner("woken", &[WAKE_PAGE])?;
+    let _waiter = site.partner("woken", &[WAKE_PAGE, site.core_of(0)])?;
     taken(|| own.load64(TAKEN_NS))?;
     let plain = Arc::new(Plain::default());
-    let waiter = Arc::clone(&plain);
-    let handle = std::thread::Builder::new().name("woken".into()).spawn(move || woken_plainly(&waiter))?;
+    let (waiter, core) = (Arc::clone(&plain), site.core_of(0));
+    let handle = std::thread::Builder::new().name("woken".into()).spawn(move || woken_plainly(&waiter, core))?;
     let mut page_turn = || {
         own.store64(TAKEN_NS, 0);
         own.store64(SENT_NS, now_ns());
