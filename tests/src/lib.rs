@@ -131,7 +131,8 @@ impl Station {
         let Some(processes) = status["processes"].as_array() else { return false };
         let named = |name: &str| processes.iter().any(|process| process["name"] == name);
         let well = |process: &Value| matches!(process["state"].as_str(), Some("live" | "spare"));
-        ["device", "haptic:1", "tissue:1", "fluid:1", "rendering", "recorder"].into_iter().all(named) && processes.iter().all(well)
+        ["device", "haptic:1", "tissue:1", "fluid:1", "rendering", "recorder"].into_iter().all(named)
+            && processes.iter().all(well)
     }
 
     /// Waits until the station is whole.
@@ -143,7 +144,8 @@ impl Station {
     /// Process id of the one that does a role's work (`active`), or of its spare.
     pub fn pid(&self, role: &str, active: bool) -> i32 {
         let of_role = || self.processes(role).into_iter().find(|process| process["active"] == active);
-        let found = wait_for(RECOVERY_LIMIT, of_role).unwrap_or_else(|| panic!("no {role} with active = {active}: {}", self.status()));
+        let found =
+            wait_for(RECOVERY_LIMIT, of_role).unwrap_or_else(|| panic!("no {role} with active = {active}: {}", self.status()));
         found["pid"].as_i64().expect("a process id") as i32
     }
 

@@ -50,7 +50,8 @@ fn block() -> String {
         }
     }
     let count = tets.len();
-    let rows: String = tets.iter().enumerate().map(|(at, t)| format!("{} 4 2 0 1 {} {} {} {}\n", at + 1, t[0], t[1], t[2], t[3])).collect();
+    let rows: String =
+        tets.iter().enumerate().map(|(at, t)| format!("{} 4 2 0 1 {} {} {} {}\n", at + 1, t[0], t[1], t[2], t[3])).collect();
     let all = (n + 1).pow(3);
     format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{all}\n{nodes}$EndNodes\n$Elements\n{count}\n{rows}$EndElements\n")
 }
@@ -77,7 +78,9 @@ fn a_scene_that_cannot_be_used_is_refused_before_anything_starts() {
     let out_of_range = mesh.replacen("1 4 2 0 1 ", "1 4 2 0 1 9", 1);
     folder.write("range.msh", &out_of_range);
     let scene = |mesh: &str, more: &str| {
-        format!("version = 1\nname = \"x\"\n[[deformable]]\nname = \"organ\"\nmesh = \"{mesh}\"\n{more}\n[[rigid]]\nname = \"scope\"\n")
+        format!(
+            "version = 1\nname = \"x\"\n[[deformable]]\nname = \"organ\"\nmesh = \"{mesh}\"\n{more}\n[[rigid]]\nname = \"scope\"\n"
+        )
     };
     let cases = [
         ("missing.toml", scene("nowhere.msh", ""), "nowhere.msh"),

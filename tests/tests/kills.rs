@@ -58,7 +58,11 @@ fn every_process_is_back_with_its_state() {
     }
     let ended = station.stop();
     ended.assert_clean();
-    assert!(ended.number("fluid_deficit_ml").abs() > 1e-6, "the pump has filled the cavity; a restart from nothing would show zero\n{}", ended.said);
+    assert!(
+        ended.number("fluid_deficit_ml").abs() > 1e-6,
+        "the pump has filled the cavity; a restart from nothing would show zero\n{}",
+        ended.said
+    );
     for (role, active) in victims.into_iter().filter(|(role, _)| *role != "device") {
         let excess = ended.excess(role, active);
         assert!(lower95_of_mean(&excess) <= 1.0, "{role}: {excess:?}");

@@ -47,11 +47,20 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let bytes = message_bytes(&[MAX_HITS * size_of::<Hit>()]);
     let publisher = links.publisher(Role::CollisionWorker, life.incarnation, Kind::Contacts, bytes)?;
-    let interests = [Wanted::Page, Wanted::Stream(Kind::TissueState), Wanted::Stream(Kind::CollisionJob), Wanted::Stream(Kind::Topology)];
+    let interests =
+        [Wanted::Page, Wanted::Stream(Kind::TissueState), Wanted::Stream(Kind::CollisionJob), Wanted::Stream(Kind::Topology)];
     let interests = interests.map(|wanted| (Role::Tissue, wanted)).to_vec();
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
     let roster = Roster::open(&life.station)?;
-    let mut worker = Worker { life, publisher, inbox, roster, sources: Default::default(), topology: None, hits: vec![Hit::default(); MAX_HITS] };
+    let mut worker = Worker {
+        life,
+        publisher,
+        inbox,
+        roster,
+        sources: Default::default(),
+        topology: None,
+        hits: vec![Hit::default(); MAX_HITS],
+    };
     let mut member = ProcessMember::new(Arc::clone(&life.page));
     life.ports_are_open();
     while worker.topology.is_none() && !life.clock.stop_requested() {
@@ -87,7 +96,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 
 impl Worker<'_> {
     fn receive(&mut self, member: &mut ProcessMember) {
-        while let Some(arrival) = self.inbox.next() {
+        while let Some(arrival) = self.inbox.take() {
             self.arrival(arrival);
         }
         for source in &mut self.sources {
@@ -127,10 +136,13 @@ impl Worker<'_> {
                 source.state = Some(held);
             }
         }
-        let of_coordinator = |source: &&Source| source.jobs.as_ref().is_some_and(|jobs| jobs.incarnation() == release.coordinator);
+        let of_coordinator =
+            |source: &&Source| source.jobs.as_ref().is_some_and(|jobs| jobs.incarnation() == release.coordinator);
         let job = self.sources.iter().find(of_coordinator)?.jobs.as_ref()?.newest().ok()??;
         let job = Message::parse(job.bytes(), Kind::CollisionJob).ok()?;
-        let about = |held: &&Held| Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| state.header().tick == job.header().tick);
+        let about = |held: &&Held| {
+            Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| state.header().tick == job.header().tick)
+        };
         let state = self.sources.iter().filter_map(|source| source.state.as_ref()).find(about)?;
         let state = Message::parse(state.bytes(), Kind::TissueState).ok()?;
         let topology = Message::parse(self.topology.as_ref()?.bytes(), Kind::Topology).ok()?;
@@ -138,7 +150,8 @@ impl Worker<'_> {
             return None;
         }
         let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
-        let tissue = Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };
+        let tissue =
+            Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };
         let points = Points { owner: job.section(2).ok()?, node: &[], self_contact: false };
         let hash = HashRef::in_words(job.section(1).ok()?).ok()?;
         let found = intersect(share, &hash, &points, &tissue, &mut self.hits).ok()?;

@@ -36,7 +36,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut replicas = Replicas::default();
     let patience_ns = system::now_ns() + PATIENCE_NS;
     let hardware = loop {
-        match inbox.next() {
+        match inbox.take() {
             Some(arrival) if arrival.slot.role() == Role::Hardware => break arrival.page,
             Some(arrival) => seat(arrival, &mut models, &mut replicas, &mut inbox),
             None if system::now_ns() > patience_ns => return Err(Failure::Broken("the hardware's page has not come".into())),
@@ -44,15 +44,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         }
         life.heartbeat();
     };
-    let mut hop = Hop {
-        life,
-        inbox,
-        hardware,
-        models,
-        replicas,
-        params: LastHopParams::default(),
-        state: LastHopState::default(),
-    };
+    let mut hop =
+        Hop { life, inbox, hardware, models, replicas, params: LastHopParams::default(), state: LastHopState::default() };
     realtime::go(life)?;
     hop.resume();
     hop.run()
@@ -84,8 +77,8 @@ impl Hop<'_> {
     fn run(&mut self) -> Result<(), Failure> {
         let mut pace = Pace::new(self.life, 1, 0);
         let mut sample = HardwareSample::default();
-        while let Some(tick) = pace.next() {
-            while let Some(arrival) = self.inbox.next() {
+        while let Some(tick) = pace.wait() {
+            while let Some(arrival) = self.inbox.take() {
                 seat(arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
             }
             if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {

@@ -69,7 +69,8 @@ mod tests {
 
     #[test]
     fn a_model_with_any_number_out_of_range_is_refused() {
-        let plane = ContactPlane { point_m: [0.0, 0.01, 0.05], stiffness_n_m: 300.0, normal: [0.0, 1.0, 0.0], damping_n_s_m: 0.5 };
+        let plane =
+            ContactPlane { point_m: [0.0, 0.01, 0.05], stiffness_n_m: 300.0, normal: [0.0, 1.0, 0.0], damping_n_s_m: 0.5 };
         let good = ContactModel { plane_count: 1, planes: [plane; MAX_PLANES], ..Default::default() };
         assert!(is_valid(&good));
         assert!(!is_valid(&ContactModel { plane_count: 9, ..good }));

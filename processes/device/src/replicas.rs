@@ -1,7 +1,9 @@
 //! The two servos as the device sees them: whose force is valid for this tick, which is selected, and which is not to be trusted.
 
 use crate::hop;
-use hyst_coupling::{ForceFault, ForceLimits, LastHopParams, WatchInput, WatchParams, WatchState, WatchVerdict, choose, valid_force, watch_step};
+use hyst_coupling::{
+    ForceFault, ForceLimits, LastHopParams, WatchInput, WatchParams, WatchState, WatchVerdict, choose, valid_force, watch_step,
+};
 use hyst_engine::Life;
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::device::{self as layout, Distrust};
@@ -53,7 +55,14 @@ impl Replicas {
     }
 
     /// Waits for the selected replica until the deadline, and chooses.
-    pub fn choose(&mut self, life: &Life, input: &InputRecord, applied_n: [f32; 3], params: &LastHopParams, deadline_ns: u64) -> Chosen {
+    pub fn choose(
+        &mut self,
+        life: &Life,
+        input: &InputRecord,
+        applied_n: [f32; 3],
+        params: &LastHopParams,
+        deadline_ns: u64,
+    ) -> Chosen {
         let hash = input_hash(input);
         self.wait_for(self.selected, life, input.tick, deadline_ns, false);
         let mut records = [0, 1].map(|index| self.valid(index, life, input, hash, params));
@@ -103,7 +112,14 @@ impl Replicas {
     }
 
     /// The replica's force for this tick, if it may be applied.
-    fn valid(&mut self, index: usize, life: &Life, input: &InputRecord, hash: u64, params: &LastHopParams) -> Option<ForceRecord> {
+    fn valid(
+        &mut self,
+        index: usize,
+        life: &Life,
+        input: &InputRecord,
+        hash: u64,
+        params: &LastHopParams,
+    ) -> Option<ForceRecord> {
         let limits = ForceLimits { max_force_n: params.max_force_n, max_age_ticks: 0 };
         let replica = self.seats[index].as_mut()?;
         let (_, record) = replica.page.cell(haptic::FORCE)?;

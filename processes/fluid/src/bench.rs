@@ -139,7 +139,7 @@ impl<'a> Flow<'a> {
             tets.extend(object.mesh.tets.iter().map(|tet| tet.map(|node| node + first)));
         }
         let block = vec![0; crew.solver().state_bytes().div_ceil(size_of::<u64>())];
-        Ok(Flow { scene, crew, cavity, positions_m, tets, block, dt_s: (1.0 / scene.fluid.rate_hz) as f32 })
+        Ok(Flow { scene, crew, cavity, positions_m, tets, block, dt_s: 1.0 / scene.fluid.rate_hz })
     }
 
     /// The scope pressed into the wall and out again, the valves open as a hand would have them.

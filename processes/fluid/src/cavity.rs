@@ -132,7 +132,8 @@ mod tests {
         let mut cavity = Cavity::new(grid);
         // A slab 3 ≤ x ≤ 5 as one big tet prism: corners far outside of the box, so that the slab is closed.
         let far = 100.0;
-        let positions = [[3.0, -far, -far], [3.0, far, -far], [3.0, 0.0, far], [5.2, -far, -far], [5.2, far, -far], [5.2, 0.0, far]];
+        let positions =
+            [[3.0, -far, -far], [3.0, far, -far], [3.0, 0.0, far], [5.2, -far, -far], [5.2, far, -far], [5.2, 0.0, far]];
         let tets = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
         assert!(cavity.update(&positions, &tets, [1.0, 4.0, 4.0]));
         for (at, cell) in cavity.mask().iter().enumerate() {

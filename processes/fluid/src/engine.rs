@@ -80,11 +80,8 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     let isotonic = matches!(figures.medium, hyst_scene::Medium::Saline);
     let named = if isotonic { Medium::SALINE } else { Medium::GLYCINE };
     let mut model = FlowModel::new(Grid::new(cells, spacing_m, figures.box_min_m)?);
-    model.medium = Medium {
-        density_kg_m3: figures.density_kg_m3,
-        viscosity_m2_s: figures.viscosity_pa_s / figures.density_kg_m3,
-        ..named
-    };
+    model.medium =
+        Medium { density_kg_m3: figures.density_kg_m3, viscosity_m2_s: figures.viscosity_pa_s / figures.density_kg_m3, ..named };
     Ok(model)
 }
 

@@ -42,7 +42,7 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
         let mut device: Option<ReadPage> = None;
         let mut next = 0;
         while !stopped.load(Ordering::Acquire) {
-            while let Some(arrival) = inbox.next() {
+            while let Some(arrival) = inbox.take() {
                 let Port::Page(page) = arrival.port else { continue };
                 if let Some(before) = device.replace(page) {
                     inbox.retire(Departure::Page(before));

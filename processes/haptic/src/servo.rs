@@ -63,7 +63,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 
 impl Servo<'_> {
     fn receive_ports(&mut self) {
-        while let Some(arrival) = self.inbox.next() {
+        while let Some(arrival) = self.inbox.take() {
             let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.peer };
             if let Some(before) = place.replace(arrival.page) {
                 self.inbox.retire(before);

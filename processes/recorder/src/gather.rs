@@ -27,8 +27,7 @@ impl History for DeviceLife {
         if self.began.get().is_none() {
             let end = self.end();
             let oldest = (end + 1).saturating_sub(RING_TICKS);
-            self.began
-                .set((oldest..end).find(|tick| self.read(*tick).is_some()));
+            self.began.set((oldest..end).find(|tick| self.read(*tick).is_some()));
         }
         self.began.get()
     }
@@ -75,38 +74,20 @@ impl Gather {
         ];
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         let collector = Collector::after(last_tick);
-        Ok(Gather {
-            inbox,
-            collector,
-            lives: Vec::new(),
-            streams: Vec::new(),
-            statuses: Vec::new(),
-        })
+        Ok(Gather { inbox, collector, lives: Vec::new(), streams: Vec::new(), statuses: Vec::new() })
     }
 
     /// Adds everything that is new to the block.
     pub fn take(&mut self, life: &Life, roster: &Roster, block: &mut Block) {
-        while let Some(arrival) = self.inbox.next() {
+        while let Some(arrival) = self.inbox.take() {
             self.seat(arrival);
         }
         self.read_streams(life);
         let taken = self.collector.collect(&self.lives);
         let tick = life.tick();
         block.applied.extend(taken.records);
-        block.events.extend(say(
-            tick,
-            Level::Warning,
-            "skipped",
-            "the device made no tick",
-            &taken.unmade,
-        ));
-        block.events.extend(say(
-            tick,
-            Level::Error,
-            "lost",
-            "the recording has lost",
-            &taken.lost,
-        ));
+        block.events.extend(say(tick, Level::Warning, "skipped", "the device made no tick", &taken.unmade));
+        block.events.extend(say(tick, Level::Error, "lost", "the recording has lost", &taken.lost));
         block.lost.extend(taken.lost);
         self.forget_lives();
         self.read_statuses(roster, block);
@@ -133,27 +114,17 @@ impl Gather {
         match arrival.port {
             Port::Stream(_, stream) => {
                 if let Some(at) = self.streams.iter().position(|(owner, _)| *owner == slot) {
-                    self.inbox
-                        .retire(Departure::Stream(self.streams.swap_remove(at).1));
+                    self.inbox.retire(Departure::Stream(self.streams.swap_remove(at).1));
                 }
                 self.streams.push((slot, stream));
             }
             // The life before is kept until its ring is read to its end.
-            Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife {
-                page,
-                began: Cell::new(None),
-            }),
+            Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife { page, began: Cell::new(None) }),
             Port::Page(page) => {
                 if let Some(at) = self.statuses.iter().position(|status| status.slot == slot) {
-                    self.inbox
-                        .retire(Departure::Page(self.statuses.swap_remove(at).page));
+                    self.inbox.retire(Departure::Page(self.statuses.swap_remove(at).page));
                 }
-                self.statuses.push(StatusPage {
-                    slot,
-                    incarnation: arrival.incarnation,
-                    page,
-                    seen: 0,
-                });
+                self.statuses.push(StatusPage { slot, incarnation: arrival.incarnation, page, seen: 0 });
             }
             Port::Client(..) => {} // none was asked for
         }
@@ -163,12 +134,9 @@ impl Gather {
         for (_, stream) in &self.streams {
             for _ in 0..=READER_BUFFER {
                 let Ok(Some(held)) = stream.next() else { break };
-                let records = Message::parse(held.bytes(), Kind::Force)
-                    .and_then(|message| message.section::<AppliedRecord>(0));
+                let records = Message::parse(held.bytes(), Kind::Force).and_then(|message| message.section::<AppliedRecord>(0));
                 match records {
-                    Ok(records) => records
-                        .iter()
-                        .for_each(|record| self.collector.offer(*record)),
+                    Ok(records) => records.iter().for_each(|record| self.collector.offer(*record)),
                     Err(_) => life.page.add64(header::INVALID, 1),
                 }
             }
@@ -196,21 +164,11 @@ impl Gather {
                 continue;
             }
             if role == Role::Tissue {
-                let value = status
-                    .page
-                    .cell(tissue::STATUS)
-                    .filter(|(number, _)| *number != status.seen);
-                block
-                    .tissue
-                    .extend(value.map(|(number, value)| status.note(number, value)));
+                let value = status.page.cell(tissue::STATUS).filter(|(number, _)| *number != status.seen);
+                block.tissue.extend(value.map(|(number, value)| status.note(number, value)));
             } else {
-                let value = status
-                    .page
-                    .cell(fluid::STATUS)
-                    .filter(|(number, _)| *number != status.seen);
-                block
-                    .fluid
-                    .extend(value.map(|(number, value)| status.note(number, value)));
+                let value = status.page.cell(fluid::STATUS).filter(|(number, _)| *number != status.seen);
+                block.fluid.extend(value.map(|(number, value)| status.note(number, value)));
             }
         }
     }
@@ -220,16 +178,6 @@ impl Gather {
 fn say(tick: u64, level: Level, kind: &str, what: &str, ranges: &[TickRange]) -> Option<Event> {
     let (first, last) = (ranges.first()?.first, ranges.last()?.last);
     let count: u64 = ranges.iter().map(TickRange::count).sum();
-    let text = format!(
-        "{what}: {count} in {} ranges from tick {first} to {last}",
-        ranges.len()
-    );
-    Some(Event {
-        tick,
-        level,
-        kind: kind.into(),
-        process: "recorder".into(),
-        incarnation: 0,
-        text,
-    })
+    let text = format!("{what}: {count} in {} ranges from tick {first} to {last}", ranges.len());
+    Some(Event { tick, level, kind: kind.into(), process: "recorder".into(), incarnation: 0, text })
 }

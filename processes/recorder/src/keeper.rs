@@ -40,12 +40,7 @@ impl Keeper {
         while !life.clock.stop_requested() {
             let error = match Writer::open(path, session) {
                 Ok(writer) => {
-                    return Ok(Some(Keeper {
-                        writer,
-                        queue: Block::default(),
-                        next_write_ns: 0,
-                        refused: false,
-                    }));
+                    return Ok(Some(Keeper { writer, queue: Block::default(), next_write_ns: 0, refused: false }));
                 }
                 Err(error) => error,
             };
@@ -113,39 +108,23 @@ impl Keeper {
             let lost = self.lost() + left as u64;
             let bytes = self.writer.bytes();
             let (last_tick, ticks) = (self.writer.last_tick().unwrap_or(0), self.writer.ticks());
-            life.page.write(
-                layout::STATUS,
-                &RecorderStatus {
-                    last_tick,
-                    ticks,
-                    lost,
-                    bytes,
-                },
-            );
+            life.page.write(layout::STATUS, &RecorderStatus { last_tick, ticks, lost, bytes });
             life.say(&format!("{left} ticks could not be written and are lost"));
         }
         if let Err(error) = self.writer.finish() {
-            life.say(&format!(
-                "{error}; the recording has no summary, but is readable"
-            ));
+            life.say(&format!("{error}; the recording has no summary, but is readable"));
         }
     }
 
     fn write(&mut self) -> Result<(), WriteError> {
         // Each turn takes a block of ticks off the queue, so it ends.
         while !self.queue.is_empty() {
-            let rest = self
-                .queue
-                .applied
-                .split_off(self.queue.applied.len().min(BLOCK_TICKS));
+            let rest = self.queue.applied.split_off(self.queue.applied.len().min(BLOCK_TICKS));
             if let Err(error) = self.writer.append(&self.queue) {
                 self.queue.applied.extend(rest);
                 return Err(error);
             }
-            self.queue = Block {
-                applied: rest,
-                ..Block::default()
-            };
+            self.queue = Block { applied: rest, ..Block::default() };
         }
         Ok(())
     }
@@ -171,18 +150,10 @@ fn drop_oldest(queue: &mut Block) {
     for record in queue.applied.drain(..over) {
         TickRange::extend(&mut queue.lost, record.tick);
     }
-    queue
-        .tissue
-        .drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
-    queue
-        .fluid
-        .drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));
-    queue
-        .events
-        .drain(..queue.events.len().saturating_sub(MAX_OTHERS));
-    queue
-        .lost
-        .drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
+    queue.tissue.drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
+    queue.fluid.drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));
+    queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));
+    queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
 }
 
 #[cfg(test)]
@@ -193,15 +164,8 @@ mod tests {
     #[test]
     fn what_does_not_fit_into_memory_is_dropped_from_its_old_end_and_noted() {
         let ticks = 1..MAX_TICKS as u64 + 8;
-        let mut queue = Block {
-            applied: ticks
-                .map(|tick| AppliedRecord {
-                    tick,
-                    ..Default::default()
-                })
-                .collect(),
-            ..Block::default()
-        };
+        let mut queue =
+            Block { applied: ticks.map(|tick| AppliedRecord { tick, ..Default::default() }).collect(), ..Block::default() };
         drop_oldest(&mut queue);
         assert_eq!((queue.applied.len(), queue.applied[0].tick), (MAX_TICKS, 8));
         assert_eq!(queue.lost, [TickRange { first: 1, last: 7 }]);

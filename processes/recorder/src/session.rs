@@ -26,20 +26,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut gather = Gather::new(life, keeper.last_tick())?;
     let roster = Roster::open(&life.station)?;
     let mut before: Option<Look> = None;
-    let first = if keeper.is_continued() {
-        "present"
-    } else {
-        "started"
-    };
-    life.say(&format!(
-        "recording {}, {}",
-        path.display(),
-        if keeper.is_continued() {
-            "continued"
-        } else {
-            "new"
-        }
-    ));
+    let first = if keeper.is_continued() { "present" } else { "started" };
+    life.say(&format!("recording {}, {}", path.display(), if keeper.is_continued() { "continued" } else { "new" }));
     life.page.set_state(ProcessState::Live);
     loop {
         let changes = life.clock.changes();
@@ -50,10 +38,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         gather.take(life, &roster, &mut keeper.queue);
         let look = Look::take(&life.clock, &roster);
         let events = look.events(before.as_ref(), first, life.tick());
-        keeper
-            .queue
-            .events
-            .extend(events.into_iter().map(|event| with_last_words(life, event)));
+        keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));
         before = Some(look);
         keeper.keep(life, is_last)?;
         alive(life);
@@ -113,11 +98,7 @@ fn with_last_words(life: &Life, mut event: Event) -> Event {
 fn facts(life: &Life) -> Session {
     let t0_ns = life.clock.t0_ns();
     let settings = std::fs::read_to_string(life.station.settings()).unwrap_or_default();
-    let scene = life
-        .settings
-        .scene
-        .as_ref()
-        .map_or("embedded".into(), |path| path.display().to_string());
+    let scene = life.settings.scene.as_ref().map_or("embedded".into(), |path| path.display().to_string());
     let scene_hash = life.clock.page().load64(station::SCENE_HASH);
     let facts = [
         ("session", format!("{}-{t0_ns}", life.station.name())),
@@ -130,8 +111,5 @@ fn facts(life: &Life) -> Session {
         ("layout", format!("{LAYOUT_VERSION}/{:016x}", layout_hash())),
         ("settings", settings),
     ];
-    facts
-        .into_iter()
-        .map(|(name, value)| (name.to_string(), value))
-        .collect()
+    facts.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }

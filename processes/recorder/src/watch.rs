@@ -33,14 +33,7 @@ impl Look {
         let old = before.unwrap_or(&none);
         let mut events = Vec::new();
         let mut say = |level, kind: &str, process: String, incarnation, text| {
-            events.push(Event {
-                tick,
-                level,
-                kind: kind.into(),
-                process,
-                incarnation,
-                text,
-            });
+            events.push(Event { tick, level, kind: kind.into(), process, incarnation, text });
         };
         for number in 0..SLOTS {
             let Some(slot) = Slot::from_number(number) else {
@@ -49,48 +42,22 @@ impl Look {
             let ((was, was_dead), (is, is_dead)) = (old.slots[number], self.slots[number]);
             let name = slot.to_string();
             if is != was && was != 0 && !was_dead {
-                say(
-                    Level::Warning,
-                    "ended",
-                    name.clone(),
-                    was,
-                    format!("{name} #{was} is gone"),
-                );
+                say(Level::Warning, "ended", name.clone(), was, format!("{name} #{was} is gone"));
             }
             if is != was && is != 0 {
                 let kind = if before.is_some() { "started" } else { first };
-                let text = format!(
-                    "{name} #{is} {}",
-                    if was != 0 { "started again" } else { kind }
-                );
+                let text = format!("{name} #{is} {}", if was != 0 { "started again" } else { kind });
                 say(Level::Info, kind, name.clone(), is, text);
             }
             if is != 0 && is_dead && (is != was || !was_dead) {
-                say(
-                    Level::Warning,
-                    "died",
-                    name.clone(),
-                    is,
-                    format!("{name} #{is} died"),
-                );
+                say(Level::Warning, "died", name.clone(), is, format!("{name} #{is} died"));
             }
         }
         for role in Role::ALL {
             let (was, is) = (old.holders[role as usize], self.holders[role as usize]);
             if is != was && is.epoch != 0 {
-                let text = format!(
-                    "#{} holds the role {} in epoch {}",
-                    is.incarnation,
-                    role.name(),
-                    is.epoch
-                );
-                say(
-                    Level::Info,
-                    "promoted",
-                    role.name().into(),
-                    is.incarnation,
-                    text,
-                );
+                let text = format!("#{} holds the role {} in epoch {}", is.incarnation, role.name(), is.epoch);
+                say(Level::Info, "promoted", role.name().into(), is.incarnation, text);
             }
         }
         events
@@ -102,54 +69,24 @@ mod tests {
     use super::*;
 
     fn kinds(events: &[Event]) -> Vec<(&str, &str, u32)> {
-        events
-            .iter()
-            .map(|event| {
-                (
-                    event.kind.as_str(),
-                    event.process.as_str(),
-                    event.incarnation,
-                )
-            })
-            .collect()
+        events.iter().map(|event| (event.kind.as_str(), event.process.as_str(), event.incarnation)).collect()
     }
 
     #[test]
     fn a_start_a_death_a_restart_and_a_promotion_are_each_said_once() {
-        let (haptic, tissue) = (
-            Slot::parse("haptic:1").unwrap().number(),
-            Role::Tissue as usize,
-        );
+        let (haptic, tissue) = (Slot::parse("haptic:1").unwrap().number(), Role::Tissue as usize);
         let mut look = Look::default();
         look.slots[haptic] = (5, false);
-        look.holders[tissue] = Tenure {
-            epoch: 1,
-            incarnation: 4,
-        };
-        assert_eq!(
-            kinds(&look.events(None, "present", 9)),
-            [("present", "haptic:1", 5), ("promoted", "tissue", 4)]
-        );
+        look.holders[tissue] = Tenure { epoch: 1, incarnation: 4 };
+        assert_eq!(kinds(&look.events(None, "present", 9)), [("present", "haptic:1", 5), ("promoted", "tissue", 4)]);
         let mut dead = look.clone();
         dead.slots[haptic] = (5, true);
-        assert_eq!(
-            kinds(&dead.events(Some(&look), "", 9)),
-            [("died", "haptic:1", 5)]
-        );
+        assert_eq!(kinds(&dead.events(Some(&look), "", 9)), [("died", "haptic:1", 5)]);
         assert!(dead.events(Some(&dead), "", 9).is_empty());
         let mut again = look.clone();
         again.slots[haptic] = (8, false);
-        again.holders[tissue] = Tenure {
-            epoch: 2,
-            incarnation: 6,
-        };
-        assert_eq!(
-            kinds(&again.events(Some(&dead), "", 9)),
-            [("started", "haptic:1", 8), ("promoted", "tissue", 6)]
-        );
-        assert_eq!(
-            kinds(&again.events(Some(&look), "", 9))[0],
-            ("ended", "haptic:1", 5)
-        );
+        again.holders[tissue] = Tenure { epoch: 2, incarnation: 6 };
+        assert_eq!(kinds(&again.events(Some(&dead), "", 9)), [("started", "haptic:1", 8), ("promoted", "tissue", 6)]);
+        assert_eq!(kinds(&again.events(Some(&look), "", 9))[0], ("ended", "haptic:1", 5));
     }
 }

@@ -24,25 +24,16 @@ impl Stage {
         station.found().unwrap();
         let keeper = station.open_for_keeping().unwrap();
         let file = station.root().join("session.mcap");
-        let settings = if record {
-            format!("record = \"{}\"\n", file.display())
-        } else {
-            String::new()
-        };
+        let settings = if record { format!("record = \"{}\"\n", file.display()) } else { String::new() };
         std::fs::write(station.settings(), settings).unwrap();
-        Stage {
-            station,
-            keeper,
-            children: Vec::new(),
-        }
+        Stage { station, keeper, children: Vec::new() }
     }
     fn file(&self) -> PathBuf {
         self.station.root().join("session.mcap")
     }
     fn announce(&self, slot: Slot, incarnation: u32) {
         self.keeper.store32(layout::SLOT_DEAD + slot.number(), 0);
-        self.keeper
-            .store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+        self.keeper.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
         self.keeper.bump_and_wake(layout::CHANGES);
     }
     fn device(&self, incarnation: u32) -> OwnedPage {
@@ -55,33 +46,21 @@ impl Stage {
     fn start(&mut self, incarnation: u32) -> ReadPage {
         let slot = Slot::first(Role::Recorder);
         self.station.create_slot(slot, incarnation).unwrap();
-        let child = self
-            .command(incarnation)
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
+        let child = self.command(incarnation).stderr(Stdio::null()).spawn().unwrap();
         self.children.push(child);
         self.announce(slot, incarnation);
         self.station.read_slot(slot, incarnation).unwrap()
     }
     fn command(&self, incarnation: u32) -> Command {
         let mut command = Command::new(BINARY);
-        command.args([
-            "--station",
-            self.station.name(),
-            "--slot",
-            "recorder",
-            "--incarnation",
-            &incarnation.to_string(),
-        ]);
+        command.args(["--station", self.station.name(), "--slot", "recorder", "--incarnation", &incarnation.to_string()]);
         command
     }
     fn kill(&mut self) {
         let mut child = self.children.pop().unwrap();
         child.kill().unwrap();
         child.wait().unwrap();
-        self.keeper
-            .store32(layout::SLOT_DEAD + Slot::first(Role::Recorder).number(), 1);
+        self.keeper.store32(layout::SLOT_DEAD + Slot::first(Role::Recorder).number(), 1);
         self.keeper.bump_and_wake(layout::CHANGES);
     }
     fn stop(&mut self) -> Option<i32> {
@@ -103,26 +82,9 @@ impl Drop for Stage {
 
 fn push(page: &OwnedPage, ticks: std::ops::Range<u64>) {
     for tick in ticks {
-        let sample = HardwareSample {
-            hardware_tick: tick,
-            time_ns: tick,
-            ..Default::default()
-        };
-        let command = ForceCommand {
-            tick,
-            force_n: [0.0, 0.001 * tick as f32, 0.1],
-            ..Default::default()
-        };
-        page.push(
-            device::APPLIED,
-            tick,
-            &AppliedRecord {
-                tick,
-                command,
-                sample,
-                ..Default::default()
-            },
-        );
+        let sample = HardwareSample { hardware_tick: tick, time_ns: tick, ..Default::default() };
+        let command = ForceCommand { tick, force_n: [0.0, 0.001 * tick as f32, 0.1], ..Default::default() };
+        page.push(device::APPLIED, tick, &AppliedRecord { tick, command, sample, ..Default::default() });
     }
 }
 
@@ -137,11 +99,7 @@ fn wait_for(page: &ReadPage, done: impl Fn(&RecorderStatus) -> bool) -> Recorder
 }
 
 fn ticks(recording: &Recording) -> Vec<u64> {
-    recording
-        .applied()
-        .iter()
-        .map(|record| record.tick)
-        .collect()
+    recording.applied().iter().map(|record| record.tick).collect()
 }
 
 fn refused(output: &Output, word: &str) {
@@ -154,33 +112,10 @@ fn refused(output: &Output, word: &str) {
 fn bad_arguments_are_one_message_and_exit_code_2() {
     let run = |arguments: &[&str]| Command::new(BINARY).args(arguments).output().unwrap();
     refused(&run(&[]), "--station");
-    refused(
-        &run(&["--station", "x", "--slot", "haptic:0", "--incarnation", "1"]),
-        "this binary is a recorder",
-    );
-    refused(
-        &run(&[
-            "--station",
-            "NO SUCH",
-            "--slot",
-            "recorder",
-            "--incarnation",
-            "1",
-        ]),
-        "station name",
-    );
+    refused(&run(&["--station", "x", "--slot", "haptic:0", "--incarnation", "1"]), "this binary is a recorder");
+    refused(&run(&["--station", "NO SUCH", "--slot", "recorder", "--incarnation", "1"]), "station name");
     let absent = format!("t{}-absent", std::process::id());
-    refused(
-        &run(&[
-            "--station",
-            &absent,
-            "--slot",
-            "recorder",
-            "--incarnation",
-            "1",
-        ]),
-        "hystation run",
-    );
+    refused(&run(&["--station", &absent, "--slot", "recorder", "--incarnation", "1"]), "hystation run");
 }
 
 #[test]
@@ -208,35 +143,14 @@ fn every_tick_is_in_the_file_once_although_the_recorder_was_killed_half_way() {
     push(&successor, 310..320);
     assert_eq!(stage.stop(), Some(0));
     let recording = Recording::read(&stage.file()).unwrap();
-    assert_eq!(
-        ticks(&recording),
-        (10..210).chain(220..320).collect::<Vec<_>>()
-    );
-    assert_eq!(
-        (
-            recording.ending,
-            recording.damage.len(),
-            recording.content.lost.len()
-        ),
-        (Ending::Complete, 0, 0)
-    );
-    assert_eq!(
-        recording.applied()[150].command.force_n,
-        [0.0, 0.001 * 160.0, 0.1]
-    );
+    assert_eq!(ticks(&recording), (10..210).chain(220..320).collect::<Vec<_>>());
+    assert_eq!((recording.ending, recording.damage.len(), recording.content.lost.len()), (Ending::Complete, 0, 0));
+    assert_eq!(recording.applied()[150].command.force_n, [0.0, 0.001 * 160.0, 0.1]);
     assert_eq!(recording.session["station"], stage.station.name());
     let said = |kind: &str, process: &str| {
-        recording
-            .content
-            .events
-            .iter()
-            .filter(|event| event.kind == kind && event.process == process)
-            .count()
+        recording.content.events.iter().filter(|event| event.kind == kind && event.process == process).count()
     };
-    assert_eq!(
-        (said("skipped", "recorder"), said("started", "device")),
-        (1, 2)
-    );
+    assert_eq!((said("skipped", "recorder"), said("started", "device")), (1, 2));
 }
 
 #[test]
@@ -254,16 +168,8 @@ fn ticks_that_left_the_ring_while_no_recorder_lived_are_counted_as_lost() {
     assert_eq!(status.lost, 20);
     assert_eq!(stage.stop(), Some(0));
     let recording = Recording::read(&stage.file()).unwrap();
-    let lost: u64 = recording
-        .content
-        .lost
-        .iter()
-        .map(|range| range.count())
-        .sum();
-    assert_eq!(
-        (lost, recording.applied().len() as u64),
-        (status.lost, end - 1 - status.lost)
-    );
+    let lost: u64 = recording.content.lost.iter().map(|range| range.count()).sum();
+    assert_eq!((lost, recording.applied().len() as u64), (status.lost, end - 1 - status.lost));
 }
 
 #[test]
@@ -281,10 +187,7 @@ fn a_file_of_somebody_else_is_refused_and_stays_as_it_is() {
     let stage = Stage::new("foreign", true);
     let precious: &Path = &stage.file();
     std::fs::write(precious, "precious").unwrap();
-    stage
-        .station
-        .create_slot(Slot::first(Role::Recorder), 1)
-        .unwrap();
+    stage.station.create_slot(Slot::first(Role::Recorder), 1).unwrap();
     let output = stage.command(1).output().unwrap();
     refused(&output, "is not an MCAP file");
     assert_eq!(std::fs::read(precious).unwrap(), b"precious");

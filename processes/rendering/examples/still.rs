@@ -5,8 +5,7 @@ use std::{error::Error, path::Path};
 
 use glam::{Quat, Vec3};
 use rendering::{
-    Appearance, Camera, Endoscope, External, FluidField, Gpu, Material, Overlay, PASS_NAMES,
-    Prefer, Renderer, SurfaceMesh, View,
+    Appearance, Camera, Endoscope, External, FluidField, Gpu, Material, Overlay, PASS_NAMES, Prefer, Renderer, SurfaceMesh, View,
     shapes::{self, Shape},
 };
 
@@ -22,11 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&folder)?;
     let began = std::time::Instant::now();
     let mut renderer = Renderer::new(Gpu::new(Prefer::Fastest)?, 640, 480)?;
-    println!(
-        "{} ready after {:.0} ms",
-        renderer.gpu().name(),
-        began.elapsed().as_secs_f64() * 1e3
-    );
+    println!("{} ready after {:.0} ms", renderer.gpu().name(), began.elapsed().as_secs_f64() * 1e3);
     set_stage(&mut renderer)?;
     for still in stills() {
         let view = aim(&mut renderer, still)?;
@@ -51,96 +46,45 @@ struct Still {
 }
 
 fn stills() -> [Still; 5] {
-    let straight = Camera::Endoscope(Endoscope {
-        oblique_rad: 0.0,
-        ..Endoscope::default()
-    });
-    let held = |head_rad| {
-        Camera::Endoscope(Endoscope {
-            head_rad,
-            ..Endoscope::default()
-        })
-    };
+    let straight = Camera::Endoscope(Endoscope { oblique_rad: 0.0, ..Endoscope::default() });
+    let held = |head_rad| Camera::Endoscope(Endoscope { head_rad, ..Endoscope::default() });
     let open = External::default();
-    let glass = Camera::External(External {
-        clip: None,
-        tissue_alpha: 0.35,
-        ..open
-    });
-    let still = |name, insertion_m, turn_rad, camera| Still {
-        name,
-        insertion_m,
-        turn_rad,
-        camera,
-    };
+    let glass = Camera::External(External { clip: None, tissue_alpha: 0.35, ..open });
+    let still = |name, insertion_m, turn_rad, camera| Still { name, insertion_m, turn_rad, camera };
     [
         still("entry", 0.010, [0.0, 0.0, 0.0], straight),
         still("cavity", 0.024, [-0.10, -0.10, -1.0], held(1.0)),
         still("polyp", 0.032, [0.0, -0.02, -1.4], held(1.4)),
-        still(
-            "external",
-            0.032,
-            [-0.02, 0.08, 0.0],
-            Camera::External(open),
-        ),
+        still("external", 0.032, [-0.02, 0.08, 0.0], Camera::External(open)),
         still("glass", 0.032, [-0.02, 0.08, 0.0], glass),
     ]
 }
 
 fn set_stage(renderer: &mut Renderer) -> Result<(), rendering::RenderError> {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes");
-    let organ = read_obj(&assets.join("uterus-surface.obj"))
-        .unwrap_or_else(|| shapes::cavity(0.05, 80, 96));
-    let growth = read_obj(&assets.join("polyp-surface.obj"))
-        .unwrap_or_else(|| shapes::ball([0.004, 0.0, 0.042], 0.004, 24, 32));
+    let organ = read_obj(&assets.join("uterus-surface.obj")).unwrap_or_else(|| shapes::cavity(0.05, 80, 96));
+    let growth = read_obj(&assets.join("polyp-surface.obj")).unwrap_or_else(|| shapes::ball([0.004, 0.0, 0.042], 0.004, 24, 32));
     put(renderer, ORGAN, &organ, Material::MucosaTissue)?;
     put(renderer, POLYP, &growth, Material::Polyp)?;
-    put(
-        renderer,
-        SCOPE,
-        &shapes::scope(0.0020, 0.30, 0.5),
-        Material::Metal,
-    )?;
-    put(
-        renderer,
-        LOOP,
-        &shapes::loop_electrode(0.0025, 0.0002, 0.012),
-        Material::Metal,
-    )?;
-    let metal = Appearance {
-        external_only: true,
-        ..Appearance::of(Material::Metal)
-    };
+    put(renderer, SCOPE, &shapes::scope(0.0020, 0.30, 0.5), Material::Metal)?;
+    put(renderer, LOOP, &shapes::loop_electrode(0.0025, 0.0002, 0.012), Material::Metal)?;
+    let metal = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
     renderer.stage().set_appearance(SCOPE, metal)
 }
 
 fn aim(renderer: &mut Renderer, still: Still) -> Result<View, rendering::RenderError> {
     let [pitch, yaw, roll] = still.turn_rad;
-    let q =
-        Quat::from_rotation_y(yaw) * Quat::from_rotation_x(-pitch) * Quat::from_rotation_z(roll);
+    let q = Quat::from_rotation_y(yaw) * Quat::from_rotation_x(-pitch) * Quat::from_rotation_z(roll);
     let tip = q * Vec3::Z * still.insertion_m;
     let ahead = tip + q * Vec3::new(0.0, 0.0005, 0.008);
-    renderer
-        .stage()
-        .set_pose(SCOPE, tip.to_array(), q.to_array())?;
-    renderer
-        .stage()
-        .set_pose(LOOP, ahead.to_array(), q.to_array())?;
+    renderer.stage().set_pose(SCOPE, tip.to_array(), q.to_array())?;
+    renderer.stage().set_pose(LOOP, ahead.to_array(), q.to_array())?;
     let mut view = View::new(still.camera);
     if let Camera::Endoscope(scope) = &mut view.camera {
         (scope.tip_m, scope.rotation) = (tip.to_array(), q.to_array());
     }
-    let lines = ["P  62 mmHg", "Q 210 ml/min", "D  85 ml", "T 00:04:12"]
-        .map(String::from)
-        .to_vec();
-    view.overlay = Overlay {
-        lines,
-        sign: if still.name == "polyp" {
-            "tissue replaced".into()
-        } else {
-            String::new()
-        },
-    };
+    let lines = ["P  62 mmHg", "Q 210 ml/min", "D  85 ml", "T 00:04:12"].map(String::from).to_vec();
+    view.overlay = Overlay { lines, sign: if still.name == "polyp" { "tissue replaced".into() } else { String::new() } };
     view.adaptation = 1.0;
     Ok(view)
 }
@@ -148,27 +92,11 @@ fn aim(renderer: &mut Renderer, still: Still) -> Result<View, rendering::RenderE
 fn bleed(renderer: &mut Renderer) -> Result<(), rendering::RenderError> {
     let density: Vec<f32> = (0..32 * 32 * 18).map(cloud).collect();
     let [min_m, max_m] = [[-0.012, -0.006, 0.035], [0.014, 0.006, 0.055]];
-    renderer.set_fluid(Some(FluidField {
-        dims: [32, 32, 18],
-        min_m,
-        max_m,
-        density: &density,
-        extinction_per_m: 500.0,
-    }))
+    renderer.set_fluid(Some(FluidField { dims: [32, 32, 18], min_m, max_m, density: &density, extinction_per_m: 500.0 }))
 }
 
-fn picture(
-    renderer: &mut Renderer,
-    view: &View,
-    name: &str,
-    folder: &str,
-    frames: usize,
-) -> Result<(), Box<dyn Error>> {
-    for scale in if frames > 1 {
-        &[1.0_f32, 0.75, 0.5][..]
-    } else {
-        &[1.0][..]
-    } {
+fn picture(renderer: &mut Renderer, view: &View, name: &str, folder: &str, frames: usize) -> Result<(), Box<dyn Error>> {
+    for scale in if frames > 1 { &[1.0_f32, 0.75, 0.5][..] } else { &[1.0][..] } {
         let mut view = view.clone();
         view.quality.scale = *scale;
         let mut all = Vec::new();
@@ -177,11 +105,7 @@ fn picture(
         }
         all.sort_by(|a, b| a.total_ms.total_cmp(&b.total_ms));
         let s = all[all.len() / 2];
-        let parts: Vec<String> = PASS_NAMES
-            .iter()
-            .zip(s.passes_ms)
-            .map(|(n, ms)| format!("{n} {ms:.2}"))
-            .collect();
+        let parts: Vec<String> = PASS_NAMES.iter().zip(s.passes_ms).map(|(n, ms)| format!("{n} {ms:.2}")).collect();
         println!(
             "{name:9} {:?} {:6.2} ms (record {:.2}; {}), {} triangles",
             s.inner_px,
@@ -200,22 +124,11 @@ fn picture(
 fn cloud(cell: usize) -> f32 {
     let [x, y, z] = [cell % 32, cell / 32 % 32, cell / 1024].map(|i| i as f32);
     let [dx, dy, dz] = [(x - 20.0) / 7.0, (y - 15.0) / 8.0, (z - 8.0) / 4.0];
-    (1.0 - dx * dx - dy * dy - dz * dz
-        + 0.5 * (0.9 * x + 0.4 * z).sin() * (0.7 * y - 0.5 * z).cos())
-    .max(0.0)
+    (1.0 - dx * dx - dy * dy - dz * dz + 0.5 * (0.9 * x + 0.4 * z).sin() * (0.7 * y - 0.5 * z).cos()).max(0.0)
 }
 
-fn put(
-    renderer: &mut Renderer,
-    id: u64,
-    shape: &Shape,
-    material: Material,
-) -> Result<(), rendering::RenderError> {
-    let mesh = SurfaceMesh {
-        triangles: &shape.triangles,
-        rest_m: &shape.positions_m,
-        appearance: Appearance::of(material),
-    };
+fn put(renderer: &mut Renderer, id: u64, shape: &Shape, material: Material) -> Result<(), rendering::RenderError> {
+    let mesh = SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance: Appearance::of(material) };
     renderer.stage().set_object(id, mesh)
 }
 
@@ -228,17 +141,11 @@ fn read_obj(path: &Path) -> Option<Shape> {
         match words.next() {
             Some("v") => {
                 let p: Vec<f32> = words.filter_map(|w| w.parse().ok()).collect();
-                shape
-                    .positions_m
-                    .push([*p.first()?, *p.get(1)?, *p.get(2)?].map(|c| c * 1e-3));
+                shape.positions_m.push([*p.first()?, *p.get(1)?, *p.get(2)?].map(|c| c * 1e-3));
             }
             Some("f") => {
-                let t: Vec<u32> = words
-                    .filter_map(|w| w.split('/').next()?.parse().ok())
-                    .collect();
-                shape
-                    .triangles
-                    .push([t.first()? - 1, t.get(1)? - 1, t.get(2)? - 1]);
+                let t: Vec<u32> = words.filter_map(|w| w.split('/').next()?.parse().ok()).collect();
+                shape.triangles.push([t.first()? - 1, t.get(1)? - 1, t.get(2)? - 1]);
             }
             _ => {}
         }

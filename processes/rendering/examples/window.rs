@@ -8,8 +8,8 @@ use std::{
 
 use glam::{Quat, Vec3};
 use rendering::{
-    Appearance, Camera, Endoscope, Gpu, Key, Material, Overlay, PointerInput, Prefer, RenderError,
-    Renderer, Status, SurfaceMesh, View, Window, next_scale, shapes,
+    Appearance, Camera, Endoscope, Gpu, Key, Material, Overlay, PointerInput, Prefer, RenderError, Renderer, Status, SurfaceMesh,
+    View, Window, next_scale, shapes,
 };
 
 const BUDGET_MS: f32 = 33.0;
@@ -18,14 +18,7 @@ fn stocked(gpu: Gpu) -> Result<Renderer, RenderError> {
     let mut renderer = Renderer::new(gpu, 640, 480)?;
     let cavity = shapes::cavity(0.05, 80, 96);
     let appearance = Appearance::of(Material::MucosaTissue);
-    renderer.stage().set_object(
-        1,
-        SurfaceMesh {
-            triangles: &cavity.triangles,
-            rest_m: &cavity.positions_m,
-            appearance,
-        },
-    )?;
+    renderer.stage().set_object(1, SurfaceMesh { triangles: &cavity.triangles, rest_m: &cavity.positions_m, appearance })?;
     Ok(renderer)
 }
 
@@ -38,34 +31,18 @@ fn follow(at: &mut PointerInput, hand: &PointerInput) {
 }
 
 fn camera(at: &PointerInput) -> Camera {
-    let q = Quat::from_rotation_y(-at.yaw_rad)
-        * Quat::from_rotation_x(-at.pitch_rad)
-        * Quat::from_rotation_z(at.roll_rad);
+    let q = Quat::from_rotation_y(-at.yaw_rad) * Quat::from_rotation_x(-at.pitch_rad) * Quat::from_rotation_z(at.roll_rad);
     let tip_m = (q * Vec3::Z * at.insertion_m).to_array();
-    Camera::Endoscope(Endoscope {
-        tip_m,
-        rotation: q.to_array(),
-        ..Endoscope::default()
-    })
+    Camera::Endoscope(Endoscope { tip_m, rotation: q.to_array(), ..Endoscope::default() })
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let frames: u32 = std::env::args()
-        .nth(1)
-        .map_or(Ok(u32::MAX), |n| n.parse())?;
-    let mut window = Window::open("hysteroscopy", 640, 480)
-        .inspect_err(|e| eprintln!("{e}; going on headless"))
-        .ok();
-    let gpu = window.as_ref().map_or_else(
-        || Gpu::new(Prefer::Fastest),
-        |w| Gpu::with_window(Prefer::Fastest, w),
-    )?;
+    let frames: u32 = std::env::args().nth(1).map_or(Ok(u32::MAX), |n| n.parse())?;
+    let mut window = Window::open("hysteroscopy", 640, 480).inspect_err(|e| eprintln!("{e}; going on headless")).ok();
+    let gpu = window.as_ref().map_or_else(|| Gpu::new(Prefer::Fastest), |w| Gpu::with_window(Prefer::Fastest, w))?;
     println!("{}", gpu.name());
     let mut renderer = stocked(gpu)?;
-    let mut at = PointerInput {
-        insertion_m: 0.015,
-        ..PointerInput::default()
-    };
+    let mut at = PointerInput { insertion_m: 0.015, ..PointerInput::default() };
     let mut view = View::new(Camera::Endoscope(Endoscope::default()));
     let mut last = Instant::now();
     for frame in 0..frames {
@@ -93,10 +70,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let stats = renderer.render(&view)?;
         view.quality.scale = next_scale(stats.total_ms, BUDGET_MS, view.quality.scale);
         view.overlay = Overlay {
-            lines: vec![
-                format!("{:.0} ms", stats.total_ms),
-                format!("{} px", stats.inner_px[1]),
-            ],
+            lines: vec![format!("{:.0} ms", stats.total_ms), format!("{} px", stats.inner_px[1])],
             sign: String::new(),
         };
         if let Some(open) = &window {

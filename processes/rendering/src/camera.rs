@@ -142,11 +142,7 @@ impl Endoscope {
     fn eye(&self) -> Eye {
         let tip = finite(self.tip_m, Vec3::ZERO);
         let q = Quat::from_array(self.rotation);
-        let q = if q.is_finite() && q.length_squared() > 1e-6 {
-            q.normalize()
-        } else {
-            Quat::IDENTITY
-        };
+        let q = if q.is_finite() && q.length_squared() > 1e-6 { q.normalize() } else { Quat::IDENTITY };
         let oblique = bounded(self.oblique_rad, -1.5, 1.5, 0.5);
         let sight = q * Vec3::new(0.0, oblique.sin(), oblique.cos());
         let up = q * Vec3::new(0.0, oblique.cos(), -oblique.sin());
@@ -182,12 +178,8 @@ impl External {
             up = sight.any_orthogonal_vector();
         }
         let fov = bounded(self.field_of_view_rad, 0.05, 2.6, 0.6);
-        let proj = glam::camera::rh::proj::directx::perspective(
-            fov,
-            aspect,
-            eye.distance(target) * 0.02,
-            eye.distance(target) * 20.0,
-        );
+        let proj =
+            glam::camera::rh::proj::directx::perspective(fov, aspect, eye.distance(target) * 0.02, eye.distance(target) * 20.0);
         let right = sight.cross(up).normalize();
         let clip = self.clip.map_or([0.0; 4], |(n, d)| {
             let n = finite(n, Vec3::ZERO).normalize_or_zero();
@@ -212,19 +204,11 @@ impl External {
 
 fn finite(v: [f32; 3], otherwise: Vec3) -> Vec3 {
     let v = Vec3::from(v);
-    if v.is_finite() && v.length() < 10.0 {
-        v
-    } else {
-        otherwise
-    }
+    if v.is_finite() && v.length() < 10.0 { v } else { otherwise }
 }
 
 fn bounded(x: f32, low: f32, high: f32, otherwise: f32) -> f32 {
-    if x.is_finite() {
-        x.clamp(low, high)
-    } else {
-        otherwise
-    }
+    if x.is_finite() { x.clamp(low, high) } else { otherwise }
 }
 
 #[cfg(test)]
@@ -238,27 +222,17 @@ mod tests {
     #[test]
     fn a_fore_oblique_optic_has_its_line_of_sight_in_the_middle() {
         for degrees in [0.0_f32, 12.0, 30.0, 70.0] {
-            let scope = Endoscope {
-                oblique_rad: degrees.to_radians(),
-                tip_m: [0.001, 0.002, 0.03],
-                ..Endoscope::default()
-            };
+            let scope = Endoscope { oblique_rad: degrees.to_radians(), tip_m: [0.001, 0.002, 0.03], ..Endoscope::default() };
             let a = degrees.to_radians();
             let ahead = Vec3::from(scope.tip_m) + Vec3::new(0.0, a.sin(), a.cos()) * 0.02;
             let p = projected(&scope.eye(), ahead);
-            assert!(
-                p.x.abs() < 1e-4 && p.y.abs() < 1e-4 && (0.0..1.0).contains(&p.z),
-                "{degrees}: {p}"
-            );
+            assert!(p.x.abs() < 1e-4 && p.y.abs() < 1e-4 && (0.0..1.0).contains(&p.z), "{degrees}: {p}");
         }
     }
 
     #[test]
     fn anterior_is_up_and_the_patients_left_is_on_the_pictures_left() {
-        let scope = Endoscope {
-            oblique_rad: 0.0,
-            ..Endoscope::default()
-        };
+        let scope = Endoscope { oblique_rad: 0.0, ..Endoscope::default() };
         let eye = scope.eye();
         assert!(projected(&eye, Vec3::new(0.0, 0.004, 0.02)).y > 0.1);
         assert!(projected(&eye, Vec3::new(0.004, 0.0, 0.02)).x < -0.1);
@@ -267,20 +241,11 @@ mod tests {
     #[test]
     fn the_light_post_swings_the_view_and_the_horizon_stays_with_the_head() {
         let half_turn = Quat::from_rotation_z(std::f32::consts::PI).to_array();
-        let scope = Endoscope {
-            rotation: half_turn,
-            ..Endoscope::default()
-        };
+        let scope = Endoscope { rotation: half_turn, ..Endoscope::default() };
         let below = Vec3::new(0.0, -0.5, 0.75_f32.sqrt()) * 0.02;
         assert!(projected(&scope.eye(), below).truncate().length() < 1e-4);
-        let held = Endoscope {
-            head_rad: std::f32::consts::PI,
-            ..scope
-        };
-        assert!(
-            projected(&held.eye(), below + Vec3::Y * 0.003).y > 0.1,
-            "up is up again once the head is turned back"
-        );
+        let held = Endoscope { head_rad: std::f32::consts::PI, ..scope };
+        assert!(projected(&held.eye(), below + Vec3::Y * 0.003).y > 0.1, "up is up again once the head is turned back");
     }
 
     #[test]
@@ -295,19 +260,10 @@ mod tests {
 
     #[test]
     fn no_camera_gives_a_matrix_that_is_not_finite() {
-        let bad = Endoscope {
-            tip_m: [f32::NAN; 3],
-            rotation: [0.0; 4],
-            field_of_view_rad: f32::INFINITY,
-            ..Endoscope::default()
-        };
+        let bad =
+            Endoscope { tip_m: [f32::NAN; 3], rotation: [0.0; 4], field_of_view_rad: f32::INFINITY, ..Endoscope::default() };
         assert!(bad.eye().view_proj.is_finite());
-        let bad = External {
-            eye_m: [0.0; 3],
-            target_m: [0.0; 3],
-            up: [1.0, 0.0, 0.0],
-            ..External::default()
-        };
+        let bad = External { eye_m: [0.0; 3], target_m: [0.0; 3], up: [1.0, 0.0, 0.0], ..External::default() };
         assert!(bad.eye(1.33).view_proj.is_finite());
     }
 }

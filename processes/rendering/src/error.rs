@@ -9,9 +9,7 @@ pub enum RenderError {
     )]
     NoVulkan(String),
     /// The adapter refused a device.
-    #[error(
-        "the Vulkan adapter {adapter} gave no device ({reason}): try the software adapter (Prefer::Software)"
-    )]
+    #[error("the Vulkan adapter {adapter} gave no device ({reason}): try the software adapter (Prefer::Software)")]
     NoDevice {
         /// name of the adapter
         adapter: String,
@@ -47,9 +45,7 @@ pub enum RenderError {
         vertices: usize,
     },
     /// A message's length does not fit the object's topology.
-    #[error(
-        "object {object}: {got} positions for {expected} vertices: send the topology of this version first"
-    )]
+    #[error("object {object}: {got} positions for {expected} vertices: send the topology of this version first")]
     WrongLength {
         /// the object's id
         object: u64,

@@ -43,12 +43,7 @@ impl Fluid {
 
     fn sized(gpu: &Gpu, pipelines: &Pipelines, dims: [u32; 3]) -> Self {
         let cells: u64 = dims.iter().map(|&n| u64::from(n)).product();
-        let texture = solid(
-            &gpu.device,
-            dims,
-            LIGHT,
-            wgpu::TextureUsages::STORAGE_BINDING,
-        );
+        let texture = solid(&gpu.device, dims, LIGHT, wgpu::TextureUsages::STORAGE_BINDING);
         let view = view(&texture);
         let density = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("density"),
@@ -56,61 +51,27 @@ impl Fluid {
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let resources = [
-            density.as_entire_binding(),
-            wgpu::BindingResource::TextureView(&view),
-        ];
+        let resources = [density.as_entire_binding(), wgpu::BindingResource::TextureView(&view)];
         let convert = group(&gpu.device, &pipelines.field_layout, &resources);
-        Self {
-            dims,
-            density,
-            convert,
-            view,
-            min: [0.0; 4],
-            max: [0.0; 4],
-            changed: false,
-        }
+        Self { dims, density, convert, view, min: [0.0; 4], max: [0.0; 4], changed: false }
     }
 
     /// Takes a new field; says whether the texture is another one, so that it must be bound anew.
-    pub(crate) fn set(
-        &mut self,
-        gpu: &Gpu,
-        pipelines: &Pipelines,
-        field: &FluidField<'_>,
-    ) -> Result<bool, RenderError> {
-        let cells = field
-            .dims
-            .iter()
-            .try_fold(1_usize, |n, &d| n.checked_mul(d as usize))
-            .unwrap_or(usize::MAX);
-        let box_is_sane = (0..3).all(|a| {
-            (field.max_m[a] - field.min_m[a]).is_finite() && field.max_m[a] > field.min_m[a]
-        });
-        if cells != field.density.len()
-            || cells == 0
-            || !box_is_sane
-            || !field.extinction_per_m.is_finite()
-        {
-            return Err(RenderError::BadField {
-                got: field.density.len(),
-                dims: field.dims,
-            });
+    pub(crate) fn set(&mut self, gpu: &Gpu, pipelines: &Pipelines, field: &FluidField<'_>) -> Result<bool, RenderError> {
+        let cells = field.dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d as usize)).unwrap_or(usize::MAX);
+        let box_is_sane = (0..3).all(|a| (field.max_m[a] - field.min_m[a]).is_finite() && field.max_m[a] > field.min_m[a]);
+        if cells != field.density.len() || cells == 0 || !box_is_sane || !field.extinction_per_m.is_finite() {
+            return Err(RenderError::BadField { got: field.density.len(), dims: field.dims });
         }
         let longest = field.dims.iter().fold(0, |n, &d| n.max(d as usize));
         if cells > MAX_CELLS || longest > 512 {
-            return Err(RenderError::TooLarge {
-                what: "cells of the fluid field",
-                got: cells,
-                bound: MAX_CELLS,
-            });
+            return Err(RenderError::TooLarge { what: "cells of the fluid field", got: cells, bound: MAX_CELLS });
         }
         let renewed = field.dims != self.dims;
         if renewed {
             *self = Self::sized(gpu, pipelines, field.dims);
         }
-        gpu.queue
-            .write_buffer(&self.density, 0, bytemuck::cast_slice(field.density));
+        gpu.queue.write_buffer(&self.density, 0, bytemuck::cast_slice(field.density));
         let ([x, y, z], [u, v, w]) = (field.min_m, field.max_m);
         self.min = [x, y, z, field.extinction_per_m.clamp(0.0, 1.0e5)];
         self.max = [u, v, w, 0.0];

@@ -104,11 +104,7 @@ const BOX: [u8; 8] = [0x1f, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1f, 0];
 
 /// The cell code of a character; a blank is not an empty cell, so that text stands on an even ground.
 pub(crate) fn code(c: char) -> u32 {
-    if c == ' ' || c.is_ascii_graphic() {
-        c as u32
-    } else {
-        127
-    }
+    if c == ' ' || c.is_ascii_graphic() { c as u32 } else { 127 }
 }
 
 /// Rows of a code, top first; bit 6 is the leftmost of a cell's dots, so that a cell has a blank column on each side.

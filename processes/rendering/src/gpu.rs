@@ -27,9 +27,7 @@ pub struct Gpu {
 
 impl std::fmt::Debug for Gpu {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Gpu")
-            .field("adapter", &self.name())
-            .finish_non_exhaustive()
+        f.debug_struct("Gpu").field("adapter", &self.name()).finish_non_exhaustive()
     }
 }
 
@@ -47,39 +45,23 @@ impl Gpu {
     ///
     /// # Errors
     /// As [`Gpu::new`], and [`RenderError::NoSurface`].
-    pub fn with_window(
-        prefer: Prefer,
-        window: &crate::window::Window,
-    ) -> Result<Self, RenderError> {
+    pub fn with_window(prefer: Prefer, window: &crate::window::Window) -> Result<Self, RenderError> {
         let instance = instance();
-        let handle = window
-            .handle()
-            .ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
+        let handle = window.handle().ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
         let surface = instance
             .create_surface(handle)
-            .map_err(|e| RenderError::NoSurface {
-                adapter: "Vulkan".into(),
-                reason: one_line(&e.to_string()),
-            })?;
+            .map_err(|e| RenderError::NoSurface { adapter: "Vulkan".into(), reason: one_line(&e.to_string()) })?;
         Self::open(&instance, prefer, Some(surface))
     }
 
-    fn open(
-        instance: &wgpu::Instance,
-        prefer: Prefer,
-        surface: Option<wgpu::Surface<'static>>,
-    ) -> Result<Self, RenderError> {
+    fn open(instance: &wgpu::Instance, prefer: Prefer, surface: Option<wgpu::Surface<'static>>) -> Result<Self, RenderError> {
         let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             force_fallback_adapter: prefer == Prefer::Software,
             compatible_surface: surface.as_ref(),
             ..Default::default()
         }))
-        .map_err(|e| {
-            RenderError::NoVulkan(one_line(
-                e.to_string().split(';').next().unwrap_or_default(),
-            ))
-        })?;
+        .map_err(|e| RenderError::NoVulkan(one_line(e.to_string().split(';').next().unwrap_or_default())))?;
         let name = adapter.get_info().name;
         let wanted = wgpu::Features::TIMESTAMP_QUERY & adapter.features();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
@@ -89,10 +71,7 @@ impl Gpu {
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         }))
-        .map_err(|e| RenderError::NoDevice {
-            adapter: name,
-            reason: one_line(&e.to_string()),
-        })?;
+        .map_err(|e| RenderError::NoDevice { adapter: name, reason: one_line(&e.to_string()) })?;
         let faults = Arc::new(Mutex::new(None));
         let (late, lost) = (Arc::clone(&faults), Arc::clone(&faults));
         device.on_uncaptured_error(Arc::new(move |e| note(&late, e.to_string())));
@@ -101,22 +80,13 @@ impl Gpu {
                 note(&lost, format!("device lost: {text}"));
             }
         });
-        Ok(Self {
-            device,
-            queue,
-            adapter,
-            surface,
-            faults,
-        })
+        Ok(Self { device, queue, adapter, surface, faults })
     }
 
     /// Name and kind of the adapter, for the log.
     pub fn name(&self) -> String {
         let info = self.adapter.get_info();
-        format!(
-            "{} ({:?}, {})",
-            info.name, info.device_type, info.driver_info
-        )
+        format!("{} ({:?}, {})", info.name, info.device_type, info.driver_info)
     }
 
     /// Whether pictures come from the processor, so that they compete with the engines.
@@ -129,10 +99,7 @@ impl Gpu {
     /// # Errors
     /// [`RenderError::DeviceLost`] with the driver's words.
     pub fn check(&self) -> Result<(), RenderError> {
-        let fault = self
-            .faults
-            .lock()
-            .map_or_else(|held| held.into_inner().take(), |mut held| held.take());
+        let fault = self.faults.lock().map_or_else(|held| held.into_inner().take(), |mut held| held.take());
         fault.map_or(Ok(()), |text| Err(RenderError::DeviceLost(one_line(&text))))
     }
 }

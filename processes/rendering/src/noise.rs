@@ -7,12 +7,8 @@ pub(crate) const SIDE: usize = 64;
 
 /// Four fields per texel, each in -1..=1 as a signed byte: vessels, capillaries' spread, mottling, breaks.
 pub(crate) fn fields() -> Vec<u8> {
-    let octaves: [&[(u32, f32)]; 4] = [
-        &[(4, 0.8), (8, 0.3)],
-        &[(3, 0.7), (9, 0.55)],
-        &[(3, 0.7), (6, 0.4), (14, 0.25)],
-        &[(5, 0.9), (11, 0.3)],
-    ];
+    let octaves: [&[(u32, f32)]; 4] =
+        [&[(4, 0.8), (8, 0.3)], &[(3, 0.7), (9, 0.55)], &[(3, 0.7), (6, 0.4), (14, 0.25)], &[(5, 0.9), (11, 0.3)]];
     let mut out = vec![0_u8; SIDE * SIDE * SIDE * 4];
     for (channel, parts) in octaves.iter().enumerate() {
         for (texel, value) in solid(parts, channel as u32 * 7_919).iter().enumerate() {
@@ -71,9 +67,7 @@ struct Lattice {
 impl Lattice {
     fn new(cells: u32, seed: u32) -> Self {
         let node = |i: u32| [i % cells, i / cells % cells, i / (cells * cells)];
-        let hashes = (0..cells.pow(3))
-            .map(|i| hash(node(i), seed ^ cells))
-            .collect();
+        let hashes = (0..cells.pow(3)).map(|i| hash(node(i), seed ^ cells)).collect();
         Self { cells, hashes }
     }
 
@@ -127,10 +121,7 @@ mod tests {
             let lattice = Lattice::new(cells, 5);
             let inside = lattice.noise([0.999_99, 0.3, 0.7]);
             let outside = lattice.noise([0.0, 0.3, 0.7]);
-            assert!(
-                (inside - outside).abs() < 1e-3,
-                "{cells}: {inside} {outside}"
-            );
+            assert!((inside - outside).abs() < 1e-3, "{cells}: {inside} {outside}");
         }
     }
 
@@ -138,20 +129,10 @@ mod tests {
     fn each_field_is_balanced_and_varied() {
         let fields = fields();
         for channel in 0..4 {
-            let values: Vec<f32> = fields
-                .iter()
-                .skip(channel)
-                .step_by(4)
-                .map(|&b| f32::from(b as i8) / 127.0)
-                .collect();
+            let values: Vec<f32> = fields.iter().skip(channel).step_by(4).map(|&b| f32::from(b as i8) / 127.0).collect();
             let mean = values.iter().sum::<f32>() / values.len() as f32;
-            let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>()
-                / values.len() as f32)
-                .sqrt();
-            assert!(
-                mean.abs() < 0.15 && spread > 0.2,
-                "channel {channel}: mean {mean}, spread {spread}"
-            );
+            let spread = (values.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / values.len() as f32).sqrt();
+            assert!(mean.abs() < 0.15 && spread > 0.2, "channel {channel}: mean {mean}, spread {spread}");
         }
     }
 }

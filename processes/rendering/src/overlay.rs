@@ -22,11 +22,7 @@ pub struct Overlay {
 impl Overlay {
     /// Rows in use.
     pub(crate) fn rows(&self) -> usize {
-        if self.sign.is_empty() {
-            self.lines.len().min(ROWS)
-        } else {
-            self.lines.len().min(ROWS - 1) + 1
-        }
+        if self.sign.is_empty() { self.lines.len().min(ROWS) } else { self.lines.len().min(ROWS - 1) + 1 }
     }
 
     /// Codes of all cells, row by row, into the words behind the glyphs; 0 is an empty cell.
@@ -60,10 +56,7 @@ mod tests {
 
     #[test]
     fn the_sign_comes_last_and_too_much_text_is_left_out() {
-        let overlay = Overlay {
-            lines: vec!["x".repeat(500); 40],
-            sign: "TISSUE REPLACED".into(),
-        };
+        let overlay = Overlay { lines: vec!["x".repeat(500); 40], sign: "TISSUE REPLACED".into() };
         let mut words = blank();
         overlay.write(&mut words);
         assert_eq!(overlay.rows(), ROWS);
@@ -77,16 +70,8 @@ mod tests {
         let mut seen = std::collections::BTreeSet::new();
         for code in 33..127_u32 {
             let rows = font::rows(code);
-            assert!(
-                rows.iter().any(|&r| r != 0),
-                "{:?} is blank",
-                char::from_u32(code)
-            );
-            assert!(
-                seen.insert(rows),
-                "{:?} looks like another",
-                char::from_u32(code)
-            );
+            assert!(rows.iter().any(|&r| r != 0), "{:?} is blank", char::from_u32(code));
+            assert!(seen.insert(rows), "{:?} looks like another", char::from_u32(code));
         }
         assert_eq!(font::code('é'), font::code('\u{7}'));
     }

@@ -52,12 +52,9 @@ impl Pipelines {
         let shape_pipelines = pipeline_layout(d, &[&shape_layout]);
         let post_pipelines = pipeline_layout(d, &[&post_layout]);
         let field_pipelines = pipeline_layout(d, &[&field_layout]);
-        let screen =
-            |entry, format| screen_pipeline(d, &post_pipelines, &post_module, entry, format);
+        let screen = |entry, format| screen_pipeline(d, &post_pipelines, &post_module, entry, format);
         Self {
-            scene: variants()
-                .map(|v| (v, scene_pipeline(d, &scene_pipelines, &scene_module, v)))
-                .collect(),
+            scene: variants().map(|v| (v, scene_pipeline(d, &scene_pipelines, &scene_module, v))).collect(),
             normals: compute_pipeline(d, &shape_pipelines, &normals_module, "main"),
             field: compute_pipeline(d, &field_pipelines, &field_module, "main"),
             shrink: screen("shrink", LIGHT),
@@ -84,16 +81,8 @@ impl Pipelines {
     }
 
     /// positions, rest, triangles, first, incident, normals
-    pub(crate) fn shape_group(
-        &self,
-        d: &wgpu::Device,
-        buffers: [&wgpu::Buffer; 6],
-    ) -> wgpu::BindGroup {
-        group(
-            d,
-            &self.shape_layout,
-            &buffers.map(wgpu::Buffer::as_entire_binding),
-        )
+    pub(crate) fn shape_group(&self, d: &wgpu::Device, buffers: [&wgpu::Buffer; 6]) -> wgpu::BindGroup {
+        group(d, &self.shape_layout, &buffers.map(wgpu::Buffer::as_entire_binding))
     }
 }
 
@@ -103,75 +92,34 @@ pub(crate) fn group(
     layout: &wgpu::BindGroupLayout,
     resources: &[wgpu::BindingResource<'_>],
 ) -> wgpu::BindGroup {
-    let entries: Vec<_> = (0..)
-        .zip(resources)
-        .map(|(binding, r)| wgpu::BindGroupEntry {
-            binding,
-            resource: r.clone(),
-        })
-        .collect();
-    d.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: None,
-        layout,
-        entries: &entries,
-    })
+    let entries: Vec<_> =
+        (0..).zip(resources).map(|(binding, r)| wgpu::BindGroupEntry { binding, resource: r.clone() }).collect();
+    d.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
 fn variants() -> impl Iterator<Item = Variant> {
     let bools = [false, true];
-    let pairs = bools
-        .into_iter()
-        .flat_map(move |metal| bools.map(|fluid| (metal, fluid)));
-    let opaque = pairs.map(|(metal, fluid)| Variant {
-        metal,
-        fluid,
-        translucent: false,
-    });
-    opaque.chain([Variant {
-        metal: false,
-        fluid: false,
-        translucent: true,
-    }])
+    let pairs = bools.into_iter().flat_map(move |metal| bools.map(|fluid| (metal, fluid)));
+    let opaque = pairs.map(|(metal, fluid)| Variant { metal, fluid, translucent: false });
+    opaque.chain([Variant { metal: false, fluid: false, translucent: true }])
 }
 
 fn uniform() -> Bind {
-    Bind::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    }
+    Bind::Buffer { ty: wgpu::BufferBindingType::Uniform, has_dynamic_offset: false, min_binding_size: None }
 }
 
 fn storage(read_only: bool) -> Bind {
-    Bind::Buffer {
-        ty: wgpu::BufferBindingType::Storage { read_only },
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    }
+    Bind::Buffer { ty: wgpu::BufferBindingType::Storage { read_only }, has_dynamic_offset: false, min_binding_size: None }
 }
 
 fn texture(view_dimension: wgpu::TextureViewDimension) -> Bind {
-    Bind::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension,
-        multisampled: false,
-    }
+    Bind::Texture { sample_type: wgpu::TextureSampleType::Float { filterable: true }, view_dimension, multisampled: false }
 }
 
 fn scene_entries() -> [(At, Bind); 6] {
     let solid = (At::FRAGMENT, texture(wgpu::TextureViewDimension::D3));
-    let sampler = (
-        At::FRAGMENT,
-        Bind::Sampler(wgpu::SamplerBindingType::Filtering),
-    );
-    [
-        (At::VERTEX_FRAGMENT, uniform()),
-        solid,
-        solid,
-        solid,
-        sampler,
-        sampler,
-    ]
+    let sampler = (At::FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
+    [(At::VERTEX_FRAGMENT, uniform()), solid, solid, solid, sampler, sampler]
 }
 
 fn shape_entries() -> [(At, Bind); 6] {
@@ -183,14 +131,7 @@ fn post_entries() -> [(At, Bind); 6] {
     let both = At::FRAGMENT | At::COMPUTE;
     let flat = (both, texture(wgpu::TextureViewDimension::D2));
     let sampler = (both, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    [
-        (both, uniform()),
-        flat,
-        flat,
-        sampler,
-        (both, storage(false)),
-        (both, storage(true)),
-    ]
+    [(both, uniform()), flat, flat, sampler, (both, storage(false)), (both, storage(true))]
 }
 
 fn field_entries() -> [(At, Bind); 2] {
@@ -205,26 +146,14 @@ fn field_entries() -> [(At, Bind); 2] {
 fn layout(d: &wgpu::Device, label: &str, bindings: &[(At, Bind)]) -> wgpu::BindGroupLayout {
     let entries: Vec<_> = (0..)
         .zip(bindings)
-        .map(|(binding, &(visibility, ty))| wgpu::BindGroupLayoutEntry {
-            binding,
-            visibility,
-            ty,
-            count: None,
-        })
+        .map(|(binding, &(visibility, ty))| wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None })
         .collect();
-    d.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some(label),
-        entries: &entries,
-    })
+    d.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
 fn pipeline_layout(d: &wgpu::Device, groups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {
     let groups: Vec<_> = groups.iter().map(|g| Some(*g)).collect();
-    d.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: None,
-        bind_group_layouts: &groups,
-        immediate_size: 0,
-    })
+    d.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor { label: None, bind_group_layouts: &groups, immediate_size: 0 })
 }
 
 fn compute_pipeline(
@@ -249,24 +178,11 @@ fn scene_pipeline(
     module: &wgpu::ShaderModule,
     v: Variant,
 ) -> wgpu::RenderPipeline {
-    let constants = [
-        ("METAL", f64::from(u8::from(v.metal))),
-        ("FLUID", f64::from(u8::from(v.fluid))),
-    ];
-    let point = |shader_location| {
-        [wgpu::VertexAttribute {
-            format: wgpu::VertexFormat::Float32x3,
-            offset: 0,
-            shader_location,
-        }]
-    };
+    let constants = [("METAL", f64::from(u8::from(v.metal))), ("FLUID", f64::from(u8::from(v.fluid)))];
+    let point = |shader_location| [wgpu::VertexAttribute { format: wgpu::VertexFormat::Float32x3, offset: 0, shader_location }];
     let attributes = [point(0), point(1), point(2)];
     let buffers = [0, 1, 2].map(|i: usize| {
-        Some(wgpu::VertexBufferLayout {
-            array_stride: 12,
-            step_mode: wgpu::VertexStepMode::Vertex,
-            attributes: &attributes[i],
-        })
+        Some(wgpu::VertexBufferLayout { array_stride: 12, step_mode: wgpu::VertexStepMode::Vertex, attributes: &attributes[i] })
     });
     let blend = v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING);
     d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -290,15 +206,8 @@ fn scene_pipeline(
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some("fragment"),
-            compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &constants,
-                ..Default::default()
-            },
-            targets: &[Some(wgpu::ColorTargetState {
-                format: LIGHT,
-                blend,
-                write_mask: wgpu::ColorWrites::ALL,
-            })],
+            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
+            targets: &[Some(wgpu::ColorTargetState { format: LIGHT, blend, write_mask: wgpu::ColorWrites::ALL })],
         }),
         multiview_mask: None,
         cache: None,
@@ -315,12 +224,7 @@ fn screen_pipeline(
     d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(entry),
         layout: Some(layout),
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("screen"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
+        vertex: wgpu::VertexState { module, entry_point: Some("screen"), compilation_options: Default::default(), buffers: &[] },
         primitive: wgpu::PrimitiveState::default(),
         depth_stencil: None,
         multisample: Default::default(),

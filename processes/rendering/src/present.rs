@@ -31,34 +31,19 @@ impl Renderer {
         let size = u64::from(padded) * u64::from(height);
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let landing = crate::renderer::buffer(&self.gpu.device, size, usage);
-        let mut encoder = self
-            .gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor {
-                label: Some("read"),
-            });
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("read") });
         encoder.copy_texture_to_buffer(
             self.targets.picture.as_image_copy(),
             wgpu::TexelCopyBufferInfo {
                 buffer: &landing,
-                layout: wgpu::TexelCopyBufferLayout {
-                    offset: 0,
-                    bytes_per_row: Some(padded),
-                    rows_per_image: Some(height),
-                },
+                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded), rows_per_image: Some(height) },
             },
-            wgpu::Extent3d {
-                width,
-                height,
-                depth_or_array_layers: 1,
-            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
         encoder.map_buffer_on_submit(&landing, wgpu::MapMode::Read, .., |_| {});
         let submission = self.gpu.queue.submit([encoder.finish()]);
         self.wait(submission)?;
-        let bytes = landing
-            .get_mapped_range(..)
-            .map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))?;
+        let bytes = landing.get_mapped_range(..).map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))?;
         self.rgba.clear();
         for line in bytes.chunks_exact(padded as usize) {
             self.rgba.extend_from_slice(&line[..row as usize]);
@@ -73,23 +58,16 @@ impl Renderer {
     pub fn save_png(&mut self, path: &Path) -> Result<(), RenderError> {
         let [width, height] = self.targets.sizes.shown;
         let pixels = self.read_rgba()?;
-        let failed = |reason: String| RenderError::Picture {
-            path: path.display().to_string(),
-            reason: one_line(&reason),
-        };
+        let failed = |reason: String| RenderError::Picture { path: path.display().to_string(), reason: one_line(&reason) };
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, width, height);
         encoder.set_color(png::ColorType::Rgba);
         encoder.set_depth(png::BitDepth::Eight);
         let mut writer = encoder.write_header().map_err(|e| failed(e.to_string()))?;
-        writer
-            .write_image_data(pixels)
-            .map_err(|e| failed(e.to_string()))?;
+        writer.write_image_data(pixels).map_err(|e| failed(e.to_string()))?;
         writer.finish().map_err(|e| failed(e.to_string()))?;
         let partial = path.with_extension("png.part");
-        std::fs::write(&partial, &bytes)
-            .and_then(|()| std::fs::rename(&partial, path))
-            .map_err(|e| failed(e.to_string()))
+        std::fs::write(&partial, &bytes).and_then(|()| std::fs::rename(&partial, path)).map_err(|e| failed(e.to_string()))
     }
 
     /// Shows the last picture on the window that the device was opened with, as large as fits `width_px` × `height_px`.
@@ -101,28 +79,16 @@ impl Renderer {
         if size.contains(&0) {
             return Ok(Shown::Skipped);
         }
-        let unfit = |reason: &str| RenderError::NoSurface {
-            adapter: self.gpu.name(),
-            reason: reason.into(),
-        };
-        let surface = self
-            .gpu
-            .surface
-            .as_ref()
-            .ok_or_else(|| unfit("no window was given"))?;
-        let (format, pipeline) = self
-            .pipelines
-            .show
-            .as_ref()
-            .ok_or_else(|| unfit("no common format"))?;
+        let unfit = |reason: &str| RenderError::NoSurface { adapter: self.gpu.name(), reason: reason.into() };
+        let surface = self.gpu.surface.as_ref().ok_or_else(|| unfit("no window was given"))?;
+        let (format, pipeline) = self.pipelines.show.as_ref().ok_or_else(|| unfit("no common format"))?;
         let [width, height] = size.map(|n| n.min(MAX_SIDE_PX));
         let held = surface.get_configuration();
         if held.is_none_or(|c| [c.width, c.height] != [width, height]) {
             self.configure(surface, *format, width, height);
         }
         let frame = match surface.get_current_texture() {
-            wgpu::CurrentSurfaceTexture::Success(frame)
-            | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => frame,
+            wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => frame,
             wgpu::CurrentSurfaceTexture::Timeout | wgpu::CurrentSurfaceTexture::Occluded => {
                 return Ok(Shown::Skipped);
             }
@@ -131,23 +97,11 @@ impl Renderer {
                 return self.gpu.check().map(|()| Shown::Skipped);
             }
             _ => {
-                return Err(RenderError::NoDisplay(
-                    "the window's surface is lost".into(),
-                ));
+                return Err(RenderError::NoDisplay("the window's surface is lost".into()));
             }
         };
-        let mut encoder = self
-            .gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor {
-                label: Some("show"),
-            });
-        self.letterbox(
-            &mut encoder,
-            pipeline,
-            &view(&frame.texture),
-            [width, height],
-        );
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("show") });
+        self.letterbox(&mut encoder, pipeline, &view(&frame.texture), [width, height]);
         self.gpu.queue.submit([encoder.finish()]);
         self.gpu.queue.present(frame);
         self.gpu.check().map(|()| Shown::Yes)
@@ -171,13 +125,7 @@ impl Renderer {
         pass.draw(0..3, 0..1);
     }
 
-    fn configure(
-        &self,
-        surface: &wgpu::Surface<'static>,
-        format: wgpu::TextureFormat,
-        width: u32,
-        height: u32,
-    ) {
+    fn configure(&self, surface: &wgpu::Surface<'static>, format: wgpu::TextureFormat, width: u32, height: u32) {
         if let Some(mut wanted) = surface.get_default_config(&self.gpu.adapter, width, height) {
             wanted.format = format;
             wanted.present_mode = wgpu::PresentMode::AutoNoVsync; // the process paces itself
@@ -188,16 +136,8 @@ impl Renderer {
 }
 
 /// A format of the surface that takes the finished picture as it is; gamma is in it already.
-pub(crate) fn format(
-    surface: &wgpu::Surface<'static>,
-    adapter: &wgpu::Adapter,
-) -> Option<wgpu::TextureFormat> {
+pub(crate) fn format(surface: &wgpu::Surface<'static>, adapter: &wgpu::Adapter) -> Option<wgpu::TextureFormat> {
     let formats = surface.get_capabilities(adapter).formats;
-    let plain = formats
-        .iter()
-        .find(|f| **f == PICTURE || **f == wgpu::TextureFormat::Bgra8Unorm);
-    plain
-        .or_else(|| formats.iter().find(|f| !f.is_srgb()))
-        .or(formats.first())
-        .copied()
+    let plain = formats.iter().find(|f| **f == PICTURE || **f == wgpu::TextureFormat::Bgra8Unorm);
+    plain.or_else(|| formats.iter().find(|f| !f.is_srgb())).or(formats.first()).copied()
 }

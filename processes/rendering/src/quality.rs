@@ -22,10 +22,7 @@ pub struct Quality {
 
 impl Default for Quality {
     fn default() -> Self {
-        Self {
-            scale: 1.0,
-            bloom: true,
-        }
+        Self { scale: 1.0, bloom: true }
     }
 }
 
@@ -40,16 +37,11 @@ pub fn next_scale(frame_ms: f32, budget_ms: f32, scale: f32) -> f32 {
     }
     if frame_ms > budget_ms {
         let fits = now * (0.95 * budget_ms / frame_ms).sqrt();
-        return quantised((fits / SCALE_STEP).floor() * SCALE_STEP)
-            .min((now - SCALE_STEP).max(MIN_SCALE));
+        return quantised((fits / SCALE_STEP).floor() * SCALE_STEP).min((now - SCALE_STEP).max(MIN_SCALE));
     }
     let larger = quantised(now + SCALE_STEP);
     let expected_ms = frame_ms.max(0.0) * (FIXED + (1.0 - FIXED) * (larger / now).powi(2));
-    if expected_ms < ROOM * budget_ms {
-        larger
-    } else {
-        now
-    }
+    if expected_ms < ROOM * budget_ms { larger } else { now }
 }
 
 fn quantised(scale: f32) -> f32 {
@@ -78,10 +70,7 @@ mod tests {
     fn settles_without_oscillation_on_every_machine() {
         for tenth in 1..2_000 {
             let (scale, changes) = settled(tenth as f32 * 0.1, 33.0);
-            assert_eq!(
-                changes, 0,
-                "still changing at {tenth} tenths of a millisecond"
-            );
+            assert_eq!(changes, 0, "still changing at {tenth} tenths of a millisecond");
             assert!((MIN_SCALE..=1.0).contains(&scale));
             assert!(scale == MIN_SCALE || tenth as f32 * 0.1 * scale * scale <= 33.0);
         }
@@ -99,10 +88,7 @@ mod tests {
         for frame in [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e30] {
             for budget in [f32::NAN, 0.0, -5.0, 33.0] {
                 for scale in [f32::NAN, -3.0, 0.0, 0.4, 9.0] {
-                    assert!(
-                        (MIN_SCALE..=1.0).contains(&next_scale(frame, budget, scale)),
-                        "{frame} {budget} {scale}"
-                    );
+                    assert!((MIN_SCALE..=1.0).contains(&next_scale(frame, budget, scale)), "{frame} {budget} {scale}");
                 }
             }
         }

@@ -61,10 +61,7 @@ pub struct Renderer {
 
 impl std::fmt::Debug for Renderer {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Renderer")
-            .field("gpu", &self.gpu)
-            .field("stage", &self.stage)
-            .finish_non_exhaustive()
+        f.debug_struct("Renderer").field("gpu", &self.gpu).field("stage", &self.stage).finish_non_exhaustive()
     }
 }
 
@@ -74,30 +71,16 @@ impl Renderer {
     /// # Errors
     /// [`RenderError::DeviceLost`] if the device refuses a shader or a buffer.
     pub fn new(gpu: Gpu, width_px: u32, height_px: u32) -> Result<Self, RenderError> {
-        let shown = gpu
-            .surface
-            .as_ref()
-            .and_then(|s| crate::present::format(s, &gpu.adapter));
+        let shown = gpu.surface.as_ref().and_then(|s| crate::present::format(s, &gpu.adapter));
         let pipelines = Arc::new(Pipelines::new(&gpu, shown));
         let d = &gpu.device;
         let words = Box::new(overlay::blank());
         let post = post_buffers(&gpu, &words[..]);
         let shown_px = [width_px, height_px].map(|n| n.clamp(16, MAX_SIDE_PX));
-        let targets = Targets::new(
-            d,
-            &pipelines,
-            &post,
-            Sizes {
-                inner: shown_px,
-                shown: shown_px,
-            },
-        );
+        let targets = Targets::new(d, &pipelines, &post, Sizes { inner: shown_px, shown: shown_px });
         let globals = buffer(d, size_of::<Globals>() as u64, wgpu::BufferUsages::UNIFORM);
         let solids = [noise::fields(), noise::relief()].map(|texels| upload_solid(&gpu, &texels));
-        let samplers = [
-            sampler(d, wgpu::AddressMode::Repeat),
-            sampler(d, wgpu::AddressMode::ClampToEdge),
-        ];
+        let samplers = [sampler(d, wgpu::AddressMode::Repeat), sampler(d, wgpu::AddressMode::ClampToEdge)];
         let fluid = Fluid::clear(&gpu, &pipelines);
         let scene_group = scene_bindings(&gpu, &pipelines, &globals, &solids, &fluid, &samplers);
         let timer = Timer::new(d, &gpu.queue);
@@ -151,14 +134,8 @@ impl Renderer {
         if let Some(field) = &field
             && self.fluid.set(&self.gpu, &self.pipelines, field)?
         {
-            self.scene_group = scene_bindings(
-                &self.gpu,
-                &self.pipelines,
-                &self.globals,
-                &self.solids,
-                &self.fluid,
-                &self.samplers,
-            );
+            self.scene_group =
+                scene_bindings(&self.gpu, &self.pipelines, &self.globals, &self.solids, &self.fluid, &self.samplers);
         }
         self.fluid_shown = field.is_some();
         Ok(())
@@ -174,12 +151,7 @@ impl Renderer {
         let eye = view.camera.eye(width as f32 / height as f32);
         self.fit(&eye, view.quality.scale);
         self.write_frame(view, &eye);
-        let mut encoder = self
-            .gpu
-            .device
-            .create_command_encoder(&wgpu::CommandEncoderDescriptor {
-                label: Some("frame"),
-            });
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         self.shape_pass(&mut encoder);
         let triangles = self.scene_pass(&mut encoder, &eye);
         self.glow_passes(&mut encoder, view.quality.bloom);
@@ -199,42 +171,25 @@ impl Renderer {
         Ok(FrameStats {
             total_ms: ms_since(began),
             encode_ms,
-            passes_ms: self
-                .timer
-                .as_ref()
-                .map_or([0.0; PASSES], |t| t.read_ms(&self.gpu.device)),
+            passes_ms: self.timer.as_ref().map_or([0.0; PASSES], |t| t.read_ms(&self.gpu.device)),
             inner_px: self.targets.sizes.inner,
             triangles,
         })
     }
 
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
-        let wait = wgpu::PollType::Wait {
-            submission_index: Some(submission),
-            timeout: Some(FRAME_LIMIT),
-        };
-        self.gpu
-            .device
-            .poll(wait)
-            .map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))?;
+        let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(FRAME_LIMIT) };
+        self.gpu.device.poll(wait).map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))?;
         self.gpu.check()
     }
 
     /// Makes the targets anew if the shown size, the scale or the kind of camera changed.
     fn fit(&mut self, eye: &Eye, scale: f32) {
-        let scale = if scale.is_finite() {
-            scale.clamp(0.1, 1.0)
-        } else {
-            1.0
-        };
+        let scale = if scale.is_finite() { scale.clamp(0.1, 1.0) } else { 1.0 };
         let [w, h] = self.shown_px;
         let square = [w.min(h); 2];
-        let inner =
-            if eye.round { square } else { [w, h] }.map(|n| ((n as f32 * scale) as u32).max(16));
-        let sizes = Sizes {
-            inner,
-            shown: self.shown_px,
-        };
+        let inner = if eye.round { square } else { [w, h] }.map(|n| ((n as f32 * scale) as u32).max(16));
+        let sizes = Sizes { inner, shown: self.shown_px };
         if sizes != self.targets.sizes {
             self.targets = Targets::new(&self.gpu.device, &self.pipelines, &self.post, sizes);
         }
@@ -242,21 +197,9 @@ impl Renderer {
 
     fn write_frame(&mut self, view: &View, eye: &Eye) {
         let queue = &self.gpu.queue;
-        let light = if view.light.is_finite() {
-            view.light.clamp(0.0, 10.0)
-        } else {
-            1.0
-        };
-        queue.write_buffer(
-            &self.globals,
-            0,
-            bytemuck::bytes_of(&globals(eye, light, &self.fluid)),
-        );
-        queue.write_buffer(
-            &self.post.uniform,
-            0,
-            bytemuck::bytes_of(&post(view, eye, self.targets.sizes)),
-        );
+        let light = if view.light.is_finite() { view.light.clamp(0.0, 10.0) } else { 1.0 };
+        queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&globals(eye, light, &self.fluid)));
+        queue.write_buffer(&self.post.uniform, 0, bytemuck::bytes_of(&post(view, eye, self.targets.sizes)));
         if view.overlay != self.written {
             view.overlay.write(&mut self.words);
             queue.write_buffer(&self.post.glyphs, 0, bytemuck::cast_slice(&self.words[..]));
@@ -272,19 +215,13 @@ fn ms_since(began: Instant) -> f32 {
 
 pub(crate) fn buffer(d: &wgpu::Device, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     let usage = usage | wgpu::BufferUsages::COPY_DST;
-    d.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size,
-        usage,
-        mapped_at_creation: false,
-    })
+    d.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false })
 }
 
 fn post_buffers(gpu: &Gpu, words: &[u32]) -> PostBuffers {
     let d = &gpu.device;
     let glyphs = buffer(d, size_of_val(words) as u64, wgpu::BufferUsages::STORAGE);
-    gpu.queue
-        .write_buffer(&glyphs, 0, bytemuck::cast_slice(words));
+    gpu.queue.write_buffer(&glyphs, 0, bytemuck::cast_slice(words));
     PostBuffers {
         uniform: buffer(d, size_of::<Post>() as u64, wgpu::BufferUsages::UNIFORM),
         exposure: buffer(d, 16, wgpu::BufferUsages::STORAGE),
@@ -306,24 +243,10 @@ fn sampler(d: &wgpu::Device, mode: wgpu::AddressMode) -> wgpu::Sampler {
 
 fn upload_solid(gpu: &Gpu, texels: &[u8]) -> wgpu::TextureView {
     let side = noise::SIDE as u32;
-    let texture = solid(
-        &gpu.device,
-        [side; 3],
-        wgpu::TextureFormat::Rgba8Snorm,
-        wgpu::TextureUsages::COPY_DST,
-    );
-    let layout = wgpu::TexelCopyBufferLayout {
-        offset: 0,
-        bytes_per_row: Some(4 * side),
-        rows_per_image: Some(side),
-    };
-    let size = wgpu::Extent3d {
-        width: side,
-        height: side,
-        depth_or_array_layers: side,
-    };
-    gpu.queue
-        .write_texture(texture.as_image_copy(), texels, layout, size);
+    let texture = solid(&gpu.device, [side; 3], wgpu::TextureFormat::Rgba8Snorm, wgpu::TextureUsages::COPY_DST);
+    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) };
+    let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: side };
+    gpu.queue.write_texture(texture.as_image_copy(), texels, layout, size);
     view(&texture)
 }
 

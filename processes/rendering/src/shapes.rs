@@ -15,8 +15,7 @@ impl Shape {
     fn wrap(&mut self, rows: u32, columns: u32, point: impl Fn(u32, u32) -> [f32; 3]) {
         let base = self.positions_m.len() as u32;
         for row in 0..rows {
-            self.positions_m
-                .extend((0..columns).map(|column| point(row, column)));
+            self.positions_m.extend((0..columns).map(|column| point(row, column)));
         }
         for row in 0..rows.saturating_sub(1) {
             for column in 0..columns {
@@ -54,11 +53,7 @@ pub fn scope(radius_m: f32, length_m: f32, oblique_rad: f32) -> Shape {
     shape.wrap(rings.len() as u32, AROUND, |row, column| {
         let (z, r, share) = rings[row as usize];
         let angle = TAU * column as f32 / AROUND as f32;
-        [
-            r * angle.cos(),
-            r * angle.sin(),
-            z - share * slant * (radius_m + radius_m * angle.sin()) * 0.5,
-        ]
+        [r * angle.cos(), r * angle.sin(), z - share * slant * (radius_m + radius_m * angle.sin()) * 0.5]
     });
     shape
 }
@@ -75,10 +70,7 @@ pub fn loop_electrode(radius_m: f32, wire_m: f32, arm_m: f32) -> Shape {
             ([-radius_m, 0.0, -arm_m], [-1.0, 0.0, 0.0])
         } else {
             let a = half * (i - 1) as f32 / BEND as f32;
-            (
-                [radius_m * a.cos(), radius_m * a.sin(), 0.0],
-                [a.cos(), a.sin(), 0.0],
-            )
+            ([radius_m * a.cos(), radius_m * a.sin(), 0.0], [a.cos(), a.sin(), 0.0])
         }
     };
     let mut shape = Shape::default();
@@ -106,15 +98,9 @@ pub fn cavity(length_m: f32, rows: u32, columns: u32) -> Shape {
         let t = row as f32 / (rows - 1) as f32;
         let close = (1.0 - ((t - 0.78).max(0.0) / 0.22).powi(2)).max(0.0).sqrt();
         let angle = -TAU * column as f32 / columns as f32;
-        let fold =
-            1.0 + 0.05 * (5.0 * angle + 9.0 * t).sin() + 0.03 * (11.0 * t + 2.0 * angle).cos();
-        let [a, b] =
-            [0.0035 + 0.0125 * t.powf(1.2), 0.0035 + 0.0045 * t.sqrt()].map(|r| r * close * fold);
-        [
-            a * angle.cos(),
-            b * angle.sin(),
-            length_m * (t + 0.06 * (1.0 - close) * t),
-        ]
+        let fold = 1.0 + 0.05 * (5.0 * angle + 9.0 * t).sin() + 0.03 * (11.0 * t + 2.0 * angle).cos();
+        let [a, b] = [0.0035 + 0.0125 * t.powf(1.2), 0.0035 + 0.0045 * t.sqrt()].map(|r| r * close * fold);
+        [a * angle.cos(), b * angle.sin(), length_m * (t + 0.06 * (1.0 - close) * t)]
     });
     shape
 }
@@ -127,11 +113,7 @@ pub fn ball(centre_m: [f32; 3], radius_m: f32, rows: u32, columns: u32) -> Shape
         let polar = std::f32::consts::PI * (1.0 - row as f32 / (rows - 1) as f32);
         let angle = TAU * column as f32 / columns as f32;
         let r = radius_m * polar.sin();
-        [
-            centre_m[0] + r * angle.cos(),
-            centre_m[1] + r * angle.sin(),
-            centre_m[2] + radius_m * polar.cos(),
-        ]
+        [centre_m[0] + r * angle.cos(), centre_m[1] + r * angle.sin(), centre_m[2] + radius_m * polar.cos()]
     });
     shape
 }
@@ -144,27 +126,16 @@ mod tests {
     /// Six times the signed volume: positive if triangles are counter-clockwise from outside.
     fn volume6(shape: &Shape) -> f32 {
         let p = |i: u32| Vec3::from(shape.positions_m[i as usize]);
-        shape
-            .triangles
-            .iter()
-            .map(|&[a, b, c]| p(a).dot(p(b).cross(p(c))))
-            .sum()
+        shape.triangles.iter().map(|&[a, b, c]| p(a).dot(p(b).cross(p(c)))).sum()
     }
 
     #[test]
     fn outsides_are_outside() {
         let ball = ball([0.01, 0.02, 0.03], 0.005, 24, 48);
         let exact = 8.0 * std::f32::consts::PI * 0.005_f32.powi(3);
-        assert!(
-            (volume6(&ball) / exact - 1.0).abs() < 0.05,
-            "{}",
-            volume6(&ball) / exact
-        );
+        assert!((volume6(&ball) / exact - 1.0).abs() < 0.05, "{}", volume6(&ball) / exact);
         assert!(volume6(&scope(0.0025, 0.3, 0.5)) > 0.0);
         assert!(volume6(&loop_electrode(0.003, 0.0003, 0.01)) > 0.0);
-        assert!(
-            volume6(&cavity(0.045, 40, 48)) < 0.0,
-            "a cavity is seen from inside"
-        );
+        assert!(volume6(&cavity(0.045, 40, 48)) < 0.0, "a cavity is seen from inside");
     }
 }

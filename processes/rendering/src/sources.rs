@@ -66,7 +66,7 @@ impl Sources {
 
     /// Takes what the usher has brought.
     pub fn welcome(&mut self) {
-        while let Some(arrival) = self.inbox.next() {
+        while let Some(arrival) = self.inbox.take() {
             let before = self.seat(arrival);
             if let Some(before) = before {
                 self.inbox.retire(before);

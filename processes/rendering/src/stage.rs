@@ -51,12 +51,7 @@ impl Appearance {
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
         };
-        Self {
-            base_colour,
-            material,
-            roughness,
-            external_only: false,
-        }
+        Self { base_colour, material, roughness, external_only: false }
     }
 }
 
@@ -107,20 +102,13 @@ pub struct Stage {
 
 impl std::fmt::Debug for Stage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Stage")
-            .field("objects", &self.objects.keys())
-            .finish_non_exhaustive()
+        f.debug_struct("Stage").field("objects", &self.objects.keys()).finish_non_exhaustive()
     }
 }
 
 impl Stage {
     pub(crate) fn new(gpu: &Gpu, pipelines: std::sync::Arc<Pipelines>) -> Self {
-        Self {
-            device: gpu.device.clone(),
-            queue: gpu.queue.clone(),
-            pipelines,
-            objects: BTreeMap::new(),
-        }
+        Self { device: gpu.device.clone(), queue: gpu.queue.clone(), pipelines, objects: BTreeMap::new() }
     }
 
     /// Puts an object on the stage at its rest positions, or replaces the one of this id (after a cut); its pose is kept.
@@ -144,25 +132,13 @@ impl Stage {
     ///
     /// # Errors
     /// [`RenderError::UnknownObject`], [`RenderError::WrongLength`]; the object stays as it was.
-    pub fn update_positions(
-        &mut self,
-        id: u64,
-        positions_m: &[[f32; 3]],
-    ) -> Result<(), RenderError> {
-        let object = self
-            .objects
-            .get_mut(&id)
-            .ok_or(RenderError::UnknownObject(id))?;
+    pub fn update_positions(&mut self, id: u64, positions_m: &[[f32; 3]]) -> Result<(), RenderError> {
+        let object = self.objects.get_mut(&id).ok_or(RenderError::UnknownObject(id))?;
         if positions_m.len() != object.vertices {
-            return Err(RenderError::WrongLength {
-                object: id,
-                got: positions_m.len(),
-                expected: object.vertices,
-            });
+            return Err(RenderError::WrongLength { object: id, got: positions_m.len(), expected: object.vertices });
         }
         if !positions_m.is_empty() {
-            self.queue
-                .write_buffer(&object.positions, 0, bytemuck::cast_slice(positions_m));
+            self.queue.write_buffer(&object.positions, 0, bytemuck::cast_slice(positions_m));
         }
         object.moved = true;
         Ok(())
@@ -172,16 +148,8 @@ impl Stage {
     ///
     /// # Errors
     /// [`RenderError::UnknownObject`].
-    pub fn set_pose(
-        &mut self,
-        id: u64,
-        position_m: [f32; 3],
-        rotation: [f32; 4],
-    ) -> Result<(), RenderError> {
-        let object = self
-            .objects
-            .get_mut(&id)
-            .ok_or(RenderError::UnknownObject(id))?;
+    pub fn set_pose(&mut self, id: u64, position_m: [f32; 3], rotation: [f32; 4]) -> Result<(), RenderError> {
+        let object = self.objects.get_mut(&id).ok_or(RenderError::UnknownObject(id))?;
         let (p, q) = (Vec3::from(position_m), Quat::from_array(rotation));
         if p.is_finite() && p.length() < 10.0 && q.is_finite() && (0.5..2.0).contains(&q.length()) {
             object.pose = Mat4::from_rotation_translation(q.normalize(), p);
@@ -194,16 +162,9 @@ impl Stage {
     /// # Errors
     /// [`RenderError::UnknownObject`].
     pub fn set_appearance(&mut self, id: u64, appearance: Appearance) -> Result<(), RenderError> {
-        let object = self
-            .objects
-            .get_mut(&id)
-            .ok_or(RenderError::UnknownObject(id))?;
+        let object = self.objects.get_mut(&id).ok_or(RenderError::UnknownObject(id))?;
         object.appearance = appearance;
-        object.char_level = if appearance.material == Material::Coagulated {
-            0.55
-        } else {
-            0.0
-        };
+        object.char_level = if appearance.material == Material::Coagulated { 0.55 } else { 0.0 };
         Ok(())
     }
 
@@ -226,42 +187,23 @@ impl Stage {
 
     fn write_uniform(&self, object: &Object, tissue_alpha: f32) {
         let look = object.appearance;
-        let alpha = if look.material == Material::MucosaTissue {
-            tissue_alpha
-        } else {
-            1.0
-        };
+        let alpha = if look.material == Material::MucosaTissue { tissue_alpha } else { 1.0 };
         let (vessels, bump, frequency) = match look.material {
             Material::MucosaTissue => (0.75, 0.62, 62.0),
             Material::Polyp => (1.0, 0.40, 95.0),
             Material::Coagulated => (0.1, 0.8, 90.0),
             Material::Metal => (0.0, 0.0, 60.0),
         };
-        let [r, g, b] = look.base_colour.map(|c| {
-            if c.is_finite() {
-                c.clamp(0.0, 1.0)
-            } else {
-                0.5
-            }
-        });
-        let roughness = if look.roughness.is_finite() {
-            look.roughness.clamp(0.0, 1.0)
-        } else {
-            0.5
-        };
-        let whole = if look.material == Material::MucosaTissue {
-            0.0
-        } else {
-            1.0
-        };
+        let [r, g, b] = look.base_colour.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.5 });
+        let roughness = if look.roughness.is_finite() { look.roughness.clamp(0.0, 1.0) } else { 0.5 };
+        let whole = if look.material == Material::MucosaTissue { 0.0 } else { 1.0 };
         let uniform = ObjectUniform {
             model: object.pose.to_cols_array_2d(),
             colour: [r, g, b, alpha],
             surface: [roughness, frequency, vessels, bump],
             extra: [whole, object.char_level, 0.0, 0.0],
         };
-        self.queue
-            .write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
+        self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
     fn build(&self, mesh: &SurfaceMesh<'_>, first: &[u32], incident: &[u32], pose: Mat4) -> Object {
@@ -274,15 +216,8 @@ impl Stage {
         let triangles = self.filled("triangles", corners, Usage::INDEX | Usage::STORAGE);
         let first = self.filled("first", bytemuck::cast_slice(first), Usage::STORAGE);
         let incident = self.filled("incident", bytemuck::cast_slice(incident), Usage::STORAGE);
-        let uniform = self.filled(
-            "object",
-            bytemuck::bytes_of(&ObjectUniform::zeroed()),
-            Usage::UNIFORM,
-        );
-        let shape = self.pipelines.shape_group(
-            &self.device,
-            [&positions, &rest, &triangles, &first, &incident, &normals],
-        );
+        let uniform = self.filled("object", bytemuck::bytes_of(&ObjectUniform::zeroed()), Usage::UNIFORM);
+        let shape = self.pipelines.shape_group(&self.device, [&positions, &rest, &triangles, &first, &incident, &normals]);
         let look = self.pipelines.object_group(&self.device, &uniform);
         Object {
             positions,
@@ -297,11 +232,7 @@ impl Stage {
             appearance: mesh.appearance,
             moved: true,
             pose,
-            char_level: if mesh.appearance.material == Material::Coagulated {
-                0.55
-            } else {
-                0.0
-            },
+            char_level: if mesh.appearance.material == Material::Coagulated { 0.55 } else { 0.0 },
         }
     }
 
@@ -309,12 +240,8 @@ impl Stage {
     fn filled(&self, label: &str, bytes: &[u8], usage: Usage) -> wgpu::Buffer {
         let size = (bytes.len().max(16) as u64).next_multiple_of(4);
         let usage = usage | Usage::COPY_DST;
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some(label),
-            size,
-            usage,
-            mapped_at_creation: false,
-        });
+        let buffer =
+            self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false });
         if !bytes.is_empty() {
             self.queue.write_buffer(&buffer, 0, bytes);
         }
@@ -323,29 +250,16 @@ impl Stage {
 }
 
 fn bound(what: &'static str, got: usize, bound: usize) -> Result<(), RenderError> {
-    if got > bound {
-        Err(RenderError::TooLarge { what, got, bound })
-    } else {
-        Ok(())
-    }
+    if got > bound { Err(RenderError::TooLarge { what, got, bound }) } else { Ok(()) }
 }
 
 /// For each vertex the numbers of its triangles, ascending: where they begin, and the numbers.
-fn incidence(
-    object: u64,
-    triangles: &[[u32; 3]],
-    vertices: usize,
-) -> Result<(Vec<u32>, Vec<u32>), RenderError> {
+fn incidence(object: u64, triangles: &[[u32; 3]], vertices: usize) -> Result<(Vec<u32>, Vec<u32>), RenderError> {
     let mut first = vec![0_u32; vertices + 1];
     for (triangle, corners) in triangles.iter().enumerate() {
         for &vertex in corners {
             if vertex as usize >= vertices {
-                return Err(RenderError::BadTriangle {
-                    object,
-                    triangle,
-                    vertex,
-                    vertices,
-                });
+                return Err(RenderError::BadTriangle { object, triangle, vertex, vertices });
             }
             first[vertex as usize + 1] += 1;
         }
@@ -378,14 +292,7 @@ mod tests {
 
     #[test]
     fn a_triangle_outside_its_vertices_is_named() {
-        let text = incidence(9, &[[0, 1, 2], [0, 1, 7]], 3)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            text.contains("object 9")
-                && text.contains("triangle 1")
-                && text.contains("vertex 7 of 3"),
-            "{text}"
-        );
+        let text = incidence(9, &[[0, 1, 2], [0, 1, 7]], 3).unwrap_err().to_string();
+        assert!(text.contains("object 9") && text.contains("triangle 1") && text.contains("vertex 7 of 3"), "{text}");
     }
 }

@@ -35,16 +35,10 @@ pub(crate) struct PostBuffers {
 }
 
 impl Targets {
-    pub(crate) fn new(
-        d: &wgpu::Device,
-        pipelines: &Pipelines,
-        post: &PostBuffers,
-        sizes: Sizes,
-    ) -> Self {
+    pub(crate) fn new(d: &wgpu::Device, pipelines: &Pipelines, post: &PostBuffers, sizes: Sizes) -> Self {
         let small = sizes.inner.map(|n| (n / 4).max(1));
         let light = |size| view(&texture(d, size, LIGHT));
-        let (scene, quarter, across, glow) =
-            (light(sizes.inner), light(small), light(small), light(small));
+        let (scene, quarter, across, glow) = (light(sizes.inner), light(small), light(small), light(small));
         let dark = light([1, 1]);
         let depth = view(&texture(d, sizes.inner, DEPTH));
         let picture = texture(d, sizes.shown, PICTURE);
@@ -79,25 +73,15 @@ impl Targets {
 }
 
 fn texture(d: &wgpu::Device, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
-    let readable = if format == PICTURE {
-        wgpu::TextureUsages::COPY_SRC
-    } else {
-        wgpu::TextureUsages::empty()
-    };
+    let readable = if format == PICTURE { wgpu::TextureUsages::COPY_SRC } else { wgpu::TextureUsages::empty() };
     d.create_texture(&wgpu::TextureDescriptor {
         label: None,
-        size: wgpu::Extent3d {
-            width: size[0],
-            height: size[1],
-            depth_or_array_layers: 1,
-        },
+        size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-            | wgpu::TextureUsages::TEXTURE_BINDING
-            | readable,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING | readable,
         view_formats: &[],
     })
 }
@@ -107,19 +91,10 @@ pub(crate) fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
 }
 
 /// A solid texture that tiles or holds a field.
-pub(crate) fn solid(
-    d: &wgpu::Device,
-    dims: [u32; 3],
-    format: wgpu::TextureFormat,
-    usage: wgpu::TextureUsages,
-) -> wgpu::Texture {
+pub(crate) fn solid(d: &wgpu::Device, dims: [u32; 3], format: wgpu::TextureFormat, usage: wgpu::TextureUsages) -> wgpu::Texture {
     d.create_texture(&wgpu::TextureDescriptor {
         label: None,
-        size: wgpu::Extent3d {
-            width: dims[0],
-            height: dims[1],
-            depth_or_array_layers: dims[2],
-        },
+        size: wgpu::Extent3d { width: dims[0], height: dims[1], depth_or_array_layers: dims[2] },
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,

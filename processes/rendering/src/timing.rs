@@ -22,12 +22,7 @@ impl Timer {
             return None;
         }
         let buffer = |usage| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("timer"),
-                size: BYTES,
-                usage,
-                mapped_at_creation: false,
-            })
+            device.create_buffer(&wgpu::BufferDescriptor { label: Some("timer"), size: BYTES, usage, mapped_at_creation: false })
         };
         Some(Self {
             queries: device.create_query_set(&wgpu::QuerySetDescriptor {
@@ -42,12 +37,7 @@ impl Timer {
     }
 
     /// Stamps of a render pass; `begin` and `end` say which of the pair it writes, so that several passes can count as one.
-    pub(crate) fn render(
-        &self,
-        pass: u32,
-        begin: bool,
-        end: bool,
-    ) -> wgpu::RenderPassTimestampWrites<'_> {
+    pub(crate) fn render(&self, pass: u32, begin: bool, end: bool) -> wgpu::RenderPassTimestampWrites<'_> {
         wgpu::RenderPassTimestampWrites {
             query_set: &self.queries,
             beginning_of_pass_write_index: begin.then_some(2 * pass),
@@ -76,10 +66,7 @@ impl Timer {
             return out;
         }
         if let Ok(bytes) = self.readable.get_mapped_range(..) {
-            let stamps: Vec<u64> = bytes
-                .chunks_exact(8)
-                .map(|b| b.try_into().map_or(0, u64::from_le_bytes))
-                .collect();
+            let stamps: Vec<u64> = bytes.chunks_exact(8).map(|b| b.try_into().map_or(0, u64::from_le_bytes)).collect();
             for (pass, ms) in out.iter_mut().enumerate() {
                 let ticks = stamps[2 * pass + 1].saturating_sub(stamps[2 * pass]);
                 *ms = ticks as f32 * self.period_ns * 1.0e-6;

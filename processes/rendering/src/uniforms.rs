@@ -33,16 +33,8 @@ pub(crate) struct Post {
 
 pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
     // at the tip: full at 10 mm; outside: a lamp that gives one unit at the target, from wherever it stands
-    let (intensity, outer, inner, ambient) = if eye.round {
-        (2.2 * light, 0.45, 0.86, 1.0)
-    } else {
-        (
-            1.3 * light * eye.lamp_m * eye.lamp_m * 1.0e4,
-            -1.1,
-            -1.0,
-            1.4,
-        )
-    };
+    let (intensity, outer, inner, ambient) =
+        if eye.round { (2.2 * light, 0.45, 0.86, 1.0) } else { (1.3 * light * eye.lamp_m * eye.lamp_m * 1.0e4, -1.1, -1.0, 1.4) };
     Globals {
         view_proj: eye.view_proj.to_cols_array_2d(),
         eye: eye.eye_m.extend(1.0).to_array(),
@@ -60,36 +52,13 @@ pub(crate) fn post(view: &View, eye: &Eye, sizes: Sizes) -> Post {
     let flag = |on: bool| f32::from(u8::from(on));
     let [w, h] = sizes.shown.map(|n| n as f32);
     let [iw, ih] = sizes.inner.map(|n| n as f32);
-    let gain = if view.gain.is_finite() {
-        view.gain.clamp(0.05, 20.0)
-    } else {
-        1.0
-    };
-    let rate = if view.adaptation.is_finite() {
-        view.adaptation.clamp(0.0, 1.0)
-    } else {
-        1.0
-    };
+    let gain = if view.gain.is_finite() { view.gain.clamp(0.05, 20.0) } else { 1.0 };
+    let rate = if view.adaptation.is_finite() { view.adaptation.clamp(0.0, 1.0) } else { 1.0 };
     let glyph_px = (h / 420.0).round().max(1.0);
     Post {
         size: [w, h, iw, ih],
-        lens: [
-            eye.distortion[0],
-            eye.distortion[1],
-            flag(eye.round),
-            eye.notch_rad,
-        ],
-        tone: [
-            gain,
-            rate,
-            flag(!eye.round),
-            if view.quality.bloom { 0.35 } else { 0.0 },
-        ],
-        text: [
-            glyph_px,
-            COLUMNS as f32,
-            view.overlay.rows() as f32,
-            flag(!view.overlay.sign.is_empty()),
-        ],
+        lens: [eye.distortion[0], eye.distortion[1], flag(eye.round), eye.notch_rad],
+        tone: [gain, rate, flag(!eye.round), if view.quality.bloom { 0.35 } else { 0.0 }],
+        text: [glyph_px, COLUMNS as f32, view.overlay.rows() as f32, flag(!view.overlay.sign.is_empty())],
     }
 }

@@ -98,7 +98,7 @@ fn without_pictures(life: &Life) -> Result<(), Failure> {
     life.page.write(page::STATUS, &RenderingStatus::default());
     life.page.set_state(ProcessState::Live);
     let mut pace = Pace::new(life, BLIND_TICKS, 0);
-    while pace.next().is_some() {
+    while pace.wait().is_some() {
         pace.end();
     }
     Ok(())
@@ -143,7 +143,7 @@ impl<'a> Vision<'a> {
         sources.looks.want();
         let mut pace = Pace::new(life, PERIOD_TICKS, 0);
         let mut last_ns = system::now_ns();
-        while let Some(tick) = pace.next() {
+        while let Some(tick) = pace.wait() {
             let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
             last_ns = pace.woken_ns();
             sources.welcome();

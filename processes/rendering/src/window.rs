@@ -59,10 +59,7 @@ impl Drop for Window {
 
 impl std::fmt::Debug for Window {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Window")
-            .field("title", &self.app.title)
-            .field("size_px", &self.size_px())
-            .finish_non_exhaustive()
+        f.debug_struct("Window").field("title", &self.app.title).field("size_px", &self.size_px()).finish_non_exhaustive()
     }
 }
 
@@ -73,29 +70,17 @@ impl Window {
     /// [`RenderError::NoDisplay`].
     pub fn open(title: &str, width_px: u32, height_px: u32) -> Result<Self, RenderError> {
         let mut event_loop = guarded(|| {
-            EventLoop::builder()
-                .with_any_thread(true)
-                .build()
-                .map_err(|e| RenderError::NoDisplay(without_place(&e.to_string())))
+            EventLoop::builder().with_any_thread(true).build().map_err(|e| RenderError::NoDisplay(without_place(&e.to_string())))
         })??;
-        let mut app = App {
-            title: title.into(),
-            size: [width_px, height_px],
-            ..App::default()
-        };
+        let mut app = App { title: title.into(), size: [width_px, height_px], ..App::default() };
         guarded(|| event_loop.pump_app_events(Some(Duration::from_millis(200)), &mut app))?;
         if let Some(reason) = app.failed.take() {
             return Err(RenderError::NoDisplay(reason));
         }
         if app.native.is_none() {
-            return Err(RenderError::NoDisplay(
-                "the display opened no window".into(),
-            ));
+            return Err(RenderError::NoDisplay("the display opened no window".into()));
         }
-        Ok(Self {
-            event_loop: Some(event_loop),
-            app,
-        })
+        Ok(Self { event_loop: Some(event_loop), app })
     }
 
     /// Takes what happened since the last call, without waiting. `elapsed_s` is the time since then, for keys that are held.
@@ -109,9 +94,7 @@ impl Window {
         };
         let status = guarded(|| event_loop.pump_app_events(Some(Duration::ZERO), app))?;
         match status {
-            PumpStatus::Exit(code) if !app.closed => Err(RenderError::NoDisplay(format!(
-                "the display went away, code {code}"
-            ))),
+            PumpStatus::Exit(code) if !app.closed => Err(RenderError::NoDisplay(format!("the display went away, code {code}"))),
             _ if app.closed => Ok(Status::Closed),
             _ => Ok(Status::Open(app.take_input(elapsed_s))),
         }
@@ -127,10 +110,7 @@ impl Window {
     /// # Errors
     /// [`RenderError::NoDisplay`] if the display went away.
     pub fn set_title(&self, title: &str) -> Result<(), RenderError> {
-        self.app
-            .native
-            .as_ref()
-            .map_or(Ok(()), |window| guarded(|| window.set_title(title)))
+        self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.set_title(title)))
     }
 
     pub(crate) fn handle(&self) -> Option<Arc<Native>> {
@@ -140,24 +120,14 @@ impl Window {
 
 /// The library's message without the place in its source that it begins with.
 fn without_place(text: &str) -> String {
-    one_line(
-        text.rsplit(".rs:")
-            .next()
-            .and_then(|t| t.split_once(": "))
-            .map_or(text, |(_, message)| message),
-    )
+    one_line(text.rsplit(".rs:").next().and_then(|t| t.split_once(": ")).map_or(text, |(_, message)| message))
 }
 
 /// The windowing library panics on some failures of the display; they become errors here.
 fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, RenderError> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).map_err(|cause| {
-        let text = cause
-            .downcast_ref::<String>()
-            .cloned()
-            .or_else(|| cause.downcast_ref::<&str>().map(ToString::to_string));
-        RenderError::NoDisplay(one_line(
-            &text.unwrap_or_else(|| "the display failed".into()),
-        ))
+        let text = cause.downcast_ref::<String>().cloned().or_else(|| cause.downcast_ref::<&str>().map(ToString::to_string));
+        RenderError::NoDisplay(one_line(&text.unwrap_or_else(|| "the display failed".into())))
     })
 }
 
@@ -175,27 +145,11 @@ struct App {
 impl App {
     fn take_input(&mut self, elapsed_s: f32) -> PointerInput {
         let mut input = self.input;
-        self.input = PointerInput {
-            buttons: input.buttons,
-            held: input.held,
-            ..PointerInput::default()
-        };
-        let seconds = if elapsed_s.is_finite() {
-            elapsed_s.clamp(0.0, 0.1)
-        } else {
-            0.0
-        };
-        let axis = |plus: Key, minus: Key| {
-            (input.is_held(plus) as i8 - input.is_held(minus) as i8) as f32 * seconds
-        };
-        let (pitch, yaw) = (
-            axis(Key::Up, Key::Down) * 0.35,
-            axis(Key::Right, Key::Left) * 0.35,
-        );
-        let (inwards, roll) = (
-            axis(Key::In, Key::Out) * 0.02,
-            axis(Key::TurnRight, Key::TurnLeft) * 0.8,
-        );
+        self.input = PointerInput { buttons: input.buttons, held: input.held, ..PointerInput::default() };
+        let seconds = if elapsed_s.is_finite() { elapsed_s.clamp(0.0, 0.1) } else { 0.0 };
+        let axis = |plus: Key, minus: Key| (input.is_held(plus) as i8 - input.is_held(minus) as i8) as f32 * seconds;
+        let (pitch, yaw) = (axis(Key::Up, Key::Down) * 0.35, axis(Key::Right, Key::Left) * 0.35);
+        let (inwards, roll) = (axis(Key::In, Key::Out) * 0.02, axis(Key::TurnRight, Key::TurnLeft) * 0.8);
         input.pitch_rad += pitch;
         input.yaw_rad += yaw;
         input.insertion_m += inwards;
@@ -223,11 +177,7 @@ impl App {
             MouseButton::Middle => 4,
             _ => 0,
         };
-        if state.is_pressed() {
-            self.input.buttons |= bit
-        } else {
-            self.input.buttons &= !bit
-        }
+        if state.is_pressed() { self.input.buttons |= bit } else { self.input.buttons &= !bit }
     }
 
     fn key(&mut self, event: &KeyEvent) {
@@ -250,9 +200,8 @@ impl ApplicationHandler for App {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if self.native.is_none() {
             let [width, height] = self.size;
-            let wanted = Native::default_attributes()
-                .with_title(self.title.clone())
-                .with_inner_size(LogicalSize::new(width, height));
+            let wanted =
+                Native::default_attributes().with_title(self.title.clone()).with_inner_size(LogicalSize::new(width, height));
             match event_loop.create_window(wanted) {
                 Ok(window) => self.native = Some(Arc::new(window)),
                 Err(e) => self.failed = Some(one_line(&e.to_string())),
@@ -267,14 +216,8 @@ impl ApplicationHandler for App {
             WindowEvent::CursorMoved { position, .. } => self.moved(position),
             WindowEvent::CursorLeft { .. } => self.at = None,
             WindowEvent::MouseInput { state, button, .. } => self.button(button, state),
-            WindowEvent::MouseWheel {
-                delta: MouseScrollDelta::LineDelta(_, y),
-                ..
-            } => self.input.insertion_m += y * M_PER_NOTCH,
-            WindowEvent::MouseWheel {
-                delta: MouseScrollDelta::PixelDelta(p),
-                ..
-            } => {
+            WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => self.input.insertion_m += y * M_PER_NOTCH,
+            WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(p), .. } => {
                 self.input.insertion_m += (p.y / PX_PER_NOTCH) as f32 * M_PER_NOTCH;
             }
             WindowEvent::KeyboardInput { event, .. } => self.key(&event),
@@ -297,18 +240,8 @@ mod tests {
         app.button(MouseButton::Left, ElementState::Pressed);
         app.moved(PhysicalPosition::new(40.0, 5.0));
         let input = app.take_input(0.0);
-        assert!(
-            (input.yaw_rad - 10.0 * RAD_PER_PX).abs() < 1e-6
-                && (input.pitch_rad - 5.0 * RAD_PER_PX).abs() < 1e-6
-        );
-        assert_eq!(
-            app.take_input(0.0),
-            PointerInput {
-                buttons: 1,
-                ..PointerInput::default()
-            },
-            "a movement counts once"
-        );
+        assert!((input.yaw_rad - 10.0 * RAD_PER_PX).abs() < 1e-6 && (input.pitch_rad - 5.0 * RAD_PER_PX).abs() < 1e-6);
+        assert_eq!(app.take_input(0.0), PointerInput { buttons: 1, ..PointerInput::default() }, "a movement counts once");
     }
 
     #[test]

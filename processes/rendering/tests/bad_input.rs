@@ -21,9 +21,7 @@ fn positions_that_are_no_numbers_are_drawn_at_rest() {
     }
     r.stage().update_positions(CAVITY, &poisoned).unwrap();
     assert_eq!(changed(&before, &picture(&mut r, &through_scope())), 0);
-    r.stage()
-        .update_positions(CAVITY, &vec![[f32::NAN; 3]; poisoned.len()])
-        .unwrap();
+    r.stage().update_positions(CAVITY, &vec![[f32::NAN; 3]; poisoned.len()]).unwrap();
     assert_eq!(changed(&before, &picture(&mut r, &through_scope())), 0);
 }
 
@@ -32,11 +30,7 @@ fn an_empty_stage_is_a_dark_picture() {
     let Some(mut r) = renderer() else { return };
     let shot = picture(&mut r, &through_scope());
     assert!(shot.chunks_exact(4).all(|p| p[..3].iter().all(|&c| c < 40)));
-    let nothing = SurfaceMesh {
-        triangles: &[],
-        rest_m: &[],
-        appearance: Appearance::of(Material::Polyp),
-    };
+    let nothing = SurfaceMesh { triangles: &[], rest_m: &[], appearance: Appearance::of(Material::Polyp) };
     r.stage().set_object(7, nothing).unwrap();
     r.stage().update_positions(7, &[]).unwrap();
     assert_eq!(changed(&shot, &picture(&mut r, &through_scope())), 0);
@@ -48,35 +42,14 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
         return;
     };
     let before = picture(&mut r, &through_scope());
-    let bad = SurfaceMesh {
-        triangles: &[[0, 1, 99]],
-        rest_m: &[[0.0; 3]; 3],
-        appearance: Appearance::of(Material::Metal),
-    };
-    assert!(matches!(
-        r.stage().set_object(CAVITY, bad),
-        Err(RenderError::BadTriangle {
-            object: CAVITY,
-            vertex: 99,
-            ..
-        })
-    ));
+    let bad = SurfaceMesh { triangles: &[[0, 1, 99]], rest_m: &[[0.0; 3]; 3], appearance: Appearance::of(Material::Metal) };
+    assert!(matches!(r.stage().set_object(CAVITY, bad), Err(RenderError::BadTriangle { object: CAVITY, vertex: 99, .. })));
     let short = r.stage().update_positions(CAVITY, &cavity.positions_m[1..]);
     assert!(matches!(short, Err(RenderError::WrongLength { .. })));
-    assert!(matches!(
-        r.stage().update_positions(55, &[]),
-        Err(RenderError::UnknownObject(55))
-    ));
+    assert!(matches!(r.stage().update_positions(55, &[]), Err(RenderError::UnknownObject(55))));
     assert_eq!(changed(&before, &picture(&mut r, &through_scope())), 0);
-    let dot = SurfaceMesh {
-        triangles: &[],
-        rest_m: &[],
-        appearance: Appearance::of(Material::Polyp),
-    };
-    let added = (100..)
-        .take(MAX_OBJECTS + 1)
-        .filter(|&id| r.stage().set_object(id, dot).is_ok())
-        .count();
+    let dot = SurfaceMesh { triangles: &[], rest_m: &[], appearance: Appearance::of(Material::Polyp) };
+    let added = (100..).take(MAX_OBJECTS + 1).filter(|&id| r.stage().set_object(id, dot).is_ok()).count();
     assert_eq!(added, MAX_OBJECTS - 1);
 }
 
@@ -86,16 +59,8 @@ fn topology_can_change_while_pictures_are_made() {
         return;
     };
     for rows in [6, 60, 12, 33] {
-        put(
-            &mut r,
-            CAVITY,
-            &shapes::cavity(0.045, rows, 24),
-            Material::MucosaTissue,
-        );
-        assert_eq!(
-            r.render(&through_scope()).unwrap().triangles,
-            u64::from((rows - 1) * 24 * 2)
-        );
+        put(&mut r, CAVITY, &shapes::cavity(0.045, rows, 24), Material::MucosaTissue);
+        assert_eq!(r.render(&through_scope()).unwrap().triangles, u64::from((rows - 1) * 24 * 2));
     }
 }
 
@@ -108,32 +73,17 @@ fn a_picture_is_written_whole_or_an_error_names_the_file() {
     r.render(&through_scope()).unwrap();
     let path = std::env::temp_dir().join(format!("hystation-picture-{}.png", std::process::id()));
     r.save_png(&path).unwrap();
-    let info = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&path).unwrap()))
-        .read_info()
-        .unwrap()
-        .info()
-        .size();
+    let info = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&path).unwrap())).read_info().unwrap().info().size();
     std::fs::remove_file(&path).unwrap();
     assert_eq!(info, (101, 67));
-    let text = r
-        .save_png("/nowhere/at/all.png".as_ref())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        text.contains("/nowhere/at/all.png") && text.lines().count() == 1,
-        "{text}"
-    );
+    let text = r.save_png("/nowhere/at/all.png".as_ref()).unwrap_err().to_string();
+    assert!(text.contains("/nowhere/at/all.png") && text.lines().count() == 1, "{text}");
 }
 
 #[test]
 fn a_million_triangles_are_drawn() {
     let Some(mut r) = renderer() else { return };
-    put(
-        &mut r,
-        CAVITY,
-        &shapes::cavity(0.045, 1_000, 501),
-        Material::MucosaTissue,
-    );
+    put(&mut r, CAVITY, &shapes::cavity(0.045, 1_000, 501), Material::MucosaTissue);
     let stats = r.render(&through_scope()).unwrap();
     assert_eq!(stats.triangles, 999 * 501 * 2);
     let shot = r.read_rgba().unwrap().to_vec();

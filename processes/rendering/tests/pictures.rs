@@ -11,28 +11,12 @@ fn the_mask_is_black_outside_and_the_field_shows_pink_tissue() {
     };
     let shot = picture(&mut r, &through_scope());
     let [inside, outside] = round_field();
-    assert!(
-        outside
-            .iter()
-            .all(|&(x, y)| pixel(&shot, x, y) == [0, 0, 0])
-    );
-    let mean = inside.iter().fold([0; 3], |sum, &(x, y)| {
-        std::array::from_fn(|c| sum[c] + pixel(&shot, x, y)[c])
-    });
+    assert!(outside.iter().all(|&(x, y)| pixel(&shot, x, y) == [0, 0, 0]));
+    let mean = inside.iter().fold([0; 3], |sum, &(x, y)| std::array::from_fn(|c| sum[c] + pixel(&shot, x, y)[c]));
     let [red, green, blue] = mean.map(|sum| sum / inside.len() as i32);
-    assert!(
-        (80..235).contains(&red) && red > green + 25 && red > blue + 25,
-        "{red} {green} {blue}"
-    );
-    let reddish = inside
-        .iter()
-        .filter(|&&(x, y)| pixel(&shot, x, y)[0] > pixel(&shot, x, y)[2])
-        .count();
-    assert!(
-        reddish * 100 > inside.len() * 95,
-        "{reddish} of {}",
-        inside.len()
-    );
+    assert!((80..235).contains(&red) && red > green + 25 && red > blue + 25, "{red} {green} {blue}");
+    let reddish = inside.iter().filter(|&&(x, y)| pixel(&shot, x, y)[0] > pixel(&shot, x, y)[2]).count();
+    assert!(reddish * 100 > inside.len() * 95, "{reddish} of {}", inside.len());
 }
 
 #[test]
@@ -43,9 +27,7 @@ fn the_notch_follows_the_camera_head() {
     let mut view = through_scope();
     let upright = picture(&mut r, &view);
     assert_eq!(pixel(&upright, WIDTH / 2, 1), [0, 0, 0]);
-    let Camera::Endoscope(scope) = &mut view.camera else {
-        unreachable!()
-    };
+    let Camera::Endoscope(scope) = &mut view.camera else { unreachable!() };
     scope.head_rad = std::f32::consts::PI;
     let turned = picture(&mut r, &view);
     assert_eq!(pixel(&turned, WIDTH / 2, HEIGHT - 2), [0, 0, 0]);
@@ -56,27 +38,15 @@ fn the_notch_follows_the_camera_head() {
 fn the_tool_covers_pixels_from_outside_follows_its_pose_and_leaves_no_trace() {
     let Some(mut r) = renderer() else { return };
     let empty = picture(&mut r, &from_outside());
-    put(
-        &mut r,
-        TOOL,
-        &shapes::scope(0.004, 0.1, 0.5),
-        Material::Metal,
-    );
-    r.stage()
-        .set_pose(TOOL, [0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 1.0])
-        .unwrap();
+    put(&mut r, TOOL, &shapes::scope(0.004, 0.1, 0.5), Material::Metal);
+    r.stage().set_pose(TOOL, [0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 1.0]).unwrap();
     let here = picture(&mut r, &from_outside());
     let covered = changed(&empty, &here);
     assert!((300..9_000).contains(&covered), "{covered} pixels");
-    r.stage()
-        .set_pose(TOOL, [0.0, 0.02, 0.05], [0.0, 0.0, 0.0, 1.0])
-        .unwrap();
+    r.stage().set_pose(TOOL, [0.0, 0.02, 0.05], [0.0, 0.0, 0.0, 1.0]).unwrap();
     assert!(changed(&here, &picture(&mut r, &from_outside())) > covered / 2);
     r.stage().set_pose(TOOL, [f32::NAN; 3], [0.0; 4]).unwrap();
-    assert!(
-        changed(&empty, &picture(&mut r, &from_outside())) > 300,
-        "a pose that is none leaves it where it was"
-    );
+    assert!(changed(&empty, &picture(&mut r, &from_outside())) > 300, "a pose that is none leaves it where it was");
     assert!(r.stage().remove_object(TOOL) && !r.stage().remove_object(TOOL));
     assert_eq!(changed(&empty, &picture(&mut r, &from_outside())), 0);
 }
@@ -87,22 +57,9 @@ fn a_scope_does_not_see_its_own_shaft() {
         return;
     };
     let without = picture(&mut r, &through_scope());
-    put(
-        &mut r,
-        TOOL,
-        &shapes::ball([0.0, 0.0, 0.025], 0.002, 16, 24),
-        Material::Metal,
-    );
+    put(&mut r, TOOL, &shapes::ball([0.0, 0.0, 0.025], 0.002, 16, 24), Material::Metal);
     assert!(changed(&without, &picture(&mut r, &through_scope())) > 100);
-    r.stage()
-        .set_appearance(
-            TOOL,
-            Appearance {
-                external_only: true,
-                ..Appearance::of(Material::Metal)
-            },
-        )
-        .unwrap();
+    r.stage().set_appearance(TOOL, Appearance { external_only: true, ..Appearance::of(Material::Metal) }).unwrap();
     assert_eq!(changed(&without, &picture(&mut r, &through_scope())), 0);
 }
 
@@ -112,31 +69,18 @@ fn tissue_that_moves_shows_and_texture_sticks_to_it() {
         return;
     };
     let before = picture(&mut r, &through_scope());
-    assert_eq!(
-        changed(&before, &picture(&mut r, &through_scope())),
-        0,
-        "the same scene gives the same picture"
-    );
+    assert_eq!(changed(&before, &picture(&mut r, &through_scope())), 0, "the same scene gives the same picture");
     let mut pushed = cavity.positions_m.clone();
-    for p in pushed
-        .iter_mut()
-        .filter(|p| p[2] > 0.02 && p[2] < 0.03 && p[1] > 0.0)
-    {
+    for p in pushed.iter_mut().filter(|p| p[2] > 0.02 && p[2] < 0.03 && p[1] > 0.0) {
         p[1] -= 0.003;
     }
     r.stage().update_positions(CAVITY, &pushed).unwrap();
     assert!(changed(&before, &picture(&mut r, &through_scope())) > 200);
     // scope and tissue moved together: the same picture, because texture is looked up at rest positions
-    let shifted: Vec<[f32; 3]> = cavity
-        .positions_m
-        .iter()
-        .map(|p| [p[0] + 0.5, p[1], p[2]])
-        .collect();
+    let shifted: Vec<[f32; 3]> = cavity.positions_m.iter().map(|p| [p[0] + 0.5, p[1], p[2]]).collect();
     r.stage().update_positions(CAVITY, &shifted).unwrap();
     let mut view = through_scope();
-    let Camera::Endoscope(scope) = &mut view.camera else {
-        unreachable!()
-    };
+    let Camera::Endoscope(scope) = &mut view.camera else { unreachable!() };
     scope.tip_m[0] += 0.5;
     let after = changed(&before, &picture(&mut r, &view));
     assert!(after < 200, "{after} pixels differ");
@@ -163,16 +107,8 @@ fn blood_hides_the_view_and_a_clear_medium_does_not() {
     let bloody = picture(&mut r, &view);
     let [inside, _] = round_field();
     let green = |p: &[u8]| inside.iter().map(|&(x, y)| pixel(p, x, y)[1]).sum::<i32>();
-    assert!(
-        2 * green(&bloody) < green(&clear),
-        "{} {}",
-        green(&bloody),
-        green(&clear)
-    );
-    assert!(matches!(
-        r.set_fluid(Some(field(&[1.0; 383]))),
-        Err(RenderError::BadField { .. })
-    ));
+    assert!(2 * green(&bloody) < green(&clear), "{} {}", green(&bloody), green(&clear));
+    assert!(matches!(r.set_fluid(Some(field(&[1.0; 383]))), Err(RenderError::BadField { .. })));
     r.set_fluid(Some(field(&[f32::NAN; 384]))).unwrap();
     assert_eq!(changed(&clear, &picture(&mut r, &view)), 0);
     r.set_fluid(None).unwrap();
@@ -184,17 +120,11 @@ fn text_and_sign_are_written_and_wiped() {
     let Some(mut r) = renderer() else { return };
     let mut view = through_scope();
     let plain = picture(&mut r, &view);
-    view.overlay = Overlay {
-        lines: vec!["P 62".into()],
-        sign: "!".into(),
-    };
+    view.overlay = Overlay { lines: vec!["P 62".into()], sign: "!".into() };
     let written = picture(&mut r, &view);
     let ink = changed(&plain, &written);
     assert!((30..400).contains(&ink), "{ink} pixels of ink");
-    let amber = written
-        .chunks_exact(4)
-        .filter(|p| p[0] > 200 && p[2] < 100)
-        .count();
+    let amber = written.chunks_exact(4).filter(|p| p[0] > 200 && p[2] < 100).count();
     assert!((3..40).contains(&amber), "{amber} pixels of the sign");
     view.overlay = Overlay::default();
     assert_eq!(picture(&mut r, &view), plain);
@@ -211,14 +141,6 @@ fn a_smaller_inner_picture_shows_the_same_scene() {
     let stats = r.render(&view).unwrap();
     assert_eq!(stats.inner_px, [60, 60]);
     let half = r.read_rgba().unwrap();
-    let apart: u64 = full
-        .iter()
-        .zip(half)
-        .map(|(a, b)| u64::from(a.abs_diff(*b)))
-        .sum();
-    assert!(
-        apart / (full.len() as u64) < 8,
-        "mean difference {}",
-        apart / full.len() as u64
-    );
+    let apart: u64 = full.iter().zip(half).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+    assert!(apart / (full.len() as u64) < 8, "mean difference {}", apart / full.len() as u64);
 }

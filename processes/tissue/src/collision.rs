@@ -136,7 +136,14 @@ impl Collision {
     }
 
     /// Runs the test; the hits are the same whoever computed them.
-    pub fn test(&mut self, context: &StepContext, job: Job, points: &Points<'_>, world: &World, positions_m: &[[f32; 3]]) -> Result<(), Failure> {
+    pub fn test(
+        &mut self,
+        context: &StepContext,
+        job: Job,
+        points: &Points<'_>,
+        world: &World,
+        positions_m: &[[f32; 3]],
+    ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let tissue = contacts::tissue(world, positions_m);
         let hash = HashRef::in_words(&self.own_hash).map_err(broken)?;
@@ -166,8 +173,8 @@ impl Collision {
             }
         }
         let mut parts: [&[Hit]; MAX_WORKERS] = [&[]; MAX_WORKERS];
-        for index in 0..count {
-            parts[index] = &self.shares[index][..self.counts[index]];
+        for (part, (share, count)) in parts.iter_mut().zip(self.shares.iter().zip(&self.counts)) {
+            *part = &share[..*count];
         }
         self.found = merge(&parts[..count], &tissue, &mut self.hits).count;
         Ok(())
@@ -180,7 +187,14 @@ impl Collision {
 }
 
 /// The hits of a worker's answer, if it is the answer to this job by the member that was released.
-fn share_of<'a>(held: &'a Held, context: &StepContext, expected: u32, index: usize, count: usize, room: usize) -> Option<&'a [Hit]> {
+fn share_of<'a>(
+    held: &'a Held,
+    context: &StepContext,
+    expected: u32,
+    index: usize,
+    count: usize,
+    room: usize,
+) -> Option<&'a [Hit]> {
     let message = Message::parse(held.bytes(), Kind::Contacts).ok()?;
     let header = message.header();
     let fits = header.tick == context.tick

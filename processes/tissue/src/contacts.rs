@@ -2,8 +2,9 @@
 
 use crate::world::World;
 use hyst_contact::{
-    ContactForce, Gap, HashRef, Hit, Memory, Motion, Penetration, PenetrationInput, PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points,
-    ResponseOutput, ResponseParams, Retreat, Rigid, Tissue, Workspace, Wrench, find_gaps, penetration, planes, respond,
+    ContactForce, Gap, HashRef, Hit, Memory, Motion, Penetration, PenetrationInput, PenetrationParams, PlaneInput, PlaneParams,
+    PlaneSet, Points, ResponseOutput, ResponseParams, Retreat, Rigid, Tissue, Workspace, Wrench, find_gaps, penetration, planes,
+    respond,
 };
 use hyst_engine::Failure;
 use hyst_tissue::{PlaneSpring, gather};
@@ -120,7 +121,8 @@ impl Contacts {
         };
         let rigids = [Rigid { owner: self.tool_id, reference_m: tool.tip_m }];
         let mut wrenches = [Wrench::default()];
-        let mut out = ResponseOutput { node_force_n: &mut self.node_force_n, wrenches: &mut wrenches, contacts: &mut self.forces };
+        let mut out =
+            ResponseOutput { node_force_n: &mut self.node_force_n, wrenches: &mut wrenches, contacts: &mut self.forces };
         let found = &self.found[..self.count];
         let answered = respond(found, &points, &motion, &tissue, &rigids, &RESPONSE, &mut out).map_err(broken)?;
         self.count = answered.count;
@@ -172,7 +174,13 @@ impl Contacts {
     }
 
     /// The planes for the servo and the force on the tool, from the tissue as it is after the step.
-    pub fn planes(&mut self, world: &World, hash: &HashRef<'_>, tool: &ToolMotion<'_>, positions_m: &[[f32; 3]]) -> Result<(PlaneSet, [f32; 3]), Failure> {
+    pub fn planes(
+        &mut self,
+        world: &World,
+        hash: &HashRef<'_>,
+        tool: &ToolMotion<'_>,
+        positions_m: &[[f32; 3]],
+    ) -> Result<(PlaneSet, [f32; 3]), Failure> {
         let mut total = [0.0f32; 3];
         for (spring, force) in self.springs.iter().zip(&mut self.forces) {
             let at = gather(spring.nodes, spring.weights, positions_m).unwrap_or([0.0; 3]);
@@ -180,9 +188,9 @@ impl Contacts {
             let before = force.normal_n;
             force.normal_n = (spring.stiffness_n_m * (spring.offset_m - along)).clamp(0.0, MAX_POINT_FORCE_N);
             force.stiffness_n_m = spring.stiffness_n_m;
-            for axis in 0..3 {
-                force.force_n[axis] += (force.normal_n - before) * force.direction[axis];
-                total[axis] += force.force_n[axis];
+            for ((sum, part), along) in total.iter_mut().zip(&mut force.force_n).zip(force.direction) {
+                *part += (force.normal_n - before) * along;
+                *sum += *part;
             }
         }
         let points = Points { owner: &self.owner, node: &[], self_contact: false };

@@ -16,7 +16,9 @@ use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
 use hyst_exchange::{Links, ReadPage, system};
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus, fnv_words};
+use hyst_messages::{
+    ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus, fnv_words,
+};
 use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
 use std::cell::Cell;
 use std::time::Duration;
@@ -141,7 +143,12 @@ impl<'a> MainLoop<'a> {
         Ok(4)
     }
 
-    fn step_input<'b>(&'b self, external_force_n: &'b [[f32; 3]], springs: &'b [hyst_tissue::PlaneSpring], ticks: u64) -> StepInput<'b> {
+    fn step_input<'b>(
+        &'b self,
+        external_force_n: &'b [[f32; 3]],
+        springs: &'b [hyst_tissue::PlaneSpring],
+        ticks: u64,
+    ) -> StepInput<'b> {
         StepInput { external_force_n, targets_m: &[], springs, attachments: &self.world.attachments, dt_s: ticks as f32 * 1e-3 }
     }
 

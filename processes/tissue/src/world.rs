@@ -83,12 +83,19 @@ impl World {
         mesh.regions.clone_from(&tet_owner);
         let fixed: Vec<bool> = scene.objects.iter().flat_map(|object| object.fixed.iter().copied()).collect();
         let materials = materials(scene)?;
-        let options = Options { max_substeps: MAX_SUBSTEPS, contact_stiffness_n_m: CONTACT_STIFFNESS_N_M, isa, ..Options::default() };
+        let options =
+            Options { max_substeps: MAX_SUBSTEPS, contact_stiffness_n_m: CONTACT_STIFFNESS_N_M, isa, ..Options::default() };
         let (model, _) = Model::with_materials(&mesh, &fixed, &materials, options).map_err(|error| input(error.to_string()))?;
         let topology = Topology::new(&mesh.tets, &tet_owner, &mesh.positions_m).map_err(|error| input(error.to_string()))?;
         let hollow = |owner: u32| scene.objects.get(owner as usize).is_some_and(|object| object.hollow);
         let is_wall = |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !fixed[*node as usize]);
-        let wall = topology.boundary.iter().zip(&topology.boundary_owner).filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
+        let wall = topology
+            .boundary
+            .iter()
+            .zip(&topology.boundary_owner)
+            .filter(|pair| is_wall((pair.0, pair.1)))
+            .map(|pair| *pair.0)
+            .collect();
         let (bindings, triangles, site) = surfaces(scene)?;
         let rigid = scene.rigid.first().ok_or_else(|| input("the scene has no rigid object".into()))?;
         Ok(World {
@@ -140,7 +147,10 @@ fn attachments(scene: &LoadedScene, starts: &[usize], tets: &[[u32; 4]]) -> Vec<
     all
 }
 
-fn surfaces(scene: &LoadedScene) -> Result<(Vec<Binding>, Vec<[u32; 3]>, SiteManager), Failure> {
+/// Bindings and triangles of all surfaces, and the register of all objects.
+type Surfaces = (Vec<Binding>, Vec<[u32; 3]>, SiteManager);
+
+fn surfaces(scene: &LoadedScene) -> Result<Surfaces, Failure> {
     let (mut bindings, mut triangles, mut site) = (Vec::new(), Vec::new(), SiteManager::default());
     let mut first_tet = 0u32;
     for object in &scene.objects {

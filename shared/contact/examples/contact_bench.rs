@@ -32,14 +32,10 @@ fn median_us(runs: usize, mut work: impl FnMut()) -> f64 {
 fn cloud(count: usize, half_in: [f32; 3], size_m: f32) -> Vec<[f32; 3]> {
     let mut state = 41u64;
     let mut random = || {
-        state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (state >> 40) as f32 / (1u64 << 24) as f32 - 0.5
     };
-    (0..count)
-        .map(|_| std::array::from_fn(|a| half_in[a] + size_m * random()))
-        .collect()
+    (0..count).map(|_| std::array::from_fn(|a| half_in[a] + size_m * random())).collect()
 }
 
 struct Clouds {
@@ -52,19 +48,11 @@ struct Clouds {
 
 impl Clouds {
     fn tissue(&self) -> Tissue<'_> {
-        Tissue {
-            positions_m: &self.positions_m,
-            tets: &self.tets,
-            tet_owner: &self.tet_owner,
-        }
+        Tissue { positions_m: &self.positions_m, tets: &self.tets, tet_owner: &self.tet_owner }
     }
 
     fn points(&self) -> Points<'_> {
-        Points {
-            owner: &self.owner,
-            node: &[],
-            self_contact: false,
-        }
+        Points { owner: &self.owner, node: &[], self_contact: false }
     }
 
     fn ours(&self, cell_m: f32, layout: Layout, count: u32, split: Split) -> (f64, f64, usize) {
@@ -72,9 +60,7 @@ impl Clouds {
         let mut words = vec![0u32; sizes.words()];
         let build = median_us(400, || {
             let mut table = HashMut::in_words(&mut words, sizes).unwrap();
-            table
-                .build(black_box(&self.points_m), cell_m, layout)
-                .unwrap();
+            table.build(black_box(&self.points_m), cell_m, layout).unwrap();
         });
         let mut out = vec![Hit::default(); 2 * self.points_m.len()];
         let mut found = 0;
@@ -82,14 +68,8 @@ impl Clouds {
         let query = (0..count).map(|index| {
             median_us(400, || {
                 let hash = HashRef::in_words(&words).unwrap();
-                let share = Share {
-                    index,
-                    count,
-                    split,
-                };
-                found = intersect(share, &hash, &self.points(), &self.tissue(), &mut out)
-                    .unwrap()
-                    .count;
+                let share = Share { index, count, split };
+                found = intersect(share, &hash, &self.points(), &self.tissue(), &mut out).unwrap().count;
                 black_box(&out);
             })
         });
@@ -101,9 +81,7 @@ impl Clouds {
         let mut out = vec![Hit::default(); 2 * self.points_m.len()];
         let mut count = 0;
         let us = median_us(9, || {
-            count = intersect_brute(&self.points_m, &self.points(), &self.tissue(), &mut out)
-                .unwrap()
-                .count;
+            count = intersect_brute(&self.points_m, &self.points(), &self.tissue(), &mut out).unwrap().count;
         });
         (us, count)
     }
@@ -114,10 +92,7 @@ impl Clouds {
 
     /// Refit of all leaves, then one point query after the other; our own test in the leaves.
     fn parry(&self) -> (f64, f64, usize) {
-        let mut bvh = Bvh::from_iter(
-            BvhBuildStrategy::Binned,
-            (0..self.tets.len()).map(|t| (t, self.aabb(t))),
-        );
+        let mut bvh = Bvh::from_iter(BvhBuildStrategy::Binned, (0..self.tets.len()).map(|t| (t, self.aabb(t))));
         let mut space = BvhWorkspace::default();
         let refit = median_us(60, || {
             for t in 0..self.tets.len() {
@@ -130,10 +105,9 @@ impl Clouds {
             count = 0;
             for p in &self.points_m {
                 let at = Aabb::new(Vec3::from_array(*p), Vec3::from_array(*p));
-                let inside = bvh.intersect_aabb(&at).any(|t| {
-                    TetTest::new(&self.tissue().corners_of(t))
-                        .is_some_and(|test| test.weights(*p).is_some())
-                });
+                let inside = bvh
+                    .intersect_aabb(&at)
+                    .any(|t| TetTest::new(&self.tissue().corners_of(t)).is_some_and(|test| test.weights(*p).is_some()));
                 count += usize::from(inside);
             }
         });
@@ -155,47 +129,24 @@ fn clouds(cubes: [usize; 3], points: usize, size_m: f32) {
     let h_m = 2e-3;
     let (positions_m, tets) = block(cubes, h_m, [0.0; 3]);
     // Around the middle of the upper side: half of the cloud is inside.
-    let top = [
-        0.5 * h_m * cubes[0] as f32,
-        0.5 * h_m * cubes[1] as f32,
-        h_m * cubes[2] as f32,
-    ];
+    let top = [0.5 * h_m * cubes[0] as f32, 0.5 * h_m * cubes[1] as f32, h_m * cubes[2] as f32];
     let points_m = cloud(points, top, size_m);
     let (owner, tet_owner) = (vec![TOOL; points], vec![0; tets.len()]);
-    let scene = Clouds {
-        positions_m,
-        tets,
-        points_m,
-        owner,
-        tet_owner,
-    };
-    println!(
-        "\n{} tets, {points} points in a cloud of {} mm",
-        scene.tets.len(),
-        size_m * 1e3
-    );
+    let scene = Clouds { positions_m, tets, points_m, owner, tet_owner };
+    println!("\n{} tets, {points} points in a cloud of {} mm", scene.tets.len(), size_m * 1e3);
     let (brute, inside) = scene.brute();
     let (refit, query, parry_inside) = scene.parry();
     assert_eq!(inside, parry_inside);
     println!("  brute force       {brute:8.1} us   ({inside} points inside)");
-    println!(
-        "  parry refit+query {:8.1} us   ({refit:.1} + {query:.1})",
-        refit + query
-    );
+    println!("  parry refit+query {:8.1} us   ({refit:.1} + {query:.1})", refit + query);
     for cell in [0.5, 1.0, 1.5, 2.0] {
         let (build, test, count) = scene.ours(cell * h_m, Layout::Auto, 1, Split::Points);
         assert_eq!(count, inside);
         let ratio = (refit + query) / (build + test);
-        println!(
-            "  cell {cell:.1} h by place  {:8.1} us   ({build:.1} + {test:.1}), parry x {ratio:.1}",
-            build + test
-        );
+        println!("  cell {cell:.1} h by place  {:8.1} us   ({build:.1} + {test:.1}), parry x {ratio:.1}", build + test);
     }
     let (build, test, _) = scene.ours(1.5 * h_m, Layout::Hashed, 1, Split::Points);
-    println!(
-        "  cell 1.5 h hashed    {:8.1} us   ({build:.1} + {test:.1})",
-        build + test
-    );
+    println!("  cell 1.5 h hashed    {:8.1} us   ({build:.1} + {test:.1})", build + test);
     for split in [Split::Points, Split::Tets] {
         let times = [1, 2, 4].map(|count| scene.ours(h_m, Layout::Auto, count, split).1);
         let [one, two, four] = times;
@@ -213,10 +164,7 @@ fn tick(cubes: [usize; 3]) {
         line += &format!("{name} {us:.1}  ");
     }
     let (tets, points) = (tick.body.tets.len(), tick.tool.points_m.len());
-    println!(
-        "\n{tets} tets, capsule of {points} points, {} of them inside, its tip 4 mm deep",
-        tick.found
-    );
+    println!("\n{tets} tets, capsule of {points} points, {} of them inside, its tip 4 mm deep", tick.found);
     println!("  {line} together {together:.1} us");
 }
 

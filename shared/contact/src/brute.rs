@@ -27,11 +27,7 @@ pub fn intersect_brute(
                 continue;
             };
             if points.may_hit(point as u32, nodes, tissue.tet_owner[tet]) {
-                sink.push(Hit {
-                    point: point as u32,
-                    tet: tet as u32,
-                    weights,
-                });
+                sink.push(Hit { point: point as u32, tet: tet as u32, weights });
             }
         }
     }

@@ -4,17 +4,13 @@
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ContactError {
     /// The cell's edge is not a positive, finite, normal length.
-    #[error(
-        "cell edge of {cell_m} m for the spatial hash: give a positive length, about the mean edge of the tets"
-    )]
+    #[error("cell edge of {cell_m} m for the spatial hash: give a positive length, about the mean edge of the tets")]
     Cell {
         /// Edge that was given, metres.
         cell_m: f32,
     },
     /// More points than the table was sized for.
-    #[error(
-        "{points} points for a spatial hash sized for {capacity}: size it with HashSizes::for_points({points})"
-    )]
+    #[error("{points} points for a spatial hash sized for {capacity}: size it with HashSizes::for_points({points})")]
     Capacity {
         /// Points given.
         points: usize,
@@ -36,9 +32,7 @@ pub enum ContactError {
         what: &'static str,
     },
     /// Two arrays that belong together differ in length.
-    #[error(
-        "{what}: {got} entries where {expected} are needed: pass the arrays of one and the same scene version"
-    )]
+    #[error("{what}: {got} entries where {expected} are needed: pass the arrays of one and the same scene version")]
     Length {
         /// Which array.
         what: &'static str,
@@ -58,18 +52,6 @@ pub enum ContactError {
 }
 
 /// Error unless `got` equals `expected`.
-pub(crate) fn same_length(
-    what: &'static str,
-    expected: usize,
-    got: usize,
-) -> Result<(), ContactError> {
-    if expected == got {
-        Ok(())
-    } else {
-        Err(ContactError::Length {
-            what,
-            expected,
-            got,
-        })
-    }
+pub(crate) fn same_length(what: &'static str, expected: usize, got: usize) -> Result<(), ContactError> {
+    if expected == got { Ok(()) } else { Err(ContactError::Length { what, expected, got }) }
 }

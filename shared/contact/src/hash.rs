@@ -58,10 +58,7 @@ pub struct HashSizes {
 impl HashSizes {
     /// Four slots for each point, at least 1 024: short chains, and most tools fit by position.
     pub fn for_points(points: usize) -> HashSizes {
-        HashSizes {
-            points,
-            slots: (points.saturating_mul(4).max(1024) | 1).min(i32::MAX as usize),
-        }
+        HashSizes { points, slots: (points.saturating_mul(4).max(1024) | 1).min(i32::MAX as usize) }
     }
 
     /// Length of each array of the sorted points: whole lanes, plus one so that a load may start anywhere.
@@ -84,9 +81,7 @@ pub(crate) fn cell_of(v: f32, per_m: f32) -> i32 {
 /// The paper's hash function, modulo Euclidean because cells are negative too.
 #[inline(always)]
 pub(crate) fn hash_cell(cell: [i32; 3], slots: u32) -> usize {
-    let h = cell[0].wrapping_mul(73_856_093)
-        ^ cell[1].wrapping_mul(19_349_663)
-        ^ cell[2].wrapping_mul(83_492_791);
+    let h = cell[0].wrapping_mul(73_856_093) ^ cell[1].wrapping_mul(19_349_663) ^ cell[2].wrapping_mul(83_492_791);
     i64::from(h).rem_euclid(i64::from(slots)) as usize
 }
 
@@ -128,9 +123,7 @@ impl<'a> HashMut<'a> {
     pub fn in_words(words: &'a mut [u32], sizes: HashSizes) -> Result<HashMut<'a>, ContactError> {
         let need = sizes.words();
         let have = words.len();
-        let words = words
-            .get_mut(..need)
-            .ok_or(ContactError::Words { have, need })?;
+        let words = words.get_mut(..need).ok_or(ContactError::Words { have, need })?;
         let (header, rest) = words.split_at_mut(HEADER_WORDS);
         let (starts, rest) = rest.split_at_mut(sizes.slots + 1);
         let (ids, rest) = rest.split_at_mut(sizes.padded());
@@ -138,42 +131,22 @@ impl<'a> HashMut<'a> {
         let (y, rest) = rest.split_at_mut(sizes.padded());
         let (z, slot_of) = rest.split_at_mut(sizes.padded());
         let xyz = [x, y, z].map(bytemuck::cast_slice_mut);
-        Ok(HashMut {
-            sizes,
-            header: bytemuck::from_bytes_mut(bytemuck::cast_slice_mut(header)),
-            starts,
-            ids,
-            xyz,
-            slot_of,
-        })
+        Ok(HashMut { sizes, header: bytemuck::from_bytes_mut(bytemuck::cast_slice_mut(header)), starts, ids, xyz, slot_of })
     }
 
     /// Hashes the points with cells of edge `cell_m` (about the mean edge of the tets).
     ///
     /// # Errors
     /// [`ContactError::Cell`] for an edge that is no length, [`ContactError::Capacity`] for too many points.
-    pub fn build(
-        &mut self,
-        points_m: &[[f32; 3]],
-        cell_m: f32,
-        layout: Layout,
-    ) -> Result<(), ContactError> {
+    pub fn build(&mut self, points_m: &[[f32; 3]], cell_m: f32, layout: Layout) -> Result<(), ContactError> {
         let per_m = 1.0 / cell_m;
         if !(cell_m > 0.0 && per_m > 0.0 && per_m.is_finite()) {
             return Err(ContactError::Cell { cell_m });
         }
         if points_m.len() > self.sizes.points {
-            return Err(ContactError::Capacity {
-                points: points_m.len(),
-                capacity: self.sizes.points,
-            });
+            return Err(ContactError::Capacity { points: points_m.len(), capacity: self.sizes.points });
         }
-        pulp::Arch::new().dispatch(Fill {
-            table: self,
-            points_m,
-            per_m,
-            layout,
-        });
+        pulp::Arch::new().dispatch(Fill { table: self, points_m, per_m, layout });
         Ok(())
     }
 
@@ -181,13 +154,7 @@ impl<'a> HashMut<'a> {
     fn fill(&mut self, points_m: &[[f32; 3]], per_m: f32, layout: Layout) {
         let (lo, hi, kept) = bounds(points_m);
         let (first, last) = (lo.map(|v| cell_of(v, per_m)), hi.map(|v| cell_of(v, per_m)));
-        let dims: [u32; 3] = std::array::from_fn(|a| {
-            if kept == 0 {
-                0
-            } else {
-                (last[a] - first[a] + 1) as u32
-            }
-        });
+        let dims: [u32; 3] = std::array::from_fn(|a| if kept == 0 { 0 } else { (last[a] - first[a] + 1) as u32 });
         let cells = dims.iter().fold(1u128, |n, &d| n * u128::from(d));
         let fits = layout == Layout::Auto && cells <= self.sizes.slots as u128;
         *self.header = Header {
@@ -240,12 +207,7 @@ impl<'a> HashMut<'a> {
     /// The filled table, for reading in the same process.
     pub fn as_ref(&self) -> HashRef<'_> {
         let [x, y, z] = &self.xyz;
-        HashRef {
-            header: *self.header,
-            starts: self.starts,
-            ids: self.ids,
-            xyz: [x, y, z],
-        }
+        HashRef { header: *self.header, starts: self.starts, ids: self.ids, xyz: [x, y, z] }
     }
 }
 

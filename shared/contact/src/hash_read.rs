@@ -19,10 +19,7 @@ impl<'a> HashRef<'a> {
     /// [`ContactError::Words`] or [`ContactError::Corrupt`] if they do not hold one.
     pub fn in_words(words: &'a [u32]) -> Result<HashRef<'a>, ContactError> {
         let have = words.len();
-        let head = words.get(..HEADER_WORDS).ok_or(ContactError::Words {
-            have,
-            need: HEADER_WORDS,
-        })?;
+        let head = words.get(..HEADER_WORDS).ok_or(ContactError::Words { have, need: HEADER_WORDS })?;
         let header: Header = *bytemuck::from_bytes(bytemuck::cast_slice(head));
         let bad = |what| Err(ContactError::Corrupt { what });
         if header.magic != MAGIC {
@@ -31,47 +28,28 @@ impl<'a> HashRef<'a> {
         if header.kept > header.points || header.points > header.capacity || header.slots == 0 {
             return bad("counts that contradict one another");
         }
-        let sizes = HashSizes {
-            points: header.capacity as usize,
-            slots: header.slots as usize,
-        };
-        let words = words.get(..sizes.words()).ok_or(ContactError::Words {
-            have,
-            need: sizes.words(),
-        })?;
+        let sizes = HashSizes { points: header.capacity as usize, slots: header.slots as usize };
+        let words = words.get(..sizes.words()).ok_or(ContactError::Words { have, need: sizes.words() })?;
         let (starts, rest) = words[HEADER_WORDS..].split_at(sizes.slots + 1);
         let (ids, rest) = rest.split_at(sizes.padded());
         let (x, rest) = rest.split_at(sizes.padded());
         let (y, rest) = rest.split_at(sizes.padded());
         let z = &rest[..sizes.padded()];
-        if starts[0] != 0
-            || starts[sizes.slots] != header.kept
-            || starts.windows(2).any(|w| w[0] > w[1])
-        {
+        if starts[0] != 0 || starts[sizes.slots] != header.kept || starts.windows(2).any(|w| w[0] > w[1]) {
             return bad("slots out of order");
         }
-        if ids[..header.kept as usize]
-            .iter()
-            .any(|&id| id >= header.points)
-        {
+        if ids[..header.kept as usize].iter().any(|&id| id >= header.points) {
             return bad("a point that does not exist");
         }
         let cells = header.dims.iter().fold(1u128, |n, &d| n * u128::from(d));
-        if (header.hashed == 0 && cells > u128::from(header.slots))
-            || header.dims.iter().any(|&d| d > 1_000_000_001)
-        {
+        if (header.hashed == 0 && cells > u128::from(header.slots)) || header.dims.iter().any(|&d| d > 1_000_000_001) {
             return bad("a box larger than the table");
         }
         let ends = |a: usize| i64::from(header.origin[a]) + i64::from(header.dims[a]);
         if (0..3).any(|a| header.origin[a].unsigned_abs() > 500_000_000 || ends(a) > 500_000_001) {
             return bad("a box outside of the space of cells");
         }
-        Ok(HashRef {
-            header,
-            starts,
-            ids,
-            xyz: [x, y, z].map(bytemuck::cast_slice),
-        })
+        Ok(HashRef { header, starts, ids, xyz: [x, y, z].map(bytemuck::cast_slice) })
     }
 
     /// Points that were given, finite or not.
@@ -104,23 +82,16 @@ impl<'a> HashRef<'a> {
     /// Coordinates of `LANES` sorted points from `at` on; `at` must be below [`HashRef::kept`].
     #[inline(always)]
     pub(crate) fn lanes(&self, at: usize) -> [&[f32; LANES]; 3] {
-        self.xyz
-            .map(|axis| axis[at..].first_chunk().unwrap_or(&[f32::NAN; LANES]))
+        self.xyz.map(|axis| axis[at..].first_chunk().unwrap_or(&[f32::NAN; LANES]))
     }
 
     /// Cells of the corners of some boxes, clipped to the occupied ones; first beyond last where a box meets none.
     #[inline(always)]
-    pub(crate) fn cells<const N: usize>(
-        &self,
-        lo: &[[f32; N]; 3],
-        hi: &[[f32; N]; 3],
-    ) -> ([[i32; N]; 3], [[i32; N]; 3]) {
+    pub(crate) fn cells<const N: usize>(&self, lo: &[[f32; N]; 3], hi: &[[f32; N]; 3]) -> ([[i32; N]; 3], [[i32; N]; 3]) {
         let (mut first, mut last) = ([[0; N]; 3], [[0; N]; 3]);
         for axis in 0..3 {
             let origin = self.header.origin[axis];
-            let end = origin
-                .wrapping_add(self.header.dims[axis] as i32)
-                .wrapping_sub(1);
+            let end = origin.wrapping_add(self.header.dims[axis] as i32).wrapping_sub(1);
             for l in 0..N {
                 first[axis][l] = cell_of(lo[axis][l], self.header.per_m).max(origin);
                 last[axis][l] = cell_of(hi[axis][l], self.header.per_m).min(end);
@@ -139,12 +110,7 @@ impl<'a> HashRef<'a> {
 
     /// As [`HashRef::for_runs`], from the clipped cells of the box's corners.
     #[inline(always)]
-    pub(crate) fn for_runs_in(
-        &self,
-        first: [i32; 3],
-        last: [i32; 3],
-        mut run: impl FnMut(usize, usize),
-    ) {
+    pub(crate) fn for_runs_in(&self, first: [i32; 3], last: [i32; 3], mut run: impl FnMut(usize, usize)) {
         /// More cells than this, and reading all points costs less.
         const MAX_CELLS: u64 = 96;
         let mut cells = 1u64;
@@ -152,16 +118,13 @@ impl<'a> HashRef<'a> {
             if first[axis] > last[axis] {
                 return;
             }
-            cells =
-                cells.saturating_mul((last[axis].wrapping_sub(first[axis]) as u64).wrapping_add(1));
+            cells = cells.saturating_mul((last[axis].wrapping_sub(first[axis]) as u64).wrapping_add(1));
         }
         if self.header.hashed == 0 {
             for k in first[2]..=last[2] {
                 for j in first[1]..=last[1] {
                     let from = self.header.slot([first[0], j, k]);
-                    let to = from
-                        .wrapping_add(last[0].wrapping_sub(first[0]) as usize)
-                        .wrapping_add(1);
+                    let to = from.wrapping_add(last[0].wrapping_sub(first[0]) as usize).wrapping_add(1);
                     run(self.starts[from] as usize, self.starts[to] as usize);
                 }
             }
@@ -174,9 +137,7 @@ impl<'a> HashRef<'a> {
                 for j in first[1]..=last[1] {
                     for i in first[0]..=last[0] {
                         let slot = hash_cell([i, j, k], self.header.slots);
-                        if self.starts[slot] == self.starts[slot + 1]
-                            || seen[..known].contains(&slot)
-                        {
+                        if self.starts[slot] == self.starts[slot + 1] || seen[..known].contains(&slot) {
                             continue;
                         }
                         seen[known] = slot;

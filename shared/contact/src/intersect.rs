@@ -31,20 +31,8 @@ pub fn intersect(
     let mut sink = Sink::new(tissue, out);
     let bundles = share.bundles();
     let (lo, hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    let query = Query {
-        hash,
-        points,
-        tissue,
-        from,
-        to,
-        bundles,
-        lo,
-        hi,
-    };
-    pulp::Arch::new().dispatch(Stream {
-        query,
-        sink: &mut sink,
-    });
+    let query = Query { hash, points, tissue, from, to, bundles, lo, hi };
+    pulp::Arch::new().dispatch(Stream { query, sink: &mut sink });
     Ok(sink.finish())
 }
 
@@ -75,13 +63,7 @@ pub(crate) struct Sink<'a> {
 
 impl<'a> Sink<'a> {
     pub fn new(tissue: &'a Tissue<'a>, out: &'a mut [Hit]) -> Sink<'a> {
-        Sink {
-            tissue,
-            out,
-            count: 0,
-            dropped: 0,
-            crammed: false,
-        }
+        Sink { tissue, out, count: 0, dropped: 0, crammed: false }
     }
 
     #[inline(always)]
@@ -112,10 +94,7 @@ impl<'a> Sink<'a> {
         for i in 0..self.count {
             let hit = self.out[i];
             let owner = self.tissue.owner(hit.tet);
-            let mut before = self.out[..kept]
-                .iter()
-                .rev()
-                .take_while(|h| h.point == hit.point);
+            let mut before = self.out[..kept].iter().rev().take_while(|h| h.point == hit.point);
             if before.all(|h| self.tissue.owner(h.tet) != owner) {
                 self.out[kept] = hit;
                 kept += 1;
@@ -127,10 +106,7 @@ impl<'a> Sink<'a> {
     /// Leaves the hits sorted, each point with the lowest tet of each object.
     pub fn finish(mut self) -> Found {
         self.compact();
-        Found {
-            count: self.count,
-            dropped: self.dropped,
-        }
+        Found { count: self.count, dropped: self.dropped }
     }
 }
 
@@ -233,34 +209,17 @@ impl Query<'_> {
 
     /// Tests the sorted points `from..to` in lanes.
     #[inline(always)]
-    fn run(
-        &self,
-        tet: u32,
-        nodes: &[u32; 4],
-        test: &TetTest,
-        from: usize,
-        to: usize,
-        sink: &mut Sink<'_>,
-    ) {
+    fn run(&self, tet: u32, nodes: &[u32; 4], test: &TetTest, from: usize, to: usize, sink: &mut Sink<'_>) {
         let mut at = from;
         while at < to {
             let [x, y, z] = self.hash.lanes(at);
             let inside = test.inside_lanes(x, y, z);
             if inside.iter().fold(0, |any, &i| any | i) != 0 {
                 let lanes = to.wrapping_sub(at).min(LANES);
-                for (l, _) in inside
-                    .iter()
-                    .enumerate()
-                    .take(lanes)
-                    .filter(|(_, i)| **i != 0)
-                {
+                for (l, _) in inside.iter().enumerate().take(lanes).filter(|(_, i)| **i != 0) {
                     let point = self.hash.id(at.wrapping_add(l));
                     if self.points.may_hit(point, nodes, self.tissue.owner(tet)) {
-                        sink.push(Hit {
-                            point,
-                            tet,
-                            weights: test.weights_at([x[l], y[l], z[l]]),
-                        });
+                        sink.push(Hit { point, tet, weights: test.weights_at([x[l], y[l], z[l]]) });
                     }
                 }
             }

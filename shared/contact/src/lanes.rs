@@ -20,10 +20,7 @@ pub(crate) struct Boxes {
 impl Boxes {
     #[inline(always)]
     pub fn of(x: &Corners) -> Boxes {
-        let mut boxes = Boxes {
-            lo: [[0.0; TETS]; 3],
-            hi: [[0.0; TETS]; 3],
-        };
+        let mut boxes = Boxes { lo: [[0.0; TETS]; 3], hi: [[0.0; TETS]; 3] };
         for (axis, [a, b, c, d]) in x.iter().enumerate() {
             for l in 0..TETS {
                 boxes.lo[axis][l] = min(min(min(a[l], b[l]), c[l]), d[l]);
@@ -103,11 +100,7 @@ impl Tests {
             x0: [x[0][0][l], x[1][0][l], x[2][0][l]],
             lo: three(&boxes.lo),
             hi: three(&boxes.hi),
-            rows: [
-                three(&self.rows[0]),
-                three(&self.rows[1]),
-                three(&self.rows[2]),
-            ],
+            rows: [three(&self.rows[0]), three(&self.rows[1]), three(&self.rows[2])],
         })
     }
 }

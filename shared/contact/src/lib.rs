@@ -39,9 +39,7 @@ pub use hash_read::HashRef;
 pub use intersect::{intersect, merge};
 pub use near::{Gap, find_gaps};
 pub use penetrate::{Workspace, penetration};
-pub use penetrate_data::{
-    Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source,
-};
+pub use penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Retreat, Source};
 pub use planes::{MAX_PLANES, Plane, PlaneInput, PlaneParams, PlaneSet, planes};
 pub use response::{ContactForce, Motion, ResponseOutput, ResponseParams, Rigid, Wrench, respond};
 pub use sweep::{Crossing, first_crossing, segment_triangle};

@@ -24,11 +24,7 @@ pub struct Gap {
 
 impl Gap {
     /// No surface in range.
-    pub const FAR: Gap = Gap {
-        distance_m: f32::INFINITY,
-        direction: [0.0, 0.0, 1.0],
-        triangle: NONE,
-    };
+    pub const FAR: Gap = Gap { distance_m: f32::INFINITY, direction: [0.0, 0.0, 1.0], triangle: NONE };
 }
 
 /// Finds for each hashed point the closest boundary triangle of other objects within `range_m`; `gaps` has one entry per point.
@@ -49,14 +45,7 @@ pub fn find_gaps(
     if range_m.is_nan() || range_m <= 0.0 {
         return Ok(());
     }
-    pulp::Arch::new().dispatch(Search {
-        hash,
-        points,
-        tissue,
-        topology,
-        range_m,
-        gaps,
-    });
+    pulp::Arch::new().dispatch(Search { hash, points, tissue, topology, range_m, gaps });
     Ok(())
 }
 
@@ -111,10 +100,7 @@ impl Search<'_> {
 
     #[inline(always)]
     fn point(&mut self, at: usize, triangle: u32, owner: u32, near: &Near) {
-        let (point, p) = (
-            self.hash.id(at) as usize,
-            Vec3::from_array(self.hash.position(at)),
-        );
+        let (point, p) = (self.hash.id(at) as usize, Vec3::from_array(self.hash.position(at)));
         let gap = &mut self.gaps[point];
         let [a, b, c] = near.corners;
         if self.points.owner[point] == owner || (p - a).dot(near.normal) >= gap.distance_m {
@@ -125,11 +111,7 @@ impl Search<'_> {
         let direction = away.try_normalize().unwrap_or(near.normal);
         let nearer = distance_m < self.range_m && distance_m < gap.distance_m;
         if nearer && direction.dot(near.normal) > 0.0 {
-            *gap = Gap {
-                distance_m,
-                direction: direction.to_array(),
-                triangle,
-            };
+            *gap = Gap { distance_m, direction: direction.to_array(), triangle };
         }
     }
 }
@@ -150,12 +132,7 @@ impl Near {
         let normal = (b - a).cross(c - a).try_normalize()?;
         let lo = [0, 1, 2].map(|i| min(min(p[i], q[i]), r[i]) - range_m);
         let hi = [0, 1, 2].map(|i| max(max(p[i], q[i]), r[i]) + range_m);
-        Some(Near {
-            corners: [a, b, c],
-            normal,
-            lo,
-            hi,
-        })
+        Some(Near { corners: [a, b, c], normal, lo, hi })
     }
 
     /// For each lane 1 if the point is in the box and on the outer side, no further than the range; else 0.

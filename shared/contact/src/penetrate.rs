@@ -69,19 +69,9 @@ pub fn penetration(
     same_length("memories of points", points, memory.len())?;
     same_length("points of the graph", points, input.graph.points())?;
     same_length("points of the workspace", points, work.first_hit.len())?;
-    same_length(
-        "nodes of the workspace",
-        input.tissue.positions_m.len(),
-        work.normals.len(),
-    )?;
+    same_length("nodes of the workspace", input.tissue.positions_m.len(), work.normals.len())?;
     let room = input.hits.len().min(work.found.len()).min(out.len());
-    let mut step = Step {
-        input,
-        params,
-        hits: &input.hits[..room],
-        memory,
-        work,
-    };
+    let mut step = Step { input, params, hits: &input.hits[..room], memory, work };
     if room > 0 {
         step.prepare();
         step.border();
@@ -99,10 +89,7 @@ pub fn penetration(
         };
     }
     step.remember();
-    Ok(Found {
-        count: room,
-        dropped: input.hits.len() - room,
-    })
+    Ok(Found { count: room, dropped: input.hits.len() - room })
 }
 
 struct Step<'a> {
@@ -115,9 +102,7 @@ struct Step<'a> {
 
 impl Step<'_> {
     fn prepare(&mut self) {
-        self.input
-            .topology
-            .node_normals(self.input.tissue.positions_m, &mut self.work.normals);
+        self.input.topology.node_normals(self.input.tissue.positions_m, &mut self.work.normals);
         self.work.first_hit.fill(NONE);
         for (i, hit) in self.hits.iter().enumerate().rev() {
             if let Some(first) = self.work.first_hit.get_mut(hit.point as usize) {
@@ -129,23 +114,14 @@ impl Step<'_> {
     }
 
     fn at(&self, point: u32) -> Vec3 {
-        self.input
-            .points_m
-            .get(point as usize)
-            .map_or(Vec3::NAN, |p| Vec3::from_array(*p))
+        self.input.points_m.get(point as usize).map_or(Vec3::NAN, |p| Vec3::from_array(*p))
     }
 
     /// The hit of a point in tissue of one owner.
     fn hit_of(&self, point: u32, owner: u32) -> Option<usize> {
         let first = *self.work.first_hit.get(point as usize)? as usize;
-        let same = self
-            .hits
-            .get(first..)?
-            .iter()
-            .take_while(|h| h.point == point);
-        same.enumerate()
-            .find(|(_, h)| self.input.tissue.owner(h.tet) == owner)
-            .map(|(k, _)| first + k)
+        let same = self.hits.get(first..)?.iter().take_while(|h| h.point == point);
+        same.enumerate().find(|(_, h)| self.input.tissue.owner(h.tet) == owner).map(|(k, _)| first + k)
     }
 
     fn remembered(&self, hit: &Hit) -> Option<Vec3> {
@@ -158,14 +134,7 @@ impl Step<'_> {
 
     fn exit(&self, hit: &Hit, to: Vec3) -> Option<Exit> {
         let (tissue, topology) = (&self.input.tissue, self.input.topology);
-        exit_along(
-            tissue,
-            topology,
-            &self.work.normals,
-            hit.tet,
-            self.at(hit.point),
-            to,
-        )
+        exit_along(tissue, topology, &self.work.normals, hit.tet, self.at(hit.point), to)
     }
 
     /// Border points: those with an edge to a point outside. Depth and direction are means over the crossings of these edges,
@@ -173,11 +142,7 @@ impl Step<'_> {
     fn border(&mut self) {
         self.work.front.clear();
         for (i, hit) in self.hits.iter().enumerate() {
-            let (p, owner, before) = (
-                self.at(hit.point),
-                self.input.tissue.owner(hit.tet),
-                self.remembered(hit),
-            );
+            let (p, owner, before) = (self.at(hit.point), self.input.tissue.owner(hit.tet), self.remembered(hit));
             let (mut weight, mut depth, mut direction) = (0f32, 0f32, Vec3::ZERO);
             for &q in self.input.graph.joined(hit.point) {
                 let to = self.at(q);
@@ -200,11 +165,7 @@ impl Step<'_> {
                 && let Some(direction) = steady(direction, weight)
             {
                 let depth_m = self.bounded(depth / weight);
-                self.work.found[i] = Way {
-                    depth_m,
-                    direction,
-                    source: Source::Border as u32,
-                };
+                self.work.found[i] = Way { depth_m, direction, source: Source::Border as u32 };
                 self.work.wave[i] = 0;
                 self.work.front.push(i as u32);
             }
@@ -239,8 +200,7 @@ impl Step<'_> {
     fn way_inward(&self, i: usize, ring: u32) -> Way {
         let hit = self.hits[i];
         let (p, owner) = (self.at(hit.point), self.input.tissue.owner(hit.tet));
-        let (mut weight, mut depth, mut direction, mut nearest) =
-            (0f32, 0f32, Vec3::ZERO, (0f32, Vec3::Z));
+        let (mut weight, mut depth, mut direction, mut nearest) = (0f32, 0f32, Vec3::ZERO, (0f32, Vec3::Z));
         for &q in self.input.graph.joined(hit.point) {
             let Some(j) = self.hit_of(q, owner).filter(|&j| self.work.wave[j] < ring) else {
                 continue;
@@ -255,11 +215,7 @@ impl Step<'_> {
             }
         }
         let direction = steady(direction, weight).unwrap_or(nearest.1);
-        Way {
-            depth_m: self.bounded(depth / weight),
-            direction,
-            source: Source::Inward as u32,
-        }
+        Way { depth_m: self.bounded(depth / weight), direction, source: Source::Inward as u32 }
     }
 
     /// Points that no border reached.
@@ -273,31 +229,16 @@ impl Step<'_> {
 
     fn fallback(&self, hit: &Hit) -> Way {
         let owner = self.input.points.owner.get(hit.point as usize);
-        let retreat = self
-            .params
-            .retreats
-            .iter()
-            .find(|r| Some(&r.owner) == owner);
+        let retreat = self.params.retreats.iter().find(|r| Some(&r.owner) == owner);
         let back = retreat.and_then(|r| Vec3::from_array(r.direction).try_normalize());
         let before = self.remembered(hit);
         let source = Source::Fallback as u32;
         for way in [before, back].into_iter().flatten() {
             if let Some(depth) = self.depth_along(hit, way) {
-                return Way {
-                    depth_m: self.bounded(depth),
-                    direction: way,
-                    source,
-                };
+                return Way { depth_m: self.bounded(depth), direction: way, source };
             }
         }
-        let axes = [
-            Vec3::X,
-            Vec3::NEG_X,
-            Vec3::Y,
-            Vec3::NEG_Y,
-            Vec3::Z,
-            Vec3::NEG_Z,
-        ];
+        let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
         let mut best: Option<(f32, Vec3)> = None;
         for way in axes {
             if let Some(depth) = self.depth_along(hit, way)
@@ -307,26 +248,17 @@ impl Step<'_> {
             }
         }
         let (depth, direction) = best.unwrap_or((0.0, before.or(back).unwrap_or(Vec3::Z)));
-        Way {
-            depth_m: self.bounded(depth),
-            direction,
-            source,
-        }
+        Way { depth_m: self.bounded(depth), direction, source }
     }
 
     /// Way to the surface along a unit vector, as far as four times the deepest depth.
     fn depth_along(&self, hit: &Hit, way: Vec3) -> Option<f32> {
         let p = self.at(hit.point);
-        self.exit(hit, p + way * (4.0 * self.params.max_depth_m))
-            .map(|exit| (exit.point_m - p).dot(way))
+        self.exit(hit, p + way * (4.0 * self.params.max_depth_m)).map(|exit| (exit.point_m - p).dot(way))
     }
 
     fn bounded(&self, depth_m: f32) -> f32 {
-        let max = if self.params.max_depth_m > 0.0 {
-            self.params.max_depth_m
-        } else {
-            0.0
-        };
+        let max = if self.params.max_depth_m > 0.0 { self.params.max_depth_m } else { 0.0 };
         if depth_m > 0.0 { depth_m.min(max) } else { 0.0 }
     }
 
@@ -343,10 +275,7 @@ impl Step<'_> {
             };
             let (owner, way) = (self.input.tissue.owner(hit.tet), self.work.found[h]);
             if way.source != Source::Fallback as u32 {
-                *memory = Memory {
-                    owner,
-                    direction: way.direction.to_array(),
-                };
+                *memory = Memory { owner, direction: way.direction.to_array() };
             } else if memory.owner != owner {
                 *memory = Memory::default();
             }

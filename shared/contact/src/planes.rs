@@ -54,11 +54,7 @@ pub struct PlaneSet {
 impl PlaneSet {
     /// Force of all planes on a tip at rest, newtons.
     pub fn force_n(&self, tip_m: [f32; 3]) -> [f32; 3] {
-        let sum: Vec3 = self
-            .planes
-            .iter()
-            .map(|p| Vec3::from_array(p.force_n(tip_m)))
-            .sum();
+        let sum: Vec3 = self.planes.iter().map(|p| Vec3::from_array(p.force_n(tip_m))).sum();
         sum.to_array()
     }
 }
@@ -106,11 +102,7 @@ fn shares(direction: Vec3) -> [f32; MAX_PLANES] {
         (along * along) * (along * along)
     });
     let sum: f32 = raw.iter().sum();
-    if sum > 0.0 {
-        raw.map(|w| w / sum)
-    } else {
-        [0.0; MAX_PLANES]
-    }
+    if sum > 0.0 { raw.map(|w| w / sum) } else { [0.0; MAX_PLANES] }
 }
 
 /// Condenses the contacts and gaps of one tool.
@@ -118,11 +110,7 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
     let mut set = PlaneSet::default();
     let mut whole = Vec3::ZERO;
     let mut bins = [Bin::default(); MAX_PLANES];
-    for contact in input
-        .contacts
-        .iter()
-        .filter(|c| c.owner == input.tool && c.normal_n > 0.0)
-    {
+    for contact in input.contacts.iter().filter(|c| c.owner == input.tool && c.normal_n > 0.0) {
         let direction = Vec3::from_array(contact.direction);
         whole += Vec3::from_array(contact.force_n);
         for (bin, w) in bins.iter_mut().zip(shares(direction)) {
@@ -137,13 +125,7 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
         let depth = force / bin.stiffness_n_m;
         // A share of less than a micronewton is rounding of the weights.
         if force > 1.0e-6 && depth.is_finite() {
-            set.push(
-                tip,
-                bin.force_n / force,
-                depth,
-                bin.stiffness_n_m,
-                bin.damping_n_s_m,
-            );
+            set.push(tip, bin.force_n / force, depth, bin.stiffness_n_m, bin.damping_n_s_m);
         }
     }
     set.residual_n = (whole - Vec3::from_array(set.force_n(input.tip_m))).to_array();
@@ -157,20 +139,13 @@ pub fn planes(input: &PlaneInput<'_>, params: &PlaneParams) -> PlaneSet {
 /// Planes of the walls about to be met: offset = mean gap, the nearest counting most; stiffness fades to zero at the range.
 fn approach(input: &PlaneInput<'_>, params: &PlaneParams, set: &mut PlaneSet) {
     let mut bins = [Bin::default(); MAX_PLANES];
-    for (gap, (&owner, &area)) in input
-        .gaps
-        .iter()
-        .zip(input.owner.iter().zip(input.point_area_m2))
-    {
+    for (gap, (&owner, &area)) in input.gaps.iter().zip(input.owner.iter().zip(input.point_area_m2)) {
         let near = gap.distance_m < params.range_m;
         if owner != input.tool || !near {
             continue;
         }
         let near = 1.0 - gap.distance_m / params.range_m;
-        let (direction, stiffness) = (
-            Vec3::from_array(gap.direction),
-            params.stiffness_n_m3 * area * near * near,
-        );
+        let (direction, stiffness) = (Vec3::from_array(gap.direction), params.stiffness_n_m3 * area * near * near);
         for (bin, w) in bins.iter_mut().zip(shares(direction)) {
             bin.force_n += direction * (w * stiffness);
             bin.stiffness_n_m += w * stiffness;
@@ -195,23 +170,10 @@ fn approach(input: &PlaneInput<'_>, params: &PlaneParams, set: &mut PlaneSet) {
 
 impl PlaneSet {
     /// Adds a plane that the tip is `depth_m` below, if there is room.
-    fn push(
-        &mut self,
-        tip: Vec3,
-        normal: Vec3,
-        depth_m: f32,
-        stiffness_n_m: f32,
-        damping_n_s_m: f32,
-    ) {
-        let plane = Plane {
-            point_m: (tip + normal * depth_m).to_array(),
-            normal: normal.to_array(),
-            stiffness_n_m,
-            damping_n_s_m,
-        };
-        let finite = bytemuck::cast_ref::<Plane, [f32; 8]>(&plane)
-            .iter()
-            .all(|v| v.is_finite());
+    fn push(&mut self, tip: Vec3, normal: Vec3, depth_m: f32, stiffness_n_m: f32, damping_n_s_m: f32) {
+        let plane =
+            Plane { point_m: (tip + normal * depth_m).to_array(), normal: normal.to_array(), stiffness_n_m, damping_n_s_m };
+        let finite = bytemuck::cast_ref::<Plane, [f32; 8]>(&plane).iter().all(|v| v.is_finite());
         if let Some(place) = self.planes.get_mut(self.count as usize).filter(|_| finite) {
             *place = plane;
             self.count += 1;

@@ -106,63 +106,27 @@ pub fn respond(
     out: &mut ResponseOutput<'_>,
 ) -> Result<Found, ContactError> {
     points.check(motion.points_m.len())?;
-    same_length(
-        "velocities of points",
-        motion.points_m.len(),
-        motion.point_velocity_m_s.len(),
-    )?;
-    same_length(
-        "areas of points",
-        motion.points_m.len(),
-        motion.point_area_m2.len(),
-    )?;
-    same_length(
-        "velocities of nodes",
-        tissue.positions_m.len(),
-        motion.node_velocity_m_s.len(),
-    )?;
-    same_length(
-        "forces on nodes",
-        tissue.positions_m.len(),
-        out.node_force_n.len(),
-    )?;
+    same_length("velocities of points", motion.points_m.len(), motion.point_velocity_m_s.len())?;
+    same_length("areas of points", motion.points_m.len(), motion.point_area_m2.len())?;
+    same_length("velocities of nodes", tissue.positions_m.len(), motion.node_velocity_m_s.len())?;
+    same_length("forces on nodes", tissue.positions_m.len(), out.node_force_n.len())?;
     same_length("wrenches", rigids.len(), out.wrenches.len())?;
     let count = penetrations.len().min(out.contacts.len());
     for (i, penetration) in penetrations[..count].iter().enumerate() {
         let (contact, nodes) = match tissue.tets.get(penetration.tet as usize) {
-            Some(nodes) => (
-                force_on_point(penetration, points, motion, nodes, params),
-                *nodes,
-            ),
-            None => (
-                ContactForce {
-                    point: penetration.point,
-                    ..ContactForce::default()
-                },
-                [crate::NONE; 4],
-            ),
+            Some(nodes) => (force_on_point(penetration, points, motion, nodes, params), *nodes),
+            None => (ContactForce { point: penetration.point, ..ContactForce::default() }, [crate::NONE; 4]),
         };
-        let reaction = scatter(
-            Vec3::from_array(contact.force_n),
-            &penetration.weights,
-            &nodes,
-            out.node_force_n,
-        );
+        let reaction = scatter(Vec3::from_array(contact.force_n), &penetration.weights, &nodes, out.node_force_n);
         out.contacts[i] = contact;
         if let Some(node) = points.node_of(penetration.point) {
             add(out.node_force_n, node, reaction.as_vec3());
         } else if let Some(r) = rigids.iter().position(|r| r.owner == contact.owner) {
             let p = motion.points_m[penetration.point as usize];
-            out.wrenches[r].add(
-                reaction,
-                Vec3::from_array(p).as_dvec3() - Vec3::from_array(rigids[r].reference_m).as_dvec3(),
-            );
+            out.wrenches[r].add(reaction, Vec3::from_array(p).as_dvec3() - Vec3::from_array(rigids[r].reference_m).as_dvec3());
         }
     }
-    Ok(Found {
-        count,
-        dropped: penetrations.len() - count,
-    })
+    Ok(Found { count, dropped: penetrations.len() - count })
 }
 
 impl Wrench {
@@ -179,12 +143,7 @@ fn add(forces_n: &mut [[f32; 3]], node: u32, force_n: Vec3) {
 }
 
 /// Gives the tet's nodes −force, shared by the weights; returns what they received, summed in order, sign changed.
-fn scatter(
-    force_n: Vec3,
-    weights: &[f32; 4],
-    nodes: &[u32; 4],
-    forces_n: &mut [[f32; 3]],
-) -> DVec3 {
+fn scatter(force_n: Vec3, weights: &[f32; 4], nodes: &[u32; 4], forces_n: &mut [[f32; 3]]) -> DVec3 {
     let mut given = DVec3::ZERO;
     for (&node, &weight) in nodes.iter().zip(weights) {
         let part = force_n * -weight;
@@ -204,29 +163,15 @@ fn force_on_point(
     params: &ResponseParams,
 ) -> ContactForce {
     let point = penetration.point as usize;
-    let nothing = ContactForce {
-        point: penetration.point,
-        owner: crate::NONE,
-        ..ContactForce::default()
-    };
-    let (Some(&area), Some(&owner)) = (motion.point_area_m2.get(point), points.owner.get(point))
-    else {
+    let nothing = ContactForce { point: penetration.point, owner: crate::NONE, ..ContactForce::default() };
+    let (Some(&area), Some(&owner)) = (motion.point_area_m2.get(point), points.owner.get(point)) else {
         return nothing;
     };
-    let nothing = ContactForce {
-        owner,
-        direction: penetration.direction,
-        ..nothing
-    };
+    let nothing = ContactForce { owner, direction: penetration.direction, ..nothing };
     let tissue_velocity: Vec3 = nodes
         .iter()
         .zip(penetration.weights)
-        .map(|(&n, w)| {
-            motion
-                .node_velocity_m_s
-                .get(n as usize)
-                .map_or(Vec3::ZERO, |v| Vec3::from_array(*v) * w)
-        })
+        .map(|(&n, w)| motion.node_velocity_m_s.get(n as usize).map_or(Vec3::ZERO, |v| Vec3::from_array(*v) * w))
         .sum();
     let slip = Vec3::from_array(motion.point_velocity_m_s[point]) - tissue_velocity;
     let direction = Vec3::from_array(penetration.direction);
@@ -242,11 +187,5 @@ fn force_on_point(
         return nothing;
     }
     let damping_n_s_m = still / params.damping_speed_m_s;
-    ContactForce {
-        normal_n,
-        force_n: force.to_array(),
-        stiffness_n_m,
-        damping_n_s_m,
-        ..nothing
-    }
+    ContactForce { normal_n, force_n: force.to_array(), stiffness_n_m, damping_n_s_m, ..nothing }
 }

@@ -23,15 +23,8 @@ pub struct Crossing {
 }
 
 /// Fraction of the path and weights of the corners where a segment crosses a triangle; `None` for parallel, flat, or NaN.
-pub fn segment_triangle(
-    from_m: [f32; 3],
-    to_m: [f32; 3],
-    corners_m: &[[f32; 3]; 3],
-) -> Option<(f32, [f32; 3])> {
-    let (from, way) = (
-        Vec3::from_array(from_m),
-        Vec3::from_array(to_m) - Vec3::from_array(from_m),
-    );
+pub fn segment_triangle(from_m: [f32; 3], to_m: [f32; 3], corners_m: &[[f32; 3]; 3]) -> Option<(f32, [f32; 3])> {
+    let (from, way) = (Vec3::from_array(from_m), Vec3::from_array(to_m) - Vec3::from_array(from_m));
     let [a, b, c] = corners_m.map(Vec3::from_array);
     let (ab, ac) = (b - a, c - a);
     let p = way.cross(ac);
@@ -47,22 +40,12 @@ pub fn segment_triangle(
 ///
 /// For a moving surface pass the path relative to it. Cost: a box test per triangle; meant for the few points that move more
 /// than a fraction of a tet in one step.
-pub fn first_crossing(
-    from_m: [f32; 3],
-    to_m: [f32; 3],
-    positions_m: &[[f32; 3]],
-    triangles: &[[u32; 3]],
-) -> Option<Crossing> {
+pub fn first_crossing(from_m: [f32; 3], to_m: [f32; 3], positions_m: &[[f32; 3]], triangles: &[[u32; 3]]) -> Option<Crossing> {
     let (from, to) = (Vec3::from_array(from_m), Vec3::from_array(to_m));
     let (lo, hi) = (from.min(to), from.max(to));
     let mut best: Option<Crossing> = None;
     for (i, tri) in triangles.iter().enumerate() {
-        let corners = tri.map(|n| {
-            positions_m
-                .get(n as usize)
-                .copied()
-                .unwrap_or([f32::NAN; 3])
-        });
+        let corners = tri.map(|n| positions_m.get(n as usize).copied().unwrap_or([f32::NAN; 3]));
         let [a, b, c] = corners.map(Vec3::from_array);
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         if low.cmpgt(hi).any() || high.cmplt(lo).any() {
@@ -76,13 +59,7 @@ pub fn first_crossing(
         };
         if best.is_none_or(|known| fraction < known.fraction) {
             let entering = (to - from).dot(normal) < 0.0;
-            best = Some(Crossing {
-                triangle: i as u32,
-                fraction,
-                weights,
-                normal: normal.to_array(),
-                entering,
-            });
+            best = Some(Crossing { triangle: i as u32, fraction, weights, normal: normal.to_array(), entering });
         }
     }
     best

@@ -37,11 +37,7 @@ fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 
 #[inline(always)]
 fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[inline(always)]
@@ -66,12 +62,7 @@ impl TetTest {
         let edge = max(max(hi[0] - lo[0], hi[1] - lo[1]), hi[2] - lo[2]);
         let scale = 1.0 / det;
         if det.abs() > FLAT * edge * edge * edge && scale.is_finite() && det.is_finite() {
-            Some(TetTest {
-                x0: x[0],
-                lo,
-                hi,
-                rows: rows.map(|r| r.map(|v| v * scale)),
-            })
+            Some(TetTest { x0: x[0], lo, hi, rows: rows.map(|r| r.map(|v| v * scale)) })
         } else {
             None
         }
@@ -81,11 +72,7 @@ impl TetTest {
     #[inline(always)]
     pub fn weights_at(&self, p: [f32; 3]) -> [f32; 4] {
         let d = sub(p, self.x0);
-        let (b1, b2, b3) = (
-            dot(d, self.rows[0]),
-            dot(d, self.rows[1]),
-            dot(d, self.rows[2]),
-        );
+        let (b1, b2, b3) = (dot(d, self.rows[0]), dot(d, self.rows[1]), dot(d, self.rows[2]));
         [1.0 - (b1 + b2 + b3), b1, b2, b3]
     }
 
@@ -107,12 +94,7 @@ impl TetTest {
 
     /// For each lane 1 if the point is inside, else 0.
     #[inline(always)]
-    pub(crate) fn inside_lanes<const L: usize>(
-        &self,
-        x: &[f32; L],
-        y: &[f32; L],
-        z: &[f32; L],
-    ) -> [u32; L] {
+    pub(crate) fn inside_lanes<const L: usize>(&self, x: &[f32; L], y: &[f32; L], z: &[f32; L]) -> [u32; L] {
         let mut inside = [0u32; L];
         let [r1, r2, r3] = self.rows;
         for l in 0..L {

@@ -30,18 +30,10 @@ impl Topology {
     ///
     /// # Errors
     /// [`ContactError::Length`] if there is not one owner for each tet.
-    pub fn new(
-        tets: &[[u32; 4]],
-        tet_owner: &[u32],
-        rest_m: &[[f32; 3]],
-    ) -> Result<Topology, ContactError> {
+    pub fn new(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Result<Topology, ContactError> {
         same_length("owners of tets", tets.len(), tet_owner.len())?;
         let mut faces = Vec::with_capacity(tets.len() * 4);
-        for (t, tet) in tets
-            .iter()
-            .enumerate()
-            .filter(|(_, tet)| tet.iter().all(|&n| (n as usize) < rest_m.len()))
-        {
+        for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| tet.iter().all(|&n| (n as usize) < rest_m.len())) {
             for (f, corners) in FACES.iter().enumerate() {
                 let mut key = corners.map(|c| tet[c]);
                 key.sort_unstable();
@@ -58,17 +50,9 @@ impl Topology {
         }
         faces.sort_unstable_by_key(|f| (f.2, f.3));
         faces.retain(|f| neighbours[f.2 as usize][f.3 as usize] == NONE);
-        let boundary = faces
-            .iter()
-            .map(|f| outward(&tets[f.2 as usize], f.3 as usize, rest_m))
-            .collect();
+        let boundary = faces.iter().map(|f| outward(&tets[f.2 as usize], f.3 as usize, rest_m)).collect();
         let boundary_owner = faces.iter().map(|f| f.0).collect();
-        Ok(Topology {
-            neighbours,
-            boundary,
-            boundary_owner,
-            nodes: rest_m.len(),
-        })
+        Ok(Topology { neighbours, boundary, boundary_owner, nodes: rest_m.len() })
     }
 
     /// Number of nodes of the mesh.
@@ -80,11 +64,7 @@ impl Topology {
     pub(crate) fn node_normals(&self, positions_m: &[[f32; 3]], normals: &mut [Vec3]) {
         normals.fill(Vec3::ZERO);
         for tri in &self.boundary {
-            let at = |n: u32| {
-                positions_m
-                    .get(n as usize)
-                    .map_or(Vec3::NAN, |p| Vec3::from_array(*p))
-            };
+            let at = |n: u32| positions_m.get(n as usize).map_or(Vec3::NAN, |p| Vec3::from_array(*p));
             let [a, b, c] = tri.map(at);
             let area = (b - a).cross(c - a);
             if area.is_finite() {
@@ -102,10 +82,7 @@ impl Topology {
 fn outward(tet: &[u32; 4], face: usize, rest_m: &[[f32; 3]]) -> [u32; 3] {
     let [a, b, c] = FACES[face].map(|i| tet[i]);
     let at = |n: u32| Vec3::from_array(rest_m[n as usize]);
-    let inside = (at(b) - at(a))
-        .cross(at(c) - at(a))
-        .dot(at(tet[face]) - at(a))
-        > 0.0;
+    let inside = (at(b) - at(a)).cross(at(c) - at(a)).dot(at(tet[face]) - at(a)) > 0.0;
     if inside { [a, c, b] } else { [a, b, c] }
 }
 
@@ -120,11 +97,7 @@ impl PointGraph {
     /// From a list of edges, in any order and direction; edges to points that do not exist, loops and repeats are left out.
     pub fn from_edges(points: usize, edges: &[[u32; 2]]) -> PointGraph {
         let real = |e: &&[u32; 2]| e[0] != e[1] && e.iter().all(|&p| (p as usize) < points);
-        let mut both: Vec<(u32, u32)> = edges
-            .iter()
-            .filter(real)
-            .flat_map(|&[a, b]| [(a, b), (b, a)])
-            .collect();
+        let mut both: Vec<(u32, u32)> = edges.iter().filter(real).flat_map(|&[a, b]| [(a, b), (b, a)]).collect();
         both.sort_unstable();
         both.dedup();
         let mut starts = vec![0u32; points + 1];
@@ -134,18 +107,12 @@ impl PointGraph {
         for p in 0..points {
             starts[p + 1] += starts[p];
         }
-        PointGraph {
-            starts,
-            joined: both.into_iter().map(|(_, b)| b).collect(),
-        }
+        PointGraph { starts, joined: both.into_iter().map(|(_, b)| b).collect() }
     }
 
     /// The edges of a set of triangles.
     pub fn from_triangles(points: usize, triangles: &[[u32; 3]]) -> PointGraph {
-        let edges: Vec<[u32; 2]> = triangles
-            .iter()
-            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
-            .collect();
+        let edges: Vec<[u32; 2]> = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
         PointGraph::from_edges(points, &edges)
     }
 
@@ -157,8 +124,6 @@ impl PointGraph {
     /// The points joined to one point, ascending.
     pub fn joined(&self, point: u32) -> &[u32] {
         let at = |i: usize| self.starts.get(i).map_or(0, |&s| s as usize);
-        self.joined
-            .get(at(point as usize)..at(point as usize + 1))
-            .unwrap_or(&[])
+        self.joined.get(at(point as usize)..at(point as usize + 1)).unwrap_or(&[])
     }
 }

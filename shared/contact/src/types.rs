@@ -49,22 +49,14 @@ pub struct Share {
 
 impl Share {
     /// The one share that holds everything.
-    pub const ALL: Share = Share {
-        index: 0,
-        count: 1,
-        split: Split::Points,
-    };
+    pub const ALL: Share = Share { index: 0, count: 1, split: Split::Points };
 
     /// The half-open range of sorted points of this share among `len`; shares of points differ by at most one.
     ///
     /// # Errors
     /// [`ContactError::Share`] if the index is not below the count.
     pub fn points(self, len: usize) -> Result<(usize, usize), ContactError> {
-        let Share {
-            index,
-            count,
-            split,
-        } = self;
+        let Share { index, count, split } = self;
         if index >= count {
             return Err(ContactError::Share { index, count });
         }
@@ -99,19 +91,12 @@ impl Points<'_> {
     /// Checks the lengths against the number of points.
     pub(crate) fn check(&self, points: usize) -> Result<(), ContactError> {
         same_length("owners of points", points, self.owner.len())?;
-        if self.node.is_empty() {
-            Ok(())
-        } else {
-            same_length("nodes of points", points, self.node.len())
-        }
+        if self.node.is_empty() { Ok(()) } else { same_length("nodes of points", points, self.node.len()) }
     }
 
     /// The tissue node that a point is, if any.
     pub(crate) fn node_of(&self, point: u32) -> Option<u32> {
-        self.node
-            .get(point as usize)
-            .copied()
-            .filter(|&n| n != crate::NONE)
+        self.node.get(point as usize).copied().filter(|&n| n != crate::NONE)
     }
 
     /// Whether a point is to be tested against a tet at all.
@@ -145,26 +130,18 @@ impl Tissue<'_> {
     /// A node's position; NaN where there is no such node.
     #[inline(always)]
     pub(crate) fn node(&self, node: u32) -> [f32; 3] {
-        self.positions_m
-            .get(node as usize)
-            .copied()
-            .unwrap_or([f32::NAN; 3])
+        self.positions_m.get(node as usize).copied().unwrap_or([f32::NAN; 3])
     }
 
     /// The four corners of a tet; NaN where there is no such tet or node.
     #[inline(always)]
     pub(crate) fn corners(&self, tet: u32) -> [[f32; 3]; 4] {
-        self.tets
-            .get(tet as usize)
-            .map_or([[f32::NAN; 3]; 4], |t| t.map(|n| self.node(n)))
+        self.tets.get(tet as usize).map_or([[f32::NAN; 3]; 4], |t| t.map(|n| self.node(n)))
     }
 
     /// The object of a tet; [`crate::NONE`] where there is no such tet.
     #[inline(always)]
     pub(crate) fn owner(&self, tet: u32) -> u32 {
-        self.tet_owner
-            .get(tet as usize)
-            .copied()
-            .unwrap_or(crate::NONE)
+        self.tet_owner.get(tet as usize).copied().unwrap_or(crate::NONE)
     }
 }

@@ -24,22 +24,12 @@ pub struct Exit {
 /// Walks from `from`, inside tet `start`, towards `to`, and gives the first crossing of the surface on the way.
 ///
 /// `None` if the way ends inside, or is lost in a flat tet. `normals` are the nodes' outward normals, of any length.
-pub fn exit_along(
-    tissue: &Tissue<'_>,
-    topology: &Topology,
-    normals: &[Vec3],
-    start: u32,
-    from: Vec3,
-    to: Vec3,
-) -> Option<Exit> {
+pub fn exit_along(tissue: &Tissue<'_>, topology: &Topology, normals: &[Vec3], start: u32, from: Vec3, to: Vec3) -> Option<Exit> {
     let (mut tet, mut entry, mut reached) = (start, NONE, 0f32);
     for _ in 0..MAX_STEPS {
         let test = TetTest::new(&tissue.corners(tet))?;
         let neighbours = topology.neighbours.get(tet as usize)?;
-        let (at_from, at_to) = (
-            test.weights_at(from.to_array()),
-            test.weights_at(to.to_array()),
-        );
+        let (at_from, at_to) = (test.weights_at(from.to_array()), test.weights_at(to.to_array()));
         let mut best: Option<(f32, usize)> = None;
         for face in 0..4 {
             let fall = at_from[face] - at_to[face];
@@ -63,37 +53,15 @@ pub fn exit_along(
 }
 
 /// The normal at a crossing.
-fn crossing(
-    tissue: &Tissue<'_>,
-    normals: &[Vec3],
-    test: &TetTest,
-    tet: u32,
-    face: usize,
-    point_m: Vec3,
-) -> Option<Exit> {
+fn crossing(tissue: &Tissue<'_>, normals: &[Vec3], test: &TetTest, tet: u32, face: usize, point_m: Vec3) -> Option<Exit> {
     let flat = (-Vec3::from_array(test.gradient(face))).try_normalize()?;
     let weights = test.weights_at(point_m.to_array());
     let nodes = tissue.tets.get(tet as usize)?;
-    let of_node = |c: usize| {
-        normals
-            .get(nodes[c] as usize)
-            .map_or(Vec3::ZERO, |n| n.normalize_or_zero())
-    };
-    let smooth: Vec3 = FACES[face]
-        .iter()
-        .map(|&c| of_node(c) * weights[c].clamp(0.0, 1.0))
-        .sum();
+    let of_node = |c: usize| normals.get(nodes[c] as usize).map_or(Vec3::ZERO, |n| n.normalize_or_zero());
+    let smooth: Vec3 = FACES[face].iter().map(|&c| of_node(c) * weights[c].clamp(0.0, 1.0)).sum();
     let smooth = smooth.normalize_or_zero();
     /// Cosine below which the nodes' normals say nothing about this face.
     const FOLDED: f32 = 0.2;
-    let normal = if smooth.dot(flat) > FOLDED {
-        smooth
-    } else {
-        flat
-    };
-    point_m.is_finite().then_some(Exit {
-        point_m,
-        normal,
-        face: (tet, face),
-    })
+    let normal = if smooth.dot(flat) > FOLDED { smooth } else { flat };
+    point_m.is_finite().then_some(Exit { point_m, normal, face: (tet, face) })
 }

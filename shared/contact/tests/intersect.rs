@@ -12,12 +12,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 fn config(cases: u32) -> ProptestConfig {
-    ProptestConfig {
-        cases,
-        rng_seed: RngSeed::Fixed(41),
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    }
+    ProptestConfig { cases, rng_seed: RngSeed::Fixed(41), failure_persistence: None, ..ProptestConfig::default() }
 }
 
 /// Coordinates that make trouble: a lattice (flat tets, points on faces, duplicates), anything, and not even numbers.
@@ -110,26 +105,15 @@ proptest! {
 fn a_block_full_of_points_gives_one_tet_to_each_point_inside() {
     let (nodes, tets) = block([4, 4, 4], 0.25, [-0.5; 3]);
     let lattice = |i: usize| -0.5 + 0.125 * i as f32;
-    let points_m: Vec<[f32; 3]> = (0..9 * 9 * 9)
-        .map(|n| [lattice(n % 9), lattice(n / 9 % 9), lattice(n / 81)])
-        .collect();
+    let points_m: Vec<[f32; 3]> = (0..9 * 9 * 9).map(|n| [lattice(n % 9), lattice(n / 9 % 9), lattice(n / 81)]).collect();
     let (owner, tet_owner) = (vec![TOOL; points_m.len()], vec![0; tets.len()]);
-    let points = Points {
-        owner: &owner,
-        node: &[],
-        self_contact: false,
-    };
-    let tissue = Tissue {
-        positions_m: &nodes,
-        tets: &tets,
-        tet_owner: &tet_owner,
-    };
+    let points = Points { owner: &owner, node: &[], self_contact: false };
+    let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
     let all: Vec<u32> = (0..points_m.len() as u32).collect();
     for layout in [Layout::Auto, Layout::Hashed] {
         for split in [Split::Points, Split::Tets] {
             for workers in [1, 2, 3, 7, 100] {
-                let found =
-                    hits_split(&points_m, &points, &tissue, (0.2, layout), (workers, split));
+                let found = hits_split(&points_m, &points, &tissue, (0.2, layout), (workers, split));
                 assert_eq!(found.iter().map(|h| h.point).collect::<Vec<_>>(), all);
                 assert_eq!(found, brute(&points_m, &points, &tissue));
             }
@@ -143,11 +127,7 @@ fn shares_are_equal_sets_of_points_and_cover_all() {
         for count in 1u32..9 {
             let mut next = 0;
             for index in 0..count {
-                let share = Share {
-                    index,
-                    count,
-                    split: Split::Points,
-                };
+                let share = Share { index, count, split: Split::Points };
                 let (from, to) = share.points(len).unwrap();
                 assert_eq!(from, next);
                 assert!((to - from).abs_diff(len / count as usize) <= 1);
@@ -157,35 +137,18 @@ fn shares_are_equal_sets_of_points_and_cover_all() {
         }
     }
     for split in [Split::Points, Split::Tets] {
-        let wrong = Share {
-            index: 2,
-            count: 2,
-            split,
-        };
-        assert_eq!(
-            wrong.points(4),
-            Err(ContactError::Share { index: 2, count: 2 })
-        );
+        let wrong = Share { index: 2, count: 2, split };
+        assert_eq!(wrong.points(4), Err(ContactError::Share { index: 2, count: 2 }));
     }
 }
 
 #[test]
 fn too_short_an_output_is_reported_with_what_is_missing() {
     let (nodes, tets) = block([2, 2, 2], 1.0, [0.0; 3]);
-    let points_m: Vec<[f32; 3]> = (0..50)
-        .map(|i| [0.013 + 0.037 * i as f32, 0.71, 0.9])
-        .collect();
+    let points_m: Vec<[f32; 3]> = (0..50).map(|i| [0.013 + 0.037 * i as f32, 0.71, 0.9]).collect();
     let (owner, tet_owner) = (vec![TOOL; 50], vec![0; tets.len()]);
-    let points = Points {
-        owner: &owner,
-        node: &[],
-        self_contact: false,
-    };
-    let tissue = Tissue {
-        positions_m: &nodes,
-        tets: &tets,
-        tet_owner: &tet_owner,
-    };
+    let points = Points { owner: &owner, node: &[], self_contact: false };
+    let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
     let sizes = HashSizes::for_points(50);
     let mut words = vec![0; sizes.words()];
     let mut table = HashMut::in_words(&mut words, sizes).unwrap();
@@ -204,42 +167,16 @@ fn too_short_an_output_is_reported_with_what_is_missing() {
 fn bad_sizes_are_errors_that_name_the_cure() {
     let sizes = HashSizes::for_points(4);
     let mut words = vec![0; sizes.words()];
-    assert!(matches!(
-        HashMut::in_words(&mut words[1..], sizes),
-        Err(ContactError::Words { .. })
-    ));
+    assert!(matches!(HashMut::in_words(&mut words[1..], sizes), Err(ContactError::Words { .. })));
     let mut table = HashMut::in_words(&mut words, sizes).unwrap();
     for cell_m in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-45] {
-        assert!(
-            matches!(
-                table.build(&[], cell_m, Layout::Auto),
-                Err(ContactError::Cell { .. })
-            ),
-            "{cell_m}"
-        );
+        assert!(matches!(table.build(&[], cell_m, Layout::Auto), Err(ContactError::Cell { .. })), "{cell_m}");
     }
     let full = table.build(&[[0.0; 3]; 5], 1.0, Layout::Auto).unwrap_err();
-    assert_eq!(
-        full,
-        ContactError::Capacity {
-            points: 5,
-            capacity: 4
-        }
-    );
+    assert_eq!(full, ContactError::Capacity { points: 5, capacity: 4 });
     assert!(full.to_string().contains("HashSizes::for_points(5)"));
     table.build(&[[0.0; 3]; 4], 1.0, Layout::Auto).unwrap();
-    let points = Points {
-        owner: &[TOOL; 3],
-        node: &[],
-        self_contact: false,
-    };
-    let tissue = Tissue {
-        positions_m: &[],
-        tets: &[],
-        tet_owner: &[],
-    };
-    assert!(matches!(
-        intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut []),
-        Err(ContactError::Length { .. })
-    ));
+    let points = Points { owner: &[TOOL; 3], node: &[], self_contact: false };
+    let tissue = Tissue { positions_m: &[], tets: &[], tet_owner: &[] };
+    assert!(matches!(intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut []), Err(ContactError::Length { .. })));
 }

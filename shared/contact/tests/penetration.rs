@@ -33,14 +33,8 @@ fn a_tool_pressed_into_a_wall_leaves_through_the_side_it_came_from_at_every_dept
         assert!(!out.is_empty());
         for p in &out {
             let true_depth_m = tool.points_m[p.point as usize][2];
-            assert!(
-                degrees(p.direction, Vec3::NEG_Z) < 3.0,
-                "at {depth_mm} mm: {p:?}"
-            );
-            assert!(
-                (p.depth_m - true_depth_m).abs() < 0.03 * true_depth_m + 2e-5,
-                "at {depth_mm} mm: {p:?}"
-            );
+            assert!(degrees(p.direction, Vec3::NEG_Z) < 3.0, "at {depth_mm} mm: {p:?}");
+            assert!((p.depth_m - true_depth_m).abs() < 0.03 * true_depth_m + 2e-5, "at {depth_mm} mm: {p:?}");
             assert_ne!(p.source, Source::Fallback as u32);
         }
     }
@@ -55,31 +49,15 @@ fn a_shaft_lying_sideways_in_the_wall_is_pushed_sideways_deep_too() {
         // The axis along +x, the shaft's lower side `depth_mm` below the free side.
         let lay = Quat::from_rotation_y(std::f32::consts::FRAC_PI_2);
         let shift = Vec3::new(8.0 * MM, 0.15 * MM, (depth_mm - 2.0) * MM);
-        let points_m: Vec<[f32; 3]> = upright
-            .points_m
-            .iter()
-            .map(|p| (lay * Vec3::from_array(*p) + shift).to_array())
-            .collect();
+        let points_m: Vec<[f32; 3]> = upright.points_m.iter().map(|p| (lay * Vec3::from_array(*p) + shift).to_array()).collect();
         let out = poke.depths(&points_m, [-1.0, 0.0, 0.0]);
         assert!(!out.is_empty());
-        let sum: Vec3 = out
-            .iter()
-            .map(|p| Vec3::from_array(p.direction) * p.depth_m)
-            .sum();
-        assert!(
-            degrees(sum.to_array(), Vec3::NEG_Z) < 1.0,
-            "at {depth_mm} mm: {sum}"
-        );
+        let sum: Vec3 = out.iter().map(|p| Vec3::from_array(p.direction) * p.depth_m).sum();
+        assert!(degrees(sum.to_array(), Vec3::NEG_Z) < 1.0, "at {depth_mm} mm: {sum}");
         for p in &out {
             let true_depth_m = points_m[p.point as usize][2];
-            assert!(
-                degrees(p.direction, Vec3::NEG_Z) < 5.0,
-                "at {depth_mm} mm: {p:?}"
-            );
-            assert!(
-                (p.depth_m - true_depth_m).abs() < 0.05 * true_depth_m + 2e-5,
-                "at {depth_mm} mm: {p:?}"
-            );
+            assert!(degrees(p.direction, Vec3::NEG_Z) < 5.0, "at {depth_mm} mm: {p:?}");
+            assert!((p.depth_m - true_depth_m).abs() < 0.05 * true_depth_m + 2e-5, "at {depth_mm} mm: {p:?}");
         }
     }
 }
@@ -92,10 +70,7 @@ fn a_tip_pushed_slowly_through_the_far_side_is_still_pulled_back_out() {
         let tool = tool_at([0.3 * MM, 0.1 * MM, (-1.0 + 0.35 * step as f32) * MM]);
         let out = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
         for p in &out {
-            assert!(
-                degrees(p.direction, Vec3::NEG_Z) < 5.0,
-                "step {step}: {p:?}"
-            );
+            assert!(degrees(p.direction, Vec3::NEG_Z) < 5.0, "step {step}: {p:?}");
         }
     }
 }
@@ -109,10 +84,7 @@ fn depth_grows_without_a_leap_as_the_tool_goes_in() {
         let tool = tool_at([0.3 * MM, 0.1 * MM, 0.05 * MM * step as f32 - 0.5 * MM]);
         let out = poke.depths(&tool.points_m, [0.0, 0.0, -1.0]);
         let deepest = out.iter().map(|p| p.depth_m).fold(0.0, f32::max);
-        assert!(
-            (deepest - before).abs() < 0.08 * MM,
-            "step {step}: {before} to {deepest}"
-        );
+        assert!((deepest - before).abs() < 0.08 * MM, "step {step}: {before} to {deepest}");
         before = deepest;
     }
     assert!(before > 8.0 * MM);
@@ -132,20 +104,10 @@ fn a_ball_in_a_bent_wall_is_pushed_along_the_bend() {
     for angle in [-0.15f32, 0.0, 0.1] {
         let turn = Quat::from_rotation_y(angle);
         let tip = tool_at([0.0, 0.2 * MM, 34.0 * MM]);
-        let points_m: Vec<[f32; 3]> = tip
-            .points_m
-            .iter()
-            .map(|p| (turn * Vec3::from_array(*p) + centre).to_array())
-            .collect();
+        let points_m: Vec<[f32; 3]> = tip.points_m.iter().map(|p| (turn * Vec3::from_array(*p) + centre).to_array()).collect();
         let out = poke.depths(&points_m, (turn * Vec3::NEG_Z).to_array());
-        let sum: Vec3 = out
-            .iter()
-            .map(|p| Vec3::from_array(p.direction) * p.depth_m)
-            .sum();
-        assert!(
-            degrees(sum.to_array(), turn * Vec3::NEG_Z) < 2.0,
-            "at {angle}: {sum}"
-        );
+        let sum: Vec3 = out.iter().map(|p| Vec3::from_array(p.direction) * p.depth_m).sum();
+        assert!(degrees(sum.to_array(), turn * Vec3::NEG_Z) < 2.0, "at {angle}: {sum}");
     }
 }
 
@@ -155,17 +117,11 @@ fn a_body_wholly_inside_leaves_along_its_retreat_else_by_the_shortest_way() {
     let ball = capsule([0.2 * MM, 0.1 * MM, 7.0 * MM], 1.0 * MM, 2.0 * MM, 4, 8);
     let mut poke = Poke::new(positions_m, tets, &ball);
     for p in poke.depths(&ball.points_m, [0.0, 0.0, -1.0]) {
-        assert_eq!(
-            (p.source, p.direction),
-            (Source::Fallback as u32, [0.0, 0.0, -1.0])
-        );
+        assert_eq!((p.source, p.direction), (Source::Fallback as u32, [0.0, 0.0, -1.0]));
         assert!((p.depth_m - ball.points_m[p.point as usize][2]).abs() < 1e-5);
     }
     for p in poke.depths(&ball.points_m, [0.0; 3]) {
-        assert!(
-            (p.direction, p.depth_m) != ([0.0, 0.0, 1.0], 0.0) && p.direction[2].abs() == 1.0,
-            "{p:?}"
-        );
+        assert!((p.direction, p.depth_m) != ([0.0, 0.0, 1.0], 0.0) && p.direction[2].abs() == 1.0, "{p:?}");
     }
 }
 
@@ -180,15 +136,8 @@ fn topology_joins_all_inner_faces_and_bounds_the_block() {
         }
     }
     let at = |n: u32| Vec3::from_array(positions_m[n as usize]);
-    let volume: f32 = topology
-        .boundary
-        .iter()
-        .map(|&[a, b, c]| at(a).dot(at(b).cross(at(c))) / 6.0)
-        .sum();
-    assert!(
-        (volume / (24.0 * 24.0 * 12.0 * 1e-9) - 1.0).abs() < 1e-4,
-        "outward faces enclose the volume: {volume}"
-    );
+    let volume: f32 = topology.boundary.iter().map(|&[a, b, c]| at(a).dot(at(b).cross(at(c))) / 6.0).sum();
+    assert!((volume / (24.0 * 24.0 * 12.0 * 1e-9) - 1.0).abs() < 1e-4, "outward faces enclose the volume: {volume}");
 }
 
 proptest! {

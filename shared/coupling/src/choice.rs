@@ -35,24 +35,16 @@ pub fn choose(
     let selected = selected.min(1);
     let other = 1 - selected;
     let distance = |force: [f32; 3]| to_f64(force).distance(to_f64(last_applied_n));
-    let (index, disagreement) = match (forces[selected], forces[other]) {
-        (Some(mine), Some(theirs)) if mine.map(f32::to_bits) != theirs.map(f32::to_bits) => {
-            if distance(theirs) < distance(mine) {
-                (other, Some(selected))
-            } else {
-                (selected, Some(other))
+    let (index, disagreement) =
+        match (forces[selected], forces[other]) {
+            (Some(mine), Some(theirs)) if mine.map(f32::to_bits) != theirs.map(f32::to_bits) => {
+                if distance(theirs) < distance(mine) { (other, Some(selected)) } else { (selected, Some(other)) }
             }
-        }
-        (None, Some(_)) => (other, None),
-        _ => (selected, None),
-    };
+            (None, Some(_)) => (other, None),
+            _ => (selected, None),
+        };
     let beyond_slew = forces[index].is_some_and(|f| distance(f) > f64::from(max_slew_n_per_tick));
-    Choice {
-        index,
-        force_n: forces[index],
-        disagreement,
-        beyond_slew,
-    }
+    Choice { index, force_n: forces[index], disagreement, beyond_slew }
 }
 
 /// Doubles, so that no finite force overflows when squared.
@@ -70,15 +62,7 @@ mod tests {
     const NAN: [f32; 3] = [f32::NAN, 0.0, 0.0];
 
     /// The whole table: (a, b, selected) → (index, force, restart, beyond the slew of 0.5 N).
-    type Row = (
-        Option<[f32; 3]>,
-        Option<[f32; 3]>,
-        usize,
-        usize,
-        Option<[f32; 3]>,
-        Option<usize>,
-        bool,
-    );
+    type Row = (Option<[f32; 3]>, Option<[f32; 3]>, usize, usize, Option<[f32; 3]>, Option<usize>, bool);
 
     #[test]
     fn truth_table() {
@@ -96,37 +80,17 @@ mod tests {
             (Some(NEAR), Some(FAR), 1, 0, Some(NEAR), Some(1), false),
             (Some(NAN), Some(FAR), 0, 1, Some(FAR), None, true),
             (Some(NAN), Some(NAN), 0, 0, None, None, false),
-            (
-                Some([0.1, 0.0, 1.0]),
-                Some([-0.1, 0.0, 1.0]),
-                1,
-                1,
-                Some([-0.1, 0.0, 1.0]),
-                Some(0),
-                false,
-            ),
+            (Some([0.1, 0.0, 1.0]), Some([-0.1, 0.0, 1.0]), 1, 1, Some([-0.1, 0.0, 1.0]), Some(0), false),
         ];
         for (a, b, selected, index, force_n, disagreement, beyond_slew) in rows {
-            let expected = Choice {
-                index,
-                force_n,
-                disagreement,
-                beyond_slew,
-            };
-            assert_eq!(
-                choose(LAST, a, b, selected, 0.5),
-                expected,
-                "a {a:?} b {b:?} selected {selected}"
-            );
+            let expected = Choice { index, force_n, disagreement, beyond_slew };
+            assert_eq!(choose(LAST, a, b, selected, 0.5), expected, "a {a:?} b {b:?} selected {selected}");
         }
     }
 
     #[test]
     fn the_selection_stays_with_the_replica_that_took_over() {
         let taken = choose(LAST, None, Some(NEAR), 0, 0.5);
-        assert_eq!(
-            choose(LAST, Some(NEAR), Some(NEAR), taken.index, 0.5).index,
-            1
-        );
+        assert_eq!(choose(LAST, Some(NEAR), Some(NEAR), taken.index, 0.5).index, 1);
     }
 }

@@ -80,21 +80,9 @@ pub struct Constraints {
 impl Constraints {
     /// Checks `model` and expresses it at `position_m` (finite). Stiffness is limited to `max_stiffness_n_m`, damping
     /// to `max_damping_n_s_m`, both ≥ 0.
-    pub fn at(
-        model: &ContactModel,
-        position_m: DVec3,
-        max_stiffness_n_m: f64,
-        max_damping_n_s_m: f64,
-    ) -> Self {
-        let mut result = Self {
-            faulty: model.count as usize > MAX_PLANES,
-            ..Self::default()
-        };
-        for plane in model
-            .planes
-            .iter()
-            .take((model.count as usize).min(MAX_PLANES))
-        {
+    pub fn at(model: &ContactModel, position_m: DVec3, max_stiffness_n_m: f64, max_damping_n_s_m: f64) -> Self {
+        let mut result = Self { faulty: model.count as usize > MAX_PLANES, ..Self::default() };
+        for plane in model.planes.iter().take((model.count as usize).min(MAX_PLANES)) {
             let Some(normal) = usable_normal(plane) else {
                 result.faulty = true;
                 continue;
@@ -105,11 +93,7 @@ impl Constraints {
                 normal,
                 depth_m: (point - position_m).dot(normal),
                 stiffness_n_m: f64::from(plane.stiffness_n_m).min(max_stiffness_n_m),
-                damping_n_s_m: if damping.is_finite() {
-                    damping.clamp(0.0, max_damping_n_s_m)
-                } else {
-                    0.0
-                },
+                damping_n_s_m: if damping.is_finite() { damping.clamp(0.0, max_damping_n_s_m) } else { 0.0 },
             };
             result.count += 1;
         }
@@ -146,26 +130,13 @@ mod tests {
     use super::*;
 
     fn wall() -> Plane {
-        Plane {
-            point_m: [0.0, 0.0, 0.05],
-            normal: [0.0, 0.0, -1.0],
-            stiffness_n_m: 500.0,
-            damping_n_s_m: 1.0,
-        }
+        Plane { point_m: [0.0, 0.0, 0.05], normal: [0.0, 0.0, -1.0], stiffness_n_m: 500.0, damping_n_s_m: 1.0 }
     }
 
     #[test]
     fn depth_is_positive_behind_the_plane_and_normals_become_unit() {
-        let long = Plane {
-            normal: [0.0, 0.0, -1.5],
-            ..wall()
-        };
-        let seen = Constraints::at(
-            &ContactModel::new(&[long]),
-            DVec3::new(0.0, 0.0, 0.052),
-            1e3,
-            2.0,
-        );
+        let long = Plane { normal: [0.0, 0.0, -1.5], ..wall() };
+        let seen = Constraints::at(&ContactModel::new(&[long]), DVec3::new(0.0, 0.0, 0.052), 1e3, 2.0);
         assert_eq!(seen.count, 1);
         assert_eq!(seen.used()[0].normal, DVec3::NEG_Z);
         assert!((seen.used()[0].depth_m - 0.002).abs() < 1e-8);
@@ -174,26 +145,11 @@ mod tests {
     #[test]
     fn unusable_planes_are_dropped_and_reported() {
         let bad = [
-            Plane {
-                normal: [0.0; 3],
-                ..wall()
-            },
-            Plane {
-                normal: [f32::NAN, 0.0, 0.0],
-                ..wall()
-            },
-            Plane {
-                point_m: [1e30, 0.0, 0.0],
-                ..wall()
-            },
-            Plane {
-                stiffness_n_m: -1.0,
-                ..wall()
-            },
-            Plane {
-                stiffness_n_m: f32::INFINITY,
-                ..wall()
-            },
+            Plane { normal: [0.0; 3], ..wall() },
+            Plane { normal: [f32::NAN, 0.0, 0.0], ..wall() },
+            Plane { point_m: [1e30, 0.0, 0.0], ..wall() },
+            Plane { stiffness_n_m: -1.0, ..wall() },
+            Plane { stiffness_n_m: f32::INFINITY, ..wall() },
         ];
         for plane in bad {
             let seen = Constraints::at(&ContactModel::new(&[plane, wall()]), DVec3::ZERO, 1e3, 2.0);

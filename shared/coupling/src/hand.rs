@@ -35,13 +35,7 @@ impl Default for HandModel {
     fn default() -> Self {
         let (stiffness_n_m, mass_kg) = (300.0f32, 0.15f32);
         let damping_n_s_m = 2.0 * (stiffness_n_m * mass_kg).sqrt();
-        Self {
-            stiffness_n_m,
-            mass_kg,
-            damping_n_s_m,
-            pivot_m: [0.0; 3],
-            limits: DofLimits::default(),
-        }
+        Self { stiffness_n_m, mass_kg, damping_n_s_m, pivot_m: [0.0; 3], limits: DofLimits::default() }
     }
 }
 
@@ -64,35 +58,19 @@ impl HandState {
     pub fn at_rest(model: &HandModel, pose: &Pose4) -> Self {
         let pose = model.limits.clamp(pose);
         let (tip_m, orientation) = pose_from_dof(model.pivot_m, &pose);
-        Self {
-            tip_m,
-            velocity_m_s: [0.0; 3],
-            orientation,
-            pose,
-        }
+        Self { tip_m, velocity_m_s: [0.0; 3], orientation, pose }
     }
 }
 
 /// One time step of `dt_s` (clamped to 0–0.1 s): the hand wants `target`, `force_n` pushes it, N on the hand (not a number
 /// counts as zero). A state that is not finite becomes rest at the target.
-pub fn hand_dynamics(
-    model: &HandModel,
-    state: &HandState,
-    target: &Pose4,
-    force_n: [f32; 3],
-    dt_s: f32,
-) -> HandState {
+pub fn hand_dynamics(model: &HandModel, state: &HandState, target: &Pose4, force_n: [f32; 3], dt_s: f32) -> HandState {
     let target = model.limits.clamp(target);
-    if !(is_finite(state.tip_m) && is_finite(state.velocity_m_s) && state.pose.roll_rad.is_finite())
-    {
+    if !(is_finite(state.tip_m) && is_finite(state.velocity_m_s) && state.pose.roll_rad.is_finite()) {
         return HandState::at_rest(model, &target);
     }
     let dt = f64::from(sane(dt_s, 0.0, 0.1, 0.0));
-    let force = if is_finite(force_n) {
-        clamp_length(Vec3::from_array(force_n), MAX_FORCE_N)
-    } else {
-        Vec3::ZERO
-    };
+    let force = if is_finite(force_n) { clamp_length(Vec3::from_array(force_n), MAX_FORCE_N) } else { Vec3::ZERO };
     let tip = DVec3::from_array(state.tip_m.map(f64::from));
     let speed = DVec3::from_array(state.velocity_m_s.map(f64::from));
     let wanted = DVec3::from_array(pose_from_dof(model.pivot_m, &target).0.map(f64::from));
@@ -106,35 +84,19 @@ pub fn hand_dynamics(
     let next_tip = tip + next_speed * dt;
 
     let follow = dt / (ROLL_LAG_S + dt);
-    let roll = f64::from(state.pose.roll_rad)
-        + (f64::from(target.roll_rad) - f64::from(state.pose.roll_rad)) * follow;
-    let free = dof_from_pose(
-        model.pivot_m,
-        next_tip.as_vec3().to_array(),
-        [0.0, 0.0, 0.0, 1.0],
-    );
-    let pose = model.limits.clamp(&Pose4 {
-        roll_rad: roll as f32,
-        ..free
-    });
+    let roll = f64::from(state.pose.roll_rad) + (f64::from(target.roll_rad) - f64::from(state.pose.roll_rad)) * follow;
+    let free = dof_from_pose(model.pivot_m, next_tip.as_vec3().to_array(), [0.0, 0.0, 0.0, 1.0]);
+    let pose = model.limits.clamp(&Pose4 { roll_rad: roll as f32, ..free });
     let (tip_m, orientation) = pose_from_dof(model.pivot_m, &pose);
     let stopped = pose.pitch_rad != free.pitch_rad || pose.yaw_rad != free.yaw_rad;
     // At a limit the motion that was taken away takes its speed with it.
     let velocity_m_s = if stopped || pose.insertion_m != free.insertion_m {
         let moved = DVec3::from_array(tip_m.map(f64::from)) - tip;
-        (moved / dt.max(1e-6))
-            .clamp_length_max(next_speed.length())
-            .as_vec3()
-            .to_array()
+        (moved / dt.max(1e-6)).clamp_length_max(next_speed.length()).as_vec3().to_array()
     } else {
         next_speed.as_vec3().to_array()
     };
-    HandState {
-        tip_m,
-        velocity_m_s,
-        orientation,
-        pose,
-    }
+    HandState { tip_m, velocity_m_s, orientation, pose }
 }
 
 #[cfg(test)]
@@ -142,12 +104,7 @@ mod tests {
     use super::*;
 
     fn pose(pitch_rad: f32, yaw_rad: f32, insertion_m: f32) -> Pose4 {
-        Pose4 {
-            pitch_rad,
-            yaw_rad,
-            roll_rad: 0.0,
-            insertion_m,
-        }
+        Pose4 { pitch_rad, yaw_rad, roll_rad: 0.0, insertion_m }
     }
 
     #[test]
@@ -158,11 +115,7 @@ mod tests {
         for _ in 0..1000 {
             state = hand_dynamics(&model, &state, &target, [0.3, 0.0, -1.5], 1e-3);
         }
-        assert!(
-            (state.tip_m[0] - 0.001).abs() < 1e-6 && (state.tip_m[2] - 0.055).abs() < 1e-6,
-            "{:?}",
-            state.tip_m
-        );
+        assert!((state.tip_m[0] - 0.001).abs() < 1e-6 && (state.tip_m[2] - 0.055).abs() < 1e-6, "{:?}", state.tip_m);
     }
 
     #[test]
@@ -180,24 +133,14 @@ mod tests {
     fn any_step_and_any_force_leave_the_hand_finite_and_inside_its_limits() {
         let model = HandModel::default();
         let mut state = HandState::at_rest(&model, &pose(0.0, 0.0, 0.06));
-        let forces = [
-            [f32::MAX, 0.0, 0.0],
-            [f32::NAN; 3],
-            [0.0, -1e9, 1e9],
-            [0.0, 0.0, f32::INFINITY],
-        ];
+        let forces = [[f32::MAX, 0.0, 0.0], [f32::NAN; 3], [0.0, -1e9, 1e9], [0.0, 0.0, f32::INFINITY]];
         for n in 0..400usize {
             let dt_s = [1e-3, 0.1, f32::NAN, 50.0][n / 4 % 4];
             state = hand_dynamics(&model, &state, &pose(9.0, -9.0, 9.0), forces[n % 4], dt_s);
             assert_eq!(model.limits.clamp(&state.pose), state.pose);
             assert!(is_finite(state.velocity_m_s), "{state:?}");
         }
-        let broken = HandState {
-            tip_m: [f32::NAN; 3],
-            ..state
-        };
-        assert!(is_finite(
-            hand_dynamics(&model, &broken, &pose(0.0, 0.0, 0.05), [0.0; 3], 1e-3).tip_m
-        ));
+        let broken = HandState { tip_m: [f32::NAN; 3], ..state };
+        assert!(is_finite(hand_dynamics(&model, &broken, &pose(0.0, 0.0, 0.05), [0.0; 3], 1e-3).tip_m));
     }
 }

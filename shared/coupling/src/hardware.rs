@@ -23,11 +23,7 @@ pub struct HardwareParams {
 
 impl Default for HardwareParams {
     fn default() -> Self {
-        Self {
-            max_force_n: 3.3,
-            watchdog_ticks: 8,
-            ramp_ticks: 20,
-        }
+        Self { max_force_n: 3.3, watchdog_ticks: 8, ramp_ticks: 20 }
     }
 }
 
@@ -47,22 +43,12 @@ pub struct HardwareState {
 
 /// One tick of the firmware. `command` is a command that arrived since the last tick, N. Returns the next state and the force of
 /// the motors, N on the hand.
-pub fn hardware_step(
-    params: &HardwareParams,
-    state: &HardwareState,
-    command: Option<[f32; 3]>,
-) -> (HardwareState, [f32; 3]) {
+pub fn hardware_step(params: &HardwareParams, state: &HardwareState, command: Option<[f32; 3]>) -> (HardwareState, [f32; 3]) {
     let mut next = *state;
     let limit = sane(params.max_force_n, 0.0, 1e3, 0.0);
     let arrived = command.filter(|force| is_finite(*force));
-    next.silent_ticks = if arrived.is_some() {
-        0
-    } else {
-        next.silent_ticks.saturating_add(1)
-    };
-    let command = Some(arrived.unwrap_or(state.command_n))
-        .filter(|force| is_finite(*force))
-        .unwrap_or_default();
+    next.silent_ticks = if arrived.is_some() { 0 } else { next.silent_ticks.saturating_add(1) };
+    let command = Some(arrived.unwrap_or(state.command_n)).filter(|force| is_finite(*force)).unwrap_or_default();
     next.command_n = clamp_length(Vec3::from_array(command), limit).to_array();
     let ramped = next.silent_ticks.saturating_sub(params.watchdog_ticks);
     if ramped == 1 {
@@ -80,8 +66,7 @@ mod tests {
     #[test]
     fn silence_is_held_for_the_watchdog_and_then_ramped_to_zero_in_20_ticks() {
         let params = HardwareParams::default();
-        let (mut state, _) =
-            hardware_step(&params, &HardwareState::default(), Some([0.0, 0.0, 2.0]));
+        let (mut state, _) = hardware_step(&params, &HardwareState::default(), Some([0.0, 0.0, 2.0]));
         for silent in 1..=40u32 {
             let (next, force) = hardware_step(&params, &state, None);
             let left = 1.0 - silent.saturating_sub(8).min(20) as f32 / 20.0;
@@ -89,17 +74,13 @@ mod tests {
             state = next;
         }
         assert_eq!(state.trips, 1);
-        assert_eq!(
-            hardware_step(&params, &state, Some([0.0, 0.0, 0.5])).1,
-            [0.0, 0.0, 0.5]
-        );
+        assert_eq!(hardware_step(&params, &state, Some([0.0, 0.0, 0.5])).1, [0.0, 0.0, 0.5]);
     }
 
     #[test]
     fn motors_saturate_and_ignore_what_is_not_a_number() {
         let params = HardwareParams::default();
-        let (state, force) =
-            hardware_step(&params, &HardwareState::default(), Some([0.0, 0.0, 9.0]));
+        let (state, force) = hardware_step(&params, &HardwareState::default(), Some([0.0, 0.0, 9.0]));
         assert!((force[2] - 3.3).abs() < 1e-4 && force[2] <= 3.3);
         let (next, held) = hardware_step(&params, &state, Some([f32::NAN, 0.0, 0.0]));
         assert_eq!((held, next.silent_ticks), (force, 1));

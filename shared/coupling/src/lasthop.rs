@@ -35,14 +35,7 @@ pub struct LastHopParams {
 
 impl Default for LastHopParams {
     fn default() -> Self {
-        Self {
-            max_force_n: 3.3,
-            max_slew_n_per_tick: 0.5,
-            hold_ticks: 2,
-            ramp_ticks: 20,
-            rise_ticks: 50,
-            gate_n: 0.2,
-        }
+        Self { max_force_n: 3.3, max_slew_n_per_tick: 0.5, hold_ticks: 2, ramp_ticks: 20, rise_ticks: 50, gate_n: 0.2 }
     }
 }
 
@@ -82,17 +75,8 @@ impl LastHopState {
     /// The state of a device process that starts anew while the hardware still applies `applied_n` (0 after its watchdog):
     /// past the gate, force returns by the rise, no kick. An unusable force counts as zero.
     pub fn resumed(applied_n: [f32; 3]) -> Self {
-        let applied_n = if is_finite(applied_n) {
-            applied_n
-        } else {
-            [0.0; 3]
-        };
-        Self {
-            applied_n,
-            engaged: 1,
-            returning: 1,
-            ..Self::default()
-        }
+        let applied_n = if is_finite(applied_n) { applied_n } else { [0.0; 3] };
+        Self { applied_n, engaged: 1, returning: 1, ..Self::default() }
     }
 }
 
@@ -135,8 +119,7 @@ fn is_valid(params: &LastHopParams, force: [f32; 3]) -> bool {
 /// Follows a valid candidate.
 fn follow(params: &LastHopParams, next: &mut LastHopState, force: Vec3) -> AppliedKind {
     if next.returning == 1 {
-        (next.gain, next.returning) =
-            (share_of(params, Vec3::from_array(next.applied_n), force), 0);
+        (next.gain, next.returning) = (share_of(params, Vec3::from_array(next.applied_n), force), 0);
     }
     next.missing_ticks = 0;
     if next.engaged == 0 && (params.gate_n <= 0.0 || force.length() <= params.gate_n) {
@@ -148,13 +131,8 @@ fn follow(params: &LastHopParams, next: &mut LastHopState, force: Vec3) -> Appli
     }
     let share = if open { next.gain } else { 0.0 };
     let target = clamp_length(force * share, params.max_force_n());
-    next.applied_n =
-        step_towards(Vec3::from_array(next.applied_n), target, params.slew_n()).to_array();
-    if open {
-        AppliedKind::Fresh
-    } else {
-        AppliedKind::Zero
-    }
+    next.applied_n = step_towards(Vec3::from_array(next.applied_n), target, params.slew_n()).to_array();
+    if open { AppliedKind::Fresh } else { AppliedKind::Zero }
 }
 
 /// Holds, then ramps to zero.
@@ -173,13 +151,8 @@ fn let_go(params: &LastHopParams, next: &mut LastHopState) -> AppliedKind {
     next.returning = 1;
     let left = 1.0 - ramp_progress(params, next.missing_ticks);
     let target = Vec3::from_array(next.ramp_from_n) * left;
-    next.applied_n =
-        step_towards(Vec3::from_array(next.applied_n), target, params.slew_n()).to_array();
-    if next.applied_n == [0.0; 3] {
-        AppliedKind::Zero
-    } else {
-        AppliedKind::Ramped
-    }
+    next.applied_n = step_towards(Vec3::from_array(next.applied_n), target, params.slew_n()).to_array();
+    if next.applied_n == [0.0; 3] { AppliedKind::Zero } else { AppliedKind::Ramped }
 }
 
 /// The share of `force` that is applied already, 0 to 1: the rise begins where the hand is. A candidate that differs from the
@@ -189,11 +162,7 @@ fn share_of(params: &LastHopParams, applied: Vec3, force: Vec3) -> f32 {
         return 1.0;
     }
     let squared = force.length_squared();
-    if squared > 0.0 {
-        (applied.dot(force) / squared).clamp(0.0, 1.0)
-    } else {
-        1.0
-    }
+    if squared > 0.0 { (applied.dot(force) / squared).clamp(0.0, 1.0) } else { 1.0 }
 }
 
 /// How far the ramp to zero has come after `missing` ticks, 0 to 1.
@@ -209,11 +178,7 @@ fn repaired(params: &LastHopParams, state: &LastHopState) -> LastHopState {
         && (0.0..=1.0).contains(&state.gain)
         && state.engaged <= 1
         && state.returning <= 1;
-    if whole {
-        *state
-    } else {
-        LastHopState::resumed([0.0; 3])
-    }
+    if whole { *state } else { LastHopState::resumed([0.0; 3]) }
 }
 
 /// What other processes map must not change size unnoticed.
@@ -226,11 +191,7 @@ mod tests {
     const PRESS: [f32; 3] = [0.3, -0.2, -1.1];
 
     fn running(params: &LastHopParams) -> LastHopState {
-        let mut state = LastHopState {
-            engaged: 1,
-            gain: 1.0,
-            ..LastHopState::default()
-        };
+        let mut state = LastHopState { engaged: 1, gain: 1.0, ..LastHopState::default() };
         for _ in 0..20 {
             state = last_hop_step(params, &state, Some(PRESS)).0;
         }
@@ -240,8 +201,7 @@ mod tests {
     #[test]
     fn a_valid_candidate_within_the_slew_limit_is_applied_bit_for_bit() {
         let params = LastHopParams::default();
-        let (_, applied, kind) =
-            last_hop_step(&params, &running(&params), Some([0.31, -0.21, -1.2]));
+        let (_, applied, kind) = last_hop_step(&params, &running(&params), Some([0.31, -0.21, -1.2]));
         assert_eq!((applied, kind), ([0.31, -0.21, -1.2], AppliedKind::Fresh));
     }
 
@@ -267,19 +227,9 @@ mod tests {
     fn invalid_candidates_count_as_missing_and_are_never_applied() {
         let params = LastHopParams::default();
         let state = running(&params);
-        for bad in [
-            [f32::NAN, 0.0, 0.0],
-            [0.0, f32::INFINITY, 0.0],
-            [0.0, 0.0, 3.31],
-            [2.5; 3],
-            [f32::MAX; 3],
-        ] {
+        for bad in [[f32::NAN, 0.0, 0.0], [0.0, f32::INFINITY, 0.0], [0.0, 0.0, 3.31], [2.5; 3], [f32::MAX; 3]] {
             let (next, applied, kind) = last_hop_step(&params, &state, Some(bad));
-            assert_eq!(
-                (applied, kind, next.missing_ticks),
-                (PRESS, AppliedKind::Held, 1),
-                "{bad:?}"
-            );
+            assert_eq!((applied, kind, next.missing_ticks), (PRESS, AppliedKind::Held, 1), "{bad:?}");
         }
     }
 
@@ -292,10 +242,7 @@ mod tests {
         }
         let before = Vec3::from_array(state.applied_n);
         let (next, applied, _) = last_hop_step(&params, &state, Some(PRESS));
-        assert!(
-            (Vec3::from_array(applied) - before).length() < 0.05,
-            "{before} to {applied:?}"
-        );
+        assert!((Vec3::from_array(applied) - before).length() < 0.05, "{before} to {applied:?}");
         state = next;
         for _ in 0..50 {
             state = last_hop_step(&params, &state, Some(PRESS)).0;
@@ -313,36 +260,20 @@ mod tests {
             state = next;
         }
         let (next, applied, kind) = last_hop_step(&params, &state, Some([0.0, 0.0, 0.1]));
-        assert_eq!(
-            (applied, kind, next.engaged),
-            ([0.0, 0.0, 0.1], AppliedKind::Fresh, 1)
-        );
+        assert_eq!((applied, kind, next.engaged), ([0.0, 0.0, 0.1], AppliedKind::Fresh, 1));
     }
 
     #[test]
     fn a_corrupt_state_becomes_zero_force_not_a_panic() {
-        let corrupt = LastHopState {
-            applied_n: [f32::NAN; 3],
-            gain: 7.0,
-            engaged: 9,
-            ..LastHopState::default()
-        };
+        let corrupt = LastHopState { applied_n: [f32::NAN; 3], gain: 7.0, engaged: 9, ..LastHopState::default() };
         let (_, applied, _) = last_hop_step(&LastHopParams::default(), &corrupt, None);
         assert_eq!(applied, [0.0; 3]);
     }
 
     #[test]
     fn a_slew_limit_below_the_ramp_gives_way_to_the_ramp() {
-        let params = LastHopParams {
-            max_slew_n_per_tick: 0.01,
-            ..LastHopParams::default()
-        };
-        let mut state = LastHopState {
-            applied_n: [0.0, 0.0, 3.3],
-            gain: 1.0,
-            engaged: 1,
-            ..LastHopState::default()
-        };
+        let params = LastHopParams { max_slew_n_per_tick: 0.01, ..LastHopParams::default() };
+        let mut state = LastHopState { applied_n: [0.0, 0.0, 3.3], gain: 1.0, engaged: 1, ..LastHopState::default() };
         for _ in 0..22 {
             state = last_hop_step(&params, &state, None).0;
         }
@@ -355,14 +286,8 @@ mod tests {
         let (_, applied, kind) = last_hop_step(&params, &LastHopState::resumed(PRESS), Some(PRESS));
         assert_eq!((applied, kind), (PRESS, AppliedKind::Fresh));
         let from_nothing = last_hop_step(&params, &LastHopState::resumed([0.0; 3]), Some(PRESS)).1;
-        assert!(
-            Vec3::from_array(from_nothing).length() < 0.05,
-            "{from_nothing:?}"
-        );
-        let ungated = LastHopParams {
-            gate_n: 0.0,
-            ..params
-        };
+        assert!(Vec3::from_array(from_nothing).length() < 0.05, "{from_nothing:?}");
+        let ungated = LastHopParams { gate_n: 0.0, ..params };
         let (state, _, _) = last_hop_step(&ungated, &LastHopState::resumed(PRESS), Some([0.0; 3]));
         assert_eq!(state.gain, 1.0);
     }

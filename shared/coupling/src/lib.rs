@@ -42,6 +42,5 @@ pub use pose::{DofLimits, Pose4, dof_from_pose, pose_from_dof};
 pub use script::{BUTTON_ENERGIZE, BUTTON_EXTEND, Hand, HandPose, HandScript, hand_pose};
 pub use servo::{ServoInput, ServoOutput, ServoParams, ServoState, servo_step};
 pub use validity::{
-    ForceFault, ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, input_digest,
-    valid_force, watch_step,
+    ForceFault, ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, input_digest, valid_force, watch_step,
 };

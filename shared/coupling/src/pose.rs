@@ -67,12 +67,7 @@ pub struct DofLimits {
 
 impl Default for DofLimits {
     fn default() -> Self {
-        Self {
-            tilt_rad: 0.9,
-            roll_rad: std::f32::consts::PI,
-            min_insertion_m: 0.005,
-            max_insertion_m: 0.12,
-        }
+        Self { tilt_rad: 0.9, roll_rad: std::f32::consts::PI, min_insertion_m: 0.005, max_insertion_m: 0.12 }
     }
 }
 
@@ -96,23 +91,11 @@ impl DofLimits {
 /// Tip position, m, and orientation, unit quaternion (x, y, z, w) whose local +z is the scope's axis, of `pose` about
 /// `pivot_m`. Expects finite numbers; give poses of unknown origin through [`DofLimits::clamp`] first.
 pub fn pose_from_dof(pivot_m: [f32; 3], pose: &Pose4) -> ([f32; 3], [f32; 4]) {
-    let (yaw, pitch, roll) = (
-        f64::from(pose.yaw_rad),
-        f64::from(pose.pitch_rad),
-        f64::from(pose.roll_rad),
-    );
-    let turn =
-        DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch) * DQuat::from_rotation_z(roll);
-    let axis = DVec3::new(
-        yaw.sin() * pitch.cos(),
-        -pitch.sin(),
-        yaw.cos() * pitch.cos(),
-    );
+    let (yaw, pitch, roll) = (f64::from(pose.yaw_rad), f64::from(pose.pitch_rad), f64::from(pose.roll_rad));
+    let turn = DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch) * DQuat::from_rotation_z(roll);
+    let axis = DVec3::new(yaw.sin() * pitch.cos(), -pitch.sin(), yaw.cos() * pitch.cos());
     let tip = DVec3::from_array(pivot_m.map(f64::from)) + axis * f64::from(pose.insertion_m);
-    (
-        tip.as_vec3().to_array(),
-        turn.as_quat().normalize().to_array(),
-    )
+    (tip.as_vec3().to_array(), turn.as_quat().normalize().to_array())
 }
 
 /// The degrees of freedom of a tip position, m, and an orientation (x, y, z, w): the inverse of [`pose_from_dof`] for insertions
@@ -127,21 +110,12 @@ pub fn dof_from_pose(pivot_m: [f32; 3], tip_m: [f32; 3], orientation: [f32; 4]) 
     let turn = turn / length;
     let lever = DVec3::from_array(tip_m.map(f64::from)) - DVec3::from_array(pivot_m.map(f64::from));
     let insertion_m = lever.length() as f32;
-    let axis = if lever.length() > MIN_LEVER_M {
-        lever.normalize()
-    } else {
-        turn * DVec3::Z
-    };
+    let axis = if lever.length() > MIN_LEVER_M { lever.normalize() } else { turn * DVec3::Z };
     let yaw = axis.x.atan2(axis.z);
     let pitch = (-axis.y).atan2(axis.x.hypot(axis.z));
     let tilt = DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch);
     let (roll, _, _) = (tilt.conjugate() * turn).to_euler(EulerRot::ZYX);
-    Pose4 {
-        pitch_rad: pitch as f32,
-        yaw_rad: yaw as f32,
-        roll_rad: roll as f32,
-        insertion_m,
-    }
+    Pose4 { pitch_rad: pitch as f32, yaw_rad: yaw as f32, roll_rad: roll as f32, insertion_m }
 }
 
 #[cfg(test)]
@@ -152,12 +126,7 @@ mod tests {
     use proptest::test_runner::RngSeed;
 
     fn pose(pitch_rad: f32, yaw_rad: f32, roll_rad: f32, insertion_m: f32) -> Pose4 {
-        Pose4 {
-            pitch_rad,
-            yaw_rad,
-            roll_rad,
-            insertion_m,
-        }
+        Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m }
     }
 
     #[test]
@@ -174,16 +143,8 @@ mod tests {
         let limits = DofLimits::default();
         let wild = limits.clamp(&pose(f32::NAN, 9.0, f32::NEG_INFINITY, -3.0));
         assert_eq!(wild, pose(0.0, 0.9, 0.0, 0.005));
-        let upside_down = DofLimits {
-            min_insertion_m: 0.2,
-            max_insertion_m: 0.1,
-            tilt_rad: f32::NAN,
-            ..limits
-        };
-        assert_eq!(
-            upside_down.clamp(&pose(1.0, 1.0, 0.0, 0.5)),
-            pose(0.0, 0.0, 0.0, 0.2)
-        );
+        let upside_down = DofLimits { min_insertion_m: 0.2, max_insertion_m: 0.1, tilt_rad: f32::NAN, ..limits };
+        assert_eq!(upside_down.clamp(&pose(1.0, 1.0, 0.0, 0.5)), pose(0.0, 0.0, 0.0, 0.2));
     }
 
     proptest! {

@@ -75,11 +75,7 @@ fn solve(constraints: &[Constraint], coupling_n_m: f64, inside: impl Fn(f64) -> 
     let mut stiff = [Stiff::default(); MAX_PLANES];
     let count = constraints.len().min(MAX_PLANES);
     for (to, from) in stiff.iter_mut().zip(constraints) {
-        *to = Stiff {
-            normal: from.normal,
-            depth_m: from.depth_m,
-            stiffness_n_m: inside(from.stiffness_n_m),
-        };
+        *to = Stiff { normal: from.normal, depth_m: from.depth_m, stiffness_n_m: inside(from.stiffness_n_m) };
     }
     let stiff = &stiff[..count];
     let mut proxy = Proxy::default();
@@ -114,9 +110,7 @@ fn depth_at(c: &Stiff, offset: DVec3) -> f64 {
 
 /// ∇φ, N: the coupling's pull less the planes' pushes.
 fn gradient(stiff: &[Stiff], coupling_n_m: f64, offset: DVec3) -> DVec3 {
-    stiff.iter().fold(offset * coupling_n_m, |sum, c| {
-        sum - c.normal * (c.stiffness_n_m * depth_at(c, offset))
-    })
+    stiff.iter().fold(offset * coupling_n_m, |sum, c| sum - c.normal * (c.stiffness_n_m * depth_at(c, offset)))
 }
 
 /// ∇²φ, N/m: symmetric, its smallest eigenvalue is at least the coupling's stiffness.
@@ -160,20 +154,12 @@ mod tests {
     use proptest::test_runner::RngSeed;
 
     fn constraint(normal: DVec3, depth_m: f64, stiffness_n_m: f64) -> Constraint {
-        Constraint {
-            normal: normal.normalize(),
-            depth_m,
-            stiffness_n_m,
-            damping_n_s_m: 0.0,
-        }
+        Constraint { normal: normal.normalize(), depth_m, stiffness_n_m, damping_n_s_m: 0.0 }
     }
 
     fn force(constraints: &[Constraint]) -> DVec3 {
         let proxy = rest(constraints, 1000.0);
-        constraints
-            .iter()
-            .zip(proxy.push_n)
-            .fold(DVec3::ZERO, |sum, (c, push)| sum + c.normal * push)
+        constraints.iter().zip(proxy.push_n).fold(DVec3::ZERO, |sum, (c, push)| sum + c.normal * push)
     }
 
     #[test]
@@ -193,40 +179,22 @@ mod tests {
 
     #[test]
     fn the_way_out_of_a_corner_leads_to_its_edge() {
-        let corner = [
-            constraint(DVec3::Z, 0.003, 400.0),
-            constraint(DVec3::X, 0.004, 900.0),
-        ];
+        let corner = [constraint(DVec3::Z, 0.003, 400.0), constraint(DVec3::X, 0.004, 900.0)];
         assert!((way_out(&corner) - DVec3::new(0.004, 0.0, 0.003)).length() < 1e-5);
         assert_eq!(way_out(&[constraint(DVec3::Z, -0.003, 400.0)]), DVec3::ZERO);
     }
 
     #[test]
     fn planes_that_contradict_each_other_balance() {
-        let crevice = [
-            constraint(DVec3::Z, 0.01, 500.0),
-            constraint(DVec3::NEG_Z, 0.01, 500.0),
-        ];
+        let crevice = [constraint(DVec3::Z, 0.01, 500.0), constraint(DVec3::NEG_Z, 0.01, 500.0)];
         assert!(force(&crevice).length() < 1e-9);
-        let skew = [
-            constraint(DVec3::new(1e-7, 0.0, 1.0), 0.01, 900.0),
-            constraint(DVec3::NEG_Z, 0.01, 900.0),
-        ];
-        assert!(
-            force(&skew).length() < 1e-4,
-            "nearly opposite planes must not eject the tip sideways"
-        );
+        let skew = [constraint(DVec3::new(1e-7, 0.0, 1.0), 0.01, 900.0), constraint(DVec3::NEG_Z, 0.01, 900.0)];
+        assert!(force(&skew).length() < 1e-4, "nearly opposite planes must not eject the tip sideways");
     }
 
     fn any_constraint() -> impl Strategy<Value = Constraint> {
-        (
-            prop::array::uniform3(-1.0..1.0f64),
-            -0.02..0.05f64,
-            1.0..900.0f64,
-        )
-            .prop_filter("a direction", |(n, _, _)| {
-                DVec3::from_array(*n).length() > 1e-3
-            })
+        (prop::array::uniform3(-1.0..1.0f64), -0.02..0.05f64, 1.0..900.0f64)
+            .prop_filter("a direction", |(n, _, _)| DVec3::from_array(*n).length() > 1e-3)
             .prop_map(|(n, depth, k)| constraint(DVec3::from_array(n), depth, k))
     }
 

@@ -27,19 +27,12 @@ pub enum Hand {
 
 impl Hand {
     /// All scripts by the name that the command line uses.
-    pub const NAMES: [(&'static str, Hand); 4] = [
-        ("idle", Hand::Idle),
-        ("press", Hand::Press),
-        ("explore", Hand::Explore),
-        ("polyp", Hand::Polyp),
-    ];
+    pub const NAMES: [(&'static str, Hand); 4] =
+        [("idle", Hand::Idle), ("press", Hand::Press), ("explore", Hand::Explore), ("polyp", Hand::Polyp)];
 
     /// The script of that name, `None` if there is none.
     pub fn by_name(name: &str) -> Option<Hand> {
-        Self::NAMES
-            .iter()
-            .find(|(known, _)| *known == name)
-            .map(|(_, hand)| *hand)
+        Self::NAMES.iter().find(|(known, _)| *known == name).map(|(_, hand)| *hand)
     }
 }
 
@@ -62,26 +55,10 @@ impl HandScript {
     /// A script with its default period (press 2 s, explore 12 s, polyp 10 s) and sweep.
     pub fn new(hand: Hand, rest: Pose4, into: Pose4) -> Self {
         let sweep = match hand {
-            Hand::Explore => Pose4 {
-                pitch_rad: 0.15,
-                yaw_rad: 0.25,
-                roll_rad: 0.6,
-                insertion_m: 0.0,
-            },
-            _ => Pose4 {
-                pitch_rad: 0.06,
-                yaw_rad: 0.06,
-                roll_rad: 0.0,
-                insertion_m: -0.002,
-            },
+            Hand::Explore => Pose4 { pitch_rad: 0.15, yaw_rad: 0.25, roll_rad: 0.6, insertion_m: 0.0 },
+            _ => Pose4 { pitch_rad: 0.06, yaw_rad: 0.06, roll_rad: 0.0, insertion_m: -0.002 },
         };
-        Self {
-            hand,
-            rest,
-            into,
-            sweep,
-            period_s: default_period_s(hand),
-        }
+        Self { hand, rest, into, sweep, period_s: default_period_s(hand) }
     }
 }
 
@@ -98,32 +75,13 @@ pub struct HandPose {
 pub fn hand_pose(script: &HandScript, t_s: f64) -> HandPose {
     let t_s = if t_s.is_finite() { t_s.max(0.0) } else { 0.0 };
     let period_s = f64::from(script.period_s);
-    let period_s = if period_s > 0.0 && period_s < 1e6 {
-        period_s
-    } else {
-        f64::from(default_period_s(script.hand))
-    };
+    let period_s = if period_s > 0.0 && period_s < 1e6 { period_s } else { f64::from(default_period_s(script.hand)) };
     let u = (t_s / period_s).fract();
     let (rest, into) = (script.rest, script.into);
     match script.hand {
-        Hand::Idle => HandPose {
-            pose: rest,
-            buttons: 0,
-        },
-        Hand::Press => along(
-            &[
-                (0.1, rest, 0),
-                (0.45, into, 0),
-                (0.6, into, 0),
-                (0.95, rest, 0),
-                (1.0, rest, 0),
-            ],
-            u,
-        ),
-        Hand::Explore => HandPose {
-            pose: tour(script, t_s / period_s),
-            buttons: 0,
-        },
+        Hand::Idle => HandPose { pose: rest, buttons: 0 },
+        Hand::Press => along(&[(0.1, rest, 0), (0.45, into, 0), (0.6, into, 0), (0.95, rest, 0), (1.0, rest, 0)], u),
+        Hand::Explore => HandPose { pose: tour(script, t_s / period_s), buttons: 0 },
         Hand::Polyp => polyp(script, u),
     }
 }
@@ -165,17 +123,11 @@ fn along(keys: &[(f64, Pose4, u32)], u: f64) -> HandPose {
     for (to_u, to, buttons) in keys {
         if u <= *to_u {
             let share = least_jerk((u - from_u) / (to_u - from_u));
-            return HandPose {
-                pose: from.blend(to, share),
-                buttons: *buttons,
-            };
+            return HandPose { pose: from.blend(to, share), buttons: *buttons };
         }
         (from_u, from) = (*to_u, *to);
     }
-    HandPose {
-        pose: from,
-        buttons: 0,
-    }
+    HandPose { pose: from, buttons: 0 }
 }
 
 /// The tour: `rounds` is time in periods. It begins at `rest` and swells to full amplitude over the first quarter round.
@@ -205,29 +157,13 @@ mod tests {
     use crate::pose::DofLimits;
 
     fn script(hand: Hand) -> HandScript {
-        let rest = Pose4 {
-            pitch_rad: 0.02,
-            yaw_rad: -0.05,
-            roll_rad: 0.1,
-            insertion_m: 0.045,
-        };
-        let into = Pose4 {
-            pitch_rad: -0.1,
-            yaw_rad: 0.2,
-            roll_rad: 0.0,
-            insertion_m: 0.068,
-        };
+        let rest = Pose4 { pitch_rad: 0.02, yaw_rad: -0.05, roll_rad: 0.1, insertion_m: 0.045 };
+        let into = Pose4 { pitch_rad: -0.1, yaw_rad: 0.2, roll_rad: 0.0, insertion_m: 0.068 };
         HandScript::new(hand, rest, into)
     }
 
     fn dofs(pose: Pose4) -> [f64; 4] {
-        [
-            pose.pitch_rad,
-            pose.yaw_rad,
-            pose.roll_rad,
-            pose.insertion_m,
-        ]
-        .map(f64::from)
+        [pose.pitch_rad, pose.yaw_rad, pose.roll_rad, pose.insertion_m].map(f64::from)
     }
 
     #[test]
@@ -245,11 +181,7 @@ mod tests {
             for n in 1..6000 {
                 let (now, next) = (second(n), second(n + 1));
                 let change = (0..4).map(|d| (now[d] - next[d]).abs()).fold(0.0, f64::max);
-                assert!(
-                    change < 0.35,
-                    "{name} at {} s: acceleration changes by {change}",
-                    f64::from(n) * h
-                );
+                assert!(change < 0.35, "{name} at {} s: acceleration changes by {change}", f64::from(n) * h);
             }
         }
     }
@@ -259,10 +191,7 @@ mod tests {
         let script = script(Hand::Press);
         for round in [0.0, 1.0, 500.0] {
             let at = |u: f64| hand_pose(&script, (round + u) * 2.0).pose;
-            assert_eq!(
-                (at(0.0), at(0.5), at(0.97)),
-                (script.rest, script.into, script.rest)
-            );
+            assert_eq!((at(0.0), at(0.5), at(0.97)), (script.rest, script.into, script.rest));
         }
     }
 
@@ -270,14 +199,9 @@ mod tests {
     fn explore_stays_within_the_limits_and_covers_its_sweep() {
         let script = script(Hand::Explore);
         let limits = DofLimits::default();
-        let poses: Vec<_> = (0..24_000)
-            .map(|ms| hand_pose(&script, f64::from(ms) * 1e-3).pose)
-            .collect();
+        let poses: Vec<_> = (0..24_000).map(|ms| hand_pose(&script, f64::from(ms) * 1e-3).pose).collect();
         assert!(poses.iter().all(|p| limits.clamp(p) == *p));
-        let most = poses
-            .iter()
-            .map(|p| p.yaw_rad - script.rest.yaw_rad)
-            .fold(0.0, f32::max);
+        let most = poses.iter().map(|p| p.yaw_rad - script.rest.yaw_rad).fold(0.0, f32::max);
         assert!((most - script.sweep.yaw_rad).abs() < 1e-3);
         assert_eq!(poses[0], script.rest);
     }
@@ -295,18 +219,12 @@ mod tests {
                 swept = swept.max((hand.pose.yaw_rad - script.into.yaw_rad).abs());
             }
         }
-        assert!(
-            cut_ticks > 3000 && swept > 0.05,
-            "{cut_ticks} ticks, {swept} rad"
-        );
+        assert!(cut_ticks > 3000 && swept > 0.05, "{cut_ticks} ticks, {swept} rad");
     }
 
     #[test]
     fn time_that_is_no_time_gives_the_start() {
-        let broken = HandScript {
-            period_s: f32::NAN,
-            ..script(Hand::Press)
-        };
+        let broken = HandScript { period_s: f32::NAN, ..script(Hand::Press) };
         for t_s in [f64::NAN, -1.0, f64::NEG_INFINITY] {
             assert_eq!(hand_pose(&broken, t_s).pose, broken.rest);
         }

@@ -34,23 +34,13 @@ const MIN_SPEED_M_S: f64 = 1e-3;
 const DAMPER_TICKS: f64 = 10.0;
 
 /// One tick: the next state and the force. Pure; bounded by the proxy's iterations; allocates nothing.
-pub fn servo_step(
-    params: &ServoParams,
-    state: &ServoState,
-    input: &ServoInput,
-) -> (ServoState, ServoOutput) {
+pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) -> (ServoState, ServoOutput) {
     let params = &params.checked();
     let (state, reset) = state.repaired(params, input.tick);
     let (mut next, bridged) = bridge_gap(params, &state, input);
     if !input.usable() {
         // A missing tick: the state stays behind, so that the next good tick sees the gap.
-        return (
-            state,
-            ServoOutput {
-                force_n: next.force_n,
-                flags: reset | SERVO_BAD_INPUT,
-            },
-        );
+        return (state, ServoOutput { force_n: next.force_n, flags: reset | SERVO_BAD_INPUT });
     }
     let velocity = clamp_length(Vec3::from_array(input.velocity_m_s), params.max_speed_m_s);
     let old_ramp = next.ramp;
@@ -69,22 +59,12 @@ pub fn servo_step(
     next.velocity_m_s = velocity.to_array();
     next.force_n = force.to_array();
     next.running = 1;
-    next.contact_ticks = if contact {
-        next.contact_ticks.saturating_add(1)
-    } else {
-        0
-    };
+    next.contact_ticks = if contact { next.contact_ticks.saturating_add(1) } else { 0 };
     let flags = bit(SERVO_SATURATED, limited != touch.wanted_n)
         | bit(SERVO_FADING, next.ramp < 1.0)
         | bit(SERVO_BLENDING, force != limited)
         | bit(SERVO_GAP, bridged);
-    (
-        next,
-        ServoOutput {
-            force_n: next.force_n,
-            flags: flags | touch.flags | reset,
-        },
-    )
+    (next, ServoOutput { force_n: next.force_n, flags: flags | touch.flags | reset })
 }
 
 /// What the planes do at one tick, before limit and blend.
@@ -99,43 +79,20 @@ struct Touch {
 
 /// Finds the proxy and the forces on it; books energy, surface shift and proxy into `next`. `known` says that the last tick
 /// is in `next`, `restored` that the fade is being taken back.
-fn touch(
-    params: &ServoParams,
-    next: &mut ServoState,
-    input: &ServoInput,
-    velocity: Vec3,
-    known: bool,
-    restored: bool,
-) -> Touch {
+fn touch(params: &ServoParams, next: &mut ServoState, input: &ServoInput, velocity: Vec3, known: bool, restored: bool) -> Touch {
     let position = Vec3::from_array(input.position_m);
     let coupling_n_m = f64::from(params.coupling_limit_n_m(input.dt_s));
     let stiffness_limit = proxy::MAX_STIFFNESS_SHARE * coupling_n_m;
     let damping_limit = f64::from(params.max_damping_n_s_m);
-    let mut walls = Constraints::at(
-        input.model,
-        position.as_dvec3(),
-        stiffness_limit,
-        damping_limit,
-    );
-    let shift = surface_shift(
-        params,
-        next,
-        &walls,
-        coupling_n_m,
-        restored || !known,
-        input.dt_s,
-    );
+    let mut walls = Constraints::at(input.model, position.as_dvec3(), stiffness_limit, damping_limit);
+    let shift = surface_shift(params, next, &walls, coupling_n_m, restored || !known, input.dt_s);
     walls.shift(shift);
     let rest = proxy::rest(walls.used(), coupling_n_m);
 
     let gain = f64::from(smoothstep(next.ramp));
     let pushed = push_of(params, &walls, &rest, velocity.as_dvec3()) * gain;
     // The last force acted on the hand from the last position to this one.
-    let moved = if known {
-        position - Vec3::from_array(next.position_m)
-    } else {
-        Vec3::ZERO
-    };
+    let moved = if known { position - Vec3::from_array(next.position_m) } else { Vec3::ZERO };
     let damper = observe(params, next, moved, velocity, &rest, input.dt_s);
     let path = if known { moved } else { velocity * input.dt_s };
     let turn = velocity - Vec3::from_array(next.velocity_m_s);
@@ -143,14 +100,7 @@ fn touch(
     next.shift_m = shift.as_vec3().to_array();
     Touch {
         wanted_n: (pushed - velocity.as_dvec3() * damper).as_vec3(),
-        explained_n: explained_n(
-            params,
-            coupling_n_m as f32,
-            path,
-            velocity,
-            turn,
-            input.dt_s,
-        ),
+        explained_n: explained_n(params, coupling_n_m as f32, path, velocity, turn, input.dt_s),
         flags: bit(SERVO_CONTACT, rest.energy_j > 0.0)
             | bit(SERVO_RETURNING, shift != DVec3::ZERO)
             | bit(SERVO_PASSIVITY, damper > 0.0)
@@ -168,8 +118,7 @@ fn bit(flag: u32, set: bool) -> u32 {
 fn bridge_gap(params: &ServoParams, state: &ServoState, input: &ServoInput) -> (ServoState, bool) {
     let mut next = *state;
     let reported = input.applied_n.filter(|force| is_finite(*force));
-    let reported =
-        reported.map(|force| clamp_length(Vec3::from_array(force), params.max_force_n).to_array());
+    let reported = reported.map(|force| clamp_length(Vec3::from_array(force), params.max_force_n).to_array());
     if state.running == 0 {
         next.force_n = reported.unwrap_or_default();
         return (next, false);
@@ -221,11 +170,7 @@ fn surface_shift(
     }
     let step = f64::from(params.return_speed_m_s * dt_s);
     let length = (last.length() - step).min(freeing.length());
-    if length > 0.0 {
-        last * (length / last.length())
-    } else {
-        DVec3::ZERO
-    }
+    if length > 0.0 { last * (length / last.length()) } else { DVec3::ZERO }
 }
 
 /// Spring and damping of all planes, N, on the hand; each plane pushes or does nothing.
@@ -237,11 +182,7 @@ fn push_of(params: &ServoParams, walls: &Constraints, rest: &Proxy, velocity: DV
     }
     let total: f64 = damping.iter().sum();
     let damping_limit = f64::from(params.max_damping_n_s_m);
-    let share = if total > damping_limit {
-        damping_limit / total
-    } else {
-        1.0
-    };
+    let share = if total > damping_limit { damping_limit / total } else { 1.0 };
     let each = walls.used().iter().zip(rest.push_n).zip(damping);
     each.fold(DVec3::ZERO, |sum, ((c, push), damping)| {
         sum + c.normal * (push - damping * share * velocity.dot(c.normal)).max(0.0)
@@ -252,21 +193,12 @@ fn push_of(params: &ServoParams, walls: &Constraints, rest: &Proxy, velocity: DV
 ///
 /// The account is limited to what is stored plus a reserve, because old credit would let energy out later without notice;
 /// out of contact a debt is forgiven, because there is nothing left that could give energy.
-fn observe(
-    params: &ServoParams,
-    next: &mut ServoState,
-    moved: Vec3,
-    velocity: Vec3,
-    rest: &Proxy,
-    dt_s: f32,
-) -> f64 {
+fn observe(params: &ServoParams, next: &mut ServoState, moved: Vec3, velocity: Vec3, rest: &Proxy, dt_s: f32) -> f64 {
     let offset_m = rest.offset_m.length();
     let contact = offset_m > 0.0;
     let stored_j = rest.energy_j * f64::from(smoothstep(next.ramp));
     let reserve = f64::from(params.energy_reserve_j);
-    let taken = -Vec3::from_array(next.force_n)
-        .as_dvec3()
-        .dot(moved.as_dvec3());
+    let taken = -Vec3::from_array(next.force_n).as_dvec3().dot(moved.as_dvec3());
     let ceiling = (stored_j + reserve).min(f64::from(MAX_ENERGY_J));
     let floor = if contact { -reserve } else { 0.0 };
     let energy = (f64::from(next.energy_j) + taken).clamp(floor, ceiling);
@@ -277,26 +209,13 @@ fn observe(
     // Eased in and out, for a damper that snaps shut is a kick.
     let last = f64::from(next.damper_n_s_m);
     let most_change = most / DAMPER_TICKS;
-    let damper = if contact {
-        wanted
-            .clamp(last - most_change, last + most_change)
-            .max(0.0)
-    } else {
-        0.0
-    };
+    let damper = if contact { wanted.clamp(last - most_change, last + most_change).max(0.0) } else { 0.0 };
     next.damper_n_s_m = damper as f32;
     damper * (offset_m / f64::from(params.damping_depth_m)).min(1.0)
 }
 
 /// Change of force, N, that the motion of the tip since the last tick can cause with planes that stand still.
-fn explained_n(
-    params: &ServoParams,
-    coupling_n_m: f32,
-    path: Vec3,
-    velocity: Vec3,
-    turn: Vec3,
-    dt_s: f32,
-) -> f32 {
+fn explained_n(params: &ServoParams, coupling_n_m: f32, path: Vec3, velocity: Vec3, turn: Vec3, dt_s: f32) -> f32 {
     let path = path.length().min(params.max_speed_m_s * dt_s);
     let turn = turn.length().min(2.0 * params.max_speed_m_s);
     let entered = velocity.length() * (path / params.damping_depth_m).min(1.0);

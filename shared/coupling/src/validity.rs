@@ -25,10 +25,7 @@ pub struct ForceLimits {
 
 impl Default for ForceLimits {
     fn default() -> Self {
-        Self {
-            max_force_n: 3.3,
-            max_age_ticks: 1,
-        }
+        Self { max_force_n: 3.3, max_age_ticks: 1 }
     }
 }
 
@@ -47,18 +44,12 @@ pub enum ForceFault {
 }
 
 /// Checks a force, N, computed for `record_tick`, at `tick_now`.
-pub fn valid_force(
-    tick_now: u64,
-    record_tick: u64,
-    force_n: [f32; 3],
-    limits: &ForceLimits,
-) -> Result<(), ForceFault> {
+pub fn valid_force(tick_now: u64, record_tick: u64, force_n: [f32; 3], limits: &ForceLimits) -> Result<(), ForceFault> {
     if !is_finite(force_n) {
         return Err(ForceFault::NotFinite);
     }
     // One part in 10⁵ for the rounding of whoever clamped it. Written so that a limit of NaN refuses everything.
-    let within = Vec3::from_array(force_n).as_dvec3().length()
-        <= f64::from(limits.max_force_n) * (1.0 + 1e-5);
+    let within = Vec3::from_array(force_n).as_dvec3().length() <= f64::from(limits.max_force_n) * (1.0 + 1e-5);
     if !within {
         return Err(ForceFault::TooLarge);
     }
@@ -75,25 +66,11 @@ pub fn input_digest(input: &ServoInput) -> u64 {
     let [px, py, pz] = input.position_m.map(f32::to_bits);
     let [vx, vy, vz] = input.velocity_m_s.map(f32::to_bits);
     let (high, low) = ((input.tick >> 32) as u32, input.tick as u32);
-    let words = [
-        high,
-        low,
-        px,
-        py,
-        pz,
-        vx,
-        vy,
-        vz,
-        input.dt_s.to_bits(),
-        input.model_age_ticks,
-        input.model.count,
-    ];
+    let words = [high, low, px, py, pz, vx, vy, vz, input.dt_s.to_bits(), input.model_age_ticks, input.model.count];
     words
         .into_iter()
         .flat_map(u32::to_le_bytes)
-        .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-        })
+        .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
 /// Parameters of the watch over one producer.
@@ -112,12 +89,7 @@ pub struct WatchParams {
 
 impl Default for WatchParams {
     fn default() -> Self {
-        Self {
-            still_limit: 3,
-            frozen_limit: 3,
-            min_motion_m: 20e-6,
-            max_force_n: 3.3,
-        }
+        Self { still_limit: 3, frozen_limit: 3, min_motion_m: 20e-6, max_force_n: 3.3 }
     }
 }
 
@@ -174,29 +146,19 @@ pub enum WatchVerdict {
 ///
 /// An output counts as frozen only if motion must have changed it: the force is neither zero nor at its limit, and the tip
 /// moved by `min_motion_m` along it. Sliding along a wall, resting, and free motion are no suspicion.
-pub fn watch_step(
-    params: &WatchParams,
-    state: &WatchState,
-    input: &WatchInput,
-) -> (WatchState, WatchVerdict) {
+pub fn watch_step(params: &WatchParams, state: &WatchState, input: &WatchInput) -> (WatchState, WatchVerdict) {
     let mut next = *state;
     if state.seen == 1 && input.record_tick <= state.record_tick {
         next.still = next.still.saturating_add(1);
-        let verdict = if next.still >= params.still_limit {
-            WatchVerdict::StampStill
-        } else {
-            WatchVerdict::Alive
-        };
+        let verdict = if next.still >= params.still_limit { WatchVerdict::StampStill } else { WatchVerdict::Alive };
         return (next, verdict);
     }
-    let same =
-        state.seen == 1 && state.force_n.map(f32::to_bits) == input.force_n.map(f32::to_bits);
+    let same = state.seen == 1 && state.force_n.map(f32::to_bits) == input.force_n.map(f32::to_bits);
     let force = Vec3::from_array(input.force_n);
     let telling = force.length() > 0.0 && force.length() < 0.999 * params.max_force_n;
     let moved = Vec3::from_array(input.position_m) - Vec3::from_array(state.position_m);
     let against = moved.dot(force.normalize_or_zero()).abs();
-    (next.record_tick, next.force_n, next.still, next.seen) =
-        (input.record_tick, input.force_n, 0, 1);
+    (next.record_tick, next.force_n, next.still, next.seen) = (input.record_tick, input.force_n, 0, 1);
     if !(same && telling) {
         (next.frozen, next.position_m) = (0, input.position_m);
     } else if against >= params.min_motion_m {
@@ -218,13 +180,7 @@ mod tests {
     use crate::contact::ContactModel;
 
     fn look(tick: u64, force_n: [f32; 3], z_m: f32) -> WatchInput {
-        WatchInput {
-            record_tick: tick,
-            force_n,
-            position_m: [0.0, 0.0, z_m],
-            digest: 7,
-            expected_digest: 7,
-        }
+        WatchInput { record_tick: tick, force_n, position_m: [0.0, 0.0, z_m], digest: 7, expected_digest: 7 }
     }
 
     fn verdicts(looks: &[WatchInput]) -> Vec<WatchVerdict> {
@@ -244,62 +200,32 @@ mod tests {
         assert_eq!(valid_force(10, 10, force, &limits), Ok(()));
         assert_eq!(valid_force(10, 9, force, &limits), Ok(()));
         assert_eq!(valid_force(10, 8, force, &limits), Err(ForceFault::Stale));
-        assert_eq!(
-            valid_force(10, 11, force, &limits),
-            Err(ForceFault::FromFuture)
-        );
-        assert_eq!(
-            valid_force(10, 10, [f32::NAN; 3], &limits),
-            Err(ForceFault::NotFinite)
-        );
-        assert_eq!(
-            valid_force(10, 10, [0.0, 3.31, 0.0], &limits),
-            Err(ForceFault::TooLarge)
-        );
-        assert_eq!(
-            valid_force(10, 10, [f32::MAX; 3], &limits),
-            Err(ForceFault::TooLarge)
-        );
+        assert_eq!(valid_force(10, 11, force, &limits), Err(ForceFault::FromFuture));
+        assert_eq!(valid_force(10, 10, [f32::NAN; 3], &limits), Err(ForceFault::NotFinite));
+        assert_eq!(valid_force(10, 10, [0.0, 3.31, 0.0], &limits), Err(ForceFault::TooLarge));
+        assert_eq!(valid_force(10, 10, [f32::MAX; 3], &limits), Err(ForceFault::TooLarge));
     }
 
     #[test]
     fn a_stamp_that_stands_still_is_found_within_three_looks() {
         let mut looks = vec![look(1, [0.0; 3], 0.0); 4];
-        assert_eq!(
-            verdicts(&looks)[2..],
-            [WatchVerdict::Alive, WatchVerdict::StampStill]
-        );
+        assert_eq!(verdicts(&looks)[2..], [WatchVerdict::Alive, WatchVerdict::StampStill]);
         looks[3].record_tick = 0;
-        assert_eq!(
-            verdicts(&looks)[3],
-            WatchVerdict::StampStill,
-            "a stamp that goes back is no life sign"
-        );
+        assert_eq!(verdicts(&looks)[3], WatchVerdict::StampStill, "a stamp that goes back is no life sign");
     }
 
     #[test]
     fn the_same_force_while_the_tip_moves_against_it_is_frozen() {
-        let looks: Vec<_> = (1..=5)
-            .map(|t| look(t, [0.0, 0.0, -1.0], t as f32 * 1e-4))
-            .collect();
-        assert_eq!(
-            verdicts(&looks)[2..4],
-            [WatchVerdict::Alive, WatchVerdict::OutputFrozen]
-        );
+        let looks: Vec<_> = (1..=5).map(|t| look(t, [0.0, 0.0, -1.0], t as f32 * 1e-4)).collect();
+        assert_eq!(verdicts(&looks)[2..4], [WatchVerdict::Alive, WatchVerdict::OutputFrozen]);
     }
 
     #[test]
     fn free_motion_rest_sliding_and_saturation_are_no_suspicion() {
-        let free: Vec<_> = (1..=9)
-            .map(|t| look(t, [0.0; 3], t as f32 * 1e-3))
-            .collect();
+        let free: Vec<_> = (1..=9).map(|t| look(t, [0.0; 3], t as f32 * 1e-3)).collect();
         let rest: Vec<_> = (1..=9).map(|t| look(t, [0.0, 0.0, -1.0], 0.05)).collect();
-        let slide: Vec<_> = (1..=9)
-            .map(|t| look(t, [0.0, -1.0, 0.0], t as f32 * 1e-3))
-            .collect();
-        let limit: Vec<_> = (1..=9)
-            .map(|t| look(t, [0.0, 0.0, -3.3], t as f32 * 1e-3))
-            .collect();
+        let slide: Vec<_> = (1..=9).map(|t| look(t, [0.0, -1.0, 0.0], t as f32 * 1e-3)).collect();
+        let limit: Vec<_> = (1..=9).map(|t| look(t, [0.0, 0.0, -3.3], t as f32 * 1e-3)).collect();
         for looks in [free, rest, slide, limit] {
             assert!(verdicts(&looks).iter().all(|v| *v == WatchVerdict::Alive));
         }
@@ -320,11 +246,7 @@ mod tests {
         let old = input_digest(&input);
         let new = input_digest(&ServoInput { tick: 6, ..input });
         assert_ne!(old, new);
-        let stale = WatchInput {
-            digest: old,
-            expected_digest: new,
-            ..look(6, [0.0; 3], 0.0)
-        };
+        let stale = WatchInput { digest: old, expected_digest: new, ..look(6, [0.0; 3], 0.0) };
         assert_eq!(verdicts(&[stale]), [WatchVerdict::WrongInput]);
     }
 }

@@ -37,9 +37,5 @@ pub(crate) fn step_towards(from: Vec3, to: Vec3, max_step: f32) -> Vec3 {
 
 /// `value` if it is finite and within `low..=high`, clamped to it if finite, else `fallback`.
 pub(crate) fn sane(value: f32, low: f32, high: f32, fallback: f32) -> f32 {
-    if value.is_finite() {
-        value.clamp(low, high)
-    } else {
-        fallback
-    }
+    if value.is_finite() { value.clamp(low, high) } else { fallback }
 }

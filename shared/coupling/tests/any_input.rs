@@ -21,14 +21,12 @@ fn any_vector() -> impl Strategy<Value = [f32; 3]> {
 fn any_plane() -> impl Strategy<Value = Plane> {
     let direction = prop_oneof![prop::array::uniform3(-1.0..1.0f32), any_vector()];
     let stiffness = prop_oneof![1.0..1e5f32, any_f32()];
-    (any_vector(), direction, stiffness, any_f32()).prop_map(
-        |(point_m, normal, stiffness_n_m, damping_n_s_m)| Plane {
-            point_m,
-            normal,
-            stiffness_n_m,
-            damping_n_s_m,
-        },
-    )
+    (any_vector(), direction, stiffness, any_f32()).prop_map(|(point_m, normal, stiffness_n_m, damping_n_s_m)| Plane {
+        point_m,
+        normal,
+        stiffness_n_m,
+        damping_n_s_m,
+    })
 }
 
 fn any_model() -> impl Strategy<Value = ContactModel> {

@@ -14,19 +14,12 @@ const STIFFNESSES_N_M: [f32; 5] = [100.0, 300.0, 600.0, 1000.0, 5000.0];
 /// Peak to peak of the force along z over the last half second of 2.5 s of steady pressing, N, and its mean.
 fn buzz_n(mut bench: Bench) -> (f32, f32) {
     // The hand goes in within 0.9 s and then stays there.
-    bench.script = HandScript {
-        rest: bench.script.into,
-        ..bench.script
-    };
+    bench.script = HandScript { rest: bench.script.into, ..bench.script };
     bench.run(2000);
     let (mut low, mut high, mut sum) = (f32::MAX, f32::MIN, 0.0);
     for _ in 0..500 {
         bench.tick([true; 2]);
-        (low, high, sum) = (
-            low.min(bench.force.z),
-            high.max(bench.force.z),
-            sum + bench.force.z,
-        );
+        (low, high, sum) = (low.min(bench.force.z), high.max(bench.force.z), sum + bench.force.z);
     }
     (high - low, sum / 500.0)
 }
@@ -37,8 +30,7 @@ fn pressing_steadily_does_not_buzz_at_any_promised_stiffness_and_age() {
         for stiffness_n_m in STIFFNESSES_N_M {
             for cadence in CADENCES {
                 let (buzz, mean) = buzz_n(Bench::new(Hand::Press, tissue, stiffness_n_m, cadence));
-                let what =
-                    format!("{name}, {stiffness_n_m} N/m, {cadence} ms: {buzz} N about {mean} N");
+                let what = format!("{name}, {stiffness_n_m} N/m, {cadence} ms: {buzz} N about {mean} N");
                 assert!(buzz < 2e-3, "{what}");
                 assert!(mean < -0.3, "{what}: no contact");
             }
@@ -59,16 +51,10 @@ fn a_wall_beyond_the_passivity_bound_does_buzz_so_that_the_test_above_means_some
 
 #[test]
 fn the_coupling_obeys_colgates_bound() {
-    let params = ServoParams {
-        coupling_stiffness_n_m: 1e5,
-        ..ServoParams::default()
-    };
+    let params = ServoParams { coupling_stiffness_n_m: 1e5, ..ServoParams::default() };
     let limit = params.coupling_limit_n_m(1e-3);
     let needed = limit * 1e-3 * (0.5 + params.loop_delay_ticks) + params.max_damping_n_s_m;
-    assert!(
-        needed <= params.device_damping_n_s_m * 1.0001
-            && needed > 0.99 * params.device_damping_n_s_m
-    );
+    assert!(needed <= params.device_damping_n_s_m * 1.0001 && needed > 0.99 * params.device_damping_n_s_m);
 }
 
 #[test]
@@ -85,14 +71,10 @@ fn device_and_servo_together_never_give_energy_to_the_hand() {
                     let force = bench.force;
                     let (moved, _) = bench.tick([true; 2]);
                     if force != Vec3::ZERO {
-                        given_j +=
-                            f64::from(force.dot(moved) - damping * moved.length_squared() / DT_S);
+                        given_j += f64::from(force.dot(moved) - damping * moved.length_squared() / DT_S);
                     }
                     let free = force == Vec3::ZERO;
-                    assert!(
-                        !free || given_j < 1e-6,
-                        "{name}, {stiffness_n_m} N/m, {cadence} ms: {given_j} J given"
-                    );
+                    assert!(!free || given_j < 1e-6, "{name}, {stiffness_n_m} N/m, {cadence} ms: {given_j} J given");
                 }
                 assert!(given_j < -1e-5, "{name}: no contact");
             }
@@ -107,10 +89,7 @@ fn the_force_is_continuous_in_time() {
             for cadence in CADENCES {
                 let mut bench = Bench::new(hand, tissue, 1000.0, cadence);
                 let (step_n, _) = bench.run(12_000);
-                assert!(
-                    step_n < 0.2,
-                    "{name}, {hand:?}, {cadence} ms: a step of {step_n} N"
-                );
+                assert!(step_n < 0.2, "{name}, {hand:?}, {cadence} ms: a step of {step_n} N");
             }
         }
     }
@@ -121,10 +100,7 @@ fn both_replicas_compute_the_same_bits() {
     let mut bench = Bench::new(Hand::Explore, cavity, 700.0, 4);
     for _ in 0..8000 {
         bench.tick([true; 2]);
-        assert_eq!(
-            bytemuck::bytes_of(&bench.servos[0]),
-            bytemuck::bytes_of(&bench.servos[1])
-        );
+        assert_eq!(bytemuck::bytes_of(&bench.servos[0]), bytemuck::bytes_of(&bench.servos[1]));
     }
 }
 
@@ -140,11 +116,7 @@ fn a_replica_that_is_given_the_state_continues_identically() {
         }
         whole.tick([true; 2]);
         killed.tick([!dead, true]);
-        assert_eq!(
-            whole.force.to_array().map(f32::to_bits),
-            killed.force.to_array().map(f32::to_bits),
-            "tick {tick}"
-        );
+        assert_eq!(whole.force.to_array().map(f32::to_bits), killed.force.to_array().map(f32::to_bits), "tick {tick}");
     }
 }
 
@@ -160,10 +132,7 @@ fn goes_on_without_a_kick(bench: &mut Bench, what: &str) -> (f32, f32, f32) {
         let step = (bench.force - before).length();
         // 1 000 N/m and 0.5 N·s/m of damping, whose onset is felt within half a millimetre.
         let explained = 1000.0 * speed * DT_S + 0.5 * speed * (speed * DT_S / 0.5e-3).min(1.0);
-        assert!(
-            step < explained + 0.05,
-            "{what}: a step of {step} N at {speed} m/s, tick {tick}"
-        );
+        assert!(step < explained + 0.05, "{what}: a step of {step} N at {speed} m/s, tick {tick}");
         step_n = step_n.max(step);
         out_m_s = out_m_s.max(-bench.hand.velocity_m_s[2]);
     }
@@ -182,8 +151,7 @@ fn buried() -> Bench {
 #[test]
 fn a_servo_suspended_while_buried_comes_back_without_a_kick() {
     let undisturbed = buried().force.z;
-    let cases =
-        [1, 2, 3, 5, 10, 22, 50, 500].map(|suspended| [(suspended, true), (suspended, false)]);
+    let cases = [1, 2, 3, 5, 10, 22, 50, 500].map(|suspended| [(suspended, true), (suspended, false)]);
     for (suspended, tells_applied) in cases.into_iter().flatten() {
         let mut bench = buried();
         bench.tells_applied = tells_applied;
@@ -198,15 +166,9 @@ fn a_servo_suspended_while_buried_comes_back_without_a_kick() {
             assert_eq!(kind, expected, "missing tick {missing}");
             assert!(before - bench.force.length() <= 3.3 / 20.0);
         }
-        let (step_n, out_m_s, force) =
-            goes_on_without_a_kick(&mut bench, &format!("{suspended} ms"));
-        println!(
-            "{suspended} ms: largest step {step_n:.3} N, outwards {out_m_s:.3} m/s, back at {force:.3} N"
-        );
-        assert!(
-            (force - undisturbed).abs() < 0.02,
-            "{suspended} ms: back at {force} N, not {undisturbed} N"
-        );
+        let (step_n, out_m_s, force) = goes_on_without_a_kick(&mut bench, &format!("{suspended} ms"));
+        println!("{suspended} ms: largest step {step_n:.3} N, outwards {out_m_s:.3} m/s, back at {force:.3} N");
+        assert!((force - undisturbed).abs() < 0.02, "{suspended} ms: back at {force} N, not {undisturbed} N");
     }
 }
 
@@ -230,37 +192,20 @@ fn a_device_process_that_starts_anew_while_buried_does_not_kick() {
         for _ in 0..dead_ticks {
             // No device: no input record, no force command; the firmware holds, then ramps.
             let target = bench.script.into;
-            bench.hand = hand_dynamics(
-                &bench.hand_model,
-                &bench.hand,
-                &target,
-                bench.force.to_array(),
-                DT_S,
-            );
-            let (hardware, force) =
-                hardware_step(&HardwareParams::default(), &bench.hardware, None);
+            bench.hand = hand_dynamics(&bench.hand_model, &bench.hand, &target, bench.force.to_array(), DT_S);
+            let (hardware, force) = hardware_step(&HardwareParams::default(), &bench.hardware, None);
             bench.hardware = hardware;
             bench.force = Vec3::from_array(force);
             bench.pass_tick();
         }
         bench.hop = LastHopState::resumed(bench.hardware.force_n);
-        let (_, _, force) =
-            goes_on_without_a_kick(&mut bench, &format!("device dead for {dead_ticks} ms"));
-        assert!(
-            (force - undisturbed).abs() < 0.02,
-            "{dead_ticks} ms: back at {force} N"
-        );
+        let (_, _, force) = goes_on_without_a_kick(&mut bench, &format!("device dead for {dead_ticks} ms"));
+        assert!((force - undisturbed).abs() < 0.02, "{dead_ticks} ms: back at {force} N");
     }
 }
 
 /// The servo alone, its tip held `depth_m` behind the wall.
-fn held(
-    state: &ServoState,
-    tick: u64,
-    model: &ContactModel,
-    age: u32,
-    depth_m: f32,
-) -> (ServoState, ServoOutput) {
+fn held(state: &ServoState, tick: u64, model: &ContactModel, age: u32, depth_m: f32) -> (ServoState, ServoOutput) {
     let input = ServoInput {
         tick,
         position_m: [0.0, 0.0, 0.06 + depth_m],
@@ -275,9 +220,7 @@ fn held(
 
 /// A servo that has felt the wall at `depth_m` in full for a while.
 fn pressing(model: &ContactModel, depth_m: f32) -> ServoState {
-    (1..=500).fold(ServoState::default(), |state, tick| {
-        held(&state, tick, model, 1, depth_m).0
-    })
+    (1..=500).fold(ServoState::default(), |state, tick| held(&state, tick, model, 1, depth_m).0)
 }
 
 #[test]
@@ -292,10 +235,7 @@ fn a_model_is_felt_in_full_for_100_ms_then_fades_to_nothing_in_200() {
         let force = output.force_n[2];
         match age {
             0..=100 => assert_eq!(force.to_bits(), full.to_bits(), "age {age}"),
-            101..300 => assert!(
-                force > last && force - last < 0.02,
-                "age {age}: {last} to {force} N"
-            ),
+            101..300 => assert!(force > last && force - last < 0.02, "age {age}: {last} to {force} N"),
             _ => assert_eq!(force, 0.0, "age {age}"),
         }
         (state, last) = (next, force);
@@ -316,24 +256,15 @@ fn planes_that_jump_in_mid_contact_are_blended() {
     let mut far = near;
     far.planes[0].point_m[2] -= 0.002;
     let mut state = pressing(&near, 0.0005);
-    for (tick, model) in
-        (501..700).map(|tick| (tick, if tick / 40 % 2 == 0 { &near } else { &far }))
-    {
+    for (tick, model) in (501..700).map(|tick| (tick, if tick / 40 % 2 == 0 { &near } else { &far })) {
         let before = state.force_n[2];
         let (next, output) = held(&state, tick, model, 1, 0.0005);
-        assert!(
-            (next.force_n[2] - before).abs() <= 0.1 + 1e-6,
-            "tick {tick}: {before} to {:?}",
-            output.force_n
-        );
+        assert!((next.force_n[2] - before).abs() <= 0.1 + 1e-6, "tick {tick}: {before} to {:?}", output.force_n);
         state = next;
     }
     let none = ContactModel::default();
     let (_, output) = held(&state, 700, &none, 1, 0.0005);
-    assert!(
-        (output.force_n[2] - state.force_n[2]).abs() <= 0.1 + 1e-6,
-        "planes that vanish are blended too"
-    );
+    assert!((output.force_n[2] - state.force_n[2]).abs() <= 0.1 + 1e-6, "planes that vanish are blended too");
 }
 
 #[test]
@@ -347,8 +278,5 @@ fn the_wall_pushes_towards_its_free_side_and_never_pulls() {
             assert!(bench.force.z <= 1e-6, "{}", bench.force);
         }
     }
-    assert!(
-        (pressing(&model, 0.002).force_n[2] + 1.0).abs() < 1e-3,
-        "F = k · depth"
-    );
+    assert!((pressing(&model, 0.002).force_n[2] + 1.0).abs() < 1e-3, "F = k · depth");
 }

@@ -86,10 +86,12 @@ impl Life {
     /// A life in a station that exists, for a page that was made for it.
     pub fn begin(station: &str, slot: Slot, incarnation: u32) -> Result<Life, Failure> {
         let station = Station::named(station)?;
-        let text = std::fs::read_to_string(station.settings())
-            .map_err(|error| Failure::Input(format!("{}: {error}; start engines with `hystation run`", station.settings().display())))?;
-        let settings = toml::from_str(&text)
-            .map_err(|error| Failure::Input(format!("{}: {error}; rebuild all binaries from one source", station.settings().display())))?;
+        let text = std::fs::read_to_string(station.settings()).map_err(|error| {
+            Failure::Input(format!("{}: {error}; start engines with `hystation run`", station.settings().display()))
+        })?;
+        let settings = toml::from_str(&text).map_err(|error| {
+            Failure::Input(format!("{}: {error}; rebuild all binaries from one source", station.settings().display()))
+        })?;
         let clock = station.open()?;
         let page = Arc::new(station.own_slot(slot, incarnation)?);
         page.store64(header::PID, std::process::id() as u64);

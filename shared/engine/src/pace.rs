@@ -36,7 +36,7 @@ impl<'a> Pace<'a> {
 
     /// Sleeps until the next period and gives its tick; `None` when the station stops. Periods that have passed are skipped, and the
     /// overrun is counted once.
-    pub fn next(&mut self) -> Option<u64> {
+    pub fn wait(&mut self) -> Option<u64> {
         let clock = &self.life.clock;
         if clock.stop_requested() {
             return None;

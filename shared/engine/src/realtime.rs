@@ -54,5 +54,7 @@ pub fn go(life: &Life) -> Result<RealTime, Failure> {
         }
     }
     life.page.store64(header::REAL_TIME, granted.word());
+    // Locking the memory may have taken longer than a heartbeat may be late, and whoever calls this is about to be watched.
+    life.heartbeat();
     Ok(granted)
 }

@@ -67,7 +67,13 @@ pub const SET_KEYS: &[(&str, &str)] = &[
 
 impl Settings {
     /// A number set with `--set`, or the default.
-    pub fn number(&self, key: &str, default: f64, range: std::ops::RangeInclusive<f64>, expected: &'static str) -> Result<f64, SetError> {
+    pub fn number(
+        &self,
+        key: &str,
+        default: f64,
+        range: std::ops::RangeInclusive<f64>,
+        expected: &'static str,
+    ) -> Result<f64, SetError> {
         let Some(value) = self.set.get(key) else { return Ok(default) };
         let number = value.parse::<f64>().ok().filter(|number| range.contains(number));
         number.ok_or_else(|| SetError { key: key.into(), value: value.clone(), expected })

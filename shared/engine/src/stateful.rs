@@ -108,7 +108,7 @@ impl<S: Stateful> Loop<'_, S> {
 
     fn receive_ports(&mut self) {
         // Bounded by the queue of the usher.
-        while let Some(arrival) = self.inbox.next() {
+        while let Some(arrival) = self.inbox.take() {
             if arrival.slot.role() == self.role && self.chain.wants(&arrival, self.engine.kind()) {
                 self.chain.add(arrival, &mut self.inbox);
             } else {
@@ -208,7 +208,7 @@ impl<S: Stateful> Loop<'_, S> {
             }
             let late = (SPARE_PHASE * (period * TICK_NS) as f64) as u64;
             pace.set_phase(if holding { 0 } else { late });
-            let Some(tick) = pace.next() else { return Ok(()) };
+            let Some(tick) = pace.wait() else { return Ok(()) };
             self.receive_ports();
             self.receive_states();
             let holder = self.roster.holder(self.role);

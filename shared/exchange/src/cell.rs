@@ -80,7 +80,7 @@ pub fn read_cell<W: Word>(cell: &[W], record: &mut [u64]) -> Option<u64> {
     let (first, second) = cell[..2 * copy_words].split_at(copy_words);
     for _ in 0..READ_ATTEMPTS {
         let stamps = [first[0].load(Ordering::Acquire), second[0].load(Ordering::Acquire)];
-        let whole = |stamp: u64| if stamp % 2 == 0 { stamp } else { 0 };
+        let whole = |stamp: u64| if stamp.is_multiple_of(2) { stamp } else { 0 };
         let order = if whole(stamps[0]) > whole(stamps[1]) { [0, 1] } else { [1, 0] };
         for index in order {
             let stamp = whole(stamps[index]);
@@ -295,7 +295,7 @@ mod tests {
         fn read_copy_once(cell: &[LoomU64], record: &mut [u64]) -> Option<u64> {
             let (first, second) = cell.split_at(4);
             let stamps = [Word::load(&first[0], Ordering::Acquire), Word::load(&second[0], Ordering::Acquire)];
-            let whole = |stamp: u64| if stamp % 2 == 0 { stamp } else { 0 };
+            let whole = |stamp: u64| if stamp.is_multiple_of(2) { stamp } else { 0 };
             let index = usize::from(whole(stamps[0]) <= whole(stamps[1]));
             let stamp = whole(stamps[index]);
             let copy = [first, second][index];

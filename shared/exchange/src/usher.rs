@@ -90,7 +90,7 @@ pub struct Inbox<A = Arrival, D = Departure> {
 
 impl<A, D> Inbox<A, D> {
     /// The next port, if one has come.
-    pub fn next(&mut self) -> Option<A> {
+    pub fn take(&mut self) -> Option<A> {
         self.arrivals.pop().ok()
     }
     /// Hands a port back. If the queue is full, it is dropped here: an unmapping on this thread, said by the return value.

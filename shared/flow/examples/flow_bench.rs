@@ -6,15 +6,10 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use hyst_flow::{
-    BloodSource, Capsule, FlowError, FlowInputs, FlowModel, Grid, Port, PumpInput, Solver,
-    StepReport,
-};
+use hyst_flow::{BloodSource, Capsule, FlowError, FlowInputs, FlowModel, Grid, Port, PumpInput, Solver, StepReport};
 
 fn main() -> Result<(), FlowError> {
-    println!(
-        "grid, scene, ms per step, Hz, Hz in the best 30 steps, million cells per s, iterations, residual, sweeps"
-    );
+    println!("grid, scene, ms per step, Hz, Hz in the best 30 steps, million cells per s, iterations, residual, sweeps");
     for cells in [[32, 32, 18], [64, 64, 28]] {
         for ellipsoid in [false, true] {
             bench(cells, ellipsoid)?;
@@ -76,73 +71,34 @@ fn bench(cells: [usize; 3], ellipsoid: bool) -> Result<(), FlowError> {
                 solver.store(bytemuck::cast_slice_mut(&mut block))?;
             }
         }
-        println!(
-            "    {name:<20} {:.3} ms for {} bytes",
-            begin.elapsed().as_secs_f64() * 50.0,
-            block.len() * 8
-        );
+        println!("    {name:<20} {:.3} ms for {} bytes", begin.elapsed().as_secs_f64() * 50.0, block.len() * 8);
     }
     for (phase, seconds) in shares {
-        println!(
-            "    {phase:<20} {:.3} ms",
-            seconds * 1e3 / f64::from(warm + steps)
-        );
+        println!("    {phase:<20} {:.3} ms", seconds * 1e3 / f64::from(warm + steps));
     }
     Ok(())
 }
 
 /// Inputs of a step: the sheath circles, medium jets out of its tip and leaves behind it, blood wells up.
 fn inputs(step: u32) -> FlowInputs {
-    let mut inputs = FlowInputs {
-        dt_s: 1.0 / 120.0,
-        ..Default::default()
-    };
-    inputs.pump = PumpInput {
-        set_pa: 10_000.0,
-        flow_limit_ml_min: 400.0,
-        inflow_valve: 1.0,
-        outflow_valve: 0.4,
-        ..Default::default()
-    };
-    inputs.blood[0] = BloodSource {
-        position_m: [0.008, 0.004, 0.0],
-        opening: 1.0,
-    };
+    let mut inputs = FlowInputs { dt_s: 1.0 / 120.0, ..Default::default() };
+    inputs.pump =
+        PumpInput { set_pa: 10_000.0, flow_limit_ml_min: 400.0, inflow_valve: 1.0, outflow_valve: 0.4, ..Default::default() };
+    inputs.blood[0] = BloodSource { position_m: [0.008, 0.004, 0.0], opening: 1.0 };
     let angle = step as f32 * 0.02;
     let tip = [0.005 * angle.sin(), 0.005 * angle.cos(), 0.0];
     let velocity = [0.005 * 2.4 * angle.cos(), -0.005 * 2.4 * angle.sin(), 0.0];
-    inputs.tools[0] = Capsule {
-        a_m: [0.0, 0.0, -0.02],
-        b_m: tip,
-        radius_m: 0.0025,
-        velocity_a_m_s: [0.0; 3],
-        velocity_b_m_s: velocity,
-    };
+    inputs.tools[0] =
+        Capsule { a_m: [0.0, 0.0, -0.02], b_m: tip, radius_m: 0.0025, velocity_a_m_s: [0.0; 3], velocity_b_m_s: velocity };
     let mut front = tip;
     front[2] += 0.004;
-    inputs.ports[0] = Port {
-        centre_m: front,
-        radius_m: 0.0025,
-        direction: [0.0, 0.0, 1.0],
-        share: 1.0,
-        inflow: true,
-        dye: 0.0,
-    };
-    inputs.ports[1] = Port {
-        centre_m: [0.0, 0.0, -0.008],
-        radius_m: 0.005,
-        share: 1.0,
-        ..Default::default()
-    };
+    inputs.ports[0] = Port { centre_m: front, radius_m: 0.0025, direction: [0.0, 0.0, 1.0], share: 1.0, inflow: true, dye: 0.0 };
+    inputs.ports[1] = Port { centre_m: [0.0, 0.0, -0.008], radius_m: 0.005, share: 1.0, ..Default::default() };
     inputs
 }
 
 /// A step on this thread, with the time of each phase added to `shares`.
-fn timed_step(
-    solver: &Solver,
-    inputs: &FlowInputs,
-    shares: &mut BTreeMap<String, f64>,
-) -> Result<StepReport, FlowError> {
+fn timed_step(solver: &Solver, inputs: &FlowInputs, shares: &mut BTreeMap<String, f64>) -> Result<StepReport, FlowError> {
     let mut begin = Instant::now();
     solver.begin(inputs)?;
     let mut lap = |name: &str, begin: &mut Instant| {

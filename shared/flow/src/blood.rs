@@ -65,13 +65,7 @@ pub struct BloodState {
 }
 
 /// Blood that flows from all sources during `dt_s` at a cavity pressure, ml; adds it to what waits to become particles.
-pub(crate) fn bleed(
-    model: &BloodModel,
-    inputs: &FlowInputs,
-    pressure_pa: f64,
-    dt_s: f64,
-    state: &mut BloodState,
-) -> f64 {
+pub(crate) fn bleed(model: &BloodModel, inputs: &FlowInputs, pressure_pa: f64, dt_s: f64, state: &mut BloodState) -> f64 {
     let drive_pa = (model.vessel_pa - pressure_pa).max(0.0);
     let mut total = 0.0;
     for (source, pending) in inputs.blood.iter().zip(&mut state.pending_ml) {
@@ -84,11 +78,7 @@ pub(crate) fn bleed(
 
 /// A number in −½..½ from seed, counter and axis (the finalizer of splitmix64, Steele et al. 2014).
 fn scatter(seed: u64, counter: u64, axis: u64) -> f32 {
-    let mut x = seed
-        ^ counter
-            .wrapping_mul(3)
-            .wrapping_add(axis)
-            .wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let mut x = seed ^ counter.wrapping_mul(3).wrapping_add(axis).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^= x >> 31;
@@ -98,13 +88,8 @@ fn scatter(seed: u64, counter: u64, axis: u64) -> f32 {
 /// The cell of a position, clamped into the grid: offset in the plane and padded layer, and the index without ghosts.
 fn cell_of(grid: &Grid, layout: &Layout, position_m: [f32; 3]) -> (usize, usize, usize) {
     let p = grid.to_cells(position_m);
-    let [i, j, k]: [usize; 3] =
-        std::array::from_fn(|a| (p[a].max(0.0) as usize).min(layout.n[a] - 1));
-    (
-        layout.row(j) + i,
-        k + 1,
-        (k * layout.n[1] + j) * layout.n[0] + i,
-    )
+    let [i, j, k]: [usize; 3] = std::array::from_fn(|a| (p[a].max(0.0) as usize).min(layout.n[a] - 1));
+    (layout.row(j) + i, k + 1, (k * layout.n[1] + j) * layout.n[0] + i)
 }
 
 /// Velocity at a point in cells (inside the grid), m/s: trilinear on the staggered components.
@@ -114,11 +99,7 @@ fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]) -> [f32; 
         let mut t = [0.0f32; 3];
         for a in 0..3 {
             // Padded coordinate: faces of the own axis sit at whole numbers, everything else at halves; one ghost cell before.
-            let x = if a == component {
-                p[a] + 1.0
-            } else {
-                p[a] + 0.5
-            };
+            let x = if a == component { p[a] + 1.0 } else { p[a] + 0.5 };
             base[a] = (x as usize).min(layout.n[a]);
             t[a] = x - base[a] as f32;
         }
@@ -142,15 +123,11 @@ impl Solver {
         let grid = &self.model.grid;
         let velocity = self.read_velocity(plan.roles.now)?;
         let fluid = self.fluid.read()?;
-        let mut share = self.particles[band]
-            .try_write()
-            .ok_or(FlowError::PhaseConflict)?;
+        let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
         let sweeps = plan.particle_sweeps;
         let dt_s = plan.inputs.dt_s / sweeps as f32;
         let per_cell = grid.spacing_m().map(|h| dt_s / h);
-        let inside = |p: [f32; 3]| -> [f32; 3] {
-            std::array::from_fn(|a| p[a].clamp(0.0, layout.n[a] as f32 - 1e-3))
-        };
+        let inside = |p: [f32; 3]| -> [f32; 3] { std::array::from_fn(|a| p[a].clamp(0.0, layout.n[a] as f32 - 1e-3)) };
         for particle in share.iter_mut().filter(|p| p.volume_ml > 0.0) {
             let mut p = inside(grid.to_cells(particle.position_m));
             for _ in 0..sweeps {
@@ -175,17 +152,10 @@ impl Solver {
     }
 
     /// After Particles: counts what was washed out, emits what bled, dissolves what the ring cannot hold, and writes the density.
-    pub(crate) fn settle_blood(
-        &self,
-        inputs: &FlowInputs,
-        dye: usize,
-        state: &mut BloodState,
-    ) -> Result<(), FlowError> {
+    pub(crate) fn settle_blood(&self, inputs: &FlowInputs, dye: usize, state: &mut BloodState) -> Result<(), FlowError> {
         let capacity = self.model.blood.capacity;
         for band in 0..self.bands {
-            let mut share = self.particles[band]
-                .try_write()
-                .ok_or(FlowError::PhaseConflict)?;
+            let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
             for particle in share.iter_mut().filter(|p| p.volume_ml < 0.0) {
                 state.washed_ml -= f64::from(particle.volume_ml);
                 *particle = Particle::default();
@@ -197,10 +167,7 @@ impl Solver {
             let count = whole.min(EMITTED_PER_STEP as f64);
             for _ in 0..count as usize {
                 let volume_ml = (whole * unit_ml / count) as f32;
-                let particle = Particle {
-                    position_m: self.place(source.position_m, state.emitted)?,
-                    volume_ml,
-                };
+                let particle = Particle { position_m: self.place(source.position_m, state.emitted)?, volume_ml };
                 let place = (state.emitted % capacity as u64) as usize;
                 let old = self.exchange(place, particle)?;
                 self.dissolve(old, dye, state)?;
@@ -221,9 +188,7 @@ impl Solver {
         for attempt in 0..8u64 {
             let number = counter.wrapping_mul(8).wrapping_add(attempt);
             let reach = 1.0 + attempt as f32 * 0.25; // each attempt looks a little further
-            point = std::array::from_fn(|a| {
-                at_m[a] + reach * h[a] * scatter(self.model.blood.seed, number, a as u64)
-            });
+            point = std::array::from_fn(|a| at_m[a] + reach * h[a] * scatter(self.model.blood.seed, number, a as u64));
             let (at, kk, _) = cell_of(grid, layout, point);
             if fluid.layer(kk)[at] > 0.0 {
                 break;
@@ -231,22 +196,13 @@ impl Solver {
         }
         let p = grid.to_cells(point);
         let low = grid.origin_m();
-        Ok(std::array::from_fn(|a| {
-            low[a] + p[a].clamp(0.0, layout.n[a] as f32 - 1e-3) * h[a]
-        }))
+        Ok(std::array::from_fn(|a| low[a] + p[a].clamp(0.0, layout.n[a] as f32 - 1e-3) * h[a]))
     }
 
     fn exchange(&self, place: usize, particle: Particle) -> Result<Particle, FlowError> {
-        let band = (0..self.bands)
-            .rfind(|&b| self.share_start(b) <= place)
-            .unwrap_or(0);
-        let mut share = self.particles[band]
-            .try_write()
-            .ok_or(FlowError::PhaseConflict)?;
-        Ok(std::mem::replace(
-            &mut share[place - self.share_start(band)],
-            particle,
-        ))
+        let band = (0..self.bands).rfind(|&b| self.share_start(b) <= place).unwrap_or(0);
+        let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
+        Ok(std::mem::replace(&mut share[place - self.share_start(band)], particle))
     }
 
     /// First place of the ring that belongs to `band`.
@@ -254,20 +210,14 @@ impl Solver {
         band * self.model.blood.capacity / self.bands
     }
 
-    fn dissolve(
-        &self,
-        particle: Particle,
-        dye: usize,
-        state: &mut BloodState,
-    ) -> Result<(), FlowError> {
+    fn dissolve(&self, particle: Particle, dye: usize, state: &mut BloodState) -> Result<(), FlowError> {
         if particle.volume_ml <= 0.0 {
             return Ok(());
         }
         let (at, kk, _) = cell_of(&self.model.grid, &self.layout, particle.position_m);
         if self.fluid.read()?.layer(kk)[at] > 0.0 {
             let cell_ml = self.model.grid.cell_volume_m3() * 1e6;
-            self.dye[dye].write(self.layout.band_of(kk))?.layer(kk)[at] +=
-                (f64::from(particle.volume_ml) / cell_ml) as f32;
+            self.dye[dye].write(self.layout.band_of(kk))?.layer(kk)[at] += (f64::from(particle.volume_ml) / cell_ml) as f32;
         } else {
             state.buried_ml += f64::from(particle.volume_ml);
         }
@@ -278,8 +228,7 @@ impl Solver {
     fn deposit(&self, dye: usize) -> Result<(), FlowError> {
         let (grid, layout) = (&self.model.grid, &*self.layout);
         let dye = self.dye[dye].read()?;
-        let mut density: [Option<crate::field::Write<'_>>; crate::grid::MAX_BANDS] =
-            [const { None }; crate::grid::MAX_BANDS];
+        let mut density: [Option<crate::field::Write<'_>>; crate::grid::MAX_BANDS] = [const { None }; crate::grid::MAX_BANDS];
         for (band, slot) in density.iter_mut().enumerate().take(self.bands) {
             let mut field = self.density.write(band)?;
             for kk in layout.stored(band) {
@@ -289,24 +238,18 @@ impl Solver {
         }
         let per_cell = (1e-6 / grid.cell_volume_m3()) as f32;
         for band in 0..self.bands {
-            let share = self.particles[band]
-                .try_read()
-                .ok_or(FlowError::PhaseConflict)?;
+            let share = self.particles[band].try_read().ok_or(FlowError::PhaseConflict)?;
             for particle in share.iter().filter(|p| p.volume_ml > 0.0) {
                 let p = grid.to_cells(particle.position_m).map(|x| x + 0.5);
-                let base: [usize; 3] =
-                    std::array::from_fn(|a| (p[a].max(0.0) as usize).min(layout.n[a]));
+                let base: [usize; 3] = std::array::from_fn(|a| (p[a].max(0.0) as usize).min(layout.n[a]));
                 let t: [f32; 3] = std::array::from_fn(|a| (p[a] - base[a] as f32).clamp(0.0, 1.0));
                 let amount = particle.volume_ml * per_cell;
                 for corner in 0..8usize {
                     let bit = [corner & 1, corner >> 1 & 1, corner >> 2];
-                    let weight: f32 = (0..3)
-                        .map(|a| if bit[a] == 1 { t[a] } else { 1.0 - t[a] })
-                        .product();
+                    let weight: f32 = (0..3).map(|a| if bit[a] == 1 { t[a] } else { 1.0 - t[a] }).product();
                     let kk = base[2] + bit[2];
                     if let Some(field) = &mut density[layout.band_of(kk)] {
-                        field.layer(kk)[(base[1] + bit[1]) * layout.stride + base[0] + bit[0]] +=
-                            amount * weight;
+                        field.layer(kk)[(base[1] + bit[1]) * layout.stride + base[0] + bit[0]] += amount * weight;
                     }
                 }
             }
@@ -320,12 +263,7 @@ impl Solver {
         let fluid = self.fluid.read()?;
         let s = layout.stride;
         for kk in 1..=layout.n[2] {
-            let closed_in = self.dye[dye]
-                .read()?
-                .layer(kk)
-                .iter()
-                .zip(fluid.layer(kk))
-                .any(|(d, m)| *d > 0.0 && *m == 0.0);
+            let closed_in = self.dye[dye].read()?.layer(kk).iter().zip(fluid.layer(kk)).any(|(d, m)| *d > 0.0 && *m == 0.0);
             if !closed_in {
                 continue;
             }
@@ -334,30 +272,14 @@ impl Solver {
                     if fluid.layer(kk)[at] > 0.0 {
                         continue;
                     }
-                    let amount =
-                        std::mem::take(&mut self.dye[dye].write(layout.band_of(kk))?.layer(kk)[at]);
+                    let amount = std::mem::take(&mut self.dye[dye].write(layout.band_of(kk))?.layer(kk)[at]);
                     if amount <= 0.0 {
                         continue;
                     }
-                    let beside = [
-                        (kk, at - 1),
-                        (kk, at + 1),
-                        (kk, at - s),
-                        (kk, at + s),
-                        (kk - 1, at),
-                        (kk + 1, at),
-                    ];
-                    match beside
-                        .into_iter()
-                        .find(|&(kk, at)| fluid.layer(kk)[at] > 0.0)
-                    {
-                        Some((kk, at)) => {
-                            self.dye[dye].write(layout.band_of(kk))?.layer(kk)[at] += amount
-                        }
-                        None => {
-                            state.buried_ml +=
-                                f64::from(amount) * self.model.grid.cell_volume_m3() * 1e6
-                        }
+                    let beside = [(kk, at - 1), (kk, at + 1), (kk, at - s), (kk, at + s), (kk - 1, at), (kk + 1, at)];
+                    match beside.into_iter().find(|&(kk, at)| fluid.layer(kk)[at] > 0.0) {
+                        Some((kk, at)) => self.dye[dye].write(layout.band_of(kk))?.layer(kk)[at] += amount,
+                        None => state.buried_ml += f64::from(amount) * self.model.grid.cell_volume_m3() * 1e6,
                     }
                 }
             }

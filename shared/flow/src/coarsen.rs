@@ -19,11 +19,7 @@ impl Solver {
         let Some(faces) = &coarse.faces else {
             return Ok(());
         };
-        let fluid = if l == 1 {
-            Some(self.fluid.read()?)
-        } else {
-            None
-        };
+        let fluid = if l == 1 { Some(self.fluid.read()?) } else { None };
         let (fl, cl) = (&*fine.layout, &*coarse.layout);
         for (axis, face) in faces.iter().enumerate() {
             let below = match &fine.faces {
@@ -45,29 +41,17 @@ impl Solver {
                             for k in ranges[1].clone() {
                                 for o in ranges[0].clone().map(|j| fl.row(j)) {
                                     match (&below, &fluid) {
-                                        (Some(below), _) => {
-                                            rows::add_scaled(sum, &below.layer(k + 1)[o..], scale)
+                                        (Some(below), _) => rows::add_scaled(sum, &below.layer(k + 1)[o..], scale),
+                                        (None, Some(fluid)) => {
+                                            add_open(sum, fluid, axis, o, k + 1, fl.stride, scale * self.weights[axis])
                                         }
-                                        (None, Some(fluid)) => add_open(
-                                            sum,
-                                            fluid,
-                                            axis,
-                                            o,
-                                            k + 1,
-                                            fl.stride,
-                                            scale * self.weights[axis],
-                                        ),
                                         _ => {}
                                     }
                                 }
                             }
                             let oc = cl.row(j);
                             let row = &mut plane[oc..oc + cl.n[0]];
-                            if axis == 0 {
-                                every_second(sum, row)
-                            } else {
-                                halve(sum, row)
-                            }
+                            if axis == 0 { every_second(sum, row) } else { halve(sum, row) }
                         }
                     },
                 );
@@ -110,15 +94,7 @@ fn fine_rows(axis: usize, j: usize, k: usize, fine: &Layout) -> [std::ops::Range
 
 /// sum += weight where the face on the low side of a cell along `axis` lies between two fluid cells.
 #[inline(always)]
-fn add_open(
-    sum: &mut [f32],
-    fluid: &Read<'_>,
-    axis: usize,
-    o: usize,
-    kk: usize,
-    stride: usize,
-    weight: f32,
-) {
+fn add_open(sum: &mut [f32], fluid: &Read<'_>, axis: usize, o: usize, kk: usize, stride: usize, weight: f32) {
     let here = fluid.layer(kk);
     let back = match axis {
         0 => &here[o - 1..],

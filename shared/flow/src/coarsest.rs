@@ -29,10 +29,7 @@ fn place(layout: &Layout, c: usize) -> (usize, usize) {
 
 impl Coarsest {
     pub fn new(cells: usize) -> Self {
-        Self(RwLock::new(Factors {
-            lower: vec![0.0; cells * cells],
-            x: vec![0.0; cells],
-        }))
+        Self(RwLock::new(Factors { lower: vec![0.0; cells * cells], x: vec![0.0; cells] }))
     }
 
     /// Factors the level's operator.
@@ -61,11 +58,7 @@ impl Coarsest {
             for j in 0..=i {
                 let (ri, rj) = (&a[i * n..i * n + j], &a[j * n..j * n + j]);
                 let sum = a[i * n + j] - ri.iter().zip(rj).map(|(x, y)| x * y).sum::<f64>();
-                a[i * n + j] = if i == j {
-                    sum.max(1e-30).sqrt()
-                } else {
-                    sum / a[j * n + j]
-                };
+                a[i * n + j] = if i == j { sum.max(1e-30).sqrt() } else { sum / a[j * n + j] };
             }
         }
         Ok(())
@@ -94,11 +87,7 @@ impl Coarsest {
         let (mut z, diagonal) = (level.z.write(0)?, level.diagonal.read()?);
         for (c, &value) in x.iter().enumerate() {
             let (at, kk) = place(layout, c);
-            z.layer(kk)[at] = if diagonal.layer(kk)[at] > 0.0 {
-                value as f32
-            } else {
-                0.0
-            };
+            z.layer(kk)[at] = if diagonal.layer(kk)[at] > 0.0 { value as f32 } else { 0.0 };
         }
         Ok(())
     }

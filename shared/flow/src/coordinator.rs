@@ -89,37 +89,16 @@ impl Solver {
     /// # Errors
     /// [`FlowError::PhaseConflict`] during a phase.
     pub fn begin(&self, inputs: &FlowInputs) -> Result<(), FlowError> {
-        let mut c = self
-            .coordinator
-            .try_lock()
-            .ok_or(FlowError::PhaseConflict)?;
+        let mut c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         let mut plan = self.plan.try_write().ok_or(FlowError::PhaseConflict)?;
         let (inputs, neutralised) = inputs.neutralised();
         let dt_s = f64::from(inputs.dt_s);
         plan.inputs = inputs;
         let full_ml = c.pump.cavity_ml + f64::from(inputs.pump.displaced_ml);
-        let bled_ml = bleed(
-            &self.model.blood,
-            &inputs,
-            self.model.pump.pressure_pa(full_ml),
-            dt_s,
-            &mut c.blood,
-        );
-        plan.pump = self.model.pump.step(
-            &mut c.pump,
-            &inputs.pump,
-            self.model.medium.isotonic,
-            bled_ml,
-            dt_s,
-        );
+        let bled_ml = bleed(&self.model.blood, &inputs, self.model.pump.pressure_pa(full_ml), dt_s, &mut c.blood);
+        plan.pump = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
         let report = &c.report;
-        c.report = StepReport {
-            step: report.step,
-            time_s: report.time_s,
-            neutralised,
-            pump: plan.pump,
-            ..Default::default()
-        };
+        c.report = StepReport { step: report.step, time_s: report.time_s, neutralised, pump: plan.pump, ..Default::default() };
         c.last = None;
         c.running = inputs.dt_s > 0.0;
         plan.dt_by_density = inputs.dt_s / self.model.medium.density_kg_m3;
@@ -131,10 +110,7 @@ impl Solver {
     /// # Errors
     /// [`FlowError::PhaseConflict`] if a band is still running.
     pub fn next_phase(&self) -> Result<Option<Phase>, FlowError> {
-        let mut guard = self
-            .coordinator
-            .try_lock()
-            .ok_or(FlowError::PhaseConflict)?;
+        let mut guard = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         let c = &mut *guard;
         if !c.running {
             return Ok(None);
@@ -167,11 +143,7 @@ impl Solver {
     /// # Errors
     /// [`FlowError::PhaseConflict`] while the coordinator is between phases on another thread.
     pub fn report(&self) -> Result<StepReport, FlowError> {
-        Ok(self
-            .coordinator
-            .try_lock()
-            .ok_or(FlowError::PhaseConflict)?
-            .report)
+        Ok(self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?.report)
     }
 
     /// Counters of pump and blood.
@@ -179,21 +151,14 @@ impl Solver {
     /// # Errors
     /// As [`Self::report`].
     pub fn counters(&self) -> Result<(PumpState, BloodState), FlowError> {
-        let c = self
-            .coordinator
-            .try_lock()
-            .ok_or(FlowError::PhaseConflict)?;
+        let c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         Ok((c.pump, c.blood))
     }
 
     fn after(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<Option<Phase>, FlowError> {
         let serial_from = self.hierarchy.serial_from as u8;
         let coarsen = |l: u8| {
-            if l < serial_from {
-                Phase::Coarsen(l)
-            } else {
-                Phase::CoarsenRest
-            }
+            if l < serial_from { Phase::Coarsen(l) } else { Phase::CoarsenRest }
         };
         let Some(last) = c.last else {
             return Ok(Some(Phase::Mask));
@@ -215,11 +180,7 @@ impl Solver {
                 c.blood.entered_ml += total.b * cell_ml;
                 plan.dye = 1 - plan.dye;
                 c.dye_left -= 1;
-                if c.dye_left > 0 {
-                    Phase::Dye
-                } else {
-                    Phase::Particles
-                }
+                if c.dye_left > 0 { Phase::Dye } else { Phase::Particles }
             }
             Phase::Particles => {
                 self.settle_blood(&plan.inputs, plan.dye, &mut c.blood)?;
@@ -232,19 +193,10 @@ impl Solver {
     }
 
     /// The next phase within mass conservation.
-    fn after_pressure(
-        &self,
-        last: Phase,
-        c: &mut Coordinator,
-        plan: &mut Plan,
-    ) -> Result<Phase, FlowError> {
+    fn after_pressure(&self, last: Phase, c: &mut Coordinator, plan: &mut Plan) -> Result<Phase, FlowError> {
         let serial_from = self.hierarchy.serial_from as u8;
         let down = |l: u8| {
-            if l + 1 < serial_from {
-                Phase::Restrict(l)
-            } else {
-                Phase::Coarse
-            }
+            if l + 1 < serial_from { Phase::Restrict(l) } else { Phase::Coarse }
         };
         Ok(match last {
             Phase::RightSide => {
@@ -262,11 +214,7 @@ impl Solver {
             Phase::Prolong(l) => Phase::Smooth(l),
             Phase::Smooth(0) => {
                 let rz = self.total()?.a;
-                plan.beta = if plan.first_direction {
-                    0.0
-                } else {
-                    finite(rz / c.rz)
-                };
+                plan.beta = if plan.first_direction { 0.0 } else { finite(rz / c.rz) };
                 c.rz = rz;
                 Phase::Direction
             }
@@ -310,11 +258,7 @@ impl Solver {
     fn take_means(&self, c: &Coordinator, plan: &mut Plan) -> Result<(), FlowError> {
         let total = self.total()?;
         for ((mean, sum), &cells) in plan.means.iter_mut().zip(total.by_component).zip(&c.sizes) {
-            *mean = if cells > 0 {
-                (sum / f64::from(cells)) as f32
-            } else {
-                0.0
-            };
+            *mean = if cells > 0 { (sum / f64::from(cells)) as f32 } else { 0.0 };
         }
         Ok(())
     }
@@ -323,11 +267,7 @@ impl Solver {
         let tolerance = f64::from(self.model.residual_relative);
         c.report.residual_relative = if c.bb > 0.0 { (rr / c.bb).sqrt() } else { 0.0 };
         let good = rr <= tolerance * tolerance * c.bb || rr <= c.rest_residual2;
-        if good || !rr.is_finite() || c.report.iterations >= self.model.max_iterations {
-            Phase::Project
-        } else {
-            cycle
-        }
+        if good || !rr.is_finite() || c.report.iterations >= self.model.max_iterations { Phase::Project } else { cycle }
     }
 
     fn after_centre(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<Phase, FlowError> {
@@ -350,12 +290,7 @@ fn after_diffuse(c: &mut Coordinator, plan: &mut Plan) -> Phase {
         return Phase::Diffuse;
     }
     let others = [1, 2, 3].map(|n| (roles.now + n) % 4);
-    *roles = Roles {
-        now: roles.now,
-        next: others[1],
-        carrier: roles.now,
-        forward: others[0],
-    };
+    *roles = Roles { now: roles.now, next: others[1], carrier: roles.now, forward: others[0] };
     c.spare_buffers = [others[2], others[1]];
     Phase::AdvectForward
 }
@@ -365,11 +300,7 @@ fn after_advect(c: &mut Coordinator, plan: &mut Plan) -> Phase {
     plan.roles.next = c.spare_buffers[0];
     c.spare_buffers.swap(0, 1);
     c.advect_left -= 1;
-    if c.advect_left > 0 {
-        Phase::AdvectForward
-    } else {
-        Phase::RightSide
-    }
+    if c.advect_left > 0 { Phase::AdvectForward } else { Phase::RightSide }
 }
 
 /// A quotient of sums, or 0 where it has no meaning.

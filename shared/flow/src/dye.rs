@@ -30,22 +30,14 @@ impl Solver {
                         let c = Star::new(dye.three(kk), o, s, n);
                         let m = Star::new(fluid.three(kk), o, s, n);
                         let (ul, vl) = (u.layer(kk), v.layer(kk));
-                        let (u0, u1, v0, v1) = (
-                            &ul[o..o + n],
-                            &ul[o + 1..o + 1 + n],
-                            &vl[o..o + n],
-                            &vl[o + s..o + s + n],
-                        );
+                        let (u0, u1, v0, v1) = (&ul[o..o + n], &ul[o + 1..o + 1 + n], &vl[o..o + n], &vl[o + s..o + s + n]);
                         let (w0, w1) = (&w.layer(kk)[o..o + n], &w.layer(kk + 1)[o..o + n]);
                         let row = &mut out[o..o + n];
                         for i in 0..n {
                             let here = c.c[i];
-                            let x = m.xm[i] * flux(u0[i], c.xm[i], here)
-                                - m.xp[i] * flux(u1[i], here, c.xp[i]);
-                            let y = m.ym[i] * flux(v0[i], c.ym[i], here)
-                                - m.yp[i] * flux(v1[i], here, c.yp[i]);
-                            let z = m.zm[i] * flux(w0[i], c.zm[i], here)
-                                - m.zp[i] * flux(w1[i], here, c.zp[i]);
+                            let x = m.xm[i] * flux(u0[i], c.xm[i], here) - m.xp[i] * flux(u1[i], here, c.xp[i]);
+                            let y = m.ym[i] * flux(v0[i], c.ym[i], here) - m.yp[i] * flux(v1[i], here, c.yp[i]);
+                            let z = m.zm[i] * flux(w0[i], c.zm[i], here) - m.zp[i] * flux(w1[i], here, c.zp[i]);
                             let value = here + m.c[i] * (cx * x + cy * y + cz * z);
                             row[i] = if value > CLEAR { value } else { 0.0 };
                         }

@@ -51,9 +51,7 @@ pub enum FlowError {
         want: usize,
     },
     /// A block does not begin on the boundary that its numbers need.
-    #[error(
-        "the flow state begins at an address that is no multiple of 8; hand in an aligned block"
-    )]
+    #[error("the flow state begins at an address that is no multiple of 8; hand in an aligned block")]
     Alignment,
     /// The block is no flow state of this version and size.
     #[error(
@@ -68,9 +66,7 @@ pub enum FlowError {
         want: u64,
     },
     /// The block has the right form but holds a number that is not finite or out of range.
-    #[error(
-        "flow state refused: {field} holds a value that is not finite or out of range at index {index}"
-    )]
+    #[error("flow state refused: {field} holds a value that is not finite or out of range at index {index}")]
     StateValue {
         /// Which array or counter.
         field: &'static str,

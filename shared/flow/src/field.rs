@@ -17,33 +17,19 @@ pub(crate) struct Field {
 
 impl Field {
     pub fn new(layout: &Arc<Layout>) -> Self {
-        let bands = (0..layout.bands)
-            .map(|b| RwLock::new(vec![0.0; layout.stored(b).len() * layout.plane]))
-            .collect();
-        Self {
-            layout: layout.clone(),
-            bands,
-        }
+        let bands = (0..layout.bands).map(|b| RwLock::new(vec![0.0; layout.stored(b).len() * layout.plane])).collect();
+        Self { layout: layout.clone(), bands }
     }
     pub fn read(&self) -> Result<Read<'_>, FlowError> {
         let mut guards = [const { None }; MAX_BANDS];
         for (guard, band) in guards.iter_mut().zip(&self.bands) {
             *guard = Some(band.try_read().ok_or(FlowError::PhaseConflict)?);
         }
-        Ok(Read {
-            layout: &self.layout,
-            guards,
-        })
+        Ok(Read { layout: &self.layout, guards })
     }
     pub fn write(&self, band: usize) -> Result<Write<'_>, FlowError> {
-        let guard = self.bands[band]
-            .try_write()
-            .ok_or(FlowError::PhaseConflict)?;
-        Ok(Write {
-            layout: &self.layout,
-            band,
-            guard,
-        })
+        let guard = self.bands[band].try_write().ok_or(FlowError::PhaseConflict)?;
+        Ok(Write { layout: &self.layout, band, guard })
     }
 }
 

@@ -25,11 +25,7 @@ impl Grid {
     ///
     /// # Errors
     /// [`FlowError::GridSize`] or [`FlowError::GridGeometry`].
-    pub fn new(
-        cells: [usize; 3],
-        spacing_m: [f32; 3],
-        origin_m: [f32; 3],
-    ) -> Result<Self, FlowError> {
+    pub fn new(cells: [usize; 3], spacing_m: [f32; 3], origin_m: [f32; 3]) -> Result<Self, FlowError> {
         let [x, y, z] = cells;
         let total = x.checked_mul(y).and_then(|xy| xy.checked_mul(z));
         let axis_ok = cells.iter().all(|&n| (1..=MAX_AXIS).contains(&n));
@@ -39,18 +35,10 @@ impl Grid {
         for axis in 0..3 {
             let (spacing_m, origin_m) = (spacing_m[axis], origin_m[axis]);
             if !(1e-6..=1.0).contains(&spacing_m) || !(-1e3..=1e3).contains(&origin_m) {
-                return Err(FlowError::GridGeometry {
-                    axis,
-                    spacing_m,
-                    origin_m,
-                });
+                return Err(FlowError::GridGeometry { axis, spacing_m, origin_m });
             }
         }
-        Ok(Self {
-            cells,
-            spacing_m,
-            origin_m,
-        })
+        Ok(Self { cells, spacing_m, origin_m })
     }
 
     /// Cells along x, y, z.
@@ -104,17 +92,8 @@ impl Layout {
         }
         start[0] = 0;
         start[bands] = n[2] + 2;
-        let band_of = (0..n[2] + 2)
-            .map(|kk| (0..bands).rfind(|&b| start[b] <= kk).unwrap_or(0) as u8)
-            .collect();
-        Self {
-            n,
-            stride,
-            plane: stride * (n[1] + 2),
-            bands,
-            start,
-            band_of,
-        }
+        let band_of = (0..n[2] + 2).map(|kk| (0..bands).rfind(|&b| start[b] <= kk).unwrap_or(0) as u8).collect();
+        Self { n, stride, plane: stride * (n[1] + 2), bands, start, band_of }
     }
     /// Padded layers whose inside belongs to `band`.
     pub fn own(&self, band: usize) -> std::ops::Range<usize> {

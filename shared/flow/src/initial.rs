@@ -13,12 +13,7 @@ impl Solver {
     /// [`FlowError::Length`], or [`FlowError::PhaseConflict`] during a phase.
     pub fn set_velocity_m_s(&self, axis: usize, values: &[f32]) -> Result<u32, FlowError> {
         let now = self.plan()?.roles.now;
-        let replaced = self.set_field(
-            "the velocity",
-            &self.velocity[now][axis.min(2)],
-            values,
-            MAX_SPEED_M_S,
-        )?;
+        let replaced = self.set_field("the velocity", &self.velocity[now][axis.min(2)], values, MAX_SPEED_M_S)?;
         self.fill_ghosts()?;
         Ok(replaced)
     }
@@ -32,30 +27,16 @@ impl Solver {
         self.set_field("the dye", &self.dye[dye], values, 1.0)
     }
 
-    fn set_field(
-        &self,
-        what: &'static str,
-        field: &Field,
-        values: &[f32],
-        limit: f32,
-    ) -> Result<u32, FlowError> {
+    fn set_field(&self, what: &'static str, field: &Field, values: &[f32], limit: f32) -> Result<u32, FlowError> {
         if values.len() != self.layout.cell_count() {
-            return Err(FlowError::Length {
-                what,
-                got: values.len(),
-                want: self.layout.cell_count(),
-            });
+            return Err(FlowError::Length { what, got: values.len(), want: self.layout.cell_count() });
         }
         self.copy_in(field, values)?;
         let mut replaced = 0;
         for band in 0..self.bands {
             let mut field = field.write(band)?;
             for kk in self.layout.own(band) {
-                for x in field
-                    .layer(kk)
-                    .iter_mut()
-                    .filter(|x| !(-limit..=limit).contains(&**x))
-                {
+                for x in field.layer(kk).iter_mut().filter(|x| !(-limit..=limit).contains(&**x)) {
                     *x = 0.0;
                     replaced += 1;
                 }
@@ -81,8 +62,7 @@ impl Solver {
             for kk in self.layout.own(band) {
                 for j in 0..ny {
                     let o = self.layout.row(j);
-                    field.layer(kk)[o..o + nx]
-                        .copy_from_slice(&from[((kk - 1) * ny + j) * nx..][..nx]);
+                    field.layer(kk)[o..o + nx].copy_from_slice(&from[((kk - 1) * ny + j) * nx..][..nx]);
                 }
             }
         }

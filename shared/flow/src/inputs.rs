@@ -94,11 +94,7 @@ impl FlowInputs {
             if count > before {
                 tool.radius_m = 0.0; // a capsule at a place that nobody named is no obstacle
             }
-            for v in tool
-                .velocity_a_m_s
-                .iter_mut()
-                .chain(&mut tool.velocity_b_m_s)
-            {
+            for v in tool.velocity_a_m_s.iter_mut().chain(&mut tool.velocity_b_m_s) {
                 tame(v, -MAX_SPEED_M_S, MAX_SPEED_M_S, 0.0, &mut count);
             }
         }

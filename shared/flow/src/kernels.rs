@@ -110,8 +110,6 @@ impl<'a> Star<'a> {
     /// Weighted sum of the neighbours of cell `i`, with one weight per axis.
     #[inline(always)]
     pub fn around(&self, i: usize, w: [f32; 3]) -> f32 {
-        w[0] * (self.xm[i] + self.xp[i])
-            + w[1] * (self.ym[i] + self.yp[i])
-            + w[2] * (self.zm[i] + self.zp[i])
+        w[0] * (self.xm[i] + self.xp[i]) + w[1] * (self.ym[i] + self.yp[i]) + w[2] * (self.zm[i] + self.zp[i])
     }
 }

@@ -38,9 +38,7 @@ pub use blood::{BloodSource, BloodState, Particle};
 pub use coordinator::{MAX_SWEEPS, StepReport};
 pub use error::FlowError;
 pub use grid::{Grid, MAX_AXIS, MAX_BANDS, MAX_CELLS};
-pub use inputs::{
-    Capsule, FlowInputs, MAX_PORTS, MAX_SOURCES, MAX_SPEED_M_S, MAX_STEP_S, MAX_TOOLS, Port,
-};
+pub use inputs::{Capsule, FlowInputs, MAX_PORTS, MAX_SOURCES, MAX_SPEED_M_S, MAX_STEP_S, MAX_TOOLS, Port};
 pub use model::{BloodModel, FlowModel, Medium, Wall};
 pub use pump::{Alarms, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
 pub use solver::{Phase, Solver};

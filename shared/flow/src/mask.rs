@@ -24,12 +24,9 @@ impl<'a> Tool<'a> {
         for axis in 0..3 {
             let reach = capsule.radius_m / grid.spacing_m()[axis] + 1.0;
             low[axis] = (a[axis].min(b[axis]) - reach).max(0.0) as usize;
-            high[axis] =
-                ((a[axis].max(b[axis]) + reach).max(0.0) as usize + 1).min(grid.cells()[axis]);
+            high[axis] = ((a[axis].max(b[axis]) + reach).max(0.0) as usize + 1).min(grid.cells()[axis]);
         }
-        (0..3)
-            .all(|axis| low[axis] < high[axis])
-            .then_some(Self { capsule, low, high })
+        (0..3).all(|axis| low[axis] < high[axis]).then_some(Self { capsule, low, high })
     }
     /// Velocity of the capsule at a point inside it, m/s.
     fn velocity_at(&self, p: [f32; 3]) -> Option<[f32; 3]> {
@@ -38,17 +35,10 @@ impl<'a> Tool<'a> {
         let from: [f32; 3] = std::array::from_fn(|n| p[n] - c.a_m[n]);
         let dot = |x: &[f32; 3], y: &[f32; 3]| x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
         let length2 = dot(&axis, &axis);
-        let t = if length2 > 0.0 {
-            (dot(&from, &axis) / length2).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
+        let t = if length2 > 0.0 { (dot(&from, &axis) / length2).clamp(0.0, 1.0) } else { 0.0 };
         let off: [f32; 3] = std::array::from_fn(|n| from[n] - t * axis[n]);
-        (dot(&off, &off) <= c.radius_m * c.radius_m).then(|| {
-            std::array::from_fn(|n| {
-                c.velocity_a_m_s[n] + t * (c.velocity_b_m_s[n] - c.velocity_a_m_s[n])
-            })
-        })
+        (dot(&off, &off) <= c.radius_m * c.radius_m)
+            .then(|| std::array::from_fn(|n| c.velocity_a_m_s[n] + t * (c.velocity_b_m_s[n] - c.velocity_a_m_s[n])))
     }
 }
 
@@ -59,11 +49,7 @@ impl Solver {
         let layout = &*self.layout;
         let base = self.base.try_read().ok_or(FlowError::PhaseConflict)?;
         let mut fluid = self.fluid.write(band)?;
-        let mut faces = [
-            self.face[0].write(band)?,
-            self.face[1].write(band)?,
-            self.face[2].write(band)?,
-        ];
+        let mut faces = [self.face[0].write(band)?, self.face[1].write(band)?, self.face[2].write(band)?];
         let now = self.read_velocity(plan.roles.now)?;
         let grid = &self.model.grid;
         let [nx, ny, _] = layout.n;
@@ -89,9 +75,7 @@ impl Solver {
             for (axis, face) in faces.iter_mut().enumerate() {
                 face.layer(kk).fill(0.0);
                 let h = grid.spacing_m()[axis];
-                sum.top = sum
-                    .top
-                    .max(crate::kernels::max_abs(now[axis].layer(kk)) / h);
+                sum.top = sum.top.max(crate::kernels::max_abs(now[axis].layer(kk)) / h);
             }
             for tool in plan.inputs.tools.iter().filter_map(|c| Tool::new(grid, c)) {
                 solid_faces(layout, grid, &tool, kk, &mut faces);
@@ -114,13 +98,7 @@ fn carve(grid: &Grid, tool: &Tool<'_>, j: usize, k: usize, mut found: impl FnMut
 }
 
 /// Gives the faces of padded layer `kk` that touch the tool its velocity; faces on the walls stay at rest.
-fn solid_faces(
-    layout: &Layout,
-    grid: &Grid,
-    tool: &Tool<'_>,
-    kk: usize,
-    faces: &mut [crate::field::Write<'_>; 3],
-) {
+fn solid_faces(layout: &Layout, grid: &Grid, tool: &Tool<'_>, kk: usize, faces: &mut [crate::field::Write<'_>; 3]) {
     let [nx, ny, _] = layout.n;
     for j in 0..ny {
         let o = layout.row(j);
@@ -160,10 +138,7 @@ pub(crate) struct Components {
 impl Components {
     pub fn new(layout: &Layout) -> Self {
         let rows = layout.n[1] * layout.n[2];
-        Self {
-            runs: vec![Run::default(); rows * layout.n[0].div_ceil(2)],
-            row_start: vec![0; rows + 1],
-        }
+        Self { runs: vec![Run::default(); rows * layout.n[0].div_ceil(2)], row_start: vec![0; rows + 1] }
     }
 
     fn root(&mut self, mut r: usize) -> usize {
@@ -208,12 +183,7 @@ impl Components {
                 while i < row.len() && row[i] > 0.0 {
                     i += 1;
                 }
-                self.runs[count] = Run {
-                    start: start as u32,
-                    end: i as u32,
-                    parent: count as u32,
-                    cells: (i - start) as u32,
-                };
+                self.runs[count] = Run { start: start as u32, end: i as u32, parent: count as u32, cells: (i - start) as u32 };
                 count += 1;
             } else {
                 i += 1;
@@ -224,10 +194,7 @@ impl Components {
 
     fn join(&mut self, a: usize, b: usize) {
         let (mut p, mut q) = (self.row_start[a] as usize, self.row_start[b] as usize);
-        let (p_end, q_end) = (
-            self.row_start[a + 1] as usize,
-            self.row_start[b + 1] as usize,
-        );
+        let (p_end, q_end) = (self.row_start[a + 1] as usize, self.row_start[b + 1] as usize);
         while p < p_end && q < q_end {
             let (x, y) = (self.runs[p], self.runs[q]);
             if x.start < y.end && y.start < x.end {
@@ -242,13 +209,7 @@ impl Components {
         }
     }
 
-    fn number(
-        &mut self,
-        count: usize,
-        rows: usize,
-        nx: usize,
-        labels: &mut [u8],
-    ) -> (usize, [u32; MAX_COMPONENTS], bool) {
+    fn number(&mut self, count: usize, rows: usize, nx: usize, labels: &mut [u8]) -> (usize, [u32; MAX_COMPONENTS], bool) {
         // The largest parts, largest first, the earlier one first among equals.
         let mut best = [(0u32, 0usize); MAX_COMPONENTS];
         let mut parts = 0;
@@ -270,10 +231,7 @@ impl Components {
             for row in 0..rows {
                 for r in self.row_start[row] as usize..self.row_start[row + 1] as usize {
                     let root = self.root(r);
-                    let label = best[..kept]
-                        .iter()
-                        .position(|b| b.1 == root)
-                        .map_or(255, |l| l as u8);
+                    let label = best[..kept].iter().position(|b| b.1 == root).map_or(255, |l| l as u8);
                     let run = self.runs[r];
                     labels[row * nx + run.start as usize..row * nx + run.end as usize].fill(label);
                 }

@@ -26,17 +26,9 @@ pub struct Medium {
 
 impl Medium {
     /// Physiological saline at 37 °C: 1 000 kg/m³ and 0.7 mm²/s (water: 0.695 mm²/s).
-    pub const SALINE: Self = Self {
-        density_kg_m3: 1_000.0,
-        viscosity_m2_s: 0.7e-6,
-        isotonic: true,
-    };
+    pub const SALINE: Self = Self { density_kg_m3: 1_000.0, viscosity_m2_s: 0.7e-6, isotonic: true };
     /// Glycine 1.5 %: near water, hypotonic.
-    pub const GLYCINE: Self = Self {
-        density_kg_m3: 1_004.0,
-        viscosity_m2_s: 0.72e-6,
-        isotonic: false,
-    };
+    pub const GLYCINE: Self = Self { density_kg_m3: 1_004.0, viscosity_m2_s: 0.72e-6, isotonic: false };
 }
 
 /// How blood is emitted and seen.
@@ -56,13 +48,7 @@ pub struct BloodModel {
 
 impl Default for BloodModel {
     fn default() -> Self {
-        Self {
-            capacity: 2_048,
-            particle_ml: 1e-3,
-            conductance_ml_s_pa: 1e-5,
-            vessel_pa: 12_000.0,
-            seed: 1,
-        }
+        Self { capacity: 2_048, particle_ml: 1e-3, conductance_ml_s_pa: 1e-5, vessel_pa: 12_000.0, seed: 1 }
     }
 }
 
@@ -104,62 +90,14 @@ impl FlowModel {
     /// # Errors
     /// [`FlowError::Parameter`] names the first one out of range.
     pub fn check(&self) -> Result<(), FlowError> {
-        range(
-            "medium.density_kg_m3",
-            self.medium.density_kg_m3.into(),
-            1.0,
-            1e5,
-            "1 to 1e5",
-        )?;
-        range(
-            "medium.viscosity_m2_s",
-            self.medium.viscosity_m2_s.into(),
-            0.0,
-            1.0,
-            "0 to 1",
-        )?;
-        range(
-            "residual_relative",
-            self.residual_relative.into(),
-            1e-6,
-            0.5,
-            "1e-6 to 0.5",
-        )?;
-        range(
-            "max_iterations",
-            self.max_iterations.into(),
-            1.0,
-            1e3,
-            "1 to 1000",
-        )?;
-        range(
-            "blood.capacity",
-            self.blood.capacity as f64,
-            1.0,
-            65_536.0,
-            "1 to 65536",
-        )?;
-        range(
-            "blood.particle_ml",
-            self.blood.particle_ml.into(),
-            1e-6,
-            1.0,
-            "1e-6 to 1",
-        )?;
-        range(
-            "blood.conductance_ml_s_pa",
-            self.blood.conductance_ml_s_pa,
-            0.0,
-            1.0,
-            "0 to 1",
-        )?;
-        range(
-            "blood.vessel_pa",
-            self.blood.vessel_pa,
-            0.0,
-            1e5,
-            "0 to 1e5",
-        )?;
+        range("medium.density_kg_m3", self.medium.density_kg_m3.into(), 1.0, 1e5, "1 to 1e5")?;
+        range("medium.viscosity_m2_s", self.medium.viscosity_m2_s.into(), 0.0, 1.0, "0 to 1")?;
+        range("residual_relative", self.residual_relative.into(), 1e-6, 0.5, "1e-6 to 0.5")?;
+        range("max_iterations", self.max_iterations.into(), 1.0, 1e3, "1 to 1000")?;
+        range("blood.capacity", self.blood.capacity as f64, 1.0, 65_536.0, "1 to 65536")?;
+        range("blood.particle_ml", self.blood.particle_ml.into(), 1e-6, 1.0, "1e-6 to 1")?;
+        range("blood.conductance_ml_s_pa", self.blood.conductance_ml_s_pa, 0.0, 1.0, "0 to 1")?;
+        range("blood.vessel_pa", self.blood.vessel_pa, 0.0, 1e5, "0 to 1e5")?;
         for wall in &self.walls {
             if let Wall::NoSlip(v) = wall {
                 for &c in v {
@@ -171,16 +109,6 @@ impl FlowModel {
     }
 }
 
-pub(crate) fn range(
-    name: &'static str,
-    value: f64,
-    low: f64,
-    high: f64,
-    range: &'static str,
-) -> Result<(), FlowError> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(FlowError::Parameter { name, value, range })
-    }
+pub(crate) fn range(name: &'static str, value: f64, low: f64, high: f64, range: &'static str) -> Result<(), FlowError> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(FlowError::Parameter { name, value, range }) }
 }

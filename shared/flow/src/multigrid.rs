@@ -38,15 +38,7 @@ impl Level {
         let field = || Field::new(&layout);
         let faces = coarse.then(|| [field(), field(), field()]);
         let (r, z, y, diagonal, inverse) = (field(), field(), field(), field(), field());
-        Self {
-            layout,
-            r,
-            z,
-            y,
-            diagonal,
-            inverse,
-            faces,
-        }
+        Self { layout, r, z, y, diagonal, inverse, faces }
     }
 }
 
@@ -64,22 +56,14 @@ impl Hierarchy {
         let mut n = fine.n;
         while levels.len() == 1 || n[0] * n[1] * n[2] > COARSEST_CELLS {
             n = n.map(|c| c.div_ceil(2));
-            let parallel =
-                serial_from == 0 && n[0] * n[1] * n[2] >= PARALLEL_CELLS && n[2] >= 2 * fine.bands;
+            let parallel = serial_from == 0 && n[0] * n[1] * n[2] >= PARALLEL_CELLS && n[2] >= 2 * fine.bands;
             if !parallel && serial_from == 0 {
                 serial_from = levels.len();
             }
-            levels.push(Level::new(
-                Arc::new(Layout::new(n, if parallel { fine.bands } else { 1 })),
-                true,
-            ));
+            levels.push(Level::new(Arc::new(Layout::new(n, if parallel { fine.bands } else { 1 })), true));
         }
         let cells = n[0] * n[1] * n[2];
-        Self {
-            levels,
-            serial_from,
-            coarsest: Coarsest::new(cells),
-        }
+        Self { levels, serial_from, coarsest: Coarsest::new(cells) }
     }
 }
 
@@ -97,12 +81,7 @@ impl<'a> Operator<'a> {
             Some([x, y, z]) => Some([x.read()?, y.read()?, z.read()?]),
             None => None,
         };
-        Ok(Self {
-            layout: &level.layout,
-            diagonal: level.diagonal.read()?,
-            faces,
-            weights,
-        })
+        Ok(Self { layout: &level.layout, diagonal: level.diagonal.read()?, faces, weights })
     }
     fn diagonal(&self, kk: usize, o: usize, n: usize) -> &[f32] {
         &self.diagonal.layer(kk)[o..o + n]
@@ -116,14 +95,7 @@ impl<'a> Operator<'a> {
         let diagonal = self.diagonal(kk, o, n);
         if let Some([fx, fy, fz]) = &self.faces {
             let (xl, yl, zl, zh) = (fx.layer(kk), fy.layer(kk), fz.layer(kk), fz.layer(kk + 1));
-            let faces = [
-                &xl[o..],
-                &xl[o + 1..],
-                &yl[o..],
-                &yl[o + s..],
-                &zl[o..],
-                &zh[o..],
-            ];
+            let faces = [&xl[o..], &xl[o + 1..], &yl[o..], &yl[o + s..], &zl[o..], &zh[o..]];
             rows::coarse_operator(out, diagonal, &star, faces);
         } else {
             rows::fine_operator(out, diagonal, &star, self.weights);
@@ -183,11 +155,7 @@ impl Solver {
                             for j in children(jc, fl.n[1]) {
                                 let o = fl.row(j);
                                 op.apply(z.three(k + 1), k + 1, o, &mut t[..n]);
-                                rows::add_residual(
-                                    &mut sum[..n],
-                                    &r.layer(k + 1)[o..o + n],
-                                    &t[..n],
-                                );
+                                rows::add_residual(&mut sum[..n], &r.layer(k + 1)[o..o + n], &t[..n]);
                             }
                         }
                         let oc = cl.row(jc);
@@ -220,12 +188,7 @@ impl Solver {
                         let oc = cl.row(if fl.n[1] > 1 { j / 2 } else { j });
                         double(&e[oc..oc + cl.n[0]], &mut wide_row, n);
                         let o = fl.row(j);
-                        rows::correct(
-                            &mut out[o..o + n],
-                            &z[o..o + n],
-                            &wide_row[..n],
-                            &d[o..o + n],
-                        );
+                        rows::correct(&mut out[o..o + n], &z[o..o + n], &wide_row[..n], &d[o..o + n]);
                     }
                 },
             );
@@ -274,9 +237,7 @@ impl Solver {
         for l in self.hierarchy.serial_from - 1..last {
             self.restrict_band(l, 0)?;
         }
-        self.hierarchy
-            .coarsest
-            .solve(&self.hierarchy.levels[last])?;
+        self.hierarchy.coarsest.solve(&self.hierarchy.levels[last])?;
         for l in (self.hierarchy.serial_from..last).rev() {
             self.prolong_band(l, 0)?;
             self.smooth_band(l, 0)?;
@@ -288,11 +249,7 @@ impl Solver {
 /// Fine indices that belong to coarse index `c` on an axis of `n` fine cells.
 #[inline(always)]
 pub(crate) fn children(c: usize, n: usize) -> std::ops::Range<usize> {
-    if n > 1 {
-        2 * c..(2 * c + 2).min(n)
-    } else {
-        c..c + 1
-    }
+    if n > 1 { 2 * c..(2 * c + 2).min(n) } else { c..c + 1 }
 }
 
 /// Sums pairs of a row.

@@ -79,13 +79,7 @@ pub(crate) struct LayerSums {
 impl Plan {
     /// Sum of a plane's inside by component.
     #[inline(always)]
-    pub fn component_sums(
-        &self,
-        layout: &Layout,
-        kk: usize,
-        plane: &[f32],
-        into: &mut [f64; MAX_COMPONENTS],
-    ) {
+    pub fn component_sums(&self, layout: &Layout, kk: usize, plane: &[f32], into: &mut [f64; MAX_COMPONENTS]) {
         for j in 0..layout.n[1] {
             let o = layout.row(j);
             let row = &plane[o..o + layout.n[0]];

@@ -5,22 +5,14 @@ use crate::inputs::Port;
 
 /// Calls `visit(padded layer, offset in plane)` for the cells of a port: those within its radius, and if `visit` has taken none
 /// of them, those within two cells of its centre, nearest shell first. `visit` returns whether it has taken any so far.
-pub(crate) fn cells(
-    grid: &Grid,
-    layout: &Layout,
-    port: &Port,
-    mut visit: impl FnMut(usize, usize) -> bool,
-) {
+pub(crate) fn cells(grid: &Grid, layout: &Layout, port: &Port, mut visit: impl FnMut(usize, usize) -> bool) {
     let h = grid.spacing_m();
     let largest = h[0].max(h[1]).max(h[2]);
     for reach_m in [port.radius_m, largest, 2.0 * largest] {
         let reach_m = reach_m.max(0.5 * largest);
         let middle = grid.to_cells(port.centre_m);
-        let low: [usize; 3] =
-            std::array::from_fn(|a| (middle[a] - reach_m / h[a] - 1.0).max(0.0) as usize);
-        let high: [usize; 3] = std::array::from_fn(|a| {
-            ((middle[a] + reach_m / h[a] + 1.0).max(0.0) as usize).min(layout.n[a])
-        });
+        let low: [usize; 3] = std::array::from_fn(|a| (middle[a] - reach_m / h[a] - 1.0).max(0.0) as usize);
+        let high: [usize; 3] = std::array::from_fn(|a| ((middle[a] + reach_m / h[a] + 1.0).max(0.0) as usize).min(layout.n[a]));
         let mut taken = false;
         for k in low[2]..high[2] {
             for j in low[1]..high[1] {

@@ -8,11 +8,7 @@ use crate::solver::{MAX_SOURCE_CELLS, Phase, Solver};
 
 impl Solver {
     /// After Mask: connected parts, sources, and how many sweeps the step needs.
-    pub(crate) fn after_mask(
-        &self,
-        c: &mut Coordinator,
-        plan: &mut Plan,
-    ) -> Result<Phase, FlowError> {
+    pub(crate) fn after_mask(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<Phase, FlowError> {
         let total = self.total()?;
         let changed = total.count > 0 || !c.built;
         if changed {
@@ -35,32 +31,18 @@ impl Solver {
         let number = 2.0 * viscosity * dt_s * self.weights.iter().sum::<f32>();
         c.diffuse_left = (number.ceil() as u32).clamp(1, MAX_SWEEPS);
         c.report.slowed |= number > MAX_SWEEPS as f32;
-        let part = dt_s / c.diffuse_left as f32
-            * (MAX_SWEEPS as f32 / number.max(f32::MIN_POSITIVE)).min(1.0);
+        let part = dt_s / c.diffuse_left as f32 * (MAX_SWEEPS as f32 / number.max(f32::MIN_POSITIVE)).min(1.0);
         plan.diffusion = self.weights.map(|w| viscosity * part * w);
-        plan.impulse_m_s = plan
-            .inputs
-            .acceleration_m_s2
-            .map(|a| a * dt_s / c.diffuse_left as f32);
+        plan.impulse_m_s = plan.inputs.acceleration_m_s2.map(|a| a * dt_s / c.diffuse_left as f32);
         let now = plan.roles.now;
-        plan.roles = Roles {
-            now,
-            next: (now + 1) % 4,
-            ..Default::default()
-        };
-        Ok(if changed {
-            Phase::Operator
-        } else {
-            Phase::Diffuse
-        })
+        plan.roles = Roles { now, next: (now + 1) % 4, ..Default::default() };
+        Ok(if changed { Phase::Operator } else { Phase::Diffuse })
     }
 
     fn label(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<(), FlowError> {
         let layout = &*self.layout;
         let fluid = self.fluid.read()?;
-        let (parts, sizes, pockets) =
-            c.components
-                .label(layout, |kk| fluid.layer(kk), &mut plan.labels);
+        let (parts, sizes, pockets) = c.components.label(layout, |kk| fluid.layer(kk), &mut plan.labels);
         drop(fluid);
         plan.components = parts;
         c.sizes = sizes;
@@ -70,10 +52,7 @@ impl Solver {
                 let mut fluid = self.fluid.write(band)?;
                 for kk in layout.own(band) {
                     let plane = fluid.layer(kk);
-                    for (cell, label) in plan.labels[(kk - 1) * nx * ny..kk * nx * ny]
-                        .iter_mut()
-                        .enumerate()
-                    {
+                    for (cell, label) in plan.labels[(kk - 1) * nx * ny..kk * nx * ny].iter_mut().enumerate() {
                         if *label == u8::MAX {
                             plane[layout.row(cell / nx) + cell % nx] = 0.0;
                             *label = 0;
@@ -98,18 +77,8 @@ impl Solver {
         let mut fastest = 0.0f32;
         let fluid = self.fluid.read()?;
         for port in plan.inputs.ports {
-            let total: f32 = plan
-                .inputs
-                .ports
-                .iter()
-                .filter(|p| p.inflow == port.inflow)
-                .map(|p| p.share)
-                .sum();
-            let flow_ml_s = if port.inflow {
-                plan.pump.in_ml_s
-            } else {
-                plan.pump.out_ml_s
-            };
+            let total: f32 = plan.inputs.ports.iter().filter(|p| p.inflow == port.inflow).map(|p| p.share).sum();
+            let flow_ml_s = if port.inflow { plan.pump.in_ml_s } else { plan.pump.out_ml_s };
             if port.share <= 0.0 || flow_ml_s <= 0.0 {
                 continue;
             }
@@ -117,11 +86,7 @@ impl Solver {
             let from = plan.sources.len();
             crate::ports::cells(&self.model.grid, layout, &port, |kk, at| {
                 if fluid.layer(kk)[at] > 0.0 && plan.sources.len() < MAX_SOURCE_CELLS {
-                    plan.sources.push(Source {
-                        kk,
-                        at,
-                        ..Default::default()
-                    });
+                    plan.sources.push(Source { kk, at, ..Default::default() });
                 }
                 plan.sources.len() > from
             });

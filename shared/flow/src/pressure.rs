@@ -35,12 +35,7 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         let m = &fluid.layer(kk)[o..o + n];
-                        rows::convergence(
-                            &mut out[o..o + n],
-                            m,
-                            faces(&velocity, kk, o, layout.stride),
-                            per_m,
-                        );
+                        rows::convergence(&mut out[o..o + n], m, faces(&velocity, kk, o, layout.stride), per_m);
                         rows::scale_masked(&mut phi[o..o + n], m, plan.dt_by_density);
                     }
                 },
@@ -62,11 +57,7 @@ impl Solver {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
-        let (phi, diagonal, inverse) = (
-            self.pressure.read()?,
-            level.diagonal.read()?,
-            level.inverse.read()?,
-        );
+        let (phi, diagonal, inverse) = (self.pressure.read()?, level.diagonal.read()?, level.inverse.read()?);
         let fluid = self.fluid.read()?;
         let (mut r, mut z) = (level.r.write(band)?, level.z.write(band)?);
         let n = layout.n[0];
@@ -82,18 +73,9 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         let star = Star::new(phi.three(kk), o, layout.stride, n);
-                        rows::fine_operator(
-                            &mut t[..n],
-                            &diagonal.layer(kk)[o..o + n],
-                            &star,
-                            self.weights,
-                        );
+                        rows::fine_operator(&mut t[..n], &diagonal.layer(kk)[o..o + n], &star, self.weights);
                         plan.fill_means(layout, kk, j, &mut mean[..n]);
-                        let (r, z, v) = (
-                            &mut r[o..o + n],
-                            &mut z[o..o + n],
-                            &inverse.layer(kk)[o..o + n],
-                        );
+                        let (r, z, v) = (&mut r[o..o + n], &mut z[o..o + n], &inverse.layer(kk)[o..o + n]);
                         rows::subtract_masked(r, &fluid.layer(kk)[o..o + n], &mean[..n]);
                         bb += dot(r, r);
                         rows::reduce(r, z, &t[..n], v, 1.0);
@@ -125,12 +107,7 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         let star = Star::new(z.three(kk), o, layout.stride, n);
-                        rows::fine_operator(
-                            &mut t[..n],
-                            &diagonal.layer(kk)[o..o + n],
-                            &star,
-                            self.weights,
-                        );
+                        rows::fine_operator(&mut t[..n], &diagonal.layer(kk)[o..o + n], &star, self.weights);
                         let (d, q, t) = (&mut d[o..o + n], &mut q[o..o + n], &t[..n]);
                         if plan.first_direction {
                             d.copy_from_slice(star.c);
@@ -153,16 +130,8 @@ impl Solver {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
-        let (d, q, inverse) = (
-            self.direction.read()?,
-            self.image.read()?,
-            level.inverse.read()?,
-        );
-        let (mut phi, mut r, mut z) = (
-            self.pressure.write(band)?,
-            level.r.write(band)?,
-            level.z.write(band)?,
-        );
+        let (d, q, inverse) = (self.direction.read()?, self.image.read()?, level.inverse.read()?);
+        let (mut phi, mut r, mut z) = (self.pressure.write(band)?, level.r.write(band)?, level.z.write(band)?);
         let n = layout.n[0];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
@@ -173,11 +142,7 @@ impl Solver {
                     let mut rr = 0.0;
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
-                        let (d, q, v) = (
-                            &d.layer(kk)[o..o + n],
-                            &q.layer(kk)[o..o + n],
-                            &inverse.layer(kk)[o..o + n],
-                        );
+                        let (d, q, v) = (&d.layer(kk)[o..o + n], &q.layer(kk)[o..o + n], &inverse.layer(kk)[o..o + n]);
                         let (r, z) = (&mut r[o..o + n], &mut z[o..o + n]);
                         rows::add_scaled(&mut phi[o..o + n], d, plan.alpha);
                         rows::reduce(r, z, q, v, plan.alpha);
@@ -219,14 +184,7 @@ impl Solver {
                             let star = Star::new(phi.three(kk), o, layout.stride, n);
                             let back = [star.xm, star.ym, star.zm][component];
                             let row = &mut plane[o..o + n];
-                            sum.count += rows::project(
-                                row,
-                                star.c,
-                                back,
-                                inverse_h,
-                                2.0 * MAX_SPEED_M_S,
-                                REST_M_S,
-                            );
+                            sum.count += rows::project(row, star.c, back, inverse_h, 2.0 * MAX_SPEED_M_S, REST_M_S);
                             hold_solid(&fluid, &face, component, kk, o, layout.stride, row);
                             sum.top = larger(sum.top, max_abs(row));
                         }
@@ -280,12 +238,5 @@ impl Solver {
 fn faces<'a>(velocity: &'a [Read<'_>; 3], kk: usize, o: usize, stride: usize) -> [&'a [f32]; 6] {
     let [u, v, w] = velocity;
     let (u, v) = (u.layer(kk), v.layer(kk));
-    [
-        &u[o..],
-        &u[o + 1..],
-        &v[o..],
-        &v[o + stride..],
-        &w.layer(kk)[o..],
-        &w.layer(kk + 1)[o..],
-    ]
+    [&u[o..], &u[o + 1..], &v[o..], &v[o + stride..], &w.layer(kk)[o..], &w.layer(kk + 1)[o..]]
 }

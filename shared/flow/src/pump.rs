@@ -100,12 +100,7 @@ impl PumpInput {
         let mut count = 0;
         tame(&mut self.set_pa, 0.0, 1e5, 0.0, &mut count);
         tame(&mut self.flow_limit_ml_min, 0.0, 1e4, 0.0, &mut count);
-        for part in [
-            &mut self.inflow_valve,
-            &mut self.outflow_valve,
-            &mut self.open_veins,
-            &mut self.perforation,
-        ] {
+        for part in [&mut self.inflow_valve, &mut self.outflow_valve, &mut self.open_veins, &mut self.perforation] {
             tame(part, 0.0, 1.0, 0.0, &mut count);
         }
         tame(&mut self.displaced_ml, 0.0, 100.0, 0.0, &mut count);
@@ -140,12 +135,7 @@ impl PumpState {
     }
     /// The counters' balance, ml: 0 but for rounding, from an empty cavity on.
     pub fn imbalance_ml(&self) -> f64 {
-        self.in_ml + self.bled_ml
-            - self.out_ml
-            - self.intravasated_ml
-            - self.leaked_ml
-            - self.perforated_ml
-            - self.cavity_ml
+        self.in_ml + self.bled_ml - self.out_ml - self.intravasated_ml - self.leaked_ml - self.perforated_ml - self.cavity_ml
     }
 }
 
@@ -197,59 +187,18 @@ impl Flows {
 
 impl PumpModel {
     pub(crate) fn check(&self) -> Result<(), FlowError> {
-        range(
-            "pump.volume_150_mmhg_ml",
-            self.volume_150_mmhg_ml,
-            0.1,
-            1e3,
-            "0.1 to 1000",
-        )?;
-        range(
-            "pump.parting_pa",
-            self.parting_pa,
-            0.0,
-            140.0 * PA_PER_MMHG,
-            "0 to 18665",
-        )?;
+        range("pump.volume_150_mmhg_ml", self.volume_150_mmhg_ml, 0.1, 1e3, "0.1 to 1000")?;
+        range("pump.parting_pa", self.parting_pa, 0.0, 140.0 * PA_PER_MMHG, "0 to 18665")?;
         range("pump.parting_ml", self.parting_ml, 1e-3, 1e2, "1e-3 to 100")?;
-        range(
-            "pump.max_flow_ml_s",
-            self.max_flow_ml_s,
-            0.0,
-            100.0,
-            "0 to 100",
-        )?;
+        range("pump.max_flow_ml_s", self.max_flow_ml_s, 0.0, 100.0, "0 to 100")?;
         range("pump.band_pa", self.band_pa, 1.0, 1e5, "1 to 1e5")?;
         range("pump.max_set_pa", self.max_set_pa, 0.0, 1e5, "0 to 1e5")?;
-        range(
-            "pump.max_delivery_pa",
-            self.max_delivery_pa,
-            0.0,
-            1e6,
-            "0 to 1e6",
-        )?;
+        range("pump.max_delivery_pa", self.max_delivery_pa, 0.0, 1e6, "0 to 1e6")?;
         range("pump.suction_pa", self.suction_pa, 0.0, 1e5, "0 to 1e5")?;
         range("pump.venous_pa", self.venous_pa, 0.0, 1e5, "0 to 1e5")?;
-        range(
-            "pump.pressure_alarm_pa",
-            self.pressure_alarm_pa,
-            0.0,
-            1e5,
-            "0 to 1e5",
-        )?;
-        range(
-            "pump.loss_alarm_ml_s",
-            self.loss_alarm_ml_s,
-            0.0,
-            1e3,
-            "0 to 1000",
-        )?;
-        let conductances = [
-            self.inflow_ml_s_pa,
-            self.outflow_ml_s_pa,
-            self.leak_ml_s_pa,
-            self.intravasation_ml_s_pa,
-        ];
+        range("pump.pressure_alarm_pa", self.pressure_alarm_pa, 0.0, 1e5, "0 to 1e5")?;
+        range("pump.loss_alarm_ml_s", self.loss_alarm_ml_s, 0.0, 1e3, "0 to 1000")?;
+        let conductances = [self.inflow_ml_s_pa, self.outflow_ml_s_pa, self.leak_ml_s_pa, self.intravasation_ml_s_pa];
         for value in conductances.into_iter().chain([self.perforation_ml_s_pa]) {
             range("pump.…_ml_s_pa", value, 0.0, 1.0, "0 to 1")?;
         }
@@ -260,8 +209,7 @@ impl PumpModel {
     /// much; from there it grows with the volume, to 150 mmHg at the model's volume. Strictly increasing.
     pub fn pressure_pa(&self, volume_ml: f64) -> f64 {
         let parted = |v: f64| self.parting_pa * (1.0 - (-v / self.parting_ml).exp());
-        let slope =
-            (150.0 * PA_PER_MMHG - parted(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml;
+        let slope = (150.0 * PA_PER_MMHG - parted(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml;
         parted(volume_ml) + slope * volume_ml
     }
 
@@ -270,35 +218,20 @@ impl PumpModel {
         let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
         let limit_ml_s = (f64::from(input.flow_limit_ml_min) / 60.0).min(self.max_flow_ml_s);
         let wanted = limit_ml_s * ((set_pa - pressure_pa) / self.band_pa).clamp(0.0, 1.0);
-        let tube = f64::from(input.inflow_valve)
-            * self.inflow_ml_s_pa
-            * (self.max_delivery_pa - pressure_pa).max(0.0);
+        let tube = f64::from(input.inflow_valve) * self.inflow_ml_s_pa * (self.max_delivery_pa - pressure_pa).max(0.0);
         // An empty cavity has nothing to give: the last 0.05 ml throttle every way out.
         let filled = (volume_ml / 0.05).clamp(0.0, 1.0);
         Flows {
             inward: wanted.min(tube),
-            outward: filled
-                * f64::from(input.outflow_valve)
-                * self.outflow_ml_s_pa
-                * (pressure_pa + self.suction_pa),
-            veins: filled
-                * f64::from(input.open_veins)
-                * self.intravasation_ml_s_pa
-                * (pressure_pa - self.venous_pa).max(0.0),
+            outward: filled * f64::from(input.outflow_valve) * self.outflow_ml_s_pa * (pressure_pa + self.suction_pa),
+            veins: filled * f64::from(input.open_veins) * self.intravasation_ml_s_pa * (pressure_pa - self.venous_pa).max(0.0),
             leak: filled * self.leak_ml_s_pa * pressure_pa,
             hole: filled * f64::from(input.perforation) * self.perforation_ml_s_pa * pressure_pa,
         }
     }
 
     /// One step of `dt_s` with neutralised input; `bled_ml` is the blood that entered during the step.
-    pub fn step(
-        &self,
-        state: &mut PumpState,
-        input: &PumpInput,
-        isotonic: bool,
-        bled_ml: f64,
-        dt_s: f64,
-    ) -> PumpReport {
+    pub fn step(&self, state: &mut PumpState, input: &PumpInput, isotonic: bool, bled_ml: f64, dt_s: f64) -> PumpReport {
         let before = *state;
         state.cavity_ml += bled_ml;
         state.bled_ml += bled_ml;

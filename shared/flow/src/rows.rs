@@ -21,11 +21,7 @@ pub(crate) fn hold(row: &mut [f32], here: &[f32], back: &[f32], held: &[f32]) {
     let n = row.len();
     let (here, back, held) = (&here[..n], &back[..n], &held[..n]);
     for i in 0..n {
-        row[i] = if here[i] * back[i] > 0.0 {
-            row[i]
-        } else {
-            held[i]
-        };
+        row[i] = if here[i] * back[i] > 0.0 { row[i] } else { held[i] };
     }
 }
 
@@ -34,15 +30,7 @@ pub(crate) fn hold(row: &mut [f32], here: &[f32], back: &[f32], held: &[f32]) {
 pub(crate) fn convergence(out: &mut [f32], m: &[f32], faces: [&[f32]; 6], per_m: [f32; 3]) {
     let n = out.len();
     let [u0, u1, v0, v1, w0, w1] = faces;
-    let (u0, u1, v0, v1, w0, w1, m) = (
-        &u0[..n],
-        &u1[..n],
-        &v0[..n],
-        &v1[..n],
-        &w0[..n],
-        &w1[..n],
-        &m[..n],
-    );
+    let (u0, u1, v0, v1, w0, w1, m) = (&u0[..n], &u1[..n], &v0[..n], &v1[..n], &w0[..n], &w1[..n], &m[..n]);
     let [cx, cy, cz] = per_m;
     for i in 0..n {
         out[i] = -m[i] * (cx * (u1[i] - u0[i]) + cy * (v1[i] - v0[i]) + cz * (w1[i] - w0[i]));
@@ -54,15 +42,7 @@ pub(crate) fn convergence(out: &mut [f32], m: &[f32], faces: [&[f32]; 6], per_m:
 pub(crate) fn outflow(out: &mut [f32], m: &[f32], faces: [&[f32]; 6], per_m: [f32; 3]) {
     let n = out.len();
     let [u0, u1, v0, v1, w0, w1] = faces;
-    let (u0, u1, v0, v1, w0, w1, m) = (
-        &u0[..n],
-        &u1[..n],
-        &v0[..n],
-        &v1[..n],
-        &w0[..n],
-        &w1[..n],
-        &m[..n],
-    );
+    let (u0, u1, v0, v1, w0, w1, m) = (&u0[..n], &u1[..n], &v0[..n], &v1[..n], &w0[..n], &w1[..n], &m[..n]);
     for i in 0..n {
         let x = per_m[0] * (larger(u1[i], 0.0) - smaller(u0[i], 0.0));
         let y = per_m[1] * (larger(v1[i], 0.0) - smaller(v0[i], 0.0));
@@ -139,14 +119,7 @@ pub(crate) fn scale_and_add(x: &mut [f32], y: &[f32], a: f32) {
 
 /// row −= per_m·(phi − back); what exceeds `limit` becomes 0 and is counted, what is below `rest` becomes 0.
 #[inline(always)]
-pub(crate) fn project(
-    row: &mut [f32],
-    phi: &[f32],
-    back: &[f32],
-    per_m: f32,
-    limit: f32,
-    rest: f32,
-) -> u32 {
+pub(crate) fn project(row: &mut [f32], phi: &[f32], back: &[f32], per_m: f32, limit: f32, rest: f32) -> u32 {
     let n = row.len();
     let (phi, back) = (&phi[..n], &back[..n]);
     let mut wild = 0u32;
@@ -154,11 +127,7 @@ pub(crate) fn project(
         let x = row[i] - per_m * (phi[i] - back[i]);
         let size = x.abs();
         wild = wild.wrapping_add(u32::from(size > limit || size.is_nan()));
-        row[i] = if size <= limit && size >= rest {
-            x
-        } else {
-            0.0
-        };
+        row[i] = if size <= limit && size >= rest { x } else { 0.0 };
     }
     wild
 }
@@ -176,12 +145,7 @@ pub(crate) fn fine_operator(out: &mut [f32], diagonal: &[f32], star: &Star<'_>, 
 
 /// out = Σ coefficient·neighbour on a coarse level; `faces` are the low and high coefficients along x, y, z. The result is A·x.
 #[inline(always)]
-pub(crate) fn coarse_operator(
-    out: &mut [f32],
-    diagonal: &[f32],
-    star: &Star<'_>,
-    faces: [&[f32]; 6],
-) {
+pub(crate) fn coarse_operator(out: &mut [f32], diagonal: &[f32], star: &Star<'_>, faces: [&[f32]; 6]) {
     let n = out.len();
     let [x0, x1, y0, y1, z0, z1] = faces;
     let (x0, x1, y0, y1, z0, z1) = (&x0[..n], &x1[..n], &y0[..n], &y1[..n], &z0[..n], &z1[..n]);

@@ -76,27 +76,14 @@ fn size<const W: usize>(a: &Pack<W>) -> Pack<W> {
 
 #[inline(always)]
 fn line<const W: usize>(row: &[f32], i: usize, a: &Pack<W>, t: &Pack<W>) -> Pack<W> {
-    mix(
-        t,
-        &load(row, i + 1),
-        &choose(a, &load(row, i), &load(row, i + 2)),
-    )
+    mix(t, &load(row, i + 1), &choose(a, &load(row, i), &load(row, i + 2)))
 }
 
 #[inline(always)]
-fn sheet<const W: usize>(
-    rows: [&[f32]; 3],
-    i: usize,
-    a: &[Pack<W>; 3],
-    t: &[Pack<W>; 3],
-) -> Pack<W> {
+fn sheet<const W: usize>(rows: [&[f32]; 3], i: usize, a: &[Pack<W>; 3], t: &[Pack<W>; 3]) -> Pack<W> {
     let low = line(rows[0], i, &a[0], &t[0]);
     let high = line(rows[2], i, &a[0], &t[0]);
-    mix(
-        &t[1],
-        &line(rows[1], i, &a[0], &t[0]),
-        &choose(&a[1], &low, &high),
-    )
+    mix(&t[1], &line(rows[1], i, &a[0], &t[0]), &choose(&a[1], &low, &high))
 }
 
 /// Trilinear values at the points displaced by −a cells.
@@ -105,35 +92,20 @@ fn upwind<const W: usize>(r: &Nine<'_>, i: usize, a: &[Pack<W>; 3]) -> Pack<W> {
     let t = [size(&a[0]), size(&a[1]), size(&a[2])];
     let low = sheet([r[0], r[1], r[2]], i, a, &t);
     let high = sheet([r[6], r[7], r[8]], i, a, &t);
-    mix(
-        &t[2],
-        &sheet([r[3], r[4], r[5]], i, a, &t),
-        &choose(&a[2], &low, &high),
-    )
+    mix(&t[2], &sheet([r[3], r[4], r[5]], i, a, &t), &choose(&a[2], &low, &high))
 }
 
 type Range<const W: usize> = (Pack<W>, Pack<W>);
 
 /// The range of the middle widened by that of the upwind neighbour.
 #[inline(always)]
-fn widen<const W: usize>(
-    a: &Pack<W>,
-    low: &Range<W>,
-    middle: &Range<W>,
-    high: &Range<W>,
-) -> Range<W> {
-    (
-        least(&middle.0, &choose(a, &low.0, &high.0)),
-        most(&middle.1, &choose(a, &low.1, &high.1)),
-    )
+fn widen<const W: usize>(a: &Pack<W>, low: &Range<W>, middle: &Range<W>, high: &Range<W>) -> Range<W> {
+    (least(&middle.0, &choose(a, &low.0, &high.0)), most(&middle.1, &choose(a, &low.1, &high.1)))
 }
 
 #[inline(always)]
 fn line_range<const W: usize>(row: &[f32], i: usize, a: &Pack<W>) -> Range<W> {
-    let (c, up) = (
-        load(row, i + 1),
-        choose(a, &load(row, i), &load(row, i + 2)),
-    );
+    let (c, up) = (load(row, i + 1), choose(a, &load(row, i), &load(row, i + 2)));
     (least(&c, &up), most(&c, &up))
 }
 
@@ -146,10 +118,7 @@ fn sheet_range<const W: usize>(rows: [&[f32]; 3], i: usize, a: &[Pack<W>; 3]) ->
 /// Least and largest of the eight values that [`upwind`] mixes.
 #[inline(always)]
 fn bounds<const W: usize>(r: &Nine<'_>, i: usize, a: &[Pack<W>; 3]) -> Range<W> {
-    let (low, high) = (
-        sheet_range([r[0], r[1], r[2]], i, a),
-        sheet_range([r[6], r[7], r[8]], i, a),
-    );
+    let (low, high) = (sheet_range([r[0], r[1], r[2]], i, a), sheet_range([r[6], r[7], r[8]], i, a));
     widen(&a[2], &low, &sheet_range([r[3], r[4], r[5]], i, a), &high)
 }
 
@@ -178,12 +147,7 @@ pub(crate) fn forward(out: &mut [f32], rows: &Nine<'_>, shift: [&[f32]; 3]) {
 
 /// MacCormack's correction of one pack: φ̂ + ½(φ − φ̌), within the values that φ̂ was mixed from.
 #[inline(always)]
-fn corrected<const W: usize>(
-    before: &Nine<'_>,
-    after: &Nine<'_>,
-    i: usize,
-    a: &[Pack<W>; 3],
-) -> Pack<W> {
+fn corrected<const W: usize>(before: &Nine<'_>, after: &Nine<'_>, i: usize, a: &[Pack<W>; 3]) -> Pack<W> {
     let mut reverse = *a;
     for axis in &mut reverse {
         for x in axis {
@@ -213,12 +177,7 @@ pub(crate) fn backward(out: &mut [f32], before: &Nine<'_>, after: &Nine<'_>, shi
     let mut i = 0;
     while i < n {
         let at = i.min(n - WIDTH);
-        out[at..at + WIDTH].copy_from_slice(&corrected::<WIDTH>(
-            before,
-            after,
-            at,
-            &shifts(&shift, at),
-        ));
+        out[at..at + WIDTH].copy_from_slice(&corrected::<WIDTH>(before, after, at, &shifts(&shift, at)));
         i += WIDTH;
     }
 }

@@ -100,18 +100,13 @@ impl Solver {
         let n = model.grid.cells();
         let most = MAX_BANDS.min(n[2]);
         if !(1..=most).contains(&bands) {
-            return Err(FlowError::Bands {
-                bands,
-                layers: n[2],
-                most,
-            });
+            return Err(FlowError::Bands { bands, layers: n[2], most });
         }
         let layout = Arc::new(Layout::new(n, bands));
         let cells = layout.cell_count();
         let field = || Field::new(&layout);
         let three = || [field(), field(), field()];
-        let share =
-            |b: usize| (b + 1) * model.blood.capacity / bands - b * model.blood.capacity / bands;
+        let share = |b: usize| (b + 1) * model.blood.capacity / bands - b * model.blood.capacity / bands;
         let plan = Plan {
             inputs: FlowInputs::default(),
             roles: Roles::default(),
@@ -145,15 +140,11 @@ impl Solver {
             image: field(),
             dye: [field(), field()],
             density: field(),
-            particles: (0..bands)
-                .map(|b| RwLock::new(vec![Default::default(); share(b)]))
-                .collect(),
+            particles: (0..bands).map(|b| RwLock::new(vec![Default::default(); share(b)])).collect(),
             hierarchy: Hierarchy::new(&layout),
             plan: RwLock::new(plan),
             coordinator: Mutex::new(Coordinator::new(&layout)),
-            sums: (0..bands)
-                .map(|b| Mutex::new(vec![LayerSums::default(); layout.own(b).len()]))
-                .collect(),
+            sums: (0..bands).map(|b| Mutex::new(vec![LayerSums::default(); layout.own(b).len()])).collect(),
             layout,
             model,
         };
@@ -183,11 +174,7 @@ impl Solver {
     pub fn set_mask(&self, solid: &[u8]) -> Result<(), FlowError> {
         let mut base = self.base.try_write().ok_or(FlowError::PhaseConflict)?;
         if solid.len() != base.len() {
-            return Err(FlowError::Length {
-                what: "the mask",
-                got: solid.len(),
-                want: base.len(),
-            });
+            return Err(FlowError::Length { what: "the mask", got: solid.len(), want: base.len() });
         }
         base.copy_from_slice(solid);
         Ok(())
@@ -253,8 +240,7 @@ impl Solver {
                 for kk in self.layout.own(band) {
                     self.mirrors.plane(&self.layout, component, field.layer(kk));
                 }
-                self.mirrors
-                    .layers(&self.layout, component, band, &mut field);
+                self.mirrors.layers(&self.layout, component, band, &mut field);
             }
         }
         Ok(())

@@ -53,12 +53,7 @@ impl Offsets {
         let cells = grid.cell_count();
         let particles = (size_of::<Header>() + FIELDS * 4 * cells).next_multiple_of(8);
         let mask = particles + capacity * size_of::<Particle>();
-        Self {
-            cells,
-            particles,
-            mask,
-            total: (mask + cells).next_multiple_of(8),
-        }
+        Self { cells, particles, mask, total: (mask + cells).next_multiple_of(8) }
     }
     fn field(&self, index: usize) -> std::ops::Range<usize> {
         let from = size_of::<Header>() + index * 4 * self.cells;
@@ -87,9 +82,7 @@ fn checksum(bytes: &[u8]) -> u64 {
             *chain = (*chain ^ word).wrapping_mul(PRIME).rotate_left(29);
         }
     }
-    chains.iter().fold(bytes.len() as u64, |all, chain| {
-        (all ^ chain).wrapping_mul(PRIME).rotate_left(31)
-    })
+    chains.iter().fold(bytes.len() as u64, |all, chain| (all ^ chain).wrapping_mul(PRIME).rotate_left(31))
 }
 
 /// A checked view of a state block, for consumers such as rendering.
@@ -108,11 +101,7 @@ impl<'a> StateView<'a> {
     pub fn new(bytes: &'a [u8]) -> Result<Self, FlowError> {
         let head = size_of::<Header>();
         let Some(first) = bytes.get(..head) else {
-            return Err(FlowError::Length {
-                what: "the flow state",
-                got: bytes.len(),
-                want: head,
-            });
+            return Err(FlowError::Length { what: "the flow state", got: bytes.len(), want: head });
         };
         let header: &Header = bytemuck::try_from_bytes(first).map_err(|_| FlowError::Alignment)?;
         expect("magic", header.magic, MAGIC)?;
@@ -120,90 +109,37 @@ impl<'a> StateView<'a> {
         let cells = header.cells.map(|n| n as usize);
         let grid = Grid::new(cells, header.spacing_m, header.origin_m)?;
         if !(1..=65_536).contains(&header.capacity) {
-            return Err(FlowError::StateValue {
-                field: "capacity",
-                index: 0,
-            });
+            return Err(FlowError::StateValue { field: "capacity", index: 0 });
         }
         let want = state_bytes(&grid, header.capacity as usize);
         if bytes.len() != want {
-            return Err(FlowError::Length {
-                what: "the flow state",
-                got: bytes.len(),
-                want,
-            });
+            return Err(FlowError::Length { what: "the flow state", got: bytes.len(), want });
         }
         expect("length", header.bytes, want as u64)?;
         expect("checksum", header.checksum, checksum(bytes))?;
-        let view = Self {
-            header,
-            bytes,
-            grid,
-        };
+        let view = Self { header, bytes, grid };
         view.check_values()?;
         Ok(view)
     }
 
     fn check_values(&self) -> Result<(), FlowError> {
-        let limits = [
-            2.0 * MAX_SPEED_M_S,
-            2.0 * MAX_SPEED_M_S,
-            2.0 * MAX_SPEED_M_S,
-            1e30,
-            1e30,
-            1e30,
-        ];
+        let limits = [2.0 * MAX_SPEED_M_S, 2.0 * MAX_SPEED_M_S, 2.0 * MAX_SPEED_M_S, 1e30, 1e30, 1e30];
         for (index, limit) in limits.into_iter().enumerate() {
-            if let Some(at) = self
-                .field(index)
-                .iter()
-                .position(|x| !(-limit..=limit).contains(x))
-            {
-                return Err(FlowError::StateValue {
-                    field: NAMES[index],
-                    index: at,
-                });
+            if let Some(at) = self.field(index).iter().position(|x| !(-limit..=limit).contains(x)) {
+                return Err(FlowError::StateValue { field: NAMES[index], index: at });
             }
         }
-        let good = |p: &Particle| {
-            p.position_m.iter().all(|x| x.abs() <= 1e4) && (0.0..=1e6).contains(&p.volume_ml)
-        };
+        let good = |p: &Particle| p.position_m.iter().all(|x| x.abs() <= 1e4) && (0.0..=1e6).contains(&p.volume_ml);
         if let Some(index) = self.particles().iter().position(|p| !good(p)) {
-            return Err(FlowError::StateValue {
-                field: "particles",
-                index,
-            });
+            return Err(FlowError::StateValue { field: "particles", index });
         }
         let (p, b) = (&self.header.pump, &self.header.blood);
-        let pump = [
-            p.cavity_ml,
-            p.in_ml,
-            p.out_ml,
-            p.intravasated_ml,
-            p.leaked_ml,
-            p.perforated_ml,
-            p.bled_ml,
-        ];
-        let blood = [
-            b.emitted_ml,
-            b.entered_ml,
-            b.washed_ml,
-            b.buried_ml,
-            self.header.time_s,
-            self.header.pressure_pa.abs(),
-        ];
-        for (index, x) in pump
-            .into_iter()
-            .chain(blood)
-            .chain(b.pending_ml)
-            .enumerate()
-        {
+        let pump = [p.cavity_ml, p.in_ml, p.out_ml, p.intravasated_ml, p.leaked_ml, p.perforated_ml, p.bled_ml];
+        let blood = [b.emitted_ml, b.entered_ml, b.washed_ml, b.buried_ml, self.header.time_s, self.header.pressure_pa.abs()];
+        for (index, x) in pump.into_iter().chain(blood).chain(b.pending_ml).enumerate() {
             // A counter of pending blood may be a rounding error below 0.
             if !(-1e-3..=1e15).contains(&x) {
-                return Err(FlowError::StateValue {
-                    field: "counters",
-                    index,
-                });
+                return Err(FlowError::StateValue { field: "counters", index });
             }
         }
         Ok(())
@@ -262,11 +198,7 @@ impl<'a> StateView<'a> {
 }
 
 fn expect(field: &'static str, got: u64, want: u64) -> Result<(), FlowError> {
-    if got == want {
-        Ok(())
-    } else {
-        Err(FlowError::State { field, got, want })
-    }
+    if got == want { Ok(()) } else { Err(FlowError::State { field, got, want }) }
 }
 
 impl Solver {
@@ -282,19 +214,12 @@ impl Solver {
     pub fn store(&self, bytes: &mut [u8]) -> Result<(), FlowError> {
         let at = Offsets::new(&self.model.grid, self.model.blood.capacity);
         if bytes.len() != at.total {
-            return Err(FlowError::Length {
-                what: "the block for the flow state",
-                got: bytes.len(),
-                want: at.total,
-            });
+            return Err(FlowError::Length { what: "the block for the flow state", got: bytes.len(), want: at.total });
         }
         if bytemuck::try_from_bytes::<Header>(&bytes[..size_of::<Header>()]).is_err() {
             return Err(FlowError::Alignment);
         }
-        let c = self
-            .coordinator
-            .try_lock()
-            .ok_or(FlowError::PhaseConflict)?;
+        let c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         bytes[at.field(FIELDS - 1).end..at.particles].fill(0);
         bytes[at.mask + at.cells..].fill(0);
         for (index, field) in self.stored_fields()?.into_iter().enumerate() {
@@ -302,13 +227,10 @@ impl Solver {
         }
         let ring: &mut [Particle] = bytemuck::cast_slice_mut(&mut bytes[at.particles..at.mask]);
         for band in 0..self.bands {
-            let share = self.particles[band]
-                .try_read()
-                .ok_or(FlowError::PhaseConflict)?;
+            let share = self.particles[band].try_read().ok_or(FlowError::PhaseConflict)?;
             ring[self.share_start(band)..][..share.len()].copy_from_slice(&share);
         }
-        bytes[at.mask..at.mask + at.cells]
-            .copy_from_slice(&self.base.try_read().ok_or(FlowError::PhaseConflict)?);
+        bytes[at.mask..at.mask + at.cells].copy_from_slice(&self.base.try_read().ok_or(FlowError::PhaseConflict)?);
         let grid = &self.model.grid;
         let mut header = Header {
             magic: MAGIC,
@@ -339,38 +261,17 @@ impl Solver {
         let view = StateView::new(bytes)?;
         let grid = &self.model.grid;
         for axis in 0..3 {
-            expect(
-                "cells",
-                view.grid.cells()[axis] as u64,
-                grid.cells()[axis] as u64,
-            )?;
-            expect(
-                "spacing",
-                view.grid.spacing_m()[axis].to_bits().into(),
-                grid.spacing_m()[axis].to_bits().into(),
-            )?;
-            expect(
-                "origin",
-                view.grid.origin_m()[axis].to_bits().into(),
-                grid.origin_m()[axis].to_bits().into(),
-            )?;
+            expect("cells", view.grid.cells()[axis] as u64, grid.cells()[axis] as u64)?;
+            expect("spacing", view.grid.spacing_m()[axis].to_bits().into(), grid.spacing_m()[axis].to_bits().into())?;
+            expect("origin", view.grid.origin_m()[axis].to_bits().into(), grid.origin_m()[axis].to_bits().into())?;
         }
-        expect(
-            "capacity",
-            view.header.capacity.into(),
-            self.model.blood.capacity as u64,
-        )?;
-        let mut c = self
-            .coordinator
-            .try_lock()
-            .ok_or(FlowError::PhaseConflict)?;
+        expect("capacity", view.header.capacity.into(), self.model.blood.capacity as u64)?;
+        let mut c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         for (index, field) in self.stored_fields()?.into_iter().enumerate() {
             self.copy_in(field, view.field(index))?;
         }
         for band in 0..self.bands {
-            let mut share = self.particles[band]
-                .try_write()
-                .ok_or(FlowError::PhaseConflict)?;
+            let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
             let len = share.len();
             share.copy_from_slice(&view.particles()[self.share_start(band)..][..len]);
         }

@@ -41,15 +41,7 @@ impl Solver {
                 jets(&plan, component, kk, layout.stride, out);
                 for j in 0..ny {
                     let o = layout.row(j);
-                    hold_solid(
-                        &fluid,
-                        &face,
-                        component,
-                        kk,
-                        o,
-                        layout.stride,
-                        &mut out[o..o + nx],
-                    );
+                    hold_solid(&fluid, &face, component, kk, o, layout.stride, &mut out[o..o + nx]);
                 }
                 self.mirrors.plane(layout, component, out);
             }
@@ -75,22 +67,9 @@ impl Solver {
                         let mut shift = [[0.0f32; MAX_AXIS]; 3];
                         for j in 0..ny {
                             let o = layout.row(j);
-                            displacement(
-                                &carrier,
-                                component,
-                                kk,
-                                o,
-                                layout.stride,
-                                nx,
-                                plan.courant,
-                                &mut shift,
-                            );
+                            displacement(&carrier, component, kk, o, layout.stride, nx, plan.courant, &mut shift);
                             let rows = nine(from.three(kk), o, layout.stride, nx);
-                            forward(
-                                &mut out[o..o + nx],
-                                &rows,
-                                shift.each_ref().map(|s| &s[..nx]),
-                            );
+                            forward(&mut out[o..o + nx], &rows, shift.each_ref().map(|s| &s[..nx]));
                         }
                     },
                 );
@@ -121,16 +100,7 @@ impl Solver {
                         let mut shift = [[0.0f32; MAX_AXIS]; 3];
                         for j in 0..ny {
                             let o = layout.row(j);
-                            displacement(
-                                &carrier,
-                                component,
-                                kk,
-                                o,
-                                layout.stride,
-                                nx,
-                                plan.courant,
-                                &mut shift,
-                            );
+                            displacement(&carrier, component, kk, o, layout.stride, nx, plan.courant, &mut shift);
                             let before = nine(from.three(kk), o, layout.stride, nx);
                             let after = nine(half.three(kk), o, layout.stride, nx);
                             let row = &mut out[o..o + nx];
@@ -177,16 +147,7 @@ fn displacement(
         let (k1, at1) = step(axis, kk, o, stride, true);
         let (k2, at2) = step(component, kk, o, stride, false);
         let (k3, at3) = step(component, k1, at1, stride, false);
-        rows::shift_mean(
-            out,
-            [
-                row(kk, axis, o),
-                row(k1, axis, at1),
-                row(k2, axis, at2),
-                row(k3, axis, at3),
-            ],
-            c,
-        );
+        rows::shift_mean(out, [row(kk, axis, o), row(k1, axis, at1), row(k2, axis, at2), row(k3, axis, at3)], c);
     }
 }
 

@@ -21,14 +21,8 @@ impl Mirrors {
     pub fn new(walls: &[Wall; 6]) -> Self {
         Self(std::array::from_fn(|component| {
             std::array::from_fn(|side| match walls[side] {
-                Wall::NoSlip(v) => Mirror {
-                    sign: -1.0,
-                    add: 2.0 * v[component],
-                },
-                Wall::Slip => Mirror {
-                    sign: 1.0,
-                    add: 0.0,
-                },
+                Wall::NoSlip(v) => Mirror { sign: -1.0, add: 2.0 * v[component] },
+                Wall::Slip => Mirror { sign: 1.0, add: 0.0 },
             })
         }))
     }

@@ -38,8 +38,5 @@ fn steps_store_and_load_allocate_nothing() {
         solver.load(bytemuck::cast_slice(&block)).unwrap();
     }
     let allocations = ALLOCATIONS.with(Cell::get) - before;
-    assert_eq!(
-        allocations, 0,
-        "in 120 steps with moving mask, bleeding and jets"
-    );
+    assert_eq!(allocations, 0, "in 120 steps with moving mask, bleeding and jets");
 }

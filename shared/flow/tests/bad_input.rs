@@ -2,37 +2,20 @@
 
 mod scene;
 
-use hyst_flow::{
-    Capsule, FlowError, FlowInputs, FlowModel, Grid, MAX_SPEED_M_S, Solver, StateView, Wall,
-};
+use hyst_flow::{Capsule, FlowError, FlowInputs, FlowModel, Grid, MAX_SPEED_M_S, Solver, StateView, Wall};
 use proptest::prelude::*;
 
 #[test]
 fn absurd_grids_are_refused() {
     let grid = |cells| Grid::new(cells, [1e-3; 3], [0.0; 3]);
     assert!(matches!(grid([0, 8, 8]), Err(FlowError::GridSize(0, 8, 8))));
-    assert!(matches!(
-        grid([1_000, 1_000, 1_000]),
-        Err(FlowError::GridSize(..))
-    ));
-    assert!(
-        matches!(grid([512, 512, 512]), Err(FlowError::GridSize(..))),
-        "each axis is good, the product is not"
-    );
-    assert!(matches!(
-        grid([usize::MAX; 3]),
-        Err(FlowError::GridSize(..))
-    ));
+    assert!(matches!(grid([1_000, 1_000, 1_000]), Err(FlowError::GridSize(..))));
+    assert!(matches!(grid([512, 512, 512]), Err(FlowError::GridSize(..))), "each axis is good, the product is not");
+    assert!(matches!(grid([usize::MAX; 3]), Err(FlowError::GridSize(..))));
     for bad in [0.0, -1e-3, f32::NAN, f32::INFINITY, 1e9] {
-        assert!(matches!(
-            Grid::new([8; 3], [1e-3, bad, 1e-3], [0.0; 3]),
-            Err(FlowError::GridGeometry { axis: 1, .. })
-        ));
+        assert!(matches!(Grid::new([8; 3], [1e-3, bad, 1e-3], [0.0; 3]), Err(FlowError::GridGeometry { axis: 1, .. })));
     }
-    assert!(matches!(
-        Grid::new([8; 3], [1e-3; 3], [0.0, 0.0, f32::NAN]),
-        Err(FlowError::GridGeometry { axis: 2, .. })
-    ));
+    assert!(matches!(Grid::new([8; 3], [1e-3; 3], [0.0, 0.0, f32::NAN]), Err(FlowError::GridGeometry { axis: 2, .. })));
 }
 
 #[test]
@@ -56,19 +39,10 @@ fn absurd_models_are_refused_and_the_error_names_the_parameter() {
     refused(&|m| m.blood.capacity = usize::MAX, "capacity");
     refused(&|m| m.pump.volume_150_mmhg_ml = 0.0, "volume_150_mmhg_ml");
     refused(&|m| m.pump.band_pa = f64::NAN, "band_pa");
-    refused(
-        &|m| m.walls[0] = Wall::NoSlip([f32::INFINITY, 0.0, 0.0]),
-        "walls",
-    );
+    refused(&|m| m.walls[0] = Wall::NoSlip([f32::INFINITY, 0.0, 0.0]), "walls");
     assert!(matches!(Solver::new(good, 0), Err(FlowError::Bands { .. })));
-    assert!(matches!(
-        Solver::new(good, 7),
-        Err(FlowError::Bands { most: 6, .. })
-    ));
-    assert!(matches!(
-        Solver::new(good, 1).unwrap().set_mask(&[0; 3]),
-        Err(FlowError::Length { .. })
-    ));
+    assert!(matches!(Solver::new(good, 7), Err(FlowError::Bands { most: 6, .. })));
+    assert!(matches!(Solver::new(good, 1).unwrap().set_mask(&[0; 3]), Err(FlowError::Length { .. })));
 }
 
 #[test]
@@ -76,13 +50,7 @@ fn every_value_that_is_not_a_number_is_neutralised_and_counted() {
     let nan = f32::NAN;
     let solver = scene::cavity([12, 12, 8], 1);
     let mut inputs = scene::inputs(0);
-    inputs.tools[1] = Capsule {
-        a_m: [nan; 3],
-        b_m: [nan; 3],
-        radius_m: nan,
-        velocity_a_m_s: [nan; 3],
-        velocity_b_m_s: [nan; 3],
-    };
+    inputs.tools[1] = Capsule { a_m: [nan; 3], b_m: [nan; 3], radius_m: nan, velocity_a_m_s: [nan; 3], velocity_b_m_s: [nan; 3] };
     inputs.ports[2].centre_m = [nan; 3];
     inputs.ports[2].share = nan;
     inputs.blood[3].opening = nan;
@@ -93,25 +61,10 @@ fn every_value_that_is_not_a_number_is_neutralised_and_counted() {
         assert_eq!(report.neutralised, 13 + 4 + 1 + 1 + 3);
     }
     let block = scene::state(&solver);
-    assert!(
-        StateView::new(bytemuck::cast_slice(&block)).is_ok(),
-        "the state is finite"
-    );
+    assert!(StateView::new(bytemuck::cast_slice(&block)).is_ok(), "the state is finite");
     let block = scene::state(&solver);
-    assert_eq!(
-        solver
-            .step_serial(&FlowInputs {
-                dt_s: nan,
-                ..inputs
-            })
-            .unwrap()
-            .neutralised,
-        23
-    );
-    assert!(
-        scene::state(&solver) == block,
-        "a step of unknown length is no step"
-    );
+    assert_eq!(solver.step_serial(&FlowInputs { dt_s: nan, ..inputs }).unwrap().neutralised, 23);
+    assert!(scene::state(&solver) == block, "a step of unknown length is no step");
     let mut noise = vec![0.0; 12 * 12 * 8];
     noise[700] = nan;
     assert_eq!(solver.set_velocity_m_s(0, &noise).unwrap(), 1);
@@ -131,15 +84,9 @@ fn flow_far_beyond_the_courant_limit_is_swept_and_stays_bounded() {
         inputs.pump.flow_limit_ml_min = 1e4;
         let report = solver.step_serial(&inputs).unwrap();
         slowed |= report.slowed;
-        assert!(
-            report.sweeps >= 1 && report.speed_m_s <= 2.0 * MAX_SPEED_M_S,
-            "{report:?}"
-        );
+        assert!(report.sweeps >= 1 && report.speed_m_s <= 2.0 * MAX_SPEED_M_S, "{report:?}");
     }
-    assert!(
-        slowed,
-        "20 m/s over 0.05 s is 500 cells: the report says so"
-    );
+    assert!(slowed, "20 m/s over 0.05 s is 500 cells: the report says so");
 }
 
 #[test]
@@ -159,9 +106,7 @@ fn a_cavity_without_any_fluid_cell_steps_and_stays_at_rest() {
 fn more_than_eight_separate_pockets_are_solved_or_made_solid() {
     let solver = Solver::new(scene::model([24, 24, 3]), 1).unwrap();
     // 12 × 12 pockets of one cell column each, walls between.
-    let mask: Vec<u8> = (0..24 * 24 * 3)
-        .map(|c| u8::from(c % 24 % 2 == 1 || c / 24 % 24 % 2 == 1))
-        .collect();
+    let mask: Vec<u8> = (0..24 * 24 * 3).map(|c| u8::from(c % 24 % 2 == 1 || c / 24 % 24 % 2 == 1)).collect();
     solver.set_mask(&mask).unwrap();
     let report = solver.step_serial(&scene::inputs(3)).unwrap();
     assert_eq!(report.components, 8);

@@ -23,10 +23,7 @@ fn vessels_bleed_below_their_pressure_and_stay_dry_above() {
         solver.step_serial(&bleeding(step)).unwrap();
     }
     let wet = solver.counters().unwrap().1.emitted_ml;
-    assert!(
-        wet > 0.1,
-        "9 kPa in the cavity, 12 kPa in the vessel: {wet} ml"
-    );
+    assert!(wet > 0.1, "9 kPa in the cavity, 12 kPa in the vessel: {wet} ml");
     let mut model = scene::model([16, 16, 10]);
     model.blood.vessel_pa = 0.0;
     let dry = Solver::new(model, 1).unwrap();
@@ -47,9 +44,7 @@ fn first_drop_has_the_volume_that_flowed() {
     solver.step_serial(&inputs).unwrap();
     let (_, blood) = solver.counters().unwrap();
     assert!(
-        blood.emitted == 16
-            && (blood.emitted_ml + blood.pending_ml[0] - 0.02).abs() < 1e-8
-            && blood.pending_ml[0] < 1.001e-3,
+        blood.emitted == 16 && (blood.emitted_ml + blood.pending_ml[0] - 0.02).abs() < 1e-8 && blood.pending_ml[0] < 1.001e-3,
         "{blood:?}"
     );
 }
@@ -84,9 +79,8 @@ fn drops_never_enter_solid_cells_and_are_washed_out_after_the_vessel_closes() {
     let before = drops(&solver);
     assert!(count(&before) > 100);
     for drop in before.iter().filter(|d| d.volume_ml > 0.0) {
-        let [i, j, k]: [usize; 3] = std::array::from_fn(|a| {
-            ((drop.position_m[a] - grid.origin_m()[a]) / grid.spacing_m()[a]) as usize
-        });
+        let [i, j, k]: [usize; 3] =
+            std::array::from_fn(|a| ((drop.position_m[a] - grid.origin_m()[a]) / grid.spacing_m()[a]) as usize);
         assert_eq!(mask[(k * 24 + j) * 24 + i], 0, "{drop:?}");
     }
     for step in 60..1_260 {
@@ -95,10 +89,5 @@ fn drops_never_enter_solid_cells_and_are_washed_out_after_the_vessel_closes() {
         solver.step_serial(&inputs).unwrap();
     }
     let after = drops(&solver);
-    assert!(
-        count(&after) < count(&before) / 2,
-        "{} drops before, {} after 20 s of rinsing",
-        count(&before),
-        count(&after)
-    );
+    assert!(count(&after) < count(&before) / 2, "{} drops before, {} after 20 s of rinsing", count(&before), count(&after));
 }

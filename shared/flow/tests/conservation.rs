@@ -19,11 +19,7 @@ fn divergence(view: &StateView<'_>, solid: impl Fn(usize) -> bool) -> (f64, f64)
         let mut sum = 0.0;
         for axis in 0..3 {
             let v = view.velocity_m_s(axis);
-            let high = if at[axis] + 1 < n[axis] {
-                v[c + strides[axis]]
-            } else {
-                0.0
-            };
+            let high = if at[axis] + 1 < n[axis] { v[c + strides[axis]] } else { 0.0 };
             sum += f64::from(high - v[c]) / f64::from(h[axis]);
             speed = speed.max(f64::from(v[c].abs()));
         }
@@ -45,27 +41,16 @@ fn velocity_is_free_of_divergence_after_each_step() {
         solver.set_velocity_m_s(axis, &noise).unwrap();
     }
     for step in 0..20 {
-        let report = solver
-            .step_serial(&FlowInputs {
-                dt_s: 1.0 / 120.0,
-                ..Default::default()
-            })
-            .unwrap();
+        let report = solver.step_serial(&FlowInputs { dt_s: 1.0 / 120.0, ..Default::default() }).unwrap();
         assert!(report.residual_relative <= 1e-4, "step {step}: {report:?}");
         let block = scene::state(&solver);
         let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
         let (worst, speed) = divergence(&view, |c| view.mask()[c] != 0);
         let h = f64::from(view.grid().spacing_m()[0]);
         assert!(speed > 1e-4, "the flow still moves: {speed}");
-        assert!(
-            worst < 1e-3 * speed / h,
-            "step {step}: divergence {worst} 1/s at {speed} m/s"
-        );
+        assert!(worst < 1e-3 * speed / h, "step {step}: divergence {worst} 1/s at {speed} m/s");
         if step > 0 {
-            assert!(
-                worst < 1e-4 * speed / h,
-                "step {step}: divergence {worst} 1/s at {speed} m/s"
-            );
+            assert!(worst < 1e-4 * speed / h, "step {step}: divergence {worst} 1/s at {speed} m/s");
         }
     }
 }
@@ -75,15 +60,7 @@ fn dye_in_a_closed_cavity_keeps_its_amount_while_it_is_stirred() {
     let solver = scene::cavity([24, 24, 14], 1);
     let cells = 24 * 24 * 14;
     let mask = scene::ellipsoid(solver.model().grid);
-    let dye: Vec<f32> = (0..cells)
-        .map(|c| {
-            if mask[c] == 0 && c % 24 > 14 {
-                0.5
-            } else {
-                0.0
-            }
-        })
-        .collect();
+    let dye: Vec<f32> = (0..cells).map(|c| if mask[c] == 0 && c % 24 > 14 { 0.5 } else { 0.0 }).collect();
     solver.set_dye(&dye).unwrap();
     let amount = |dye: &[f32]| dye.iter().map(|&d| f64::from(d)).sum::<f64>();
     let before = amount(&dye);
@@ -102,10 +79,7 @@ fn dye_in_a_closed_cavity_keeps_its_amount_while_it_is_stirred() {
         assert!(*new >= 0.0, "no negative dye");
     }
     assert!(moved, "the tool stirred");
-    assert!(
-        (after / before - 1.0).abs() < 1e-5,
-        "{before} cells of dye before, {after} after"
-    );
+    assert!((after / before - 1.0).abs() < 1e-5, "{before} cells of dye before, {after} after");
 }
 
 #[test]
@@ -119,42 +93,19 @@ fn blood_and_medium_balance_with_everything_running() {
     let block = scene::state(&solver);
     let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
     let (pump, blood) = (view.pump(), view.blood());
-    assert!(
-        pump.imbalance_ml().abs() < 1e-9 * pump.in_ml.max(1.0),
-        "medium: {pump:?}"
-    );
-    assert!(
-        pump.in_ml > 1.0 && pump.out_ml > 1.0 && pump.bled_ml > 0.1,
-        "everything ran: {pump:?}"
-    );
+    assert!(pump.imbalance_ml().abs() < 1e-9 * pump.in_ml.max(1.0), "medium: {pump:?}");
+    assert!(pump.in_ml > 1.0 && pump.out_ml > 1.0 && pump.bled_ml > 0.1, "everything ran: {pump:?}");
     let cell_ml = view.grid().cell_volume_m3() * 1e6;
-    let drops: f64 = view
-        .particles()
-        .iter()
-        .map(|p| f64::from(p.volume_ml))
-        .sum();
+    let drops: f64 = view.particles().iter().map(|p| f64::from(p.volume_ml)).sum();
     let dissolved = view.dye().iter().map(|&d| f64::from(d)).sum::<f64>() * cell_ml;
     let pending: f64 = blood.pending_ml.iter().sum();
     let came = blood.emitted_ml + blood.entered_ml;
     let went = drops + dissolved + blood.washed_ml + blood.buried_ml;
-    assert!(
-        blood.emitted > 256 && blood.washed_ml > 0.01,
-        "the ring went round and blood was washed out: {blood:?}"
-    );
-    assert!(
-        (came / went - 1.0).abs() < 1e-4,
-        "blood: {came} ml came, {went} ml are known"
-    );
-    assert!(
-        (blood.emitted_ml + pending - pump.bled_ml).abs() < 1e-6,
-        "vessels and cavity agree"
-    );
+    assert!(blood.emitted > 256 && blood.washed_ml > 0.01, "the ring went round and blood was washed out: {blood:?}");
+    assert!((came / went - 1.0).abs() < 1e-4, "blood: {came} ml came, {went} ml are known");
+    assert!((blood.emitted_ml + pending - pump.bled_ml).abs() < 1e-6, "vessels and cavity agree");
     let shown = view.density().iter().map(|&d| f64::from(d)).sum::<f64>() * cell_ml;
-    assert!(
-        shown <= drops + dissolved + 1e-6 && shown > 0.9 * (drops + dissolved),
-        "{shown} ml shown of {}",
-        drops + dissolved
-    );
+    assert!(shown <= drops + dissolved + 1e-6 && shown > 0.9 * (drops + dissolved), "{shown} ml shown of {}", drops + dissolved);
 }
 
 #[test]
@@ -173,19 +124,8 @@ fn medium_that_enters_leaves_through_the_outflow() {
     let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
     let h = view.grid().spacing_m();
     let layer = 9; // between the ports at z = −8 mm and +4 mm: face at z = 0
-    let flux: f64 = view.velocity_m_s(2)[layer * 1_024..(layer + 1) * 1_024]
-        .iter()
-        .map(|&w| f64::from(w))
-        .sum();
+    let flux: f64 = view.velocity_m_s(2)[layer * 1_024..(layer + 1) * 1_024].iter().map(|&w| f64::from(w)).sum();
     let flux_ml_s = flux * f64::from(h[0] * h[1]) * 1e6;
-    assert!(
-        (report.pump.in_ml_s - report.pump.out_ml_s).abs() < 0.02 * report.pump.in_ml_s,
-        "{:?}",
-        report.pump
-    );
-    assert!(
-        (flux_ml_s / -report.pump.out_ml_s - 1.0).abs() < 0.02,
-        "{flux_ml_s} ml/s down, {:?}",
-        report.pump
-    );
+    assert!((report.pump.in_ml_s - report.pump.out_ml_s).abs() < 0.02 * report.pump.in_ml_s, "{:?}", report.pump);
+    assert!((flux_ml_s / -report.pump.out_ml_s - 1.0).abs() < 0.02, "{flux_ml_s} ml/s down, {:?}", report.pump);
 }

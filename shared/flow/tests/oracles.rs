@@ -12,10 +12,7 @@ fn state(solver: &Solver) -> Vec<u64> {
 fn flat(cells: [usize; 2], h: f32, viscosity_m2_s: f32) -> FlowModel {
     let grid = Grid::new([cells[0], cells[1], 1], [h; 3], [0.0; 3]).unwrap();
     let mut model = FlowModel::new(grid);
-    model.medium = Medium {
-        viscosity_m2_s,
-        ..Medium::SALINE
-    };
+    model.medium = Medium { viscosity_m2_s, ..Medium::SALINE };
     (model.walls[4], model.walls[5]) = (Wall::Slip, Wall::Slip);
     model
 }
@@ -24,35 +21,17 @@ fn flat(cells: [usize; 2], h: f32, viscosity_m2_s: f32) -> FlowModel {
 fn flow_between_plates_is_the_parabola_of_its_discharge() {
     let (nx, ny, h) = (64, 16, 0.5e-3f32);
     let solver = Solver::new(flat([nx, ny], h, 1e-5), 1).unwrap();
-    let mut inputs = FlowInputs {
-        dt_s: 5e-3,
-        ..Default::default()
-    };
-    inputs.pump = PumpInput {
-        set_pa: 15_000.0,
-        flow_limit_ml_min: 1.2,
-        inflow_valve: 1.0,
-        outflow_valve: 0.5,
-        ..Default::default()
-    };
-    let port = |x: f32, inflow| Port {
-        centre_m: [x, 4e-3, 0.25e-3],
-        radius_m: 2e-3,
-        share: 1.0,
-        inflow,
-        ..Default::default()
-    };
+    let mut inputs = FlowInputs { dt_s: 5e-3, ..Default::default() };
+    inputs.pump =
+        PumpInput { set_pa: 15_000.0, flow_limit_ml_min: 1.2, inflow_valve: 1.0, outflow_valve: 0.5, ..Default::default() };
+    let port = |x: f32, inflow| Port { centre_m: [x, 4e-3, 0.25e-3], radius_m: 2e-3, share: 1.0, inflow, ..Default::default() };
     inputs.ports[0] = port(2e-3, true);
     inputs.ports[1] = port(30e-3, false);
     let mut report = Default::default();
     for _ in 0..1_200 {
         report = solver.step_serial(&inputs).unwrap();
     }
-    assert!(
-        (report.pump.out_ml_s / report.pump.in_ml_s - 1.0).abs() < 0.01,
-        "the cavity is in balance: {:?}",
-        report.pump
-    );
+    assert!((report.pump.out_ml_s / report.pump.in_ml_s - 1.0).abs() < 0.01, "the cavity is in balance: {:?}", report.pump);
     let height = ny as f32 * h;
     let mean = (report.pump.out_ml_s * 1e-6) as f32 / (height * h);
     let block = state(&solver);
@@ -62,10 +41,7 @@ fn flow_between_plates_is_the_parabola_of_its_discharge() {
         let y = (j as f32 + 0.5) * h;
         let exact = 6.0 * mean * y * (height - y) / (height * height);
         let u = view.velocity_m_s(0)[j * nx + nx / 2];
-        assert!(
-            (u - exact).abs() < 0.008 * top,
-            "row {j}: {u} against {exact} (0.8 % of the maximum {top} allowed)"
-        );
+        assert!((u - exact).abs() < 0.008 * top, "row {j}: {u} against {exact} (0.8 % of the maximum {top} allowed)");
     }
 }
 
@@ -88,22 +64,14 @@ fn taylor_green_vortex_decays_at_the_viscous_rate() {
     solver.set_velocity_m_s(1, &v).unwrap();
     let (dt, steps) = (0.01, 100);
     for _ in 0..steps {
-        solver
-            .step_serial(&FlowInputs {
-                dt_s: dt,
-                ..Default::default()
-            })
-            .unwrap();
+        solver.step_serial(&FlowInputs { dt_s: dt, ..Default::default() }).unwrap();
     }
     let block = state(&solver);
     let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
     let energy = |a: &[f32]| a.iter().map(|x| f64::from(x * x)).sum::<f64>();
     let left = (energy(view.velocity_m_s(0)) / energy(&u)).sqrt();
     let exact = f64::from(-2.0 * pi * pi * viscosity * dt * steps as f32).exp();
-    assert!(
-        (left / exact - 1.0).abs() < 0.025,
-        "amplitude {left:.4} left, exact {exact:.4}, 2.5 % allowed"
-    );
+    assert!((left / exact - 1.0).abs() < 0.025, "amplitude {left:.4} left, exact {exact:.4}, 2.5 % allowed");
 }
 
 /// Ghia, Ghia and Shin 1982, tables I and II, Re = 100: (y, u on the vertical centreline), (x, v on the horizontal one).
@@ -140,12 +108,7 @@ fn lid_driven_cavity_follows_ghia() {
     model.walls[3] = Wall::NoSlip([1.0, 0.0, 0.0]);
     let solver = Solver::new(model, 1).unwrap();
     for _ in 0..2_000 {
-        solver
-            .step_serial(&FlowInputs {
-                dt_s: 0.012,
-                ..Default::default()
-            })
-            .unwrap();
+        solver.step_serial(&FlowInputs { dt_s: 0.012, ..Default::default() }).unwrap();
     }
     let block = state(&solver);
     let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
@@ -156,16 +119,10 @@ fn lid_driven_cavity_follows_ghia() {
     };
     for (y, exact) in GHIA_U {
         let u = between(y, &|j| view.velocity_m_s(0)[j * n + n / 2]);
-        assert!(
-            (u - exact).abs() < 0.012,
-            "u at y = {y}: {u:.4} against {exact}, 0.012 of the lid's speed allowed on 32²"
-        );
+        assert!((u - exact).abs() < 0.012, "u at y = {y}: {u:.4} against {exact}, 0.012 of the lid's speed allowed on 32²");
     }
     for (x, exact) in GHIA_V {
         let v = between(x, &|i| view.velocity_m_s(1)[n / 2 * n + i]);
-        assert!(
-            (v - exact).abs() < 0.012,
-            "v at x = {x}: {v:.4} against {exact}, 0.012 of the lid's speed allowed on 32²"
-        );
+        assert!((v - exact).abs() < 0.012, "v at x = {x}: {v:.4} against {exact}, 0.012 of the lid's speed allowed on 32²");
     }
 }

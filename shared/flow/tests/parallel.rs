@@ -46,10 +46,7 @@ fn same_bits(cells: [usize; 3], bands: &[usize], steps: u32) {
         assert_sync(&solver);
         for step in 0..steps {
             step_threads(&solver, step);
-            assert!(
-                scene::state(&solver) == expected[step as usize],
-                "{bands} threads differ from one in step {step}"
-            );
+            assert!(scene::state(&solver) == expected[step as usize], "{bands} threads differ from one in step {step}");
         }
     }
 }

@@ -12,13 +12,7 @@ fn run(model: &PumpModel, input: &PumpInput, seconds: f64) -> (PumpState, PumpRe
 }
 
 fn open(set_pa: f32) -> PumpInput {
-    PumpInput {
-        set_pa,
-        flow_limit_ml_min: 600.0,
-        inflow_valve: 1.0,
-        outflow_valve: 1.0,
-        ..Default::default()
-    }
+    PumpInput { set_pa, flow_limit_ml_min: 600.0, inflow_valve: 1.0, outflow_valve: 1.0, ..Default::default() }
 }
 
 #[test]
@@ -26,15 +20,9 @@ fn pressure_curve_parts_the_walls_at_40_and_reaches_150_mmhg_at_the_given_volume
     let model = PumpModel::default();
     assert_eq!(model.pressure_pa(0.0), 0.0);
     assert!((model.pressure_pa(8.0) / (150.0 * PA_PER_MMHG) - 1.0).abs() < 1e-12);
-    assert!((1..800).all(
-        |n| model.pressure_pa(f64::from(n) * 0.01) > model.pressure_pa(f64::from(n - 1) * 0.01)
-    ));
+    assert!((1..800).all(|n| model.pressure_pa(f64::from(n) * 0.01) > model.pressure_pa(f64::from(n - 1) * 0.01)));
     // Twice the parting volume: 40 mmHg·(1 − e⁻²) = 34.6 mmHg of the walls and 1/8 of the remaining 110 mmHg = 13.75: 48.3 mmHg.
-    assert!(
-        (model.pressure_pa(1.0) / PA_PER_MMHG - 48.34).abs() < 0.05,
-        "{}",
-        model.pressure_pa(1.0) / PA_PER_MMHG
-    );
+    assert!((model.pressure_pa(1.0) / PA_PER_MMHG - 48.34).abs() < 0.05, "{}", model.pressure_pa(1.0) / PA_PER_MMHG);
 }
 
 #[test]
@@ -42,9 +30,7 @@ fn steady_pressure_is_where_inflow_equals_outflow() {
     // In: 10 ml/s·(p_set − p)/1 kPa. Out: 5e-4 ml/(s·Pa)·p. p_set = 8 kPa: 10·(8 − p) = 0.5·p with p in kPa: p = 80/10.5 = 7.619 kPa.
     let (state, report) = run(&PumpModel::default(), &open(8_000.0), 60.0);
     assert!((report.pressure_pa - 7_619.05).abs() < 0.1, "{report:?}");
-    assert!(
-        (report.out_ml_s - 3.8095).abs() < 1e-4 && (report.in_ml_s - report.out_ml_s).abs() < 1e-6
-    );
+    assert!((report.out_ml_s - 3.8095).abs() < 1e-4 && (report.in_ml_s - report.out_ml_s).abs() < 1e-6);
     // All inflow that is not in the outflow is in the cavity: the deficit is the cavity's volume.
     assert!((state.deficit_ml() - state.cavity_ml).abs() < 1e-9);
     assert!(state.imbalance_ml().abs() < 1e-9);
@@ -54,141 +40,41 @@ fn steady_pressure_is_where_inflow_equals_outflow() {
 fn open_veins_take_medium_only_above_their_pressure() {
     let model = PumpModel::default();
     // 10·(8 − p) = 0.5·p + 0.2·(p − 1.33322): p = (80 + 0.266644)/10.7 = 7.50155 kPa; into veins 0.2·(7.50155 − 1.33322) = 1.23367 ml/s.
-    let (state, report) = run(
-        &model,
-        &PumpInput {
-            open_veins: 1.0,
-            ..open(8_000.0)
-        },
-        60.0,
-    );
+    let (state, report) = run(&model, &PumpInput { open_veins: 1.0, ..open(8_000.0) }, 60.0);
     assert!((report.pressure_pa - 7_501.55).abs() < 0.1, "{report:?}");
     assert!((report.intravasation_ml_s - 1.233_67).abs() < 1e-4);
-    assert!(
-        (state.deficit_ml() - state.cavity_ml - state.intravasated_ml).abs() < 1e-9,
-        "deficit = in − out"
-    );
-    let (state, _) = run(
-        &model,
-        &PumpInput {
-            open_veins: 1.0,
-            ..open(1_300.0)
-        },
-        60.0,
-    );
-    assert_eq!(
-        state.intravasated_ml, 0.0,
-        "below venous pressure nothing enters"
-    );
+    assert!((state.deficit_ml() - state.cavity_ml - state.intravasated_ml).abs() < 1e-9, "deficit = in − out");
+    let (state, _) = run(&model, &PumpInput { open_veins: 1.0, ..open(1_300.0) }, 60.0);
+    assert_eq!(state.intravasated_ml, 0.0, "below venous pressure nothing enters");
 }
 
 #[test]
 fn valves_and_limits_bind() {
     let model = PumpModel::default();
-    let (state, report) = run(
-        &model,
-        &PumpInput {
-            inflow_valve: 0.0,
-            ..open(8_000.0)
-        },
-        5.0,
-    );
-    assert_eq!(
-        (state.in_ml, report.pressure_pa),
-        (0.0, 0.0),
-        "a shut inflow valve delivers nothing"
-    );
-    let (_, report) = run(
-        &model,
-        &PumpInput {
-            outflow_valve: 0.0,
-            ..open(8_000.0)
-        },
-        60.0,
-    );
-    assert!(
-        (report.pressure_pa - 8_000.0).abs() < 1.0,
-        "without a way out the set pressure is reached"
-    );
+    let (state, report) = run(&model, &PumpInput { inflow_valve: 0.0, ..open(8_000.0) }, 5.0);
+    assert_eq!((state.in_ml, report.pressure_pa), (0.0, 0.0), "a shut inflow valve delivers nothing");
+    let (_, report) = run(&model, &PumpInput { outflow_valve: 0.0, ..open(8_000.0) }, 60.0);
+    assert!((report.pressure_pa - 8_000.0).abs() < 1.0, "without a way out the set pressure is reached");
     let (_, report) = run(&model, &open(50_000.0), 60.0);
-    assert!(
-        report.pressure_pa <= 150.0 * PA_PER_MMHG,
-        "never above 150 mmHg"
-    );
-    let first = run(
-        &model,
-        &PumpInput {
-            flow_limit_ml_min: 60.0,
-            ..open(8_000.0)
-        },
-        0.05,
-    )
-    .1;
-    assert!(
-        (first.in_ml_s - 1.0).abs() < 1e-9,
-        "60 ml/min is 1 ml/s: {first:?}"
-    );
+    assert!(report.pressure_pa <= 150.0 * PA_PER_MMHG, "never above 150 mmHg");
+    let first = run(&model, &PumpInput { flow_limit_ml_min: 60.0, ..open(8_000.0) }, 0.05).1;
+    assert!((first.in_ml_s - 1.0).abs() < 1e-9, "60 ml/min is 1 ml/s: {first:?}");
 }
 
 #[test]
 fn alarms_follow_pressure_deficit_by_medium_and_abnormal_loss() {
     let model = PumpModel::default();
-    let mut state = PumpState {
-        in_ml: 1_000.0,
-        ..Default::default()
-    };
-    assert!(
-        model
-            .step(&mut state, &PumpInput::default(), false, 0.0, 0.01)
-            .alarms
-            .deficit,
-        "1 000 ml, hypotonic"
-    );
-    assert!(
-        !model
-            .step(&mut state, &PumpInput::default(), true, 0.0, 0.01)
-            .alarms
-            .deficit,
-        "1 000 ml, isotonic"
-    );
+    let mut state = PumpState { in_ml: 1_000.0, ..Default::default() };
+    assert!(model.step(&mut state, &PumpInput::default(), false, 0.0, 0.01).alarms.deficit, "1 000 ml, hypotonic");
+    assert!(!model.step(&mut state, &PumpInput::default(), true, 0.0, 0.01).alarms.deficit, "1 000 ml, isotonic");
     state.in_ml = 2_500.0;
-    assert!(
-        model
-            .step(&mut state, &PumpInput::default(), true, 0.0, 0.01)
-            .alarms
-            .deficit,
-        "2 500 ml, isotonic"
-    );
+    assert!(model.step(&mut state, &PumpInput::default(), true, 0.0, 0.01).alarms.deficit, "2 500 ml, isotonic");
     let (mut state, report) = run(&model, &open(15_000.0), 30.0);
     assert!(!report.alarms.pressure && !report.alarms.abnormal_loss);
-    let report = model.step(
-        &mut state,
-        &PumpInput {
-            outflow_valve: 0.0,
-            ..open(4_000.0)
-        },
-        true,
-        0.0,
-        0.01,
-    );
-    assert!(
-        report.alarms.pressure,
-        "the set pressure fell by more than 20 mmHg below the cavity's"
-    );
-    let report = model.step(
-        &mut state,
-        &PumpInput {
-            perforation: 1.0,
-            ..open(15_000.0)
-        },
-        true,
-        0.0,
-        0.01,
-    );
-    assert!(
-        report.alarms.abnormal_loss && report.perforation_ml_s > 5.0,
-        "{report:?}"
-    );
+    let report = model.step(&mut state, &PumpInput { outflow_valve: 0.0, ..open(4_000.0) }, true, 0.0, 0.01);
+    assert!(report.alarms.pressure, "the set pressure fell by more than 20 mmHg below the cavity's");
+    let report = model.step(&mut state, &PumpInput { perforation: 1.0, ..open(15_000.0) }, true, 0.0, 0.01);
+    assert!(report.alarms.abnormal_loss && report.perforation_ml_s > 5.0, "{report:?}");
 }
 
 #[test]

@@ -27,15 +27,9 @@ fn a_spare_continues_with_the_same_bits() {
     spare.load(bytemuck::cast_slice(&block)).unwrap();
     assert!(scene::state(&spare) == block, "load and store are inverse");
     for step in 12..30 {
-        let (a, b) = (
-            incumbent.step_serial(&scene::inputs(step)).unwrap(),
-            spare.step_serial(&scene::inputs(step)).unwrap(),
-        );
+        let (a, b) = (incumbent.step_serial(&scene::inputs(step)).unwrap(), spare.step_serial(&scene::inputs(step)).unwrap());
         assert_eq!(a, b, "the reports agree in step {step}");
-        assert!(
-            scene::state(&incumbent) == scene::state(&spare),
-            "the states differ in step {step}"
-        );
+        assert!(scene::state(&incumbent) == scene::state(&spare), "the states differ in step {step}");
     }
 }
 
@@ -55,32 +49,14 @@ fn counters_survive_a_restart() {
 fn states_of_another_size_model_or_alignment_are_refused() {
     let solver = after(2);
     let mut block = scene::state(&solver);
-    assert_eq!(
-        block.len() * 8,
-        state_bytes(&solver.model().grid, solver.model().blood.capacity)
-    );
+    assert_eq!(block.len() * 8, state_bytes(&solver.model().grid, solver.model().blood.capacity));
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut block);
-    assert!(matches!(
-        solver.load(&bytes[..40]),
-        Err(FlowError::Length { .. })
-    ));
-    assert!(matches!(
-        solver.load(&bytes[..bytes.len() - 8]),
-        Err(FlowError::Length { .. })
-    ));
-    assert!(matches!(
-        solver.load(&bytes[1..]),
-        Err(FlowError::Alignment)
-    ));
-    assert!(matches!(
-        solver.store(&mut bytes[8..]),
-        Err(FlowError::Length { .. })
-    ));
+    assert!(matches!(solver.load(&bytes[..40]), Err(FlowError::Length { .. })));
+    assert!(matches!(solver.load(&bytes[..bytes.len() - 8]), Err(FlowError::Length { .. })));
+    assert!(matches!(solver.load(&bytes[1..]), Err(FlowError::Alignment)));
+    assert!(matches!(solver.store(&mut bytes[8..]), Err(FlowError::Length { .. })));
     let other = Solver::new(scene::model([16, 14, 11]), 1).unwrap();
-    assert!(matches!(
-        other.load(bytes),
-        Err(FlowError::State { field: "cells", .. })
-    ));
+    assert!(matches!(other.load(bytes), Err(FlowError::State { field: "cells", .. })));
 }
 
 #[test]
@@ -92,27 +68,13 @@ fn values_that_are_not_finite_are_refused_even_under_a_good_checksum() {
     let words = block.len();
     block[words / 4] = u64::from_ne_bytes([0xff; 8]);
     let error = solver.load(bytemuck::cast_slice(&block)).unwrap_err();
-    assert!(
-        matches!(
-            error,
-            FlowError::State {
-                field: "checksum",
-                ..
-            }
-        ),
-        "{error}"
-    );
+    assert!(matches!(error, FlowError::State { field: "checksum", .. }), "{error}");
     // Repair the checksum as the writer would have: take what the error says it should be.
-    let FlowError::State { want, .. } = error else {
-        unreachable!()
-    };
+    let FlowError::State { want, .. } = error else { unreachable!() };
     block[1] = want;
     let error = solver.load(bytemuck::cast_slice(&block)).unwrap_err();
     assert!(matches!(error, FlowError::StateValue { .. }), "{error}");
-    assert!(
-        scene::state(&solver) == before,
-        "a refused state changes nothing"
-    );
+    assert!(scene::state(&solver) == before, "a refused state changes nothing");
 }
 
 proptest! {

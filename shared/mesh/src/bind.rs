@@ -38,17 +38,13 @@ pub struct BindReport {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum BindError {
     /// No tet has a volume.
-    #[error(
-        "none of the {tets} tets has a volume to bind a surface to; repair the volume mesh first"
-    )]
+    #[error("none of the {tets} tets has a volume to bind a surface to; repair the volume mesh first")]
     NoVolume {
         /// How many tets there are.
         tets: usize,
     },
     /// A vertex or node is not finite.
-    #[error(
-        "{what} {index} has a coordinate that is no finite number; correct it in the file, or scale by a smaller factor"
-    )]
+    #[error("{what} {index} has a coordinate that is no finite number; correct it in the file, or scale by a smaller factor")]
     NotFinite {
         /// `surface vertex` or `volume node`.
         what: &'static str,
@@ -69,23 +65,14 @@ pub enum BindError {
 ///
 /// # Errors
 /// A [`BindError`] if there is no tet with a volume, a coordinate is not finite, or an index is out of range.
-pub fn bind(
-    surface: &TriangleMesh,
-    tets: &TetMesh,
-) -> Result<(Vec<Binding>, BindReport), BindError> {
+pub fn bind(surface: &TriangleMesh, tets: &TetMesh) -> Result<(Vec<Binding>, BindReport), BindError> {
     refuse_broken(surface, tets)?;
     let (usable, flat_tets_avoided) = usable_tets(tets)?;
-    let extent = usable
-        .iter()
-        .flat_map(|tet| tet.corners)
-        .fold(0.0_f64, |most, corner| most.max(corner.abs().max_element()));
+    let extent = usable.iter().flat_map(|tet| tet.corners).fold(0.0_f64, |most, corner| most.max(corner.abs().max_element()));
     // Single-precision coordinates of a vertex on the boundary differ from it by this much.
     let rounding_m = 4.0 * f64::from(f32::EPSILON) * extent;
     let tree = Tree::new(usable);
-    let mut report = BindReport {
-        flat_tets_avoided,
-        ..BindReport::default()
-    };
+    let mut report = BindReport { flat_tets_avoided, ..BindReport::default() };
     let mut bindings = Vec::with_capacity(surface.positions_m.len());
     let mut stack = Vec::new();
     for (vertex, position) in surface.positions_m.iter().enumerate() {
@@ -99,13 +86,8 @@ pub fn bind(
                 report.farthest_vertex = vertex as u32;
             }
         }
-        report.max_weight = weights
-            .iter()
-            .fold(report.max_weight, |most, weight| most.max(weight.abs()));
-        bindings.push(Binding {
-            tet: tet.index,
-            weights,
-        });
+        report.max_weight = weights.iter().fold(report.max_weight, |most, weight| most.max(weight.abs()));
+        bindings.push(Binding { tet: tet.index, weights });
     }
     Ok((bindings, report))
 }
@@ -114,12 +96,7 @@ pub fn bind(
 ///
 /// # Panics
 /// If `out` is not as long as `bindings`, or a binding or a tet is out of range: bindings belong to one version of the topology.
-pub fn evaluate(
-    bindings: &[Binding],
-    tets: &[[u32; 4]],
-    positions_m: &[[f32; 3]],
-    out_m: &mut [[f32; 3]],
-) {
+pub fn evaluate(bindings: &[Binding], tets: &[[u32; 4]], positions_m: &[[f32; 3]], out_m: &mut [[f32; 3]]) {
     assert_eq!(bindings.len(), out_m.len(), "one output per binding");
     for (binding, out) in bindings.iter().zip(out_m) {
         let nodes = tets[binding.tet as usize];
@@ -135,25 +112,14 @@ pub fn evaluate(
 }
 
 fn refuse_broken(surface: &TriangleMesh, tets: &TetMesh) -> Result<(), BindError> {
-    for (what, positions_m) in [
-        ("surface vertex", &surface.positions_m),
-        ("volume node", &tets.positions_m),
-    ] {
-        let broken = positions_m
-            .iter()
-            .position(|position| position.iter().any(|c| !c.is_finite()));
+    for (what, positions_m) in [("surface vertex", &surface.positions_m), ("volume node", &tets.positions_m)] {
+        let broken = positions_m.iter().position(|position| position.iter().any(|c| !c.is_finite()));
         if let Some(index) = broken {
-            return Err(BindError::NotFinite {
-                what,
-                index: index as u32,
-            });
+            return Err(BindError::NotFinite { what, index: index as u32 });
         }
     }
     let nodes = tets.positions_m.len();
-    let broken = tets
-        .tets
-        .iter()
-        .position(|tet| tet.iter().any(|&node| node as usize >= nodes));
+    let broken = tets.tets.iter().position(|tet| tet.iter().any(|&node| node as usize >= nodes));
     broken.map_or(Ok(()), |tet| Err(BindError::OutOfRange { tet: tet as u32 }))
 }
 
@@ -166,10 +132,7 @@ struct Tet {
 impl Tet {
     fn bounds(&self) -> Bounds {
         let [a, b, c, d] = self.corners;
-        Bounds {
-            min: a.min(b).min(c).min(d),
-            max: a.max(b).max(c).max(d),
-        }
+        Bounds { min: a.min(b).min(c).min(d), max: a.max(b).max(c).max(d) }
     }
 
     fn middle(&self) -> DVec3 {
@@ -179,32 +142,13 @@ impl Tet {
 
 /// The tets that are not flat; if all are, those with any volume. And how many were left out.
 fn usable_tets(mesh: &TetMesh) -> Result<(Vec<Tet>, usize), BindError> {
-    let all = || {
-        mesh.tets.iter().zip(0..).map(|(&tet, index)| Tet {
-            index,
-            corners: corners(&mesh.positions_m, tet),
-        })
-    };
-    let mut usable: Vec<Tet> = all()
-        .filter(|tet| quality(tet.corners) >= FLAT_QUALITY)
-        .collect();
+    let all = || mesh.tets.iter().zip(0..).map(|(&tet, index)| Tet { index, corners: corners(&mesh.positions_m, tet) });
+    let mut usable: Vec<Tet> = all().filter(|tet| quality(tet.corners) >= FLAT_QUALITY).collect();
     if usable.is_empty() {
-        usable = all()
-            .filter(|tet| {
-                weights(tet.corners, tet.middle())
-                    .iter()
-                    .all(|weight| weight.is_finite())
-            })
-            .collect();
+        usable = all().filter(|tet| weights(tet.corners, tet.middle()).iter().all(|weight| weight.is_finite())).collect();
     }
     let avoided = mesh.tets.len() - usable.len();
-    if usable.is_empty() {
-        Err(BindError::NoVolume {
-            tets: mesh.tets.len(),
-        })
-    } else {
-        Ok((usable, avoided))
-    }
+    if usable.is_empty() { Err(BindError::NoVolume { tets: mesh.tets.len() }) } else { Ok((usable, avoided)) }
 }
 
 fn weights([a, b, c, d]: [DVec3; 4], point: DVec3) -> [f64; 4] {
@@ -217,10 +161,7 @@ fn weights([a, b, c, d]: [DVec3; 4], point: DVec3) -> [f64; 4] {
 
 /// Square of the distance from a point to a tet; 0 inside.
 fn distance_squared(tet: &Tet, point: DVec3) -> f64 {
-    if weights(tet.corners, point)
-        .iter()
-        .all(|&weight| weight >= 0.0)
-    {
+    if weights(tet.corners, point).iter().all(|&weight| weight >= 0.0) {
         return 0.0;
     }
     let [a, b, c, d] = tet.corners;
@@ -294,10 +235,7 @@ struct Tree {
 impl Tree {
     fn new(tets: Vec<Tet>) -> Self {
         let count = tets.len();
-        let mut tree = Tree {
-            tets,
-            branches: Vec::with_capacity(count),
-        };
+        let mut tree = Tree { tets, branches: Vec::with_capacity(count) };
         tree.grow(0, count);
         tree
     }
@@ -306,17 +244,10 @@ impl Tree {
         let tets = &mut self.tets[start..end];
         let bounds = tets.iter().skip(1).fold(tets[0].bounds(), |sum, tet| {
             let next = tet.bounds();
-            Bounds {
-                min: sum.min.min(next.min),
-                max: sum.max.max(next.max),
-            }
+            Bounds { min: sum.min.min(next.min), max: sum.max.max(next.max) }
         });
         let branch = self.branches.len();
-        self.branches.push(Branch {
-            bounds,
-            range: (start, end),
-            children: None,
-        });
+        self.branches.push(Branch { bounds, range: (start, end), children: None });
         if end - start > LEAF_TETS {
             let axis = (bounds.max - bounds.min).max_position();
             let order = |tet: &Tet| (tet.middle()[axis], tet.index);
@@ -325,10 +256,7 @@ impl Tree {
                 let (left, right) = (order(left), order(right));
                 left.0.total_cmp(&right.0).then(left.1.cmp(&right.1))
             });
-            let children = [
-                self.grow(start, start + middle),
-                self.grow(start + middle, end),
-            ];
+            let children = [self.grow(start, start + middle), self.grow(start + middle, end)];
             self.branches[branch].children = Some(children);
         }
         branch
@@ -353,8 +281,7 @@ impl Tree {
                 }
                 continue;
             };
-            let mut near =
-                children.map(|child| (self.branches[child].bounds.distance_squared(point), child));
+            let mut near = children.map(|child| (self.branches[child].bounds.distance_squared(point), child));
             if near[0].0 < near[1].0 {
                 near.swap(0, 1);
             }

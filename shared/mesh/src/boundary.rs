@@ -20,22 +20,9 @@ impl Surface {
         nodes.sort_unstable();
         nodes.dedup();
         let vertex = |node: u32| nodes.partition_point(|&other| other < node) as u32;
-        let triangles = self
-            .triangles
-            .iter()
-            .map(|triangle| triangle.map(vertex))
-            .collect();
-        let positions_m = nodes
-            .iter()
-            .map(|&node| positions_m[node as usize])
-            .collect();
-        (
-            TriangleMesh {
-                positions_m,
-                triangles,
-            },
-            nodes,
-        )
+        let triangles = self.triangles.iter().map(|triangle| triangle.map(vertex)).collect();
+        let positions_m = nodes.iter().map(|&node| positions_m[node as usize]).collect();
+        (TriangleMesh { positions_m, triangles }, nodes)
     }
 }
 
@@ -67,13 +54,7 @@ pub fn boundary(mesh: &TetMesh) -> Surface {
     let faces = sorted_faces(&mesh.tets);
     let mut single: Vec<usize> = faces
         .chunk_by(|left, right| left.0 == right.0)
-        .filter_map(|same| {
-            if let [(_, origin)] = same {
-                Some(*origin)
-            } else {
-                None
-            }
-        })
+        .filter_map(|same| if let [(_, origin)] = same { Some(*origin) } else { None })
         .collect();
     single.sort_unstable();
     let mut surface = Surface::default();
@@ -82,9 +63,7 @@ pub fn boundary(mesh: &TetMesh) -> Surface {
         let tet = mesh.tets[index];
         let [a, b, c] = FACES[face].map(|place| tet[place]);
         let inverted = signed_volume(corners(&mesh.positions_m, tet)) < 0.0;
-        surface
-            .triangles
-            .push(if inverted { [a, c, b] } else { [a, b, c] });
+        surface.triangles.push(if inverted { [a, c, b] } else { [a, b, c] });
         surface.tet_of_triangle.push(index as u32);
     }
     surface
@@ -109,9 +88,7 @@ pub fn component_of_each_triangle(mesh: &TriangleMesh) -> Vec<u32> {
 fn components<const N: usize>(nodes: usize, cells: &[[u32; N]]) -> Vec<u32> {
     let mut sets = Sets::new(nodes);
     for cell in cells {
-        cell.iter()
-            .skip(1)
-            .for_each(|&node| sets.join(cell[0], node));
+        cell.iter().skip(1).for_each(|&node| sets.join(cell[0], node));
     }
     let mut number_of_root = vec![u32::MAX; nodes];
     let mut next = 0;
@@ -134,9 +111,7 @@ pub(crate) struct Sets {
 
 impl Sets {
     pub fn new(count: usize) -> Self {
-        Sets {
-            parent: (0..count as u32).collect(),
-        }
+        Sets { parent: (0..count as u32).collect() }
     }
 
     pub fn root(&mut self, mut member: u32) -> u32 {

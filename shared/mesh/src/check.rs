@@ -59,19 +59,10 @@ pub struct Report {
 /// out of the figures about shape and boundary.
 pub fn check(mesh: &TetMesh) -> Report {
     let nodes = mesh.positions_m.len();
-    let finite = |node: u32| {
-        mesh.positions_m[node as usize]
-            .iter()
-            .all(|coordinate| coordinate.is_finite())
-    };
+    let finite = |node: u32| mesh.positions_m[node as usize].iter().all(|coordinate| coordinate.is_finite());
     let in_range = |tet: &[u32; 4]| tet.iter().all(|&node| (node as usize) < nodes);
     let indices_where = |bad: &dyn Fn(&[u32; 4]) -> bool| -> Vec<u32> {
-        mesh.tets
-            .iter()
-            .enumerate()
-            .filter(|(_, tet)| bad(tet))
-            .map(|(index, _)| index as u32)
-            .collect()
+        mesh.tets.iter().enumerate().filter(|(_, tet)| bad(tet)).map(|(index, _)| index as u32).collect()
     };
     let sound = |tet: &[u32; 4]| in_range(tet) && tet.iter().all(|&node| finite(node));
     let not_finite: Vec<u32> = (0..nodes as u32).filter(|&node| !finite(node)).collect();
@@ -80,11 +71,7 @@ pub fn check(mesh: &TetMesh) -> Report {
     let worth = |tet: &[u32; 4]| quality(corners(&mesh.positions_m, *tet));
 
     let sound_tets: Vec<[u32; 4]> = mesh.tets.iter().copied().filter(|tet| sound(tet)).collect();
-    let shape = TetMesh {
-        positions_m: mesh.positions_m.clone(),
-        regions: vec![0; sound_tets.len()],
-        tets: sound_tets,
-    };
+    let shape = TetMesh { positions_m: mesh.positions_m.clone(), regions: vec![0; sound_tets.len()], tets: sound_tets };
     let worst = indices_where(&|tet| sound(tet))
         .into_iter()
         .map(|index| (index, worth(&mesh.tets[index as usize])))
@@ -104,15 +91,9 @@ pub fn check(mesh: &TetMesh) -> Report {
         worst,
         duplicate: duplicate_tets(&mesh.tets),
         unused_nodes: unused_nodes(nodes, &mesh.tets),
-        components: component_of_each_tet(&shape)
-            .iter()
-            .max()
-            .map_or(0, |last| *last as usize + 1),
+        components: component_of_each_tet(&shape).iter().max().map_or(0, |last| *last as usize + 1),
         boundary_triangles: edges.triangles,
-        crowded_faces: sorted_faces(&shape.tets)
-            .chunk_by(|l, r| l.0 == r.0)
-            .filter(|same| same.len() > 2)
-            .count(),
+        crowded_faces: sorted_faces(&shape.tets).chunk_by(|l, r| l.0 == r.0).filter(|same| same.len() > 2).count(),
         open_edges: edges.open,
         non_manifold_edges: edges.non_manifold,
         non_manifold_vertices: edges.non_manifold_vertices,
@@ -124,9 +105,7 @@ fn extent(min_m: [f32; 3], max_m: [f32; 3]) -> f32 {
 }
 
 fn bounding_box(positions_m: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
-    let mut finite = positions_m
-        .iter()
-        .filter(|position| position.iter().all(|c| c.is_finite()));
+    let mut finite = positions_m.iter().filter(|position| position.iter().all(|c| c.is_finite()));
     let Some(&first) = finite.next() else {
         return ([0.0; 3], [0.0; 3]);
     };
@@ -144,12 +123,8 @@ pub(crate) fn duplicate_tets(tets: &[[u32; 4]]) -> Vec<u32> {
     let mut keys: Vec<([u32; 4], u32)> = tets.iter().copied().zip(0..).collect();
     keys.iter_mut().for_each(|(key, _)| key.sort_unstable());
     keys.sort_unstable();
-    let repeats =
-        |same: &[([u32; 4], u32)]| same[1..].iter().map(|&(_, tet)| tet).collect::<Vec<_>>();
-    let mut duplicates: Vec<u32> = keys
-        .chunk_by(|left, right| left.0 == right.0)
-        .flat_map(repeats)
-        .collect();
+    let repeats = |same: &[([u32; 4], u32)]| same[1..].iter().map(|&(_, tet)| tet).collect::<Vec<_>>();
+    let mut duplicates: Vec<u32> = keys.chunk_by(|left, right| left.0 == right.0).flat_map(repeats).collect();
     duplicates.sort_unstable();
     duplicates
 }
@@ -162,9 +137,7 @@ pub(crate) fn unused_nodes(nodes: usize, tets: &[[u32; 4]]) -> Vec<u32> {
             *used = true;
         }
     }
-    (0..nodes as u32)
-        .filter(|&node| !used[node as usize])
-        .collect()
+    (0..nodes as u32).filter(|&node| !used[node as usize]).collect()
 }
 
 struct BoundaryEdges {
@@ -181,24 +154,12 @@ fn boundary_edges(mesh: &TetMesh) -> BoundaryEdges {
     let mut edges: Vec<([u32; 2], [u32; 2])> = Vec::with_capacity(3 * triangles.len());
     for (triangle, nodes) in triangles.iter().enumerate() {
         for [from, to] in [[0, 1], [1, 2], [2, 0]] {
-            let [low, high] = if nodes[from] < nodes[to] {
-                [from, to]
-            } else {
-                [to, from]
-            };
-            edges.push((
-                [nodes[low], nodes[high]],
-                [low, high].map(|place| (3 * triangle + place) as u32),
-            ));
+            let [low, high] = if nodes[from] < nodes[to] { [from, to] } else { [to, from] };
+            edges.push(([nodes[low], nodes[high]], [low, high].map(|place| (3 * triangle + place) as u32)));
         }
     }
     edges.sort_unstable();
-    let mut counts = BoundaryEdges {
-        triangles: triangles.len(),
-        open: 0,
-        non_manifold: 0,
-        non_manifold_vertices: 0,
-    };
+    let mut counts = BoundaryEdges { triangles: triangles.len(), open: 0, non_manifold: 0, non_manifold_vertices: 0 };
     let mut fans = Sets::new(3 * triangles.len());
     for same in edges.chunk_by(|left, right| left.0 == right.0) {
         counts.open += usize::from(same.len() == 1);
@@ -209,17 +170,11 @@ fn boundary_edges(mesh: &TetMesh) -> BoundaryEdges {
         }
     }
     let corner_nodes = triangles.as_flattened();
-    let mut fan_of_node: Vec<(u32, u32)> = corner_nodes
-        .iter()
-        .zip(0..)
-        .map(|(&node, corner)| (node, fans.root(corner)))
-        .collect();
+    let mut fan_of_node: Vec<(u32, u32)> =
+        corner_nodes.iter().zip(0..).map(|(&node, corner)| (node, fans.root(corner))).collect();
     fan_of_node.sort_unstable();
     fan_of_node.dedup();
-    counts.non_manifold_vertices = fan_of_node
-        .chunk_by(|left, right| left.0 == right.0)
-        .filter(|fans| fans.len() > 1)
-        .count();
+    counts.non_manifold_vertices = fan_of_node.chunk_by(|left, right| left.0 == right.0).filter(|fans| fans.len() > 1).count();
     counts
 }
 
@@ -231,57 +186,24 @@ impl Report {
 
     /// True if there is nothing that [`repair`](crate::repair()) would change or could not change.
     pub fn is_sound(&self) -> bool {
-        let lists = [
-            &self.not_finite,
-            &self.out_of_range,
-            &self.inverted,
-            &self.flat,
-            &self.duplicate,
-            &self.unused_nodes,
-        ];
-        let counts = [
-            self.crowded_faces,
-            self.open_edges,
-            self.non_manifold_edges,
-            self.non_manifold_vertices,
-        ];
-        self.tets > 0
-            && lists.iter().all(|list| list.is_empty())
-            && counts.iter().all(|&count| count == 0)
+        let lists = [&self.not_finite, &self.out_of_range, &self.inverted, &self.flat, &self.duplicate, &self.unused_nodes];
+        let counts = [self.crowded_faces, self.open_edges, self.non_manifold_edges, self.non_manifold_vertices];
+        self.tets > 0 && lists.iter().all(|list| list.is_empty()) && counts.iter().all(|&count| count == 0)
     }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let size: Vec<f32> = (0..3)
-            .map(|axis| self.max_m[axis] - self.min_m[axis])
-            .collect();
-        writeln!(
-            out,
-            "{}, {}, {}",
-            count(self.nodes, "node"),
-            count(self.tets, "tet"),
-            count(self.components, "part")
-        )?;
-        writeln!(
-            out,
-            "size {:.4} × {:.4} × {:.4}, volume {:.4e}",
-            size[0], size[1], size[2], self.volume_m3
-        )?;
+        let size: Vec<f32> = (0..3).map(|axis| self.max_m[axis] - self.min_m[axis]).collect();
+        writeln!(out, "{}, {}, {}", count(self.nodes, "node"), count(self.tets, "tet"), count(self.components, "part"))?;
+        writeln!(out, "size {:.4} × {:.4} × {:.4}, volume {:.4e}", size[0], size[1], size[2], self.volume_m3)?;
         writeln!(out, "by its size the file is in {}", self.unit.symbol())?;
         if let Some((tet, quality)) = self.worst {
-            writeln!(
-                out,
-                "worst tet {tet}, quality {quality:.2e} (1 is regular, flat below {FLAT_QUALITY:e})"
-            )?;
+            writeln!(out, "worst tet {tet}, quality {quality:.2e} (1 is regular, flat below {FLAT_QUALITY:e})")?;
         }
         writeln!(out, "boundary of {} triangles", self.boundary_triangles)?;
         let lists = [
-            (
-                &self.not_finite,
-                "node",
-                "with a coordinate that is no finite number",
-            ),
+            (&self.not_finite, "node", "with a coordinate that is no finite number"),
             (&self.out_of_range, "tet", "with a node that is not there"),
             (&self.inverted, "tet", "inverted"),
             (&self.flat, "tet", "flat"),
@@ -289,30 +211,13 @@ impl fmt::Display for Report {
             (&self.unused_nodes, "node", "unused by any tet"),
         ];
         for (list, what, how) in lists.iter().filter(|(list, ..)| !list.is_empty()) {
-            writeln!(
-                out,
-                "{} {how}, the first is {what} {} (counted from 0)",
-                count(list.len(), what),
-                list[0]
-            )?;
+            writeln!(out, "{} {how}, the first is {what} {} (counted from 0)", count(list.len(), what), list[0])?;
         }
         let counts = [
             (self.crowded_faces, "face", "shared by more than two tets"),
-            (
-                self.open_edges,
-                "boundary edge",
-                "with one triangle only (open boundary)",
-            ),
-            (
-                self.non_manifold_edges,
-                "boundary edge",
-                "shared by more than two triangles (non-manifold boundary)",
-            ),
-            (
-                self.non_manifold_vertices,
-                "boundary node",
-                "at which the boundary touches itself (non-manifold boundary)",
-            ),
+            (self.open_edges, "boundary edge", "with one triangle only (open boundary)"),
+            (self.non_manifold_edges, "boundary edge", "shared by more than two triangles (non-manifold boundary)"),
+            (self.non_manifold_vertices, "boundary node", "at which the boundary touches itself (non-manifold boundary)"),
         ];
         for (number, what, how) in counts.iter().filter(|(number, ..)| *number > 0) {
             writeln!(out, "{} {how}", count(*number, what))?;

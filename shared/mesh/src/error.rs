@@ -69,11 +69,7 @@ const QUOTE_CHARS: usize = 40;
 
 /// A piece of the input as a message shows it: quoted, shortened, without control characters.
 pub(crate) fn quote(text: &str) -> String {
-    let mut shown: String = text
-        .chars()
-        .take(QUOTE_CHARS)
-        .map(|c| if c.is_control() { '·' } else { c })
-        .collect();
+    let mut shown: String = text.chars().take(QUOTE_CHARS).map(|c| if c.is_control() { '·' } else { c }).collect();
     if text.chars().nth(QUOTE_CHARS).is_some() {
         shown.push('…');
     }
@@ -88,12 +84,6 @@ impl ReadError {
         expected: impl Into<String>,
         cure: impl Into<String>,
     ) -> Self {
-        ReadError {
-            kind,
-            place,
-            found: found.into(),
-            expected: expected.into(),
-            cure: cure.into(),
-        }
+        ReadError { kind, place, found: found.into(), expected: expected.into(), cure: cure.into() }
     }
 }

@@ -25,8 +25,7 @@ pub fn quality(corners: [DVec3; 4]) -> f64 {
     if mean_square <= 0.0 {
         return 0.0;
     }
-    6.0 * std::f64::consts::SQRT_2 * signed_volume(corners).abs()
-        / (mean_square * mean_square.sqrt())
+    6.0 * std::f64::consts::SQRT_2 * signed_volume(corners).abs() / (mean_square * mean_square.sqrt())
 }
 
 /// A number and what it counts: “1 tet”, “2 tets”.
@@ -38,16 +37,9 @@ pub(crate) fn count(number: usize, what: &str) -> String {
 /// largest coordinate, times half the area of the faces. A tet below it has no known orientation.
 pub(crate) fn volume_rounding(corners: [DVec3; 4]) -> f64 {
     let [a, b, c, d] = corners;
-    let faces = [
-        (b - a).cross(c - a),
-        (b - a).cross(d - a),
-        (c - a).cross(d - a),
-        (c - b).cross(d - b),
-    ];
+    let faces = [(b - a).cross(c - a), (b - a).cross(d - a), (c - a).cross(d - a), (c - b).cross(d - b)];
     let area: f64 = faces.iter().map(|normal| normal.length() / 2.0).sum();
-    let largest = corners.iter().fold(0.0_f64, |largest, corner| {
-        largest.max(corner.abs().max_element())
-    });
+    let largest = corners.iter().fold(0.0_f64, |largest, corner| largest.max(corner.abs().max_element()));
     largest * f64::from(f32::EPSILON) / 2.0 * area / 2.0
 }
 
@@ -86,11 +78,7 @@ impl Unit {
 ///
 /// Only a guess: an extent or an expected size that is not a positive number gives metres.
 pub fn guess_unit(extent: f32, expected_m: f32) -> Unit {
-    let distance = |unit: Unit| {
-        (f64::from(extent) * f64::from(unit.metres()) / f64::from(expected_m))
-            .ln()
-            .abs()
-    };
+    let distance = |unit: Unit| (f64::from(extent) * f64::from(unit.metres()) / f64::from(expected_m)).ln().abs();
     let mut best = Unit::Metre;
     for unit in [Unit::Centimetre, Unit::Millimetre] {
         if distance(unit) < distance(best) {

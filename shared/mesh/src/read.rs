@@ -33,8 +33,10 @@ pub struct TetFile {
     pub other_volume_cells: usize,
 }
 
-const KNOWN: &str = "a mesh as Gmsh .msh, VTK .vtk or .vtu, Medit .mesh, TetGen .node and .ele (volumes), or .obj and .vtk (surfaces)";
-const CONVERT: &str = "convert it, for example: gmsh FILE -save -format msh41 -o NEW.msh, or: meshio convert FILE NEW.vtk --ascii";
+const KNOWN: &str =
+    "a mesh as Gmsh .msh, VTK .vtk or .vtu, Medit .mesh, TetGen .node and .ele (volumes), or .obj and .vtk (surfaces)";
+const CONVERT: &str =
+    "convert it, for example: gmsh FILE -save -format msh41 -o NEW.msh, or: meshio convert FILE NEW.vtk --ascii";
 
 /// Reads the tets of a file. `name` is its name or path, of which only the extension counts; coordinates stay in the file's unit.
 ///
@@ -59,21 +61,11 @@ pub fn read_tet_file(name: &str, bytes: &[u8]) -> Result<TetFile, ReadError> {
         Format::Obj => {
             let expected = "a volume of tets";
             let cure = "give the volume mesh here and this file as its surface";
-            return Err(ReadError::new(
-                ReadErrorKind::Empty,
-                Place::File,
-                "a surface (OBJ)",
-                expected,
-                cure,
-            ));
+            return Err(ReadError::new(ReadErrorKind::Empty, Place::File, "a surface (OBJ)", expected, cure));
         }
     };
     let (mesh, other_volume_cells) = builder.finish()?;
-    Ok(TetFile {
-        mesh,
-        format,
-        other_volume_cells,
-    })
+    Ok(TetFile { mesh, format, other_volume_cells })
 }
 
 /// Reads the triangles of a surface file (OBJ or VTK legacy POLYDATA); polygons become fans. Coordinates stay in the file's unit.
@@ -87,25 +79,13 @@ pub fn read_triangles(name: &str, bytes: &[u8]) -> Result<TriangleMesh, ReadErro
         other => {
             let cure = "export the surface as .obj; without a surface file the boundary of the tets is drawn";
             let found = format!("a {other:?} file");
-            return Err(ReadError::new(
-                ReadErrorKind::Unsupported,
-                Place::File,
-                found,
-                "a surface as .obj or .vtk",
-                cure,
-            ));
+            return Err(ReadError::new(ReadErrorKind::Unsupported, Place::File, found, "a surface as .obj or .vtk", cure));
         }
     };
     if surface.triangles.is_empty() {
         let found = format!("{} vertices and no face", surface.positions_m.len());
         let cure = "export the surface with its faces";
-        return Err(ReadError::new(
-            ReadErrorKind::Empty,
-            Place::File,
-            found,
-            "at least one triangle",
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Empty, Place::File, found, "at least one triangle", cure));
     }
     Ok(surface)
 }
@@ -124,20 +104,11 @@ fn needs_companion(name: &str) -> ReadError {
     let other = companion_name(name).unwrap_or_else(|| "its .node or .ele file".into());
     let found = "one of TetGen's two files";
     let cure = format!("put {other} beside it");
-    ReadError::new(
-        ReadErrorKind::Unsupported,
-        Place::File,
-        found,
-        "the .node and the .ele file together",
-        cure,
-    )
+    ReadError::new(ReadErrorKind::Unsupported, Place::File, found, "the .node and the .ele file together", cure)
 }
 
 fn extension(name: &str) -> String {
-    name.rsplit_once('.')
-        .map_or(String::new(), |(_, extension)| {
-            extension.to_ascii_lowercase()
-        })
+    name.rsplit_once('.').map_or(String::new(), |(_, extension)| extension.to_ascii_lowercase())
 }
 
 /// Which format a file is in. What the content says goes before what the name says.
@@ -151,26 +122,11 @@ pub fn detect(name: &str, bytes: &[u8]) -> Result<Format, ReadError> {
     }
     if bytes.iter().all(u8::is_ascii_whitespace) {
         let cure = "the file is cut short: copy or export it again";
-        return Err(ReadError::new(
-            ReadErrorKind::Truncated,
-            Place::File,
-            "an empty file",
-            KNOWN,
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Truncated, Place::File, "an empty file", KNOWN, cure));
     }
-    if bytes.starts_with(b"\x1f\x8b")
-        || bytes.starts_with(b"PK\x03\x04")
-        || bytes.starts_with(b"BZh")
-    {
+    if bytes.starts_with(b"\x1f\x8b") || bytes.starts_with(b"PK\x03\x04") || bytes.starts_with(b"BZh") {
         let cure = "unpack it first (gunzip, unzip or bunzip2)";
-        return Err(ReadError::new(
-            ReadErrorKind::Unsupported,
-            Place::Byte(0),
-            "a packed file",
-            KNOWN,
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Unsupported, Place::Byte(0), "a packed file", KNOWN, cure));
     }
     match extension(name).as_str() {
         "msh" => Ok(Format::Gmsh),
@@ -180,30 +136,16 @@ pub fn detect(name: &str, bytes: &[u8]) -> Result<Format, ReadError> {
         "node" | "ele" => Ok(Format::Tetgen),
         "obj" => Ok(Format::Obj),
         _ => {
-            let head: &[u8] = bytes
-                .split(|&byte| byte == b'\n' || byte == b'\r')
-                .next()
-                .unwrap_or(&[]);
+            let head: &[u8] = bytes.split(|&byte| byte == b'\n' || byte == b'\r').next().unwrap_or(&[]);
             let found = quote(&String::from_utf8_lossy(&head[..head.len().min(80)]));
-            Err(ReadError::new(
-                ReadErrorKind::UnknownFormat,
-                Place::File,
-                format!("{found} at its start"),
-                KNOWN,
-                CONVERT,
-            ))
+            Err(ReadError::new(ReadErrorKind::UnknownFormat, Place::File, format!("{found} at its start"), KNOWN, CONVERT))
         }
     }
 }
 
 fn by_content(bytes: &[u8]) -> Option<Format> {
     let first = Text::new(bytes, None).token()?;
-    let starts = |word: &str| {
-        first
-            .bytes
-            .get(..word.len())
-            .is_some_and(|head| head.eq_ignore_ascii_case(word.as_bytes()))
-    };
+    let starts = |word: &str| first.bytes.get(..word.len()).is_some_and(|head| head.eq_ignore_ascii_case(word.as_bytes()));
     if starts("$") {
         return Some(Format::Gmsh);
     }
@@ -218,8 +160,5 @@ fn by_content(bytes: &[u8]) -> Option<Format> {
     if word.is("MeshVersionFormatted") {
         return Some(Format::Medit);
     }
-    ["v", "vn", "vt", "mtllib", "usemtl"]
-        .iter()
-        .any(|obj| word.is(obj))
-        .then_some(Format::Obj)
+    ["v", "vn", "vt", "mtllib", "usemtl"].iter().any(|obj| word.is(obj)).then_some(Format::Obj)
 }

@@ -54,46 +54,23 @@ impl fmt::Display for Repair {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Repair::Flipped { tets, of } if tets == of && *of > 1 => {
-                write!(
-                    out,
-                    "turned round all {tets} tets: they were inverted, as some programs write them"
-                )
+                write!(out, "turned round all {tets} tets: they were inverted, as some programs write them")
             }
-            Repair::Flipped { tets, of } => write!(
-                out,
-                "turned round {} of {of}: inverted",
-                count(*tets, "tet")
-            ),
+            Repair::Flipped { tets, of } => write!(out, "turned round {} of {of}: inverted", count(*tets, "tet")),
             Repair::DroppedDuplicates { tets, first } => {
-                write!(
-                    out,
-                    "dropped {} with the nodes of an earlier one (first: tet {first})",
-                    count(*tets, "tet")
-                )
+                write!(out, "dropped {} with the nodes of an earlier one (first: tet {first})", count(*tets, "tet"))
             }
             Repair::DroppedFlat { tets, first } => {
-                write!(
-                    out,
-                    "dropped {} without a volume beyond rounding (first: tet {first})",
-                    count(*tets, "tet")
-                )
+                write!(out, "dropped {} without a volume beyond rounding (first: tet {first})", count(*tets, "tet"))
             }
-            Repair::KeptFlat {
-                tets,
-                worst_quality,
-                worst,
-            } => write!(
+            Repair::KeptFlat { tets, worst_quality, worst } => write!(
                 out,
                 "kept {} of nearly no height (worst: tet {worst}, quality {worst_quality:.1e}, flat below {FLAT_QUALITY:e}): \
                  without them the tissue would have a slit; they need a smaller step or more mass",
                 count(*tets, "tet")
             ),
             Repair::DroppedUnusedNodes { nodes, first } => {
-                write!(
-                    out,
-                    "dropped {} that no tet uses (first: node {first})",
-                    count(*nodes, "node")
-                )
+                write!(out, "dropped {} that no tet uses (first: node {first})", count(*nodes, "node"))
             }
         }
     }
@@ -116,14 +93,10 @@ pub struct Repaired {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RepairError {
     /// There is no tet.
-    #[error(
-        "the mesh has no tet; give a volume mesh (a surface must be filled with tets first, as by gmsh, tetgen or fTetWild)"
-    )]
+    #[error("the mesh has no tet; give a volume mesh (a surface must be filled with tets first, as by gmsh, tetgen or fTetWild)")]
     NoTets,
     /// The list of regions does not fit.
-    #[error(
-        "the mesh has {regions} regions for {tets} tets; give one for each, 0 where there is none"
-    )]
+    #[error("the mesh has {regions} regions for {tets} tets; give one for each, 0 where there is none")]
     Regions {
         /// How many regions.
         regions: usize,
@@ -131,17 +104,13 @@ pub enum RepairError {
         tets: usize,
     },
     /// A coordinate is not finite.
-    #[error(
-        "node {node} has a coordinate that is no finite number; correct it in the file, or scale by a smaller factor"
-    )]
+    #[error("node {node} has a coordinate that is no finite number; correct it in the file, or scale by a smaller factor")]
     NotFinite {
         /// The node.
         node: u32,
     },
     /// A tet names a node that is not there.
-    #[error(
-        "tet {tet} names node {node}, but there are {nodes}, counted from 0; export the mesh again"
-    )]
+    #[error("tet {tet} names node {node}, but there are {nodes}, counted from 0; export the mesh again")]
     OutOfRange {
         /// The tet.
         tet: u32,
@@ -166,23 +135,14 @@ pub enum RepairError {
 /// A [`RepairError`] for what no repair can cure.
 pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
     refuse_broken(&mesh)?;
-    let TetMesh {
-        positions_m,
-        mut tets,
-        regions,
-    } = mesh;
+    let TetMesh { positions_m, mut tets, regions } = mesh;
     let mut repairs = Vec::new();
     let mut keep = vec![true; tets.len()];
 
     let duplicates = duplicate_tets(&tets);
-    duplicates
-        .iter()
-        .for_each(|&tet| keep[tet as usize] = false);
+    duplicates.iter().for_each(|&tet| keep[tet as usize] = false);
     if let Some(&first) = duplicates.first() {
-        repairs.push(Repair::DroppedDuplicates {
-            tets: duplicates.len(),
-            first,
-        });
+        repairs.push(Repair::DroppedDuplicates { tets: duplicates.len(), first });
     }
     drop_flat(&positions_m, &tets, &mut keep, &mut repairs);
     let left = keep.iter().filter(|&&keep| keep).count();
@@ -191,56 +151,28 @@ pub fn repair(mesh: TetMesh) -> Result<Repaired, RepairError> {
     }
     let flipped = flip_inverted(&positions_m, &mut tets, &keep);
     if flipped > 0 {
-        repairs.push(Repair::Flipped {
-            tets: flipped,
-            of: left,
-        });
+        repairs.push(Repair::Flipped { tets: flipped, of: left });
     }
     let tet_map = renumber(&keep);
     let kept = |index: usize| keep[index];
-    let mut tets: Vec<[u32; 4]> = (0..tets.len())
-        .filter(|&index| kept(index))
-        .map(|index| tets[index])
-        .collect();
-    let regions = (0..regions.len())
-        .filter(|&index| kept(index))
-        .map(|index| regions[index])
-        .collect();
+    let mut tets: Vec<[u32; 4]> = (0..tets.len()).filter(|&index| kept(index)).map(|index| tets[index]).collect();
+    let regions = (0..regions.len()).filter(|&index| kept(index)).map(|index| regions[index]).collect();
 
     let node_map = drop_unused_nodes(&positions_m, &tets, &mut repairs);
-    let used = positions_m
-        .iter()
-        .zip(&node_map)
-        .filter(|(_, index)| index.is_some());
+    let used = positions_m.iter().zip(&node_map).filter(|(_, index)| index.is_some());
     let positions_m = used.map(|(position, _)| *position).collect();
     for node in tets.as_flattened_mut() {
         *node = node_map[*node as usize].unwrap_or(*node); // every node of a kept tet is used
     }
-    Ok(Repaired {
-        mesh: TetMesh {
-            positions_m,
-            tets,
-            regions,
-        },
-        repairs,
-        node_map,
-        tet_map,
-    })
+    Ok(Repaired { mesh: TetMesh { positions_m, tets, regions }, repairs, node_map, tet_map })
 }
 
-fn drop_unused_nodes(
-    positions_m: &[[f32; 3]],
-    tets: &[[u32; 4]],
-    repairs: &mut Vec<Repair>,
-) -> Vec<Option<u32>> {
+fn drop_unused_nodes(positions_m: &[[f32; 3]], tets: &[[u32; 4]], repairs: &mut Vec<Repair>) -> Vec<Option<u32>> {
     let unused = unused_nodes(positions_m.len(), tets);
     let mut used = vec![true; positions_m.len()];
     unused.iter().for_each(|&node| used[node as usize] = false);
     if let Some(&first) = unused.first() {
-        repairs.push(Repair::DroppedUnusedNodes {
-            nodes: unused.len(),
-            first,
-        });
+        repairs.push(Repair::DroppedUnusedNodes { nodes: unused.len(), first });
     }
     renumber(&used)
 }
@@ -250,36 +182,19 @@ fn refuse_broken(mesh: &TetMesh) -> Result<(), RepairError> {
         return Err(RepairError::NoTets);
     }
     if mesh.regions.len() != mesh.tets.len() {
-        return Err(RepairError::Regions {
-            regions: mesh.regions.len(),
-            tets: mesh.tets.len(),
-        });
+        return Err(RepairError::Regions { regions: mesh.regions.len(), tets: mesh.tets.len() });
     }
     let nodes = mesh.positions_m.len();
     for (tet, tet_nodes) in mesh.tets.iter().enumerate() {
         if let Some(&node) = tet_nodes.iter().find(|&&node| node as usize >= nodes) {
-            return Err(RepairError::OutOfRange {
-                tet: tet as u32,
-                node,
-                nodes,
-            });
+            return Err(RepairError::OutOfRange { tet: tet as u32, node, nodes });
         }
     }
-    let broken = mesh
-        .positions_m
-        .iter()
-        .position(|position| position.iter().any(|c| !c.is_finite()));
-    broken.map_or(Ok(()), |node| {
-        Err(RepairError::NotFinite { node: node as u32 })
-    })
+    let broken = mesh.positions_m.iter().position(|position| position.iter().any(|c| !c.is_finite()));
+    broken.map_or(Ok(()), |node| Err(RepairError::NotFinite { node: node as u32 }))
 }
 
-fn drop_flat(
-    positions_m: &[[f32; 3]],
-    tets: &[[u32; 4]],
-    keep: &mut [bool],
-    repairs: &mut Vec<Repair>,
-) {
+fn drop_flat(positions_m: &[[f32; 3]], tets: &[[u32; 4]], keep: &mut [bool], repairs: &mut Vec<Repair>) {
     let mut dropped: Vec<u32> = Vec::new();
     let mut flat: Vec<(f64, u32)> = Vec::new();
     for (index, &tet) in tets.iter().enumerate() {
@@ -295,19 +210,10 @@ fn drop_flat(
         }
     }
     if let Some(&first) = dropped.first() {
-        repairs.push(Repair::DroppedFlat {
-            tets: dropped.len(),
-            first,
-        });
+        repairs.push(Repair::DroppedFlat { tets: dropped.len(), first });
     }
-    if let Some(&(worst_quality, worst)) =
-        flat.iter().min_by(|left, right| left.0.total_cmp(&right.0))
-    {
-        repairs.push(Repair::KeptFlat {
-            tets: flat.len(),
-            worst_quality,
-            worst,
-        });
+    if let Some(&(worst_quality, worst)) = flat.iter().min_by(|left, right| left.0.total_cmp(&right.0)) {
+        repairs.push(Repair::KeptFlat { tets: flat.len(), worst_quality, worst });
     }
 }
 

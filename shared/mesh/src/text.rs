@@ -40,9 +40,7 @@ impl Token<'_> {
         if let Ok(value) = text.parse() {
             return Ok(value);
         }
-        text.replace(['D', 'd'], "e")
-            .parse()
-            .map_err(|_| self.bad(expected))
+        text.replace(['D', 'd'], "e").parse().map_err(|_| self.bad(expected))
     }
 
     /// A whole number; `3.0` is one too, since some exporters write indices so.
@@ -81,13 +79,7 @@ impl<'a> Text<'a> {
 
     /// For a piece of a file that starts on `line`.
     pub fn at_line(bytes: &'a [u8], comment: Option<u8>, line: usize) -> Self {
-        Text {
-            bytes,
-            at: 0,
-            line,
-            comment,
-            ends_with: "the end of the file",
-        }
+        Text { bytes, at: 0, line, comment, ends_with: "the end of the file" }
     }
 
     pub fn place(&self) -> Place {
@@ -110,10 +102,7 @@ impl<'a> Text<'a> {
         let ends = |&byte: &u8| is_space(byte) || Some(byte) == self.comment;
         let length = rest.iter().position(ends).unwrap_or(rest.len());
         self.at += length;
-        Some(Token {
-            bytes: &rest[..length],
-            line: self.line,
-        })
+        Some(Token { bytes: &rest[..length], line: self.line })
     }
 
     /// The next token without taking it.
@@ -182,18 +171,15 @@ impl<'a> Text<'a> {
         let token = self.need(expected)?;
         let count = token.i64(expected)?;
         let left = self.bytes.len() - self.at;
-        usize::try_from(count)
-            .ok()
-            .filter(|&n| n.saturating_mul(bytes_each) <= left + 1)
-            .ok_or_else(|| {
-                ReadError::new(
-                    ReadErrorKind::AbsurdCount,
-                    Place::Line(token.line),
-                    format!("{} as {expected}", token.shown()),
-                    format!("a count that the {left} bytes left can hold"),
-                    "the file is cut short or its count is wrong: copy or export it again",
-                )
-            })
+        usize::try_from(count).ok().filter(|&n| n.saturating_mul(bytes_each) <= left + 1).ok_or_else(|| {
+            ReadError::new(
+                ReadErrorKind::AbsurdCount,
+                Place::Line(token.line),
+                format!("{} as {expected}", token.shown()),
+                format!("a count that the {left} bytes left can hold"),
+                "the file is cut short or its count is wrong: copy or export it again",
+            )
+        })
     }
 
     /// A point in the file's unit. Checked to be finite in single precision.
@@ -201,9 +187,7 @@ impl<'a> Text<'a> {
         let mut point = [0.0; 3];
         for (axis, coordinate) in ["x", "y", "z"].iter().zip(&mut point) {
             let token = self.need(what)?;
-            *coordinate = narrow(token.f64(what)?, Place::Line(token.line), || {
-                format!("{} as {axis} of {what}", token.shown())
-            })?;
+            *coordinate = narrow(token.f64(what)?, Place::Line(token.line), || format!("{} as {axis} of {what}", token.shown()))?;
         }
         Ok(point)
     }
@@ -217,11 +201,7 @@ impl<'a> Text<'a> {
 }
 
 /// A coordinate in single precision, if it is finite there.
-pub(crate) fn narrow(
-    value: f64,
-    place: Place,
-    found: impl Fn() -> String,
-) -> Result<f32, ReadError> {
+pub(crate) fn narrow(value: f64, place: Place, found: impl Fn() -> String) -> Result<f32, ReadError> {
     let narrow = value as f32;
     if narrow.is_finite() {
         return Ok(narrow);

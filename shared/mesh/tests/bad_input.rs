@@ -34,20 +34,11 @@ fn each_fault_of_a_gmsh_file_is_named_with_its_line() {
         ("\n4\n", "\n-1\n", Kind::AbsurdCount, 5),
         ("2.2 0 8", "2.2 1 8", Kind::Unsupported, 2),
         ("2.2 0 8", "5.0 0 8", Kind::Unsupported, 2),
-        (
-            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n",
-            "$A\n",
-            Kind::Syntax,
-            2,
-        ),
+        ("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "$A\n", Kind::Syntax, 2),
     ];
     for (from, to, kind, line) in cases {
         let error = changed(from, to);
-        assert_eq!(
-            (error.kind, error.place),
-            (kind, Place::Line(line)),
-            "{from:?} → {to:?}: {error}"
-        );
+        assert_eq!((error.kind, error.place), (kind, Place::Line(line)), "{from:?} → {to:?}: {error}");
     }
 }
 
@@ -71,11 +62,7 @@ fn a_file_without_tets_says_what_it_holds_instead() {
     let surface = GOOD.replace("1 4 2 0 1 1 2 3 4", "1 2 2 0 1 1 2 3");
     assert_eq!(error("a.msh", surface.as_bytes()).kind, Kind::Empty);
     let hexahedra = GOOD.replace("1 4 2 0 1 1 2 3 4", "1 5 2 0 1 1 2 3 4 1 2 3 4");
-    assert!(
-        error("a.msh", hexahedra.as_bytes())
-            .found
-            .contains("1 volume cell")
-    );
+    assert!(error("a.msh", hexahedra.as_bytes()).found.contains("1 volume cell"));
 }
 
 #[test]
@@ -87,26 +74,13 @@ fn what_is_not_read_here_names_the_cure() {
         )
     };
     let mut appended = vtu("", "format=\"appended\" offset=\"0\">").into_bytes();
-    appended.extend_from_slice(
-        b"<AppendedData encoding=\"raw\">_\x00\xff\xfe<</AppendedData></VTKFile>",
-    );
-    let compressed = vtu(
-        "compressor=\"vtkZLibDataCompressor\"",
-        "format=\"binary\">AAAA",
-    ) + "</VTKFile>";
+    appended.extend_from_slice(b"<AppendedData encoding=\"raw\">_\x00\xff\xfe<</AppendedData></VTKFile>");
+    let compressed = vtu("compressor=\"vtkZLibDataCompressor\"", "format=\"binary\">AAAA") + "</VTKFile>";
     let cases: [(&str, &[u8], &str); 7] = [
         ("a.vtu", &appended, "Ascii"),
         ("a.vtu", compressed.as_bytes(), "Ascii"),
-        (
-            "a.vtk",
-            b"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET UNSTRUCTURED_GRID\n",
-            "Ascii",
-        ),
-        (
-            "a.msh",
-            b"$MeshFormat\n4.1 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n",
-            "gmsh FILE -save",
-        ),
+        ("a.vtk", b"# vtk DataFile Version 3.0\nt\nBINARY\nDATASET UNSTRUCTURED_GRID\n", "Ascii"),
+        ("a.msh", b"$MeshFormat\n4.1 1 8\n\x01\x00\x00\x00\n$EndMeshFormat\n", "gmsh FILE -save"),
         ("a.msh.gz", b"\x1f\x8b\x08\x00", "unpack"),
         ("a.ele", b"1 4 0\n1 1 2 3 4\n", "a.node"),
         ("a.obj", b"v 0 0 0\nf 1 1 1\n", "volume mesh"),
@@ -114,16 +88,10 @@ fn what_is_not_read_here_names_the_cure() {
     for (name, bytes, cure) in cases {
         let error = error(name, bytes);
         assert!(error.cure.contains(cure), "{name}: {error}");
-        assert!(
-            matches!(error.kind, Kind::Unsupported | Kind::Empty),
-            "{name}: {error}"
-        );
+        assert!(matches!(error.kind, Kind::Unsupported | Kind::Empty), "{name}: {error}");
     }
     let unknown = error("a.stl", b"solid a\nfacet normal 0 0 1\n");
-    assert!(
-        unknown.kind == Kind::UnknownFormat && unknown.cure.contains("meshio"),
-        "{unknown}"
-    );
+    assert!(unknown.kind == Kind::UnknownFormat && unknown.cure.contains("meshio"), "{unknown}");
     assert_eq!(error("a.msh", b" \n").kind, Kind::Truncated);
 }
 
@@ -146,22 +114,14 @@ fn faults_of_a_vtu_file_are_named_with_their_line() {
     ];
     for (from, to, kind, line) in cases {
         let error = error("a.vtu", good.replacen(from, to, 1).as_bytes());
-        assert_eq!(
-            (error.kind, error.place),
-            (kind, Place::Line(line)),
-            "{from:?} → {to:?}: {error}"
-        );
+        assert_eq!((error.kind, error.place), (kind, Place::Line(line)), "{from:?} → {to:?}: {error}");
     }
 }
 
 #[test]
 fn faults_of_a_surface_are_named_with_their_line() {
     let cases = [
-        (
-            "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
-            Kind::MissingNode,
-            Place::Line(4),
-        ),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", Kind::MissingNode, Place::Line(4)),
         ("v 0 0 0\nf 1 1 0\n", Kind::MissingNode, Place::Line(2)),
         ("v 0 0 0\nf -1 -1 -2\n", Kind::MissingNode, Place::Line(2)),
         ("v 0 0 0\nf 1 x 1\n", Kind::BadNumber, Place::Line(2)),
@@ -171,21 +131,13 @@ fn faults_of_a_surface_are_named_with_their_line() {
     ];
     for (file, kind, place) in cases {
         let error = read_triangles("a.obj", file.as_bytes()).expect_err("the file is bad");
-        assert_eq!(
-            (error.kind, error.place),
-            (kind, place),
-            "{file:?}: {error}"
-        );
+        assert_eq!((error.kind, error.place), (kind, place), "{file:?}: {error}");
     }
 }
 
 #[test]
 fn a_fault_of_a_tetgen_pair_names_the_file() {
-    let error = read_tetgen(
-        b"4 3 0 0\n1 0 0 0\n2 1 0 0\n3 0 1 0\n",
-        b"1 4 0\n1 1 2 3 4\n",
-    )
-    .expect_err("a point is missing");
+    let error = read_tetgen(b"4 3 0 0\n1 0 0 0\n2 1 0 0\n3 0 1 0\n", b"1 4 0\n1 1 2 3 4\n").expect_err("a point is missing");
     assert_eq!(error.kind, Kind::Truncated);
     assert!(error.to_string().contains(".node file"), "{error}");
 }

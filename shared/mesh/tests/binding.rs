@@ -5,18 +5,11 @@ use proptest::prelude::*;
 
 fn corner() -> TetMesh {
     let positions_m = vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]];
-    TetMesh {
-        positions_m,
-        tets: vec![[0, 1, 2, 3]],
-        regions: vec![0],
-    }
+    TetMesh { positions_m, tets: vec![[0, 1, 2, 3]], regions: vec![0] }
 }
 
 fn points(positions_m: &[[f32; 3]]) -> TriangleMesh {
-    TriangleMesh {
-        positions_m: positions_m.to_vec(),
-        triangles: Vec::new(),
-    }
+    TriangleMesh { positions_m: positions_m.to_vec(), triangles: Vec::new() }
 }
 
 /// A box of `n` × `n` × `n` cubes of side 1, six tets each.
@@ -25,22 +18,11 @@ fn block(n: u32) -> TetMesh {
     let node = |x: u32, y: u32, z: u32| x + side * (y + side * z);
     let mut mesh = TetMesh::default();
     for index in 0..side * side * side {
-        mesh.positions_m.push([
-            (index % side) as f32,
-            (index / side % side) as f32,
-            (index / side / side) as f32,
-        ]);
+        mesh.positions_m.push([(index % side) as f32, (index / side % side) as f32, (index / side / side) as f32]);
     }
     for index in 0..n * n * n {
         let (x, y, z) = (index % n, index / n % n, index / n / n);
-        for steps in [
-            [0, 1, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [0, 2, 1],
-            [1, 0, 2],
-            [2, 1, 0],
-        ] {
+        for steps in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]] {
             let mut at = [x, y, z];
             let mut tet = [node(x, y, z); 4];
             for (corner, axis) in tet[1..].iter_mut().zip(steps) {
@@ -56,33 +38,13 @@ fn block(n: u32) -> TetMesh {
 
 #[test]
 fn weights_are_those_of_hand_arithmetic() {
-    let (bindings, report) = bind(
-        &points(&[[0.2, 0.3, 0.1], [0., 1., 0.], [-0.5, 0.25, 0.25]]),
-        &corner(),
-    )
-    .unwrap();
-    let expected = [
-        [0.4, 0.2, 0.3, 0.1],
-        [0., 0., 1., 0.],
-        [1.0, -0.5, 0.25, 0.25],
-    ];
+    let (bindings, report) = bind(&points(&[[0.2, 0.3, 0.1], [0., 1., 0.], [-0.5, 0.25, 0.25]]), &corner()).unwrap();
+    let expected = [[0.4, 0.2, 0.3, 0.1], [0., 0., 1., 0.], [1.0, -0.5, 0.25, 0.25]];
     for (binding, expected) in bindings.iter().zip(expected) {
         assert_eq!(binding.tet, 0);
-        binding
-            .weights
-            .iter()
-            .zip(expected)
-            .for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
+        binding.weights.iter().zip(expected).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
     }
-    assert_eq!(
-        (
-            report.outside,
-            report.farthest_vertex,
-            report.max_outside_m,
-            report.max_weight
-        ),
-        (1, 2, 0.5, 1.0)
-    );
+    assert_eq!((report.outside, report.farthest_vertex, report.max_outside_m, report.max_weight), (1, 2, 0.5, 1.0));
 }
 
 #[test]
@@ -95,10 +57,7 @@ fn a_bound_point_follows_an_affine_motion() {
     let mut out_m = [[0.0; 3]; 3];
     evaluate(&bindings, &mesh.tets, &moved, &mut out_m);
     for (found, &rest) in out_m.iter().zip(&surface.positions_m) {
-        found
-            .iter()
-            .zip(motion(rest))
-            .for_each(|(found, expected)| assert!((found - expected).abs() < 1e-4));
+        found.iter().zip(motion(rest)).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-4));
     }
 }
 
@@ -136,26 +95,11 @@ fn what_cannot_be_bound_is_an_error() {
     let mut far = corner();
     far.tets[0][0] = 9;
     let one = points(&[[0.0; 3]]);
-    assert_eq!(
-        bind(&one, &flat).unwrap_err(),
-        BindError::NoVolume { tets: 1 }
-    );
-    assert_eq!(
-        bind(&one, &TetMesh::default()).unwrap_err(),
-        BindError::NoVolume { tets: 0 }
-    );
-    assert_eq!(
-        bind(&one, &far).unwrap_err(),
-        BindError::OutOfRange { tet: 0 }
-    );
+    assert_eq!(bind(&one, &flat).unwrap_err(), BindError::NoVolume { tets: 1 });
+    assert_eq!(bind(&one, &TetMesh::default()).unwrap_err(), BindError::NoVolume { tets: 0 });
+    assert_eq!(bind(&one, &far).unwrap_err(), BindError::OutOfRange { tet: 0 });
     let nan = points(&[[0.0; 3], [0.0, f32::NAN, 0.0]]);
-    assert_eq!(
-        bind(&nan, &corner()).unwrap_err(),
-        BindError::NotFinite {
-            what: "surface vertex",
-            index: 1
-        }
-    );
+    assert_eq!(bind(&nan, &corner()).unwrap_err(), BindError::NotFinite { what: "surface vertex", index: 1 });
 }
 
 proptest! {

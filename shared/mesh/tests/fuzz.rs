@@ -6,10 +6,7 @@ use proptest::prelude::*;
 
 /// One good file for each form of each format.
 const FILES: [(&str, &str); 10] = [
-    (
-        "1.msh",
-        "$NOD\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$ENDNOD\n$ELM\n2\n1 4 1 1 4 1 2 3 4\n2 2 1 1 3 1 2 3\n$ENDELM\n",
-    ),
+    ("1.msh", "$NOD\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$ENDNOD\n$ELM\n2\n1 4 1 1 4 1 2 3 4\n2 2 1 1 3 1 2 3\n$ENDELM\n"),
     (
         "2.msh",
         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$EndNodes\n$Elements\n2\n1 4 2 0 1 1 2 3 4\n2 2 2 0 1 1 2 3\n$EndElements\n",
@@ -48,10 +45,7 @@ const FILES: [(&str, &str); 10] = [
     ),
 ];
 const SURFACES: [(&str, &str); 2] = [
-    (
-        "a.obj",
-        "# c\nv 0 0 0\nv 1 0 0 1 1 1\nv 0 1 0\nv 1 1 0\ng a\nf 1//1 2 3/4\nf -1 -2 -3 -4\nl 1 2\nf 1\nf\n",
-    ),
+    ("a.obj", "# c\nv 0 0 0\nv 1 0 0 1 1 1\nv 0 1 0\nv 1 1 0\ng a\nf 1//1 2 3/4\nf -1 -2 -3 -4\nl 1 2\nf 1\nf\n"),
     (
         "s.vtk",
         "# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 1 1 0\nPOLYGONS 2 9\n3 0 1 2\n4 0 1 3 2\n",
@@ -97,37 +91,15 @@ fn read_anything(name: &str, bytes: &[u8]) {
         judge(mesh, bytes.len());
     }
     if let Ok(surface) = read_triangles(name, bytes) {
-        assert!(
-            surface
-                .positions_m
-                .as_flattened()
-                .iter()
-                .all(|coordinate| coordinate.is_finite())
-        );
-        assert!(
-            surface
-                .triangles
-                .as_flattened()
-                .iter()
-                .all(|&vertex| (vertex as usize) < surface.positions_m.len())
-        );
+        assert!(surface.positions_m.as_flattened().iter().all(|coordinate| coordinate.is_finite()));
+        assert!(surface.triangles.as_flattened().iter().all(|&vertex| (vertex as usize) < surface.positions_m.len()));
         assert!(surface.positions_m.len() + surface.triangles.len() <= bytes.len());
     }
 }
 
 fn judge(mesh: TetMesh, bytes: usize) {
-    assert!(
-        mesh.positions_m
-            .as_flattened()
-            .iter()
-            .all(|coordinate| coordinate.is_finite())
-    );
-    assert!(
-        mesh.tets
-            .as_flattened()
-            .iter()
-            .all(|&node| (node as usize) < mesh.positions_m.len())
-    );
+    assert!(mesh.positions_m.as_flattened().iter().all(|coordinate| coordinate.is_finite()));
+    assert!(mesh.tets.as_flattened().iter().all(|&node| (node as usize) < mesh.positions_m.len()));
     assert_eq!(mesh.regions.len(), mesh.tets.len());
     assert!(mesh.positions_m.len() + mesh.tets.len() <= bytes && !mesh.tets.is_empty());
     let report = check(&mesh);
@@ -139,11 +111,7 @@ fn judge(mesh: TetMesh, bytes: usize) {
     }
     if let Ok(repaired) = repair(mesh) {
         let after = check(&repaired.mesh);
-        assert!(
-            after.inverted.is_empty()
-                && after.duplicate.is_empty()
-                && after.unused_nodes.is_empty()
-        );
+        assert!(after.inverted.is_empty() && after.duplicate.is_empty() && after.unused_nodes.is_empty());
     }
 }
 
@@ -163,17 +131,15 @@ fn a_cut_at_any_byte_is_survived() {
     for (name, file) in FILES.iter().chain(&SURFACES) {
         (0..file.len()).for_each(|cut| read_anything(name, &file.as_bytes()[..cut]));
     }
-    (0..NODE.len()).for_each(|cut| {
-        assert!(
-            read_tetgen(&NODE.as_bytes()[..cut], ELE.as_bytes()).is_err() || cut + 3 >= NODE.len()
-        )
-    });
+    (0..NODE.len())
+        .for_each(|cut| assert!(read_tetgen(&NODE.as_bytes()[..cut], ELE.as_bytes()).is_err() || cut + 3 >= NODE.len()));
 }
 
 #[test]
 fn deep_and_explosive_xml_is_survived() {
     read_anything("a.vtu", "<a>".repeat(200_000).as_bytes());
-    let bomb = "<!DOCTYPE a [<!ENTITY x \"xxxxxxxxxx\"><!ENTITY y \"&x;&x;&x;&x;\">]><VTKFile type=\"UnstructuredGrid\">&y;</VTKFile>";
+    let bomb =
+        "<!DOCTYPE a [<!ENTITY x \"xxxxxxxxxx\"><!ENTITY y \"&x;&x;&x;&x;\">]><VTKFile type=\"UnstructuredGrid\">&y;</VTKFile>";
     read_anything("a.vtu", bomb.as_bytes());
 }
 

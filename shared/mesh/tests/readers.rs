@@ -2,24 +2,12 @@
 
 use hyst_mesh::*;
 
-const POSITIONS_M: [[f32; 3]; 5] = [
-    [0., 0., 0.],
-    [1., 0., 0.],
-    [0., 1., 0.],
-    [0., 0., 1.],
-    [1., 1., 1.],
-];
+const POSITIONS_M: [[f32; 3]; 5] = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [1., 1., 1.]];
 const TETS: [[u32; 4]; 2] = [[0, 1, 2, 3], [1, 2, 3, 4]];
 
 fn expect(name: &str, file: &str, regions: [u32; 2]) {
-    for text in [
-        file.to_string(),
-        file.replace('\n', "\r\n"),
-        format!("\u{feff}{file}"),
-        file.replace(' ', " \t "),
-    ] {
-        let mesh =
-            read_tets(name, text.as_bytes()).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    for text in [file.to_string(), file.replace('\n', "\r\n"), format!("\u{feff}{file}"), file.replace(' ', " \t ")] {
+        let mesh = read_tets(name, text.as_bytes()).unwrap_or_else(|error| panic!("{error}\n{text}"));
         assert_eq!(mesh.positions_m, POSITIONS_M);
         assert_eq!(mesh.tets, TETS);
         assert_eq!(mesh.regions, regions);
@@ -113,7 +101,8 @@ fn vtu(points: &str, more: &str) -> String {
 
 #[test]
 fn vtk_xml_as_text() {
-    let points = "<DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0\n0 0 1 1 1 1</DataArray>";
+    let points =
+        "<DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">0 0 0 1 0 0 0 1 0\n0 0 1 1 1 1</DataArray>";
     expect("a.vtu", &vtu(points, ""), [0, 0]);
 }
 
@@ -122,11 +111,7 @@ fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::new();
     for three in bytes.chunks(3) {
-        let bits = three
-            .iter()
-            .chain([&0; 2])
-            .take(3)
-            .fold(0_usize, |bits, &byte| (bits << 8) | usize::from(byte));
+        let bits = three.iter().chain([&0; 2]).take(3).fold(0_usize, |bits, &byte| (bits << 8) | usize::from(byte));
         for place in 0..4 {
             let digit = DIGITS[(bits >> (18 - 6 * place)) & 63] as char;
             text.push(if place <= three.len() { digit } else { '=' });
@@ -137,31 +122,15 @@ fn base64(bytes: &[u8]) -> String {
 
 #[test]
 fn vtk_xml_as_base64_with_head_and_data_together_or_apart() {
-    let data: Vec<u8> = POSITIONS_M
-        .as_flattened()
-        .iter()
-        .flat_map(|c| c.to_le_bytes())
-        .collect();
+    let data: Vec<u8> = POSITIONS_M.as_flattened().iter().flat_map(|c| c.to_le_bytes()).collect();
     let head = 60_u32.to_le_bytes();
-    for packed in [
-        base64(&[&head, data.as_slice()].concat()),
-        base64(&head) + &base64(&data),
-    ] {
-        let points = format!(
-            "<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"binary\">\n {packed}\n</DataArray>"
-        );
+    for packed in [base64(&[&head, data.as_slice()].concat()), base64(&head) + &base64(&data)] {
+        let points = format!("<DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"binary\">\n {packed}\n</DataArray>");
         let file = vtu(&points, "").replace(" compressor=\"vtkZLibDataCompressor\"", "");
         let mesh = read_tets("a.vtu", file.as_bytes()).unwrap();
-        assert_eq!(
-            (mesh.positions_m.as_slice(), mesh.tets.as_slice()),
-            (&POSITIONS_M[..], &TETS[..])
-        );
+        assert_eq!((mesh.positions_m.as_slice(), mesh.tets.as_slice()), (&POSITIONS_M[..], &TETS[..]));
         let error = read_tets("a.vtu", vtu(&points, "").as_bytes()).unwrap_err();
-        assert_eq!(
-            error.kind,
-            ReadErrorKind::Unsupported,
-            "a compressed array: {error}"
-        );
+        assert_eq!(error.kind, ReadErrorKind::Unsupported, "a compressed array: {error}");
     }
 }
 
@@ -175,29 +144,14 @@ fn medit() {
 #[test]
 fn tetgen_counted_from_0_and_from_1() {
     for base in [0, 1] {
-        let node: String = POSITIONS_M
-            .iter()
-            .zip(base..)
-            .map(|([x, y, z], tag)| format!("  {tag}  {x} {y} {z} 1\r\n"))
-            .collect();
+        let node: String = POSITIONS_M.iter().zip(base..).map(|([x, y, z], tag)| format!("  {tag}  {x} {y} {z} 1\r\n")).collect();
         let ele: String = TETS
             .iter()
             .zip(base..)
-            .map(|(t, tag)| {
-                format!(
-                    "{tag} {} {} {} {} 3\n",
-                    t[0] + base,
-                    t[1] + base,
-                    t[2] + base,
-                    t[3] + base
-                )
-            })
+            .map(|(t, tag)| format!("{tag} {} {} {} {} 3\n", t[0] + base, t[1] + base, t[2] + base, t[3] + base))
             .collect();
-        let mesh = read_tetgen(
-            format!("# points\n5 3 0 1\n{node}").as_bytes(),
-            format!("2 4 1\n{ele}# end\n").as_bytes(),
-        )
-        .unwrap();
+        let mesh =
+            read_tetgen(format!("# points\n5 3 0 1\n{node}").as_bytes(), format!("2 4 1\n{ele}# end\n").as_bytes()).unwrap();
         assert_eq!(mesh.positions_m, POSITIONS_M);
         assert_eq!(mesh.tets, TETS);
         assert_eq!(mesh.regions, [3, 3]);
@@ -211,16 +165,7 @@ fn obj_with_groups_is_one_surface_and_polygons_become_fans() {
     let file = "# cm\nmtllib a.mtl\no first\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\ng one\nusemtl red\nf 1/1/1 2/1/1 3//1 4\n\
                 g two\nv 0 0 1\nusemtl blue\nf -1 -5 -4\nl 1 2\np 3\n";
     let surface = read_triangles("a.obj", file.replace('\n', "\r\n").as_bytes()).unwrap();
-    assert_eq!(
-        surface.positions_m,
-        [
-            [0., 0., 0.],
-            [1., 0., 0.],
-            [1., 1., 0.],
-            [0., 1., 0.],
-            [0., 0., 1.]
-        ]
-    );
+    assert_eq!(surface.positions_m, [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0., 0., 1.]]);
     assert_eq!(surface.triangles, [[0, 1, 2], [0, 2, 3], [4, 0, 1]]);
 }
 
@@ -236,23 +181,14 @@ fn quadratic_tets_give_their_corners_and_the_midpoints_stay_unused() {
 
 #[test]
 fn content_goes_before_the_name() {
-    let gmsh =
-        "$NOD\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$ENDNOD\n$ELM\n1\n1 4 1 1 4 1 2 3 4\n$ENDELM";
+    let gmsh = "$NOD\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1\n$ENDNOD\n$ELM\n1\n1 4 1 1 4 1 2 3 4\n$ENDELM";
     assert_eq!(detect("a.vtu", gmsh.as_bytes()), Ok(Format::Gmsh));
-    assert_eq!(
-        read_tets("without-extension", gmsh.as_bytes())
-            .unwrap()
-            .tets,
-        [[0, 1, 2, 3]]
-    );
+    assert_eq!(read_tets("without-extension", gmsh.as_bytes()).unwrap().tets, [[0, 1, 2, 3]]);
 }
 
 #[test]
 fn scaling_turns_millimetres_into_metres() {
-    let mut mesh = TetMesh {
-        positions_m: vec![[1000.0, -500.0, 0.0]],
-        ..TetMesh::default()
-    };
+    let mut mesh = TetMesh { positions_m: vec![[1000.0, -500.0, 0.0]], ..TetMesh::default() };
     mesh.scale_to_m(Unit::Millimetre.metres());
     assert_eq!(mesh.positions_m, [[1.0, -0.5, 0.0]]);
 }

@@ -4,49 +4,23 @@ use hyst_mesh::*;
 
 /// One tet with edges 1 along the axes: volume 1/6.
 fn corner() -> TetMesh {
-    mesh(
-        &[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]],
-        &[[0, 1, 2, 3]],
-    )
+    mesh(&[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.]], &[[0, 1, 2, 3]])
 }
 
 fn mesh(positions_m: &[[f32; 3]], tets: &[[u32; 4]]) -> TetMesh {
-    TetMesh {
-        positions_m: positions_m.to_vec(),
-        tets: tets.to_vec(),
-        regions: (0..tets.len() as u32).collect(),
-    }
+    TetMesh { positions_m: positions_m.to_vec(), tets: tets.to_vec(), regions: (0..tets.len() as u32).collect() }
 }
 
 /// The unit cube in five tets, one of them inverted if asked.
 fn cube() -> TetMesh {
-    let positions: Vec<[f32; 3]> = (0..8)
-        .map(|i| [(i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32])
-        .collect();
-    mesh(
-        &positions,
-        &[
-            [0, 1, 2, 4],
-            [3, 2, 1, 7],
-            [5, 4, 7, 1],
-            [6, 7, 4, 2],
-            [1, 2, 4, 7],
-        ],
-    )
+    let positions: Vec<[f32; 3]> = (0..8).map(|i| [(i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32]).collect();
+    mesh(&positions, &[[0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2], [1, 2, 4, 7]])
 }
 
 #[test]
 fn a_single_tet_has_the_figures_of_hand_arithmetic() {
     let report = check(&corner());
-    assert_eq!(
-        (
-            report.nodes,
-            report.tets,
-            report.components,
-            report.boundary_triangles
-        ),
-        (4, 1, 1, 4)
-    );
+    assert_eq!((report.nodes, report.tets, report.components, report.boundary_triangles), (4, 1, 1, 4));
     assert_eq!((report.min_m, report.max_m), ([0.0; 3], [1.0; 3]));
     assert!((report.volume_m3 - 1.0 / 6.0).abs() < 1e-15);
     // six edges: three of 1, three of √2, mean square 3/2; 6 √2 / 6 / (3/2)^1.5 = 0.7698
@@ -56,10 +30,7 @@ fn a_single_tet_has_the_figures_of_hand_arithmetic() {
 
 #[test]
 fn a_regular_tet_has_quality_one() {
-    let regular = mesh(
-        &[[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]],
-        &[[0, 1, 2, 3]],
-    );
+    let regular = mesh(&[[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]], &[[0, 1, 2, 3]]);
     assert!((check(&regular).worst.unwrap().1 - 1.0).abs() < 1e-12);
 }
 
@@ -68,10 +39,7 @@ fn the_boundary_points_outwards_whatever_the_orientation_of_the_tets() {
     for swap in [false, true] {
         let mut cube = cube();
         if swap {
-            cube.tets
-                .iter_mut()
-                .step_by(2)
-                .for_each(|tet| tet.swap(0, 1));
+            cube.tets.iter_mut().step_by(2).for_each(|tet| tet.swap(0, 1));
         }
         let surface = boundary(&cube);
         assert_eq!(surface.triangles.len(), 12);
@@ -82,17 +50,12 @@ fn the_boundary_points_outwards_whatever_the_orientation_of_the_tets() {
             .iter()
             .map(|&[a, b, c]| {
                 let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (at(a), at(b), at(c));
-                (ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx))
-                    / 6.0
+                (ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0
             })
             .sum();
         assert_eq!(volume, 1.0);
         for (triangle, &tet) in surface.triangles.iter().zip(&surface.tet_of_triangle) {
-            assert!(
-                triangle
-                    .iter()
-                    .all(|node| cube.tets[tet as usize].contains(node))
-            );
+            assert!(triangle.iter().all(|node| cube.tets[tet as usize].contains(node)));
         }
     }
 }
@@ -105,13 +68,7 @@ fn a_boundary_mesh_has_only_the_nodes_of_the_boundary() {
     let (surface, nodes) = boundary(&mesh).to_mesh(&mesh.positions_m);
     assert_eq!(nodes, [1, 2, 3, 4]);
     assert_eq!(surface.positions_m, mesh.positions_m[1..]);
-    assert!(
-        surface
-            .triangles
-            .as_flattened()
-            .iter()
-            .all(|&vertex| vertex < 4)
-    );
+    assert!(surface.triangles.as_flattened().iter().all(|&vertex| vertex < 4));
 }
 
 #[test]
@@ -122,25 +79,13 @@ fn repair_flips_drops_and_says_so() {
     bad.tets = vec![[1, 3, 2, 4], [4, 1, 2, 3], [1, 2, 3, 5], [2, 5, 3, 4]]; // inverted; a duplicate; flat; good
     bad.regions = vec![10, 11, 12, 13];
     let report = check(&bad);
-    assert_eq!(
-        (report.duplicate.as_slice(), report.flat.as_slice()),
-        (&[1][..], &[2][..])
-    );
-    assert_eq!(
-        (report.inverted.contains(&0), report.unused_nodes.as_slice()),
-        (true, &[0][..])
-    );
+    assert_eq!((report.duplicate.as_slice(), report.flat.as_slice()), (&[1][..], &[2][..]));
+    assert_eq!((report.inverted.contains(&0), report.unused_nodes.as_slice()), (true, &[0][..]));
 
     let repaired = repair(bad).unwrap();
-    assert_eq!(
-        repaired.mesh.tets,
-        [[0, 2, 3, 1].map(|n: u32| n), [1, 4, 2, 3]]
-    );
+    assert_eq!(repaired.mesh.tets, [[0, 2, 3, 1].map(|n: u32| n), [1, 4, 2, 3]]);
     assert_eq!(repaired.mesh.regions, [10, 13]);
-    assert_eq!(
-        repaired.node_map,
-        [None, Some(0), Some(1), Some(2), Some(3), Some(4)]
-    );
+    assert_eq!(repaired.node_map, [None, Some(0), Some(1), Some(2), Some(3), Some(4)]);
     assert_eq!(repaired.tet_map, [Some(0), None, None, Some(1)]);
     assert_eq!(
         repaired.repairs,
@@ -151,10 +96,7 @@ fn repair_flips_drops_and_says_so() {
             Repair::DroppedUnusedNodes { nodes: 1, first: 0 },
         ]
     );
-    assert_eq!(
-        repaired.repairs[0].to_string(),
-        "dropped 1 tet with the nodes of an earlier one (first: tet 1)"
-    );
+    assert_eq!(repaired.repairs[0].to_string(), "dropped 1 tet with the nodes of an earlier one (first: tet 1)");
     assert!(check(&repaired.mesh).is_sound());
 }
 
@@ -170,9 +112,7 @@ fn a_nearly_flat_tet_is_kept_and_said() {
     let mut flat = corner();
     flat.positions_m[3] = [0.3, 0.3, 1e-4];
     let repaired = repair(flat).unwrap();
-    assert!(
-        matches!(repaired.repairs[..], [Repair::KeptFlat { tets: 1, worst: 0, worst_quality }] if worst_quality > 0.0)
-    );
+    assert!(matches!(repaired.repairs[..], [Repair::KeptFlat { tets: 1, worst: 0, worst_quality }] if worst_quality > 0.0));
     assert_eq!(repaired.mesh.tets.len(), 1);
 }
 
@@ -186,73 +126,29 @@ fn what_no_repair_can_cure_is_an_error_and_check_survives_it() {
     flat.positions_m[3][2] = 0.0;
     let mut regions = corner();
     regions.regions.clear();
-    assert_eq!(
-        (check(&nan).not_finite, check(&far).out_of_range),
-        (vec![2], vec![0])
-    );
+    assert_eq!((check(&nan).not_finite, check(&far).out_of_range), (vec![2], vec![0]));
     assert_eq!(repair(nan), Err(RepairError::NotFinite { node: 2 }));
-    assert_eq!(
-        repair(far),
-        Err(RepairError::OutOfRange {
-            tet: 0,
-            node: 4,
-            nodes: 4
-        })
-    );
+    assert_eq!(repair(far), Err(RepairError::OutOfRange { tet: 0, node: 4, nodes: 4 }));
     assert_eq!(repair(flat), Err(RepairError::NothingLeft { tets: 1 }));
-    assert_eq!(
-        repair(regions),
-        Err(RepairError::Regions {
-            regions: 0,
-            tets: 1
-        })
-    );
+    assert_eq!(repair(regions), Err(RepairError::Regions { regions: 0, tets: 1 }));
     assert_eq!(repair(TetMesh::default()), Err(RepairError::NoTets));
     assert_eq!(check(&TetMesh::default()).components, 0);
 }
 
-const FIVE: [[f32; 3]; 7] = [
-    [0., 0., 0.],
-    [1., 0., 0.],
-    [0., 1., 0.],
-    [0., 0., 1.],
-    [-1., 0., 0.],
-    [0., -1., 0.],
-    [0., 0., -1.],
-];
+const FIVE: [[f32; 3]; 7] = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [0., 0., 1.], [-1., 0., 0.], [0., -1., 0.], [0., 0., -1.]];
 
 #[test]
 fn tets_that_touch_in_a_node_or_an_edge_are_no_manifold() {
     let node = check(&mesh(&FIVE, &[[0, 1, 2, 3], [0, 5, 4, 6]]));
-    assert_eq!(
-        (
-            node.components,
-            node.non_manifold_vertices,
-            node.non_manifold_edges
-        ),
-        (1, 1, 0)
-    );
+    assert_eq!((node.components, node.non_manifold_vertices, node.non_manifold_edges), (1, 1, 0));
     let edge = check(&mesh(&FIVE, &[[0, 1, 2, 3], [0, 4, 5, 3]]));
-    assert_eq!(
-        (edge.components, edge.non_manifold_edges, edge.open_edges),
-        (1, 1, 0)
-    );
+    assert_eq!((edge.components, edge.non_manifold_edges, edge.open_edges), (1, 1, 0));
 }
 
 #[test]
 fn a_face_of_three_tets_is_crowded_and_leaves_the_boundary_open() {
-    let positions = [
-        FIVE[0],
-        FIVE[1],
-        FIVE[2],
-        FIVE[3],
-        [0., 0., -1.],
-        [0.1, 0.1, 2.],
-    ];
-    let report = check(&mesh(
-        &positions,
-        &[[0, 1, 2, 3], [0, 2, 1, 4], [0, 1, 2, 5]],
-    ));
+    let positions = [FIVE[0], FIVE[1], FIVE[2], FIVE[3], [0., 0., -1.], [0.1, 0.1, 2.]];
+    let report = check(&mesh(&positions, &[[0, 1, 2, 3], [0, 2, 1, 4], [0, 1, 2, 5]]));
     assert_eq!((report.crowded_faces, report.boundary_triangles), (1, 9));
     assert_eq!((report.open_edges, report.non_manifold_edges), (0, 3)); // each edge of that face has three
 }
@@ -261,17 +157,13 @@ fn a_face_of_three_tets_is_crowded_and_leaves_the_boundary_open() {
 fn components_are_numbered_in_the_order_of_their_first_tets() {
     let mut two = corner();
     let second = corner();
-    two.positions_m
-        .extend(second.positions_m.iter().map(|[x, y, z]| [x + 5.0, *y, *z]));
+    two.positions_m.extend(second.positions_m.iter().map(|[x, y, z]| [x + 5.0, *y, *z]));
     two.tets = vec![[4, 5, 6, 7], [0, 1, 2, 3]];
     two.regions = vec![0, 0];
     assert_eq!(component_of_each_tet(&two), [0, 1]);
     assert_eq!(check(&two).components, 2);
     let (surface, _) = boundary(&two).to_mesh(&two.positions_m);
-    assert_eq!(
-        component_of_each_triangle(&surface),
-        [0, 0, 0, 0, 1, 1, 1, 1]
-    );
+    assert_eq!(component_of_each_triangle(&surface), [0, 0, 0, 0, 1, 1, 1, 1]);
 }
 
 #[test]

@@ -24,9 +24,7 @@ pub const LAYOUT_VERSION: u32 = 1;
 /// FNV-1a over 64-bit words: the checksum of cells and the hash of traces. Not cryptographic; it finds torn and foreign data.
 pub fn fnv_words(seed: u64, words: impl IntoIterator<Item = u64>) -> u64 {
     const PRIME: u64 = 0x0000_0100_0000_01b3;
-    words.into_iter().fold(seed ^ 0xcbf2_9ce4_8422_2325, |hash, word| {
-        (hash ^ word).wrapping_mul(PRIME).rotate_left(23)
-    })
+    words.into_iter().fold(seed ^ 0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ word).wrapping_mul(PRIME).rotate_left(23))
 }
 
 /// The roll of all layouts: sizes of every record that crosses a border. Two binaries with different values never exchange data.

@@ -160,10 +160,7 @@ pub enum ProcessState {
 impl ProcessState {
     /// From the word in the page; nonsense is `Failed`.
     pub fn from_word(word: u32) -> ProcessState {
-        [Self::Empty, Self::Warming, Self::Warm, Self::Live, Self::Stopping]
-            .get(word as usize)
-            .copied()
-            .unwrap_or(Self::Failed)
+        [Self::Empty, Self::Warming, Self::Warm, Self::Live, Self::Stopping].get(word as usize).copied().unwrap_or(Self::Failed)
     }
     /// The word that people read.
     pub fn name(self) -> &'static str {

@@ -7,11 +7,7 @@ use hyst_recording::{Block, Recording, Session, WriteError, Writer};
 fn record(tick: u64) -> AppliedRecord {
     let t = tick as f32 * 0.001;
     let pose = Pose {
-        position_m: [
-            0.01 * t.sin(),
-            0.008 * (1.3 * t).cos(),
-            0.05 + 0.003 * (2.1 * t).sin(),
-        ],
+        position_m: [0.01 * t.sin(), 0.008 * (1.3 * t).cos(), 0.05 + 0.003 * (2.1 * t).sin()],
         orientation: [0.1 * t.sin(), 0.1 * t.cos(), 0.02 * (3.0 * t).sin(), 0.98],
         pitch_rad: 0.2 * t.sin(),
         yaw_rad: 0.2 * t.cos(),
@@ -19,17 +15,9 @@ fn record(tick: u64) -> AppliedRecord {
         insertion_m: 0.05 + 0.003 * (2.1 * t).sin(),
         ..Default::default()
     };
-    let command = ForceCommand {
-        tick,
-        force_tick: tick,
-        force_n: [t.sin(), 0.3 * t.cos(), (7.0 * t).sin()],
-        ..Default::default()
-    };
-    let velocity_m_s = [
-        0.01 * t.cos(),
-        -0.0104 * (1.3 * t).sin(),
-        0.0063 * (2.1 * t).cos(),
-    ];
+    let command =
+        ForceCommand { tick, force_tick: tick, force_n: [t.sin(), 0.3 * t.cos(), (7.0 * t).sin()], ..Default::default() };
+    let velocity_m_s = [0.01 * t.cos(), -0.0104 * (1.3 * t).sin(), 0.0063 * (2.1 * t).cos()];
     let sample = HardwareSample {
         hardware_tick: tick,
         time_ns: tick * 1_000_000,
@@ -38,38 +26,23 @@ fn record(tick: u64) -> AppliedRecord {
         force_n: command.force_n,
         ..Default::default()
     };
-    AppliedRecord {
-        tick,
-        command,
-        sample,
-        model_tick: tick,
-        model_epoch: 1,
-        model_incarnation: 7,
-    }
+    AppliedRecord { tick, command, sample, model_tick: tick, model_epoch: 1, model_incarnation: 7 }
 }
 
 fn main() -> Result<(), WriteError> {
     let mut arguments = std::env::args().skip(1);
     let path = std::path::PathBuf::from(arguments.next().unwrap_or_else(|| "session.mcap".into()));
-    let seconds: u64 = arguments
-        .next()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(10);
+    let seconds: u64 = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(10);
     let session = Session::from([("session".into(), "example".into())]);
     let blocks: Vec<Block> = (0..5 * seconds)
-        .map(|n| Block {
-            applied: (200 * n + 1..200 * n + 201).map(record).collect(),
-            ..Block::default()
-        })
+        .map(|n| Block { applied: (200 * n + 1..200 * n + 201).map(record).collect(), ..Block::default() })
         .collect();
     let mut writer = Writer::open(&path, &session)?;
     let start = std::time::Instant::now();
     blocks.iter().try_for_each(|block| writer.append(block))?;
     let bytes = writer.finish()?;
     let spent_ms = start.elapsed().as_secs_f64() * 1e3;
-    let read = Recording::read(&path)
-        .map(|recording| recording.applied().len())
-        .unwrap_or(0);
+    let read = Recording::read(&path).map(|recording| recording.applied().len()).unwrap_or(0);
     let per_second = bytes as f64 / seconds as f64 / 1e6;
     println!(
         "{seconds} s: {bytes} bytes, {per_second:.3} MB/s, {:.1} ms of work per second, {read} ticks read back",

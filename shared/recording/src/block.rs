@@ -33,10 +33,7 @@ pub enum Level {
 impl Level {
     /// From the number in a file; nonsense is `Info`.
     pub fn from_number(number: u32) -> Level {
-        [Level::Warning, Level::Error]
-            .into_iter()
-            .find(|level| *level as u32 == number)
-            .unwrap_or(Level::Info)
+        [Level::Warning, Level::Error].into_iter().find(|level| *level as u32 == number).unwrap_or(Level::Info)
     }
 }
 
@@ -75,10 +72,7 @@ impl TickRange {
     pub fn extend(ranges: &mut Vec<TickRange>, tick: u64) {
         match ranges.last_mut() {
             Some(range) if range.last.checked_add(1) == Some(tick) => range.last = tick,
-            _ => ranges.push(TickRange {
-                first: tick,
-                last: tick,
-            }),
+            _ => ranges.push(TickRange { first: tick, last: tick }),
         }
     }
 }
@@ -124,26 +118,15 @@ fn memory() -> Result<Memory, WriteError> {
         .chunk_size(None) // one chunk for each block
         .compression_threads(0) // no threads of the library's own beside real-time processes
         .library(LIBRARY);
-    options
-        .create(Cursor::new(Vec::new()))
-        .map_err(WriteError::encode)
+    options.create(Cursor::new(Vec::new())).map_err(WriteError::encode)
 }
 
 /// Magic, header and session facts: the first bytes of every recording, and the index of the facts.
 pub(crate) fn head(session: &Session) -> Result<(Vec<u8>, MetadataIndex), WriteError> {
     let mut writer = memory()?;
-    writer
-        .write_metadata(&Metadata {
-            name: STATION.into(),
-            metadata: session.clone(),
-        })
-        .map_err(WriteError::encode)?;
+    writer.write_metadata(&Metadata { name: STATION.into(), metadata: session.clone() }).map_err(WriteError::encode)?;
     let summary = writer.finish().map_err(WriteError::encode)?;
-    let index = summary
-        .metadata_indexes
-        .into_iter()
-        .next()
-        .ok_or(WriteError::Encode("no metadata index".into()))?;
+    let index = summary.metadata_indexes.into_iter().next().ok_or(WriteError::Encode("no metadata index".into()))?;
     let mut bytes = writer.into_inner().into_inner();
     bytes.truncate((index.offset + index.length) as usize);
     Ok((bytes, index))
@@ -157,27 +140,14 @@ struct Pen {
 }
 
 impl Pen {
-    fn put<T: Serialize>(
-        &mut self,
-        channel: Channel,
-        tick: u64,
-        message: &T,
-    ) -> Result<(), WriteError> {
+    fn put<T: Serialize>(&mut self, channel: Channel, tick: u64, message: &T) -> Result<(), WriteError> {
         self.buffer.clear();
-        serde_json::to_writer(&mut self.buffer, message)
-            .map_err(|e| WriteError::Encode(e.to_string()))?;
+        serde_json::to_writer(&mut self.buffer, message).map_err(|e| WriteError::Encode(e.to_string()))?;
         let sequence = &mut self.sequence[channel as usize];
         *sequence = sequence.wrapping_add(1);
         let time_ns = time_of_ns(tick);
-        let header = MessageHeader {
-            channel_id: channel as u16,
-            sequence: *sequence,
-            log_time: time_ns,
-            publish_time: time_ns,
-        };
-        self.writer
-            .write_to_known_channel(&header, &self.buffer)
-            .map_err(WriteError::encode)
+        let header = MessageHeader { channel_id: channel as u16, sequence: *sequence, log_time: time_ns, publish_time: time_ns };
+        self.writer.write_to_known_channel(&header, &self.buffer).map_err(WriteError::encode)
     }
 
     fn put_all(&mut self, block: &Block) -> Result<(), WriteError> {
@@ -185,11 +155,7 @@ impl Pen {
         for record in &block.applied {
             if controls != Some(record.sample.controls) {
                 controls = Some(record.sample.controls);
-                self.put(
-                    Channel::Controls,
-                    record.tick,
-                    &ControlsMessage::of(record.tick, &record.sample.controls),
-                )?;
+                self.put(Channel::Controls, record.tick, &ControlsMessage::of(record.tick, &record.sample.controls))?;
             }
             self.put(Channel::Tool, record.tick, &Tool::of(record))?;
             self.put(Channel::Force, record.tick, &Force::of(record))?;
@@ -209,75 +175,37 @@ impl Pen {
 
 /// The bytes of a block, with offsets from its first byte.
 pub(crate) fn encode(block: &Block) -> Result<Encoded, WriteError> {
-    let mut pen = Pen {
-        writer: memory()?,
-        buffer: Vec::with_capacity(1024),
-        sequence: Default::default(),
-    };
+    let mut pen = Pen { writer: memory()?, buffer: Vec::with_capacity(1024), sequence: Default::default() };
     for channel in Channel::ALL {
         let (id, schema) = (channel as u16, channel.schema().to_string());
         pen.writer
             .add_schema_with_id(id, channel.schema_name(), "jsonschema", schema.as_bytes())
-            .and_then(|schema| {
-                pen.writer.add_channel_with_id(
-                    id,
-                    schema,
-                    channel.topic(),
-                    "json",
-                    &BTreeMap::new(),
-                )
-            })
+            .and_then(|schema| pen.writer.add_channel_with_id(id, schema, channel.topic(), "json", &BTreeMap::new()))
             .map_err(WriteError::encode)?;
     }
     pen.put_all(block)?;
     let mut writer = pen.writer;
     for range in &block.lost {
-        let metadata = BTreeMap::from([
-            ("first".into(), range.first.to_string()),
-            ("last".into(), range.last.to_string()),
-        ]);
-        writer
-            .write_metadata(&Metadata {
-                name: LOST.into(),
-                metadata,
-            })
-            .map_err(WriteError::encode)?;
+        let metadata = BTreeMap::from([("first".into(), range.first.to_string()), ("last".into(), range.last.to_string())]);
+        writer.write_metadata(&Metadata { name: LOST.into(), metadata }).map_err(WriteError::encode)?;
     }
     let summary = writer.finish().map_err(WriteError::encode)?;
-    let mut chunk = summary
-        .chunk_indexes
-        .into_iter()
-        .next()
-        .ok_or(WriteError::Encode("no chunk".into()))?;
+    let mut chunk = summary.chunk_indexes.into_iter().next().ok_or(WriteError::Encode("no chunk".into()))?;
     let mut metadata = summary.metadata_indexes;
     let start = chunk.chunk_start_offset;
     let end = chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length;
-    let end = metadata
-        .iter()
-        .map(|index| index.offset + index.length)
-        .fold(end, u64::max);
+    let end = metadata.iter().map(|index| index.offset + index.length).fold(end, u64::max);
     let mut bytes = writer.into_inner().into_inner();
     bytes.truncate(end as usize);
     bytes.drain(..start as usize);
     move_chunk(&mut chunk, |offset| offset - start);
     metadata.iter_mut().for_each(|index| index.offset -= start);
-    let counts = summary
-        .stats
-        .map(|stats| stats.channel_message_counts)
-        .unwrap_or_default();
-    Ok(Encoded {
-        bytes,
-        chunk,
-        metadata,
-        counts,
-    })
+    let counts = summary.stats.map(|stats| stats.channel_message_counts).unwrap_or_default();
+    Ok(Encoded { bytes, chunk, metadata, counts })
 }
 
 /// Changes every offset of a chunk's index.
 pub(crate) fn move_chunk(chunk: &mut ChunkIndex, to: impl Fn(u64) -> u64) {
     chunk.chunk_start_offset = to(chunk.chunk_start_offset);
-    chunk
-        .message_index_offsets
-        .values_mut()
-        .for_each(|offset| *offset = to(*offset));
+    chunk.message_index_offsets.values_mut().for_each(|offset| *offset = to(*offset));
 }

@@ -23,14 +23,8 @@ pub enum Channel {
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 6] = [
-        Channel::Tool,
-        Channel::Force,
-        Channel::Controls,
-        Channel::Events,
-        Channel::Tissue,
-        Channel::Fluid,
-    ];
+    pub const ALL: [Channel; 6] =
+        [Channel::Tool, Channel::Force, Channel::Controls, Channel::Events, Channel::Tissue, Channel::Fluid];
 
     /// The topic.
     pub const fn topic(self) -> &'static str {
@@ -58,9 +52,7 @@ impl Channel {
 
     /// The channel with this id.
     pub fn from_id(id: u16) -> Option<Channel> {
-        Channel::ALL
-            .into_iter()
-            .find(|channel| *channel as u16 == id)
+        Channel::ALL.into_iter().find(|channel| *channel as u16 == id)
     }
 
     /// The JSON schema.
@@ -70,36 +62,14 @@ impl Channel {
             Channel::Tool => {
                 let pose = json!({"type": "object", "properties": {"position": xyz, "orientation": vector_schema(&["x", "y", "z", "w"])}});
                 let mut fields = json!({"timestamp": time, "frame_id": {"type": "string"}, "pose": pose, "velocity_m_s": xyz});
-                add(
-                    &mut fields,
-                    "integer",
-                    &["tick", "hardware_tick", "time_ns"],
-                );
-                add(
-                    &mut fields,
-                    "number",
-                    &[
-                        "pitch_rad",
-                        "yaw_rad",
-                        "roll_rad",
-                        "insertion_m",
-                        "camera_roll_rad",
-                    ],
-                );
+                add(&mut fields, "integer", &["tick", "hardware_tick", "time_ns"]);
+                add(&mut fields, "number", &["pitch_rad", "yaw_rad", "roll_rad", "insertion_m", "camera_roll_rad"]);
                 fields
             }
             Channel::Force => {
-                let kind =
-                    json!({"type": "integer", "description": "0 fresh, 1 held, 2 ramped, 3 zero"});
+                let kind = json!({"type": "integer", "description": "0 fresh, 1 held, 2 ramped, 3 zero"});
                 let mut fields = json!({"force_n": xyz, "motor_n": xyz, "kind": kind});
-                let words = [
-                    "tick",
-                    "force_tick",
-                    "source_incarnation",
-                    "device_incarnation",
-                    "model_tick",
-                    "model_epoch",
-                ];
+                let words = ["tick", "force_tick", "source_incarnation", "device_incarnation", "model_tick", "model_epoch"];
                 add(&mut fields, "integer", &words);
                 add(&mut fields, "integer", &["model_incarnation"]);
                 fields
@@ -107,58 +77,26 @@ impl Channel {
             Channel::Controls => {
                 let mut fields = json!({});
                 add(&mut fields, "integer", &["tick", "buttons"]);
-                add(
-                    &mut fields,
-                    "number",
-                    &[
-                        "inflow_valve",
-                        "outflow_valve",
-                        "set_pressure_pa",
-                        "light",
-                        "loop_extension_m",
-                    ],
-                );
+                add(&mut fields, "number", &["inflow_valve", "outflow_valve", "set_pressure_pa", "light", "loop_extension_m"]);
                 fields
             }
             Channel::Events => {
                 let mut fields = json!({"timestamp": time});
-                add(
-                    &mut fields,
-                    "integer",
-                    &["level", "line", "tick", "incarnation"],
-                );
+                add(&mut fields, "integer", &["level", "line", "tick", "incarnation"]);
                 add(&mut fields, "string", &["message", "name", "file", "kind"]);
                 fields
             }
             Channel::Tissue => {
                 let phases = vector_schema(&["deformation", "collision", "response", "surface"]);
                 let mut fields = json!({"tool_force_n": xyz, "phase_us": phases, "state_hash": {"type": "string"}});
-                add(
-                    &mut fields,
-                    "integer",
-                    &["tick", "contact_count", "shares_missing"],
-                );
-                add(
-                    &mut fields,
-                    "number",
-                    &["removed_volume_ml", "cavity_pressure_pa"],
-                );
+                add(&mut fields, "integer", &["tick", "contact_count", "shares_missing"]);
+                add(&mut fields, "number", &["removed_volume_ml", "cavity_pressure_pa"]);
                 fields
             }
             Channel::Fluid => {
                 let mut fields = json!({});
                 add(&mut fields, "integer", &["tick", "alarms"]);
-                add(
-                    &mut fields,
-                    "number",
-                    &[
-                        "deficit_ml",
-                        "cavity_volume_ml",
-                        "pressure_pa",
-                        "inflow_ml_min",
-                        "outflow_ml_min",
-                    ],
-                );
+                add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "pressure_pa", "inflow_ml_min", "outflow_ml_min"]);
                 fields
             }
         };

@@ -60,11 +60,7 @@ impl<R: Read + Seek> Walk<R> {
         self.inner.seek(SeekFrom::Start(self.at))?;
         self.inner.read_exact(&mut head)?;
         let [opcode, length @ ..] = head;
-        let frame = Frame {
-            at: self.at,
-            opcode,
-            length: u64::from_le_bytes(length),
-        };
+        let frame = Frame { at: self.at, opcode, length: u64::from_le_bytes(length) };
         if frame.length > self.length - self.at - HEAD_BYTES {
             return Ok(None);
         }
@@ -100,10 +96,7 @@ pub(crate) fn metadata(body: &[u8]) -> Result<mcap::records::Metadata, String> {
 }
 
 /// Gives every message of a chunk to `take` as (channel, log time ns, JSON), after the chunk's checksum was found right.
-pub(crate) fn messages(
-    body: &[u8],
-    mut take: impl FnMut(u16, u64, &[u8]) -> Result<(), String>,
-) -> Result<(), String> {
+pub(crate) fn messages(body: &[u8], mut take: impl FnMut(u16, u64, &[u8]) -> Result<(), String>) -> Result<(), String> {
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
@@ -117,21 +110,12 @@ pub(crate) fn messages(
         match event.map_err(|e| e.to_string())? {
             LinearReadEvent::ReadRequest(need) => {
                 let need = need.min(MAX_RECORD_BYTES as usize);
-                let read = source
-                    .read(reader.insert(need))
-                    .map_err(|e| e.to_string())?;
+                let read = source.read(reader.insert(need)).map_err(|e| e.to_string())?;
                 reader.notify_read(read);
             }
-            LinearReadEvent::Record {
-                opcode: mcap::records::op::MESSAGE,
-                data,
-            } => {
-                match mcap::parse_record(mcap::records::op::MESSAGE, data)
-                    .map_err(|e| e.to_string())?
-                {
-                    Record::Message { header, data } => {
-                        take(header.channel_id, header.log_time, &data)?
-                    }
+            LinearReadEvent::Record { opcode: mcap::records::op::MESSAGE, data } => {
+                match mcap::parse_record(mcap::records::op::MESSAGE, data).map_err(|e| e.to_string())? {
+                    Record::Message { header, data } => take(header.channel_id, header.log_time, &data)?,
                     _ => return Err("not a message".into()),
                 }
             }

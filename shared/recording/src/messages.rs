@@ -3,9 +3,7 @@
 
 use crate::block::{Event, Level};
 use crate::channels::time_of_ns;
-use hyst_messages::{
-    AppliedRecord, Controls, FluidStatus, ForceCommand, HardwareSample, Pose, TissueStatus,
-};
+use hyst_messages::{AppliedRecord, Controls, FluidStatus, ForceCommand, HardwareSample, Pose, TissueStatus};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A number that may be NaN: `null` in JSON.
@@ -19,9 +17,7 @@ impl Serialize for Number {
 }
 impl<'de> Deserialize<'de> for Number {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Number, D::Error> {
-        Ok(Number(
-            Option::<f32>::deserialize(deserializer)?.unwrap_or(f32::NAN),
-        ))
+        Ok(Number(Option::<f32>::deserialize(deserializer)?.unwrap_or(f32::NAN)))
     }
 }
 
@@ -34,11 +30,7 @@ struct Xyz {
 
 impl Xyz {
     fn of([x, y, z]: [f32; 3]) -> Xyz {
-        Xyz {
-            x: Number(x),
-            y: Number(y),
-            z: Number(z),
-        }
+        Xyz { x: Number(x), y: Number(y), z: Number(z) }
     }
     fn array(&self) -> [f32; 3] {
         [self.x.0, self.y.0, self.z.0]
@@ -62,10 +54,7 @@ struct Time {
 impl Time {
     fn of(tick: u64) -> Time {
         let time_ns = time_of_ns(tick);
-        Time {
-            sec: time_ns / 1_000_000_000,
-            nsec: time_ns % 1_000_000_000,
-        }
+        Time { sec: time_ns / 1_000_000_000, nsec: time_ns % 1_000_000_000 }
     }
 }
 
@@ -99,10 +88,7 @@ impl Tool {
         Tool {
             timestamp: Time::of(record.tick),
             frame_id: "world".into(),
-            pose: PoseMessage {
-                position: Xyz::of(pose.position_m),
-                orientation: Xyzw { x, y, z, w },
-            },
+            pose: PoseMessage { position: Xyz::of(pose.position_m), orientation: Xyzw { x, y, z, w } },
             tick: record.tick,
             hardware_tick: sample.hardware_tick,
             time_ns: sample.time_ns,
@@ -250,14 +236,7 @@ impl EventMessage {
     }
     pub(crate) fn event(self) -> Event {
         let level = Level::from_number(self.level);
-        Event {
-            tick: self.tick,
-            level,
-            kind: self.kind,
-            process: self.name,
-            incarnation: self.incarnation,
-            text: self.message,
-        }
+        Event { tick: self.tick, level, kind: self.kind, process: self.name, incarnation: self.incarnation, text: self.message }
     }
 }
 
@@ -295,12 +274,7 @@ impl Tissue {
             contact_count: status.contact_count,
             tool_force_n: Xyz::of(status.tool_force_n),
             shares_missing: status.shares_missing,
-            phase_us: Phases {
-                deformation,
-                collision,
-                response,
-                surface,
-            },
+            phase_us: Phases { deformation, collision, response, surface },
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -313,12 +287,7 @@ impl Tissue {
             contact_count: self.contact_count,
             tool_force_n: self.tool_force_n.array(),
             shares_missing: self.shares_missing,
-            phase_us: [
-                phases.deformation.0,
-                phases.collision.0,
-                phases.response.0,
-                phases.surface.0,
-            ],
+            phase_us: [phases.deformation.0, phases.collision.0, phases.response.0, phases.surface.0],
         }
     }
 }

@@ -4,9 +4,7 @@
 
 use crate::block::{Block, LOST, STATION};
 use crate::channels::Channel;
-use crate::frame::{
-    DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, MAX_RECORD_BYTES, Walk, messages, metadata,
-};
+use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, MAX_RECORD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool, applied};
 use crate::{FORMAT, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
@@ -71,10 +69,7 @@ pub struct Reader<R> {
 impl Reader<File> {
     /// Opens a file and reads its session's facts.
     pub fn open(path: &Path) -> Result<Reader<File>, ReadError> {
-        let file = File::open(path).map_err(|source| ReadError::File {
-            path: path.to_path_buf(),
-            source,
-        })?;
+        let file = File::open(path).map_err(|source| ReadError::File { path: path.to_path_buf(), source })?;
         Reader::new(file, path)
     }
 }
@@ -82,40 +77,19 @@ impl Reader<File> {
 impl<R: Read + Seek> Reader<R> {
     /// Reads from `source`; `path` is for messages.
     pub fn new(source: R, path: &Path) -> Result<Reader<R>, ReadError> {
-        let refused = |source| ReadError::File {
-            path: path.to_path_buf(),
-            source,
-        };
-        let foreign = |what: &str| ReadError::Foreign {
-            path: path.to_path_buf(),
-            what: what.to_string(),
-        };
-        let mut walk = Walk::begin(source)
-            .map_err(refused)?
-            .ok_or_else(|| foreign("is not an MCAP file"))?;
-        let header = walk
-            .next()
-            .map_err(refused)?
-            .filter(|frame| frame.opcode == op::HEADER);
+        let refused = |source| ReadError::File { path: path.to_path_buf(), source };
+        let foreign = |what: &str| ReadError::Foreign { path: path.to_path_buf(), what: what.to_string() };
+        let mut walk = Walk::begin(source).map_err(refused)?.ok_or_else(|| foreign("is not an MCAP file"))?;
+        let header = walk.next().map_err(refused)?.filter(|frame| frame.opcode == op::HEADER);
         header.ok_or_else(|| foreign("has no header"))?;
-        let facts = walk
-            .next()
-            .map_err(refused)?
-            .filter(|frame| frame.opcode == op::METADATA);
+        let facts = walk.next().map_err(refused)?.filter(|frame| frame.opcode == op::METADATA);
         let facts = facts.ok_or_else(|| foreign("has no facts of a session"))?;
         let body = walk.body(&facts, u64::MAX).map_err(refused)?;
         let facts = metadata(&body).map_err(|e| foreign(&e))?;
-        if facts.name != STATION || facts.metadata.get("format").map(String::as_str) != Some(FORMAT)
-        {
+        if facts.name != STATION || facts.metadata.get("format").map(String::as_str) != Some(FORMAT) {
             return Err(foreign("is not a recording of this version"));
         }
-        Ok(Reader {
-            walk,
-            path: path.to_path_buf(),
-            session: facts.metadata,
-            damage: Vec::new(),
-            ending: None,
-        })
+        Ok(Reader { walk, path: path.to_path_buf(), session: facts.metadata, damage: Vec::new(), ending: None })
     }
 
     /// The session's facts: station, scene hash, versions, settings.
@@ -136,10 +110,7 @@ impl<R: Read + Seek> Reader<R> {
     /// The next block; `None` after the last.
     pub fn next_block(&mut self) -> Result<Option<Block>, ReadError> {
         let path = self.path.clone();
-        let refused = move |source| ReadError::File {
-            path: path.clone(),
-            source,
-        };
+        let refused = move |source| ReadError::File { path: path.clone(), source };
         while self.ending.is_none() {
             let Some(frame) = self.walk.next().map_err(&refused)? else {
                 let at = self.walk.at();
@@ -148,19 +119,11 @@ impl<R: Read + Seek> Reader<R> {
             };
             match frame.opcode {
                 op::MESSAGE_INDEX if self.is_index(&frame).map_err(&refused)? => {}
-                op::DATA_END if frame.length == DATA_END_BYTES => {
-                    self.ending = Some(self.close().map_err(&refused)?)
-                }
-                op::CHUNK | op::METADATA if frame.length > MAX_RECORD_BYTES => {
-                    self.damaged(&frame, "is longer than any block")
-                }
+                op::DATA_END if frame.length == DATA_END_BYTES => self.ending = Some(self.close().map_err(&refused)?),
+                op::CHUNK | op::METADATA if frame.length > MAX_RECORD_BYTES => self.damaged(&frame, "is longer than any block"),
                 op::CHUNK | op::METADATA => {
                     let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
-                    let read = if frame.opcode == op::CHUNK {
-                        chunk(&body)
-                    } else {
-                        lost(&body)
-                    };
+                    let read = if frame.opcode == op::CHUNK { chunk(&body) } else { lost(&body) };
                     match read {
                         Ok(block) => return Ok(Some(block)),
                         Err(reason) => self.damaged(&frame, &reason),
@@ -175,18 +138,12 @@ impl<R: Read + Seek> Reader<R> {
     /// Whether a message index says the length that it has; a chunk whose opcode was flipped does not.
     fn is_index(&mut self, frame: &Frame) -> io::Result<bool> {
         let head = self.walk.body(frame, INDEX_HEAD_BYTES)?;
-        let said = head
-            .get(2..6)
-            .and_then(|bytes| bytes.try_into().ok())
-            .map(u32::from_le_bytes);
+        let said = head.get(2..6).and_then(|bytes| bytes.try_into().ok()).map(u32::from_le_bytes);
         Ok(said.is_some_and(|said| said as u64 + INDEX_HEAD_BYTES == frame.length))
     }
 
     fn damaged(&mut self, frame: &Frame, reason: &str) {
-        self.damage.push(Damage {
-            at: frame.at,
-            reason: reason.to_string(),
-        });
+        self.damage.push(Damage { at: frame.at, reason: reason.to_string() });
     }
 
     /// Goes through the summary to the footer.
@@ -194,11 +151,7 @@ impl<R: Read + Seek> Reader<R> {
         while let Some(frame) = self.walk.next()? {
             if frame.opcode == op::FOOTER {
                 let is_end = self.walk.length() - self.walk.at() == mcap::MAGIC.len() as u64;
-                return Ok(if is_end {
-                    Ending::Complete
-                } else {
-                    Ending::Cut { at: frame.end() }
-                });
+                return Ok(if is_end { Ending::Complete } else { Ending::Cut { at: frame.end() } });
             }
         }
         Ok(Ending::Cut { at: self.walk.at() })
@@ -207,12 +160,8 @@ impl<R: Read + Seek> Reader<R> {
 
 fn lost(body: &[u8]) -> Result<Block, String> {
     let record = metadata(body)?;
-    let range = recover::range(&record.metadata)
-        .filter(|range| record.name == LOST && range.first <= range.last);
-    Ok(Block {
-        lost: vec![range.ok_or("names no range of lost ticks")?],
-        ..Block::default()
-    })
+    let range = recover::range(&record.metadata).filter(|range| record.name == LOST && range.first <= range.last);
+    Ok(Block { lost: vec![range.ok_or("names no range of lost ticks")?], ..Block::default() })
 }
 
 fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
@@ -231,9 +180,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
     let mut ticks: BTreeMap<u64, Tick> = BTreeMap::new();
     let mut controls: BTreeMap<u64, Controls> = BTreeMap::new();
     messages(body, |id, _, data| {
-        match Channel::from_id(id)
-            .ok_or_else(|| format!("has a message of an unknown channel {id}"))?
-        {
+        match Channel::from_id(id).ok_or_else(|| format!("has a message of an unknown channel {id}"))? {
             Channel::Tool => {
                 let tool: Tool = json(data)?;
                 let tick = tool.tick;
@@ -258,10 +205,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
         let (Some(tool), Some(force)) = (&messages.tool, &messages.force) else {
             return Err(format!("has half of tick {tick}"));
         };
-        let controls = controls
-            .range(..=tick)
-            .next_back()
-            .ok_or_else(|| format!("has no controls for tick {tick}"))?;
+        let controls = controls.range(..=tick).next_back().ok_or_else(|| format!("has no controls for tick {tick}"))?;
         block.applied.push(applied(tool, force, *controls.1));
     }
     Ok(block)
@@ -296,15 +240,8 @@ impl Recording {
             content.events.append(&mut block.events);
             content.lost.append(&mut block.lost);
         }
-        let ending = reader.ending.unwrap_or(Ending::Cut {
-            at: reader.walk.at(),
-        });
-        Ok(Recording {
-            session: reader.session,
-            content,
-            damage: reader.damage,
-            ending,
-        })
+        let ending = reader.ending.unwrap_or(Ending::Cut { at: reader.walk.at() });
+        Ok(Recording { session: reader.session, content, damage: reader.damage, ending })
     }
 
     /// Forces and poses by tick: for a replay.

@@ -42,10 +42,7 @@ pub(crate) fn recover<R: Read + Seek>(inner: R) -> io::Result<Option<Found>> {
     let Some(mut walk) = Walk::begin(inner)? else {
         return Ok(None);
     };
-    let mut found = Found {
-        end: walk.at(),
-        ..Default::default()
-    };
+    let mut found = Found { end: walk.at(), ..Default::default() };
     let mut open: Option<Whole> = None;
     let mut last: Option<Whole> = None;
     while let Some(frame) = walk.next()? {
@@ -92,15 +89,8 @@ fn settle(found: &mut Found, last: &mut Option<Whole>, chunk: Option<Whole>) {
 
 fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option<Whole>> {
     let head = walk.body(frame, CHUNK_HEAD_BYTES)?;
-    let word = |at: usize| {
-        head.get(at..at + 8)
-            .and_then(|b| b.try_into().ok())
-            .map(u64::from_le_bytes)
-    };
-    let name_bytes = head
-        .get(28..32)
-        .and_then(|b| b.try_into().ok())
-        .map(u32::from_le_bytes);
+    let word = |at: usize| head.get(at..at + 8).and_then(|b| b.try_into().ok()).map(u64::from_le_bytes);
+    let name_bytes = head.get(28..32).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
     let parse = || {
         let name_end = 32usize.checked_add(name_bytes? as usize)?;
         let compression = String::from_utf8(head.get(32..name_end)?.to_vec()).ok()?;
@@ -116,12 +106,7 @@ fn chunk<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame) -> io::Result<Option
             uncompressed_size: word(16)?,
         })
     };
-    Ok(parse().map(|index| Whole {
-        index,
-        counts: BTreeMap::new(),
-        frame: *frame,
-        last_tick: None,
-    }))
+    Ok(parse().map(|index| Whole { index, counts: BTreeMap::new(), frame: *frame, last_tick: None }))
 }
 
 fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -> io::Result<()> {
@@ -130,18 +115,11 @@ fn index<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, chunk: &mut Whole) -
     let Ok(Record::MessageIndex(index)) = mcap::parse_record(op::MESSAGE_INDEX, &body) else {
         return Ok(());
     };
-    chunk
-        .index
-        .message_index_offsets
-        .insert(index.channel_id, frame.at);
+    chunk.index.message_index_offsets.insert(index.channel_id, frame.at);
     let entries = frame.length.saturating_sub(INDEX_HEAD_BYTES) / INDEX_ENTRY_BYTES;
     chunk.counts.insert(index.channel_id, entries);
     if index.channel_id == Channel::Force as u16 {
-        chunk.last_tick = index
-            .records
-            .iter()
-            .map(|entry| entry.log_time / TICK_NS)
-            .max();
+        chunk.last_tick = index.records.iter().map(|entry| entry.log_time / TICK_NS).max();
     }
     Ok(())
 }
@@ -152,11 +130,7 @@ fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -
     let Ok(record) = metadata(&body) else {
         return Ok(());
     };
-    found.contents.metadata.push(MetadataIndex {
-        offset: frame.at,
-        length: frame.end() - frame.at,
-        name: record.name.clone(),
-    });
+    found.contents.metadata.push(MetadataIndex { offset: frame.at, length: frame.end() - frame.at, name: record.name.clone() });
     if record.name == STATION && found.session.is_none() {
         found.session = Some(record.metadata);
     } else if record.name == LOST {
@@ -168,10 +142,7 @@ fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -
 /// The range that a metadata record of lost ticks names.
 pub(crate) fn range(facts: &Session) -> Option<TickRange> {
     let number = |key: &str| facts.get(key)?.parse().ok();
-    Some(TickRange {
-        first: number("first")?,
-        last: number("last")?,
-    })
+    Some(TickRange { first: number("first")?, last: number("last")? })
 }
 
 /// Whether the chunk has its checksum and an index entry for each message.

@@ -51,10 +51,7 @@ pub struct Collector {
 impl Collector {
     /// A collector that goes on after `last_tick`; with `None` it begins with the oldest tick that can be had.
     pub fn after(last_tick: Option<u64>) -> Collector {
-        Collector {
-            next: last_tick.map(|tick| tick + 1),
-            pending: BTreeMap::new(),
-        }
+        Collector { next: last_tick.map(|tick| tick + 1), pending: BTreeMap::new() }
     }
 
     /// The next tick that is expected.
@@ -64,10 +61,7 @@ impl Collector {
 
     /// Takes a record from a stream; several replicas bring the same one. A zeroed record is a tick that the device skipped.
     pub fn offer(&mut self, record: AppliedRecord) {
-        if record.tick == 0
-            || self.next.is_some_and(|next| record.tick < next)
-            || self.pending.len() >= MAX_PENDING
-        {
+        if record.tick == 0 || self.next.is_some_and(|next| record.tick < next) || self.pending.len() >= MAX_PENDING {
             return;
         }
         self.pending.insert(record.tick, record);
@@ -98,15 +92,8 @@ impl Collector {
     /// The oldest tick that can be had.
     fn first<H: History>(&self, lives: &[H]) -> Option<u64> {
         let life = lives.iter().find(|life| life.began().is_some())?;
-        let ring = life
-            .began()?
-            .max((life.end() + 1).saturating_sub(RING_TICKS));
-        Some(
-            self.pending
-                .keys()
-                .next()
-                .map_or(ring, |tick| ring.min(*tick)),
-        )
+        let ring = life.began()?.max((life.end() + 1).saturating_sub(RING_TICKS));
+        Some(self.pending.keys().next().map_or(ring, |tick| ring.min(*tick)))
     }
 
     fn find<H: History>(&self, tick: u64, lives: &[H]) -> Option<AppliedRecord> {
@@ -165,17 +152,12 @@ mod tests {
     }
     impl Ring {
         fn of(ticks: impl IntoIterator<Item = u64>) -> Ring {
-            Ring {
-                ticks: ticks.into_iter().collect(),
-            }
+            Ring { ticks: ticks.into_iter().collect() }
         }
     }
     impl History for Ring {
         fn began(&self) -> Option<u64> {
-            self.ticks
-                .iter()
-                .copied()
-                .find(|tick| tick + RING_TICKS >= self.end())
+            self.ticks.iter().copied().find(|tick| tick + RING_TICKS >= self.end())
         }
         fn end(&self) -> u64 {
             self.ticks.last().map_or(0, |tick| tick + 1)
@@ -185,10 +167,7 @@ mod tests {
         }
     }
     fn record(tick: u64) -> AppliedRecord {
-        AppliedRecord {
-            tick,
-            ..Default::default()
-        }
+        AppliedRecord { tick, ..Default::default() }
     }
     fn ticks(taken: &Taken) -> Vec<u64> {
         taken.records.iter().map(|record| record.tick).collect()
@@ -216,10 +195,7 @@ mod tests {
         let mut collector = Collector::after(Some(9));
         let taken = collector.collect(&[Ring::of([10, 11, 14, 15, 17])]);
         assert_eq!(ticks(&taken), [10, 11, 14, 15, 17]);
-        assert_eq!(
-            (taken.unmade, taken.lost),
-            (vec![range(12, 13), range(16, 16)], vec![])
-        );
+        assert_eq!((taken.unmade, taken.lost), (vec![range(12, 13), range(16, 16)], vec![]));
     }
 
     #[test]
@@ -236,19 +212,13 @@ mod tests {
     #[test]
     fn a_restart_of_the_device_leaves_no_loss_and_what_its_zombie_writes_is_not_taken() {
         let mut collector = Collector::after(None);
-        assert_eq!(
-            ticks(&collector.collect(&[Ring::of(10..20)])),
-            (10..20).collect::<Vec<_>>()
-        );
+        assert_eq!(ticks(&collector.collect(&[Ring::of(10..20)])), (10..20).collect::<Vec<_>>());
         // The successor's page is there but empty: the rest of the old life comes first.
         let taken = collector.collect(&[Ring::of(10..23), Ring::default()]);
         assert_eq!(ticks(&taken), [20, 21, 22]);
         let taken = collector.collect(&[Ring::of((10..23).chain(30..35)), Ring::of(28..33)]);
         assert_eq!(ticks(&taken), [28, 29, 30, 31, 32]);
-        assert_eq!(
-            (taken.unmade.clone(), taken.lost.clone()),
-            (vec![range(23, 27)], vec![])
-        );
+        assert_eq!((taken.unmade.clone(), taken.lost.clone()), (vec![range(23, 27)], vec![]));
     }
 
     #[test]

@@ -61,28 +61,12 @@ fn statistics(out: &mut Vec<u8>, contents: &Contents) {
     let mut body = Vec::new();
     words(&mut body, &[contents.counts.values().sum()]);
     body.extend((Channel::ALL.len() as u16).to_le_bytes());
-    for count in [
-        Channel::ALL.len(),
-        0,
-        contents.metadata.len(),
-        contents.chunks.len(),
-    ] {
+    for count in [Channel::ALL.len(), 0, contents.metadata.len(), contents.chunks.len()] {
         body.extend((count as u32).to_le_bytes());
     }
-    let filled = || {
-        contents
-            .chunks
-            .iter()
-            .filter(|chunk| chunk.message_end_time > 0)
-    };
-    let start = filled()
-        .map(|chunk| chunk.message_start_time)
-        .min()
-        .unwrap_or(0);
-    let end = filled()
-        .map(|chunk| chunk.message_end_time)
-        .max()
-        .unwrap_or(0);
+    let filled = || contents.chunks.iter().filter(|chunk| chunk.message_end_time > 0);
+    let start = filled().map(|chunk| chunk.message_start_time).min().unwrap_or(0);
+    let end = filled().map(|chunk| chunk.message_end_time).max().unwrap_or(0);
     words(&mut body, &[start, end]);
     counts(&mut body, &contents.counts);
     record(out, op::STATISTICS, &body);
@@ -91,15 +75,7 @@ fn statistics(out: &mut Vec<u8>, contents: &Contents) {
 fn chunk_indexes(out: &mut Vec<u8>, contents: &Contents) {
     for chunk in &contents.chunks {
         let mut body = Vec::new();
-        words(
-            &mut body,
-            &[
-                chunk.message_start_time,
-                chunk.message_end_time,
-                chunk.chunk_start_offset,
-                chunk.chunk_length,
-            ],
-        );
+        words(&mut body, &[chunk.message_start_time, chunk.message_end_time, chunk.chunk_start_offset, chunk.chunk_length]);
         counts(&mut body, &chunk.message_index_offsets);
         words(&mut body, &[chunk.message_index_length]);
         text(&mut body, &chunk.compression);

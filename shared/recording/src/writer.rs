@@ -18,9 +18,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// The file cannot be made or opened.
-    #[error(
-        "recording {path}: {source}; give --record a path in a folder that exists and may be written"
-    )]
+    #[error("recording {path}: {source}; give --record a path in a folder that exists and may be written")]
     Open {
         /// The file.
         path: PathBuf,
@@ -28,9 +26,7 @@ pub enum WriteError {
         source: io::Error,
     },
     /// Another process writes it.
-    #[error(
-        "recording {path} is being written by another process; stop it, or give --record another file"
-    )]
+    #[error("recording {path} is being written by another process; stop it, or give --record another file")]
     Locked {
         /// The file.
         path: PathBuf,
@@ -44,9 +40,7 @@ pub enum WriteError {
         holds: &'static str,
     },
     /// No room: the disk, the quota or the limit.
-    #[error(
-        "recording {path}: no room for {bytes} bytes more; make room, the recorder tries again"
-    )]
+    #[error("recording {path}: no room for {bytes} bytes more; make room, the recorder tries again")]
     Full {
         /// The file.
         path: PathBuf,
@@ -89,29 +83,15 @@ impl Writer {
     /// Begins the recording of `session`, or goes on in a file that has its `session` fact: what follows the last whole block (a torn
     /// block, a summary) is cut away. A file with anything else is refused and left as it is.
     pub fn open(path: &Path, session: &Session) -> Result<Writer, WriteError> {
-        let refused = |source| WriteError::Open {
-            path: path.to_path_buf(),
-            source,
-        };
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(refused)?;
+        let refused = |source| WriteError::Open { path: path.to_path_buf(), source };
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(refused)?;
         if !file.metadata().map_err(refused)?.is_file() {
-            return Err(refused(io::Error::new(
-                ErrorKind::InvalidInput,
-                "not a regular file",
-            )));
+            return Err(refused(io::Error::new(ErrorKind::InvalidInput, "not a regular file")));
         }
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                return Err(WriteError::Locked {
-                    path: path.to_path_buf(),
-                });
+                return Err(WriteError::Locked { path: path.to_path_buf() });
             }
             Err(TryLockError::Error(source)) => return Err(refused(source)),
         }
@@ -151,21 +131,13 @@ impl Writer {
         let base = self.end;
         self.put(&encoded.bytes)?;
         block::move_chunk(&mut encoded.chunk, |offset| offset + base);
-        encoded
-            .metadata
-            .iter_mut()
-            .for_each(|index| index.offset += base);
+        encoded.metadata.iter_mut().for_each(|index| index.offset += base);
         self.contents.chunks.push(encoded.chunk);
         self.contents.metadata.append(&mut encoded.metadata);
         for (id, count) in encoded.counts {
             *self.contents.counts.entry(id).or_insert(0) += count;
         }
-        self.last_tick = block
-            .applied
-            .iter()
-            .map(|record| record.tick)
-            .max()
-            .max(self.last_tick);
+        self.last_tick = block.applied.iter().map(|record| record.tick).max().max(self.last_tick);
         self.lost += block.lost.iter().map(|range| range.count()).sum::<u64>();
         Ok(())
     }
@@ -183,11 +155,7 @@ impl Writer {
     }
     /// Ticks on disk.
     pub fn ticks(&self) -> u64 {
-        self.contents
-            .counts
-            .get(&(Channel::Force as u16))
-            .copied()
-            .unwrap_or(0)
+        self.contents.counts.get(&(Channel::Force as u16)).copied().unwrap_or(0)
     }
     /// Ticks that the file says are lost.
     pub fn lost(&self) -> u64 {
@@ -203,28 +171,15 @@ impl Writer {
     }
 
     fn put(&mut self, bytes: &[u8]) -> Result<(), WriteError> {
-        let full = || WriteError::Full {
-            path: self.path.clone(),
-            bytes: bytes.len(),
-        };
+        let full = || WriteError::Full { path: self.path.clone(), bytes: bytes.len() };
         if self.end.saturating_add(bytes.len() as u64) > self.limit_bytes {
             return Err(full());
         }
         if let Err(source) = self.file.write_all_at(bytes, self.end) {
             // The torn block goes. If even that fails, the next write begins at the same byte, and a reader stops before it.
             let _ = self.file.set_len(self.end);
-            let is_full = matches!(
-                source.kind(),
-                ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge
-            );
-            return Err(if is_full {
-                full()
-            } else {
-                WriteError::Write {
-                    path: self.path.clone(),
-                    source,
-                }
-            });
+            let is_full = matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge);
+            return Err(if is_full { full() } else { WriteError::Write { path: self.path.clone(), source } });
         }
         self.end += bytes.len() as u64;
         Ok(())
@@ -233,27 +188,16 @@ impl Writer {
 
 /// What there is to go on from; nothing for a new file or one that a predecessor of the same kind was cut off in at once.
 fn inherit(path: &Path, file: &File, facts: &Session, head: &[u8]) -> Result<Found, WriteError> {
-    let refused = |source| WriteError::Open {
-        path: path.to_path_buf(),
-        source,
-    };
-    let foreign = |holds| WriteError::Foreign {
-        path: path.to_path_buf(),
-        holds,
-    };
+    let refused = |source| WriteError::Open { path: path.to_path_buf(), source };
+    let foreign = |holds| WriteError::Foreign { path: path.to_path_buf(), holds };
     let length = file.metadata().map_err(refused)?.len();
     let mut start = vec![0; length.min(head.len() as u64) as usize];
     file.read_exact_at(&mut start, 0).map_err(refused)?;
     if length < head.len() as u64 && same_kind(&start, head) {
         return Ok(Found::default());
     }
-    let found = recover(file)
-        .map_err(refused)?
-        .ok_or(foreign("is not an MCAP file"))?;
-    let session = found
-        .session
-        .as_ref()
-        .ok_or(foreign("is not a recording of a station"))?;
+    let found = recover(file).map_err(refused)?.ok_or(foreign("is not an MCAP file"))?;
+    let session = found.session.as_ref().ok_or(foreign("is not a recording of a station"))?;
     if session.get("format") != facts.get("format") {
         return Err(foreign("is a recording of another version"));
     }

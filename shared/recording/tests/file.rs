@@ -18,53 +18,20 @@ fn read_bytes(bytes: &[u8]) -> Result<Recording, ReadError> {
 fn what_was_written_is_read_bit_for_bit() {
     let folder = Folder::new("round");
     let mut second = block(20..40);
-    second.lost.push(TickRange {
-        first: 17,
-        last: 19,
-    });
+    second.lost.push(TickRange { first: 17, last: 19 });
     let writer = write(&folder.file(), &[block(5..17), second.clone()]);
-    assert_eq!(
-        (writer.last_tick(), writer.ticks(), writer.lost()),
-        (Some(39), 32, 3)
-    );
+    assert_eq!((writer.last_tick(), writer.ticks(), writer.lost()), (Some(39), 32, 3));
     writer.finish().unwrap();
     let recording = Recording::read(&folder.file()).unwrap();
     let expected: Vec<AppliedRecord> = (5..17).chain(20..40).map(record).collect();
     assert_eq!(recording.applied(), expected);
-    let bits = |records: &[AppliedRecord]| {
-        records
-            .iter()
-            .map(|r| r.sample.pose.position_m[1].to_bits())
-            .collect::<Vec<_>>()
-    };
-    assert_eq!(
-        bits(recording.applied()),
-        bits(&expected),
-        "a negative zero stays one"
-    );
-    assert_eq!(
-        recording.content.tissue,
-        [block(5..6).tissue, second.tissue].concat()
-    );
-    assert_eq!(
-        recording.content.fluid,
-        [block(5..6).fluid, second.fluid].concat()
-    );
-    assert_eq!(
-        recording.content.events,
-        [block(5..6).events, second.events].concat()
-    );
-    assert_eq!(
-        recording.content.lost,
-        [TickRange {
-            first: 17,
-            last: 19
-        }]
-    );
-    assert_eq!(
-        (recording.ending, recording.damage.len()),
-        (Ending::Complete, 0)
-    );
+    let bits = |records: &[AppliedRecord]| records.iter().map(|r| r.sample.pose.position_m[1].to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(recording.applied()), bits(&expected), "a negative zero stays one");
+    assert_eq!(recording.content.tissue, [block(5..6).tissue, second.tissue].concat());
+    assert_eq!(recording.content.fluid, [block(5..6).fluid, second.fluid].concat());
+    assert_eq!(recording.content.events, [block(5..6).events, second.events].concat());
+    assert_eq!(recording.content.lost, [TickRange { first: 17, last: 19 }]);
+    assert_eq!((recording.ending, recording.damage.len()), (Ending::Complete, 0));
     assert_eq!(recording.session["scene_hash"], "00ff");
 }
 
@@ -76,10 +43,7 @@ fn a_number_that_is_not_finite_costs_nothing_but_itself() {
     bad.fluid[0].deficit_ml = f64::NAN;
     write(&folder.file(), &[bad]).finish().unwrap();
     let recording = Recording::read(&folder.file()).unwrap();
-    assert!(
-        recording.applied()[1].command.force_n[0].is_nan()
-            && recording.content.fluid[0].deficit_ml.is_nan()
-    );
+    assert!(recording.applied()[1].command.force_n[0].is_nan() && recording.content.fluid[0].deficit_ml.is_nan());
     assert_eq!(recording.applied()[2], record(7));
 }
 
@@ -91,29 +55,12 @@ fn the_summary_is_one_that_the_library_reads_and_names_every_message() {
     let bytes = std::fs::read(folder.file()).unwrap();
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.clone().unwrap();
-    let counted = mcap::MessageStream::new(&bytes)
-        .unwrap()
-        .filter(|message| message.is_ok())
-        .count() as u64;
-    assert_eq!(
-        (
-            stats.message_count,
-            summary.chunk_indexes.len(),
-            summary.channels.len()
-        ),
-        (counted, 2, 6)
-    );
-    assert_eq!(
-        (stats.message_start_time, stats.message_end_time),
-        (5_000_000, 39_000_000)
-    );
+    let counted = mcap::MessageStream::new(&bytes).unwrap().filter(|message| message.is_ok()).count() as u64;
+    assert_eq!((stats.message_count, summary.chunk_indexes.len(), summary.channels.len()), (counted, 2, 6));
+    assert_eq!((stats.message_start_time, stats.message_end_time), (5_000_000, 39_000_000));
     let mut indexed = 0;
     for chunk in &summary.chunk_indexes {
-        indexed += summary
-            .stream_chunk(&bytes, chunk)
-            .unwrap()
-            .filter(|message| message.is_ok())
-            .count() as u64;
+        indexed += summary.stream_chunk(&bytes, chunk).unwrap().filter(|message| message.is_ok()).count() as u64;
         let indexes = summary.read_message_indexes(&bytes, chunk).unwrap();
         for (channel, entries) in &indexes {
             let message = summary.seek_message(&bytes, chunk, &entries[0]).unwrap();
@@ -147,37 +94,22 @@ fn a_file_that_is_cut_at_any_byte_reads_to_its_last_whole_block_and_is_continued
                 // A chunk counts as soon as it is whole, even if its indexes are not.
                 let read = ticks(&recording);
                 assert!(
-                    read.len() >= 3 * (blocks - 1)
-                        && read == (1..=read.len() as u64).collect::<Vec<_>>(),
+                    read.len() >= 3 * (blocks - 1) && read == (1..=read.len() as u64).collect::<Vec<_>>(),
                     "{length}: {read:?}"
                 );
-                assert!(
-                    matches!(recording.ending, Ending::Cut { .. }) && recording.damage.is_empty(),
-                    "{length}"
-                );
+                assert!(matches!(recording.ending, Ending::Cut { .. }) && recording.damage.is_empty(), "{length}");
             }
         }
         std::fs::write(folder.file(), cut).unwrap();
         let mut writer = Writer::open(&folder.file(), &session()).unwrap();
         let kept = 3 * blocks.saturating_sub(1) as u64;
-        assert_eq!(
-            (writer.ticks(), writer.last_tick()),
-            (kept, (kept > 0).then_some(kept)),
-            "{length}"
-        );
+        assert_eq!((writer.ticks(), writer.last_tick()), (kept, (kept > 0).then_some(kept)), "{length}");
         if length % 97 == 0 {
             writer.append(&block(kept + 1..kept + 4)).unwrap();
             writer.finish().unwrap();
             let recording = Recording::read(&folder.file()).unwrap();
-            assert_eq!(
-                ticks(&recording),
-                (1..kept + 4).collect::<Vec<_>>(),
-                "{length}"
-            );
-            assert_eq!(
-                (recording.ending, recording.damage.len()),
-                (Ending::Complete, 0)
-            );
+            assert_eq!(ticks(&recording), (1..kept + 4).collect::<Vec<_>>(), "{length}");
+            assert_eq!((recording.ending, recording.damage.len()), (Ending::Complete, 0));
         }
     }
 }
@@ -185,9 +117,7 @@ fn a_file_that_is_cut_at_any_byte_reads_to_its_last_whole_block_and_is_continued
 #[test]
 fn a_flipped_bit_anywhere_is_found_or_changes_no_record() {
     let folder = Folder::new("flip");
-    write(&folder.file(), &[block(1..4), block(4..7), block(7..10)])
-        .finish()
-        .unwrap();
+    write(&folder.file(), &[block(1..4), block(4..7), block(7..10)]).finish().unwrap();
     let whole = std::fs::read(folder.file()).unwrap();
     let good = read_bytes(&whole).unwrap();
     let (mut refused, mut damaged) = (0, 0);
@@ -198,17 +128,10 @@ fn a_flipped_bit_anywhere_is_found_or_changes_no_record() {
             Err(_) => refused += 1,
             Ok(recording) => {
                 for record in recording.applied() {
-                    assert!(
-                        good.applied().contains(record),
-                        "byte {at} changed tick {}",
-                        record.tick
-                    );
+                    assert!(good.applied().contains(record), "byte {at} changed tick {}", record.tick);
                 }
                 let known = !recording.damage.is_empty() || recording.ending != Ending::Complete;
-                assert!(
-                    known || recording.applied() == good.applied(),
-                    "byte {at} lost ticks in silence"
-                );
+                assert!(known || recording.applied() == good.applied(), "byte {at} lost ticks in silence");
                 damaged += usize::from(known);
             }
         }

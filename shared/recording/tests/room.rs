@@ -13,83 +13,39 @@ fn a_full_disk_is_said_keeps_what_was_written_and_the_same_block_goes_in_later()
     let mut writer = write(&folder.file(), &[block(1..50)]);
     writer.set_limit(writer.bytes() + 100);
     for _ in 0..2 {
-        assert!(matches!(
-            writer.append(&block(50..90)),
-            Err(WriteError::Full { .. })
-        ));
+        assert!(matches!(writer.append(&block(50..90)), Err(WriteError::Full { .. })));
     }
     assert_eq!(writer.last_tick(), Some(49));
-    assert_eq!(
-        ticks(&Recording::read(&folder.file()).unwrap()),
-        (1..50).collect::<Vec<_>>()
-    );
+    assert_eq!(ticks(&Recording::read(&folder.file()).unwrap()), (1..50).collect::<Vec<_>>());
     writer.set_limit(u64::MAX);
     writer.append(&block(50..90)).unwrap();
     writer.finish().unwrap();
     let recording = Recording::read(&folder.file()).unwrap();
-    assert_eq!(
-        (ticks(&recording), recording.ending),
-        ((1..90).collect::<Vec<_>>(), Ending::Complete)
-    );
+    assert_eq!((ticks(&recording), recording.ending), ((1..90).collect::<Vec<_>>(), Ending::Complete));
 }
 
 #[test]
 fn one_writer_at_a_time_and_never_over_somebody_elses_file() {
     let folder = Folder::new("foreign");
     let first = write(&folder.file(), &[block(1..4)]);
-    assert!(matches!(
-        Writer::open(&folder.file(), &session()),
-        Err(WriteError::Locked { .. })
-    ));
+    assert!(matches!(Writer::open(&folder.file(), &session()), Err(WriteError::Locked { .. })));
     drop(first);
     let other = Session::from([("session".into(), "test-2".into())]);
-    assert!(matches!(
-        Writer::open(&folder.file(), &other),
-        Err(WriteError::Foreign { .. })
-    ));
-    assert_eq!(
-        Writer::open(&folder.file(), &session())
-            .unwrap()
-            .last_tick(),
-        Some(3)
-    );
+    assert!(matches!(Writer::open(&folder.file(), &other), Err(WriteError::Foreign { .. })));
+    assert_eq!(Writer::open(&folder.file(), &session()).unwrap().last_tick(), Some(3));
     let notes = folder.0.join("notes.txt");
     std::fs::write(&notes, "what the surgeon said").unwrap();
-    assert!(matches!(
-        Writer::open(&notes, &session()),
-        Err(WriteError::Foreign { .. })
-    ));
+    assert!(matches!(Writer::open(&notes, &session()), Err(WriteError::Foreign { .. })));
     assert_eq!(std::fs::read(&notes).unwrap(), b"what the surgeon said");
-    assert!(matches!(
-        Writer::open(&folder.0, &session()),
-        Err(WriteError::Open { .. })
-    ));
-    assert!(matches!(
-        Writer::open(&folder.0.join("no/such.mcap"), &session()),
-        Err(WriteError::Open { .. })
-    ));
-    assert!(matches!(
-        Recording::read(&notes),
-        Err(ReadError::Foreign { .. })
-    ));
-    assert!(matches!(
-        Recording::read(&folder.0.join("absent")),
-        Err(ReadError::File { .. })
-    ));
+    assert!(matches!(Writer::open(&folder.0, &session()), Err(WriteError::Open { .. })));
+    assert!(matches!(Writer::open(&folder.0.join("no/such.mcap"), &session()), Err(WriteError::Open { .. })));
+    assert!(matches!(Recording::read(&notes), Err(ReadError::Foreign { .. })));
+    assert!(matches!(Recording::read(&folder.0.join("absent")), Err(ReadError::File { .. })));
 }
 
 #[test]
 fn a_second_of_recording_takes_less_than_a_megabyte() {
     let folder = Folder::new("size");
-    let writer = write(
-        &folder.file(),
-        &[
-            block(1..201),
-            block(201..401),
-            block(401..601),
-            block(601..801),
-            block(801..1001),
-        ],
-    );
+    let writer = write(&folder.file(), &[block(1..201), block(201..401), block(401..601), block(601..801), block(801..1001)]);
     assert!(writer.bytes() < 1_000_000, "{}", writer.bytes());
 }

@@ -11,30 +11,15 @@ pub(crate) const PREFIX: &str = "builtin:";
 
 /// Every mesh inside the binary, by file name.
 const MESHES: [(&str, &[u8]); 4] = [
-    (
-        "uterus.msh",
-        include_bytes!("../../../assets/meshes/uterus.msh"),
-    ),
-    (
-        "uterus-surface.obj",
-        include_bytes!("../../../assets/meshes/uterus-surface.obj"),
-    ),
-    (
-        "polyp.msh",
-        include_bytes!("../../../assets/meshes/polyp.msh"),
-    ),
-    (
-        "polyp-surface.obj",
-        include_bytes!("../../../assets/meshes/polyp-surface.obj"),
-    ),
+    ("uterus.msh", include_bytes!("../../../assets/meshes/uterus.msh")),
+    ("uterus-surface.obj", include_bytes!("../../../assets/meshes/uterus-surface.obj")),
+    ("polyp.msh", include_bytes!("../../../assets/meshes/polyp.msh")),
+    ("polyp-surface.obj", include_bytes!("../../../assets/meshes/polyp-surface.obj")),
 ];
 
 /// A mesh by its file name.
 pub(crate) fn mesh(name: &str) -> Option<&'static [u8]> {
-    MESHES
-        .iter()
-        .find(|(known, _)| *known == name)
-        .map(|(_, bytes)| *bytes)
+    MESHES.iter().find(|(known, _)| *known == name).map(|(_, bytes)| *bytes)
 }
 
 /// The names of all meshes, for a message.

@@ -63,12 +63,7 @@ impl fmt::Display for SceneError {
 }
 
 impl SceneError {
-    pub(crate) fn new(
-        kind: SceneErrorKind,
-        key: impl Into<String>,
-        what: impl Into<String>,
-        cure: impl Into<String>,
-    ) -> Self {
+    pub(crate) fn new(kind: SceneErrorKind, key: impl Into<String>, what: impl Into<String>, cure: impl Into<String>) -> Self {
         SceneError {
             kind,
             origin: String::new(),

@@ -302,12 +302,7 @@ pub struct View {
 
 impl Default for View {
     fn default() -> Self {
-        View {
-            optic_angle_deg: 30.0,
-            field_of_view_deg: 90.0,
-            periphery_ratio: 0.52,
-            light: 1.0,
-        }
+        View { optic_angle_deg: 30.0, field_of_view_deg: 90.0, periphery_ratio: 0.52, light: 1.0 }
     }
 }
 

@@ -26,10 +26,7 @@ pub(crate) fn depth_under_hull(positions_m: &[[f32; 3]]) -> Vec<f32> {
         let z = 1.0 - (2 * index + 1) as f32 / DIRECTIONS as f32;
         let (sin, cos) = (golden_rad * index as f32).sin_cos();
         let direction = Vec3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
-        let support = positions_m
-            .iter()
-            .map(|&point| direction.dot(point.into()))
-            .fold(f32::NEG_INFINITY, f32::max);
+        let support = positions_m.iter().map(|&point| direction.dot(point.into())).fold(f32::NEG_INFINITY, f32::max);
         for (depth, &point) in depth_m.iter_mut().zip(positions_m) {
             *depth = depth.min(support - direction.dot(point.into()));
         }
@@ -39,69 +36,41 @@ pub(crate) fn depth_under_hull(positions_m: &[[f32; 3]]) -> Vec<f32> {
 
 /// Nodes of the wall of the organ's hollow, if it has one; else none. A triangle is of such a wall if whoever looks out of it, along
 /// its normal, sees tissue of the same organ. Of a large boundary every n-th triangle is asked.
-pub(crate) fn hollow_nodes(
-    positions_m: &[[f32; 3]],
-    boundary: &[[u32; 3]],
-    locator: &Locator,
-) -> Vec<usize> {
+pub(crate) fn hollow_nodes(positions_m: &[[f32; 3]], boundary: &[[u32; 3]], locator: &Locator) -> Vec<usize> {
     let (low, high) = bounds(positions_m);
     let step_m = (high - low).max_element() / LOOK_STEPS as f32;
     let faces_tissue = |triangle: &&[u32; 3]| {
         let [a, b, c] = triangle.map(|node| Vec3::from(positions_m[node as usize]));
         let normal = (b - a).cross(c - a).normalize_or_zero();
-        (1..=LOOK_STEPS).any(|step| {
-            locator
-                .find(((a + b + c) / 3.0 + normal * (step as f32 * step_m)).to_array())
-                .is_some()
-        })
+        (1..=LOOK_STEPS).any(|step| locator.find(((a + b + c) / 3.0 + normal * (step as f32 * step_m)).to_array()).is_some())
     };
     let stride = boundary.len().div_ceil(ASKED).max(1);
     let asked = boundary.len().div_ceil(stride);
-    let wall: Vec<&[u32; 3]> = boundary
-        .iter()
-        .step_by(stride)
-        .filter(faces_tissue)
-        .collect();
+    let wall: Vec<&[u32; 3]> = boundary.iter().step_by(stride).filter(faces_tissue).collect();
     if (wall.len() as f32) < HOLLOW_SHARE * asked as f32 {
         return Vec::new();
     }
-    let mut nodes: Vec<usize> = wall
-        .into_iter()
-        .flatten()
-        .map(|&node| node as usize)
-        .collect();
+    let mut nodes: Vec<usize> = wall.into_iter().flatten().map(|&node| node as usize).collect();
     nodes.sort_unstable();
     nodes.dedup();
     nodes
 }
 
 /// Marks the nodes of the named shapes.
-pub(crate) fn fixed_nodes(
-    shapes: &[Fixed],
-    positions_m: &[[f32; 3]],
-    depth: &[f32],
-    on_boundary: &[bool],
-) -> Vec<bool> {
+pub(crate) fn fixed_nodes(shapes: &[Fixed], positions_m: &[[f32; 3]], depth: &[f32], on_boundary: &[bool]) -> Vec<bool> {
     let held = |node: usize, shape: &Fixed| {
         let point = positions_m[node].map(f64::from);
         match shape {
             Fixed::Sphere { centre_m, radius_m } => {
-                (0..3)
-                    .map(|axis| (point[axis] - centre_m[axis]).powi(2))
-                    .sum::<f64>()
-                    <= radius_m * radius_m
+                (0..3).map(|axis| (point[axis] - centre_m[axis]).powi(2)).sum::<f64>() <= radius_m * radius_m
             }
-            Fixed::Box { min_m, max_m } => {
-                (0..3).all(|axis| point[axis] >= min_m[axis] && point[axis] <= max_m[axis])
-            }
+            Fixed::Box { min_m, max_m } => (0..3).all(|axis| point[axis] >= min_m[axis] && point[axis] <= max_m[axis]),
             Fixed::BelowZM(z) => point[2] <= *z,
             Fixed::AboveZM(z) => point[2] >= *z,
             Fixed::OuterShell(share) => on_boundary[node] && f64::from(depth[node]) <= *share,
         }
     };
-    (0..positions_m.len())
-        .map(|node| shapes.iter().any(|shape| held(node, shape)))
-        .collect()
+    (0..positions_m.len()).map(|node| shapes.iter().any(|shape| held(node, shape))).collect()
 }
 
 /// What is held when the scene does not say: the shell of a hollow organ, else the part farthest from the scope.
@@ -110,9 +79,7 @@ pub(crate) fn default_shapes(hollow: bool, positions_m: &[[f32; 3]]) -> Vec<Fixe
         return vec![Fixed::OuterShell(DEFAULT_SHELL)];
     }
     let (low, high) = bounds(positions_m);
-    vec![Fixed::AboveZM(f64::from(
-        high.z - (high.z - low.z) * DEFAULT_FAR_SHARE,
-    ))]
+    vec![Fixed::AboveZM(f64::from(high.z - (high.z - low.z) * DEFAULT_FAR_SHARE))]
 }
 
 #[cfg(test)]
@@ -134,34 +101,10 @@ mod tests {
 
     #[test]
     fn each_shape_holds_exactly_its_nodes() {
-        let points = [
-            [0.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0],
-            [0.0, 0.0, 2.0],
-            [1.0, 0.0, 2.0],
-        ];
-        let held = |shape: Fixed| {
-            fixed_nodes(
-                &[shape],
-                &points,
-                &[0.0, 0.3, 0.0, 0.05],
-                &[true, true, false, true],
-            )
-        };
-        assert_eq!(
-            held(Fixed::Sphere {
-                centre_m: [0.0, 0.0, 2.0],
-                radius_m: 1.0
-            }),
-            [false, true, true, true]
-        );
-        assert_eq!(
-            held(Fixed::Box {
-                min_m: [0.5, -1.0, 0.0],
-                max_m: [2.0, 1.0, 3.0]
-            }),
-            [false, false, false, true]
-        );
+        let points = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [1.0, 0.0, 2.0]];
+        let held = |shape: Fixed| fixed_nodes(&[shape], &points, &[0.0, 0.3, 0.0, 0.05], &[true, true, false, true]);
+        assert_eq!(held(Fixed::Sphere { centre_m: [0.0, 0.0, 2.0], radius_m: 1.0 }), [false, true, true, true]);
+        assert_eq!(held(Fixed::Box { min_m: [0.5, -1.0, 0.0], max_m: [2.0, 1.0, 3.0] }), [false, false, false, true]);
         assert_eq!(held(Fixed::BelowZM(1.0)), [true, true, false, false]);
         assert_eq!(held(Fixed::AboveZM(1.0)), [false, true, true, true]);
         assert_eq!(held(Fixed::OuterShell(0.1)), [true, false, false, true]);

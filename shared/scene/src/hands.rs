@@ -42,14 +42,8 @@ pub(crate) struct Probe<'a> {
 impl Probe<'_> {
     /// The first object that the instrument touches in this pose.
     fn touched(&self, pose: &Pose) -> Option<usize> {
-        let placed: Vec<[f32; 3]> = self
-            .points_m
-            .iter()
-            .map(|&point| pose.place(self.pivot_m, point))
-            .collect();
-        self.objects
-            .iter()
-            .position(|object| placed.iter().any(|&point| object.find(point).is_some()))
+        let placed: Vec<[f32; 3]> = self.points_m.iter().map(|&point| pose.place(self.pivot_m, point)).collect();
+        self.objects.iter().position(|object| placed.iter().any(|&point| object.find(point).is_some()))
     }
 
     /// The first pose on the way `pose(0), pose(1) …` that touches, its step, and what it touches.
@@ -60,13 +54,9 @@ impl Probe<'_> {
     /// The insertion at which the instrument touches when it goes in along this direction from this insertion, and what it touches.
     fn reach(&self, direction: &Pose, from_m: f32) -> Option<(f32, usize)> {
         let [low_m, high_m] = [self.insertion_m[0].max(from_m), self.insertion_m[1]];
-        let at = |step: u32| Pose {
-            insertion_m: low_m + step as f32 * STEP_M,
-            ..*direction
-        };
+        let at = |step: u32| Pose { insertion_m: low_m + step as f32 * STEP_M, ..*direction };
         let steps = ((high_m - low_m) / STEP_M).max(0.0) as u32;
-        self.first_touch(steps, at)
-            .map(|(step, object)| (at(step).insertion_m, object))
+        self.first_touch(steps, at).map(|(step, object)| (at(step).insertion_m, object))
     }
 
     /// How far the instrument can be tilted from a pose before it touches, as (pitch, yaw) per unit of the sweep; and what it touches.
@@ -77,28 +67,21 @@ impl Probe<'_> {
                 && (self.yaw_rad[0]..=self.yaw_rad[1]).contains(&pose.yaw_rad)
         };
         let steps = (0..2_000).take_while(|&step| inside(&at(step))).last()?;
-        self.first_touch(steps, at)
-            .map(|(step, object)| (step as f32 * STEP_RAD, object))
+        self.first_touch(steps, at).map(|(step, object)| (step as f32 * STEP_RAD, object))
     }
 
     fn clamp(&self, pose: Pose) -> Pose {
         Pose {
             pitch_rad: pose.pitch_rad.clamp(self.pitch_rad[0], self.pitch_rad[1]),
             yaw_rad: pose.yaw_rad.clamp(self.yaw_rad[0], self.yaw_rad[1]),
-            insertion_m: pose
-                .insertion_m
-                .clamp(self.insertion_m[0], self.insertion_m[1]),
+            insertion_m: pose.insertion_m.clamp(self.insertion_m[0], self.insertion_m[1]),
             ..pose
         }
     }
 }
 
 fn tilted(from: &Pose, pitch: f32, yaw: f32, angle_rad: f32) -> Pose {
-    Pose {
-        pitch_rad: from.pitch_rad + pitch * angle_rad,
-        yaw_rad: from.yaw_rad + yaw * angle_rad,
-        ..*from
-    }
+    Pose { pitch_rad: from.pitch_rad + pitch * angle_rad, yaw_rad: from.yaw_rad + yaw * angle_rad, ..*from }
 }
 
 /// The hands of the scene, those found from the geometry where it names none, and where the hand rests.
@@ -112,36 +95,23 @@ pub(crate) fn find(
     let mut hands: Vec<LoadedHand> = scene
         .hand
         .iter()
-        .map(|(name, hand)| {
-            LoadedHand::from_file(name, hand, hand.target.as_ref().and_then(index_of))
-        })
+        .map(|(name, hand)| LoadedHand::from_file(name, hand, hand.target.as_ref().and_then(index_of)))
         .collect();
     let explore = explore(probe);
     let rest = explore.way[0];
     let mut found = vec![Some(explore), press(probe, objects[0].hollow)];
-    if let Some(target) = objects
-        .iter()
-        .position(|object| object.kind == DeformableKind::Pathology)
-    {
+    if let Some(target) = objects.iter().position(|object| object.kind == DeformableKind::Pathology) {
         let (low, high) = bounds(&objects[target].mesh.positions_m);
         found.push(polyp(probe, target, ((low + high) / 2.0).to_array()));
         if found[2].is_none() {
-            notes.push(format!(
-                "{}: out of the instrument's reach; there is no hand `polyp`",
-                objects[target].name
-            ));
+            notes.push(format!("{}: out of the instrument's reach; there is no hand `polyp`", objects[target].name));
         }
     }
     if found[1].is_none() {
-        notes.push(
-            "the instrument touches nothing within its limits; there is no hand `press`".to_owned(),
-        );
+        notes.push("the instrument touches nothing within its limits; there is no hand `press`".to_owned());
     }
     if let Some(object) = probe.touched(&rest) {
-        notes.push(format!(
-            "{}: the instrument touches it where the hand rests",
-            objects[object].name
-        ));
+        notes.push(format!("{}: the instrument touches it where the hand rests", objects[object].name));
     }
     for hand in found.into_iter().flatten() {
         if !scene.hand.contains_key(&hand.name) {
@@ -158,21 +128,11 @@ fn press(probe: &Probe<'_>, hollow: bool) -> Option<LoadedHand> {
     let front = probe.reach(&Pose::straight(0.0), 0.0);
     let end_m = front.map_or(probe.insertion_m[1], |(insertion_m, _)| insertion_m);
     let start = Pose::straight(probe.insertion_m[0] + (end_m - probe.insertion_m[0]) * PRESS_SHARE);
-    let side = if hollow {
-        probe.tilt(&start, 1.0, 0.0)
-    } else {
-        None
-    };
+    let side = if hollow { probe.tilt(&start, 1.0, 0.0) } else { None };
     let (from, into, target) = match (side, front) {
         (Some((angle_rad, object)), _) if angle_rad > 0.0 => {
-            let lower = |by_m: f32| {
-                probe.clamp(tilted(
-                    &start,
-                    1.0,
-                    0.0,
-                    angle_rad + (by_m / start.insertion_m.max(STEP_M)).atan(),
-                ))
-            };
+            let lower =
+                |by_m: f32| probe.clamp(tilted(&start, 1.0, 0.0, angle_rad + (by_m / start.insertion_m.max(STEP_M)).atan()));
             (lower(-PRESS_CLEARANCE_M), lower(PRESS_DEPTH_M), object)
         }
         (_, Some((insertion_m, object))) => {
@@ -181,67 +141,29 @@ fn press(probe: &Probe<'_>, hollow: bool) -> Option<LoadedHand> {
         }
         _ => return None,
     };
-    Some(LoadedHand {
-        name: "press".to_owned(),
-        way: vec![from, into],
-        period_s: PRESS_PERIOD_S,
-        target: Some(target),
-    })
+    Some(LoadedHand { name: "press".to_owned(), way: vec![from, into], period_s: PRESS_PERIOD_S, target: Some(target) })
 }
 
 /// The hand that looks around: in, right, up, left, down, in again, and back, without touching.
 fn explore(probe: &Probe<'_>) -> LoadedHand {
     let low_m = probe.insertion_m[0];
-    let end_m = probe
-        .reach(&Pose::straight(0.0), 0.0)
-        .map_or(probe.insertion_m[1], |(insertion_m, _)| insertion_m);
+    let end_m = probe.reach(&Pose::straight(0.0), 0.0).map_or(probe.insertion_m[1], |(insertion_m, _)| insertion_m);
     let at = |share: f32| Pose::straight(low_m + (end_m - low_m) * share);
     let middle = at(0.75);
     let sweep = |pitch: f32, yaw: f32| {
-        let free_rad = probe
-            .tilt(&middle, pitch, yaw)
-            .map_or(SWEEP_RAD, |(angle_rad, _)| angle_rad * SWEEP_SHARE);
+        let free_rad = probe.tilt(&middle, pitch, yaw).map_or(SWEEP_RAD, |(angle_rad, _)| angle_rad * SWEEP_SHARE);
         probe.clamp(tilted(&middle, pitch, yaw, free_rad.min(SWEEP_RAD)))
     };
-    let way = vec![
-        at(0.2),
-        middle,
-        sweep(0.0, -1.0),
-        sweep(-1.0, 0.0),
-        sweep(0.0, 1.0),
-        sweep(1.0, 0.0),
-        middle,
-        at(0.92),
-    ];
-    LoadedHand {
-        name: "explore".to_owned(),
-        way,
-        period_s: EXPLORE_PERIOD_S,
-        target: None,
-    }
+    let way = vec![at(0.2), middle, sweep(0.0, -1.0), sweep(-1.0, 0.0), sweep(0.0, 1.0), sweep(1.0, 0.0), middle, at(0.92)];
+    LoadedHand { name: "explore".to_owned(), way, period_s: EXPLORE_PERIOD_S, target: None }
 }
 
 /// The hand that goes to a pathology and presses on it: straight in, aim at its middle, touch. `None` if it is out of reach.
 fn polyp(probe: &Probe<'_>, target: usize, middle_m: [f32; 3]) -> Option<LoadedHand> {
     let aim = Pose::aim(probe.pivot_m, middle_m)?;
-    let (insertion_m, _) = probe
-        .reach(&aim, aim.insertion_m * APPROACH_SHARE)
-        .filter(|&(_, object)| object == target)?;
-    let at = |by_m: f32| {
-        probe.clamp(Pose {
-            insertion_m: insertion_m + by_m,
-            ..aim
-        })
-    };
-    let way = vec![
-        probe.clamp(Pose::straight(insertion_m * APPROACH_SHARE)),
-        at(-2.0 * PRESS_CLEARANCE_M),
-        at(PRESS_DEPTH_M * 0.5),
-    ];
-    Some(LoadedHand {
-        name: "polyp".to_owned(),
-        way,
-        period_s: POLYP_PERIOD_S,
-        target: Some(target),
-    })
+    let (insertion_m, _) = probe.reach(&aim, aim.insertion_m * APPROACH_SHARE).filter(|&(_, object)| object == target)?;
+    let at = |by_m: f32| probe.clamp(Pose { insertion_m: insertion_m + by_m, ..aim });
+    let way =
+        vec![probe.clamp(Pose::straight(insertion_m * APPROACH_SHARE)), at(-2.0 * PRESS_CLEARANCE_M), at(PRESS_DEPTH_M * 0.5)];
+    Some(LoadedHand { name: "polyp".to_owned(), way, period_s: POLYP_PERIOD_S, target: Some(target) })
 }

@@ -34,8 +34,7 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
 pub fn load_embedded() -> Result<LoadedScene, SceneError> {
     let origin = embedded::DEFAULT_ORIGIN;
     let scene = Scene::embedded_default()?;
-    assemble(scene, origin, &Folder::Embedded)
-        .map_err(|error| error.located(origin, embedded::DEFAULT_SCENE))
+    assemble(scene, origin, &Folder::Embedded).map_err(|error| error.located(origin, embedded::DEFAULT_SCENE))
 }
 
 impl Scene {
@@ -52,20 +51,13 @@ impl Scene {
 pub(crate) fn read_scene(path: &Path) -> Result<(Scene, String, Folder), SceneError> {
     let origin = path.display().to_string();
     let folder = Folder::Disk(path.parent().unwrap_or(Path::new("")).to_owned());
-    if path
-        .extension()
-        .is_none_or(|extension| !extension.eq_ignore_ascii_case("toml"))
-    {
+    if path.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("toml")) {
         return Ok((wrap::around_mesh(path)?, String::new(), folder));
     }
     let cure = "give the path of a scene (.toml) or of a mesh";
-    let bytes =
-        read_bounded(path, MAX_SCENE_BYTES as u64, "", cure).map_err(|error| error.at(&origin))?;
+    let bytes = read_bounded(path, MAX_SCENE_BYTES as u64, "", cure).map_err(|error| error.at(&origin))?;
     let text = String::from_utf8(bytes).map_err(|error| {
-        let what = format!(
-            "byte {} is not UTF-8 text",
-            error.utf8_error().valid_up_to()
-        );
+        let what = format!("byte {} is not UTF-8 text", error.utf8_error().valid_up_to());
         SceneError::new(Kind::Syntax, "", what, "save the scene as UTF-8").at(&origin)
     })?;
     Ok((Scene::parse(&text, &origin)?, text, folder))
@@ -73,11 +65,7 @@ pub(crate) fn read_scene(path: &Path) -> Result<(Scene, String, Folder), SceneEr
 
 fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, SceneError> {
     let mut notes = Vec::new();
-    let raw = scene
-        .deformable
-        .iter()
-        .enumerate()
-        .map(|(index, one)| object::read(one, index, folder));
+    let raw = scene.deformable.iter().enumerate().map(|(index, one)| object::read(one, index, folder));
     let raw: Vec<RawObject> = raw.collect::<Result<_, _>>()?;
     let workspace = workspace(&scene);
     let transforms = transforms(&scene, &raw, workspace.pivot_m, &mut notes)?;
@@ -90,27 +78,16 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, 
     let mut objects: Vec<LoadedDeformable> = Vec::new();
     let mut hollow = Vec::new();
     for (index, (mesh, surface)) in placed.into_iter().enumerate() {
-        let (mut object, deep) =
-            finish(&scene, index, mesh, surface, &locators[index], &mut notes)?;
+        let (mut object, deep) = finish(&scene, index, mesh, surface, &locators[index], &mut notes)?;
         if let Some(host) = host_of(&scene, index) {
-            object.attach = Some(object::attach(
-                &scene.deformable[index],
-                index,
-                &object.mesh,
-                host,
-                &meshes[host],
-                &locators[host],
-            )?);
+            object.attach =
+                Some(object::attach(&scene.deformable[index], index, &object.mesh, host, &meshes[host], &locators[host])?);
         }
         objects.push(object);
         hollow.push(deep);
     }
-    let rigid: Vec<LoadedRigid> = scene
-        .rigid
-        .iter()
-        .enumerate()
-        .map(|(index, one)| load_rigid(one, index, folder))
-        .collect::<Result<_, _>>()?;
+    let rigid: Vec<LoadedRigid> =
+        scene.rigid.iter().enumerate().map(|(index, one)| load_rigid(one, index, folder)).collect::<Result<_, _>>()?;
     let fluid = fluid(&scene, &objects[0], &hollow[0], workspace.pivot_m);
     let probe = Probe {
         objects: &locators,
@@ -121,28 +98,15 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, 
         insertion_m: workspace.insertion_m,
     };
     let (hands, rest) = hands::find(&scene, &objects, &probe, &mut notes);
-    let mut loaded = LoadedScene {
-        scene,
-        origin: origin.to_owned(),
-        objects,
-        rigid,
-        workspace,
-        fluid,
-        hands,
-        rest,
-        hash: 0,
-        notes,
-    };
+    let mut loaded =
+        LoadedScene { scene, origin: origin.to_owned(), objects, rigid, workspace, fluid, hands, rest, hash: 0, notes };
     loaded.hash = content_hash(&loaded);
     Ok(loaded)
 }
 
 fn host_of(scene: &Scene, index: usize) -> Option<usize> {
     let name = scene.deformable[index].attach_to.as_ref()?;
-    scene
-        .deformable
-        .iter()
-        .position(|object| object.name == *name)
+    scene.deformable.iter().position(|object| object.name == *name)
 }
 
 /// One transform per object. Those placed by themselves share one: they come from one frame. An attached one goes with its host.
@@ -174,10 +138,7 @@ fn transforms(
             let mut mesh = raw[leader].mesh.clone();
             transform.apply(&mut mesh.positions_m);
             transform.translation_m += in_front(&mesh, pivot_m);
-            notes.push(format!(
-                "{}: {why}; placed in front of the scope",
-                scene.deformable[leader].name
-            ));
+            notes.push(format!("{}: {why}; placed in front of the scope", scene.deformable[leader].name));
             shared = Some(transform);
             transform
         };
@@ -213,15 +174,9 @@ fn finish(
     let fixed = fixed_nodes(&shapes, &mesh.positions_m, &depth, &on_boundary);
     let held = fixed.iter().filter(|&&fixed| fixed).count();
     if held == fixed.len() {
-        notes.push(format!(
-            "{}: every node is fixed, nothing will give way; make `fixed` smaller",
-            object.name
-        ));
+        notes.push(format!("{}: every node is fixed, nothing will give way; make `fixed` smaller", object.name));
     } else if held == 0 && object.attach_to.is_none() {
-        notes.push(format!(
-            "{}: no node is fixed and it is attached to nothing: it will drift; add `fixed`",
-            object.name
-        ));
+        notes.push(format!("{}: no node is fixed and it is attached to nothing: it will drift; add `fixed`", object.name));
     }
     let loaded = LoadedDeformable {
         name: object.name.clone(),
@@ -244,13 +199,7 @@ fn load_rigid(rigid: &Rigid, index: usize, folder: &Folder) -> Result<LoadedRigi
             let key = format!("rigid[{index}].mesh");
             let (bytes, shown) = folder.mesh(&key, name)?;
             hyst_mesh::read_triangles(&shown, &bytes).map_err(|error| {
-                SceneError::new(
-                    Kind::Mesh,
-                    key,
-                    format!("cannot be read: {error}"),
-                    "export it as .obj",
-                )
-                .at(&shown)
+                SceneError::new(Kind::Mesh, key, format!("cannot be read: {error}"), "export it as .obj").at(&shown)
             })?
         }
     };
@@ -279,20 +228,12 @@ fn workspace(scene: &Scene) -> LoadedWorkspace {
 }
 
 /// The fluid's figures, with a box around the hollow of the first object, or around the object and the pivot if it has none.
-fn fluid(
-    scene: &Scene,
-    organ: &LoadedDeformable,
-    hollow: &[usize],
-    pivot_m: [f32; 3],
-) -> LoadedFluid {
+fn fluid(scene: &Scene, organ: &LoadedDeformable, hollow: &[usize], pivot_m: [f32; 3]) -> LoadedFluid {
     let fluid = &scene.fluid;
     let (box_min_m, box_max_m) = match (fluid.box_min_m, fluid.box_max_m) {
         (Some(low), Some(high)) => (low.map(|c| c as f32), high.map(|c| c as f32)),
         _ => {
-            let inner: Vec<[f32; 3]> = hollow
-                .iter()
-                .map(|&node| organ.mesh.positions_m[node])
-                .collect();
+            let inner: Vec<[f32; 3]> = hollow.iter().map(|&node| organ.mesh.positions_m[node]).collect();
             let (low, high) = if inner.is_empty() {
                 let (low, high) = bounds(&organ.mesh.positions_m);
                 (low.min(pivot_m.into()), high.max(pivot_m.into()))
@@ -318,11 +259,7 @@ fn fluid(
 fn content_hash(loaded: &LoadedScene) -> u64 {
     let mut hash = Fnv::new();
     // The text's content in a fixed order; a scene's types always serialize.
-    hash.bytes(
-        serde_json::to_string(&loaded.scene)
-            .unwrap_or_default()
-            .as_bytes(),
-    );
+    hash.bytes(serde_json::to_string(&loaded.scene).unwrap_or_default().as_bytes());
     for object in &loaded.objects {
         hash.floats(&object.mesh.positions_m);
         hash.indices(&object.mesh.tets);
@@ -332,13 +269,7 @@ fn content_hash(loaded: &LoadedScene) -> u64 {
             hash.bytes(&binding.tet.to_le_bytes());
             hash.floats(&[binding.weights]);
         }
-        hash.bytes(
-            &object
-                .fixed
-                .iter()
-                .map(|&fixed| u8::from(fixed))
-                .collect::<Vec<_>>(),
-        );
+        hash.bytes(&object.fixed.iter().map(|&fixed| u8::from(fixed)).collect::<Vec<_>>());
         for node in object.attach.iter().flat_map(|attach| &attach.nodes) {
             hash.indices(&[[node.node, node.tet]]);
             hash.floats(&[node.weights]);

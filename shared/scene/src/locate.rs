@@ -27,19 +27,9 @@ impl Locator {
         let mut cells = CELLS;
         loop {
             let mut locator = Locator::empty(mesh, cells);
-            let boxes: Vec<_> = mesh
-                .tets
-                .iter()
-                .map(|&tet| locator.add(mesh, tet))
-                .collect();
-            let entries: usize = boxes
-                .iter()
-                .map(|(from, to)| {
-                    (0..3)
-                        .map(|axis| to[axis] - from[axis] + 1)
-                        .product::<usize>()
-                })
-                .sum();
+            let boxes: Vec<_> = mesh.tets.iter().map(|&tet| locator.add(mesh, tet)).collect();
+            let entries: usize =
+                boxes.iter().map(|(from, to)| (0..3).map(|axis| to[axis] - from[axis] + 1).product::<usize>()).sum();
             if entries <= MAX_ENTRIES || cells <= 1.0 {
                 locator.fill(&boxes, entries);
                 return locator;
@@ -51,18 +41,8 @@ impl Locator {
     fn empty(mesh: &TetMesh, cells: f32) -> Locator {
         let (low, high) = bounds(&mesh.positions_m);
         let cell_m = ((high - low).max_element() / cells).max(1e-9);
-        let size = ((high - low) / cell_m)
-            .to_array()
-            .map(|cells| cells as usize + 1);
-        Locator {
-            low,
-            cell_m,
-            size,
-            starts: Vec::new(),
-            tets: Vec::new(),
-            origins: Vec::new(),
-            inverses: Vec::new(),
-        }
+        let size = ((high - low) / cell_m).to_array().map(|cells| cells as usize + 1);
+        Locator { low, cell_m, size, starts: Vec::new(), tets: Vec::new(), origins: Vec::new(), inverses: Vec::new() }
     }
 
     /// Adds a tet's inverse and returns the range of cells that its box covers.
@@ -70,15 +50,8 @@ impl Locator {
         let [a, b, c, d] = tet.map(|node| Vec3::from(mesh.positions_m[node as usize]));
         let edges = Mat3::from_cols(b - a, c - a, d - a);
         self.origins.push(a);
-        self.inverses.push(if edges.determinant() == 0.0 {
-            Mat3::NAN
-        } else {
-            edges.inverse()
-        });
-        (
-            self.cell(a.min(b).min(c).min(d)),
-            self.cell(a.max(b).max(c).max(d)),
-        )
+        self.inverses.push(if edges.determinant() == 0.0 { Mat3::NAN } else { edges.inverse() });
+        (self.cell(a.min(b).min(c).min(d)), self.cell(a.max(b).max(c).max(d)))
     }
 
     /// Counting sort of the tets into the cells, in ascending order within each.
@@ -105,8 +78,7 @@ impl Locator {
     pub(crate) fn find(&self, point_m: [f32; 3]) -> Option<(u32, [f32; 4])> {
         let point = Vec3::from(point_m);
         let relative = (point - self.low) / self.cell_m;
-        let inside =
-            (0..3).all(|axis| relative[axis] >= -1.0 && relative[axis] <= self.size[axis] as f32);
+        let inside = (0..3).all(|axis| relative[axis] >= -1.0 && relative[axis] <= self.size[axis] as f32);
         if !inside {
             return None;
         }
@@ -116,10 +88,7 @@ impl Locator {
         self.tets[range].iter().find_map(|&tet| {
             let beta = self.inverses[tet as usize] * (point - self.origins[tet as usize]);
             let weights = [1.0 - beta.x - beta.y - beta.z, beta.x, beta.y, beta.z];
-            weights
-                .iter()
-                .all(|&weight| weight >= -ON_FACE)
-                .then_some((tet, weights))
+            weights.iter().all(|&weight| weight >= -ON_FACE).then_some((tet, weights))
         })
     }
 
@@ -141,12 +110,8 @@ impl Locator {
 
 /// Lowest and highest corner of a set of points; zeros for none.
 pub(crate) fn bounds(points: &[[f32; 3]]) -> (Vec3, Vec3) {
-    let first = points
-        .first()
-        .map_or(Vec3::ZERO, |&point| Vec3::from(point));
-    points.iter().fold((first, first), |(low, high), &point| {
-        (low.min(point.into()), high.max(point.into()))
-    })
+    let first = points.first().map_or(Vec3::ZERO, |&point| Vec3::from(point));
+    points.iter().fold((first, first), |(low, high), &point| (low.min(point.into()), high.max(point.into())))
 }
 
 #[cfg(test)]
@@ -158,12 +123,7 @@ mod tests {
         let mut mesh = TetMesh::default();
         for step in 0..20u32 {
             let at = step as f32 * 0.01;
-            mesh.positions_m.extend([
-                [at, 0.0, 0.0],
-                [at + 0.009, 0.0, 0.0],
-                [at, 0.009, 0.0],
-                [at, 0.0, 0.009 + at],
-            ]);
+            mesh.positions_m.extend([[at, 0.0, 0.0], [at + 0.009, 0.0, 0.0], [at, 0.009, 0.0], [at, 0.0, 0.009 + at]]);
             mesh.tets.push([0, 1, 2, 3].map(|corner| step * 4 + corner));
             mesh.regions.push(0);
         }
@@ -171,21 +131,12 @@ mod tests {
         mesh.regions.push(0);
         let locator = Locator::new(&mesh);
         for (tet, corners) in mesh.tets.iter().enumerate().take(20) {
-            let centre = corners
-                .iter()
-                .map(|&node| Vec3::from(mesh.positions_m[node as usize]))
-                .sum::<Vec3>()
-                / 4.0;
+            let centre = corners.iter().map(|&node| Vec3::from(mesh.positions_m[node as usize])).sum::<Vec3>() / 4.0;
             let (found, weights) = locator.find(centre.to_array()).unwrap();
             assert_eq!(found, tet as u32);
             assert!(weights.iter().all(|weight| (weight - 0.25).abs() < 1e-3));
         }
-        for outside in [
-            [-0.01, 0.0, 0.0],
-            [0.0095, 0.001, 0.001],
-            [5.0, 5.0, 5.0],
-            [f32::NAN; 3],
-        ] {
+        for outside in [[-0.01, 0.0, 0.0], [0.0095, 0.001, 0.001], [5.0, 5.0, 5.0], [f32::NAN; 3]] {
             assert_eq!(locator.find(outside), None);
         }
     }

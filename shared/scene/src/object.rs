@@ -6,9 +6,7 @@ use crate::loaded::{Attach, AttachedNode};
 use crate::locate::{Locator, bounds};
 use crate::place::Transform;
 use crate::source::Folder;
-use hyst_mesh::{
-    BindReport, Binding, ORGAN_SIZE_M, Report, TetMesh, TriangleMesh, Unit, guess_unit,
-};
+use hyst_mesh::{BindReport, Binding, ORGAN_SIZE_M, Report, TetMesh, TriangleMesh, Unit, guess_unit};
 
 /// Most tets of one object: some fifty times what a step of 1 ms takes.
 pub const MAX_TETS: usize = 200_000;
@@ -34,96 +32,55 @@ pub(crate) struct RawObject {
 }
 
 fn unreadable(error: &hyst_mesh::ReadError, key: &str, name: &str) -> SceneError {
-    let what = format!(
-        "{}: found {}, expected {}",
-        error.place, error.found, error.expected
-    );
+    let what = format!("{}: found {}, expected {}", error.place, error.found, error.expected);
     SceneError::new(Kind::Mesh, key, what, error.cure.clone()).at(name)
 }
 
 /// Reads the object's files. Nothing is changed yet.
-pub(crate) fn read(
-    object: &Deformable,
-    index: usize,
-    folder: &Folder,
-) -> Result<RawObject, SceneError> {
+pub(crate) fn read(object: &Deformable, index: usize, folder: &Folder) -> Result<RawObject, SceneError> {
     let key = format!("deformable[{index}].mesh");
     let (mesh, mesh_name, other_volume_cells) = read_volume(&key, &object.mesh, folder)?;
     if mesh.tets.len() > MAX_TETS {
-        let what = format!(
-            "has {} tets, at most {MAX_TETS} are simulated",
-            mesh.tets.len()
+        let what = format!("has {} tets, at most {MAX_TETS} are simulated", mesh.tets.len());
+        return Err(
+            SceneError::new(Kind::TooLarge, key, what, "make it coarser, for example with gmsh or fTetWild").at(&mesh_name)
         );
-        return Err(SceneError::new(
-            Kind::TooLarge,
-            key,
-            what,
-            "make it coarser, for example with gmsh or fTetWild",
-        )
-        .at(&mesh_name));
     }
     let surface = match &object.surface {
         None => None,
         Some(name) => {
             let key = format!("deformable[{index}].surface");
             let (bytes, shown) = folder.mesh(&key, name)?;
-            let surface = hyst_mesh::read_triangles(&shown, &bytes)
-                .map_err(|error| unreadable(&error, &key, &shown))?;
+            let surface = hyst_mesh::read_triangles(&shown, &bytes).map_err(|error| unreadable(&error, &key, &shown))?;
             if surface.triangles.len() > MAX_TRIANGLES {
-                let what = format!(
-                    "has {} triangles, at most {MAX_TRIANGLES} are drawn",
-                    surface.triangles.len()
-                );
-                return Err(
-                    SceneError::new(Kind::TooLarge, key, what, "make it coarser").at(&shown),
-                );
+                let what = format!("has {} triangles, at most {MAX_TRIANGLES} are drawn", surface.triangles.len());
+                return Err(SceneError::new(Kind::TooLarge, key, what, "make it coarser").at(&shown));
             }
             Some((surface, shown))
         }
     };
     let report = hyst_mesh::check(&mesh);
-    Ok(RawObject {
-        mesh,
-        mesh_name,
-        surface,
-        report,
-        other_volume_cells,
-    })
+    Ok(RawObject { mesh, mesh_name, surface, report, other_volume_cells })
 }
 
 /// Reads tets, from two files where the format has two. Returns also the name to speak of them by and the cells passed over.
-fn read_volume(
-    key: &str,
-    name: &str,
-    folder: &Folder,
-) -> Result<(TetMesh, String, usize), SceneError> {
+fn read_volume(key: &str, name: &str, folder: &Folder) -> Result<(TetMesh, String, usize), SceneError> {
     let (bytes, shown) = folder.mesh(key, name)?;
     if let Some(companion) = hyst_mesh::companion_name(name) {
         let (other, _) = folder.mesh(key, &companion)?;
-        let (node, ele) = if name.to_ascii_lowercase().ends_with(".node") {
-            (bytes, other)
-        } else {
-            (other, bytes)
-        };
-        let mesh =
-            hyst_mesh::read_tetgen(&node, &ele).map_err(|error| unreadable(&error, key, &shown))?;
+        let (node, ele) = if name.to_ascii_lowercase().ends_with(".node") { (bytes, other) } else { (other, bytes) };
+        let mesh = hyst_mesh::read_tetgen(&node, &ele).map_err(|error| unreadable(&error, key, &shown))?;
         return Ok((mesh, shown, 0));
     }
-    let file = hyst_mesh::read_tet_file(&shown, &bytes)
-        .map_err(|error| unreadable(&error, key, &shown))?;
+    let file = hyst_mesh::read_tet_file(&shown, &bytes).map_err(|error| unreadable(&error, key, &shown))?;
     Ok((file.mesh, shown, file.other_volume_cells))
 }
 
 impl RawObject {
     /// The largest extent of the nodes that tets use, in the file's unit: a stray node must not decide about the scale.
     pub(crate) fn extent(&self) -> f32 {
-        let used: Vec<[f32; 3]> = self
-            .mesh
-            .tets
-            .as_flattened()
-            .iter()
-            .map(|&node| self.mesh.positions_m[node as usize])
-            .collect();
+        let used: Vec<[f32; 3]> =
+            self.mesh.tets.as_flattened().iter().map(|&node| self.mesh.positions_m[node as usize]).collect();
         let (low, high) = bounds(&used);
         (high - low).max_element()
     }
@@ -138,19 +95,10 @@ impl RawObject {
         let (extent, unit) = (self.extent(), self.unit());
         let metres = extent * unit.metres();
         if (AUTO_EXTENT_M[0]..=AUTO_EXTENT_M[2]).contains(&metres) {
-            (
-                f64::from(unit.metres()),
-                format!("by its size the file is in {}", unit.symbol()),
-            )
+            (f64::from(unit.metres()), format!("by its size the file is in {}", unit.symbol()))
         } else {
             let scale = f64::from(AUTO_EXTENT_M[1]) / f64::from(extent.max(f32::MIN_POSITIVE));
-            (
-                scale,
-                format!(
-                    "in no unit it has the size of an organ, so it is scaled to {} m",
-                    AUTO_EXTENT_M[1]
-                ),
-            )
+            (scale, format!("in no unit it has the size of an organ, so it is scaled to {} m", AUTO_EXTENT_M[1]))
         }
     }
 
@@ -160,13 +108,8 @@ impl RawObject {
         if (MIN_EXTENT_M..=MAX_EXTENT_M).contains(&extent_m) {
             return Ok(());
         }
-        let what =
-            format!("is {extent_m:.3e} m long, allowed is {MIN_EXTENT_M} to {MAX_EXTENT_M} m");
-        let cure = format!(
-            "by its size the file is in {}: set scale_to_m = {}",
-            self.unit().symbol(),
-            self.unit().metres()
-        );
+        let what = format!("is {extent_m:.3e} m long, allowed is {MIN_EXTENT_M} to {MAX_EXTENT_M} m");
+        let cure = format!("by its size the file is in {}: set scale_to_m = {}", self.unit().symbol(), self.unit().metres());
         let key = format!("deformable[{index}].scale_to_m");
         Err(SceneError::new(Kind::Size, key, what, cure).at(&self.mesh_name))
     }
@@ -181,38 +124,19 @@ impl RawObject {
     ) -> Result<(TetMesh, Option<(TriangleMesh, String)>), SceneError> {
         transform.apply(&mut self.mesh.positions_m);
         if self.other_volume_cells > 0 {
-            notes.push(format!(
-                "{}: {} cells that are not tets were passed over",
-                object.name, self.other_volume_cells
-            ));
+            notes.push(format!("{}: {} cells that are not tets were passed over", object.name, self.other_volume_cells));
         }
         let repaired = hyst_mesh::repair(self.mesh).map_err(|error| {
-            SceneError::new(
-                Kind::BadMesh,
-                format!("deformable[{index}].mesh"),
-                "cannot be repaired",
-                error.to_string(),
-            )
-            .at(&self.mesh_name)
+            SceneError::new(Kind::BadMesh, format!("deformable[{index}].mesh"), "cannot be repaired", error.to_string())
+                .at(&self.mesh_name)
         })?;
-        notes.extend(
-            repaired
-                .repairs
-                .iter()
-                .map(|repair| format!("{}: {repair}", object.name)),
-        );
+        notes.extend(repaired.repairs.iter().map(|repair| format!("{}: {repair}", object.name)));
         if self.report.components > 1 {
-            notes.push(format!(
-                "{}: {} parts that hang apart",
-                object.name, self.report.components
-            ));
+            notes.push(format!("{}: {} parts that hang apart", object.name, self.report.components));
         }
         let touches = self.report.non_manifold_edges + self.report.non_manifold_vertices;
         if touches > 0 {
-            notes.push(format!(
-                "{}: the boundary touches itself at {touches} places; it is simulated as it is",
-                object.name
-            ));
+            notes.push(format!("{}: the boundary touches itself at {touches} places; it is simulated as it is", object.name));
         }
         if let Some((surface, _)) = &mut self.surface {
             transform.apply(&mut surface.positions_m);
@@ -230,38 +154,21 @@ pub(crate) fn bind(
     notes: &mut Vec<String>,
 ) -> Result<(TriangleMesh, Vec<Binding>, BindReport), SceneError> {
     let given = surface.is_some();
-    let (surface, origin) = surface.unwrap_or_else(|| {
-        (
-            hyst_mesh::boundary(mesh).to_mesh(&mesh.positions_m).0,
-            String::new(),
-        )
-    });
+    let (surface, origin) = surface.unwrap_or_else(|| (hyst_mesh::boundary(mesh).to_mesh(&mesh.positions_m).0, String::new()));
     let key = format!("deformable[{index}].surface");
-    let failed = |what: String, cure: &str| {
-        SceneError::new(Kind::Apart, key.clone(), what, cure).at(&origin)
-    };
-    let (bindings, report) = hyst_mesh::bind(&surface, mesh)
-        .map_err(|error| failed("cannot be bound".to_owned(), &error.to_string()))?;
+    let failed = |what: String, cure: &str| SceneError::new(Kind::Apart, key.clone(), what, cure).at(&origin);
+    let (bindings, report) =
+        hyst_mesh::bind(&surface, mesh).map_err(|error| failed("cannot be bound".to_owned(), &error.to_string()))?;
     if given {
         let (low, high) = bounds(&mesh.positions_m);
         let share = report.max_outside_m / (high - low).max_element().max(f32::MIN_POSITIVE);
-        let far = format!(
-            "vertex {} is {:.2} mm away from its tets",
-            report.farthest_vertex,
-            1e3 * report.max_outside_m
-        );
+        let far = format!("vertex {} is {:.2} mm away from its tets", report.farthest_vertex, 1e3 * report.max_outside_m);
         if share > MAX_OUTSIDE_SHARE {
             let cure = "give the surface that belongs to this mesh, in the same unit and frame, or none to draw the boundary";
-            return Err(failed(
-                format!("{far}, {:.0} % of the organ's size", 100.0 * share),
-                cure,
-            ));
+            return Err(failed(format!("{far}, {:.0} % of the organ's size", 100.0 * share), cure));
         }
         if share > NOTED_OUTSIDE_SHARE {
-            notes.push(format!(
-                "{name}: {} surface vertices lie outside the tets; {far}",
-                report.outside
-            ));
+            notes.push(format!("{name}: {} surface vertices lie outside the tets; {far}", report.outside));
         }
     }
     Ok((surface, bindings, report))
@@ -277,32 +184,17 @@ pub(crate) fn attach(
     locator: &Locator,
 ) -> Result<Attach, SceneError> {
     let root = |(node, &point): (usize, &[f32; 3])| {
-        locator.find(point).map(|(tet, weights)| AttachedNode {
-            node: node as u32,
-            tet,
-            weights,
-        })
+        locator.find(point).map(|(tet, weights)| AttachedNode { node: node as u32, tet, weights })
     };
-    let nodes: Vec<AttachedNode> = mesh
-        .positions_m
-        .iter()
-        .enumerate()
-        .filter_map(root)
-        .collect();
+    let nodes: Vec<AttachedNode> = mesh.positions_m.iter().enumerate().filter_map(root).collect();
     if nodes.is_empty() {
-        let ((low, high), (host_low, host_high)) =
-            (bounds(&mesh.positions_m), bounds(&host_mesh.positions_m));
+        let ((low, high), (host_low, host_high)) = (bounds(&mesh.positions_m), bounds(&host_mesh.positions_m));
         let what = format!(
             "no node of “{}” (from {low:.3} to {high:.3} m) lies in a tet of its host (from {host_low:.3} to {host_high:.3} m)",
             object.name
         );
         let cure = "move it with translate_m so that its root is inside the host's wall, or remove attach_to";
-        return Err(SceneError::new(
-            Kind::Apart,
-            format!("deformable[{index}].attach_to"),
-            what,
-            cure,
-        ));
+        return Err(SceneError::new(Kind::Apart, format!("deformable[{index}].attach_to"), what, cure));
     }
     Ok(Attach { host, nodes })
 }

@@ -16,33 +16,17 @@ impl Scene {
     /// Checked here is all that the text alone can show: keys, types, ranges, names. Meshes are checked by [`load`](crate::load).
     pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
         if text.len() > MAX_SCENE_BYTES {
-            let what = format!(
-                "the scene has {} bytes, at most {MAX_SCENE_BYTES} are read",
-                text.len()
-            );
-            return Err(SceneError::new(
-                Kind::TooLarge,
-                "",
-                what,
-                "check that this is a scene and not a mesh",
-            )
-            .at(origin));
+            let what = format!("the scene has {} bytes, at most {MAX_SCENE_BYTES} are read", text.len());
+            return Err(SceneError::new(Kind::TooLarge, "", what, "check that this is a scene and not a mesh").at(origin));
         }
-        let table =
-            DeTable::parse(text).map_err(|error| from_toml(&error, None, text).at(origin))?;
+        let table = DeTable::parse(text).map_err(|error| from_toml(&error, None, text).at(origin))?;
         let values = walk(&table);
         if let Some(entry) = values.iter().find(|entry| entry.not_finite) {
-            let error = SceneError::new(
-                Kind::Range,
-                entry.path.clone(),
-                "is not a finite number",
-                "give a finite number",
-            );
+            let error = SceneError::new(Kind::Range, entry.path.clone(), "is not a finite number", "give a finite number");
             return Err(error.located(origin, text));
         }
         version(&table, text).map_err(|error| error.located(origin, text))?;
-        let scene: Scene = toml::from_str(text)
-            .map_err(|error| from_toml(&error, Some(&values), text).at(origin))?;
+        let scene: Scene = toml::from_str(text).map_err(|error| from_toml(&error, Some(&values), text).at(origin))?;
         validate(&scene).map_err(|error| error.located(origin, text))?;
         Ok(scene)
     }
@@ -55,22 +39,10 @@ fn version(table: &Spanned<DeTable<'_>>, text: &str) -> Result<(), SceneError> {
     match found.map(|value| value.get_ref()) {
         Some(DeValue::Integer(number)) if number.as_str() == "1" && number.radix() == 10 => Ok(()),
         Some(_) => {
-            let shown = found
-                .and_then(|value| text.get(value.span()))
-                .unwrap_or("?");
-            Err(SceneError::new(
-                Kind::Version,
-                "version",
-                format!("is {shown}"),
-                cure,
-            ))
+            let shown = found.and_then(|value| text.get(value.span())).unwrap_or("?");
+            Err(SceneError::new(Kind::Version, "version", format!("is {shown}"), cure))
         }
-        None => Err(SceneError::new(
-            Kind::Version,
-            "version",
-            "is missing",
-            cure,
-        )),
+        None => Err(SceneError::new(Kind::Version, "version", "is missing", cure)),
     }
 }
 
@@ -92,35 +64,17 @@ fn walk(table: &Spanned<DeTable<'_>>) -> Vec<Entry> {
 fn walk_table(table: &DeTable<'_>, path: &str, entries: &mut Vec<Entry>) {
     for (key, value) in table {
         let name = key.get_ref();
-        let path = if path.is_empty() {
-            name.to_string()
-        } else {
-            format!("{path}.{name}")
-        };
+        let path = if path.is_empty() { name.to_string() } else { format!("{path}.{name}") };
         walk_value(value, key.span(), path, entries);
     }
 }
 
-fn walk_value(
-    value: &Spanned<DeValue<'_>>,
-    key_span: Range<usize>,
-    path: String,
-    entries: &mut Vec<Entry>,
-) {
+fn walk_value(value: &Spanned<DeValue<'_>>, key_span: Range<usize>, path: String, entries: &mut Vec<Entry>) {
     let not_finite = match value.get_ref() {
-        DeValue::Float(number) => !number
-            .as_str()
-            .replace('_', "")
-            .parse()
-            .is_ok_and(f64::is_finite),
+        DeValue::Float(number) => !number.as_str().replace('_', "").parse().is_ok_and(f64::is_finite),
         _ => false,
     };
-    entries.push(Entry {
-        path: path.clone(),
-        key_span: key_span.clone(),
-        span: value.span(),
-        not_finite,
-    });
+    entries.push(Entry { path: path.clone(), key_span: key_span.clone(), span: value.span(), not_finite });
     match value.get_ref() {
         DeValue::Table(table) => walk_table(table, &path, entries),
         DeValue::Array(array) => {
@@ -135,15 +89,9 @@ fn walk_value(
 /// Line and column of a byte of the text, counted from 1, the column in characters.
 fn line_column(text: &str, byte: usize) -> (usize, usize) {
     let before = &text.as_bytes()[..byte.min(text.len())];
-    let start = before
-        .iter()
-        .rposition(|&b| b == b'\n')
-        .map_or(0, |newline| newline + 1);
+    let start = before.iter().rposition(|&b| b == b'\n').map_or(0, |newline| newline + 1);
     let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
-    (
-        line,
-        String::from_utf8_lossy(&before[start..]).chars().count() + 1,
-    )
+    (line, String::from_utf8_lossy(&before[start..]).chars().count() + 1)
 }
 
 /// Where the key stands, or the nearest table above it that the text names.
@@ -162,27 +110,16 @@ pub(crate) fn line_column_of_key(text: &str, key: &str) -> Option<(usize, usize)
 /// An error of the TOML reader, with the key that it concerns.
 fn from_toml(error: &toml::de::Error, entries: Option<&Vec<Entry>>, text: &str) -> SceneError {
     let message = error.message().trim().replace('\n', ", ");
-    let (kind, cure) =
-        if message.starts_with("unknown field") || message.starts_with("unknown variant") {
-            (Kind::UnknownKey, "correct or remove it")
-        } else if message.starts_with("missing field") {
-            (
-                Kind::Incomplete,
-                "add it; assets/schema/scene.schema.json lists every key",
-            )
-        } else {
-            (
-                Kind::Syntax,
-                "correct the line; assets/schema/scene.schema.json lists every key and its type",
-            )
-        };
-    let start = error.span().map(|span| span.start);
-    let inside = |entry: &&Entry| {
-        start.is_some_and(|byte| entry.span.contains(&byte) || entry.key_span.contains(&byte))
+    let (kind, cure) = if message.starts_with("unknown field") || message.starts_with("unknown variant") {
+        (Kind::UnknownKey, "correct or remove it")
+    } else if message.starts_with("missing field") {
+        (Kind::Incomplete, "add it; assets/schema/scene.schema.json lists every key")
+    } else {
+        (Kind::Syntax, "correct the line; assets/schema/scene.schema.json lists every key and its type")
     };
-    let key = entries
-        .and_then(|entries| entries.iter().rfind(inside))
-        .map_or(String::new(), |entry| entry.path.clone());
+    let start = error.span().map(|span| span.start);
+    let inside = |entry: &&Entry| start.is_some_and(|byte| entry.span.contains(&byte) || entry.key_span.contains(&byte));
+    let key = entries.and_then(|entries| entries.iter().rfind(inside)).map_or(String::new(), |entry| entry.path.clone());
     let mut error = SceneError::new(kind, key, message, cure);
     error.line_column = start.map(|byte| line_column(text, byte));
     error

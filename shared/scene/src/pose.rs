@@ -22,10 +22,7 @@ pub struct Pose {
 impl Pose {
     /// A straight pose at this insertion.
     pub fn straight(insertion_m: f32) -> Pose {
-        Pose {
-            insertion_m,
-            ..Pose::default()
-        }
+        Pose { insertion_m, ..Pose::default() }
     }
 
     /// The unit quaternion (x, y, z, w) from the instrument's frame to the scene's.
@@ -57,12 +54,7 @@ impl Pose {
             return None;
         }
         let axis = away / insertion_m;
-        Some(Pose {
-            pitch_rad: (-axis.y).clamp(-1.0, 1.0).asin(),
-            yaw_rad: axis.x.atan2(axis.z),
-            roll_rad: 0.0,
-            insertion_m,
-        })
+        Some(Pose { pitch_rad: (-axis.y).clamp(-1.0, 1.0).asin(), yaw_rad: axis.x.atan2(axis.z), roll_rad: 0.0, insertion_m })
     }
 
     /// On the straight line, in the four coordinates, from this pose (0) to another (1).
@@ -77,9 +69,7 @@ impl Pose {
     }
 
     fn quat(&self) -> Quat {
-        Quat::from_rotation_y(self.yaw_rad)
-            * Quat::from_rotation_x(self.pitch_rad)
-            * Quat::from_rotation_z(self.roll_rad)
+        Quat::from_rotation_y(self.yaw_rad) * Quat::from_rotation_x(self.pitch_rad) * Quat::from_rotation_z(self.roll_rad)
     }
 }
 
@@ -110,26 +100,14 @@ pub struct LoadedHand {
 impl LoadedHand {
     pub(crate) fn from_file(name: &str, hand: &Hand, target: Option<usize>) -> LoadedHand {
         let middle = hand.through.iter().map(Pose::from);
-        let way = std::iter::once(Pose::from(&hand.from))
-            .chain(middle)
-            .chain([Pose::from(&hand.into)])
-            .collect();
-        LoadedHand {
-            name: name.to_owned(),
-            way,
-            period_s: hand.period_s,
-            target,
-        }
+        let way = std::iter::once(Pose::from(&hand.from)).chain(middle).chain([Pose::from(&hand.into)]).collect();
+        LoadedHand { name: name.to_owned(), way, period_s: hand.period_s, target }
     }
 
     /// The pose at a time: there and back along the way, once per period, at rest at both ends. A pure function of the time; a time
     /// that is not finite counts as 0.
     pub fn pose_at(&self, time_s: f64) -> Pose {
-        let phase = if time_s.is_finite() {
-            (time_s / self.period_s).rem_euclid(1.0)
-        } else {
-            0.0
-        };
+        let phase = if time_s.is_finite() { (time_s / self.period_s).rem_euclid(1.0) } else { 0.0 };
         let along = 0.5 - 0.5 * (phase * std::f64::consts::TAU).cos();
         let last = self.way.len() - 1;
         let position = along * last as f64;
@@ -149,49 +127,25 @@ mod tests {
     #[test]
     fn positive_pitch_lowers_the_tip_and_positive_yaw_moves_it_left() {
         let quarter = std::f32::consts::FRAC_PI_2;
-        let pitched = Pose {
-            pitch_rad: quarter,
-            insertion_m: 0.05,
-            ..Pose::default()
-        };
+        let pitched = Pose { pitch_rad: quarter, insertion_m: 0.05, ..Pose::default() };
         assert!(near(pitched.tip_m([0.0; 3]), [0.0, -0.05, 0.0]));
-        let yawed = Pose {
-            yaw_rad: quarter,
-            insertion_m: 0.05,
-            ..Pose::default()
-        };
+        let yawed = Pose { yaw_rad: quarter, insertion_m: 0.05, ..Pose::default() };
         assert!(near(yawed.tip_m([0.0, 0.0, 1.0]), [0.05, 0.0, 1.0]));
     }
 
     #[test]
     fn aiming_at_a_point_puts_the_tip_there() {
         let pivot_m = [0.01, -0.02, 0.005];
-        for point_m in [
-            [0.03, 0.01, 0.06],
-            [-0.02, -0.03, 0.04],
-            [0.01, -0.02, 0.05],
-        ] {
-            assert!(near(
-                Pose::aim(pivot_m, point_m).unwrap().tip_m(pivot_m),
-                point_m
-            ));
+        for point_m in [[0.03, 0.01, 0.06], [-0.02, -0.03, 0.04], [0.01, -0.02, 0.05]] {
+            assert!(near(Pose::aim(pivot_m, point_m).unwrap().tip_m(pivot_m), point_m));
         }
         assert_eq!(Pose::aim(pivot_m, pivot_m), None);
     }
 
     #[test]
     fn a_hand_goes_there_and_back_and_repeats_exactly() {
-        let way = vec![
-            Pose::straight(0.01),
-            Pose::straight(0.02),
-            Pose::straight(0.05),
-        ];
-        let hand = LoadedHand {
-            name: "x".to_owned(),
-            way,
-            period_s: 2.0,
-            target: None,
-        };
+        let way = vec![Pose::straight(0.01), Pose::straight(0.02), Pose::straight(0.05)];
+        let hand = LoadedHand { name: "x".to_owned(), way, period_s: 2.0, target: None };
         assert_eq!(hand.pose_at(0.0), Pose::straight(0.01));
         assert_eq!(hand.pose_at(1.0), Pose::straight(0.05));
         assert_eq!(hand.pose_at(0.5), Pose::straight(0.02));

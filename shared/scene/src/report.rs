@@ -93,13 +93,8 @@ pub fn check(path: &Path) -> Result<CheckReport, SceneError> {
     let origin = path.display().to_string();
     let mut objects = Vec::new();
     for (index, deformable) in scene.deformable.iter().enumerate() {
-        let raw = object::read(deformable, index, &folder)
-            .map_err(|error| error.located(&origin, &text))?;
-        let scale_to_m = if is_auto(deformable) {
-            None
-        } else {
-            Some(deformable.scale_to_m.unwrap_or(1.0))
-        };
+        let raw = object::read(deformable, index, &folder).map_err(|error| error.located(&origin, &text))?;
+        let scale_to_m = if is_auto(deformable) { None } else { Some(deformable.scale_to_m.unwrap_or(1.0)) };
         objects.push(object_report(&deformable.name, scale_to_m, &raw));
     }
     let mut report = CheckReport {
@@ -124,10 +119,7 @@ fn fill(report: &mut CheckReport, loaded: LoadedScene) {
     report.hash = format!("{:016x}", loaded.hash);
     for object in &loaded.objects {
         let held = object.fixed.iter().filter(|&&fixed| fixed).count();
-        let rooted = object
-            .attach
-            .as_ref()
-            .map_or(0, |attach| attach.nodes.len());
+        let rooted = object.attach.as_ref().map_or(0, |attach| attach.nodes.len());
         let form = if object.hollow { "hollow" } else { "solid" };
         let line = format!(
             "{}: {form}, {} nodes, {held} held, {rooted} rooted in another object, {} tets, drawn as {} triangles",
@@ -164,10 +156,7 @@ fn object_report(name: &str, scale_to_m: Option<f64>, raw: &RawObject) -> Object
         non_manifold_nodes: found.non_manifold_vertices,
         crowded_faces: found.crowded_faces,
         other_volume_cells: raw.other_volume_cells,
-        surface_triangles: raw
-            .surface
-            .as_ref()
-            .map(|(surface, _)| surface.triangles.len()),
+        surface_triangles: raw.surface.as_ref().map(|(surface, _)| surface.triangles.len()),
     }
 }
 
@@ -176,43 +165,15 @@ impl ObjectReport {
     fn faults(&self) -> Vec<(usize, &'static str, &'static str)> {
         let all = [
             (self.inverted, "inverted tets", "turned round when loaded"),
-            (
-                self.flat,
-                "flat tets",
-                "dropped if their volume is within rounding, else kept and named",
-            ),
+            (self.flat, "flat tets", "dropped if their volume is within rounding, else kept and named"),
             (self.duplicate, "tets that are there twice", "dropped"),
             (self.unused_nodes, "nodes that no tet uses", "dropped"),
-            (
-                self.components.saturating_sub(1),
-                "parts beside the first, hanging apart",
-                "kept; hold or attach each",
-            ),
-            (
-                self.open_edges,
-                "open boundary edges",
-                "kept; the contact there is one-sided",
-            ),
-            (
-                self.non_manifold_edges,
-                "boundary edges of more than two triangles",
-                "kept; cutting there may be refused",
-            ),
-            (
-                self.non_manifold_nodes,
-                "nodes at which the boundary touches itself",
-                "kept; cutting there may be refused",
-            ),
-            (
-                self.crowded_faces,
-                "faces of more than two tets",
-                "kept; export the mesh again if tets overlap",
-            ),
-            (
-                self.other_volume_cells,
-                "cells that are not tets",
-                "passed over; convert them to tets if the mesh has holes now",
-            ),
+            (self.components.saturating_sub(1), "parts beside the first, hanging apart", "kept; hold or attach each"),
+            (self.open_edges, "open boundary edges", "kept; the contact there is one-sided"),
+            (self.non_manifold_edges, "boundary edges of more than two triangles", "kept; cutting there may be refused"),
+            (self.non_manifold_nodes, "nodes at which the boundary touches itself", "kept; cutting there may be refused"),
+            (self.crowded_faces, "faces of more than two tets", "kept; export the mesh again if tets overlap"),
+            (self.other_volume_cells, "cells that are not tets", "passed over; convert them to tets if the mesh has holes now"),
         ];
         all.into_iter().filter(|(count, ..)| *count > 0).collect()
     }
@@ -221,37 +182,18 @@ impl ObjectReport {
 impl fmt::Display for ObjectReport {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(out, "{} ({})", self.name, self.mesh)?;
-        writeln!(
-            out,
-            "  nodes {}, tets {}, boundary triangles {}",
-            self.nodes, self.tets, self.boundary_triangles
-        )?;
+        writeln!(out, "  nodes {}, tets {}, boundary triangles {}", self.nodes, self.tets, self.boundary_triangles)?;
         let [x, y, z] = self.extent;
-        let scale = self
-            .scale_to_m
-            .map_or("placed by itself".to_owned(), |scale| {
-                format!("scale_to_m {scale}")
-            });
-        writeln!(
-            out,
-            "  size {x:.4} × {y:.4} × {z:.4} units; by its size the unit is {}; {scale}",
-            self.unit_guess
-        )?;
-        writeln!(
-            out,
-            "  worst quality {:.2e} (1 is a regular tet)",
-            self.worst_quality
-        )?;
+        let scale = self.scale_to_m.map_or("placed by itself".to_owned(), |scale| format!("scale_to_m {scale}"));
+        writeln!(out, "  size {x:.4} × {y:.4} × {z:.4} units; by its size the unit is {}; {scale}", self.unit_guess)?;
+        writeln!(out, "  worst quality {:.2e} (1 is a regular tet)", self.worst_quality)?;
         match self.surface_triangles {
             Some(triangles) => writeln!(out, "  surface of {triangles} triangles")?,
             None => writeln!(out, "  no surface file: the boundary is drawn")?,
         }
         let faults = self.faults();
         if faults.is_empty() {
-            writeln!(
-                out,
-                "  sound: no inverted or flat tet, no unused node, the boundary is closed and manifold"
-            )?;
+            writeln!(out, "  sound: no inverted or flat tet, no unused node, the boundary is closed and manifold")?;
         }
         for (count, what, cure) in faults {
             writeln!(out, "  {count} {what}: {cure}")?;
@@ -273,14 +215,8 @@ impl fmt::Display for CheckReport {
             Some(error) => writeln!(out, "cannot be run: {error}"),
             None => {
                 let mut hands = String::new();
-                self.hands
-                    .iter()
-                    .try_for_each(|hand| write!(hands, " {hand}"))?;
-                writeln!(
-                    out,
-                    "can be run; scripted hands:{hands} idle; content {}",
-                    self.hash
-                )
+                self.hands.iter().try_for_each(|hand| write!(hands, " {hand}"))?;
+                writeln!(out, "can be run; scripted hands:{hands} idle; content {}", self.hash)
             }
         }
     }

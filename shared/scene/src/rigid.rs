@@ -40,32 +40,20 @@ pub fn collision_points(rigid: &Rigid) -> Vec<[f32; 3]> {
     let on_shaft = rigid.points - on_tip;
     let point = |radius_m: f64, behind_m: f64, index: u32| {
         let (sin, cos) = (golden_rad * f64::from(index)).sin_cos();
-        [
-            (radius_m * cos) as f32,
-            (radius_m * sin) as f32,
-            -behind_m as f32,
-        ]
+        [(radius_m * cos) as f32, (radius_m * sin) as f32, -behind_m as f32]
     };
     let tip = (0..on_tip).map(|index| {
         let share = f64::from(index) / f64::from(on_tip);
         match rigid.tip {
             // Equal steps along the axis are equal areas on a sphere.
-            Tip::Round => point(
-                radius_m * (1.0 - (1.0 - share).powi(2)).sqrt(),
-                radius_m * share,
-                index,
-            ),
+            Tip::Round => point(radius_m * (1.0 - (1.0 - share).powi(2)).sqrt(), radius_m * share, index),
             Tip::Flat => point(radius_m * share.sqrt(), 0.0, index),
         }
     });
     let start_m = shoulder_m(rigid);
     let shaft = (0..on_shaft).map(|index| {
         let share = f64::from(index) / f64::from(on_shaft.max(2) - 1);
-        point(
-            radius_m,
-            start_m + (rigid.collision_length_m - start_m) * share.powf(SHAFT_CROWDING),
-            on_tip + index,
-        )
+        point(radius_m, start_m + (rigid.collision_length_m - start_m) * share.powf(SHAFT_CROWDING), on_tip + index)
     });
     tip.chain(shaft).collect()
 }
@@ -89,18 +77,11 @@ pub(crate) fn shaft(rigid: &Rigid) -> TriangleMesh {
         Tip::Flat => vec![(radius_m, 0.0)],
     };
     rings.push((radius_m, rigid.length_m));
-    let mut mesh = TriangleMesh {
-        positions_m: vec![[0.0; 3]],
-        triangles: Vec::new(),
-    };
+    let mut mesh = TriangleMesh { positions_m: vec![[0.0; 3]], triangles: Vec::new() };
     for &(ring_m, behind_m) in &rings {
         for side in 0..SIDES {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
-            mesh.positions_m.push([
-                (ring_m * cos) as f32,
-                (ring_m * sin) as f32,
-                -behind_m as f32,
-            ]);
+            mesh.positions_m.push([(ring_m * cos) as f32, (ring_m * sin) as f32, -behind_m as f32]);
         }
     }
     let end = mesh.positions_m.len() as u32;
@@ -110,16 +91,10 @@ pub(crate) fn shaft(rigid: &Rigid) -> TriangleMesh {
     for side in 0..SIDES {
         mesh.triangles.push([0, node(0, side), node(0, side + 1)]);
         for ring in 0..last {
-            let (a, b, c, d) = (
-                node(ring, side),
-                node(ring, side + 1),
-                node(ring + 1, side),
-                node(ring + 1, side + 1),
-            );
+            let (a, b, c, d) = (node(ring, side), node(ring, side + 1), node(ring + 1, side), node(ring + 1, side + 1));
             mesh.triangles.extend([[a, c, d], [a, d, b]]);
         }
-        mesh.triangles
-            .push([end, node(last, side + 1), node(last, side)]);
+        mesh.triangles.push([end, node(last, side + 1), node(last, side)]);
     }
     mesh
 }
@@ -142,10 +117,7 @@ mod tests {
         assert_eq!(points[0], [0.0; 3]);
         for point in &points {
             let axis = Vec3::new(0.0, 0.0, point[2].min(-0.0025));
-            assert!(
-                (Vec3::from(*point).distance(axis) - 0.0025).abs() < 1e-6,
-                "{point:?}"
-            );
+            assert!((Vec3::from(*point).distance(axis) - 0.0025).abs() < 1e-6, "{point:?}");
             assert!(point[2] <= 0.0 && point[2] >= -0.0351, "{point:?}");
         }
         let tip = points.iter().filter(|point| point[2] > -0.0025).count();
@@ -160,21 +132,16 @@ mod tests {
                 .triangles
                 .iter()
                 .map(|corners| {
-                    let [a, b, c] =
-                        corners.map(|corner| Vec3::from(mesh.positions_m[corner as usize]));
+                    let [a, b, c] = corners.map(|corner| Vec3::from(mesh.positions_m[corner as usize]));
                     a.dot(b.cross(c)) / 6.0
                 })
                 .sum();
             let expected = std::f32::consts::PI * 0.0025f32.powi(2) * (0.3 - behind);
-            assert!(
-                (volume / expected - 1.0).abs() < 0.03,
-                "{tip:?}: {volume} instead of {expected}"
-            );
+            assert!((volume / expected - 1.0).abs() < 0.03, "{tip:?}: {volume} instead of {expected}");
             let mut edges = std::collections::BTreeMap::new();
             for [a, b, c] in &mesh.triangles {
                 for (from, to) in [(a, b), (b, c), (c, a)] {
-                    *edges.entry((from.min(to), from.max(to))).or_insert(0) +=
-                        if from < to { 1 } else { -1 };
+                    *edges.entry((from.min(to), from.max(to))).or_insert(0) += if from < to { 1 } else { -1 };
                 }
             }
             assert!(edges.values().all(|&balance| balance == 0));

@@ -18,25 +18,13 @@ pub(crate) enum Folder {
 
 impl Folder {
     /// The bytes of a mesh file and the name to speak of it by.
-    pub(crate) fn mesh(
-        &self,
-        key: &str,
-        name: &str,
-    ) -> Result<(Cow<'static, [u8]>, String), SceneError> {
+    pub(crate) fn mesh(&self, key: &str, name: &str) -> Result<(Cow<'static, [u8]>, String), SceneError> {
         if let Some(known) = name.strip_prefix(embedded::PREFIX) {
             return match embedded::mesh(known) {
                 Some(bytes) => Ok((Cow::Borrowed(bytes), name.to_owned())),
                 None => {
-                    let what = format!(
-                        "“{name}” is not inside the binary; there are: {}",
-                        embedded::names()
-                    );
-                    Err(SceneError::new(
-                        Kind::Missing,
-                        key,
-                        what,
-                        "name one of these, or a file",
-                    ))
+                    let what = format!("“{name}” is not inside the binary; there are: {}", embedded::names());
+                    Err(SceneError::new(Kind::Missing, key, what, "name one of these, or a file"))
                 }
             };
         }
@@ -56,48 +44,24 @@ impl Folder {
 }
 
 /// Reads a file of at most `limit` bytes. A folder, a pipe or a device is refused, so that nothing here waits for ever.
-pub(crate) fn read_bounded(
-    path: &Path,
-    limit: u64,
-    key: &str,
-    cure: &str,
-) -> Result<Vec<u8>, SceneError> {
+pub(crate) fn read_bounded(path: &Path, limit: u64, key: &str, cure: &str) -> Result<Vec<u8>, SceneError> {
     let shown = path.display();
     let missing = |error: std::io::Error| {
         let why = match error.kind() {
             std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
             _ => error.to_string(),
         };
-        SceneError::new(
-            Kind::Missing,
-            key,
-            format!("cannot read {shown}: {why}"),
-            cure,
-        )
+        SceneError::new(Kind::Missing, key, format!("cannot read {shown}: {why}"), cure)
     };
     let metadata = std::fs::metadata(path).map_err(missing)?;
     if !metadata.is_file() {
-        return Err(SceneError::new(
-            Kind::Missing,
-            key,
-            format!("{shown} is not a plain file"),
-            cure,
-        ));
+        return Err(SceneError::new(Kind::Missing, key, format!("{shown} is not a plain file"), cure));
     }
     let mut bytes = Vec::new();
-    File::open(path)
-        .map_err(missing)?
-        .take(limit + 1)
-        .read_to_end(&mut bytes)
-        .map_err(missing)?;
+    File::open(path).map_err(missing)?.take(limit + 1).read_to_end(&mut bytes).map_err(missing)?;
     if bytes.len() as u64 > limit {
         let what = format!("{shown} has more than {} MB", limit >> 20);
-        return Err(SceneError::new(
-            Kind::TooLarge,
-            key,
-            what,
-            "use a coarser mesh, and check that this is the right file",
-        ));
+        return Err(SceneError::new(Kind::TooLarge, key, what, "use a coarser mesh, and check that this is the right file"));
     }
     Ok(bytes)
 }

@@ -15,27 +15,13 @@ pub(crate) type Checked = Result<(), SceneError>;
 pub(crate) fn validate(scene: &Scene) -> Checked {
     if scene.deformable.is_empty() {
         let cure = "add a [[deformable]] table with a name and a mesh";
-        return Err(SceneError::new(
-            Kind::Incomplete,
-            "deformable",
-            "the scene has no deformable object",
-            cure,
-        ));
+        return Err(SceneError::new(Kind::Incomplete, "deformable", "the scene has no deformable object", cure));
     }
     if scene.rigid.is_empty() {
         let cure = "add a [[rigid]] table with a name, for example `name = \"hysteroscope\"`";
-        return Err(SceneError::new(
-            Kind::Incomplete,
-            "rigid",
-            "the scene has no rigid object",
-            cure,
-        ));
+        return Err(SceneError::new(Kind::Incomplete, "rigid", "the scene has no rigid object", cure));
     }
-    for (key, count) in [
-        ("deformable", scene.deformable.len()),
-        ("rigid", scene.rigid.len()),
-        ("hand", scene.hand.len()),
-    ] {
+    for (key, count) in [("deformable", scene.deformable.len()), ("rigid", scene.rigid.len()), ("hand", scene.hand.len())] {
         range(key, count as f64, 0.0, MAX_OBJECTS as f64, "entries")?;
     }
     names(scene)?;
@@ -60,12 +46,7 @@ fn range(key: impl Into<String>, value: f64, low: f64, high: f64, unit: &str) ->
         return Ok(());
     }
     let what = format!("is {value} {unit}, allowed is {low} to {high} {unit}").replace(" ,", ",");
-    Err(SceneError::new(
-        Kind::Range,
-        key,
-        what.trim_end().to_owned(),
-        "give a value in this range, in SI units",
-    ))
+    Err(SceneError::new(Kind::Range, key, what.trim_end().to_owned(), "give a value in this range, in SI units"))
 }
 
 fn ordered(key: String, limits: [f64; 2], low: f64, high: f64, unit: &str) -> Checked {
@@ -74,26 +55,13 @@ fn ordered(key: String, limits: [f64; 2], low: f64, high: f64, unit: &str) -> Ch
     if limits[0] < limits[1] {
         return Ok(());
     }
-    let what = format!(
-        "the lower limit {} is not below the upper limit {}",
-        limits[0], limits[1]
-    );
-    Err(SceneError::new(
-        Kind::Range,
-        key,
-        what,
-        "write [lowest, highest]",
-    ))
+    let what = format!("the lower limit {} is not below the upper limit {}", limits[0], limits[1]);
+    Err(SceneError::new(Kind::Range, key, what, "write [lowest, highest]"))
 }
 
 fn deformable(object: &Deformable, key: &str) -> Checked {
     if object.mesh.trim().is_empty() {
-        return Err(SceneError::new(
-            Kind::Incomplete,
-            format!("{key}.mesh"),
-            "is empty",
-            "name a mesh file",
-        ));
+        return Err(SceneError::new(Kind::Incomplete, format!("{key}.mesh"), "is empty", "name a mesh file"));
     }
     if let Some(scale) = object.scale_to_m {
         range(format!("{key}.scale_to_m"), scale, 1e-6, 1e3, "")?;
@@ -106,46 +74,14 @@ fn deformable(object: &Deformable, key: &str) -> Checked {
     }
     let material = &object.material;
     if material.youngs_modulus_pa <= 0.0 {
-        let what = format!(
-            "is {} Pa, allowed is above 0 to 1e9 Pa",
-            material.youngs_modulus_pa
-        );
+        let what = format!("is {} Pa, allowed is above 0 to 1e9 Pa", material.youngs_modulus_pa);
         let cure = "give a value in this range; soft tissue has 1e3 to 1e6 Pa";
-        return Err(SceneError::new(
-            Kind::Range,
-            format!("{key}.material.youngs_modulus_pa"),
-            what,
-            cure,
-        ));
+        return Err(SceneError::new(Kind::Range, format!("{key}.material.youngs_modulus_pa"), what, cure));
     }
-    range(
-        format!("{key}.material.youngs_modulus_pa"),
-        material.youngs_modulus_pa,
-        0.0,
-        1e9,
-        "Pa",
-    )?;
-    range(
-        format!("{key}.material.poisson_ratio"),
-        material.poisson_ratio,
-        0.0,
-        0.49,
-        "",
-    )?;
-    range(
-        format!("{key}.material.density_kg_m3"),
-        material.density_kg_m3,
-        100.0,
-        20_000.0,
-        "kg/m³",
-    )?;
-    range(
-        format!("{key}.material.damping_per_s"),
-        material.damping_per_s,
-        0.0,
-        1e4,
-        "1/s",
-    )?;
+    range(format!("{key}.material.youngs_modulus_pa"), material.youngs_modulus_pa, 0.0, 1e9, "Pa")?;
+    range(format!("{key}.material.poisson_ratio"), material.poisson_ratio, 0.0, 0.49, "")?;
+    range(format!("{key}.material.density_kg_m3"), material.density_kg_m3, 100.0, 20_000.0, "kg/m³")?;
+    range(format!("{key}.material.damping_per_s"), material.damping_per_s, 0.0, 1e4, "1/s")?;
     for (index, shape) in object.fixed.iter().flatten().enumerate() {
         fixed(shape, &format!("{key}.fixed[{index}]"))?;
     }
@@ -154,9 +90,7 @@ fn deformable(object: &Deformable, key: &str) -> Checked {
 
 fn fixed(shape: &Fixed, key: &str) -> Checked {
     match shape {
-        Fixed::Sphere { radius_m, .. } => {
-            range(format!("{key}.sphere.radius_m"), *radius_m, 1e-6, 10.0, "m")
-        }
+        Fixed::Sphere { radius_m, .. } => range(format!("{key}.sphere.radius_m"), *radius_m, 1e-6, 10.0, "m"),
         Fixed::Box { min_m, max_m } => corners(&format!("{key}.box.min_m"), min_m, max_m),
         Fixed::BelowZM(z) => range(format!("{key}.below_z_m"), *z, -10.0, 10.0, "m"),
         Fixed::AboveZM(z) => range(format!("{key}.above_z_m"), *z, -10.0, 10.0, "m"),
@@ -169,83 +103,28 @@ fn corners(key: &str, min_m: &[f64; 3], max_m: &[f64; 3]) -> Checked {
         range(key, min_m[axis], -10.0, 10.0, "m")?;
         range(key, max_m[axis], -10.0, 10.0, "m")?;
         if min_m[axis] >= max_m[axis] {
-            let what = format!(
-                "the lower corner {min_m:?} is not below the upper corner {max_m:?} on every axis"
-            );
-            return Err(SceneError::new(
-                Kind::Range,
-                key,
-                what,
-                "exchange the coordinates",
-            ));
+            let what = format!("the lower corner {min_m:?} is not below the upper corner {max_m:?} on every axis");
+            return Err(SceneError::new(Kind::Range, key, what, "exchange the coordinates"));
         }
     }
     Ok(())
 }
 
 fn rigid(object: &Rigid, key: &str) -> Checked {
-    range(
-        format!("{key}.diameter_m"),
-        object.diameter_m,
-        0.0005,
-        0.02,
-        "m",
-    )?;
-    range(
-        format!("{key}.collision_length_m"),
-        object.collision_length_m,
-        object.diameter_m,
-        0.5,
-        "m",
-    )?;
-    range(
-        format!("{key}.length_m"),
-        object.length_m,
-        object.collision_length_m,
-        1.0,
-        "m",
-    )?;
-    range(
-        format!("{key}.points"),
-        f64::from(object.points),
-        16.0,
-        5_000.0,
-        "points",
-    )
+    range(format!("{key}.diameter_m"), object.diameter_m, 0.0005, 0.02, "m")?;
+    range(format!("{key}.collision_length_m"), object.collision_length_m, object.diameter_m, 0.5, "m")?;
+    range(format!("{key}.length_m"), object.length_m, object.collision_length_m, 1.0, "m")?;
+    range(format!("{key}.points"), f64::from(object.points), 16.0, 5_000.0, "points")
 }
 
 fn workspace(limits: &Workspace) -> Checked {
     for pivot in limits.pivot_m {
         range("workspace.pivot_m", pivot, -10.0, 10.0, "m")?;
     }
-    ordered(
-        "workspace.pitch_deg".to_owned(),
-        limits.pitch_deg,
-        -80.0,
-        80.0,
-        "°",
-    )?;
-    ordered(
-        "workspace.yaw_deg".to_owned(),
-        limits.yaw_deg,
-        -80.0,
-        80.0,
-        "°",
-    )?;
-    ordered(
-        "workspace.roll_deg".to_owned(),
-        limits.roll_deg,
-        -360.0,
-        360.0,
-        "°",
-    )?;
-    ordered(
-        "workspace.insertion_m".to_owned(),
-        limits.insertion_m,
-        0.0,
-        0.5,
-        "m",
-    )
+    ordered("workspace.pitch_deg".to_owned(), limits.pitch_deg, -80.0, 80.0, "°")?;
+    ordered("workspace.yaw_deg".to_owned(), limits.yaw_deg, -80.0, 80.0, "°")?;
+    ordered("workspace.roll_deg".to_owned(), limits.roll_deg, -360.0, 360.0, "°")?;
+    ordered("workspace.insertion_m".to_owned(), limits.insertion_m, 0.0, 0.5, "m")
 }
 
 fn fluid(fluid: &Fluid) -> Checked {
@@ -253,73 +132,32 @@ fn fluid(fluid: &Fluid) -> Checked {
         range("fluid.grid", f64::from(cells), 4.0, 512.0, "cells")?;
     }
     let cells: u64 = fluid.grid.iter().map(|&n| u64::from(n)).product();
-    range(
-        "fluid.grid",
-        cells as f64,
-        64.0,
-        MAX_CELLS as f64,
-        "cells in all",
-    )?;
+    range("fluid.grid", cells as f64, 64.0, MAX_CELLS as f64, "cells in all")?;
     range("fluid.rate_hz", fluid.rate_hz, 1.0, 1_000.0, "Hz")?;
-    range(
-        "fluid.set_pressure_pa",
-        fluid.set_pressure_pa,
-        0.0,
-        20_000.0,
-        "Pa",
-    )?;
-    range(
-        "fluid.viscosity_pa_s",
-        fluid.viscosity_pa_s,
-        1e-5,
-        1.0,
-        "Pa·s",
-    )?;
-    range(
-        "fluid.density_kg_m3",
-        fluid.density_kg_m3,
-        100.0,
-        5_000.0,
-        "kg/m³",
-    )?;
+    range("fluid.set_pressure_pa", fluid.set_pressure_pa, 0.0, 20_000.0, "Pa")?;
+    range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;
+    range("fluid.density_kg_m3", fluid.density_kg_m3, 100.0, 5_000.0, "kg/m³")?;
     range("fluid.margin_m", fluid.margin_m, 0.0, 0.1, "m")?;
     match (&fluid.box_min_m, &fluid.box_max_m) {
         (Some(min_m), Some(max_m)) => corners("fluid.box_min_m", min_m, max_m),
         (None, None) => Ok(()),
         _ => {
             let what = "only one of box_min_m and box_max_m is given";
-            Err(SceneError::new(
-                Kind::Incomplete,
-                "fluid",
-                what,
-                "give both, or none to have the box found",
-            ))
+            Err(SceneError::new(Kind::Incomplete, "fluid", what, "give both, or none to have the box found"))
         }
     }
 }
 
 fn view(view: &View) -> Checked {
     range("view.optic_angle_deg", view.optic_angle_deg, 0.0, 90.0, "°")?;
-    range(
-        "view.field_of_view_deg",
-        view.field_of_view_deg,
-        20.0,
-        150.0,
-        "°",
-    )?;
+    range("view.field_of_view_deg", view.field_of_view_deg, 20.0, 150.0, "°")?;
     range("view.periphery_ratio", view.periphery_ratio, 0.2, 1.0, "")?;
     range("view.light", view.light, 0.0, 10.0, "")
 }
 
 fn hand(script: &Hand, key: &str, scene: &Scene) -> Checked {
     range(format!("{key}.period_s"), script.period_s, 0.1, 600.0, "s")?;
-    range(
-        format!("{key}.through"),
-        script.through.len() as f64,
-        0.0,
-        1_000.0,
-        "poses",
-    )?;
+    range(format!("{key}.through"), script.through.len() as f64, 0.0, 1_000.0, "poses")?;
     pose(&script.from, &format!("{key}.from"), &scene.workspace)?;
     pose(&script.into, &format!("{key}.into"), &scene.workspace)?;
     for (index, passed) in script.through.iter().enumerate() {
@@ -328,44 +166,15 @@ fn hand(script: &Hand, key: &str, scene: &Scene) -> Checked {
     match &script.target {
         Some(name) if !scene.deformable.iter().any(|object| object.name == *name) => {
             let what = format!("no deformable is named “{name}”");
-            Err(SceneError::new(
-                Kind::Name,
-                format!("{key}.target"),
-                what,
-                "name a deformable of this scene",
-            ))
+            Err(SceneError::new(Kind::Name, format!("{key}.target"), what, "name a deformable of this scene"))
         }
         _ => Ok(()),
     }
 }
 
 fn pose(pose: &HandPose, key: &str, limits: &Workspace) -> Checked {
-    range(
-        format!("{key}.pitch_deg"),
-        pose.pitch_deg,
-        limits.pitch_deg[0],
-        limits.pitch_deg[1],
-        "°",
-    )?;
-    range(
-        format!("{key}.yaw_deg"),
-        pose.yaw_deg,
-        limits.yaw_deg[0],
-        limits.yaw_deg[1],
-        "°",
-    )?;
-    range(
-        format!("{key}.roll_deg"),
-        pose.roll_deg,
-        limits.roll_deg[0],
-        limits.roll_deg[1],
-        "°",
-    )?;
-    range(
-        format!("{key}.insertion_m"),
-        pose.insertion_m,
-        limits.insertion_m[0],
-        limits.insertion_m[1],
-        "m",
-    )
+    range(format!("{key}.pitch_deg"), pose.pitch_deg, limits.pitch_deg[0], limits.pitch_deg[1], "°")?;
+    range(format!("{key}.yaw_deg"), pose.yaw_deg, limits.yaw_deg[0], limits.yaw_deg[1], "°")?;
+    range(format!("{key}.roll_deg"), pose.roll_deg, limits.roll_deg[0], limits.roll_deg[1], "°")?;
+    range(format!("{key}.insertion_m"), pose.insertion_m, limits.insertion_m[0], limits.insertion_m[1], "m")
 }

@@ -9,13 +9,7 @@ pub(crate) fn around_mesh(path: &Path) -> Result<Scene, SceneError> {
     let origin = path.display().to_string();
     let Some(file) = path.file_name().and_then(|name| name.to_str()) else {
         let what = "this is no file name in UTF-8";
-        return Err(SceneError::new(
-            Kind::Missing,
-            "",
-            what,
-            "give the path of a scene (.toml) or of a mesh",
-        )
-        .at(&origin));
+        return Err(SceneError::new(Kind::Missing, "", what, "give the path of a scene (.toml) or of a mesh").at(&origin));
     };
     let quoted = toml::Value::String(file.to_owned());
     let text = format!(

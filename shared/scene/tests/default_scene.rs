@@ -11,11 +11,8 @@ fn scene() -> LoadedScene {
 /// Whether any collision point of the instrument lies in a tet of an object: brute force, the oracle of the loader's own search.
 fn touches(scene: &LoadedScene, pose: &Pose, object: usize) -> bool {
     let mesh = &scene.objects[object].mesh;
-    let points: Vec<glam::Vec3> = scene.rigid[0]
-        .points_m
-        .iter()
-        .map(|&point| pose.place(scene.workspace.pivot_m, point).into())
-        .collect();
+    let points: Vec<glam::Vec3> =
+        scene.rigid[0].points_m.iter().map(|&point| pose.place(scene.workspace.pivot_m, point).into()).collect();
     mesh.tets.iter().any(|tet| {
         let [a, b, c, d] = tet.map(|node| glam::Vec3::from(mesh.positions_m[node as usize]));
         let inverse = glam::Mat3::from_cols(b - a, c - a, d - a).inverse();
@@ -29,28 +26,13 @@ fn touches(scene: &LoadedScene, pose: &Pose, object: usize) -> bool {
 #[test]
 fn the_counts_are_those_of_the_2006_framework() {
     let scene = scene();
-    let counts: Vec<_> = scene
-        .objects
-        .iter()
-        .map(|object| {
-            (
-                object.mesh.tets.len() as f64,
-                object.surface.triangles.len(),
-            )
-        })
-        .collect();
+    let counts: Vec<_> =
+        scene.objects.iter().map(|object| (object.mesh.tets.len() as f64, object.surface.triangles.len())).collect();
     assert!((counts[0].0 / 3198.0 - 1.0).abs() < 0.02, "{counts:?}");
     assert!((counts[1].0 / 206.0 - 1.0).abs() < 0.05, "{counts:?}");
-    assert!(
-        counts[0].1.abs_diff(1646) <= 10 && counts[1].1.abs_diff(1336) <= 10,
-        "{counts:?}"
-    );
+    assert!(counts[0].1.abs_diff(1646) <= 10 && counts[1].1.abs_diff(1336) <= 10, "{counts:?}");
     assert_eq!(scene.objects[1].kind, DeformableKind::Pathology);
-    assert_eq!(
-        scene.notes,
-        Vec::<String>::new(),
-        "the default scene needs no repair and no assumption"
-    );
+    assert_eq!(scene.notes, Vec::<String>::new(), "the default scene needs no repair and no assumption");
 }
 
 #[test]
@@ -58,45 +40,21 @@ fn every_surface_vertex_follows_its_tets_and_the_surface_is_closed() {
     for object in scene().objects {
         assert_eq!(object.bindings.len(), object.surface.positions_m.len());
         let mut bound_m = vec![[0.0; 3]; object.bindings.len()];
-        hyst_mesh::evaluate(
-            &object.bindings,
-            &object.mesh.tets,
-            &object.mesh.positions_m,
-            &mut bound_m,
-        );
-        for ((bound, drawn), binding) in bound_m
-            .iter()
-            .zip(&object.surface.positions_m)
-            .zip(&object.bindings)
-        {
-            assert!(
-                glam::Vec3::from(*bound).distance(glam::Vec3::from(*drawn)) < 1e-6,
-                "{}",
-                object.name
-            );
-            assert!(
-                binding.weights.iter().all(|weight| weight.abs() < 1.6),
-                "{}: {binding:?}",
-                object.name
-            );
+        hyst_mesh::evaluate(&object.bindings, &object.mesh.tets, &object.mesh.positions_m, &mut bound_m);
+        for ((bound, drawn), binding) in bound_m.iter().zip(&object.surface.positions_m).zip(&object.bindings) {
+            assert!(glam::Vec3::from(*bound).distance(glam::Vec3::from(*drawn)) < 1e-6, "{}", object.name);
+            assert!(binding.weights.iter().all(|weight| weight.abs() < 1.6), "{}: {binding:?}", object.name);
         }
         let mut edges = std::collections::BTreeMap::new();
         for [a, b, c] in object.surface.triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
                 *edges.entry((from.min(to), from.max(to))).or_insert((0, 0)) = {
-                    let (count, balance) = edges
-                        .get(&(from.min(to), from.max(to)))
-                        .copied()
-                        .unwrap_or((0, 0));
+                    let (count, balance) = edges.get(&(from.min(to), from.max(to))).copied().unwrap_or((0, 0));
                     (count + 1, balance + if from < to { 1 } else { -1 })
                 };
             }
         }
-        assert!(
-            edges.values().all(|&edge| edge == (2, 0)),
-            "{}: an open or wrongly turned edge",
-            object.name
-        );
+        assert!(edges.values().all(|&edge| edge == (2, 0)), "{}: an open or wrongly turned edge", object.name);
     }
 }
 
@@ -106,34 +64,21 @@ fn the_uterus_is_held_outside_and_free_inside_and_the_polyp_is_rooted_in_it() {
     let uterus = &scene.objects[0];
     assert!(uterus.hollow && !scene.objects[1].hollow);
     for (fixed, position) in uterus.fixed.iter().zip(&uterus.mesh.positions_m) {
-        let in_cavity = position[0].abs() < 0.010
-            && position[1].abs() < 0.006
-            && (0.005..0.050).contains(&position[2]);
-        assert!(
-            !(*fixed && in_cavity),
-            "a node of the cavity's wall is fixed: {position:?}"
-        );
+        let in_cavity = position[0].abs() < 0.010 && position[1].abs() < 0.006 && (0.005..0.050).contains(&position[2]);
+        assert!(!(*fixed && in_cavity), "a node of the cavity's wall is fixed: {position:?}");
     }
     let held = uterus.fixed.iter().filter(|&&fixed| fixed).count();
     assert!(held > 100 && held < uterus.fixed.len() / 2, "{held} held");
     let attach = scene.objects[1].attach.as_ref().unwrap();
-    assert!(
-        attach.host == 0 && attach.nodes.len() >= 4,
-        "{} nodes",
-        attach.nodes.len()
-    );
+    assert!(attach.host == 0 && attach.nodes.len() >= 4, "{} nodes", attach.nodes.len());
     for node in &attach.nodes {
         let tet = uterus.mesh.tets[node.tet as usize];
         let there: glam::Vec3 = tet
             .iter()
             .zip(node.weights)
-            .map(|(&corner, weight)| {
-                glam::Vec3::from(uterus.mesh.positions_m[corner as usize]) * weight
-            })
+            .map(|(&corner, weight)| glam::Vec3::from(uterus.mesh.positions_m[corner as usize]) * weight)
             .sum();
-        assert!(
-            there.distance(scene.objects[1].mesh.positions_m[node.node as usize].into()) < 1e-6
-        );
+        assert!(there.distance(scene.objects[1].mesh.positions_m[node.node as usize].into()) < 1e-6);
     }
 }
 
@@ -142,11 +87,7 @@ fn a_straight_scope_passes_freely_to_50_mm() {
     let scene = scene();
     for step in 0..=100 {
         let pose = Pose::straight(step as f32 * 0.0005);
-        assert!(
-            !touches(&scene, &pose, 0) && !touches(&scene, &pose, 1),
-            "touches at {} mm",
-            pose.insertion_m * 1e3
-        );
+        assert!(!touches(&scene, &pose, 0) && !touches(&scene, &pose, 1), "touches at {} mm", pose.insertion_m * 1e3);
     }
 }
 
@@ -156,14 +97,8 @@ fn the_press_starts_free_and_ends_in_the_posterior_wall() {
     let press = scene.hand("press").unwrap();
     let (from, into) = (press.pose_at(0.0), press.pose_at(press.period_s / 2.0));
     assert_eq!(press.target, Some(0));
-    assert!(
-        !touches(&scene, &from, 0) && !touches(&scene, &from, 1),
-        "{from:?}"
-    );
-    assert!(
-        touches(&scene, &into, 0) && !touches(&scene, &into, 1),
-        "{into:?}"
-    );
+    assert!(!touches(&scene, &from, 0) && !touches(&scene, &from, 1), "{from:?}");
+    assert!(touches(&scene, &into, 0) && !touches(&scene, &into, 1), "{into:?}");
     assert!(into.tip_m([0.0; 3])[1] < -0.003, "{into:?}");
 }
 
@@ -185,10 +120,7 @@ fn exploring_touches_nothing() {
     let hand = scene.hand("explore").unwrap();
     for step in 0..=100 {
         let pose = hand.pose_at(hand.period_s * f64::from(step) / 200.0);
-        assert!(
-            !touches(&scene, &pose, 0) && !touches(&scene, &pose, 1),
-            "{pose:?}"
-        );
+        assert!(!touches(&scene, &pose, 0) && !touches(&scene, &pose, 1), "{pose:?}");
     }
 }
 

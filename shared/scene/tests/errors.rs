@@ -33,216 +33,36 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 const CASES: [(&str, &str, Kind, usize, &str); 32] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
-    (
-        "name = \"test\"",
-        "nme = \"test\"",
-        Kind::UnknownKey,
-        2,
-        "nme",
-    ),
-    (
-        "scale_to_m",
-        "scale_m",
-        Kind::UnknownKey,
-        6,
-        "deformable[0].scale_m",
-    ),
-    (
-        "mesh = \"builtin:uterus.msh\"\n",
-        "",
-        Kind::Incomplete,
-        3,
-        "deformable[0]",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "scale_to_m = \"mm\"",
-        Kind::Syntax,
-        6,
-        "deformable[0].scale_to_m",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "scale_to_m = = 1",
-        Kind::Syntax,
-        6,
-        "",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "scale_to_m = 0.0",
-        Kind::Range,
-        6,
-        "deformable[0].scale_to_m",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "translate_m = [0.0, nan, 0.0]",
-        Kind::Range,
-        6,
-        "deformable[0].translate_m[1]",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "translate_m = [0.0, -inf, 0.0]",
-        Kind::Range,
-        6,
-        "deformable[0].translate_m[1]",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "scale_to_m = 1e999",
-        Kind::Range,
-        6,
-        "deformable[0].scale_to_m",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "attach_to = \"liver\"",
-        Kind::Name,
-        6,
-        "deformable[0].attach_to",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "attach_to = \"organ\"",
-        Kind::Name,
-        6,
-        "deformable[0].attach_to",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "fixed = [{ globe = 1 }]",
-        Kind::UnknownKey,
-        6,
-        "deformable[0].fixed[0].globe",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "fixed = [{ outer_shell = 0.9 }]",
-        Kind::Range,
-        6,
-        "deformable[0].fixed[0].outer_shell",
-    ),
-    (
-        "scale_to_m = 0.001",
-        "kind = \"tumour\"",
-        Kind::UnknownKey,
-        6,
-        "deformable[0].kind",
-    ),
-    (
-        "youngs_modulus_pa = 3e4",
-        "youngs_modulus_pa = 0.0",
-        Kind::Range,
-        8,
-        "deformable[0].material.youngs_modulus_pa",
-    ),
-    (
-        "youngs_modulus_pa = 3e4",
-        "youngs_modulus_pa = -5.0",
-        Kind::Range,
-        8,
-        "deformable[0].material.youngs_modulus_pa",
-    ),
-    (
-        "youngs_modulus_pa = 3e4",
-        "youngs_modulus_pa = 1.1e9",
-        Kind::Range,
-        8,
-        "deformable[0].material.youngs_modulus_pa",
-    ),
-    (
-        "youngs_modulus_pa = 3e4",
-        "poisson_ratio = 0.5",
-        Kind::Range,
-        8,
-        "deformable[0].material.poisson_ratio",
-    ),
-    (
-        "youngs_modulus_pa = 3e4",
-        "poisson_ratio = -0.1",
-        Kind::Range,
-        8,
-        "deformable[0].material.poisson_ratio",
-    ),
-    (
-        "name = \"scope\"",
-        "name = \"organ\"",
-        Kind::Name,
-        10,
-        "rigid[0].name",
-    ),
-    (
-        "name = \"scope\"",
-        "name = \"\"",
-        Kind::Name,
-        10,
-        "rigid[0].name",
-    ),
-    (
-        "name = \"scope\"",
-        "name = \"s\"\npoints = 1000000",
-        Kind::Range,
-        11,
-        "rigid[0].points",
-    ),
-    (
-        "insertion_m = [0.0, 0.06]",
-        "insertion_m = [0.06, 0.0]",
-        Kind::Range,
-        12,
-        "workspace.insertion_m",
-    ),
-    (
-        "grid = [32, 32, 18]",
-        "grid = [0, 32, 18]",
-        Kind::Range,
-        14,
-        "fluid.grid",
-    ),
-    (
-        "grid = [32, 32, 18]",
-        "grid = [1000000000, 32, 18]",
-        Kind::Range,
-        14,
-        "fluid.grid",
-    ),
-    (
-        "grid = [32, 32, 18]",
-        "grid = [512, 512, 512]",
-        Kind::Range,
-        14,
-        "fluid.grid",
-    ),
-    (
-        "grid = [32, 32, 18]",
-        "box_min_m = [0.0, 0.0, 0.0]",
-        Kind::Incomplete,
-        13,
-        "fluid",
-    ),
-    (
-        "insertion_m = 0.03",
-        "insertion_m = 0.3",
-        Kind::Range,
-        17,
-        "hand.mine.into.insertion_m",
-    ),
-    (
-        "period_s = 2.0",
-        "period_s = 0.0",
-        Kind::Range,
-        18,
-        "hand.mine.period_s",
-    ),
-    (
-        "period_s = 2.0",
-        "period_s = 2.0\ntarget = \"myoma\"",
-        Kind::Name,
-        19,
-        "hand.mine.target",
-    ),
+    ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
+    ("scale_to_m", "scale_m", Kind::UnknownKey, 6, "deformable[0].scale_m"),
+    ("mesh = \"builtin:uterus.msh\"\n", "", Kind::Incomplete, 3, "deformable[0]"),
+    ("scale_to_m = 0.001", "scale_to_m = \"mm\"", Kind::Syntax, 6, "deformable[0].scale_to_m"),
+    ("scale_to_m = 0.001", "scale_to_m = = 1", Kind::Syntax, 6, ""),
+    ("scale_to_m = 0.001", "scale_to_m = 0.0", Kind::Range, 6, "deformable[0].scale_to_m"),
+    ("scale_to_m = 0.001", "translate_m = [0.0, nan, 0.0]", Kind::Range, 6, "deformable[0].translate_m[1]"),
+    ("scale_to_m = 0.001", "translate_m = [0.0, -inf, 0.0]", Kind::Range, 6, "deformable[0].translate_m[1]"),
+    ("scale_to_m = 0.001", "scale_to_m = 1e999", Kind::Range, 6, "deformable[0].scale_to_m"),
+    ("scale_to_m = 0.001", "attach_to = \"liver\"", Kind::Name, 6, "deformable[0].attach_to"),
+    ("scale_to_m = 0.001", "attach_to = \"organ\"", Kind::Name, 6, "deformable[0].attach_to"),
+    ("scale_to_m = 0.001", "fixed = [{ globe = 1 }]", Kind::UnknownKey, 6, "deformable[0].fixed[0].globe"),
+    ("scale_to_m = 0.001", "fixed = [{ outer_shell = 0.9 }]", Kind::Range, 6, "deformable[0].fixed[0].outer_shell"),
+    ("scale_to_m = 0.001", "kind = \"tumour\"", Kind::UnknownKey, 6, "deformable[0].kind"),
+    ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = 0.0", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
+    ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = -5.0", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
+    ("youngs_modulus_pa = 3e4", "youngs_modulus_pa = 1.1e9", Kind::Range, 8, "deformable[0].material.youngs_modulus_pa"),
+    ("youngs_modulus_pa = 3e4", "poisson_ratio = 0.5", Kind::Range, 8, "deformable[0].material.poisson_ratio"),
+    ("youngs_modulus_pa = 3e4", "poisson_ratio = -0.1", Kind::Range, 8, "deformable[0].material.poisson_ratio"),
+    ("name = \"scope\"", "name = \"organ\"", Kind::Name, 10, "rigid[0].name"),
+    ("name = \"scope\"", "name = \"\"", Kind::Name, 10, "rigid[0].name"),
+    ("name = \"scope\"", "name = \"s\"\npoints = 1000000", Kind::Range, 11, "rigid[0].points"),
+    ("insertion_m = [0.0, 0.06]", "insertion_m = [0.06, 0.0]", Kind::Range, 12, "workspace.insertion_m"),
+    ("grid = [32, 32, 18]", "grid = [0, 32, 18]", Kind::Range, 14, "fluid.grid"),
+    ("grid = [32, 32, 18]", "grid = [1000000000, 32, 18]", Kind::Range, 14, "fluid.grid"),
+    ("grid = [32, 32, 18]", "grid = [512, 512, 512]", Kind::Range, 14, "fluid.grid"),
+    ("grid = [32, 32, 18]", "box_min_m = [0.0, 0.0, 0.0]", Kind::Incomplete, 13, "fluid"),
+    ("insertion_m = 0.03", "insertion_m = 0.3", Kind::Range, 17, "hand.mine.into.insertion_m"),
+    ("period_s = 2.0", "period_s = 0.0", Kind::Range, 18, "hand.mine.period_s"),
+    ("period_s = 2.0", "period_s = 2.0\ntarget = \"myoma\"", Kind::Name, 19, "hand.mine.target"),
 ];
 
 /// The error after one replacement in a good scene.
@@ -250,13 +70,7 @@ fn error_with(old: &str, new: &str) -> SceneError {
     assert!(GOOD.contains(old), "{old}");
     let error = parse(&GOOD.replace(old, new)).expect_err(new);
     let text = error.to_string();
-    assert!(
-        text.starts_with("scene.toml")
-            && !error.what.is_empty()
-            && !error.cure.is_empty()
-            && !text.contains('\n'),
-        "{text}"
-    );
+    assert!(text.starts_with("scene.toml") && !error.what.is_empty() && !error.cure.is_empty() && !text.contains('\n'), "{text}");
     error
 }
 
@@ -276,65 +90,34 @@ fn whole_numbers_do_where_a_length_or_a_modulus_is_asked() {
 fn each_fault_has_its_kind_its_line_and_its_key() {
     for (old, new, kind, line, key) in CASES {
         let error = error_with(old, new);
-        assert_eq!(
-            (error.kind, error.key.as_str()),
-            (kind, key),
-            "{new}: {error}"
-        );
-        assert_eq!(
-            error.line_column.map_or(0, |(line, _)| line),
-            line,
-            "{new}: {error}"
-        );
+        assert_eq!((error.kind, error.key.as_str()), (kind, key), "{new}: {error}");
+        assert_eq!(error.line_column.map_or(0, |(line, _)| line), line, "{new}: {error}");
     }
 }
 
 #[test]
 fn a_range_error_names_what_is_allowed_and_an_unknown_key_what_there_is() {
-    assert!(
-        error_with("3e4", "2e9")
-            .to_string()
-            .contains("0 to 1000000000 Pa")
-    );
+    assert!(error_with("3e4", "2e9").to_string().contains("0 to 1000000000 Pa"));
     let text = error_with("scale_to_m", "scale").to_string();
-    assert!(
-        text.contains("`scale`") && text.contains("`scale_to_m`"),
-        "{text}"
-    );
+    assert!(text.contains("`scale`") && text.contains("`scale_to_m`"), "{text}");
 }
 
 #[test]
 fn a_scene_without_a_deformable_or_without_a_rigid_says_so() {
     let without = |table: &str| parse(&format!("version = 1\nname = \"x\"\n{table}")).unwrap_err();
     let error = without("[[rigid]]\nname = \"scope\"\n");
-    assert_eq!(
-        (error.kind, error.key.as_str()),
-        (Kind::Incomplete, "deformable")
-    );
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Incomplete, "deformable"));
     let error = without("[[deformable]]\nname = \"organ\"\nmesh = \"a.msh\"\n");
-    assert_eq!(
-        (error.kind, error.key.as_str()),
-        (Kind::Incomplete, "rigid")
-    );
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Incomplete, "rigid"));
 }
 
 #[test]
 fn a_circle_of_attachments_is_refused() {
-    let link = |name: &str, to: &str| {
-        format!("[[deformable]]\nname = \"{name}\"\nmesh = \"a.msh\"\nattach_to = \"{to}\"\n")
-    };
-    let text = format!(
-        "version = 1\nname = \"x\"\n{}{}{}[[rigid]]\nname = \"s\"\n",
-        link("a", "b"),
-        link("b", "c"),
-        link("c", "a")
-    );
+    let link = |name: &str, to: &str| format!("[[deformable]]\nname = \"{name}\"\nmesh = \"a.msh\"\nattach_to = \"{to}\"\n");
+    let text =
+        format!("version = 1\nname = \"x\"\n{}{}{}[[rigid]]\nname = \"s\"\n", link("a", "b"), link("b", "c"), link("c", "a"));
     let error = parse(&text).unwrap_err();
-    assert_eq!(
-        (error.kind, error.line_column),
-        (Kind::Name, Some((6, 1))),
-        "{error}"
-    );
+    assert_eq!((error.kind, error.line_column), (Kind::Name, Some((6, 1))), "{error}");
 }
 
 #[test]

@@ -1,9 +1,7 @@
 //! Scenes on meshes that nobody made for them: units, faults, surfaces, attachments, and a mesh alone.
 #![allow(missing_docs)]
 
-use hyst_scene::{
-    LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, check_report, load,
-};
+use hyst_scene::{LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, check_report, load};
 use std::path::PathBuf;
 
 /// A folder of its own for one test, removed when it ends.
@@ -24,9 +22,8 @@ impl Folder {
 
     /// Loads a scene of one deformable table and one instrument.
     fn load(&self, deformable: &str) -> Result<LoadedScene, SceneError> {
-        let text = format!(
-            "version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n"
-        );
+        let text =
+            format!("version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n");
         load(&self.file("scene.toml", &text))
     }
 }
@@ -61,10 +58,7 @@ fn block(n: u32, side: f64, shift: f64) -> String {
             }
             tet.push(id(x + 1, y + 1, z + 1));
             count += 1;
-            tets += &format!(
-                "{count} 4 2 1 1 {} {} {} {}\n",
-                tet[0], tet[1], tet[2], tet[3]
-            );
+            tets += &format!("{count} 4 2 1 1 {} {} {} {}\n", tet[0], tet[1], tet[2], tet[3]);
         }
     }
     let nodes_count = (n + 1).pow(3);
@@ -74,59 +68,29 @@ fn block(n: u32, side: f64, shift: f64) -> String {
 }
 
 fn extent_m(scene: &LoadedScene) -> f32 {
-    let z = scene.objects[0]
-        .mesh
-        .positions_m
-        .iter()
-        .map(|position| position[2]);
+    let z = scene.objects[0].mesh.positions_m.iter().map(|position| position[2]);
     z.clone().fold(f32::MIN, f32::max) - z.fold(f32::MAX, f32::min)
 }
 
 #[test]
 fn an_organ_in_any_unit_comes_to_lie_before_the_scope_and_the_press_touches_it() {
     let folder = Folder::new("units");
-    for (side, expected_m) in [
-        (0.08, 0.08),
-        (8.0, 0.08),
-        (80.0, 0.08),
-        (8e4, 0.1),
-        (1e-5, 0.1),
-    ] {
+    for (side, expected_m) in [(0.08, 0.08), (8.0, 0.08), (80.0, 0.08), (8e4, 0.1), (1e-5, 0.1)] {
         folder.file("organ.msh", &block(3, side, 17.0 * side));
-        let scene = folder
-            .load("mesh = \"organ.msh\"")
-            .unwrap_or_else(|error| panic!("{side}: {error}"));
-        assert!(
-            (extent_m(&scene) / expected_m - 1.0).abs() < 1e-3,
-            "{side}: {} m",
-            extent_m(&scene)
-        );
+        let scene = folder.load("mesh = \"organ.msh\"").unwrap_or_else(|error| panic!("{side}: {error}"));
+        assert!((extent_m(&scene) / expected_m - 1.0).abs() < 1e-3, "{side}: {} m", extent_m(&scene));
         let press = scene.hand("press").unwrap();
         let tip = |pose: Pose| pose.tip_m(scene.workspace.pivot_m)[2];
-        assert!(
-            tip(press.way[0]) < 0.03 && tip(press.way[1]) > 0.03,
-            "{side}: {press:?}"
-        );
-        assert!(
-            scene.objects[0].fixed.iter().any(|&fixed| fixed)
-                && !scene.objects[0].fixed.iter().all(|&fixed| fixed)
-        );
-        assert!(
-            scene
-                .notes
-                .iter()
-                .any(|note| note.contains("placed in front of the scope")),
-            "{:?}",
-            scene.notes
-        );
+        assert!(tip(press.way[0]) < 0.03 && tip(press.way[1]) > 0.03, "{side}: {press:?}");
+        assert!(scene.objects[0].fixed.iter().any(|&fixed| fixed) && !scene.objects[0].fixed.iter().all(|&fixed| fixed));
+        assert!(scene.notes.iter().any(|note| note.contains("placed in front of the scope")), "{:?}", scene.notes);
     }
 }
 
 #[test]
 fn a_mesh_alone_is_a_scene() {
     let folder = Folder::new("alone");
-    let scene = load(&folder.file("organ.msh", &block(2, 80.0, 0.0)))
-        .unwrap_or_else(|error| panic!("{error}"));
+    let scene = load(&folder.file("organ.msh", &block(2, 80.0, 0.0))).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!((scene.objects.len(), scene.rigid.len()), (1, 1));
     assert!(scene.hand("press").is_some() && scene.hand("explore").is_some());
 }
@@ -135,21 +99,13 @@ fn a_mesh_alone_is_a_scene() {
 fn a_given_place_is_kept_to_the_millimetre() {
     let folder = Folder::new("given");
     folder.file("organ.msh", &block(2, 50.0, 0.0));
-    let scene = folder.load("mesh = \"organ.msh\"\nscale_to_m = 0.001\nrotate_deg = [0.0, 0.0, 90.0]\ntranslate_m = [0.1, 0.2, 0.3]").unwrap();
-    let (low, high) = scene.objects[0].mesh.positions_m.iter().fold(
-        ([f32::MAX; 3], [f32::MIN; 3]),
-        |(low, high), p| {
-            (
-                std::array::from_fn(|i| low[i].min(p[i])),
-                std::array::from_fn(|i| high[i].max(p[i])),
-            )
-        },
-    );
-    for (found, expected) in low
-        .iter()
-        .chain(&high)
-        .zip([0.05, 0.2, 0.3, 0.1, 0.25, 0.35])
-    {
+    let scene = folder
+        .load("mesh = \"organ.msh\"\nscale_to_m = 0.001\nrotate_deg = [0.0, 0.0, 90.0]\ntranslate_m = [0.1, 0.2, 0.3]")
+        .unwrap();
+    let (low, high) = scene.objects[0].mesh.positions_m.iter().fold(([f32::MAX; 3], [f32::MIN; 3]), |(low, high), p| {
+        (std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i])))
+    });
+    for (found, expected) in low.iter().chain(&high).zip([0.05, 0.2, 0.3, 0.1, 0.25, 0.35]) {
         assert!((found - expected).abs() < 1e-6, "{low:?} {high:?}");
     }
 }
@@ -159,9 +115,7 @@ fn a_wrong_scale_is_refused_with_the_right_one() {
     let folder = Folder::new("scale");
     folder.file("organ.msh", &block(2, 80.0, 0.0));
     for scale in ["1.0", "0.000001"] {
-        let error = folder
-            .load(&format!("mesh = \"organ.msh\"\nscale_to_m = {scale}"))
-            .unwrap_err();
+        let error = folder.load(&format!("mesh = \"organ.msh\"\nscale_to_m = {scale}")).unwrap_err();
         assert_eq!(error.kind, Kind::Size, "{error}");
         assert!(error.cure.contains("scale_to_m = 0.001"), "{error}");
     }
@@ -185,10 +139,7 @@ fn a_missing_truncated_or_broken_mesh_names_its_file_and_its_cure() {
     for (name, kind) in cases {
         let error = folder.load(&format!("mesh = \"{name}\"")).expect_err(name);
         assert_eq!(error.kind, kind, "{error}");
-        assert!(
-            error.to_string().contains(name) && !error.cure.is_empty(),
-            "{error}"
-        );
+        assert!(error.to_string().contains(name) && !error.cure.is_empty(), "{error}");
     }
     let error = folder.load("mesh = \"builtin:liver.msh\"").unwrap_err();
     assert!(error.to_string().contains("builtin:uterus.msh"), "{error}");
@@ -203,32 +154,16 @@ fn an_inverted_tet_and_an_unused_node_are_repaired_and_said_so() {
         .replace("$Nodes\n27\n", "$Nodes\n28\n28 500 500 500\n")
         .replace("1 4 2 1 1 1 2 5 14", "1 4 2 1 1 1 5 2 14");
     let path = folder.file("organ.msh", &mesh);
-    let scene = folder
-        .load("mesh = \"organ.msh\"\nscale_to_m = 0.001")
-        .unwrap_or_else(|error| panic!("{error}"));
+    let scene = folder.load("mesh = \"organ.msh\"\nscale_to_m = 0.001").unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(scene.objects[0].mesh.positions_m.len(), 27);
     assert!(hyst_mesh::check(&scene.objects[0].mesh).is_sound());
     assert!(scene.notes.len() >= 2, "{:?}", scene.notes);
     let report = check(&path).unwrap();
     let inverted = report.objects[0].inverted;
-    assert!(
-        inverted >= 1 && report.objects[0].unused_nodes == 1 && report.runnable,
-        "{report:?}"
-    );
-    assert!(
-        (extent_m(&load(&path).unwrap()) - 0.08).abs() < 1e-6,
-        "the stray node decided about the scale"
-    );
+    assert!(inverted >= 1 && report.objects[0].unused_nodes == 1 && report.runnable, "{report:?}");
+    assert!((extent_m(&load(&path).unwrap()) - 0.08).abs() < 1e-6, "the stray node decided about the scale");
     let text = check_report(&path).unwrap();
-    for part in [
-        "nodes 28",
-        "tets 48",
-        "the unit is mm",
-        "inverted",
-        "no tet uses",
-        "turned round",
-        "can be run",
-    ] {
+    for part in ["nodes 28", "tets 48", "the unit is mm", "inverted", "no tet uses", "turned round", "can be run"] {
         assert!(text.contains(part), "no “{part}” in:\n{text}");
     }
     assert!(serde_json::to_value(&report).unwrap()["objects"][0]["tets"] == 48);
@@ -238,23 +173,12 @@ fn an_inverted_tet_and_an_unused_node_are_repaired_and_said_so() {
 fn a_surface_of_another_mesh_is_refused_and_its_own_is_bound() {
     let folder = Folder::new("surface");
     folder.file("organ.msh", &block(2, 80.0, 0.0));
-    let square =
-        |z: f64| format!("v 0 0 {z}\nv 80 0 {z}\nv 80 80 {z}\nv 0 80 {z}\nf 1 2 3\nf 1 3 4\n");
+    let square = |z: f64| format!("v 0 0 {z}\nv 80 0 {z}\nv 80 80 {z}\nv 0 80 {z}\nf 1 2 3\nf 1 3 4\n");
     folder.file("own.obj", &square(80.0));
     folder.file("other.obj", &square(800.0));
-    let scene = folder
-        .load("mesh = \"organ.msh\"\nsurface = \"own.obj\"")
-        .unwrap_or_else(|error| panic!("{error}"));
-    assert_eq!(
-        (
-            scene.objects[0].surface.triangles.len(),
-            scene.objects[0].bindings.len()
-        ),
-        (2, 4)
-    );
-    let error = folder
-        .load("mesh = \"organ.msh\"\nsurface = \"other.obj\"")
-        .unwrap_err();
+    let scene = folder.load("mesh = \"organ.msh\"\nsurface = \"own.obj\"").unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((scene.objects[0].surface.triangles.len(), scene.objects[0].bindings.len()), (2, 4));
+    let error = folder.load("mesh = \"organ.msh\"\nsurface = \"other.obj\"").unwrap_err();
     assert_eq!(error.kind, Kind::Apart, "{error}");
     assert!(error.to_string().contains("other.obj"), "{error}");
 }
@@ -271,11 +195,7 @@ fn what_is_attached_to_nothing_near_is_refused() {
     let scene = knob(-0.005).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(scene.objects[1].attach.as_ref().unwrap().nodes.len(), 4);
     let error = knob(-0.5).unwrap_err();
-    assert_eq!(
-        (error.kind, error.key.as_str()),
-        (Kind::Apart, "deformable[1].attach_to"),
-        "{error}"
-    );
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Apart, "deformable[1].attach_to"), "{error}");
     assert!(error.line_column.is_some(), "{error}");
 }
 
@@ -293,12 +213,6 @@ fn the_hash_follows_the_content() {
     folder.file("organ.msh", &block(2, 80.0, 0.0));
     let first = folder.load("mesh = \"organ.msh\"").unwrap();
     assert_eq!(first, folder.load("mesh = \"organ.msh\"").unwrap());
-    folder.file(
-        "organ.msh",
-        &block(2, 80.0, 0.0).replacen(" 40 ", " 40.1 ", 1),
-    );
-    assert_ne!(
-        first.hash,
-        folder.load("mesh = \"organ.msh\"").unwrap().hash
-    );
+    folder.file("organ.msh", &block(2, 80.0, 0.0).replacen(" 40 ", " 40.1 ", 1));
+    assert_ne!(first.hash, folder.load("mesh = \"organ.msh\"").unwrap().hash);
 }

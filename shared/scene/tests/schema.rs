@@ -14,11 +14,7 @@ fn the_schema_in_assets_is_up_to_date() {
         std::fs::write(&path, &schema).unwrap();
     }
     let committed = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(
-        committed == schema,
-        "{} is out of date: run the test with {UPDATE}=1 and commit it",
-        path.display()
-    );
+    assert!(committed == schema, "{} is out of date: run the test with {UPDATE}=1 and commit it", path.display());
 }
 
 #[test]

@@ -17,20 +17,12 @@ const STEPS: usize = 60;
 
 fn main() {
     let material = Material::new(10_000.0, 0.45, 1000.0, 10.0).expect("valid constants");
-    println!(
-        "{:>6} {:>9} {:>8} {:>12} {:>14}",
-        "tets", "isa", "substeps", "steps_per_s", "ns_per_tet_sub"
-    );
+    println!("{:>6} {:>9} {:>8} {:>12} {:>14}", "tets", "isa", "substeps", "steps_per_s", "ns_per_tet_sub");
     for cells in [[12, 12, 4], [12, 12, 12]] {
-        for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512]
-            .into_iter()
-            .filter(|isa| isa.available())
-        {
+        for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
             let mesh = block(cells, 0.003);
             let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[2] == 0.0).collect();
-            let (model, report) =
-                Model::new(&mesh, &fixed, &material, Options { isa, ..options() })
-                    .expect("a model");
+            let (model, report) = Model::new(&mesh, &fixed, &material, Options { isa, ..options() }).expect("a model");
             let mut body = Body::new(model);
             let nodes = body.force_n.len();
             body.force_n[nodes - 1] = [0.0, 0.01, -0.02];
@@ -44,12 +36,7 @@ fn main() {
             }
             let work = (report.tets as f64) * f64::from(report.substeps);
             let (rate, cost_ns) = (1.0 / fastest_s, fastest_s * 1e9 / work);
-            println!(
-                "{:>6} {:>9} {:>8} {rate:>12.0} {cost_ns:>14.2}",
-                report.tets,
-                isa.name(),
-                report.substeps
-            );
+            println!("{:>6} {:>9} {:>8} {rate:>12.0} {cost_ns:>14.2}", report.tets, isa.name(), report.substeps);
         }
     }
 }

@@ -33,8 +33,7 @@ pub(crate) fn corner_stiffness_n_m(
     let stretch = gram.symmetric_eigenvalues().map(|value| value.max(0.0));
     let root = stretch.map(f64::sqrt);
     // Shear directions give 2μ·a_i, which the largest diagonal entry covers.
-    let coupled =
-        Matrix3::from_diagonal(&(stretch * (2.0 * mu_pa))) + root * root.transpose() * lambda_pa;
+    let coupled = Matrix3::from_diagonal(&(stretch * (2.0 * mu_pa))) + root * root.transpose() * lambda_pa;
     let largest = coupled.symmetric_eigenvalues().max();
     weights.map(|weight| weight * largest * volume_m3)
 }
@@ -54,11 +53,7 @@ pub(crate) fn scale_mass(mass_kg: &mut [f64], stiffness_n_m: &[f64], omega_max_p
 
 /// The largest angular frequency that the bound allows, 1/s. Nodes without mass (used by no tet) do not count.
 pub(crate) fn omega_per_s(mass_kg: &[f64], stiffness_n_m: &[f64]) -> f64 {
-    let squared = mass_kg
-        .iter()
-        .zip(stiffness_n_m)
-        .filter(|(mass, _)| **mass > 0.0)
-        .map(|(mass, stiffness)| stiffness / mass);
+    let squared = mass_kg.iter().zip(stiffness_n_m).filter(|(mass, _)| **mass > 0.0).map(|(mass, stiffness)| stiffness / mass);
     squared.fold(0.0, f64::max).sqrt()
 }
 
@@ -68,19 +63,10 @@ mod tests {
     use nalgebra::SMatrix;
 
     /// The element stiffness as a full 12×12 matrix, from its definition.
-    fn full(
-        gradients: &[Vector3<f64>; 4],
-        volume: f64,
-        mu: f64,
-        lambda: f64,
-    ) -> SMatrix<f64, 12, 12> {
+    fn full(gradients: &[Vector3<f64>; 4], volume: f64, mu: f64, lambda: f64) -> SMatrix<f64, 12, 12> {
         SMatrix::from_fn(|row, column| {
             let (i, a, j, b) = (row / 3, row % 3, column / 3, column % 3);
-            let shear = if a == b {
-                2.0 * mu * gradients[i].dot(&gradients[j])
-            } else {
-                0.0
-            };
+            let shear = if a == b { 2.0 * mu * gradients[i].dot(&gradients[j]) } else { 0.0 };
             volume * (shear + lambda * gradients[i][a] * gradients[j][b])
         })
     }
@@ -88,10 +74,7 @@ mod tests {
     fn gradients(edges: Matrix3<f64>) -> ([Vector3<f64>; 4], f64) {
         let inverse = edges.try_inverse().expect("a tet with a volume");
         let row = |i: usize| inverse.row(i).transpose();
-        (
-            [-(row(0) + row(1) + row(2)), row(0), row(1), row(2)],
-            edges.determinant() / 6.0,
-        )
+        ([-(row(0) + row(1) + row(2)), row(0), row(1), row(2)], edges.determinant() / 6.0)
     }
 
     #[test]
@@ -100,19 +83,10 @@ mod tests {
         let (gradients, volume) = gradients(edges);
         for spread in [Spread::Equal, Spread::ByGradient] {
             let corners = corner_stiffness_n_m(&gradients, volume, 3448.0, 31034.0, spread);
-            let scale = SMatrix::<f64, 12, 12>::from_fn(|i, j| {
-                if i == j {
-                    1.0 / corners[i / 3].sqrt()
-                } else {
-                    0.0
-                }
-            });
+            let scale = SMatrix::<f64, 12, 12>::from_fn(|i, j| if i == j { 1.0 / corners[i / 3].sqrt() } else { 0.0 });
             let scaled = scale * full(&gradients, volume, 3448.0, 31034.0) * scale;
             let largest = scaled.symmetric_eigenvalues().max();
-            assert!(
-                (largest - 1.0).abs() < 1e-9,
-                "{spread:?}: largest scaled eigenvalue {largest}, expected 1"
-            );
+            assert!((largest - 1.0).abs() < 1e-9, "{spread:?}: largest scaled eigenvalue {largest}, expected 1");
         }
     }
 }

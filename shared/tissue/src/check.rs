@@ -6,46 +6,14 @@ use crate::model::{ModelError, Options, SUBSTEPS_MAX};
 
 pub(crate) fn options(options: &Options) -> Result<(), ModelError> {
     let check = |name, value: f64, low: f64, high: f64, range| {
-        if (low..=high).contains(&value) {
-            Ok(())
-        } else {
-            Err(ModelError::Option { name, value, range })
-        }
+        if (low..=high).contains(&value) { Ok(()) } else { Err(ModelError::Option { name, value, range }) }
     };
     check("step_s", options.step_s, 1e-6, 0.02, "from 1e-6 to 0.02")?;
-    check(
-        "max_substeps",
-        f64::from(options.max_substeps),
-        1.0,
-        f64::from(SUBSTEPS_MAX),
-        "from 1 to 256",
-    )?;
-    check(
-        "max_added_mass_ratio",
-        options.max_added_mass_ratio,
-        0.0,
-        1e6,
-        "from 0 to 1e6",
-    )?;
-    check(
-        "contact_stiffness_n_m",
-        options.contact_stiffness_n_m,
-        0.0,
-        1e9,
-        "from 0 to 1e9",
-    )?;
-    check(
-        "velocity_cap_m_s",
-        options.velocity_cap_m_s,
-        1e-3,
-        1e3,
-        "from 0.001 to 1000",
-    )?;
-    if options.isa.available() {
-        Ok(())
-    } else {
-        Err(ModelError::Isa(options.isa))
-    }
+    check("max_substeps", f64::from(options.max_substeps), 1.0, f64::from(SUBSTEPS_MAX), "from 1 to 256")?;
+    check("max_added_mass_ratio", options.max_added_mass_ratio, 0.0, 1e6, "from 0 to 1e6")?;
+    check("contact_stiffness_n_m", options.contact_stiffness_n_m, 0.0, 1e9, "from 0 to 1e9")?;
+    check("velocity_cap_m_s", options.velocity_cap_m_s, 1e-3, 1e3, "from 0.001 to 1000")?;
+    if options.isa.available() { Ok(()) } else { Err(ModelError::Isa(options.isa)) }
 }
 
 pub(crate) fn mesh(mesh: &TetMesh, fixed: &[bool]) -> Result<(), ModelError> {
@@ -57,16 +25,9 @@ pub(crate) fn mesh(mesh: &TetMesh, fixed: &[bool]) -> Result<(), ModelError> {
         return Err(ModelError::TooLarge { nodes, tets });
     }
     if fixed.len() != nodes {
-        return Err(ModelError::FixedLength {
-            expected: nodes,
-            found: fixed.len(),
-        });
+        return Err(ModelError::FixedLength { expected: nodes, found: fixed.len() });
     }
-    if let Some(node) = mesh
-        .positions_m
-        .iter()
-        .position(|position| position.iter().any(|x| !x.is_finite()))
-    {
+    if let Some(node) = mesh.positions_m.iter().position(|position| position.iter().any(|x| !x.is_finite())) {
         return Err(ModelError::NotFinite { node });
     }
     for (tet, corners) in mesh.tets.iter().enumerate() {

@@ -26,12 +26,7 @@ pub fn join(meshes: &[&TetMesh]) -> Option<(TetMesh, Vec<usize>)> {
 
 /// Adds `force_n`, which acts at the point with these `weights` in a tet, to the tet's nodes. Returns false, and adds nothing,
 /// if a node is out of range or a number is not finite.
-pub fn scatter(
-    tet: [u32; 4],
-    weights: [f32; 4],
-    force_n: [f32; 3],
-    out_n: &mut [[f32; 3]],
-) -> bool {
+pub fn scatter(tet: [u32; 4], weights: [f32; 4], force_n: [f32; 3], out_n: &mut [[f32; 3]]) -> bool {
     let in_range = tet.iter().all(|&node| (node as usize) < out_n.len());
     if !in_range || !weights.iter().chain(&force_n).all(|x| x.is_finite()) {
         return false;
@@ -60,28 +55,18 @@ pub fn gather(tet: [u32; 4], weights: [f32; 4], vectors: &[[f32; 3]]) -> Option<
 ///
 /// `triangles` are counter-clockwise seen from the fluid, so that a positive pressure pushes into the tissue. One pressure per
 /// triangle, Pa. Returns how many triangles were skipped: index out of range, pressure missing, force not finite.
-pub fn pressure_forces(
-    triangles: &[[u32; 3]],
-    position_m: &[[f32; 3]],
-    pressure_pa: &[f32],
-    out_n: &mut [[f32; 3]],
-) -> usize {
+pub fn pressure_forces(triangles: &[[u32; 3]], position_m: &[[f32; 3]], pressure_pa: &[f32], out_n: &mut [[f32; 3]]) -> usize {
     let mut skipped = 0;
     for (index, triangle) in triangles.iter().enumerate() {
         let corners = triangle.map(|node| position_m.get(node as usize).copied());
         let pressure = pressure_pa.get(index).copied();
         let in_range = triangle.iter().all(|&node| (node as usize) < out_n.len());
-        let ([Some(a), Some(b), Some(c)], Some(pressure), true) = (corners, pressure, in_range)
-        else {
+        let ([Some(a), Some(b), Some(c)], Some(pressure), true) = (corners, pressure, in_range) else {
             skipped += 1;
             continue;
         };
         let (u, v) = (minus(b, a), minus(c, a));
-        let twice_area = [
-            u[1] * v[2] - u[2] * v[1],
-            u[2] * v[0] - u[0] * v[2],
-            u[0] * v[1] - u[1] * v[0],
-        ];
+        let twice_area = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
         let share = twice_area.map(|x| -pressure * x / 6.0);
         if !share.iter().all(|x| x.is_finite()) {
             skipped += 1;
@@ -99,12 +84,7 @@ pub fn pressure_forces(
 /// Moves a surface that is bound to a volume: `out_m[i]` is the point of `bindings[i]` at the positions of the nodes.
 ///
 /// Returns how many vertices were left as they are: tet or node out of range, or beyond the shorter of the two arrays.
-pub fn surface_update(
-    bindings: &[Binding],
-    tets: &[[u32; 4]],
-    position_m: &[[f32; 3]],
-    out_m: &mut [[f32; 3]],
-) -> usize {
+pub fn surface_update(bindings: &[Binding], tets: &[[u32; 4]], position_m: &[[f32; 3]], out_m: &mut [[f32; 3]]) -> usize {
     let mut left = bindings.len().abs_diff(out_m.len());
     for (binding, out) in bindings.iter().zip(out_m) {
         let nodes = tets.get(binding.tet as usize);

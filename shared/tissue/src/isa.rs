@@ -16,10 +16,7 @@ pub enum Isa {
 impl Isa {
     /// The widest set that this machine has.
     pub fn detect() -> Self {
-        [Isa::Avx512, Isa::Avx2]
-            .into_iter()
-            .find(|isa| isa.available())
-            .unwrap_or(Isa::Baseline)
+        [Isa::Avx512, Isa::Avx2].into_iter().find(|isa| isa.available()).unwrap_or(Isa::Baseline)
     }
 
     /// Whether this machine has it.
@@ -46,8 +43,6 @@ impl Isa {
 
     /// The set of that name.
     pub fn from_name(name: &str) -> Option<Self> {
-        [Isa::Baseline, Isa::Avx2, Isa::Avx512]
-            .into_iter()
-            .find(|isa| isa.name() == name)
+        [Isa::Baseline, Isa::Avx2, Isa::Avx512].into_iter().find(|isa| isa.name() == name)
     }
 }

@@ -59,21 +59,12 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    pub const ZERO: Frame = Frame {
-        q: [Row::ZERO; 9],
-        straight: Row::ZERO,
-        turned: Row::ZERO,
-    };
+    pub const ZERO: Frame = Frame { q: [Row::ZERO; 9], straight: Row::ZERO, turned: Row::ZERO };
 }
 
 /// The three edges from corner 0: `edges[i]` is the edge to corner i + 1.
 #[inline(always)]
-fn edges<S: Lanes>(
-    simd: S,
-    nodes: &[[f32; 4]],
-    corners: &[[u32; LANES]; 4],
-    half: usize,
-) -> [V3<S>; 3] {
+fn edges<S: Lanes>(simd: S, nodes: &[[f32; 4]], corners: &[[u32; LANES]; 4], half: usize) -> [V3<S>; 3] {
     let origin = simd.gather(nodes, &corners[0], half);
     let one = simd.gather(nodes, &corners[1], half);
     let two = simd.gather(nodes, &corners[2], half);
@@ -90,10 +81,7 @@ pub(crate) fn rotations<S: Lanes>(
     position: &[[f32; 4]],
     frames: &mut [Frame],
 ) -> TetSums {
-    let mut sums = TetSums {
-        energy_j: Row::ZERO,
-        inverted: Row::ZERO,
-    };
+    let mut sums = TetSums { energy_j: Row::ZERO, inverted: Row::ZERO };
     for ((block, rest), frame) in blocks.iter().zip(rest).zip(frames) {
         for half in 0..LANES / S::F32_LANES {
             let edges = edges(simd, position, &block.nodes, half);
@@ -105,8 +93,7 @@ pub(crate) fn rotations<S: Lanes>(
             for k in 0..3 {
                 for m in 0..3 {
                     let last = edges[2][k] * inv_edges[2][m];
-                    f[k][m] =
-                        edges[0][k].fma(inv_edges[0][m], edges[1][k].fma(inv_edges[1][m], last));
+                    f[k][m] = edges[0][k].fma(inv_edges[0][m], edges[1][k].fma(inv_edges[1][m], last));
                 }
             }
             let found = crate::polar::rotation(simd, &f);
@@ -118,10 +105,7 @@ pub(crate) fn rotations<S: Lanes>(
             for k in 0..3 {
                 for j in 0..3 {
                     let r = found.matrix[k];
-                    let sum = r[0].fma(
-                        inv_edges[j][0],
-                        r[1].fma(inv_edges[j][1], r[2] * inv_edges[j][2]),
-                    );
+                    let sum = r[0].fma(inv_edges[j][0], r[1].fma(inv_edges[j][1], r[2] * inv_edges[j][2]));
                     (volume * sum).store(&mut frame.q[3 * k + j], half);
                 }
             }
@@ -152,10 +136,7 @@ fn add_sums<S: Lanes>(
         }
     }
     let stretch = trace - F::splat(simd, 3.0);
-    let (lambda, two_mu) = (
-        F::load(simd, &block.lambda, half),
-        F::load(simd, &block.two_mu, half),
-    );
+    let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
     // ∫ min(λs, 2μ) ds = p·(s − p/2λ) with p the clamped pressure; where λ = 0 so is p.
     let pressure = (lambda * stretch).min(two_mu);
     let half_inverse = F::splat(simd, 0.5) * lambda.max(F::splat(simd, LAMBDA_MIN_PA)).recip();
@@ -172,9 +153,7 @@ fn add_sums<S: Lanes>(
     let largest = F::splat(simd, 2.0f32.sqrt()).fma(deviation, mean + mean);
     let free = (two_mu - pressure) * (largest * mu).max(F::splat(simd, G_MIN)).recip();
     // 1 − β, kept in 0..1; an inverted element, whose rotation may jump, gets β = 1.
-    let free = found
-        .orientation
-        .if_greater(zero, free.min(one).max(zero), zero);
+    let free = found.orientation.if_greater(zero, free.min(one).max(zero), zero);
     one - F::splat(simd, 0.5) * free
 }
 
@@ -191,10 +170,7 @@ pub(crate) fn element_forces<S: Lanes>(
     for (block, frame) in blocks.iter().zip(frames) {
         for half in 0..LANES / S::F32_LANES {
             let edges = edges(simd, position, &block.nodes, half);
-            let (lambda, two_mu) = (
-                F::load(simd, &block.lambda, half),
-                F::load(simd, &block.two_mu, half),
-            );
+            let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
             let mut q = [[lambda; 3]; 3];
             for (index, row) in frame.q.iter().enumerate() {
                 q[index / 3][index % 3] = F::load(simd, row, half);
@@ -203,43 +179,27 @@ pub(crate) fn element_forces<S: Lanes>(
             let mut turned = [[three; 3]; 3];
             for i in 0..3 {
                 for j in 0..3 {
-                    turned[i][j] =
-                        edges[i][0].fma(q[0][j], edges[i][1].fma(q[1][j], edges[i][2] * q[2][j]));
+                    turned[i][j] = edges[i][0].fma(q[0][j], edges[i][1].fma(q[1][j], edges[i][2] * q[2][j]));
                 }
             }
-            let trace = (turned[0][0] + turned[1][1] + turned[2][2])
-                * F::load(simd, &block.inv_volume, half);
+            let trace = (turned[0][0] + turned[1][1] + turned[2][2]) * F::load(simd, &block.inv_volume, half);
             let pressure = (lambda * (trace - three)).min(two_mu) - two_mu;
             let factor = F::load(simd, &frame.turned, half);
             for i in 0..3 {
                 for j in 0..3 {
-                    turned[i][j] = if i == j {
-                        factor.fma(turned[i][j], pressure)
-                    } else {
-                        factor * turned[i][j]
-                    };
+                    turned[i][j] = if i == j { factor.fma(turned[i][j], pressure) } else { factor * turned[i][j] };
                 }
             }
             let straight = F::load(simd, &frame.straight, half);
             let metric = &block.metric;
             let mut forces = [[three; 3]; 4];
             for k in 0..3 {
-                let d = [
-                    straight * edges[0][k],
-                    straight * edges[1][k],
-                    straight * edges[2][k],
-                ];
+                let d = [straight * edges[0][k], straight * edges[1][k], straight * edges[2][k]];
                 for j in 0..3 {
                     let [a, b, c] = METRIC_COLUMNS[j];
-                    let turn = q[k][0].fma(
-                        turned[0][j],
-                        q[k][1].fma(turned[1][j], q[k][2] * turned[2][j]),
-                    );
+                    let turn = q[k][0].fma(turned[0][j], q[k][1].fma(turned[1][j], q[k][2] * turned[2][j]));
                     let last = d[2].fma(F::load(simd, &metric[c], half), turn);
-                    let sum = d[0].fma(
-                        F::load(simd, &metric[a], half),
-                        d[1].fma(F::load(simd, &metric[b], half), last),
-                    );
+                    let sum = d[0].fma(F::load(simd, &metric[a], half), d[1].fma(F::load(simd, &metric[b], half), last));
                     forces[j + 1][k] = -sum;
                 }
                 forces[0][k] = -(forces[1][k] + forces[2][k] + forces[3][k]);
@@ -262,26 +222,12 @@ pub(crate) struct NodeRows<'a> {
 /// Kicks and drifts the nodes, and sets `force` back to the external one.
 #[inline(always)]
 pub(crate) fn move_nodes<S: Lanes>(simd: S, constants: &Constants, rows: &mut NodeRows) {
-    let (kick, drift) = (
-        F::splat(simd, constants.kick_s),
-        F::splat(simd, constants.drift_s),
-    );
+    let (kick, drift) = (F::splat(simd, constants.kick_s), F::splat(simd, constants.drift_s));
     let one = F::splat(simd, 1.0);
-    let (cap, zero) = (
-        F::splat(simd, constants.velocity_cap_m_s),
-        F::splat(simd, 0.0),
-    );
+    let (cap, zero) = (F::splat(simd, constants.velocity_cap_m_s), F::splat(simd, 0.0));
     let flush = F::splat(simd, VELOCITY_FLUSH_M_S);
-    let masses = rows
-        .inv_mass
-        .iter()
-        .zip(rows.damping_per_s)
-        .zip(rows.external);
-    let moving = rows
-        .position
-        .iter_mut()
-        .zip(rows.velocity.iter_mut())
-        .zip(rows.force.iter_mut());
+    let masses = rows.inv_mass.iter().zip(rows.damping_per_s).zip(rows.external);
+    let moving = rows.position.iter_mut().zip(rows.velocity.iter_mut()).zip(rows.force.iter_mut());
     for (((inv_mass, damping), external), ((position, velocity), force)) in masses.zip(moving) {
         for half in 0..LANES / S::F32_LANES {
             let inv_mass = F::load(simd, inv_mass, half);
@@ -291,9 +237,7 @@ pub(crate) fn move_nodes<S: Lanes>(simd: S, constants: &Constants, rows: &mut No
             let capped = damped.min(cap).max(-cap);
             let new = capped.abs().if_greater(flush, capped, zero);
             new.store(velocity, half);
-            drift
-                .fma(new, F::load(simd, position, half))
-                .store(position, half);
+            drift.fma(new, F::load(simd, position, half)).store(position, half);
             F::load(simd, external, half).store(force, half);
         }
     }

@@ -22,10 +22,7 @@ impl<S: Simd> Add for F<S> {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.add_f32s(self.value, other.value),
-        }
+        F { simd: self.simd, value: self.simd.add_f32s(self.value, other.value) }
     }
 }
 
@@ -33,10 +30,7 @@ impl<S: Simd> Sub for F<S> {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.sub_f32s(self.value, other.value),
-        }
+        F { simd: self.simd, value: self.simd.sub_f32s(self.value, other.value) }
     }
 }
 
@@ -44,10 +38,7 @@ impl<S: Simd> Mul for F<S> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.mul_f32s(self.value, other.value),
-        }
+        F { simd: self.simd, value: self.simd.mul_f32s(self.value, other.value) }
     }
 }
 
@@ -55,29 +46,20 @@ impl<S: Simd> Neg for F<S> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.neg_f32s(self.value),
-        }
+        F { simd: self.simd, value: self.simd.neg_f32s(self.value) }
     }
 }
 
 impl<S: Simd> F<S> {
     #[inline(always)]
     pub fn splat(simd: S, value: f32) -> Self {
-        F {
-            simd,
-            value: simd.splat_f32s(value),
-        }
+        F { simd, value: simd.splat_f32s(value) }
     }
 
     /// Part `half` of a row: its lanes `half·width..`.
     #[inline(always)]
     pub fn load(simd: S, row: &Row, half: usize) -> Self {
-        F {
-            simd,
-            value: S::as_simd_f32s(&row.0).0[half],
-        }
+        F { simd, value: S::as_simd_f32s(&row.0).0[half] }
     }
 
     #[inline(always)]
@@ -88,71 +70,45 @@ impl<S: Simd> F<S> {
     /// self·b + c, in one rounding where the set has it.
     #[inline(always)]
     pub fn fma(self, b: Self, c: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.mul_add_e_f32s(self.value, b.value, c.value),
-        }
+        F { simd: self.simd, value: self.simd.mul_add_e_f32s(self.value, b.value, c.value) }
     }
 
     /// c − self·b.
     #[inline(always)]
     pub fn nfma(self, b: Self, c: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self
-                .simd
-                .negate_mul_add_e_f32s(self.value, b.value, c.value),
-        }
+        F { simd: self.simd, value: self.simd.negate_mul_add_e_f32s(self.value, b.value, c.value) }
     }
 
     #[inline(always)]
     pub fn recip(self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.div_f32s(self.simd.splat_f32s(1.0), self.value),
-        }
+        F { simd: self.simd, value: self.simd.div_f32s(self.simd.splat_f32s(1.0), self.value) }
     }
 
     #[inline(always)]
     pub fn sqrt(self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.sqrt_f32s(self.value),
-        }
+        F { simd: self.simd, value: self.simd.sqrt_f32s(self.value) }
     }
 
     #[inline(always)]
     pub fn abs(self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.abs_f32s(self.value),
-        }
+        F { simd: self.simd, value: self.simd.abs_f32s(self.value) }
     }
 
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.min_f32s(self.value, other.value),
-        }
+        F { simd: self.simd, value: self.simd.min_f32s(self.value, other.value) }
     }
 
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {
-        F {
-            simd: self.simd,
-            value: self.simd.max_f32s(self.value, other.value),
-        }
+        F { simd: self.simd, value: self.simd.max_f32s(self.value, other.value) }
     }
 
     /// `yes` in lanes where self > bound, else `no`.
     #[inline(always)]
     pub fn if_greater(self, bound: Self, yes: Self, no: Self) -> Self {
         let mask = self.simd.greater_than_f32s(self.value, bound.value);
-        F {
-            simd: self.simd,
-            value: self.simd.select_f32s(mask, yes.value, no.value),
-        }
+        F { simd: self.simd, value: self.simd.select_f32s(mask, yes.value, no.value) }
     }
 }
 
@@ -161,43 +117,18 @@ pub(crate) trait Lanes: Simd {
     /// The nodes of one corner of this half's tets, as lanes of x, y, z.
     fn gather(self, nodes: &[[f32; 4]], corner: &[u32; LANES], half: usize) -> V3<Self>;
     /// Adds the forces on the four corners of this half's tets to their nodes, corner by corner, lane by lane, in groups of 8.
-    fn scatter(
-        self,
-        nodes: &mut [[f32; 4]],
-        corners: &[[u32; LANES]; 4],
-        half: usize,
-        forces: &[V3<Self>; 4],
-    );
+    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], half: usize, forces: &[V3<Self>; 4]);
 }
 
 impl Lanes for pulp::Scalar {
     #[inline(always)]
     fn gather(self, nodes: &[[f32; 4]], corner: &[u32; LANES], half: usize) -> V3<Self> {
         let node = nodes[corner[half] as usize];
-        [
-            F {
-                simd: self,
-                value: node[0],
-            },
-            F {
-                simd: self,
-                value: node[1],
-            },
-            F {
-                simd: self,
-                value: node[2],
-            },
-        ]
+        [F { simd: self, value: node[0] }, F { simd: self, value: node[1] }, F { simd: self, value: node[2] }]
     }
 
     #[inline(always)]
-    fn scatter(
-        self,
-        nodes: &mut [[f32; 4]],
-        corners: &[[u32; LANES]; 4],
-        half: usize,
-        forces: &[V3<Self>; 4],
-    ) {
+    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], half: usize, forces: &[V3<Self>; 4]) {
         for (corner, force) in corners.iter().zip(forces) {
             let node = &mut nodes[corner[half] as usize];
             for axis in 0..3 {

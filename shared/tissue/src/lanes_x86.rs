@@ -33,37 +33,19 @@ impl Lanes for V3 {
         let z_low: __m256d = cast(avx._mm256_unpackhi_ps(rows[0], rows[1]));
         let z_high: __m256d = cast(avx._mm256_unpackhi_ps(rows[2], rows[3]));
         [
-            F {
-                simd: self,
-                value: cast(avx._mm256_unpacklo_pd(xy_low, xy_high)),
-            },
-            F {
-                simd: self,
-                value: cast(avx._mm256_unpackhi_pd(xy_low, xy_high)),
-            },
-            F {
-                simd: self,
-                value: cast(avx._mm256_unpacklo_pd(z_low, z_high)),
-            },
+            F { simd: self, value: cast(avx._mm256_unpacklo_pd(xy_low, xy_high)) },
+            F { simd: self, value: cast(avx._mm256_unpackhi_pd(xy_low, xy_high)) },
+            F { simd: self, value: cast(avx._mm256_unpacklo_pd(z_low, z_high)) },
         ]
     }
 
     #[inline(always)]
-    fn scatter(
-        self,
-        nodes: &mut [[f32; 4]],
-        corners: &[[u32; LANES]; 4],
-        half: usize,
-        forces: &[Vector<Self>; 4],
-    ) {
+    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], half: usize, forces: &[Vector<Self>; 4]) {
         let avx = self.avx;
         let zero: __m256 = cast([0.0f32; 8]);
         for corner in 0..4 {
-            let [x, y, z]: [__m256; 3] = [
-                cast(forces[corner][0].value),
-                cast(forces[corner][1].value),
-                cast(forces[corner][2].value),
-            ];
+            let [x, y, z]: [__m256; 3] =
+                [cast(forces[corner][0].value), cast(forces[corner][1].value), cast(forces[corner][2].value)];
             let xy_low: __m256d = cast(avx._mm256_unpacklo_ps(x, y));
             let xy_high: __m256d = cast(avx._mm256_unpackhi_ps(x, y));
             let z_low: __m256d = cast(avx._mm256_unpacklo_ps(z, zero));
@@ -75,20 +57,10 @@ impl Lanes for V3 {
                 cast(avx._mm256_unpackhi_pd(xy_high, z_high)),
             ];
             for (lane, pair) in rows.iter().enumerate() {
-                add_row(
-                    self,
-                    nodes,
-                    corners[corner][8 * half + lane],
-                    avx._mm256_castps256_ps128(*pair),
-                );
+                add_row(self, nodes, corners[corner][8 * half + lane], avx._mm256_castps256_ps128(*pair));
             }
             for (lane, pair) in rows.iter().enumerate() {
-                add_row(
-                    self,
-                    nodes,
-                    corners[corner][8 * half + lane + 4],
-                    avx._mm256_extractf128_ps::<1>(*pair),
-                );
+                add_row(self, nodes, corners[corner][8 * half + lane + 4], avx._mm256_extractf128_ps::<1>(*pair));
             }
         }
     }
@@ -110,38 +82,20 @@ impl Lanes for V4 {
         let z_low: __m512d = cast(avx._mm512_unpackhi_ps(rows[0], rows[1]));
         let z_high: __m512d = cast(avx._mm512_unpackhi_ps(rows[2], rows[3]));
         [
-            F {
-                simd: self,
-                value: cast(avx._mm512_unpacklo_pd(xy_low, xy_high)),
-            },
-            F {
-                simd: self,
-                value: cast(avx._mm512_unpackhi_pd(xy_low, xy_high)),
-            },
-            F {
-                simd: self,
-                value: cast(avx._mm512_unpacklo_pd(z_low, z_high)),
-            },
+            F { simd: self, value: cast(avx._mm512_unpacklo_pd(xy_low, xy_high)) },
+            F { simd: self, value: cast(avx._mm512_unpackhi_pd(xy_low, xy_high)) },
+            F { simd: self, value: cast(avx._mm512_unpacklo_pd(z_low, z_high)) },
         ]
     }
 
     #[inline(always)]
-    fn scatter(
-        self,
-        nodes: &mut [[f32; 4]],
-        corners: &[[u32; LANES]; 4],
-        _half: usize,
-        forces: &[Vector<Self>; 4],
-    ) {
+    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], _half: usize, forces: &[Vector<Self>; 4]) {
         let avx = self.avx512f;
         let zero: __m512 = cast([0.0f32; 16]);
         let mut rows = [[zero; 4]; 4];
         for corner in 0..4 {
-            let [x, y, z]: [__m512; 3] = [
-                cast(forces[corner][0].value),
-                cast(forces[corner][1].value),
-                cast(forces[corner][2].value),
-            ];
+            let [x, y, z]: [__m512; 3] =
+                [cast(forces[corner][0].value), cast(forces[corner][1].value), cast(forces[corner][2].value)];
             let xy_low: __m512d = cast(avx._mm512_unpacklo_ps(x, y));
             let xy_high: __m512d = cast(avx._mm512_unpackhi_ps(x, y));
             let z_low: __m512d = cast(avx._mm512_unpacklo_ps(z, zero));
@@ -156,38 +110,18 @@ impl Lanes for V4 {
         // The order of AVX2: lanes 0 to 7 of all corners, then lanes 8 to 15.
         for corner in 0..4 {
             for (lane, quad) in rows[corner].iter().enumerate() {
-                add_row(
-                    *self,
-                    nodes,
-                    corners[corner][lane],
-                    avx._mm512_castps512_ps128(*quad),
-                );
+                add_row(*self, nodes, corners[corner][lane], avx._mm512_castps512_ps128(*quad));
             }
             for (lane, quad) in rows[corner].iter().enumerate() {
-                add_row(
-                    *self,
-                    nodes,
-                    corners[corner][lane + 4],
-                    avx._mm512_extractf32x4_ps::<1>(*quad),
-                );
+                add_row(*self, nodes, corners[corner][lane + 4], avx._mm512_extractf32x4_ps::<1>(*quad));
             }
         }
         for corner in 0..4 {
             for (lane, quad) in rows[corner].iter().enumerate() {
-                add_row(
-                    *self,
-                    nodes,
-                    corners[corner][lane + 8],
-                    avx._mm512_extractf32x4_ps::<2>(*quad),
-                );
+                add_row(*self, nodes, corners[corner][lane + 8], avx._mm512_extractf32x4_ps::<2>(*quad));
             }
             for (lane, quad) in rows[corner].iter().enumerate() {
-                add_row(
-                    *self,
-                    nodes,
-                    corners[corner][lane + 12],
-                    avx._mm512_extractf32x4_ps::<3>(*quad),
-                );
+                add_row(*self, nodes, corners[corner][lane + 12], avx._mm512_extractf32x4_ps::<3>(*quad));
             }
         }
     }

@@ -53,10 +53,7 @@ pub(crate) fn pack(tets: &[[u32; 4]], nodes: usize) -> Vec<u32> {
     let mut waiting: Vec<u32> = (0..tets.len() as u32).collect();
     waiting.sort_by_key(|&tet| {
         let corners = tets[tet as usize];
-        (
-            corners.iter().map(|&node| u64::from(node)).sum::<u64>(),
-            tet,
-        )
+        (corners.iter().map(|&node| u64::from(node)).sum::<u64>(), tet)
     });
     let mut order = Vec::with_capacity(tets.len().next_multiple_of(LANES));
     let mut last_block_of_node = vec![usize::MAX; nodes];
@@ -73,16 +70,12 @@ pub(crate) fn pack(tets: &[[u32; 4]], nodes: usize) -> Vec<u32> {
                     break;
                 }
                 let corners = tets[waiting[slot] as usize];
-                let conflict = corners
-                    .iter()
-                    .any(|&node| last_block_of_node[node as usize] == block);
+                let conflict = corners.iter().any(|&node| last_block_of_node[node as usize] == block);
                 if taken[slot] || (conflict && !conflicts_allowed) {
                     continue;
                 }
                 taken[slot] = true;
-                corners
-                    .iter()
-                    .for_each(|&node| last_block_of_node[node as usize] = block);
+                corners.iter().for_each(|&node| last_block_of_node[node as usize] = block);
                 order.push(waiting[slot]);
                 filled += 1;
             }

@@ -88,13 +88,7 @@ impl Attachment {
     fn loads(&self) -> [(u32, f32); 5] {
         let twice = (2.0 + 2.0 * WEIGHT_TOLERANCE) * self.stiffness_n_m;
         let corner = |i: usize| (self.tet[i], twice * self.weights[i]);
-        [
-            (self.node, twice),
-            corner(0),
-            corner(1),
-            corner(2),
-            corner(3),
-        ]
+        [(self.node, twice), corner(0), corner(1), corner(2), corner(3)]
     }
 }
 
@@ -129,20 +123,10 @@ impl Links<'_> {
         let count = load_n_m.len();
         load_n_m.fill(0.0);
         for spring in self.springs.iter().filter(|spring| spring.usable(count)) {
-            spring
-                .loads()
-                .into_iter()
-                .for_each(|(node, share)| load_n_m[node as usize] += share);
+            spring.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
         }
-        for attachment in self
-            .attachments
-            .iter()
-            .filter(|attachment| attachment.usable(count))
-        {
-            attachment
-                .loads()
-                .into_iter()
-                .for_each(|(node, share)| load_n_m[node as usize] += share);
+        for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
+            attachment.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
         }
         for spring in self.springs {
             let usable = spring.usable(count);
@@ -158,18 +142,10 @@ impl Links<'_> {
     }
 
     /// Adds the forces at `position` to `force`.
-    pub fn add_forces(
-        &self,
-        model: &Model,
-        load_n_m: &[f32],
-        position: &[[f32; 4]],
-        force: &mut [[f32; 4]],
-    ) {
+    pub fn add_forces(&self, model: &Model, load_n_m: &[f32], position: &[[f32; 4]], force: &mut [[f32; 4]]) {
         let count = load_n_m.len();
         for spring in self.springs.iter().filter(|spring| spring.usable(count)) {
-            let along = [0, 1, 2].map(|axis| {
-                spring.normal[axis] * dot(&spring.weights, &spring.nodes, position, axis)
-            });
+            let along = [0, 1, 2].map(|axis| spring.normal[axis] * dot(&spring.weights, &spring.nodes, position, axis));
             let depth_m = spring.offset_m - (along[0] + along[1] + along[2]);
             if depth_m > 0.0 {
                 let stiffness = spring.stiffness_n_m * softening(model, load_n_m, &spring.loads());
@@ -181,13 +157,8 @@ impl Links<'_> {
                 }
             }
         }
-        for attachment in self
-            .attachments
-            .iter()
-            .filter(|attachment| attachment.usable(count))
-        {
-            let stiffness =
-                attachment.stiffness_n_m * softening(model, load_n_m, &attachment.loads());
+        for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
+            let stiffness = attachment.stiffness_n_m * softening(model, load_n_m, &attachment.loads());
             for axis in 0..3 {
                 let place = dot(&attachment.weights, &attachment.tet, position, axis);
                 let pull_n = stiffness * (place - position[attachment.node as usize][axis]);

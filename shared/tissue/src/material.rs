@@ -51,12 +51,7 @@ impl Material {
         if !(0.0..=1e4).contains(&damping_per_s) {
             return Err(MaterialError::Damping(damping_per_s));
         }
-        Ok(Self {
-            youngs_modulus_pa,
-            poisson_ratio,
-            density_kg_m3,
-            damping_per_s,
-        })
+        Ok(Self { youngs_modulus_pa, poisson_ratio, density_kg_m3, damping_per_s })
     }
 
     /// Young's modulus, Pa.

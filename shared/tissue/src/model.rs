@@ -100,9 +100,7 @@ pub enum ModelError {
         found: usize,
     },
     /// An index without a node.
-    #[error(
-        "tet {tet} names node {node}, but there are {nodes}; repair the mesh (hyst-mesh `repair`)"
-    )]
+    #[error("tet {tet} names node {node}, but there are {nodes}; repair the mesh (hyst-mesh `repair`)")]
     NodeIndex {
         /// The tet.
         tet: usize,
@@ -112,17 +110,13 @@ pub enum ModelError {
         nodes: usize,
     },
     /// A position that is NaN or infinite.
-    #[error(
-        "node {node} has a coordinate that is not finite; repair the mesh (hyst-mesh `repair`)"
-    )]
+    #[error("node {node} has a coordinate that is not finite; repair the mesh (hyst-mesh `repair`)")]
     NotFinite {
         /// The node.
         node: usize,
     },
     /// A tet without positive volume, or so flat or small that its stiffness is not finite in single precision.
-    #[error(
-        "tet {tet} is inverted or flat (volume {volume_m3} m³); repair the mesh (hyst-mesh `repair`)"
-    )]
+    #[error("tet {tet} is inverted or flat (volume {volume_m3} m³); repair the mesh (hyst-mesh `repair`)")]
     BadTet {
         /// The tet.
         tet: usize,
@@ -130,9 +124,7 @@ pub enum ModelError {
         volume_m3: f64,
     },
     /// No region, or one without a material.
-    #[error(
-        "tet {tet} lies in region {region:?}, which has no material; give one for each region of the mesh"
-    )]
+    #[error("tet {tet} lies in region {region:?}, which has no material; give one for each region of the mesh")]
     Region {
         /// The tet.
         tet: usize,
@@ -208,12 +200,7 @@ impl Model {
         materials: &[(u32, Material)],
         options: Options,
     ) -> Result<(Model, ModelReport), ModelError> {
-        let find = |region| {
-            materials
-                .iter()
-                .find(|(of, _)| *of == region)
-                .map(|(_, material)| *material)
-        };
+        let find = |region| materials.iter().find(|(of, _)| *of == region).map(|(_, material)| *material);
         build::build(mesh, fixed, &find, options)
     }
 
@@ -258,9 +245,7 @@ impl Model {
 
 /// The least whole number that is no less, at least 1. A hair of rounding does not count as one more.
 fn whole(substeps: f64) -> u32 {
-    (substeps * (1.0 - 1e-9))
-        .ceil()
-        .clamp(1.0, f64::from(u32::MAX)) as u32
+    (substeps * (1.0 - 1e-9)).ceil().clamp(1.0, f64::from(u32::MAX)) as u32
 }
 
 /// The frequency that `substeps` keep stable, 1/s.

@@ -46,10 +46,7 @@ pub(crate) fn rotation<S: Simd>(simd: S, f: &[V3<S>; 3]) -> Rotation<S> {
     let adjugate = adjugate(&shifted(&unit, lambda));
     let column = largest_column(&adjugate);
     let q = apply(&adjugate, &column);
-    Rotation {
-        matrix: matrix_of(simd, &q),
-        orientation,
-    }
+    Rotation { matrix: matrix_of(simd, &q), orientation }
 }
 
 /// The minor of rows a, b and columns c, d.
@@ -61,11 +58,7 @@ fn minor<S: Simd>(f: &[V3<S>; 3], a: usize, b: usize, c: usize, d: usize) -> F<S
 /// The largest eigenvalue of K for |F| = 1, and det F.
 #[inline(always)]
 fn largest_root<S: Simd>(simd: S, f: &[V3<S>; 3]) -> (F<S>, F<S>) {
-    let first = [
-        minor(f, 1, 2, 1, 2),
-        minor(f, 1, 2, 2, 0),
-        minor(f, 1, 2, 0, 1),
-    ];
+    let first = [minor(f, 1, 2, 1, 2), minor(f, 1, 2, 2, 0), minor(f, 1, 2, 0, 1)];
     let others = [
         minor(f, 2, 0, 1, 2),
         minor(f, 2, 0, 2, 0),
@@ -79,11 +72,7 @@ fn largest_root<S: Simd>(simd: S, f: &[V3<S>; 3]) -> (F<S>, F<S>) {
     for entry in others {
         cofactors_squared = entry.fma(entry, cofactors_squared);
     }
-    let (zero, two, four) = (
-        F::splat(simd, 0.0),
-        F::splat(simd, 2.0),
-        F::splat(simd, 4.0),
-    );
+    let (zero, two, four) = (F::splat(simd, 0.0), F::splat(simd, 2.0), F::splat(simd, 4.0));
     let constant = four.nfma(cofactors_squared, F::splat(simd, 1.0));
     let linear = F::splat(simd, 8.0) * determinant;
     let mut root = F::splat(simd, 3.0f32.sqrt());
@@ -150,11 +139,7 @@ fn largest_column<S: Simd>(b: &[F<S>; 10]) -> [F<S>; 4] {
     let [b00, b11, b22, b33, b01, b02, b03, b12, b13, b23] = *b;
     let mut best = b00.abs();
     let mut column = [b00, b01, b02, b03];
-    for (diagonal, candidate) in [
-        (b11, [b01, b11, b12, b13]),
-        (b22, [b02, b12, b22, b23]),
-        (b33, [b03, b13, b23, b33]),
-    ] {
+    for (diagonal, candidate) in [(b11, [b01, b11, b12, b13]), (b22, [b02, b12, b22, b23]), (b33, [b03, b13, b23, b33])] {
         let size = diagonal.abs();
         for (entry, other) in column.iter_mut().zip(candidate) {
             *entry = size.if_greater(best, other, *entry);
@@ -182,20 +167,13 @@ fn apply<S: Simd>(b: &[F<S>; 10], q: &[F<S>; 4]) -> [F<S>; 4] {
 fn matrix_of<S: Simd>(simd: S, q: &[F<S>; 4]) -> [V3<S>; 3] {
     let [w, x, y, z] = *q;
     let one = F::splat(simd, 1.0);
-    let squared = w.fma(
-        w,
-        x.fma(x, y.fma(y, z.fma(z, F::splat(simd, SQUARED_NORM_MIN)))),
-    );
+    let squared = w.fma(w, x.fma(x, y.fma(y, z.fma(z, F::splat(simd, SQUARED_NORM_MIN)))));
     let twice = F::splat(simd, 2.0) * squared.recip();
     let (sx, sy, sz) = (twice * x, twice * y, twice * z);
     let (wx, wy, wz) = (sx * w, sy * w, sz * w);
     let (xx, yy, zz) = (sx * x, sy * y, sz * z);
     let (xy, xz, yz) = (sx * y, sx * z, sy * z);
-    [
-        [one - (yy + zz), xy - wz, xz + wy],
-        [xy + wz, one - (xx + zz), yz - wx],
-        [xz - wy, yz + wx, one - (xx + yy)],
-    ]
+    [[one - (yy + zz), xy - wz, xz + wy], [xy + wz, one - (xx + zz), yz - wx], [xz - wy, yz + wx, one - (xx + yy)]]
 }
 
 #[cfg(test)]
@@ -207,10 +185,7 @@ mod tests {
 
     fn solve(f: &Matrix3<f64>) -> Matrix3<f64> {
         let simd = pulp::Scalar::new();
-        let lane = |i: usize, j: usize| F {
-            simd,
-            value: f[(i, j)] as f32,
-        };
+        let lane = |i: usize, j: usize| F { simd, value: f[(i, j)] as f32 };
         let rows = [0, 1, 2].map(|i| [lane(i, 0), lane(i, 1), lane(i, 2)]);
         let rotation = rotation(simd, &rows).matrix;
         Matrix3::from_fn(|i, j| f64::from(rotation[i][j].value))
@@ -227,15 +202,9 @@ mod tests {
     fn check(f: &Matrix3<f64>, tolerance: f64) {
         let rotation = solve(f);
         let off = (rotation.transpose() * rotation - Matrix3::identity()).norm();
-        assert!(
-            off < 1e-5 && rotation.determinant() > 0.0,
-            "not a rotation: {rotation} for {f}"
-        );
+        assert!(off < 1e-5 && rotation.determinant() > 0.0, "not a rotation: {rotation} for {f}");
         let (reached, best) = ((rotation.transpose() * f).trace(), largest_trace(f));
-        assert!(
-            best - reached <= tolerance * f.norm(),
-            "tr(RᵀF) is {reached}, the largest is {best}, for {f}"
-        );
+        assert!(best - reached <= tolerance * f.norm(), "tr(RᵀF) is {reached}, the largest is {best}, for {f}");
     }
 
     #[test]

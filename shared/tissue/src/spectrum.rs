@@ -24,19 +24,12 @@ pub(crate) struct Element<'a> {
 }
 
 /// Largest angular frequency, 1/s; 0 if every node is held. `contact_n_m` acts at every free node.
-pub(crate) fn omega_per_s(
-    elements: &[Element<'_>],
-    mass_kg: &[f64],
-    held: &[bool],
-    contact_n_m: f64,
-) -> f64 {
+pub(crate) fn omega_per_s(elements: &[Element<'_>], mass_kg: &[f64], held: &[bool], contact_n_m: f64) -> f64 {
     let mut shape = start(held);
     let (mut omega, mut before) = (0.0f64, 0.0f64);
     for iteration in 1..=ITERATIONS_MAX {
         let mut image: Vec<Vector3<f64>> = shape.iter().map(|u| u * contact_n_m).collect();
-        elements
-            .iter()
-            .for_each(|element| add_image(element, &shape, &mut image));
+        elements.iter().for_each(|element| add_image(element, &shape, &mut image));
         let (mut energy, mut inertia, mut size) = (0.0, 0.0, 0.0);
         for (node, force) in image.iter_mut().enumerate() {
             if held[node] {
@@ -69,11 +62,7 @@ pub(crate) fn omega_per_s(
 fn start(held: &[bool]) -> Vec<Vector3<f64>> {
     let value = |index: usize| (index as f64 * 0.618_033_988_749_894_9).fract() - 0.5;
     let node = |(node, &held): (usize, &bool)| {
-        if held {
-            Vector3::zeros()
-        } else {
-            Vector3::from_fn(|axis, _| value(3 * node + axis + 1))
-        }
+        if held { Vector3::zeros() } else { Vector3::from_fn(|axis, _| value(3 * node + axis + 1)) }
     };
     held.iter().enumerate().map(node).collect()
 }

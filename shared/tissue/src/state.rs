@@ -62,9 +62,7 @@ pub struct StepReport {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum StepError {
     /// An array of the wrong length.
-    #[error(
-        "{what} has {found} entries, the model has {expected} nodes; the state belongs to another model"
-    )]
+    #[error("{what} has {found} entries, the model has {expected} nodes; the state belongs to another model")]
     Length {
         /// Which array.
         what: &'static str,

@@ -56,29 +56,14 @@ pub fn step(
     check(model, scratch, &now, input, &next)?;
     let substeps = model.substeps(f64::from(input.dt_s));
     if substeps > SUBSTEPS_MAX {
-        return Err(StepError::Substeps {
-            dt_s: input.dt_s,
-            substeps,
-        });
+        return Err(StepError::Substeps { dt_s: input.dt_s, substeps });
     }
-    let mut report = StepReport {
-        substeps,
-        ..StepReport::default()
-    };
+    let mut report = StepReport { substeps, ..StepReport::default() };
     read(model, scratch, &now, input, &mut report);
-    let links = Links {
-        springs: input.springs,
-        attachments: input.attachments,
-    };
+    let links = Links { springs: input.springs, attachments: input.attachments };
     (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
     let substep_s = input.dt_s / substeps as f32;
-    let job = Job {
-        model,
-        scratch,
-        links,
-        substep_s,
-        substeps,
-    };
+    let job = Job { model, scratch, links, substep_s, substeps };
     let sums = match model.options.isa {
         Isa::Baseline => run(pulp::Scalar::new(), job),
         #[cfg(target_arch = "x86_64")]
@@ -119,24 +104,12 @@ fn check(
         ("scratch", scratch.load_n_m.len()),
     ];
     if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != expected) {
-        return Err(StepError::Length {
-            what,
-            expected,
-            found,
-        });
+        return Err(StepError::Length { what, expected, found });
     }
     if scratch.frames.len() != model.blocks.len() {
-        return Err(StepError::Length {
-            what: "scratch (tets)",
-            expected,
-            found: scratch.frames.len() * LANES,
-        });
+        return Err(StepError::Length { what: "scratch (tets)", expected, found: scratch.frames.len() * LANES });
     }
-    if input.dt_s > 0.0 && input.dt_s <= STEP_MAX_S {
-        Ok(())
-    } else {
-        Err(StepError::Step(input.dt_s))
-    }
+    if input.dt_s > 0.0 && input.dt_s <= STEP_MAX_S { Ok(()) } else { Err(StepError::Step(input.dt_s)) }
 }
 
 fn finite(vector: [f32; 3]) -> bool {
@@ -145,30 +118,17 @@ fn finite(vector: [f32; 3]) -> bool {
 
 /// Whether a position is finite and within reach of its place at rest.
 fn in_reach(model: &Model, node: usize, position_m: [f32; 3]) -> bool {
-    position_m
-        .iter()
-        .zip(model.rest_m[node])
-        .all(|(x, rest)| (x - rest).abs() <= model.reach_m)
+    position_m.iter().zip(model.rest_m[node]).all(|(x, rest)| (x - rest).abs() <= model.reach_m)
 }
 
 /// The position of `now`, or that at rest where it cannot be used.
 fn sane_position(model: &Model, now: &StateRef<'_>, node: usize) -> ([f32; 3], bool) {
     let position = now.position_m[node];
-    if in_reach(model, node, position) {
-        (position, true)
-    } else {
-        (model.rest_m[node], false)
-    }
+    if in_reach(model, node, position) { (position, true) } else { (model.rest_m[node], false) }
 }
 
 /// Copies the inputs into rows, with everything that is not finite or out of reach replaced and counted.
-fn read(
-    model: &Model,
-    scratch: &mut Scratch,
-    now: &StateRef<'_>,
-    input: &StepInput<'_>,
-    report: &mut StepReport,
-) {
+fn read(model: &Model, scratch: &mut Scratch, now: &StateRef<'_>, input: &StepInput<'_>, report: &mut StepReport) {
     let cap = model.options.velocity_cap_m_s as f32;
     let position: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.position);
     let velocity: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.velocity);
@@ -184,18 +144,10 @@ fn read(
             let target = input.targets_m.get(node).copied().unwrap_or(x);
             let target_good = in_reach(model, node, target);
             good &= target_good;
-            v = if target_good {
-                [0, 1, 2].map(|axis| (target[axis] - x[axis]) / input.dt_s)
-            } else {
-                [0.0; 3]
-            };
+            v = if target_good { [0, 1, 2].map(|axis| (target[axis] - x[axis]) / input.dt_s) } else { [0.0; 3] };
         }
         let v = v.map(|v| v.clamp(-cap, cap));
-        let mut force = input
-            .external_force_n
-            .get(node)
-            .copied()
-            .unwrap_or([0.0; 3]);
+        let mut force = input.external_force_n.get(node).copied().unwrap_or([0.0; 3]);
         if !finite(force) {
             (force, good) = ([0.0; 3], false);
         }
@@ -235,21 +187,8 @@ impl<S: Lanes> pulp::NullaryFnOnce for Run<'_, S> {
 /// the fast modes; one more evaluation of the forces per step is its price.
 #[inline(always)]
 fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
-    let Job {
-        model,
-        scratch,
-        links,
-        substep_s,
-        substeps,
-    } = job;
-    let Scratch {
-        position,
-        velocity,
-        force,
-        external,
-        frames,
-        load_n_m,
-    } = scratch;
+    let Job { model, scratch, links, substep_s, substeps } = job;
+    let Scratch { position, velocity, force, external, frames, load_n_m } = scratch;
     let seen: &[[f32; 4]] = bytemuck::cast_slice(position);
     let sums = kernel::rotations(simd, &model.blocks, &model.rest_blocks, seen, frames);
     for substep in 0..=substeps {
@@ -258,23 +197,12 @@ fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
         kernel::element_forces(simd, &model.blocks, frames, at, sum);
         links.add_forces(model, load_n_m, at, sum);
         let constants = Constants {
-            kick_s: if substep == 0 || substep == substeps {
-                0.5 * substep_s
-            } else {
-                substep_s
-            },
+            kick_s: if substep == 0 || substep == substeps { 0.5 * substep_s } else { substep_s },
             drift_s: if substep == substeps { 0.0 } else { substep_s },
             velocity_cap_m_s: model.options.velocity_cap_m_s as f32,
         };
         let (inv_mass, damping_per_s) = (&model.inv_mass, &model.damping_per_s);
-        let mut rows = NodeRows {
-            inv_mass,
-            damping_per_s,
-            external,
-            position,
-            velocity,
-            force,
-        };
+        let mut rows = NodeRows { inv_mass, damping_per_s, external, position, velocity, force };
         kernel::move_nodes(simd, &constants, &mut rows);
     }
     sums
@@ -300,13 +228,7 @@ fn write(
             report.recovered_nodes += 1;
         } else if v.iter().any(|v| v.abs() >= cap) {
             report.capped_nodes += 1;
-        } else if model.held[node]
-            && in_reach(
-                model,
-                node,
-                input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3]),
-            )
-        {
+        } else if model.held[node] && in_reach(model, node, input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3])) {
             at = input.targets_m[node]; // free of the rounding of the substeps
         }
         let squared: f64 = v.iter().map(|&v| f64::from(v) * f64::from(v)).sum();

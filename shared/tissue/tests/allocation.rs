@@ -34,23 +34,11 @@ fn a_step_allocates_nothing() {
     let mesh = block([4, 4, 4], 0.003);
     let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[2] == 0.0).collect();
     let material = Material::new(10_000.0, 0.45, 1000.0, 5.0).unwrap();
-    let with_contact = hyst_tissue::Options {
-        contact_stiffness_n_m: 100.0,
-        ..options()
-    };
-    let mut body = Body::new(
-        Model::new(&mesh, &fixed, &material, with_contact)
-            .unwrap()
-            .0,
-    );
+    let with_contact = hyst_tissue::Options { contact_stiffness_n_m: 100.0, ..options() };
+    let mut body = Body::new(Model::new(&mesh, &fixed, &material, with_contact).unwrap().0);
     let force = vec![[0.0, 1e-4, f32::NAN]; mesh.positions_m.len()];
-    let springs = [PlaneSpring {
-        nodes: [100; 4],
-        weights: [0.25; 4],
-        normal: [0.0, 0.0, -1.0],
-        offset_m: -0.011,
-        stiffness_n_m: 500.0,
-    }];
+    let springs =
+        [PlaneSpring { nodes: [100; 4], weights: [0.25; 4], normal: [0.0, 0.0, -1.0], offset_m: -0.011, stiffness_n_m: 500.0 }];
     let before = ALLOCATIONS.get();
     for _ in 0..20 {
         body.step_with(&StepInput {

@@ -5,88 +5,47 @@ mod common;
 use common::{Body, block, options};
 use hyst_mesh::Binding;
 use hyst_tissue::{
-    Attachment, Material, Model, ModelError, Options, StepInput, gather, join, pressure_forces,
-    scatter, surface_update,
+    Attachment, Material, Model, ModelError, Options, StepInput, gather, join, pressure_forces, scatter, surface_update,
 };
 
 #[test]
 fn a_scattered_force_keeps_its_sum_and_its_moment() {
-    let position = [
-        [0.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [5.0, 5.0, 5.0],
-    ];
+    let position = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [5.0, 5.0, 5.0]];
     let (tet, weights, force) = ([3, 1, 0, 2], [0.125, 0.25, 0.5, 0.125], [1.0, 2.0, -4.0]);
     let mut out = [[0.0; 3]; 5];
     assert!(scatter(tet, weights, force, &mut out));
     let sum = [0, 1, 2].map(|axis| out.iter().map(|f: &[f32; 3]| f[axis]).sum::<f32>());
     assert_eq!(sum, force);
     let at = gather(tet, weights, &position).unwrap();
-    let moment: f32 = out
-        .iter()
-        .zip(position)
-        .map(|(f, x)| x[0] * f[1] - x[1] * f[0])
-        .sum();
+    let moment: f32 = out.iter().zip(position).map(|(f, x)| x[0] * f[1] - x[1] * f[0]).sum();
     assert_eq!(moment, at[0] * force[1] - at[1] * force[0]);
     let before = out;
-    assert!(
-        !scatter([0, 1, 2, 9], weights, force, &mut out)
-            && !scatter(tet, weights, [f32::NAN; 3], &mut out)
-    );
+    assert!(!scatter([0, 1, 2, 9], weights, force, &mut out) && !scatter(tet, weights, [f32::NAN; 3], &mut out));
     assert_eq!(out, before);
 }
 
 #[test]
 fn pressure_pushes_against_the_normal_and_cancels_on_a_closed_surface() {
-    let position = [
-        [0.0, 0.0, 0.0],
-        [2.0, 0.0, 0.0],
-        [0.0, 3.0, 0.0],
-        [0.0, 0.0, 1.0],
-    ];
+    let position = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 1.0]];
     let mut out = [[0.0; 3]; 4];
-    assert_eq!(
-        pressure_forces(&[[0, 1, 2]], &position, &[10.0], &mut out),
-        0
-    );
+    assert_eq!(pressure_forces(&[[0, 1, 2]], &position, &[10.0], &mut out), 0);
     // Area 3 m², normal +z: 30 N downwards, 10 N at each corner.
-    assert_eq!(
-        out,
-        [
-            [0.0, 0.0, -10.0],
-            [0.0, 0.0, -10.0],
-            [0.0, 0.0, -10.0],
-            [0.0; 3]
-        ]
-    );
+    assert_eq!(out, [[0.0, 0.0, -10.0], [0.0, 0.0, -10.0], [0.0, 0.0, -10.0], [0.0; 3]]);
     let closed = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
     let mut out = [[0.0; 3]; 4];
     pressure_forces(&closed, &position, &[7.0; 4], &mut out);
     for axis in 0..3 {
         assert!(out.iter().map(|f| f[axis]).sum::<f32>().abs() < 1e-5);
     }
-    assert_eq!(
-        pressure_forces(&[[0, 1, 9], [0, 1, 2]], &position, &[1.0], &mut out),
-        2
-    );
+    assert_eq!(pressure_forces(&[[0, 1, 9], [0, 1, 2]], &position, &[1.0], &mut out), 2);
 }
 
 #[test]
 fn a_bound_surface_follows_a_linear_motion_exactly() {
     let mesh = block([2, 2, 2], 1.0);
-    let moved: Vec<[f32; 3]> = mesh
-        .positions_m
-        .iter()
-        .map(|p| [2.0 * p[0] + p[1], p[1] - p[2], 0.5 * p[2] + 1.0])
-        .collect();
+    let moved: Vec<[f32; 3]> = mesh.positions_m.iter().map(|p| [2.0 * p[0] + p[1], p[1] - p[2], 0.5 * p[2] + 1.0]).collect();
     let bind = |tet, weights| Binding { tet, weights };
-    let bindings = [
-        bind(0, [0.25; 4]),
-        bind(7, [0.5, 0.5, 0.0, 0.0]),
-        bind(999, [0.25; 4]),
-    ];
+    let bindings = [bind(0, [0.25; 4]), bind(7, [0.5, 0.5, 0.0, 0.0]), bind(999, [0.25; 4])];
     let (mut rest, mut out) = ([[0.0; 3]; 3], [[9.0; 3]; 3]);
     surface_update(&bindings, &mesh.tets, &mesh.positions_m, &mut rest);
     assert_eq!(surface_update(&bindings, &mesh.tets, &moved, &mut out), 1);
@@ -100,10 +59,7 @@ fn a_bound_surface_follows_a_linear_motion_exactly() {
 fn polyp_on_wall(stiffness_n_m: f32) -> (Body, Vec<Attachment>, usize) {
     let wall = block([4, 4, 2], 0.003);
     let mut polyp = block([2, 2, 3], 0.002);
-    polyp
-        .positions_m
-        .iter_mut()
-        .for_each(|p| *p = [p[0] + 0.0045, p[1] + 0.0045, p[2] + 0.0055]);
+    polyp.positions_m.iter_mut().for_each(|p| *p = [p[0] + 0.0045, p[1] + 0.0045, p[2] + 0.0055]);
     polyp.regions.fill(1);
     let (mesh, starts) = join(&[&wall, &polyp]).unwrap();
     assert_eq!(starts, [0, 75, 75 + 36]);
@@ -114,34 +70,18 @@ fn polyp_on_wall(stiffness_n_m: f32) -> (Body, Vec<Attachment>, usize) {
             .iter()
             .find_map(|tet| {
                 let x = tet.map(|i| nalgebra::Vector3::from(wall.positions_m[i as usize]));
-                let edges =
-                    nalgebra::Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
+                let edges = nalgebra::Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
                 let w = edges.try_inverse()? * (p - x[0]);
                 let weights = [1.0 - w.sum(), w[0], w[1], w[2]];
-                weights
-                    .iter()
-                    .all(|&w| w >= -1e-4)
-                    .then(|| (*tet, weights.map(|w| w.clamp(0.0, 1.0))))
+                weights.iter().all(|&w| w >= -1e-4).then(|| (*tet, weights.map(|w| w.clamp(0.0, 1.0))))
             })
             .expect("the foot lies in the wall");
-        Attachment {
-            node,
-            tet,
-            weights,
-            stiffness_n_m,
-        }
+        Attachment { node, tet, weights, stiffness_n_m }
     });
-    let held: Vec<bool> = (0..mesh.positions_m.len())
-        .map(|i| i < 75 && mesh.positions_m[i][2] == 0.0)
-        .collect();
-    let materials = [
-        (0, Material::new(10_000.0, 0.45, 1000.0, 20.0).unwrap()),
-        (1, Material::new(4_000.0, 0.4, 1000.0, 20.0).unwrap()),
-    ];
-    let options = Options {
-        contact_stiffness_n_m: 400.0,
-        ..options()
-    };
+    let held: Vec<bool> = (0..mesh.positions_m.len()).map(|i| i < 75 && mesh.positions_m[i][2] == 0.0).collect();
+    let materials =
+        [(0, Material::new(10_000.0, 0.45, 1000.0, 20.0).unwrap()), (1, Material::new(4_000.0, 0.4, 1000.0, 20.0).unwrap())];
+    let options = Options { contact_stiffness_n_m: 400.0, ..options() };
     let (model, _) = Model::with_materials(&mesh, &held, &materials, options).unwrap();
     (Body::new(model), attachments.collect(), starts[1])
 }
@@ -149,38 +89,13 @@ fn polyp_on_wall(stiffness_n_m: f32) -> (Body, Vec<Attachment>, usize) {
 #[test]
 fn a_polyp_hangs_on_its_wall_and_comes_off_when_its_stalk_is_cut() {
     let (mut body, attachments, first) = polyp_on_wall(100.0);
-    let pull: Vec<[f32; 3]> = (0..body.force_n.len())
-        .map(|i| {
-            if i < first {
-                [0.0; 3]
-            } else {
-                [1e-5, 0.0, 2e-5]
-            }
-        })
-        .collect();
-    let mut input = StepInput {
-        external_force_n: &pull,
-        targets_m: &[],
-        springs: &[],
-        attachments: &attachments,
-        dt_s: 1e-3,
-    };
+    let pull: Vec<[f32; 3]> = (0..body.force_n.len()).map(|i| if i < first { [0.0; 3] } else { [1e-5, 0.0, 2e-5] }).collect();
+    let mut input = StepInput { external_force_n: &pull, targets_m: &[], springs: &[], attachments: &attachments, dt_s: 1e-3 };
     for _ in 0..1500 {
         let report = body.step_with(&input);
-        assert_eq!(
-            (
-                report.ignored_springs,
-                report.capped_nodes,
-                report.recovered_nodes
-            ),
-            (0, 0, 0)
-        );
+        assert_eq!((report.ignored_springs, report.capped_nodes, report.recovered_nodes), (0, 0, 0));
     }
-    let fastest = body
-        .velocity_m_s
-        .iter()
-        .flatten()
-        .fold(0.0f32, |a, v| a.max(v.abs()));
+    let fastest = body.velocity_m_s.iter().flatten().fold(0.0f32, |a, v| a.max(v.abs()));
     assert!(fastest < 1e-3, "not at rest after 1.5 s: {fastest} m/s");
     // At rest the stalk carries what pulls on the polyp: 36 nodes with 20 µN each.
     let carried: f32 = attachments
@@ -190,19 +105,13 @@ fn a_polyp_hangs_on_its_wall_and_comes_off_when_its_stalk_is_cut() {
             a.stiffness_n_m * (body.position_m[a.node as usize][2] - place[2])
         })
         .sum();
-    assert!(
-        (carried / 7.2e-4 - 1.0).abs() < 0.03,
-        "the stalk carries {carried} N"
-    );
+    assert!((carried / 7.2e-4 - 1.0).abs() < 0.03, "the stalk carries {carried} N");
     input.attachments = &[];
     let before = body.position_m[first][2];
     for _ in 0..100 {
         body.step_with(&input);
     }
-    assert!(
-        body.position_m[first][2] > before + 0.001,
-        "the polyp stays though its stalk is cut"
-    );
+    assert!(body.position_m[first][2] > before + 0.001, "the polyp stays though its stalk is cut");
 }
 
 #[test]
@@ -210,24 +119,11 @@ fn an_attachment_pulls_both_ends_alike_and_is_softened_to_what_is_stable() {
     let (mut body, mut attachments, first) = polyp_on_wall(1e6);
     body.velocity_m_s[first..].fill([0.1, 0.0, 0.2]);
     attachments[0].weights = [0.5; 4];
-    let input = StepInput {
-        external_force_n: &[],
-        targets_m: &[],
-        springs: &[],
-        attachments: &attachments,
-        dt_s: 1e-3,
-    };
+    let input = StepInput { external_force_n: &[], targets_m: &[], springs: &[], attachments: &attachments, dt_s: 1e-3 };
     let start = body.energy_j();
     for _ in 0..500 {
         let report = body.step_with(&input);
-        assert_eq!(
-            (
-                report.ignored_springs,
-                report.softened_springs,
-                report.capped_nodes
-            ),
-            (1, 8, 0)
-        );
+        assert_eq!((report.ignored_springs, report.softened_springs, report.capped_nodes), (1, 8, 0));
     }
     assert!(body.energy_j() < start);
 }
@@ -237,13 +133,6 @@ fn a_region_without_a_material_is_refused() {
     let mut mesh = block([1, 1, 1], 0.003);
     mesh.regions[2] = 7;
     let material = Material::new(10_000.0, 0.45, 1000.0, 20.0).unwrap();
-    let made =
-        Model::with_materials(&mesh, &[false; 8], &[(0, material)], options()).map(|made| made.1);
-    assert_eq!(
-        made,
-        Err(ModelError::Region {
-            tet: 2,
-            region: Some(7)
-        })
-    );
+    let made = Model::with_materials(&mesh, &[false; 8], &[(0, material)], options()).map(|made| made.1);
+    assert_eq!(made, Err(ModelError::Region { tet: 2, region: Some(7) }));
 }

@@ -3,9 +3,7 @@
 mod common;
 
 use common::{Body, block, noise, options};
-use hyst_tissue::{
-    Material, Model, ModelError, PlaneSpring, StateMut, StateRef, StepError, StepInput, step,
-};
+use hyst_tissue::{Material, Model, ModelError, PlaneSpring, StateMut, StateRef, StepError, StepInput, step};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -30,18 +28,10 @@ fn recovers(name: &str, distort: impl Fn(usize, [f32; 3]) -> [f32; 3]) {
         assert_eq!(report.recovered_nodes, 0, "{name}, tick {tick}");
         if tick % 10 == 0 && tick < 500 {
             let energy = body.energy_j();
-            assert!(
-                energy <= 1.001 * start,
-                "{name}, tick {tick}: {energy} J, started with {start} J"
-            );
+            assert!(energy <= 1.001 * start, "{name}, tick {tick}: {energy} J, started with {start} J");
         }
     }
-    let off = body
-        .position_m
-        .iter()
-        .flatten()
-        .zip(body.model.rest_m().iter().flatten())
-        .map(|(a, b)| (a - b).abs());
+    let off = body.position_m.iter().flatten().zip(body.model.rest_m().iter().flatten()).map(|(a, b)| (a - b).abs());
     let off = off.fold(0.0, f32::max);
     assert!(off < 1e-5, "{name}: {off} m from rest after 3 s");
 }
@@ -66,28 +56,17 @@ fn twisted_bent_and_squeezed_starts_recover() {
         let ((sin, cos), x, y) = (angle.sin_cos(), x - 0.006, y - 0.006);
         [0.006 + cos * x - sin * y, 0.006 + sin * x + cos * y, z]
     };
-    recovers("twisted", |_, p| {
-        turn(p[2] / 0.009 * std::f32::consts::PI, p)
-    });
+    recovers("twisted", |_, p| turn(p[2] / 0.009 * std::f32::consts::PI, p));
     recovers("squeezed", |_, [x, y, z]| [1.3 * x, 1.3 * y, 0.3 * z]);
     recovers("stretched", |_, [x, y, z]| [x, y, 3.0 * z]);
-    recovers("bent", |_, [x, y, z]| {
-        [
-            x * (z / 0.005).cos() - 0.002,
-            y,
-            0.1 * z + (x + 0.004) * (z / 0.005).sin(),
-        ]
-    });
+    recovers("bent", |_, [x, y, z]| [x * (z / 0.005).cos() - 0.002, y, 0.1 * z + (x + 0.004) * (z / 0.005).sin()]);
 }
 
 #[test]
 fn an_irregular_mesh_that_was_pressed_comes_to_rest() {
     let mut mesh = block([6, 6, 4], 0.003);
     let mut random = noise(9);
-    mesh.positions_m
-        .iter_mut()
-        .flatten()
-        .for_each(|x| *x += 0.0006 * random());
+    mesh.positions_m.iter_mut().flatten().for_each(|x| *x += 0.0006 * random());
     let fixed: Vec<bool> = (0..mesh.positions_m.len()).map(|node| node < 49).collect();
     let material = Material::new(10_000.0, 0.45, 1050.0, 10.0).unwrap();
     let mut body = Body::new(Model::new(&mesh, &fixed, &material, options()).unwrap().0);
@@ -102,11 +81,7 @@ fn an_irregular_mesh_that_was_pressed_comes_to_rest() {
     for _ in 0..1500 {
         body.step();
     }
-    let fastest = body
-        .velocity_m_s
-        .iter()
-        .flatten()
-        .fold(0.0f32, |a, v| a.max(v.abs()));
+    let fastest = body.velocity_m_s.iter().flatten().fold(0.0f32, |a, v| a.max(v.abs()));
     assert!(fastest < 2e-3, "{fastest} m/s after 1.5 s without a force");
 }
 
@@ -116,28 +91,18 @@ fn scrambled_starts_never_gain_energy() {
         let mut body = body();
         let mut random = noise(seed);
         for node in (0..body.position_m.len()).filter(|&node| body.model.rest_m()[node][2] > 0.0) {
-            body.position_m[node] = [
-                0.006 + 0.006 * random(),
-                0.006 + 0.006 * random(),
-                0.005 + 0.005 * random(),
-            ];
+            body.position_m[node] = [0.006 + 0.006 * random(), 0.006 + 0.006 * random(), 0.005 + 0.005 * random()];
         }
         let start = body.energy_j();
         for tick in 0..2000 {
             assert_eq!(body.step().recovered_nodes, 0, "seed {seed}, tick {tick}");
             if tick % 10 == 0 && tick < 300 {
                 let energy = body.energy_j();
-                assert!(
-                    energy <= 1.001 * start,
-                    "seed {seed}, tick {tick}: {energy} J, started with {start} J"
-                );
+                assert!(energy <= 1.001 * start, "seed {seed}, tick {tick}: {energy} J, started with {start} J");
             }
         }
         let (end, stuck) = (body.energy_j(), body.step().inverted_tets);
-        assert!(
-            end < 0.01 * start,
-            "seed {seed}: {end} J of {start} J left after 2 s, {stuck} tets inverted"
-        );
+        assert!(end < 0.01 * start, "seed {seed}: {end} J of {start} J left after 2 s, {stuck} tets inverted");
     }
 }
 
@@ -149,10 +114,7 @@ fn forces_and_states_that_are_no_numbers_are_neutralised_and_counted() {
     hurt.force_n[nodes - 2] = [f32::INFINITY, 0.0, f32::NEG_INFINITY];
     assert_eq!(hurt.step().neutralised_inputs, 2);
     whole.step();
-    assert_eq!(
-        hurt.position_m, whole.position_m,
-        "a force that is no number counts as none"
-    );
+    assert_eq!(hurt.position_m, whole.position_m, "a force that is no number counts as none");
     hurt.force_n.fill([0.0; 3]);
     hurt.position_m[30] = [f32::NAN; 3];
     hurt.position_m[40] = [1e30, 0.0, 0.0];
@@ -161,11 +123,7 @@ fn forces_and_states_that_are_no_numbers_are_neutralised_and_counted() {
     for _ in 0..2000 {
         assert_eq!(hurt.step().neutralised_inputs, 0);
     }
-    let off = hurt.position_m[30]
-        .iter()
-        .zip(hurt.model.rest_m()[30])
-        .map(|(a, b)| (a - b).abs())
-        .fold(0.0, f32::max);
+    let off = hurt.position_m[30].iter().zip(hurt.model.rest_m()[30]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(off < 1e-5, "node 30 is {off} m from rest");
 }
 
@@ -214,49 +172,15 @@ proptest! {
 fn a_state_of_another_model_and_an_impossible_step_are_refused() {
     let mut body = body();
     let (mut x, mut v) = (body.position_m.clone(), body.velocity_m_s.clone());
-    let now = StateRef {
-        position_m: &body.position_m,
-        velocity_m_s: &body.velocity_m_s,
-    };
-    let mut input = StepInput {
-        external_force_n: &[[0.0; 3]; 7],
-        targets_m: &[],
-        springs: &[],
-        attachments: &[],
-        dt_s: 1e-3,
-    };
-    let wrong = step(
-        &body.model,
-        &mut body.scratch,
-        now,
-        &input,
-        StateMut {
-            position_m: &mut x,
-            velocity_m_s: &mut v,
-        },
-    );
-    assert_eq!(
-        wrong,
-        Err(StepError::Length {
-            what: "external_force_n",
-            expected: 100,
-            found: 7
-        })
-    );
+    let now = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+    let mut input = StepInput { external_force_n: &[[0.0; 3]; 7], targets_m: &[], springs: &[], attachments: &[], dt_s: 1e-3 };
+    let wrong = step(&body.model, &mut body.scratch, now, &input, StateMut { position_m: &mut x, velocity_m_s: &mut v });
+    assert_eq!(wrong, Err(StepError::Length { what: "external_force_n", expected: 100, found: 7 }));
     input.external_force_n = &[];
     for dt_s in [0.0, -1.0, f32::NAN, 1.0] {
         input.dt_s = dt_s;
-        let next = StateMut {
-            position_m: &mut x,
-            velocity_m_s: &mut v,
-        };
-        assert!(
-            matches!(
-                step(&body.model, &mut body.scratch, now, &input, next),
-                Err(StepError::Step(_))
-            ),
-            "{dt_s}"
-        );
+        let next = StateMut { position_m: &mut x, velocity_m_s: &mut v };
+        assert!(matches!(step(&body.model, &mut body.scratch, now, &input, next), Err(StepError::Step(_))), "{dt_s}");
     }
 }
 
@@ -266,47 +190,19 @@ fn bad_meshes_are_typed_errors() {
     let make = |change: &dyn Fn(&mut hyst_mesh::TetMesh)| {
         let mut mesh = block([2, 2, 2], 0.003);
         change(&mut mesh);
-        Model::new(
-            &mesh,
-            &vec![false; mesh.positions_m.len()],
-            &material,
-            options(),
-        )
-        .map(|made| made.1)
+        Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, options()).map(|made| made.1)
     };
     assert_eq!(make(&|mesh| mesh.tets.clear()), Err(ModelError::Empty));
-    assert_eq!(
-        make(&|mesh| mesh.tets[5][1] = 99),
-        Err(ModelError::NodeIndex {
-            tet: 5,
-            node: 99,
-            nodes: 27
-        })
-    );
-    assert_eq!(
-        make(&|mesh| mesh.positions_m[3][1] = f32::NAN),
-        Err(ModelError::NotFinite { node: 3 })
-    );
-    assert!(matches!(
-        make(&|mesh| mesh.tets[4].swap(0, 1)),
-        Err(ModelError::BadTet { tet: 4, .. })
-    ));
-    assert!(matches!(
-        make(&|mesh| mesh.tets[4][1] = mesh.tets[4][0]),
-        Err(ModelError::BadTet { tet: 4, .. })
-    ));
-    assert!(matches!(
-        make(&|mesh| mesh.scale_to_m(1e-12)),
-        Err(ModelError::BadTet { .. })
-    ));
+    assert_eq!(make(&|mesh| mesh.tets[5][1] = 99), Err(ModelError::NodeIndex { tet: 5, node: 99, nodes: 27 }));
+    assert_eq!(make(&|mesh| mesh.positions_m[3][1] = f32::NAN), Err(ModelError::NotFinite { node: 3 }));
+    assert!(matches!(make(&|mesh| mesh.tets[4].swap(0, 1)), Err(ModelError::BadTet { tet: 4, .. })));
+    assert!(matches!(make(&|mesh| mesh.tets[4][1] = mesh.tets[4][0]), Err(ModelError::BadTet { tet: 4, .. })));
+    assert!(matches!(make(&|mesh| mesh.scale_to_m(1e-12)), Err(ModelError::BadTet { .. })));
     let unused = make(&|mesh| mesh.positions_m.push([1.0, 1.0, 1.0])).unwrap();
     assert_eq!(unused.unused_nodes, 1);
-    for (young, nu, density, damping) in [
-        (f64::NAN, 0.4, 1e3, 1.0),
-        (1e4, 0.5, 1e3, 1.0),
-        (1e4, 0.4, 0.0, 1.0),
-        (1e4, 0.4, 1e3, -1.0),
-    ] {
+    for (young, nu, density, damping) in
+        [(f64::NAN, 0.4, 1e3, 1.0), (1e4, 0.5, 1e3, 1.0), (1e4, 0.4, 0.0, 1.0), (1e4, 0.4, 1e3, -1.0)]
+    {
         assert!(Material::new(young, nu, density, damping).is_err());
     }
 }

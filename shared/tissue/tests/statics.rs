@@ -25,23 +25,12 @@ fn a_bar_under_tension_stretches_and_thins_by_theory() {
     let (young, nu, pull_pa) = (10_000.0, 0.4, 200.0);
     let mesh = block([3, 3, 6], 0.004);
     let material = Material::new(young, nu, 1000.0, 80.0).unwrap();
-    let (model, _) = Model::new(
-        &mesh,
-        &vec![false; mesh.positions_m.len()],
-        &material,
-        options(),
-    )
-    .unwrap();
+    let (model, _) = Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, options()).unwrap();
     let mut body = Body::new(model);
     let faces = end_faces(&mesh, 2, 0.024);
     assert_eq!(faces.len(), 36);
     // Seen from outside, so that a negative pressure pulls on both ends.
-    let skipped = pressure_forces(
-        &faces,
-        &mesh.positions_m,
-        &vec![-pull_pa as f32; faces.len()],
-        &mut body.force_n,
-    );
+    let skipped = pressure_forces(&faces, &mesh.positions_m, &vec![-pull_pa as f32; faces.len()], &mut body.force_n);
     assert_eq!(skipped, 0);
     for _ in 0..1500 {
         body.step();
@@ -51,27 +40,13 @@ fn a_bar_under_tension_stretches_and_thins_by_theory() {
     let strain = extent(2) / 0.024 - 1.0;
     let thinning = extent(0) / 0.012 - 1.0;
     let expected = pull_pa / young;
-    assert!(
-        (strain / expected - 1.0).abs() < 0.003,
-        "strain {strain}, theory {expected}"
-    );
-    assert!(
-        (thinning / (-nu * expected) - 1.0).abs() < 0.005,
-        "thinning {thinning}, theory {}",
-        -nu * expected
-    );
+    assert!((strain / expected - 1.0).abs() < 0.003, "strain {strain}, theory {expected}");
+    assert!((thinning / (-nu * expected) - 1.0).abs() < 0.005, "thinning {thinning}, theory {}", -nu * expected);
 }
 
 /// Linear elasticity on the same mesh: applies K to `u` (3 per node), nodes that `fixed` names stay 0. With `frozen` the shear
 /// part takes the whole gradient instead of its symmetric part: the stiffness while rotations are frozen, at its largest.
-fn apply_linear(
-    frozen: bool,
-    mesh: &TetMesh,
-    fixed: &[bool],
-    mu: f64,
-    lambda: f64,
-    u: &[f64],
-) -> Vec<f64> {
+fn apply_linear(frozen: bool, mesh: &TetMesh, fixed: &[bool], mu: f64, lambda: f64, u: &[f64]) -> Vec<f64> {
     use nalgebra::{Matrix3, Vector3};
     let mut out = vec![0.0; u.len()];
     for tet in &mesh.tets {
@@ -79,8 +54,7 @@ fn apply_linear(
         let edges = Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
         let (inverse, volume) = (edges.try_inverse().unwrap(), edges.determinant() / 6.0);
         let at = tet.map(|node| Vector3::from_row_slice(&u[3 * node as usize..][..3]));
-        let gradient =
-            Matrix3::from_columns(&[at[1] - at[0], at[2] - at[0], at[3] - at[0]]) * inverse;
+        let gradient = Matrix3::from_columns(&[at[1] - at[0], at[2] - at[0], at[3] - at[0]]) * inverse;
         let symmetric = (gradient + gradient.transpose()) * 0.5;
         let strain = if frozen { gradient } else { symmetric };
         let stress = strain * (2.0 * mu) + Matrix3::identity() * (lambda * strain.trace());
@@ -92,10 +66,7 @@ fn apply_linear(
             }
         }
     }
-    out.chunks_mut(3)
-        .zip(fixed)
-        .filter(|(_, fixed)| **fixed)
-        .for_each(|(row, _)| row.fill(0.0));
+    out.chunks_mut(3).zip(fixed).filter(|(_, fixed)| **fixed).for_each(|(row, _)| row.fill(0.0));
     out
 }
 
@@ -110,27 +81,12 @@ fn solve_linear(mesh: &TetMesh, fixed: &[bool], material: &Material, force: &[f6
         if size <= stop {
             return u;
         }
-        let image = apply_linear(
-            false,
-            mesh,
-            fixed,
-            material.shear_modulus_pa(),
-            material.lame_lambda_pa(),
-            &direction,
-        );
+        let image = apply_linear(false, mesh, fixed, material.shear_modulus_pa(), material.lame_lambda_pa(), &direction);
         let length = size / dot(&direction, &image);
-        u.iter_mut()
-            .zip(&direction)
-            .for_each(|(u, d)| *u += length * d);
-        residual
-            .iter_mut()
-            .zip(&image)
-            .for_each(|(r, i)| *r -= length * i);
+        u.iter_mut().zip(&direction).for_each(|(u, d)| *u += length * d);
+        residual.iter_mut().zip(&image).for_each(|(r, i)| *r -= length * i);
         let new = dot(&residual, &residual);
-        direction
-            .iter_mut()
-            .zip(&residual)
-            .for_each(|(d, r)| *d = r + new / size * *d);
+        direction.iter_mut().zip(&residual).for_each(|(d, r)| *d = r + new / size * *d);
         size = new;
     }
     panic!("the reference did not converge");
@@ -144,9 +100,7 @@ fn a_cantilever_agrees_with_the_linear_solve_and_with_beam_theory() {
     let material = Material::new(100_000.0, 0.3, 1000.0, 120.0).unwrap();
     let (model, _) = Model::new(&mesh, &fixed, &material, options()).unwrap();
     let mut body = Body::new(model);
-    let tip: Vec<usize> = (0..mesh.positions_m.len())
-        .filter(|&i| mesh.positions_m[i][2] > 0.0299)
-        .collect();
+    let tip: Vec<usize> = (0..mesh.positions_m.len()).filter(|&i| mesh.positions_m[i][2] > 0.0299).collect();
     let mut force = vec![0.0; 3 * mesh.positions_m.len()];
     for &node in &tip {
         force[3 * node] = load_n / tip.len() as f64;
@@ -156,21 +110,13 @@ fn a_cantilever_agrees_with_the_linear_solve_and_with_beam_theory() {
         body.step();
     }
     let reference = solve_linear(&mesh, &fixed, &material, &force);
-    let mean = |value: &dyn Fn(usize) -> f64| {
-        tip.iter().map(|&node| value(node)).sum::<f64>() / tip.len() as f64
-    };
+    let mean = |value: &dyn Fn(usize) -> f64| tip.iter().map(|&node| value(node)).sum::<f64>() / tip.len() as f64;
     let deflection = mean(&|node| f64::from(body.position_m[node][0] - mesh.positions_m[node][0]));
     let linear = mean(&|node| reference[3 * node]);
-    assert!(
-        (deflection / linear - 1.0).abs() < 0.01,
-        "deflection {deflection} m, linear solve {linear} m"
-    );
+    assert!((deflection / linear - 1.0).abs() < 0.01, "deflection {deflection} m, linear solve {linear} m");
     let inertia: f64 = f64::powi(side, 4) / 12.0;
     let beam = load_n * f64::powi(length, 3) / (3.0 * 100_000.0 * inertia);
-    assert!(
-        (0.75..1.1).contains(&(deflection / beam)),
-        "deflection {deflection} m, beam theory {beam} m"
-    );
+    assert!((0.75..1.1).contains(&(deflection / beam)), "deflection {deflection} m, beam theory {beam} m");
 }
 
 #[test]
@@ -178,10 +124,7 @@ fn the_bound_on_the_step_is_above_the_largest_eigenvalue_and_not_far() {
     let mut mesh = block([4, 4, 4], 0.003);
     let mut random = common::noise(5);
     for jitter_m in [0.0, 0.0006] {
-        mesh.positions_m
-            .iter_mut()
-            .flatten()
-            .for_each(|x| *x += jitter_m * random());
+        mesh.positions_m.iter_mut().flatten().for_each(|x| *x += jitter_m * random());
         let fixed: Vec<bool> = (0..mesh.positions_m.len()).map(|node| node < 25).collect();
         let material = Material::new(10_000.0, 0.45, 1000.0, 0.0).unwrap();
         let (model, report) = Model::new(&mesh, &fixed, &material, options()).unwrap();
@@ -193,24 +136,14 @@ fn the_bound_on_the_step_is_above_the_largest_eigenvalue_and_not_far() {
             let image = apply_linear(true, &mesh, &fixed, mu, lambda, &u);
             let mass = |i: usize| f64::from(model.mass_kg()[i / 3]);
             let energy: f64 = u.iter().zip(&image).map(|(u, k)| u * k).sum();
-            squared = energy
-                / u.iter()
-                    .enumerate()
-                    .map(|(i, u)| mass(i) * u * u)
-                    .sum::<f64>();
+            squared = energy / u.iter().enumerate().map(|(i, u)| mass(i) * u * u).sum::<f64>();
             u = image.iter().enumerate().map(|(i, k)| k / mass(i)).collect();
             let size = u.iter().map(|u| u * u).sum::<f64>().sqrt();
             u.iter_mut().for_each(|u| *u /= size);
         }
         let usual = report.omega_rest_per_s / squared.sqrt();
-        assert!(
-            (0.95..1.01).contains(&usual),
-            "jitter {jitter_m} m: {usual} times the largest frequency"
-        );
+        assert!((0.95..1.01).contains(&usual), "jitter {jitter_m} m: {usual} times the largest frequency");
         let ratio = report.omega_max_per_s / squared.sqrt();
-        assert!(
-            (1.0..1.6).contains(&ratio),
-            "jitter {jitter_m} m: the bound is {ratio} times the largest frequency"
-        );
+        assert!((1.0..1.6).contains(&ratio), "jitter {jitter_m} m: the bound is {ratio} times the largest frequency");
     }
 }

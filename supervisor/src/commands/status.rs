@@ -22,11 +22,10 @@ pub fn status(station: &Station, json: bool) -> Result<u8, Refusal> {
     if view.state == "dead" {
         return Err(no_station(station));
     }
-    if json {
-        println!("{}", serde_json::to_string_pretty(&view).map_err(|e| Refusal::failed(e.to_string()))?);
-    } else {
-        print!("{}", table(&view));
-    }
+    let text =
+        if json { serde_json::to_string_pretty(&view).map_err(|e| Refusal::failed(e.to_string()))? + "\n" } else { table(&view) };
+    // A reader that has gone (`| head`) has read what it wanted.
+    let _ = std::io::stdout().write_all(text.as_bytes());
     Ok(0)
 }
 

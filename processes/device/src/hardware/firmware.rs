@@ -83,7 +83,7 @@ impl Firmware<'_> {
     }
 
     fn receive_ports(&mut self) {
-        while let Some(arrival) = self.inbox.next() {
+        while let Some(arrival) = self.inbox.take() {
             let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.window };
             if let Some(before) = place.replace(arrival.page) {
                 self.inbox.retire(before);

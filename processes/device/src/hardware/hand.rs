@@ -44,14 +44,14 @@ fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
         "idle" | "script:idle" => Ok(Will::Idle),
         "mouse" => Ok(Will::Pointer),
         other => {
-            let name = other.strip_prefix("script:").ok_or_else(|| {
-                Failure::Input(format!("--hand {other}: use script:NAME, mouse or idle"))
-            })?;
-            let found = scene
-                .hand(name)
-                .ok_or_else(|| Failure::Input(format!("--hand {other}: this scene has {}", names())))?;
+            let name = other
+                .strip_prefix("script:")
+                .ok_or_else(|| Failure::Input(format!("--hand {other}: use script:NAME, mouse or idle")))?;
+            let found = scene.hand(name).ok_or_else(|| Failure::Input(format!("--hand {other}: this scene has {}", names())))?;
             match (name, hyst_coupling::Hand::by_name(name), found.way.first(), found.way.last()) {
-                ("polyp", Some(script), Some(from), Some(into)) => Ok(Will::Script(HandScript::new(script, pose4(from), pose4(into)))),
+                ("polyp", Some(script), Some(from), Some(into)) => {
+                    Ok(Will::Script(HandScript::new(script, pose4(from), pose4(into))))
+                }
                 _ => Ok(Will::Way(found.clone())),
             }
         }

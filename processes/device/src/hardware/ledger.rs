@@ -151,7 +151,13 @@ mod tests {
     use super::*;
 
     fn at(station_tick: u64, kind: Applied, force_tick: u64) -> Judged {
-        let command = ForceCommand { tick: force_tick.max(1), force_tick, force_n: [1.0, 0.0, 0.0], kind: kind as u32, ..Default::default() };
+        let command = ForceCommand {
+            tick: force_tick.max(1),
+            force_tick,
+            force_n: [1.0, 0.0, 0.0],
+            kind: kind as u32,
+            ..Default::default()
+        };
         Judged {
             hardware_tick: 1,
             time_ns: 0,

@@ -18,14 +18,7 @@ pub fn block(cubes: [usize; 3], h_m: f32, corner_m: [f32; 3]) -> (Vec<[f32; 3]>,
             }
         }
     }
-    let ways = [
-        [0, 1, 2],
-        [0, 2, 1],
-        [1, 0, 2],
-        [1, 2, 0],
-        [2, 0, 1],
-        [2, 1, 0],
-    ];
+    let ways = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let mut tets = Vec::new();
     for k in 0..cubes[2] {
         for j in 0..cubes[1] {
@@ -53,46 +46,25 @@ pub struct Capsule {
 }
 
 /// Capsule along +z with its tip at `tip_m`: point 0 is the tip, then rings of `around` points, hemisphere first.
-pub fn capsule(
-    tip_m: [f32; 3],
-    radius_m: f32,
-    length_m: f32,
-    rings: usize,
-    around: usize,
-) -> Capsule {
+pub fn capsule(tip_m: [f32; 3], radius_m: f32, length_m: f32, rings: usize, around: usize) -> Capsule {
     let cap = (rings / 4).max(2);
-    let mut tool = Capsule {
-        points_m: vec![tip_m],
-        edges: Vec::new(),
-        area_m2: vec![1e-7],
-    };
+    let mut tool = Capsule { points_m: vec![tip_m], edges: Vec::new(), area_m2: vec![1e-7] };
     let arc = std::f32::consts::FRAC_PI_2;
     for ring in 0..rings {
         let (r, back) = if ring < cap {
             let angle = arc * (ring + 1) as f32 / cap as f32;
             (radius_m * angle.sin(), radius_m * (1.0 - angle.cos()))
         } else {
-            (
-                radius_m,
-                radius_m + (length_m - radius_m) * (ring + 1 - cap) as f32 / (rings - cap) as f32,
-            )
+            (radius_m, radius_m + (length_m - radius_m) * (ring + 1 - cap) as f32 / (rings - cap) as f32)
         };
         for a in 0..around {
             let turn = std::f32::consts::TAU * a as f32 / around as f32;
             let id = (1 + ring * around + a) as u32;
             let next = (1 + ring * around + (a + 1) % around) as u32;
-            tool.points_m.push([
-                tip_m[0] + r * turn.cos(),
-                tip_m[1] + r * turn.sin(),
-                tip_m[2] - back,
-            ]);
+            tool.points_m.push([tip_m[0] + r * turn.cos(), tip_m[1] + r * turn.sin(), tip_m[2] - back]);
             tool.area_m2.push(2e-7);
             tool.edges.push([id, next]);
-            tool.edges.push(if ring == 0 {
-                [0, id]
-            } else {
-                [id - around as u32, id]
-            });
+            tool.edges.push(if ring == 0 { [0, id] } else { [id - around as u32, id] });
             if ring > 0 {
                 tool.edges.push([id - around as u32, next]);
             }
@@ -119,11 +91,7 @@ pub fn hits_split(
     let parts: Vec<Vec<Hit>> = (0..count)
         .map(|index| {
             let mut out = vec![Hit::default(); room];
-            let share = Share {
-                index,
-                count,
-                split,
-            };
+            let share = Share { index, count, split };
             let found = intersect(share, &hash, points, tissue, &mut out).unwrap();
             assert_eq!(found.dropped, 0);
             out.truncate(found.count);
@@ -140,13 +108,7 @@ pub fn hits_split(
 
 /// As one worker.
 pub fn hits(points_m: &[[f32; 3]], points: &Points, tissue: &Tissue, cell_m: f32) -> Vec<Hit> {
-    hits_split(
-        points_m,
-        points,
-        tissue,
-        (cell_m, Layout::Auto),
-        (1, Split::Points),
-    )
+    hits_split(points_m, points, tissue, (cell_m, Layout::Auto), (1, Split::Points))
 }
 
 /// The oracle.
@@ -189,65 +151,22 @@ impl Poke {
     }
 
     pub fn points(&self) -> Points<'_> {
-        Points {
-            owner: &self.owner,
-            node: &[],
-            self_contact: false,
-        }
+        Points { owner: &self.owner, node: &[], self_contact: false }
     }
 
     pub fn tissue(&self) -> Tissue<'_> {
-        Tissue {
-            positions_m: &self.positions_m,
-            tets: &self.tets,
-            tet_owner: &self.tet_owner,
-        }
+        Tissue { positions_m: &self.positions_m, tets: &self.tets, tet_owner: &self.tet_owner }
     }
 
     pub fn depths(&mut self, points_m: &[[f32; 3]], retreat: [f32; 3]) -> Vec<Penetration> {
         let hits = hits(points_m, &self.points(), &self.tissue(), 0.004);
-        let Poke {
-            positions_m,
-            tets,
-            tet_owner,
-            topology,
-            graph,
-            owner,
-            memory,
-            work,
-        } = self;
-        let points = Points {
-            owner,
-            node: &[],
-            self_contact: false,
-        };
-        let tissue = Tissue {
-            positions_m,
-            tets,
-            tet_owner,
-        };
-        let input = PenetrationInput {
-            hits: &hits,
-            points_m,
-            points,
-            graph,
-            tissue,
-            topology,
-        };
-        let params = PenetrationParams {
-            max_depth_m: 0.015,
-            retreats: &[Retreat {
-                owner: TOOL,
-                direction: retreat,
-            }],
-        };
+        let Poke { positions_m, tets, tet_owner, topology, graph, owner, memory, work } = self;
+        let points = Points { owner, node: &[], self_contact: false };
+        let tissue = Tissue { positions_m, tets, tet_owner };
+        let input = PenetrationInput { hits: &hits, points_m, points, graph, tissue, topology };
+        let params = PenetrationParams { max_depth_m: 0.015, retreats: &[Retreat { owner: TOOL, direction: retreat }] };
         let mut out = vec![Penetration::default(); hits.len()];
-        assert_eq!(
-            penetration(&input, &params, memory, work, &mut out)
-                .unwrap()
-                .dropped,
-            0
-        );
+        assert_eq!(penetration(&input, &params, memory, work, &mut out).unwrap().dropped, 0);
         out
     }
 }

@@ -4,13 +4,8 @@ use super::{Capsule, TOOL, block, capsule};
 use hyst_contact::*;
 
 const MM: f32 = 1e-3;
-const RESPONSE: ResponseParams = ResponseParams {
-    stiffness_n_m3: 1e7,
-    damping_speed_m_s: 0.5,
-    friction: 0.2,
-    slip_speed_m_s: 1e-3,
-    max_point_force_n: 1.0,
-};
+const RESPONSE: ResponseParams =
+    ResponseParams { stiffness_n_m3: 1e7, damping_speed_m_s: 0.5, friction: 0.2, slip_speed_m_s: 1e-3, max_point_force_n: 1.0 };
 
 /// A step of the tick.
 pub type Step = fn(&mut Tick);
@@ -27,19 +22,11 @@ pub struct Body {
 
 impl Body {
     fn points(&self) -> Points<'_> {
-        Points {
-            owner: &self.owner,
-            node: &[],
-            self_contact: false,
-        }
+        Points { owner: &self.owner, node: &[], self_contact: false }
     }
 
     fn tissue(&self) -> Tissue<'_> {
-        Tissue {
-            positions_m: &self.positions_m,
-            tets: &self.tets,
-            tet_owner: &self.tet_owner,
-        }
+        Tissue { positions_m: &self.positions_m, tets: &self.tets, tet_owner: &self.tet_owner }
     }
 }
 
@@ -110,9 +97,7 @@ impl Tick {
     fn hash(&mut self) {
         let sizes = HashSizes::for_points(self.tool.points_m.len());
         let mut table = HashMut::in_words(&mut self.words, sizes).unwrap();
-        table
-            .build(&self.tool.points_m, 3.0 * MM, Layout::Auto)
-            .unwrap();
+        table.build(&self.tool.points_m, 3.0 * MM, Layout::Auto).unwrap();
     }
 
     fn test(&mut self) {
@@ -131,10 +116,7 @@ impl Tick {
             tissue: self.body.tissue(),
             topology: &self.body.topology,
         };
-        let params = PenetrationParams {
-            max_depth_m: 15.0 * MM,
-            retreats: &[],
-        };
+        let params = PenetrationParams { max_depth_m: 15.0 * MM, retreats: &[] };
         let (memory, work) = (&mut self.memory, &mut self.work);
         let found = penetration(&input, &params, memory, work, &mut self.depths).unwrap();
         assert_eq!(found.count, self.found);
@@ -147,20 +129,12 @@ impl Tick {
             point_area_m2: &self.tool.area_m2,
             node_velocity_m_s: &self.resting,
         };
-        let mut out = ResponseOutput {
-            node_force_n: &mut self.node_force_n,
-            wrenches: &mut self.wrenches,
-            contacts: &mut self.contacts,
-        };
+        let mut out =
+            ResponseOutput { node_force_n: &mut self.node_force_n, wrenches: &mut self.wrenches, contacts: &mut self.contacts };
         let (points, tissue) = (self.body.points(), self.body.tissue());
-        let rigids = [Rigid {
-            owner: TOOL,
-            reference_m: self.tool.points_m[0],
-        }];
+        let rigids = [Rigid { owner: TOOL, reference_m: self.tool.points_m[0] }];
         let depths = &self.depths[..self.found];
-        let found = respond(
-            depths, &points, &motion, &tissue, &rigids, &RESPONSE, &mut out,
-        );
+        let found = respond(depths, &points, &motion, &tissue, &rigids, &RESPONSE, &mut out);
         assert_eq!(found.unwrap().dropped, 0);
     }
 
@@ -180,10 +154,7 @@ impl Tick {
             tip_m: self.tool.points_m[0],
             tool: TOOL,
         };
-        let params = PlaneParams {
-            range_m: 2.0 * MM,
-            stiffness_n_m3: RESPONSE.stiffness_n_m3,
-        };
+        let params = PlaneParams { range_m: 2.0 * MM, stiffness_n_m3: RESPONSE.stiffness_n_m3 };
         self.set = planes(&input, &params);
     }
 }

@@ -94,12 +94,7 @@ impl ServoParams {
     pub fn coupling_limit_n_m(&self, dt_s: f32) -> f32 {
         let delay = 0.5 + sane(self.loop_delay_ticks, 0.0, 100.0, 1.0);
         let spare = self.device_damping_n_s_m - self.max_damping_n_s_m;
-        sane(
-            self.coupling_stiffness_n_m.min(spare / (dt_s * delay)),
-            1.0,
-            1e5,
-            1.0,
-        )
+        sane(self.coupling_stiffness_n_m.min(spare / (dt_s * delay)), 1.0, 1e5, 1.0)
     }
 
     /// The same parameters with each number inside its meaningful range; what is not a number becomes the safe end.
@@ -161,20 +156,12 @@ impl ServoState {
         if self.running == 0 {
             return (Self::default(), 0);
         }
-        let vectors = [
-            self.position_m,
-            self.velocity_m_s,
-            self.proxy_m,
-            self.force_n,
-            self.shift_m,
-        ];
-        let finite =
-            vectors.into_iter().all(is_finite) && self.shift_m.iter().all(|c| c.abs() <= 2.0);
+        let vectors = [self.position_m, self.velocity_m_s, self.proxy_m, self.force_n, self.shift_m];
+        let finite = vectors.into_iter().all(is_finite) && self.shift_m.iter().all(|c| c.abs() <= 2.0);
         let ramp = (0.0..=1.0).contains(&self.ramp);
         let damper = (0.0..=params.controller_damping_n_s_m).contains(&self.damper_n_s_m);
         let energy = self.energy_j.abs() <= MAX_ENERGY_J;
-        let force =
-            Vec3::from_array(self.force_n).as_dvec3().length() <= f64::from(params.max_force_n);
+        let force = Vec3::from_array(self.force_n).as_dvec3().length() <= f64::from(params.max_force_n);
         if finite && ramp && damper && energy && force && self.running == 1 && self.tick < tick {
             return (*self, 0);
         }

@@ -11,12 +11,7 @@ pub type Tissue = fn(tip: Vec3, stiffness_n_m: f32) -> ContactModel;
 
 /// A wall across the canal at z = 60 mm.
 pub fn wall(_tip: Vec3, stiffness_n_m: f32) -> ContactModel {
-    ContactModel::new(&[Plane {
-        point_m: [0.0, 0.0, 0.06],
-        normal: [0.0, 0.0, -1.0],
-        stiffness_n_m,
-        damping_n_s_m: 0.5,
-    }])
+    ContactModel::new(&[Plane { point_m: [0.0, 0.0, 0.06], normal: [0.0, 0.0, -1.0], stiffness_n_m, damping_n_s_m: 0.5 }])
 }
 
 /// A spherical cavity of 15 mm about z = 50 mm: the tangent plane where the tip was seen.
@@ -24,22 +19,12 @@ pub fn cavity(tip: Vec3, stiffness_n_m: f32) -> ContactModel {
     let centre = Vec3::new(0.0, 0.0, 0.05);
     let out = (tip - centre).normalize_or(Vec3::Z);
     let point_m = (centre + out * 0.015).to_array();
-    ContactModel::new(&[Plane {
-        point_m,
-        normal: (-out).to_array(),
-        stiffness_n_m,
-        damping_n_s_m: 0.5,
-    }])
+    ContactModel::new(&[Plane { point_m, normal: (-out).to_array(), stiffness_n_m, damping_n_s_m: 0.5 }])
 }
 
 /// A corner: wall and side wall at an acute angle, each given twice, slightly askew.
 pub fn corner(_tip: Vec3, stiffness_n_m: f32) -> ContactModel {
-    let plane = |point_m: [f32; 3], normal: [f32; 3]| Plane {
-        point_m,
-        normal,
-        stiffness_n_m,
-        damping_n_s_m: 0.5,
-    };
+    let plane = |point_m: [f32; 3], normal: [f32; 3]| Plane { point_m, normal, stiffness_n_m, damping_n_s_m: 0.5 };
     ContactModel::new(&[
         plane([0.0, 0.0, 0.06], [0.0, 0.0, -1.0]),
         plane([0.0, 0.0, 0.0601], [0.001, 0.0, -1.0]),
@@ -72,16 +57,8 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(hand: Hand, tissue: Tissue, stiffness_n_m: f32, cadence_ticks: u64) -> Self {
-        let rest = Pose4 {
-            insertion_m: 0.05,
-            ..Pose4::default()
-        };
-        let into = Pose4 {
-            pitch_rad: 0.02,
-            yaw_rad: 0.08,
-            insertion_m: 0.072,
-            ..Pose4::default()
-        };
+        let rest = Pose4 { insertion_m: 0.05, ..Pose4::default() };
+        let into = Pose4 { pitch_rad: 0.02, yaw_rad: 0.08, insertion_m: 0.072, ..Pose4::default() };
         let hand_model = HandModel::default();
         Self {
             hand_model,
@@ -127,37 +104,18 @@ impl Bench {
             if alive[replica] {
                 let (next, output) = servo_step(&self.servo_params, &self.servos[replica], &input);
                 self.servos[replica] = next;
-                valid_force(
-                    self.tick,
-                    self.tick,
-                    output.force_n,
-                    &ForceLimits::default(),
-                )
-                .expect("a valid force");
+                valid_force(self.tick, self.tick, output.force_n, &ForceLimits::default()).expect("a valid force");
                 outputs[replica] = Some(output.force_n);
             }
         }
-        let choice = choose(
-            self.hop.applied_n,
-            outputs[0],
-            outputs[1],
-            0,
-            self.hop_params.slew_n(),
-        );
+        let choice = choose(self.hop.applied_n, outputs[0], outputs[1], 0, self.hop_params.slew_n());
         let (hop, applied, kind) = last_hop_step(&self.hop_params, &self.hop, choice.force_n);
         self.hop = hop;
-        let (hardware, force) =
-            hardware_step(&HardwareParams::default(), &self.hardware, Some(applied));
+        let (hardware, force) = hardware_step(&HardwareParams::default(), &self.hardware, Some(applied));
         self.hardware = hardware;
         // The force of the tick before acts while this one is computed: a delay of one tick.
         let target = hand_pose(&self.script, self.tick as f64 * f64::from(DT_S)).pose;
-        self.hand = hand_dynamics(
-            &self.hand_model,
-            &self.hand,
-            &target,
-            self.force.to_array(),
-            DT_S,
-        );
+        self.hand = hand_dynamics(&self.hand_model, &self.hand, &target, self.force.to_array(), DT_S);
         self.force = Vec3::from_array(force);
         self.tick += 1;
         (Vec3::from_array(self.hand.tip_m) - tip, kind)
@@ -165,10 +123,7 @@ impl Bench {
 
     /// A tick at which only the tissue computes: no device, so no input record.
     pub fn pass_tick(&mut self) {
-        self.models.push((self.tissue)(
-            Vec3::from_array(self.hand.tip_m),
-            self.stiffness_n_m,
-        ));
+        self.models.push((self.tissue)(Vec3::from_array(self.hand.tip_m), self.stiffness_n_m));
         self.tick += 1;
     }
 

@@ -8,6 +8,7 @@ use iceoryx2::prelude::*;
 
 type Variant = ipc_threadsafe::Service;
 type Factory = iceoryx2::service::port_factory::request_response::PortFactory<Variant, [u8], (), [u8], ()>;
+type Pending = PendingResponse<Variant, [u8], (), [u8], ()>;
 type Builder = iceoryx2::service::builder::request_response::Builder<[u8], (), [u8], (), Variant>;
 
 /// Clients of one server.
@@ -23,7 +24,7 @@ pub struct HeldRendezvous {
 #[derive(Debug)]
 pub struct ProcessClient {
     inner: iceoryx2::port::client::Client<Variant, [u8], (), [u8], ()>,
-    open: Option<PendingResponse<Variant, [u8], (), [u8], ()>>,
+    open: Option<Pending>,
     _factory: Factory,
 }
 

@@ -122,7 +122,7 @@ fn the_late_join_of_a_zombie_counts_for_nothing() {
     });
 }
 
-/// Found by this test: such a member was never readmitted, because it saw no release that named it.
+/// A member that looked at the newest release alone would see none that named it, and never be readmitted.
 #[test]
 fn a_member_that_slept_through_its_release_does_no_work_for_it_and_is_back() {
     isolated(a_member_that_slept_through_its_release_does_no_work_for_it_and_is_back, |station| {
@@ -141,7 +141,7 @@ fn a_member_that_slept_through_its_release_does_no_work_for_it_and_is_back() {
     });
 }
 
-/// Found by this test: a newcomer in a seat took the release that had named its predecessor for its own.
+/// A newcomer that looked at the mask of the release in force would take what named its predecessor for its own.
 #[test]
 fn a_replacement_does_not_take_the_release_of_its_predecessor() {
     isolated(a_replacement_does_not_take_the_release_of_its_predecessor, |station| {

@@ -124,7 +124,7 @@ fn a_service_of_another_layout_or_type_is_not_opened() {
     });
 }
 
-/// Found by this test: the second station of a process was given the segments of the first, without a word.
+/// The library would give a second station of a process the configuration of the first, without a word.
 #[test]
 fn a_process_joins_one_station_only() {
     isolated(a_process_joins_one_station_only, |station| {

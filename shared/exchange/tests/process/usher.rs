@@ -26,7 +26,7 @@ fn house(station: &Station) -> House {
 
 impl House {
     fn next(&mut self) -> Arrival {
-        until(|| self.inbox.next())
+        until(|| self.inbox.take())
     }
     /// Starts a tissue, as the supervisor does.
     fn newcomer(&self, incarnation: u32, fate: &str) -> (Partner, hyst_exchange::stream::HeldService) {
@@ -84,11 +84,11 @@ fn pages_and_streams_of_a_newcomer_and_of_its_successor_arrive_ready_for_use() {
                 assert!(house.inbox.retire(departure));
             }
         }
-        assert!(house.inbox.next().is_none());
+        assert!(house.inbox.take().is_none());
     });
 }
 
-/// Found by this test: the usher kept looking, a thousand times per second, for about 20 s.
+/// Otherwise the usher looks for its ports a thousand times per second, for about 20 s.
 #[test]
 fn a_process_that_dies_in_its_start_up_is_given_up_and_its_successor_arrives() {
     isolated(a_process_that_dies_in_its_start_up_is_given_up_and_its_successor_arrives, |station| {

@@ -36,17 +36,9 @@ pub fn ellipsoid(grid: Grid) -> Vec<u8> {
 pub fn inputs(step: u32) -> FlowInputs {
     let angle = step as f32 * 0.05;
     let tip = [0.005 * angle.sin(), 0.005 * angle.cos(), 0.0];
-    let mut inputs = FlowInputs {
-        dt_s: 1.0 / 60.0,
-        ..Default::default()
-    };
-    inputs.pump = PumpInput {
-        set_pa: 9_000.0,
-        flow_limit_ml_min: 300.0,
-        inflow_valve: 1.0,
-        outflow_valve: 0.5,
-        ..Default::default()
-    };
+    let mut inputs = FlowInputs { dt_s: 1.0 / 60.0, ..Default::default() };
+    inputs.pump =
+        PumpInput { set_pa: 9_000.0, flow_limit_ml_min: 300.0, inflow_valve: 1.0, outflow_valve: 0.5, ..Default::default() };
     inputs.tools[0] = Capsule {
         a_m: [0.0, 0.0, -0.02],
         b_m: tip,
@@ -55,28 +47,10 @@ pub fn inputs(step: u32) -> FlowInputs {
         velocity_b_m_s: [0.015 * angle.cos(), -0.015 * angle.sin(), 0.0],
     };
     let front = [tip[0], tip[1], 0.004];
-    inputs.ports[0] = Port {
-        centre_m: front,
-        radius_m: 0.003,
-        direction: [0.0, 0.0, 1.0],
-        share: 1.0,
-        inflow: true,
-        dye: 0.0,
-    };
-    inputs.ports[1] = Port {
-        centre_m: [0.0, 0.0, -0.008],
-        radius_m: 0.004,
-        share: 1.0,
-        ..Default::default()
-    };
-    inputs.blood[0] = BloodSource {
-        position_m: [0.012, 0.004, 0.002],
-        opening: 1.0,
-    };
-    inputs.blood[1] = BloodSource {
-        position_m: [-0.01, 0.0, -0.003],
-        opening: 0.5,
-    };
+    inputs.ports[0] = Port { centre_m: front, radius_m: 0.003, direction: [0.0, 0.0, 1.0], share: 1.0, inflow: true, dye: 0.0 };
+    inputs.ports[1] = Port { centre_m: [0.0, 0.0, -0.008], radius_m: 0.004, share: 1.0, ..Default::default() };
+    inputs.blood[0] = BloodSource { position_m: [0.012, 0.004, 0.002], opening: 1.0 };
+    inputs.blood[1] = BloodSource { position_m: [-0.01, 0.0, -0.003], opening: 0.5 };
     inputs
 }
 

@@ -22,8 +22,7 @@ impl Builder {
 
     pub fn tet(&mut self, tags: [i64; 4], region: i64, place: Place) {
         self.tets.push((tags, place));
-        self.regions
-            .push(u32::try_from(region.unsigned_abs()).unwrap_or(u32::MAX));
+        self.regions.push(u32::try_from(region.unsigned_abs()).unwrap_or(u32::MAX));
     }
 
     pub fn node_count(&self) -> usize {
@@ -35,22 +34,15 @@ impl Builder {
     /// # Errors
     /// Two nodes with one tag, a tet with a node that is not there, no tet at all.
     pub fn finish(self) -> Result<(TetMesh, usize), ReadError> {
-        let Builder {
-            positions,
-            node_tags,
-            tets,
-            regions,
-            other_volume_cells,
-        } = self;
+        let Builder { positions, node_tags, tets, regions, other_volume_cells } = self;
         if tets.is_empty() {
             return Err(no_tets(positions.len(), other_volume_cells));
         }
         let by_tag = index_by_tag(&node_tags)?;
-        let resolve =
-            |tag: i64, place: Place| match by_tag.binary_search_by_key(&tag, |&(tag, _)| tag) {
-                Ok(found) => Ok(by_tag[found].1),
-                Err(_) => Err(missing(tag, place, &by_tag)),
-            };
+        let resolve = |tag: i64, place: Place| match by_tag.binary_search_by_key(&tag, |&(tag, _)| tag) {
+            Ok(found) => Ok(by_tag[found].1),
+            Err(_) => Err(missing(tag, place, &by_tag)),
+        };
         let mut indices = Vec::with_capacity(tets.len());
         for (tags, place) in tets {
             let mut tet = [0; 4];
@@ -59,14 +51,7 @@ impl Builder {
             }
             indices.push(tet);
         }
-        Ok((
-            TetMesh {
-                positions_m: positions,
-                tets: indices,
-                regions,
-            },
-            other_volume_cells,
-        ))
+        Ok((TetMesh { positions_m: positions, tets: indices, regions }, other_volume_cells))
     }
 }
 
@@ -96,23 +81,12 @@ fn index_by_tag(node_tags: &[(i64, Place)]) -> Result<Vec<(i64, u32)>, ReadError
 
 fn too_many(place: Place) -> ReadError {
     let expected = "at most 4294967295 nodes";
-    ReadError::new(
-        ReadErrorKind::AbsurdCount,
-        place,
-        "more nodes than that",
-        expected,
-        "mesh more coarsely",
-    )
+    ReadError::new(ReadErrorKind::AbsurdCount, place, "more nodes than that", expected, "mesh more coarsely")
 }
 
 fn missing(tag: i64, place: Place, by_tag: &[(i64, u32)]) -> ReadError {
     let expected = match (by_tag.first(), by_tag.last()) {
-        (Some(first), Some(last)) => format!(
-            "one of the {} nodes, numbered from {} to {}",
-            by_tag.len(),
-            first.0,
-            last.0
-        ),
+        (Some(first), Some(last)) => format!("one of the {} nodes, numbered from {} to {}", by_tag.len(), first.0, last.0),
         _ => "nodes before elements, but the file has none".into(),
     };
     ReadError::new(
@@ -136,11 +110,5 @@ fn no_tets(nodes: usize, other_volume_cells: usize) -> ReadError {
             "export the volume mesh, not only its surface (in Gmsh: Mesh > 3D; if physical groups exist, one must hold the volume)",
         )
     };
-    ReadError::new(
-        ReadErrorKind::Empty,
-        Place::File,
-        found,
-        "at least one tetrahedron",
-        cure,
-    )
+    ReadError::new(ReadErrorKind::Empty, Place::File, found, "at least one tetrahedron", cure)
 }

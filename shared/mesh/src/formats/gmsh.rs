@@ -42,9 +42,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
             }
         } else if token.is("$Elements") {
             match need_version(version, token)? {
-                new @ (Version::V40 | Version::V41) => {
-                    gmsh4::elements(&mut text, &mut mesh, new, &physical)?
-                }
+                new @ (Version::V40 | Version::V41) => gmsh4::elements(&mut text, &mut mesh, new, &physical)?,
                 old => elements(&mut text, &mut mesh, old)?,
             }
         } else if token.is("$Entities") && version == Some(Version::V41) {
@@ -56,13 +54,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
     if version.is_none() {
         let cure = "give an ASCII mesh of Gmsh; a .msh of another program must be converted: meshio convert FILE NEW.vtk --ascii";
         let expected = "a section $MeshFormat or $NOD";
-        return Err(ReadError::new(
-            ReadErrorKind::Syntax,
-            Place::File,
-            "neither",
-            expected,
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Syntax, Place::File, "neither", expected, cure));
     }
     Ok(mesh)
 }
@@ -71,13 +63,7 @@ fn need_version(version: Option<Version>, token: Token) -> Result<Version, ReadE
     version.ok_or_else(|| {
         let cure = "the head of the file is missing: copy or export it again";
         let expected = "a section $MeshFormat before it";
-        ReadError::new(
-            ReadErrorKind::Syntax,
-            Place::Line(token.line),
-            token.shown(),
-            expected,
-            cure,
-        )
+        ReadError::new(ReadErrorKind::Syntax, Place::Line(token.line), token.shown(), expected, cure)
     })
 }
 
@@ -90,33 +76,19 @@ fn mesh_format(text: &mut Text) -> Result<Version, ReadError> {
         v if (4.05..5.0).contains(&v) => Version::V41,
         _ => {
             let found = format!("format version {}", number.shown());
-            return Err(unsupported(
-                number.line,
-                found,
-                "version 1, 2.x, 4.0 or 4.1",
-            ));
+            return Err(unsupported(number.line, found, "version 1, 2.x, 4.0 or 4.1"));
         }
     };
     let kind = text.need("the file type, 0 for ASCII")?;
     if kind.i64("the file type, 0 for ASCII")? != 0 {
-        return Err(unsupported(
-            kind.line,
-            "a binary mesh".into(),
-            "an ASCII mesh (file type 0)",
-        ));
+        return Err(unsupported(kind.line, "a binary mesh".into(), "an ASCII mesh (file type 0)"));
     }
     text.skip_line();
     Ok(version)
 }
 
 fn unsupported(line: usize, found: String, expected: &str) -> ReadError {
-    ReadError::new(
-        ReadErrorKind::Unsupported,
-        Place::Line(line),
-        found,
-        expected,
-        CURE,
-    )
+    ReadError::new(ReadErrorKind::Unsupported, Place::Line(line), found, expected, CURE)
 }
 
 /// Versions 1 and 2: a count, then `tag x y z` each.
@@ -150,11 +122,7 @@ fn elements(text: &mut Text, mesh: &mut Builder, version: Version) -> Result<(),
             mesh.other_volume_cells += usize::from(is_other_volume(kind));
             continue;
         }
-        let mut tags = if version == Version::V1 {
-            3
-        } else {
-            rest.i64(&what)?
-        };
+        let mut tags = if version == Version::V1 { 3 } else { rest.i64(&what)? };
         let mut region = 0;
         let mut first = true;
         while tags > 0 {

@@ -14,9 +14,7 @@ pub(crate) struct Physical {
 impl Physical {
     /// Region of an element of volume `entity`: its first physical group, else the volume's own tag.
     fn region(&self, entity: i64) -> i64 {
-        self.volumes
-            .binary_search_by_key(&entity, |&(tag, _)| tag)
-            .map_or(entity, |found| self.volumes[found].1)
+        self.volumes.binary_search_by_key(&entity, |&(tag, _)| tag).map_or(entity, |found| self.volumes[found].1)
     }
 
     /// `$Entities`. It only names regions, so what is not understood is passed over.
@@ -40,11 +38,7 @@ impl Physical {
         self.volumes.sort_unstable();
     }
 
-    fn volumes_after_counts(
-        &mut self,
-        text: &mut Text,
-        partitioned: bool,
-    ) -> Result<(), ReadError> {
+    fn volumes_after_counts(&mut self, text: &mut Text, partitioned: bool) -> Result<(), ReadError> {
         /// A tag, a box or a point, a count: no entity is shorter.
         const ENTITY_BYTES: usize = 8;
         let mut before = 0_usize;
@@ -84,11 +78,7 @@ impl Physical {
 }
 
 /// `$Nodes`: blocks; in 4.1 first all tags of a block, then all points; in 4.0 tag and point on one line.
-pub(crate) fn nodes(
-    text: &mut Text,
-    mesh: &mut Builder,
-    version: Version,
-) -> Result<(), ReadError> {
+pub(crate) fn nodes(text: &mut Text, mesh: &mut Builder, version: Version) -> Result<(), ReadError> {
     /// “0 0 0” and its line end.
     const POINT_BYTES: usize = 6;
     let blocks = text.count("the number of blocks of nodes", 4)?;
@@ -105,10 +95,7 @@ pub(crate) fn nodes(
         if version == Version::V41 {
             for nth in 1..=count {
                 let token = text.need(&head)?;
-                tags.push((
-                    token.i64(&format!("tag {nth} of {count} in {head}"))?,
-                    Place::Line(token.line),
-                ));
+                tags.push((token.i64(&format!("tag {nth} of {count} in {head}"))?, Place::Line(token.line)));
             }
         }
         for nth in 0..count {
@@ -128,12 +115,7 @@ pub(crate) fn nodes(
 }
 
 /// `$Elements`: blocks of one element type each.
-pub(crate) fn elements(
-    text: &mut Text,
-    mesh: &mut Builder,
-    version: Version,
-    physical: &Physical,
-) -> Result<(), ReadError> {
+pub(crate) fn elements(text: &mut Text, mesh: &mut Builder, version: Version, physical: &Physical) -> Result<(), ReadError> {
     /// “1 2” and its line end.
     const ELEMENT_BYTES: usize = 4;
     let blocks = text.count("the number of blocks of elements", 4)?;
@@ -142,11 +124,7 @@ pub(crate) fn elements(
     for block in 1..=blocks {
         let head = format!("block {block} of {blocks} of the elements");
         let pair = [text.i64(&head)?, text.i64(&head)?];
-        let entity = if version == Version::V41 {
-            pair[1]
-        } else {
-            pair[0]
-        };
+        let entity = if version == Version::V41 { pair[1] } else { pair[0] };
         let kind = text.i64(&head)?;
         let count = text.count(&format!("the number of elements in {head}"), ELEMENT_BYTES)?;
         if is_other_volume(kind) {
@@ -158,11 +136,7 @@ pub(crate) fn elements(
             token.i64(&what)?;
             let mut rest = text.rest_of_line();
             if is_tet(kind) {
-                mesh.tet(
-                    corners(&mut rest, &what)?,
-                    physical.region(entity),
-                    Place::Line(token.line),
-                );
+                mesh.tet(corners(&mut rest, &what)?, physical.region(entity), Place::Line(token.line));
             }
         }
     }

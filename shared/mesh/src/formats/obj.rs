@@ -8,38 +8,17 @@ use crate::types::TriangleMesh;
 /// Reads the surface of an OBJ file.
 pub(crate) fn read_surface(bytes: &[u8]) -> Result<TriangleMesh, ReadError> {
     let clean = positions_and_faces(bytes)?;
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        ..Default::default()
-    };
+    let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
     let loaded = tobj::load_obj_buf(&mut clean.as_bytes(), &options, |_| Ok(Default::default()));
     let (models, _) = loaded.map_err(|error| {
         let cure = "export the surface again";
-        ReadError::new(
-            ReadErrorKind::Syntax,
-            Place::File,
-            error.to_string(),
-            "vertices and faces",
-            cure,
-        )
+        ReadError::new(ReadErrorKind::Syntax, Place::File, error.to_string(), "vertices and faces", cure)
     })?;
     let mut surface = TriangleMesh::default();
     for model in models {
         let first = surface.positions_m.len() as u32;
-        surface.positions_m.extend(
-            model
-                .mesh
-                .positions
-                .chunks_exact(3)
-                .map(|p| [p[0], p[1], p[2]]),
-        );
-        surface.triangles.extend(
-            model
-                .mesh
-                .indices
-                .chunks_exact(3)
-                .map(|t| [t[0] + first, t[1] + first, t[2] + first]),
-        );
+        surface.positions_m.extend(model.mesh.positions.chunks_exact(3).map(|p| [p[0], p[1], p[2]]));
+        surface.triangles.extend(model.mesh.indices.chunks_exact(3).map(|t| [t[0] + first, t[1] + first, t[2] + first]));
     }
     Ok(surface)
 }
@@ -83,9 +62,7 @@ fn point(line: &mut Text, nth: i64) -> Result<[f32; 3], ReadError> {
     for coordinate in &mut point {
         let token = line.need(&what)?;
         let place = Place::Line(token.line);
-        *coordinate = narrow(token.f64(&what)?, place, || {
-            format!("{} in {what}", token.shown())
-        })?;
+        *coordinate = narrow(token.f64(&what)?, place, || format!("{} in {what}", token.shown()))?;
     }
     Ok(point)
 }
@@ -95,26 +72,12 @@ fn corners(line: &mut Text, vertices: i64) -> Result<Vec<i64>, ReadError> {
     let mut corners = Vec::new();
     while let Some(token) = line.token() {
         let text = token.as_str().unwrap_or("");
-        let number = text
-            .split('/')
-            .next()
-            .and_then(|index| index.parse::<i64>().ok())
-            .ok_or_else(|| {
-                let cure = "correct the face, or export the surface again";
-                let expected = "a vertex index, as 7 or 7/1/3";
-                ReadError::new(
-                    ReadErrorKind::BadNumber,
-                    Place::Line(token.line),
-                    token.shown(),
-                    expected,
-                    cure,
-                )
-            })?;
-        let index = if number < 0 {
-            number.saturating_add(vertices + 1)
-        } else {
-            number
-        };
+        let number = text.split('/').next().and_then(|index| index.parse::<i64>().ok()).ok_or_else(|| {
+            let cure = "correct the face, or export the surface again";
+            let expected = "a vertex index, as 7 or 7/1/3";
+            ReadError::new(ReadErrorKind::BadNumber, Place::Line(token.line), token.shown(), expected, cure)
+        })?;
+        let index = if number < 0 { number.saturating_add(vertices + 1) } else { number };
         if index < 1 {
             return Err(out_of_range(token.line, number, vertices));
         }
@@ -126,11 +89,5 @@ fn corners(line: &mut Text, vertices: i64) -> Result<Vec<i64>, ReadError> {
 fn out_of_range(line: usize, index: i64, vertices: i64) -> ReadError {
     let expected = format!("an index from 1 to {vertices} (or -1 to -{vertices} counted back)");
     let cure = "the vertex list is incomplete or the index is wrong: export the surface again";
-    ReadError::new(
-        ReadErrorKind::MissingNode,
-        Place::Line(line),
-        format!("a face with vertex {index}"),
-        expected,
-        cure,
-    )
+    ReadError::new(ReadErrorKind::MissingNode, Place::Line(line), format!("a face with vertex {index}"), expected, cure)
 }

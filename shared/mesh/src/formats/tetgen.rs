@@ -31,13 +31,7 @@ fn read_nodes(bytes: &[u8], mesh: &mut Builder) -> Result<(), ReadError> {
     {
         let found = format!("dimension {dimension}");
         let cure = "give the .node file that TetGen wrote beside the .ele file";
-        return Err(ReadError::new(
-            ReadErrorKind::Unsupported,
-            Place::Line(1),
-            found,
-            "dimension 3",
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Unsupported, Place::Line(1), found, "dimension 3", cure));
     }
     for nth in 1..=count {
         let what = format!("point {nth} of {count}");
@@ -54,12 +48,8 @@ fn read_elements(bytes: &[u8], mesh: &mut Builder) -> Result<(), ReadError> {
     let mut text = Text::new(bytes, Some(b'#'));
     let count = text.count("the number of tets", 10)?; // “0 0 1 2 3” and its line end
     let mut head = text.rest_of_line();
-    let nodes_each = head
-        .token()
-        .map_or(Ok(4), |token| token.i64("the number of nodes per tet"))?;
-    let attributes = head
-        .token()
-        .map_or(Ok(0), |token| token.i64("the number of attributes"))?;
+    let nodes_each = head.token().map_or(Ok(4), |token| token.i64("the number of nodes per tet"))?;
+    let attributes = head.token().map_or(Ok(0), |token| token.i64("the number of attributes"))?;
     for nth in 1..=count {
         let what = format!("tet {nth} of {count}");
         let token = text.need(&what)?;
@@ -69,11 +59,7 @@ fn read_elements(bytes: &[u8], mesh: &mut Builder) -> Result<(), ReadError> {
         for _ in 4..nodes_each.min(10) {
             line.i64(&what)?; // nodes in the middle of edges
         }
-        let region = if attributes > 0 {
-            line.need(&what)?.f64(&what)? as i64
-        } else {
-            0
-        };
+        let region = if attributes > 0 { line.need(&what)?.f64(&what)? as i64 } else { 0 };
         mesh.tet(tags, region, Place::Line(token.line));
     }
     Ok(())

@@ -16,8 +16,7 @@ pub(crate) struct Cells {
     pub place: Option<Place>,
 }
 
-const CURE: &str =
-    "save it as ASCII (ParaView: File > Save Data, file type Ascii; or: meshio ascii FILE)";
+const CURE: &str = "save it as ASCII (ParaView: File > Save Data, file type Ascii; or: meshio ascii FILE)";
 
 struct File {
     dataset: String,
@@ -33,13 +32,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
     if !file.dataset.eq_ignore_ascii_case("UNSTRUCTURED_GRID") {
         let cure = "export the volume as an unstructured grid; a surface alone cannot be deformed as a volume";
         let found = format!("a dataset of type {}", file.dataset);
-        return Err(ReadError::new(
-            ReadErrorKind::Empty,
-            Place::File,
-            found,
-            "UNSTRUCTURED_GRID",
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Empty, Place::File, found, "UNSTRUCTURED_GRID", cure));
     }
     let mut mesh = Builder::default();
     for (tag, (position, place)) in file.points.iter().enumerate() {
@@ -59,54 +52,26 @@ pub(crate) fn read_surface(bytes: &[u8]) -> Result<TriangleMesh, ReadError> {
         let corners = slice(&file.polygons, ends[0], ends[1])?;
         let mut polygon = Vec::with_capacity(corners.len());
         for &corner in corners {
-            let index = u32::try_from(corner)
-                .ok()
-                .filter(|&index| (index as usize) < positions_m.len());
+            let index = u32::try_from(corner).ok().filter(|&index| (index as usize) < positions_m.len());
             polygon.push(index.ok_or_else(|| {
-                let expected =
-                    format!("an index below the number of points, {}", positions_m.len());
+                let expected = format!("an index below the number of points, {}", positions_m.len());
                 let cure = "the index is wrong: export the surface again";
-                ReadError::new(
-                    ReadErrorKind::MissingNode,
-                    place,
-                    format!("a polygon with point {corner}"),
-                    expected,
-                    cure,
-                )
+                ReadError::new(ReadErrorKind::MissingNode, place, format!("a polygon with point {corner}"), expected, cure)
             })?);
         }
-        triangles.extend(
-            polygon
-                .windows(2)
-                .skip(1)
-                .map(|pair| [polygon[0], pair[0], pair[1]]),
-        );
+        triangles.extend(polygon.windows(2).skip(1).map(|pair| [polygon[0], pair[0], pair[1]]));
     }
-    Ok(TriangleMesh {
-        positions_m,
-        triangles,
-    })
+    Ok(TriangleMesh { positions_m, triangles })
 }
 
 /// Adds the tets among `cells`; their point indices are counted from `first_tag`. Shared with the XML form.
-pub(crate) fn add_tets(
-    mesh: &mut Builder,
-    cells: &Cells,
-    types: &[i64],
-    first_tag: i64,
-) -> Result<(), ReadError> {
+pub(crate) fn add_tets(mesh: &mut Builder, cells: &Cells, types: &[i64], first_tag: i64) -> Result<(), ReadError> {
     let place = cells.place.unwrap_or(Place::File);
     let count = cells.offsets.len().saturating_sub(1);
     if count != types.len() {
         let found = format!("{} cell types for {count} cells", types.len());
         let cure = "the file is damaged: export it again";
-        return Err(ReadError::new(
-            ReadErrorKind::Syntax,
-            place,
-            found,
-            "one type per cell",
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "one type per cell", cure));
     }
     for (cell, &kind) in types.iter().enumerate() {
         match kind {
@@ -123,34 +88,22 @@ pub(crate) fn add_tets(
         let Some(&[a, b, c, d]) = corners.get(..4) else {
             let found = format!("cell {cell}, a tet, with {} points", corners.len());
             let cure = "the file is damaged: export it again";
-            return Err(ReadError::new(
-                ReadErrorKind::Syntax,
-                place,
-                found,
-                "4 points",
-                cure,
-            ));
+            return Err(ReadError::new(ReadErrorKind::Syntax, place, found, "4 points", cure));
         };
-        mesh.tet(
-            [a, b, c, d].map(|index| index.saturating_add(first_tag)),
-            0,
-            place,
-        );
+        mesh.tet([a, b, c, d].map(|index| index.saturating_add(first_tag)), 0, place);
     }
     Ok(())
 }
 
 fn slice(cells: &Cells, start: i64, end: i64) -> Result<&[i64], ReadError> {
     let range = usize::try_from(start).ok().zip(usize::try_from(end).ok());
-    range
-        .and_then(|(start, end)| cells.connectivity.get(start..end))
-        .ok_or_else(|| {
-            let place = cells.place.unwrap_or(Place::File);
-            let found = format!("a cell from {start} to {end}");
-            let expected = format!("offsets that grow and end at {}", cells.connectivity.len());
-            let cure = "the file is damaged: export it again";
-            ReadError::new(ReadErrorKind::Syntax, place, found, expected, cure)
-        })
+    range.and_then(|(start, end)| cells.connectivity.get(start..end)).ok_or_else(|| {
+        let place = cells.place.unwrap_or(Place::File);
+        let found = format!("a cell from {start} to {end}");
+        let expected = format!("offsets that grow and end at {}", cells.connectivity.len());
+        let cure = "the file is damaged: export it again";
+        ReadError::new(ReadErrorKind::Syntax, place, found, expected, cure)
+    })
 }
 
 fn parse(bytes: &[u8]) -> Result<File, ReadError> {
@@ -160,13 +113,7 @@ fn parse(bytes: &[u8]) -> Result<File, ReadError> {
     let coding = text.need("ASCII")?;
     if !coding.is("ASCII") {
         let place = Place::Line(coding.line);
-        return Err(ReadError::new(
-            ReadErrorKind::Unsupported,
-            place,
-            coding.shown(),
-            "ASCII",
-            CURE,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Unsupported, place, coding.shown(), "ASCII", CURE));
     }
     let mut file = File {
         dataset: "none".into(),
@@ -177,8 +124,7 @@ fn parse(bytes: &[u8]) -> Result<File, ReadError> {
     };
     while let Some(token) = text.token() {
         if token.is("DATASET") {
-            file.dataset =
-                String::from_utf8_lossy(text.need("the type of the dataset")?.bytes).into_owned();
+            file.dataset = String::from_utf8_lossy(text.need("the type of the dataset")?.bytes).into_owned();
         } else if token.is("POINTS") {
             points(&mut text, &mut file.points)?;
         } else if token.is("CELLS") {
@@ -200,9 +146,7 @@ fn points(text: &mut Text, points: &mut Vec<([f32; 3], Place)>) -> Result<(), Re
     text.need("the type of the coordinates")?;
     for nth in 0..count {
         let what = format!("point {nth} of {count}, counted from 0");
-        let place = text
-            .peek()
-            .map_or(text.place(), |token| Place::Line(token.line));
+        let place = text.peek().map_or(text.place(), |token| Place::Line(token.line));
         points.push((text.point(&what)?, place));
     }
     Ok(())
@@ -212,10 +156,7 @@ fn points(text: &mut Text, points: &mut Vec<([f32; 3], Place)>) -> Result<(), Re
 fn cells(text: &mut Text, head: Token) -> Result<Cells, ReadError> {
     let count = text.count("the number of cells", 2)?;
     let size = text.count("the size of the cell list", 2)?;
-    let mut cells = Cells {
-        place: Some(Place::Line(head.line)),
-        ..Cells::default()
-    };
+    let mut cells = Cells { place: Some(Place::Line(head.line)), ..Cells::default() };
     if text.peek().is_some_and(|token| token.is("OFFSETS")) {
         text.need("OFFSETS")?;
         text.need("the type of the offsets")?;
@@ -223,13 +164,7 @@ fn cells(text: &mut Text, head: Token) -> Result<Cells, ReadError> {
         let word = text.need("CONNECTIVITY")?;
         if !word.is("CONNECTIVITY") {
             let cure = "the file is damaged: export it again";
-            return Err(ReadError::new(
-                ReadErrorKind::Syntax,
-                Place::Line(word.line),
-                word.shown(),
-                "CONNECTIVITY",
-                cure,
-            ));
+            return Err(ReadError::new(ReadErrorKind::Syntax, Place::Line(word.line), word.shown(), "CONNECTIVITY", cure));
         }
         text.need("the type of the indices")?;
         cells.connectivity = integers(text, size, "a point index")?;
@@ -239,9 +174,7 @@ fn cells(text: &mut Text, head: Token) -> Result<Cells, ReadError> {
     for nth in 0..count {
         let corners = text.count(&format!("the number of points of cell {nth} of {count}"), 2)?;
         for _ in 0..corners {
-            cells
-                .connectivity
-                .push(text.i64(&format!("a point index of cell {nth} of {count}"))?);
+            cells.connectivity.push(text.i64(&format!("a point index of cell {nth} of {count}"))?);
         }
         cells.offsets.push(cells.connectivity.len() as i64);
     }
@@ -249,7 +182,5 @@ fn cells(text: &mut Text, head: Token) -> Result<Cells, ReadError> {
 }
 
 fn integers(text: &mut Text, count: usize, what: &str) -> Result<Vec<i64>, ReadError> {
-    (0..count)
-        .map(|nth| text.need(what)?.i64(&format!("{what} ({nth} of {count})")))
-        .collect()
+    (0..count).map(|nth| text.need(what)?.i64(&format!("{what} ({nth} of {count})"))).collect()
 }

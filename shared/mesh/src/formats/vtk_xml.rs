@@ -17,38 +17,18 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
     let text = xml_part(bytes)?;
     let document = Document::parse(&text).map_err(|error| {
         let place = Place::Line(error.pos().row as usize);
-        ReadError::new(
-            ReadErrorKind::Syntax,
-            place,
-            error.to_string(),
-            "well-formed XML",
-            DAMAGED,
-        )
+        ReadError::new(ReadErrorKind::Syntax, place, error.to_string(), "well-formed XML", DAMAGED)
     })?;
     let root = document.root_element();
     let kind = root.attribute("type").unwrap_or("none");
     if !root.has_tag_name("VTKFile") || kind != "UnstructuredGrid" {
-        let found = format!(
-            "an element {} of type {}",
-            quote(root.tag_name().name()),
-            quote(kind)
-        );
+        let found = format!("an element {} of type {}", quote(root.tag_name().name()), quote(kind));
         let cure = "export the volume as an unstructured grid (.vtu)";
-        return Err(ReadError::new(
-            ReadErrorKind::Unsupported,
-            place(root),
-            found,
-            "VTKFile of type UnstructuredGrid",
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Unsupported, place(root), found, "VTKFile of type UnstructuredGrid", cure));
     }
     let coding = Coding {
         big_endian: root.attribute("byte_order") == Some("BigEndian"),
-        header_bytes: if root.attribute("header_type") == Some("UInt64") {
-            8
-        } else {
-            4
-        },
+        header_bytes: if root.attribute("header_type") == Some("UInt64") { 8 } else { 4 },
         compressed: root.attribute("compressor").is_some(),
     };
     let mut mesh = Builder::default();
@@ -62,24 +42,12 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Builder, ReadError> {
 fn xml_part(bytes: &[u8]) -> Result<String, ReadError> {
     let bytes = without_mark(bytes);
     const APPENDED: &[u8] = b"<AppendedData";
-    let cut = bytes
-        .windows(APPENDED.len())
-        .position(|window| window == APPENDED);
+    let cut = bytes.windows(APPENDED.len()).position(|window| window == APPENDED);
     let text = std::str::from_utf8(&bytes[..cut.unwrap_or(bytes.len())]).map_err(|error| {
         let place = Place::Byte(error.valid_up_to());
-        ReadError::new(
-            ReadErrorKind::Syntax,
-            place,
-            "bytes that are no UTF-8",
-            "XML in UTF-8",
-            DAMAGED,
-        )
+        ReadError::new(ReadErrorKind::Syntax, place, "bytes that are no UTF-8", "XML in UTF-8", DAMAGED)
     })?;
-    Ok(if cut.is_some() {
-        format!("{text}</VTKFile>")
-    } else {
-        text.into()
-    })
+    Ok(if cut.is_some() { format!("{text}</VTKFile>") } else { text.into() })
 }
 
 fn read_piece(piece: Node, coding: Coding, mesh: &mut Builder) -> Result<(), ReadError> {
@@ -88,13 +56,7 @@ fn read_piece(piece: Node, coding: Coding, mesh: &mut Builder) -> Result<(), Rea
     let components = points.attribute("NumberOfComponents").unwrap_or("3");
     if components.trim() != "3" {
         let found = format!("points of {} components", quote(components));
-        return Err(ReadError::new(
-            ReadErrorKind::Unsupported,
-            place(points),
-            found,
-            "3 components",
-            DAMAGED,
-        ));
+        return Err(ReadError::new(ReadErrorKind::Unsupported, place(points), found, "3 components", DAMAGED));
     }
     let (coordinates, at) = floats(points, coding)?;
     announced(piece, "NumberOfPoints", coordinates.len(), 3)?;
@@ -109,27 +71,13 @@ fn read_piece(piece: Node, coding: Coding, mesh: &mut Builder) -> Result<(), Rea
     if offsets.len() == types.len() {
         offsets.insert(0, 0); // the file holds the ends only
     }
-    let cells = Cells {
-        offsets,
-        place: Some(place(connectivity)),
-        connectivity: integers(connectivity, coding)?,
-    };
+    let cells = Cells { offsets, place: Some(place(connectivity)), connectivity: integers(connectivity, coding)? };
     let count = mesh.node_count() as i64 - first_tag;
-    if let Some(wrong) = cells
-        .connectivity
-        .iter()
-        .find(|index| !(0..count).contains(*index))
-    {
+    if let Some(wrong) = cells.connectivity.iter().find(|index| !(0..count).contains(*index)) {
         let found = format!("a cell with point {wrong}");
         let expected = format!("a point from 0 to {}", count - 1);
         let cure = "the point list is incomplete or the index is wrong: export the mesh again";
-        return Err(ReadError::new(
-            ReadErrorKind::MissingNode,
-            place(connectivity),
-            found,
-            expected,
-            cure,
-        ));
+        return Err(ReadError::new(ReadErrorKind::MissingNode, place(connectivity), found, expected, cure));
     }
     add_tets(mesh, &cells, &types, first_tag)
 }
@@ -139,45 +87,23 @@ pub(super) fn place(node: Node) -> Place {
 }
 
 fn child<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Result<Node<'a, 'i>, ReadError> {
-    node.children()
-        .find(|child| child.has_tag_name(name))
-        .ok_or_else(|| {
-            let found = format!("an element {} without it", quote(node.tag_name().name()));
-            ReadError::new(
-                ReadErrorKind::Syntax,
-                place(node),
-                found,
-                format!("an element {name}"),
-                DAMAGED,
-            )
-        })
+    node.children().find(|child| child.has_tag_name(name)).ok_or_else(|| {
+        let found = format!("an element {} without it", quote(node.tag_name().name()));
+        ReadError::new(ReadErrorKind::Syntax, place(node), found, format!("an element {name}"), DAMAGED)
+    })
 }
 
 fn named<'a, 'i>(node: Node<'a, 'i>, name: &str) -> Result<Node<'a, 'i>, ReadError> {
-    let wanted =
-        |child: &Node| child.has_tag_name("DataArray") && child.attribute("Name") == Some(name);
+    let wanted = |child: &Node| child.has_tag_name("DataArray") && child.attribute("Name") == Some(name);
     node.children().find(wanted).ok_or_else(|| {
         let expected = format!("an array named {name}");
-        ReadError::new(
-            ReadErrorKind::Syntax,
-            place(node),
-            "cells without it",
-            expected,
-            DAMAGED,
-        )
+        ReadError::new(ReadErrorKind::Syntax, place(node), "cells without it", expected, DAMAGED)
     })
 }
 
 /// The piece says how much it holds; if it does not, the arrays decide.
-fn announced(
-    piece: Node,
-    attribute: &str,
-    values: usize,
-    values_each: usize,
-) -> Result<(), ReadError> {
-    let claim = piece
-        .attribute(attribute)
-        .map(|text| text.trim().parse::<usize>());
+fn announced(piece: Node, attribute: &str, values: usize, values_each: usize) -> Result<(), ReadError> {
+    let claim = piece.attribute(attribute).map(|text| text.trim().parse::<usize>());
     let good = match claim {
         None => values.is_multiple_of(values_each),
         Some(Ok(count)) => count.checked_mul(values_each) == Some(values),
@@ -189,13 +115,7 @@ fn announced(
     let found = format!("an array of {values} numbers");
     let claim = piece.attribute(attribute).unwrap_or("any number");
     let expected = format!("{values_each} for each of {attribute}={}", quote(claim));
-    Err(ReadError::new(
-        ReadErrorKind::Truncated,
-        place(piece),
-        found,
-        expected,
-        DAMAGED,
-    ))
+    Err(ReadError::new(ReadErrorKind::Truncated, place(piece), found, expected, DAMAGED))
 }
 
 fn floats(array: Node, coding: Coding) -> Result<(Vec<f32>, Place), ReadError> {
@@ -204,17 +124,13 @@ fn floats(array: Node, coding: Coding) -> Result<(Vec<f32>, Place), ReadError> {
         let mut at = text.place();
         while let Some(token) = text.token() {
             at = Place::Line(token.line);
-            values.push(narrow(token.f64("a coordinate")?, at, || {
-                format!("{} as coordinate", token.shown())
-            })?);
+            values.push(narrow(token.f64("a coordinate")?, at, || format!("{} as coordinate", token.shown()))?);
         }
         return Ok((values, at));
     }
     let at = place(array);
     for (index, value) in binary(array, coding)?.into_iter().enumerate() {
-        values.push(narrow(value.as_f64(), at, || {
-            format!("{} as coordinate {index}", value.as_f64())
-        })?);
+        values.push(narrow(value.as_f64(), at, || format!("{} as coordinate {index}", value.as_f64()))?);
     }
     Ok((values, at))
 }
@@ -231,13 +147,7 @@ fn integers(array: Node, coding: Coding) -> Result<Vec<i64>, ReadError> {
         Value::Whole(value) => Ok(value),
         Value::Real(value) => {
             let found = format!("{value} in an array of indices");
-            Err(ReadError::new(
-                ReadErrorKind::BadNumber,
-                place(array),
-                found,
-                "a whole number",
-                DAMAGED,
-            ))
+            Err(ReadError::new(ReadErrorKind::BadNumber, place(array), found, "a whole number", DAMAGED))
         }
     };
     binary(array, coding)?.into_iter().map(whole).collect()
@@ -253,20 +163,12 @@ fn ascii<'a>(array: Node<'a, '_>) -> Result<Option<Text<'a>>, ReadError> {
             let child = array.children().find(|child| child.is_text());
             let start = child.map_or(line(array), line);
             let text = child.and_then(|child| child.text()).unwrap_or("");
-            Ok(Some(
-                Text::at_line(text.as_bytes(), None, start).ending("the end of the array"),
-            ))
+            Ok(Some(Text::at_line(text.as_bytes(), None, start).ending("the end of the array")))
         }
         other => {
             let found = format!("an array with format {}", quote(other));
             let expected = "format ascii, or binary within the array";
-            Err(ReadError::new(
-                ReadErrorKind::Unsupported,
-                place(array),
-                found,
-                expected,
-                CURE,
-            ))
+            Err(ReadError::new(ReadErrorKind::Unsupported, place(array), found, expected, CURE))
         }
     }
 }

@@ -12,20 +12,13 @@ pub fn block(cells: [u32; 3], edge_m: f32) -> TetMesh {
     for z in 0..=nz {
         for y in 0..=ny {
             for x in 0..=nx {
-                mesh.positions_m
-                    .push([x as f32 * edge_m, y as f32 * edge_m, z as f32 * edge_m]);
+                mesh.positions_m.push([x as f32 * edge_m, y as f32 * edge_m, z as f32 * edge_m]);
             }
         }
     }
     // Each order of the three axes is a path from the lowest to the highest corner, and so a tet.
-    let paths = [
-        ([0, 1, 2], false),
-        ([1, 2, 0], false),
-        ([2, 0, 1], false),
-        ([0, 2, 1], true),
-        ([2, 1, 0], true),
-        ([1, 0, 2], true),
-    ];
+    let paths =
+        [([0, 1, 2], false), ([1, 2, 0], false), ([2, 0, 1], false), ([0, 2, 1], true), ([2, 1, 0], true), ([1, 0, 2], true)];
     for z in 0..nz {
         for y in 0..ny {
             for x in 0..nx {
@@ -74,14 +67,8 @@ impl Body {
     }
 
     pub fn step_with(&mut self, input: &StepInput) -> StepReport {
-        let now = StateRef {
-            position_m: &self.position_m,
-            velocity_m_s: &self.velocity_m_s,
-        };
-        let next = StateMut {
-            position_m: &mut self.next_position_m,
-            velocity_m_s: &mut self.next_velocity_m_s,
-        };
+        let now = StateRef { position_m: &self.position_m, velocity_m_s: &self.velocity_m_s };
+        let next = StateMut { position_m: &mut self.next_position_m, velocity_m_s: &mut self.next_velocity_m_s };
         let report = step(&self.model, &mut self.scratch, now, input, next).expect("a valid step");
         std::mem::swap(&mut self.position_m, &mut self.next_position_m);
         std::mem::swap(&mut self.velocity_m_s, &mut self.next_velocity_m_s);
@@ -91,13 +78,8 @@ impl Body {
     /// One step of 1 ms under `force_n`.
     pub fn step(&mut self) -> StepReport {
         let force = std::mem::take(&mut self.force_n);
-        let report = self.step_with(&StepInput {
-            external_force_n: &force,
-            targets_m: &[],
-            springs: &[],
-            attachments: &[],
-            dt_s: 1e-3,
-        });
+        let report =
+            self.step_with(&StepInput { external_force_n: &force, targets_m: &[], springs: &[], attachments: &[], dt_s: 1e-3 });
         self.force_n = force;
         report
     }
@@ -107,24 +89,14 @@ impl Body {
         let mut still = Body::new(self.model.clone());
         still.position_m.copy_from_slice(&self.position_m);
         let elastic = still.step().elastic_energy_j;
-        let speeds = self
-            .velocity_m_s
-            .iter()
-            .map(|v| v.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>());
-        elastic
-            + speeds
-                .zip(self.model.mass_kg())
-                .map(|(squared, &mass)| 0.5 * f64::from(mass) * squared)
-                .sum::<f64>()
+        let speeds = self.velocity_m_s.iter().map(|v| v.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>());
+        elastic + speeds.zip(self.model.mass_kg()).map(|(squared, &mass)| 0.5 * f64::from(mass) * squared).sum::<f64>()
     }
 }
 
 /// Default options with another number of substeps allowed.
 pub fn options() -> Options {
-    Options {
-        max_substeps: 32,
-        ..Options::default()
-    }
+    Options { max_substeps: 32, ..Options::default() }
 }
 
 /// Numbers from −1 to 1 that depend on `seed` alone (splitmix64).
