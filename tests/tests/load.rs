@@ -59,7 +59,12 @@ fn ordinary_processes_that_spin_on_every_core_cost_the_hand_nothing() {
     let mut spinners = None;
     let cell = std::cell::RefCell::new(&mut spinners);
     compare(&station, |_| **cell.borrow_mut() = Some(Spinners::start(4)), |_| **cell.borrow_mut() = None);
-    station.stop().assert_clean();
+    let ended = station.stop();
+    ended.assert_clean();
+    for process in ["hardware", "device", "haptic:0", "haptic:1"] {
+        let allocations = ended.number(&format!("processes.{process}.allocations"));
+        assert_eq!(allocations, 0.0, "{process}: allocations of the real-time thread since it became one");
+    }
 }
 
 /// Rendering reads the tissue's state and holds samples of it; stopped, it is a stalled reader and a client that never fetches its answer.
