@@ -56,6 +56,8 @@ pub struct Ledger {
     pub stale_applied: u64,
     /// Ticks that were overwritten before they were read.
     pub lost: u64,
+    /// The hardware's totals as last read: its page may be gone when the report is written.
+    pub totals: [u64; layout::TOTAL_COUNT],
 }
 
 /// What outlives the supervisor: key to which was counted, invalid, stale, lost.
@@ -73,6 +75,7 @@ impl Ledger {
 
     /// Reads what is new in the hardware's page.
     pub fn read(&mut self, page: &ReadPage) {
+        page.load64s(layout::TOTALS, &mut self.totals);
         let end = page.ring_end(layout::LEDGER);
         let oldest = end.saturating_sub(layout::LEDGER.entries as u64);
         if self.next_key < oldest {

@@ -9,7 +9,8 @@ use crate::faults::Faults;
 use crate::policy::State;
 use crate::view::Viewer;
 use hyst_exchange::Station;
-use hyst_messages::page::{fluid, hardware, rendering, tissue};
+use hyst_messages::page::hardware::Total;
+use hyst_messages::page::{fluid, rendering, tissue};
 use hyst_messages::{Role, Slot, percentile_ns};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -76,13 +77,13 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
     let status = Statuses::read(viewer);
     json!({
         "processes": processes,
-        "device": device(viewer, faults),
+        "device": device(faults),
         "faults": faults.all().map(|fault| serde_json::to_value(fault).unwrap_or_default()).collect::<Vec<_>>(),
         "by_target": by_target(faults),
         "invalid_applied": faults.ledger.invalid_applied,
         "stale_applied": faults.ledger.stale_applied,
         "ledger_lost": faults.ledger.lost,
-        "force_trace_hash": hash(total(viewer, 6)),
+        "force_trace_hash": hash(total(faults, Total::TraceHash)),
         "state_hash": hash(status.state_hash),
         "fluid_deficit_ml": status.deficit_ml,
         "removed_volume_ml": status.removed_volume_ml,
@@ -103,21 +104,21 @@ fn hash(value: u64) -> String {
     format!("{value:016x}")
 }
 
-fn total(viewer: &mut Viewer, index: usize) -> u64 {
-    viewer.slot_page(Slot::first(Role::Hardware)).map_or(0, |page| page.load64(hardware::TOTALS + index))
+fn total(faults: &Faults, total: Total) -> u64 {
+    faults.ledger.totals[total as usize]
 }
 
-fn device(viewer: &mut Viewer, faults: &Faults) -> Value {
+fn device(faults: &Faults) -> Value {
     let judged = |fault: &&Fault| fault.target != Role::Device.name();
     let arms = Arms::of(faults.closed.iter().filter(judged));
     let own = Arms::of(faults.closed.iter().filter(|fault| fault.target == Role::Device.name()));
     json!({
-        "ticks": total(viewer, 0),
-        "fresh": total(viewer, 1),
-        "held": total(viewer, 2),
-        "ramped": total(viewer, 3),
-        "zero": total(viewer, 4),
-        "voided": total(viewer, 5),
+        "ticks": total(faults, Total::Ticks),
+        "fresh": total(faults, Total::Fresh),
+        "held": total(faults, Total::Held),
+        "ramped": total(faults, Total::Ramped),
+        "zero": total(faults, Total::Zero),
+        "voided": total(faults, Total::Void),
         "fault_window": { "ticks": arms.fault[0], "missed": arms.fault[1], "voided": arms.fault[2] },
         "control_window": { "ticks": arms.control[0], "missed": arms.control[1], "voided": arms.control[2] },
         "excess_per_fault": arms.excess(),

@@ -19,6 +19,8 @@ enum Will {
 pub struct Hand {
     will: Will,
     rest: Pose4,
+    /// Where the pointer last wanted the scope; while the window restarts, the hand stays there.
+    pointed: Option<Pose4>,
     model: HandModel,
     state: HandState,
     controls: Controls,
@@ -91,7 +93,7 @@ impl Hand {
             light: 1.0,
             ..Controls::default()
         };
-        Ok(Hand { will, rest, state: HandState::at_rest(&model, &rest), model, controls })
+        Ok(Hand { will, rest, pointed: None, state: HandState::at_rest(&model, &rest), model, controls })
     }
 
     /// One tick of the hand, pushed by the force of the motors, N.
@@ -111,9 +113,9 @@ impl Hand {
                     self.controls = pointer.controls;
                     buttons = pointer.controls.buttons;
                     let [pitch_rad, yaw_rad, roll_rad, insertion_m] = pointer.target;
-                    Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m }
+                    *self.pointed.insert(Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m })
                 }
-                None => self.rest,
+                None => self.pointed.unwrap_or(self.rest),
             },
         };
         self.state = hand_dynamics(&self.model, &self.state, &target, force_n, 1e-3);
