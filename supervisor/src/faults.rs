@@ -111,13 +111,13 @@ impl Faults {
     }
 
     /// The process hangs and was killed.
-    pub fn late(&mut self, slot: Slot, incarnation: u32, at_ns: u64, beat_ns: u64) {
+    pub fn late(&mut self, slot: Slot, incarnation: u32, at_ns: u64, beat_ns: u64, detected_by: &str) {
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, if beat_ns == 0 { at_ns } else { beat_ns });
         }
         if let Some(fault) = self.find(slot, incarnation) {
             fault.manifested = true;
-            fault.detected_by = "heartbeat".into();
+            fault.detected_by = detected_by.into();
             fault.detected_us = Some(us(at_ns, fault.injected_ns));
         }
         self.keep_open();

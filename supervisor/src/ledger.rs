@@ -58,6 +58,7 @@ pub struct Ledger {
     pub lost: u64,
     /// The hardware's totals as last read: its page may be gone when the report is written.
     pub totals: [u64; layout::TOTAL_COUNT],
+    incarnation: u32,
 }
 
 /// What outlives the supervisor: key to which was counted, invalid, stale, lost.
@@ -75,6 +76,13 @@ impl Ledger {
 
     /// Reads what is new in the hardware's page.
     pub fn read(&mut self, page: &ReadPage) {
+        if page.incarnation() != self.incarnation {
+            // Another life of the hardware counts its ticks from the beginning.
+            if self.incarnation != 0 {
+                (self.next_key, self.counted_to, self.newest_force_tick) = (0, 0, 0);
+            }
+            self.incarnation = page.incarnation();
+        }
         page.load64s(layout::TOTALS, &mut self.totals);
         let end = page.ring_end(layout::LEDGER);
         let oldest = end.saturating_sub(layout::LEDGER.entries as u64);

@@ -149,6 +149,8 @@ enum Life {
 #[derive(Clone, Debug)]
 struct Place {
     life: Life,
+    /// An incarnation of it was ready before: the scene and the settings were good.
+    was_ready: bool,
     short_lives: u32,
     deaths_ns: VecDeque<u64>,
 }
@@ -163,7 +165,7 @@ pub struct State {
 impl State {
     /// The slots that must be occupied.
     pub fn new(slots: &[Slot]) -> State {
-        let vacant = Place { life: Life::Vacant { due_ns: 0 }, short_lives: 0, deaths_ns: VecDeque::new() };
+        let vacant = Place { life: Life::Vacant { due_ns: 0 }, was_ready: false, short_lives: 0, deaths_ns: VecDeque::new() };
         State { places: slots.iter().map(|slot| (*slot, vacant.clone())).collect(), stopping: false }
     }
     /// Whether a stop was asked for.
@@ -191,6 +193,7 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             for (slot, incarnation) in adopted {
                 if let Some(place) = state.places.get_mut(&slot) {
                     place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
+                    place.was_ready = true;
                 }
             }
             spawn_due(now_ns, state)
@@ -206,11 +209,11 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             None => Vec::new(),
         },
         Event::Ready { slot, incarnation } => {
-            if let Some(Life::Alive { incarnation: alive, ready_ns: ready @ None }) =
-                state.places.get_mut(&slot).map(|place| &mut place.life)
-                && *alive == incarnation
+            if let Some(place) = state.places.get_mut(&slot)
+                && place.life == (Life::Alive { incarnation, ready_ns: None })
             {
-                *ready = Some(now_ns);
+                place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
+                place.was_ready = true;
             }
             Vec::new()
         }
@@ -256,7 +259,7 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         place.life = Life::Vacant { due_ns: u64::MAX };
         return actions;
     }
-    if exit == Exit::Code(2) && ready_ns.is_none() {
+    if exit == Exit::Code(2) && !place.was_ready {
         place.life = Life::GivenUp;
         let reason = "it refused the scene or the settings";
         actions.push(Action::GiveUp { slot, reason, end: Some(2) });

@@ -68,6 +68,8 @@ struct Supervisor {
     slots: Vec<Slot>,
     next_ledger_ns: u64,
     next_accounts_ns: u64,
+    /// The incarnation that was last replaced because the device distrusts it.
+    heeded: u32,
 }
 
 /// Supervises a station that was founded, until it stops. Gives the exit code.
@@ -79,7 +81,10 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let plan = Plan::read(station)?;
     let (tell, inbox) = channel::<Input>();
     let notices = tell.clone();
-    let real_time = std::fs::read_to_string(station.settings()).is_ok_and(|text| !text.contains("realtime = \"off\""));
+    let real_time = std::fs::read_to_string(station.settings())
+        .ok()
+        .and_then(|text| toml::from_str::<hyst_engine::Settings>(&text).ok())
+        .is_none_or(|settings| settings.switch("realtime", true).unwrap_or(true));
     let watch = Watch::start(Arc::clone(&page), real_time, move |notice| {
         let _ = notices.send(Input::Notice(notice)); // the inbox lives as long as the process
     })
@@ -99,6 +104,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         page,
         next_ledger_ns: 0,
         next_accounts_ns: 0,
+        heeded: 0,
     };
     supervisor.start();
     Ok(supervisor.run(&inbox))
@@ -183,6 +189,7 @@ impl Supervisor {
             return;
         }
         self.cleaner.tend(&self.station, now_ns);
+        self.heed_the_device(now_ns);
         if now_ns >= self.next_ledger_ns {
             self.next_ledger_ns = now_ns + LEDGER_NS;
             self.faults.read_ledger(&mut self.viewer);
@@ -193,6 +200,32 @@ impl Supervisor {
             self.accounts.write(&self.station);
             self.faults.keep_open();
             self.hand_over();
+        }
+    }
+
+    /// Replaces a servo whose output the device refused (not finite, for another input, frozen, or different from the other's), as long as
+    /// the device follows the other one. One that stands still is found by its heartbeat.
+    fn heed_the_device(&mut self, now_ns: u64) {
+        use hyst_messages::page::device::{self, Distrust};
+        for index in 0..Role::Haptic.slots().1 {
+            let Some(slot) = Slot::new(Role::Haptic, index) else { continue };
+            let Some(page) = self.viewer.slot_page(Slot::first(Role::Device)) else { return };
+            let word = page.load64(device::DISTRUSTED + index);
+            let (why, incarnation) = (word >> 32, word as u32);
+            let followed = page.load64(device::SELECTED_INCARNATION) as u32;
+            let present = self.viewer.page().incarnation(slot) == incarnation && !self.viewer.page().is_dead(slot);
+            if incarnation == 0
+                || incarnation == followed
+                || !present
+                || why == Distrust::Still as u64
+                || self.heeded == incarnation
+            {
+                continue;
+            }
+            self.heeded = incarnation;
+            journal::say(&self.station, &format!("{slot} is distrusted by the device (reason {why}) and is replaced"));
+            self.faults.late(slot, incarnation, now_ns, now_ns, "device");
+            self.act(vec![policy::Action::Kill { slot, incarnation }]);
         }
     }
 
@@ -228,7 +261,7 @@ impl Supervisor {
                     &self.station,
                     &format!("{slot} hangs (last heartbeat {} ms ago) and is killed", (at_ns - beat_ns.min(at_ns)) / 1_000_000),
                 );
-                self.faults.late(slot, incarnation, at_ns, beat_ns);
+                self.faults.late(slot, incarnation, at_ns, beat_ns, "heartbeat");
                 let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation }, &mut self.policy);
                 self.act(actions);
             }

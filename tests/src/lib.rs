@@ -1,6 +1,8 @@
 //! The harness of the whole-station tests: starts a station as an operator would, looks at it, hurts single processes, stops it, and reads
 //! its report. Every wait is bounded; a station that a test leaves behind is stopped when its handle is dropped.
 
+use hyst_exchange::ReadPage;
+use hyst_messages::{Role, Slot};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -172,13 +174,36 @@ impl Station {
         assert!(reached.is_some(), "the station's clock does not reach tick {end}");
     }
 
+    /// The page of the first process of a role.
+    fn page(&self, role: Role) -> ReadPage {
+        let station = hyst_exchange::Station::named(&self.name).expect("a name");
+        let slot = Slot::first(role);
+        let incarnation = station.open().expect("the station's page").incarnation(slot);
+        station.read_slot(slot, incarnation).expect("the process's page")
+    }
+
+    /// Force that the motors make at this moment, N.
+    pub fn force_n(&self) -> f64 {
+        let sample = self.page(Role::Hardware).cell(hyst_messages::page::hardware::SAMPLE);
+        let force_n = sample.map_or([0.0; 3], |(_, sample)| sample.force_n);
+        force_n.iter().map(|c| (*c as f64).powi(2)).sum::<f64>().sqrt()
+    }
+
+    /// Deficit of the medium as the fluid that holds the role says it, ml, and the tick of its state.
+    pub fn deficit(&self) -> (f64, u64) {
+        let station = hyst_exchange::Station::named(&self.name).expect("a name");
+        let clock = station.open().expect("the station's page");
+        let statuses = clock.occupied(Role::Fluid).filter_map(|(slot, incarnation)| {
+            let (_, status) = station.read_slot(slot, incarnation).ok()?.cell(hyst_messages::page::fluid::STATUS)?;
+            Some((status.deficit_ml, status.state_tick))
+        });
+        statuses.max_by_key(|status| status.1).unwrap_or_default()
+    }
+
     /// Totals of the hardware's ledger so far: non-void ticks, and those of them without a fresh force.
     pub fn ledger(&self) -> (u64, u64) {
         use hyst_messages::page::hardware::{TOTALS, Total};
-        let station = hyst_exchange::Station::named(&self.name).expect("a name");
-        let slot = hyst_messages::Slot::first(hyst_messages::Role::Hardware);
-        let incarnation = station.open().expect("the station's page").incarnation(slot);
-        let page = station.read_slot(slot, incarnation).expect("the hardware's page");
+        let page = self.page(Role::Hardware);
         let total = |total: Total| page.load64(TOTALS + total as usize);
         let missed = total(Total::Held) + total(Total::Ramped) + total(Total::Zero);
         (total(Total::Fresh) + missed, missed)

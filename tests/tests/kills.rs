@@ -48,12 +48,19 @@ fn every_process_is_back_with_its_state() {
         ("rendering", true),
         ("recorder", true),
     ];
-    let mut state_ticks = Vec::new();
+    let mut before = station.deficit();
+    assert!(before.0 > 0.0, "the pump has filled the cavity");
     for (role, active) in victims {
         for _ in 0..3 {
             station.kill(role, active);
             station.run_ticks(BETWEEN_TICKS);
-            state_ticks.push(station.pid("tissue", true));
+            let after = station.deficit();
+            // A fluid that began anew would have delivered less than a whole cavity in a quarter of a second.
+            assert!(
+                after.0 > 0.9 * before.0 && after.1 > before.1,
+                "{role}: deficit and tick {before:?} before, {after:?} after"
+            );
+            before = after;
         }
     }
     let ended = station.stop();

@@ -141,7 +141,10 @@ impl Worker<'_> {
         let job = self.sources.iter().find(of_coordinator)?.jobs.as_ref()?.newest().ok()??;
         let job = Message::parse(job.bytes(), Kind::CollisionJob).ok()?;
         let about = |held: &&Held| {
-            Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| state.header().tick == job.header().tick)
+            Message::parse(held.bytes(), Kind::TissueState).is_ok_and(|state| {
+                let (state, job) = (state.header(), job.header());
+                (state.tick, state.epoch as u64, state.incarnation) == (job.tick, job.input_tick, job.words[1])
+            })
         };
         let state = self.sources.iter().filter_map(|source| source.state.as_ref()).find(about)?;
         let state = Message::parse(state.bytes(), Kind::TissueState).ok()?;

@@ -31,7 +31,7 @@ struct Hop<'a> {
 
 /// The whole life of the device.
 pub fn run(life: &Life) -> Result<(), Failure> {
-    let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue])?;
+    let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid])?;
     let mut models = Models::default();
     let mut replicas = Replicas::default();
     let patience_ns = system::now_ns() + PATIENCE_NS;
@@ -57,6 +57,7 @@ fn seat(arrival: PageArrival, models: &mut Models, replicas: &mut Replicas, inbo
     let before = match arrival.slot.role() {
         Role::Haptic => replicas.seat(arrival.slot.index(), page),
         Role::Tissue => models.seat(arrival.slot.index(), page),
+        Role::Fluid => models.seat_fluid(arrival.slot.index(), page),
         _ => Some(page),
     };
     if let Some(before) = before {
@@ -68,9 +69,7 @@ impl Hop<'_> {
     /// Goes on from the force that the motors make at this moment, so that a restart makes no kick.
     fn resume(&mut self) {
         let felt = self.hardware.cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
-        if felt != [0.0; 3] {
-            self.state = LastHopState::resumed(felt);
-        }
+        self.state = if felt == [0.0; 3] { LastHopState::default() } else { LastHopState::resumed(felt) };
         self.life.page.set_state(ProcessState::Live);
     }
 
@@ -78,9 +77,7 @@ impl Hop<'_> {
         let mut pace = Pace::new(self.life, 1, 0);
         let mut sample = HardwareSample::default();
         while let Some(tick) = pace.wait() {
-            while let Some(arrival) = self.inbox.take() {
-                seat(arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
-            }
+            self.receive_ports();
             if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
                 sample = newest;
             }
@@ -90,11 +87,25 @@ impl Hop<'_> {
         Ok(())
     }
 
+    fn receive_ports(&mut self) {
+        while let Some(arrival) = self.inbox.take() {
+            if arrival.slot.role() == Role::Hardware {
+                // A device that was plugged in again: from the force that its motors make now.
+                let before = std::mem::replace(&mut self.hardware, arrival.page);
+                self.inbox.retire(before);
+                self.resume();
+            } else {
+                seat(arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
+            }
+        }
+    }
+
     fn tick(&mut self, tick: u64, sample: HardwareSample) {
         let page = &self.life.page;
         let model = self.models.newest(page);
         let device_incarnation = self.life.incarnation as u64;
-        let input = InputRecord { tick, device_incarnation, sample, model, applied_n: self.state.applied_n, reserved: 0 };
+        let pressure_pa = self.models.pressure_pa(page);
+        let input = InputRecord { tick, device_incarnation, sample, model, applied_n: self.state.applied_n, pressure_pa };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);
         page.bump_and_wake(header::NEWS);

@@ -2,13 +2,17 @@
 //! refused and counted; what has a lower epoch than one seen before is fenced.
 
 use hyst_exchange::{OwnedPage, ReadPage};
-use hyst_messages::page::{header, tissue};
+use hyst_messages::page::{fluid, header, tissue};
 use hyst_messages::{ContactModel, MAX_PLANES};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
 /// Farthest point from the pivot that is believed, m.
 const MAX_DISTANCE_M: f32 = 1.0;
+/// Pressure beyond which the fluid's is not believed, Pa: the pump's range ends at 20 kPa.
+const MAX_PRESSURE_PA: f32 = 40_000.0;
+/// Fluids whose pages are read.
+const FLUIDS: usize = 2;
 /// Tissues whose pages are read.
 const TISSUES: usize = 2;
 
@@ -17,6 +21,9 @@ const TISSUES: usize = 2;
 pub struct Models {
     pages: [Option<(ReadPage, u64)>; TISSUES],
     newest: ContactModel,
+    fluids: [Option<ReadPage>; FLUIDS],
+    pressure_pa: f32,
+    pressure_tick: u64,
 }
 
 impl Models {
@@ -26,6 +33,30 @@ impl Models {
             Some(place) => place.replace((page, 0)).map(|(page, _)| page),
             None => Some(page),
         }
+    }
+
+    /// Takes the page of a new incarnation of the fluid; gives back the one before.
+    pub fn seat_fluid(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
+        match self.fluids.get_mut(index) {
+            Some(place) => place.replace(page),
+            None => Some(page),
+        }
+    }
+
+    /// The newest valid pressure in the cavity, Pa. It goes to the tissue in the input record, so that a substitute uses the same.
+    pub fn pressure_pa(&mut self, own: &OwnedPage) -> f32 {
+        for (_, status) in self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)) {
+            if status.state_tick <= self.pressure_tick {
+                continue;
+            }
+            self.pressure_tick = status.state_tick;
+            if (0.0..=MAX_PRESSURE_PA).contains(&status.pressure_pa) {
+                self.pressure_pa = status.pressure_pa;
+            } else {
+                own.add64(header::INVALID, 1);
+            }
+        }
+        self.pressure_pa
     }
 
     /// The model to use in this tick.

@@ -65,15 +65,15 @@ impl Replicas {
     ) -> Chosen {
         let hash = input_hash(input);
         self.wait_for(self.selected, life, input.tick, deadline_ns, false);
-        let mut records = [0, 1].map(|index| self.valid(index, life, input, hash, params));
-        if records[self.selected].is_none() && records[1 - self.selected].is_none() {
+        if !(0..REPLICAS).any(|index| self.has_answered(index, input.tick)) {
             // Both missed the tick before, or the selected one died in this tick: wait for whoever is expected to answer, in earnest.
             let other = 1 - self.selected;
             let still = |index: usize| self.seats[index].as_ref().map_or(u32::MAX, |replica| replica.watch.still);
             let hope = if still(other) < still(self.selected) { other } else { self.selected };
             self.wait_for(hope, life, input.tick, deadline_ns + hop::DEADLINE_NS / 2, true);
-            records = [0, 1].map(|index| self.valid(index, life, input, hash, params));
         }
+        // Once a tick: the watch counts looks.
+        let records = [0, 1].map(|index| self.valid(index, life, input, hash, params));
         let forces = records.map(|record| record.map(|record| record.force_n));
         let choice = choose(applied_n, forces[0], forces[1], self.selected, params.max_slew_n_per_tick);
         if let Some(other) = choice.disagreement {
@@ -109,6 +109,10 @@ impl Replicas {
             }
             replica.page.wait(header::NEWS, news, deadline_ns);
         }
+    }
+
+    fn has_answered(&self, index: usize, tick: u64) -> bool {
+        self.seats[index].as_ref().is_some_and(|replica| replica.page.load64(header::TICK) >= tick)
     }
 
     /// The replica's force for this tick, if it may be applied.
@@ -155,7 +159,6 @@ impl Replicas {
     /// Tells the supervisor, through the page, which replica to restart and why.
     fn distrust(&self, index: usize, life: &Life, why: Distrust) {
         let Some(replica) = &self.seats[index] else { return };
-        life.page.store64(layout::DISTRUST, why as u64);
-        life.page.store64(layout::DISTRUSTED, replica.incarnation as u64);
+        life.page.store64(layout::DISTRUSTED + index, (why as u64) << 32 | replica.incarnation as u64);
     }
 }

@@ -116,7 +116,8 @@ impl Collision {
             tick: context.tick,
             epoch: context.tenure.epoch,
             incarnation: context.tenure.incarnation,
-            words: [self.workers as u32, 0],
+            words: [self.workers as u32, context.state_writer],
+            input_tick: context.state_epoch as u64,
             ..Default::default()
         };
         let mut message = MessageMut::format(loan.bytes_mut(), Kind::CollisionJob, header, &sections)?;

@@ -14,7 +14,7 @@ use hyst_contact::{Memory, PlaneSet};
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
 use hyst_exchange::{Links, ReadPage, system};
-use hyst_messages::page::{device, fluid, header, tissue};
+use hyst_messages::page::{device, header, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
     ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus, fnv_words,
@@ -29,8 +29,6 @@ const INPUT_REACH: u64 = 22;
 const TRIALS: usize = 10;
 /// A step may take this share of its period: the rest belongs to the others on the core.
 const SHARE_OF_PERIOD: f64 = 0.6;
-/// Pressure beyond which the pump's is not believed, Pa: its range ends at 20 kPa.
-const MAX_PRESSURE_PA: f32 = 40_000.0;
 /// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
 /// wall would need the stress-free shape, which no mesh of a distended cavity holds.
 const MAX_DISTENSION_PA: f32 = 2_000.0;
@@ -67,7 +65,6 @@ pub struct MainLoop<'a> {
     collision: Collision,
     clerk: Option<Clerk>,
     device: Option<ReadPage>,
-    fluids: [Option<ReadPage>; 2],
     points_m: Vec<[f32; 3]>,
     owner: Vec<u32>,
     pressure_pa: Vec<f32>,
@@ -93,7 +90,6 @@ impl<'a> MainLoop<'a> {
             contacts,
             clerk: None,
             device: None,
-            fluids: [None, None],
             points_m: vec![[0.0; 3]; points],
             owner,
             pressure_pa: vec![0.0; world.wall.len()],
@@ -156,16 +152,6 @@ impl<'a> MainLoop<'a> {
     fn input(&self, tick: u64) -> Option<InputRecord> {
         let page = self.device.as_ref()?;
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
-    }
-
-    /// Pressure for the step after this one: the fluid's newest that can be believed, else as it was.
-    fn next_pressure(&self, before_pa: f32) -> f32 {
-        if !self.world.site.has_engine(Role::Fluid) {
-            return before_pa;
-        }
-        let newest = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-        let newest = newest.max_by_key(|status| status.state_tick).map(|status| status.pressure_pa);
-        newest.filter(|pressure| (0.0..=MAX_PRESSURE_PA).contains(pressure)).unwrap_or(before_pa)
     }
 
     fn first_core(&self) -> Core {
@@ -247,6 +233,9 @@ impl Stateful for MainLoop<'_> {
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
         let input = self.input(context.tick);
+        // What the next step uses is part of this state, so that a substitute for it uses the same.
+        let told_pa = input.map_or(0.0, |input| input.pressure_pa);
+        let next_pressure_pa = if told_pa > 0.0 { told_pa } else { before.pressure_pa };
         let (pose, velocity_m_s) = input.map_or((before.pose, [0.0; 3]), |input| (input.sample.pose, input.sample.velocity_m_s));
         let sections = self.sections();
         let mut header = *message.header();
@@ -300,7 +289,7 @@ impl Stateful for MainLoop<'_> {
             velocity_m_s,
             force_n,
             removed_volume_ml: before.removed_volume_ml,
-            pressure_pa: self.next_pressure(before.pressure_pa),
+            pressure_pa: next_pressure_pa,
             contact_count: self.contacts.count() as u32,
         };
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
@@ -337,10 +326,9 @@ impl Stateful for MainLoop<'_> {
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
         self.world.site.register_engine(arrival.slot, arrival.incarnation);
-        let index = arrival.slot.index();
         let before = match (arrival.slot.role(), arrival.port) {
             (Role::Device, Port::Page(page)) => self.device.replace(page),
-            (Role::Fluid, Port::Page(page)) => self.fluids.get_mut(index).and_then(|place| place.replace(page)),
+            (Role::Fluid, Port::Page(page)) => Some(page), // registered; its pressure comes with the input record
             (_, port) => {
                 let arrival = Arrival { slot: arrival.slot, incarnation: arrival.incarnation, port };
                 self.collision.arrival(arrival, inbox);

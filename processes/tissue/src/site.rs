@@ -1,8 +1,8 @@
 //! The Site Manager: what takes part in the simulation. Objects register and get a number and their place in the common arrays; engines
 //! register through the backplane (their slot in the station page) when the usher brings their ports.
 
+use hyst_messages::Slot;
 use hyst_messages::stream::ObjectRecord;
-use hyst_messages::{Role, Slot};
 
 /// Most objects of a scene, free pieces included.
 pub const MAX_OBJECTS: usize = 256;
@@ -80,11 +80,6 @@ impl SiteManager {
         self.engines.reserve(count);
     }
 
-    /// Whether an engine of the role has registered.
-    pub fn has_engine(&self, role: Role) -> bool {
-        self.engines.iter().any(|(slot, _)| slot.role() == role)
-    }
-
     /// All objects, in order of registration.
     pub fn objects(&self) -> &[ObjectRecord] {
         &self.objects
@@ -99,6 +94,7 @@ impl SiteManager {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::Role;
 
     #[test]
     fn objects_lie_one_behind_the_other_and_a_full_scene_says_so() {
@@ -122,7 +118,6 @@ mod tests {
         let slot = Slot::first(Role::Fluid);
         site.register_engine(slot, 7);
         site.register_engine(slot, 9);
-        assert!(site.has_engine(Role::Fluid) && !site.has_engine(Role::Rendering));
         assert_eq!(site.engines, vec![(slot, 9)]);
     }
 }

@@ -31,6 +31,10 @@ pub struct StepContext {
     pub tick: u64,
     /// Tick of the state that is written.
     pub next_tick: u64,
+    /// Epoch of the state that is read.
+    pub state_epoch: u32,
+    /// Incarnation that wrote the state that is read.
+    pub state_writer: u32,
     /// Step in ticks.
     pub step_ticks: u64,
     /// Epoch and incarnation under which the state is published.
@@ -75,6 +79,7 @@ struct Loop<'a, S: Stateful> {
     inbox: Inbox,
     misses: u32,
     held: bool,
+    founded: bool,
 }
 
 /// The whole life of a stateful engine; returns when the station stops.
@@ -90,7 +95,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     interests.push((role, Wanted::Stream(engine.kind())));
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
     let roster = Roster::open(&life.station)?;
-    let mut this = Loop { life, engine, role, roster, publisher, chain, inbox, misses: 0, held: false };
+    let mut this = Loop { life, engine, role, roster, publisher, chain, inbox, misses: 0, held: false, founded: false };
     this.warm()?;
     realtime::go(life)?;
     this.run()
@@ -145,12 +150,19 @@ impl<S: Stateful> Loop<'_, S> {
             let holder = self.roster.holder(self.role);
             let nobody = holder.epoch == 0 && self.life.slot.index() == 0;
             let orphaned = holder.epoch > 0 && !self.holder_lives(holder);
-            if nobody || orphaned || system::now_ns() > patience_ns {
-                self.found(holder)?;
+            let late = system::now_ns() > patience_ns;
+            if late && self.founded {
+                return Err(Failure::Broken("the state that this process founded the role with did not come back".into()));
+            }
+            if late && holder.epoch > 0 && self.holder_lives(holder) {
+                return Err(Failure::Broken("no state has come from the role's holder, although it lives".into()));
+            }
+            if !self.founded && (nobody || orphaned || late) {
+                self.founded = self.found(holder)?;
             }
             system::sleep_ns(TICK_NS / 2);
         }
-        let context = self.context(self.life.tick(), false);
+        let context = self.context(self.life.tick(), false, self.roster.holder(self.role));
         let mut loan = self.publisher.loan(self.engine.message_bytes())?;
         if let Some(newest) = self.chain.newest() {
             self.engine.step(&context, newest.bytes(), loan.bytes_mut())?;
@@ -159,8 +171,8 @@ impl<S: Stateful> Loop<'_, S> {
     }
 
     /// Takes the role without a predecessor's state: from the newest checkpoint, or from the beginning.
-    fn found(&mut self, holder: Tenure) -> Result<(), Failure> {
-        let Ok(tenure) = self.roster.promote(self.role, holder, self.me()) else { return Ok(()) };
+    fn found(&mut self, holder: Tenure) -> Result<bool, Failure> {
+        let Ok(tenure) = self.roster.promote(self.role, holder, self.me()) else { return Ok(false) };
         let bytes = self.engine.message_bytes();
         let mut loan = self.publisher.loan(bytes)?;
         let kept = checkpoint::newest(&self.life.station, self.role, bytes).filter(|kept| {
@@ -185,15 +197,15 @@ impl<S: Stateful> Loop<'_, S> {
             header.tick = tick;
         });
         loan.send()?;
-        Ok(())
+        Ok(true)
     }
 
-    fn context(&self, next_tick: u64, holding: bool) -> StepContext {
+    fn context(&self, next_tick: u64, holding: bool, tenure: Tenure) -> StepContext {
         let step_ticks = self.engine.step_ticks();
-        let tenure = self.roster.holder(self.role);
-        let tick = self.chain.key().1;
+        let (state_epoch, tick) = self.chain.key();
+        let state_writer = self.chain.writer();
         let deadline_ns = self.life.clock.start_of(next_tick);
-        StepContext { tick, next_tick, step_ticks, tenure, holding, deadline_ns }
+        StepContext { tick, next_tick, state_epoch, state_writer, step_ticks, tenure, holding, deadline_ns }
     }
 
     fn run(&mut self) -> Result<(), Failure> {
@@ -213,7 +225,7 @@ impl<S: Stateful> Loop<'_, S> {
             self.receive_states();
             let holder = self.roster.holder(self.role);
             if holder.incarnation == self.me() {
-                self.step(tick, true)?;
+                self.step(tick, holder)?;
             } else {
                 self.follow(tick, holder)?;
             }
@@ -238,14 +250,15 @@ impl<S: Stateful> Loop<'_, S> {
     }
 
     /// Computes and sends the state after the newest one. Nothing to do if that is already ahead.
-    fn step(&mut self, tick: u64, holding: bool) -> Result<(), Failure> {
+    fn step(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
+        let holding = holder.incarnation == self.me();
         let step_ticks = self.engine.step_ticks();
         let (_, newest_tick) = self.chain.key();
         let next_tick = if holding { tick.max(newest_tick) + step_ticks } else { tick.max(newest_tick + step_ticks) };
         if newest_tick >= tick + step_ticks {
             return Ok(());
         }
-        let context = self.context(next_tick, holding);
+        let context = self.context(next_tick, holding, holder);
         let bytes = self.engine.message_bytes();
         let mut loan = self.publisher.loan(bytes)?;
         let Some(now) = self.chain.newest() else { return Ok(()) };
@@ -257,8 +270,7 @@ impl<S: Stateful> Loop<'_, S> {
             header.step_ticks = step_ticks as u32;
         });
         // Fenced while computing: what was computed is dropped unsent.
-        let holder = self.roster.holder(self.role);
-        if holder.epoch != context.tenure.epoch {
+        if self.roster.holder(self.role) != holder {
             return Ok(());
         }
         self.engine.finished(&context, loan.bytes());
@@ -281,14 +293,14 @@ impl<S: Stateful> Loop<'_, S> {
         self.misses += 1;
         let lives = self.holder_lives(holder);
         if !lives || self.misses >= MISSES_TO_PROMOTE {
-            if self.roster.promote(self.role, holder, self.me()).is_ok() {
+            if let Ok(tenure) = self.roster.promote(self.role, holder, self.me()) {
                 self.life.page.add64(header::PROMOTIONS, 1);
                 self.note_role(true);
-                return self.step(tick, true);
+                return self.step(tick, tenure);
             }
             return Ok(());
         }
         self.life.page.add64(header::SUBSTITUTES, 1);
-        self.step(tick, false)
+        self.step(tick, holder)
     }
 }

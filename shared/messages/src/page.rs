@@ -232,10 +232,9 @@ pub mod device {
     pub const SELECTED: usize = APPLIED.end();
     /// Selected replica: its incarnation.
     pub const SELECTED_INCARNATION: usize = SELECTED + 1;
-    /// Incarnation of a replica that must be restarted because its output is wrong, 0 if none.
+    /// For each of the two replicas: why it was last distrusted (the number of a [`Distrust`]) in the upper half, its incarnation in the
+    /// lower; 0 if it never was.
     pub const DISTRUSTED: usize = SELECTED + 2;
-    /// Why, as the number of a [`Distrust`].
-    pub const DISTRUST: usize = SELECTED + 3;
     /// Why the device distrusts a replica.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[repr(u64)]

@@ -112,8 +112,8 @@ pub struct InputRecord {
     pub model: ContactModel,
     /// Force that the last hop applied in the tick before, N.
     pub applied_n: [f32; 3],
-    /// Padding, zero.
-    pub reserved: u32,
+    /// Pressure in the cavity, Pa, from the newest valid status of the fluid; 0 if there has been none.
+    pub pressure_pa: f32,
 }
 
 /// What one replica of the servo answers.

@@ -70,7 +70,8 @@ pub struct StreamHeader {
     pub topology_version: u32,
     /// Step of the writer in ticks.
     pub step_ticks: u32,
-    /// Share index and count, or other two words that the kind defines.
+    /// Two words that the kind defines. Contacts: index and count of the share. Collision job: count of shares, and the incarnation that
+    /// wrote the state it is about (whose epoch is in `input_tick`).
     pub words: [u32; 2],
 }
 

@@ -88,6 +88,11 @@ impl Chain {
         self.newest.as_ref()
     }
 
+    /// Incarnation that wrote the newest state.
+    pub fn writer(&self) -> u32 {
+        self.writer
+    }
+
     /// Epoch and tick of the newest state.
     pub fn key(&self) -> (u32, u64) {
         self.key
