@@ -203,8 +203,9 @@ impl Supervisor {
         }
     }
 
-    /// Replaces a servo whose output the device refused (not finite, for another input, frozen, or different from the other's), as long as
-    /// the device follows the other one. One that stands still is found by its heartbeat.
+    /// Replaces a servo whose output the device refused (not finite, out of range, for another input, frozen), as long as the device follows the
+    /// other one. One that stands still is found by its heartbeat. One that only differs is not killed: two servos that lost different ticks
+    /// to a stall differ in the last bits, and the device stays with the nearer.
     fn heed_the_device(&mut self, now_ns: u64) {
         use hyst_messages::page::device::{self, Distrust};
         for index in 0..Role::Haptic.slots().1 {
@@ -212,14 +213,10 @@ impl Supervisor {
             let Some(page) = self.viewer.slot_page(Slot::first(Role::Device)) else { return };
             let word = page.load64(device::DISTRUSTED + index);
             let (why, incarnation) = (word >> 32, word as u32);
+            let refused = |why: u64| why == Distrust::Invalid as u64 || why == Distrust::Frozen as u64;
             let followed = page.load64(device::SELECTED_INCARNATION) as u32;
             let present = self.viewer.page().incarnation(slot) == incarnation && !self.viewer.page().is_dead(slot);
-            if incarnation == 0
-                || incarnation == followed
-                || !present
-                || why == Distrust::Still as u64
-                || self.heeded == incarnation
-            {
+            if incarnation == 0 || incarnation == followed || !present || !refused(why) || self.heeded == incarnation {
                 continue;
             }
             self.heeded = incarnation;

@@ -111,8 +111,10 @@ impl Replicas {
         }
     }
 
+    /// Whether the replica has a force for this tick that may be chosen: one in its shadow is no reason not to wait for the other.
     fn has_answered(&self, index: usize, tick: u64) -> bool {
-        self.seats[index].as_ref().is_some_and(|replica| replica.page.load64(header::TICK) >= tick)
+        let record = self.seats[index].as_ref().and_then(|replica| replica.page.cell(haptic::FORCE));
+        record.is_some_and(|(_, record)| record.tick == tick && record.flags & FORCE_SHADOW == 0)
     }
 
     /// The replica's force for this tick, if it may be applied.
