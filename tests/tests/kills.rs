@@ -7,6 +7,9 @@ use station_tests::{Station, lower95_of_mean};
 const KILLS: usize = 100;
 /// Excess misses per kill that are allowed.
 const ALLOWED: f64 = 0.1;
+/// Share of the kills that may lose more ticks than their control, beyond those that lose fewer: the host's noise falls on both alike, and a
+/// burst of it counts once.
+const ALLOWED_SHARE: f64 = 0.05;
 /// Ticks between two kills: room for a fault window and a control window.
 const BETWEEN_TICKS: u64 = 220;
 
@@ -29,6 +32,8 @@ fn the_active_haptic_and_the_active_tissue_are_taken_over() {
         println!("{role}: {} kills of the active one, {mean:.3} excess misses per kill", excess.len());
         assert!(excess.len() >= KILLS * 9 / 10, "{role}: only {} kills were seen as such\n{}", excess.len(), ended.said);
         assert!(lower95_of_mean(&excess) <= ALLOWED, "{role}: {mean} excess misses per kill: {excess:?}");
+        let net: f64 = excess.iter().map(|excess| excess.signum() * f64::from(*excess != 0.0)).sum();
+        assert!(net <= ALLOWED_SHARE * excess.len() as f64, "{role}: {net} kills lost ticks: {excess:?}\n{}", ended.said);
     }
 }
 
