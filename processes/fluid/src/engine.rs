@@ -66,11 +66,7 @@ pub struct FlowEngine<'a> {
 
 /// The scene of the settings.
 pub fn load_scene(path: Option<&Path>) -> Result<LoadedScene, Failure> {
-    let scene = match path {
-        Some(path) => hyst_scene::load(path),
-        None => hyst_scene::load_embedded(),
-    };
-    scene.map_err(|error| Failure::Input(error.to_string()))
+    hyst_scene::load_or_embedded(path).map_err(|error| Failure::Input(error.to_string()))
 }
 
 /// The solver's model of a scene's cavity, with so many cells along x, y, z.

@@ -37,7 +37,7 @@ pub use file::{
     Deformable, DeformableKind, Fixed, Fluid, Hand, HandPose, Material, Medium, Place, Rigid, RigidKind, Scene, Tip, View,
     Workspace,
 };
-pub use load::{load, load_embedded};
+pub use load::{load, load_embedded, load_or_embedded};
 pub use loaded::{Attach, AttachedNode, LoadedDeformable, LoadedFluid, LoadedScene, LoadedWorkspace};
 pub use object::{MAX_TETS, MAX_TRIANGLES};
 pub use parse::MAX_SCENE_BYTES;

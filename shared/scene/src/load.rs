@@ -27,6 +27,14 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     assemble(scene, &origin, &folder).map_err(|error| error.located(&origin, &text))
 }
 
+/// The scene or mesh at a path, or the default scene where none is named.
+///
+/// # Errors
+/// Those of [`load`].
+pub fn load_or_embedded(path: Option<&Path>) -> Result<LoadedScene, SceneError> {
+    path.map_or_else(load_embedded, load)
+}
+
 /// The default scene, from the binary itself.
 ///
 /// # Errors

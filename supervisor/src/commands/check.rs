@@ -28,11 +28,7 @@ pub fn admit(settings: &Settings) -> Result<u64, Refusal> {
 }
 
 fn load(path: Option<&Path>) -> Result<LoadedScene, Refusal> {
-    match path {
-        Some(path) => hyst_scene::load(path),
-        None => hyst_scene::load_embedded(),
-    }
-    .map_err(|error| Refusal::input(error.to_string()))
+    hyst_scene::load_or_embedded(path).map_err(|error| Refusal::input(error.to_string()))
 }
 
 /// Prints what was found in a scene or mesh and what will be done about it; exit code 2 if the station cannot run it.

@@ -63,10 +63,7 @@ fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
 impl Hand {
     /// The hand that the settings ask for, in the settings' scene.
     pub fn of(life: &Life) -> Result<Hand, Failure> {
-        let scene = match &life.settings.scene {
-            Some(path) => hyst_scene::load(path),
-            None => hyst_scene::load_embedded(),
-        };
+        let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
         let space = &scene.workspace;
         let tilt_rad = space.pitch_rad.iter().chain(&space.yaw_rad).fold(0.0f32, |most, angle| most.max(angle.abs()));
