@@ -1,13 +1,20 @@
 //! An engine that does nothing but what every engine must: it opens its page, becomes live, beats, and stops when asked. The tests of
-//! the supervisor start it under every engine's name. `FAKE_ENGINE` in a file `fake` in its folder makes it misbehave:
-//! `refuse ROLE` exits 2 at the start, `die ROLE` exits 1 at the start.
+//! the supervisor start it under every engine's name. Lines of a file `fake` in its folder make it misbehave: `refuse ROLE` exits 2 at the
+//! start, `die ROLE` exits 1 at the start, `doomed ROLE` crashes in the first steps of each tenure unless the role is held still, `leak ROLE`
+//! takes more memory in each step, `files ROLE` opens more files.
 
+use hyst_engine::life::{DESCRIBE, Description};
 use hyst_exchange::{Roster, Station, system};
 use hyst_messages::page::{ProcessState, device, hardware, header};
 use hyst_messages::{Applied, LedgerEntry, Role, Slot};
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
+    if arguments.get(1).is_some_and(|word| word == DESCRIBE) {
+        let name = std::path::Path::new(&arguments[0]).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        println!("{}", serde_json::json!(Description::of(Role::from_name(&name).unwrap())));
+        return;
+    }
     let value =
         |name: &str| arguments.iter().position(|word| word == name).and_then(|at| arguments.get(at + 1)).cloned().unwrap();
     let station = Station::named(&value("--station")).unwrap();
@@ -15,17 +22,30 @@ fn main() {
     let incarnation: u32 = value("--incarnation").parse().unwrap();
     let orders = std::path::Path::new(&arguments[0]).parent().map(|folder| folder.join("fake")).unwrap();
     let orders = std::fs::read_to_string(orders).unwrap_or_default();
-    if orders.trim() == format!("refuse {}", slot.role().name()) {
+    let ordered = |what: &str| orders.lines().any(|line| line.trim() == format!("{what} {}", slot.role().name()));
+    if ordered("refuse") {
         eprintln!("scene: the cavity is inside out");
         std::process::exit(2);
     }
-    if orders.trim() == format!("die {}", slot.role().name()) {
+    if ordered("die") {
         std::process::exit(1);
     }
-    live(&station, slot, incarnation);
+    live(&station, slot, incarnation, Vices { doomed: ordered("doomed"), leaks: ordered("leak"), opens: ordered("files") });
 }
 
-fn live(station: &Station, slot: Slot, incarnation: u32) {
+/// What it does wrong.
+struct Vices {
+    doomed: bool,
+    leaks: bool,
+    opens: bool,
+}
+
+/// Memory that a leak takes in each step, bytes.
+const LEAK_BYTES: usize = 32 << 10;
+
+fn live(station: &Station, slot: Slot, incarnation: u32, vices: Vices) {
+    let mut leaked: Vec<Vec<u8>> = Vec::new();
+    let mut opened = Vec::new();
     let page = station.own_slot(slot, incarnation).unwrap();
     let known = station.open().unwrap();
     let roster = Roster::open(station).unwrap();
@@ -63,13 +83,29 @@ fn live(station: &Station, slot: Slot, incarnation: u32) {
                 page.store64(device::SELECTED, first.number() as u64);
                 page.store64(device::SELECTED + 1, known.incarnation(first) as u64);
             }
-            Role::Tissue | Role::Fluid if slot.index() == 0 => {
+            Role::Tissue | Role::Fluid => {
                 let holder = roster.holder(slot.role());
-                if holder.incarnation < incarnation {
+                let mut of_role = known.occupied(slot.role());
+                let lives = of_role.any(|(other, known_as)| known_as == holder.incarnation && !known.is_dead(other));
+                // As real engines do: the first slot founds a role, so that it is known who holds it.
+                let may = holder.epoch > 0 || slot.index() == 0;
+                if holder.is_sound(known.next_incarnation(), tick) && !lives && may {
                     let _ = roster.promote(slot.role(), holder, incarnation);
+                }
+                let holds = roster.holder(slot.role()).incarnation == incarnation;
+                page.set_state(if holds { ProcessState::Live } else { ProcessState::Warm });
+                if vices.doomed && holds && !known.is_held(slot.role()) {
+                    std::process::exit(101);
                 }
             }
             _ => {}
+        }
+        // A leak stops short of what would hurt the machine.
+        if vices.leaks && slot.index() == 0 && leaked.len() < 16_000 {
+            leaked.push(vec![1; LEAK_BYTES]);
+        }
+        if vices.opens && slot.index() == 0 && tick.is_multiple_of(10) {
+            opened.extend(std::fs::File::open("/dev/null"));
         }
         system::sleep_ns(1_000_000);
     }

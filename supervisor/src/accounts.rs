@@ -26,6 +26,9 @@ pub struct Counters {
     pub promotions: u64,
     /// Allocations on the real-time thread.
     pub allocations: u64,
+    /// Small blocks that the real-time thread took from its own pool.
+    #[serde(default)]
+    pub pool_blocks: u64,
     /// Bytes written into streams, bytes copied beyond that.
     pub bytes: [u64; 2],
     /// Histogram of wake-up latencies.
@@ -54,6 +57,7 @@ impl Counters {
             substitutes: word(header::SUBSTITUTES),
             promotions: word(header::PROMOTIONS),
             allocations: word(header::ALLOCATIONS),
+            pool_blocks: word(header::POOL_BLOCKS),
             bytes: [word(header::STREAM_BYTES), word(header::COPIED_BYTES)],
             wakeup,
             looping,
@@ -67,6 +71,7 @@ impl Counters {
         self.substitutes += other.substitutes;
         self.promotions += other.promotions;
         self.allocations += other.allocations;
+        self.pool_blocks += other.pool_blocks;
         self.processor_s += other.processor_s;
         self.ready_s += other.ready_s;
         self.ready_steps += other.ready_steps;
@@ -102,6 +107,12 @@ pub struct Account {
     /// Most memory with what is shared divided among its sharers, MiB.
     pub proportional_mib: f64,
     samples: u64,
+    /// How often an incarnation was suspected to hang, and how often it was cleared of that.
+    #[serde(default)]
+    pub suspicions: [u64; 2],
+    /// Most guilt of which an incarnation was cleared, ns.
+    #[serde(default)]
+    pub cleared_ns: u64,
 }
 
 impl Account {
@@ -143,6 +154,17 @@ impl Accounts {
         if let Ok(text) = serde_json::to_string(self) {
             let _ = crate::plan::write_whole(&Accounts::path(station), text.as_bytes()); // tried again in a second
         }
+    }
+
+    /// An incarnation of the slot has missed three periods.
+    pub fn suspected(&mut self, slot: Slot) {
+        self.slots.entry(slot.to_string()).or_default().suspicions[0] += 1;
+    }
+    /// It beats again.
+    pub fn cleared(&mut self, slot: Slot, guilt_ns: u64) {
+        let account = self.slots.entry(slot.to_string()).or_default();
+        account.suspicions[1] += 1;
+        account.cleared_ns = account.cleared_ns.max(guilt_ns);
     }
 
     /// Reads a slot's page; `process` while it lives.

@@ -65,9 +65,26 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Not part of this build.
-    #[command(hide = true)]
-    Swap(Rest),
+    /// Put another engine in the place of a role's while the station runs; rolls back by itself.
+    Swap {
+        /// A role: tissue, fluid, haptic, collision-worker, rendering, recorder or device.
+        role: String,
+        /// The engine's binary.
+        binary: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Check an engine before a swap, in a private station of its own, and say what is wrong with it.
+    Conformance {
+        /// A role, as for `swap`.
+        role: String,
+        /// The engine's binary.
+        binary: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Not part of this build.
     #[command(hide = true)]
     Replay(Rest),
@@ -80,6 +97,26 @@ pub enum Command {
         /// Station.
         #[arg(long)]
         station: String,
+    },
+    /// A stand-in for a guardian that died; started by the supervisor.
+    #[command(hide = true)]
+    StandIn {
+        /// Station.
+        #[arg(long)]
+        station: String,
+    },
+    /// Compares a newcomer's states with the old engine's; started by the supervisor.
+    #[command(hide = true)]
+    Judge {
+        /// Station.
+        #[arg(long)]
+        station: String,
+        /// Role.
+        #[arg(long)]
+        role: String,
+        /// The newcomer's incarnation.
+        #[arg(long)]
+        guest: u32,
     },
     /// Removes what dead processes left in the link; started by the supervisor.
     #[command(hide = true)]
@@ -103,18 +140,70 @@ pub enum FaultCommand {
     /// The kinds of faults.
     List,
     /// Inject a fault.
-    Inject {
-        /// Kind, see `fault list`.
-        kind: String,
-        /// PROCESS, PROCESS:active, PROCESS:spare or PROCESS:INDEX.
-        target: String,
-        /// After this time a stopped process is continued.
-        #[arg(long = "for", value_parser = seconds)]
-        for_s: Option<f64>,
-    },
-    /// Not part of this build.
-    #[command(hide = true)]
-    Campaign(Rest),
+    Inject(InjectArgs),
+    /// Many faults by a plan drawn from a file and a seed, in stations of its own, with a verdict.
+    Campaign(CampaignArgs),
+}
+
+/// Arguments of `fault inject`.
+#[derive(Clone, Debug, Args)]
+pub struct InjectArgs {
+    /// Kind, see `fault list`.
+    pub kind: String,
+    /// PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both or PROCESS:INDEX; supervisor, guardian or supervisor+guardian.
+    pub target: String,
+    /// After this time a stopped process is continued, or ends what it was asked to do.
+    #[arg(long = "for", value_parser = seconds)]
+    pub for_s: Option<f64>,
+    /// slow: a step takes so many times as long, 1 to 100.
+    #[arg(long)]
+    pub factor: Option<f64>,
+    /// slow: and so much longer: 500us, 2ms.
+    #[arg(long = "extra", value_parser = seconds)]
+    pub extra_s: Option<f64>,
+    /// slow: what is added varies by this share of it, 0 to 1.
+    #[arg(long)]
+    pub jitter: Option<f64>,
+    /// leak-memory: MiB per second; leak-files: files per second.
+    #[arg(long)]
+    pub rate: Option<f64>,
+    /// crash-loop: how many successors die, 1 to 20.
+    #[arg(long)]
+    pub times: Option<u32>,
+    /// corrupt: page, stream, link, checkpoint, station or roster.
+    #[arg(long = "where")]
+    pub place: Option<String>,
+    /// corrupt: how many bytes.
+    #[arg(long)]
+    pub bytes: Option<u32>,
+    /// corrupt: what they are drawn from.
+    #[arg(long)]
+    pub seed: Option<u64>,
+}
+
+/// Arguments of `fault campaign`.
+#[derive(Clone, Debug, Args)]
+pub struct CampaignArgs {
+    /// The campaign (TOML); examples are in assets/campaigns.
+    pub file: PathBuf,
+    /// Seed of the plan, instead of the file's.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. The same folder again goes on where it ended.
+    #[arg(long)]
+    pub report: Option<PathBuf>,
+    /// Print the plan, and do nothing else.
+    #[arg(long)]
+    pub plan: bool,
+    /// Repeat this one fault of the plan, at the same tick and phase.
+    #[arg(long, conflicts_with_all = ["plan", "batch"])]
+    pub only: Option<usize>,
+    /// At most so many faults in this run; the next run with the same folder goes on.
+    #[arg(long, requires = "report")]
+    pub batch: Option<usize>,
+    /// The report as JSON on stdout.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `run`.
@@ -128,7 +217,7 @@ pub struct RunArgs {
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
-    /// script:NAME, mouse, replay:FILE or idle. Default: the mouse in a window, script:press without one.
+    /// script:NAME, mouse or idle. Default: the mouse in a window, script:press without one.
     #[arg(long)]
     pub hand: Option<String>,
     /// Record the session (MCAP).
@@ -140,8 +229,8 @@ pub struct RunArgs {
     /// Write pictures (PNG) into this folder.
     #[arg(long)]
     pub pictures: Option<PathBuf>,
-    /// Not part of this build.
-    #[arg(long, hide = true)]
+    /// Run on a virtual clock: the same forces to the bit, whatever dies; --for is virtual time.
+    #[arg(long)]
     pub lockstep: bool,
     /// Allow faults to be injected.
     #[arg(long)]
@@ -169,6 +258,7 @@ pub struct RunArgs {
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let (number, factor) = match text {
+        _ if text.ends_with("us") => (&text[..text.len() - 2], 1e-6),
         _ if text.ends_with("ms") => (&text[..text.len() - 2], 1e-3),
         _ if text.ends_with('s') => (&text[..text.len() - 1], 1.0),
         _ if text.ends_with('m') => (&text[..text.len() - 1], 60.0),
@@ -204,6 +294,10 @@ mod tests {
             "hystation status --json --name b",
             "hystation swap tissue ./x",
             "hystation fault inject stop haptic:active --for 2s",
+            "hystation fault inject corrupt tissue:active --where stream --bytes 64 --seed 3",
+            "hystation fault inject leak-memory fluid:both --rate 16 --for 500ms",
+            "hystation fault inject crash-loop recorder --times 2",
+            "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
             "hystation bench station --json",
             "hystation logs haptic:0 -f",
         ] {

@@ -17,8 +17,12 @@ use std::time::{Duration, Instant};
 pub const MOST_BYTES: usize = 64 * 1024;
 /// Longest answer that a client takes: a report with some thousands of faults.
 const MOST_ANSWER_BYTES: usize = 16 * 1024 * 1024;
-/// Clients at the same time.
-const MOST_CLIENTS: usize = 16;
+/// Clients that are waited for at the same time; the oldest makes room for a newcomer.
+const MOST_CLIENTS: usize = 64;
+/// Connections that are taken between two looks at those that wait.
+const MOST_ACCEPTED: usize = 256;
+/// Times that a client asks: in a flood it may be the one that made room.
+const TRIES: usize = 5;
 /// A client that has not sent a line by then is ended.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// The main loop answers within milliseconds.
@@ -38,6 +42,13 @@ pub enum Request {
     Stop,
     /// Inject a fault.
     Fault(Injection),
+    /// Put another engine in the place of a role's.
+    Swap {
+        /// The role.
+        role: String,
+        /// Its new binary, absolute; whoever asks has verified it.
+        binary: std::path::PathBuf,
+    },
 }
 
 /// An answer that carries a value.
@@ -61,6 +72,12 @@ pub fn serve(station: &Station, tell: Sender<Input>) -> std::io::Result<()> {
     Ok(())
 }
 
+/// Whether this user, or root, is at the other end. The root of the station is closed to others too; this holds if somebody opens it.
+pub fn is_own(stream: &UnixStream) -> bool {
+    rustix::net::sockopt::socket_peercred(stream)
+        .is_ok_and(|peer| peer.uid.as_raw() == hyst_exchange::system::user_id() || peer.uid.is_root())
+}
+
 struct Client {
     stream: UnixStream,
     line: Vec<u8>,
@@ -70,10 +87,23 @@ struct Client {
 fn body(listener: &UnixListener, tell: &Sender<Input>) {
     let mut clients: Vec<Client> = Vec::new();
     loop {
-        while let Ok((stream, _)) = listener.accept() {
-            if clients.len() < MOST_CLIENTS && stream.set_nonblocking(true).is_ok() {
-                clients.push(Client { stream, line: Vec::new(), since: Instant::now() });
-            } // else it is dropped, which closes it
+        for _ in 0..MOST_ACCEPTED {
+            let Ok((stream, _)) = listener.accept() else { break };
+            if !is_own(&stream) {
+                send(&stream, &bad("this station belongs to another user"));
+                continue;
+            }
+            if stream.set_nonblocking(true).is_err() {
+                continue;
+            }
+            let mut client = Client { stream, line: Vec::new(), since: Instant::now() };
+            // Most have sent their line by now, and are done with at once.
+            if tend(&mut client, tell) {
+                if clients.len() >= MOST_CLIENTS {
+                    clients.remove(0); // the one that has said nothing for longest
+                }
+                clients.push(client);
+            }
         }
         clients.retain_mut(|client| tend(client, tell));
         std::thread::sleep(LOOK);
@@ -126,6 +156,22 @@ fn send(mut stream: &UnixStream, text: &str) {
 
 /// Asks the supervisor of a station; the error says what to do.
 pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
+    let mut answer = ask_once(station, request);
+    // A swap may have been begun by one who died before he could say so: it is not asked for twice.
+    let tries = if matches!(request, Request::Swap { .. }) { 1 } else { TRIES };
+    for _ in 1..tries {
+        if !matches!(&answer, Err(reason) if reason.ends_with(CUT_OFF)) {
+            break;
+        }
+        answer = ask_once(station, request);
+    }
+    answer
+}
+
+/// How the error of an answer that never came ends.
+const CUT_OFF: &str = "it closed the connection without an answer; ask again";
+
+fn ask_once(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
     let path = station.control_socket();
     let gone =
         |error: std::io::Error| format!("station {}: no supervisor answers at {}: {error}", station.name(), path.display());
@@ -134,7 +180,11 @@ pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, St
     let line = serde_json::to_string(request).map_err(|e| e.to_string())?;
     stream.write_all(format!("{line}\n").as_bytes()).map_err(gone)?;
     let mut text = String::new();
-    stream.take(MOST_ANSWER_BYTES as u64).read_to_string(&mut text).map_err(gone)?;
+    let read = stream.take(MOST_ANSWER_BYTES as u64).read_to_string(&mut text);
+    if text.is_empty() {
+        return Err(format!("station {}: {CUT_OFF}", station.name()));
+    }
+    read.map_err(gone)?;
     let answer: serde_json::Value =
         serde_json::from_str(&text).map_err(|e| format!("station {}: the answer is damaged: {e}", station.name()))?;
     match answer.get("ok").and_then(serde_json::Value::as_bool) {

@@ -1,12 +1,14 @@
 //! One fault: what is known of it, and its verdict.
 //!
 //! The window of a fault runs from its injection to the recovery (a successor is warm or live) and 20 ms beyond, at least 200 ms. The
-//! promise is judged as in the design: no more misses than in the control, and no force step larger than a fault-free tick makes +
+//! promise is judged as in the design: no more misses than in the control, nothing wrong or stale applied, and no force step larger than a fault-free tick makes +
 //! 0.05 N. For the device itself: at most 20 misses.
 
 use crate::ledger::{Ledger, Window};
+use crate::shortage::Lowered;
 use hyst_messages::{Role, TICK_NS};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Shortest window, ticks.
 pub const WINDOW_TICKS: u64 = 200;
@@ -32,15 +34,15 @@ pub struct Fault {
     pub tick: u64,
     /// CLOCK_MONOTONIC of the same, ns.
     pub injected_ns: u64,
-    /// The process died, hung or was continued.
+    /// The process died, hung, was continued, or did wrong as it was asked to.
     pub manifested: bool,
-    /// `pidfd`, `heartbeat` or `guardian`.
+    /// `pidfd`, `heartbeat`, `guardian`, or the process that refused its output or did its work.
     pub detected_by: String,
     /// From the injection to the word in the station page, µs.
     pub detected_us: Option<f64>,
     /// From the injection to the end of the last tick that missed its force because of it, µs; 0 if the device never noticed.
     pub contained_us: Option<f64>,
-    /// From the injection to a successor that is warm or live, µs.
+    /// From the injection to a successor that is warm or live, or to the end of what it was asked to do, µs.
     pub recovered_us: Option<f64>,
     /// See the module's text; `None` if it could not be judged.
     pub promise_held: Option<bool>,
@@ -50,10 +52,34 @@ pub struct Fault {
     pub window: Option<Window>,
     /// Its control.
     pub control: Option<Window>,
+    /// It hit the incumbent and its spare at the same instant.
+    pub together: bool,
+    /// The control serves another fault too, because no other was free.
+    pub control_shared: bool,
     pub(crate) slot: usize,
     pub(crate) incarnation: u32,
     pub(crate) dead: bool,
     pub(crate) continue_ns: Option<u64>,
+    /// It was asked to do wrong: until when, ns (0: for ever), and how often it had done wrong before.
+    pub(crate) asked: Option<(u64, u64)>,
+    /// A limit of it that was lowered.
+    pub(crate) lowered: Option<Lowered>,
+    /// The file that fills a file system, and until when, ns.
+    pub(crate) ballast: Option<(PathBuf, u64)>,
+    /// So many of its successors are still to be hindered in their start.
+    pub(crate) starts_left: Option<u32>,
+}
+
+impl Fault {
+    /// Both servos at once: nobody is left who computes a force, and it fades.
+    fn is_of_both_servos(&self) -> bool {
+        self.together && self.target.split(':').next() == Some(Role::Haptic.name())
+    }
+
+    /// Whether the hand may feel it, so that it has an account of its own: that of the device, and of both servos at once.
+    pub fn may_be_felt(&self) -> bool {
+        self.target == Role::Device.name() || self.is_of_both_servos()
+    }
 }
 
 pub(crate) fn us(at_ns: u64, since_ns: u64) -> f64 {
@@ -77,8 +103,12 @@ pub(crate) fn judge(fault: &mut Fault, control: Option<Window>, ledger: &Ledger,
     if let Some(control) = control {
         let quiet_n = quiet_step_max_n(ledger, from_tick, taken).max(control.force_step_max_n);
         let smooth = window.force_step_max_n <= quiet_n + STEP_MARGIN_N;
-        let allowed = control.missed + if fault.target == Role::Device.name() { DEVICE_TICKS } else { 0 };
-        fault.promise_held = Some(fault.recovered_us.is_some() && window.missed <= allowed && smooth);
+        let allowed = match fault.may_be_felt() {
+            true if fault.is_of_both_servos() => u64::MAX,
+            true => control.missed + DEVICE_TICKS,
+            false => control.missed,
+        };
+        fault.promise_held = Some(fault.recovered_us.is_some() && window.missed <= allowed && smooth && window.wrong == 0);
     }
     (fault.window, fault.control) = (Some(window), control);
 }
@@ -98,4 +128,16 @@ fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, taken: &[(u64, u64)]) -> 
         tick = next;
     }
     quiet_n
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_device_and_both_servos_at_once_may_be_felt() {
+        let felt = |target: &str, together| Fault { target: target.into(), together, ..Fault::default() }.may_be_felt();
+        assert!(felt("device", false) && felt("haptic:1", true));
+        assert!(!felt("haptic:1", false) && !felt("tissue:0", true) && !felt("guardian", false));
+    }
 }

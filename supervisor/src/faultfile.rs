@@ -1,80 +1,18 @@
 //! Faults that are injected on purpose: what a file for `--faults` may say, and what a target means.
 
-use hyst_messages::{Role, Slot};
+mod kind;
+mod options;
+mod target;
+
+pub use kind::FaultKind;
+pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
+pub use target::{Aim, Keepers, Target, Which};
+
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Most faults in one file: a campaign of a few hours.
 pub const MOST_FAULTS: usize = 100_000;
-
-/// What is done to a process. Each comes from outside, by a signal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum FaultKind {
-    /// SIGKILL.
-    Kill,
-    /// SIGSTOP, and SIGCONT after `for_s` seconds if it still lives.
-    Stop,
-    /// SIGCONT.
-    Cont,
-    /// SIGSEGV.
-    Segfault,
-    /// SIGABRT.
-    Abort,
-}
-
-impl FaultKind {
-    /// All kinds with what they do.
-    pub const ALL: [(FaultKind, &'static str, &'static str); 5] = [
-        (FaultKind::Kill, "kill", "SIGKILL: the process is gone at once"),
-        (FaultKind::Stop, "stop", "SIGSTOP: it hangs; continued after --for, if it still lives (default: never)"),
-        (FaultKind::Cont, "cont", "SIGCONT: a stopped process goes on as a zombie of its former self"),
-        (FaultKind::Segfault, "segfault", "SIGSEGV: a wild access"),
-        (FaultKind::Abort, "abort", "SIGABRT: a broken invariant"),
-    ];
-    /// The kind with this name.
-    pub fn from_name(name: &str) -> Option<FaultKind> {
-        FaultKind::ALL.iter().find(|(_, known, _)| *known == name).map(|(kind, _, _)| *kind)
-    }
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        FaultKind::ALL.iter().find(|(kind, _, _)| *kind == self).map_or("", |(_, name, _)| name)
-    }
-}
-
-/// Which process of a role.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Which {
-    /// The one that does the role's work now.
-    Active,
-    /// One that does not.
-    Spare,
-    /// This one.
-    Slot(Slot),
-}
-
-/// A target as on the command line: `haptic:active`, `tissue:spare`, `collision-worker:1`, `device`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Target {
-    /// Role.
-    pub role: Role,
-    /// Which of them.
-    pub which: Which,
-}
-
-impl Target {
-    /// Reads a target; an indexed role without a word after the colon means the active one.
-    pub fn parse(text: &str) -> Option<Target> {
-        let (name, which) = text.split_once(':').unwrap_or((text, "active"));
-        let role = Role::from_name(name).filter(|role| !matches!(role, Role::Hardware | Role::Guardian | Role::Supervisor))?;
-        let which = match which {
-            "active" => Which::Active,
-            "spare" if role.is_indexed() => Which::Spare,
-            index => Which::Slot(Slot::new(role, index.parse().ok()?)?),
-        };
-        Some(Target { role, which })
-    }
-}
 
 /// One fault to come.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,9 +24,40 @@ pub struct Injection {
     pub target: String,
     /// At which tick of the station; 0 means at once.
     pub tick: u64,
-    /// Seconds until a stopped process is continued.
+    /// Place in that tick, µs, 0 to 999.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub phase_us: u32,
+    /// Seconds until a stopped process is continued, or until it ends what it was asked to do.
     #[serde(default, rename = "for", skip_serializing_if = "Option::is_none")]
     pub for_s: Option<f64>,
+    /// `slow`: a step takes so many times as long.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub factor: Option<f64>,
+    /// `slow`: and so many seconds longer.
+    #[serde(default, rename = "extra", skip_serializing_if = "Option::is_none")]
+    pub extra_s: Option<f64>,
+    /// `slow`: what is added varies by this share of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jitter: Option<f64>,
+    /// `leak-memory`: MiB per second; `leak-files`: files per second.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// `crash-loop`: how many successors die.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times: Option<u32>,
+    /// `corrupt`: where.
+    #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
+    pub place: Option<Place>,
+    /// `corrupt`: how many bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u32>,
+    /// `corrupt`: what they are drawn from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+}
+
+fn is_zero(value: &u32) -> bool {
+    *value == 0
 }
 
 /// A file for `--faults`.
@@ -125,17 +94,60 @@ pub enum FaultFileError {
 }
 
 impl Injection {
+    /// A fault at once, without options.
+    pub fn now(kind: FaultKind, target: &str) -> Injection {
+        Injection {
+            kind,
+            target: target.into(),
+            tick: 0,
+            phase_us: 0,
+            for_s: None,
+            factor: None,
+            extra_s: None,
+            jitter: None,
+            rate: None,
+            times: None,
+            place: None,
+            bytes: None,
+            seed: None,
+        }
+    }
+
     /// What is wrong with it, if anything.
-    pub fn check(&self) -> Result<Target, String> {
-        let target = Target::parse(&self.target).ok_or_else(|| {
+    pub fn check(&self) -> Result<Aim, String> {
+        let aim = Aim::parse(&self.target).ok_or_else(|| {
             format!(
-                "target {:?}: write PROCESS, PROCESS:active, PROCESS:spare or PROCESS:INDEX, as `status` names them",
+                "target {:?}: write PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both or PROCESS:INDEX, as `status` names them, or \
+                 supervisor, guardian or supervisor+guardian",
                 self.target
             )
         })?;
-        match self.for_s {
-            Some(for_s) if !(0.0..=3_600.0).contains(&for_s) => Err(format!("for = {for_s}: seconds between 0 and 3600")),
-            _ => Ok(target),
+        if self.phase_us > 999 {
+            return Err(format!("phase_us = {}: microseconds in a tick, 0 to 999", self.phase_us));
+        }
+        if let Some(for_s) = self.for_s.filter(|for_s| !(0.0..=3_600.0).contains(for_s)) {
+            return Err(format!("for = {for_s}: seconds between 0 and 3600"));
+        }
+        match aim {
+            Aim::Engines(target) => {
+                if let Some(reason) = self.kind.hindrance(target.role).or_else(|| self.misplaced(target.role)) {
+                    return Err(format!("{} {}: {reason}", self.kind.name(), self.target));
+                }
+                self.check_options()?;
+            }
+            Aim::Keepers(keepers) => self.check_of_keepers(keepers)?,
+        }
+        Ok(aim)
+    }
+
+    /// The engines that it is for; an error if it is for those who keep the station, whom the supervisor cannot be asked to hurt.
+    pub fn engines(&self) -> Result<Target, String> {
+        match self.check()? {
+            Aim::Engines(target) => Ok(target),
+            Aim::Keepers(_) => Err(format!(
+                "{} is hurt from outside: by `hystation fault inject` or a campaign, not by a file for --faults",
+                self.target
+            )),
         }
     }
 }
@@ -153,7 +165,7 @@ fn parse(name: &str, text: &str) -> Result<FaultFile, FaultFileError> {
         return Err(FaultFileError::Form(name.into(), format!("{} faults, at most {MOST_FAULTS} are allowed", file.fault.len())));
     }
     for (index, fault) in file.fault.iter().enumerate() {
-        fault.check().map_err(|reason| FaultFileError::Fault { file: name.into(), number: index + 1, reason })?;
+        fault.engines().map_err(|reason| FaultFileError::Fault { file: name.into(), number: index + 1, reason })?;
     }
     file.fault.sort_by_key(|fault| fault.tick);
     Ok(file)
@@ -162,17 +174,6 @@ fn parse(name: &str, text: &str) -> Result<FaultFile, FaultFileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn targets_are_read_and_the_hardware_is_none() {
-        let haptic_1 = Slot::new(Role::Haptic, 1).unwrap();
-        assert_eq!(Target::parse("haptic:1"), Some(Target { role: Role::Haptic, which: Which::Slot(haptic_1) }));
-        assert_eq!(Target::parse("device"), Some(Target { role: Role::Device, which: Which::Active }));
-        assert_eq!(Target::parse("tissue:spare"), Some(Target { role: Role::Tissue, which: Which::Spare }));
-        for bad in ["hardware", "haptic:2", "haptic:x", "", "device:spare", "guardian"] {
-            assert_eq!(Target::parse(bad), None, "{bad}");
-        }
-    }
 
     #[test]
     fn a_fault_file_is_sorted_and_nonsense_is_named() {
@@ -186,5 +187,8 @@ mod tests {
         assert!(parse("f", &good.replace("tick = 300", "tock = 300")).unwrap_err().to_string().contains("tock"));
         assert!(parse("f", &good.replace("\"kill\"", "\"melt\"")).is_err());
         assert!(parse("f", &good.replace("for = 0.5", "for = nan")).is_err());
+        assert!(parse("f", &good.replace("for = 0.5", "phase_us = 1000")).is_err());
+        let keeper = parse("f", &good.replace("haptic:active", "guardian")).unwrap_err().to_string();
+        assert!(keeper.contains("fault inject"), "{keeper}");
     }
 }

@@ -3,23 +3,28 @@
 //!
 //! A fault is closed when the hardware's ledger covers its window and a control for it was found.
 
-use crate::active::{ActiveLog, active_now};
+mod inject;
+mod tend;
+
+use crate::active::ActiveLog;
 use crate::fault::{Fault, bounds, judge, us};
-use crate::faultfile::{FaultKind, Injection, Target, Which};
-use crate::journal;
+use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, Ledger, control_for};
 use crate::policy::Exit;
 use crate::view::Viewer;
-use hyst_exchange::{Roster, Station, StationError, system};
-use hyst_messages::{Role, SLOTS, Slot};
-use rustix::process::Signal;
+use crate::{mischief, shortage};
+use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system};
+use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
 
 /// A fault that has not recovered by then is closed as it is, ns.
 const GIVE_UP_NS: u64 = 40_000_000_000;
-/// How long a closed window waits for a control after it, ticks.
+/// The same for one that makes a successor hang in its start: an ordinary process has 180 s for that.
+const GIVE_UP_START_NS: u64 = 240_000_000_000;
+/// How long a closed window waits for a control of its own, ticks; then it shares another fault's.
 const CONTROL_WAIT_TICKS: u64 = 3_000;
 
 /// What outlives the supervisor beside the closed faults.
@@ -34,6 +39,7 @@ struct Open {
 #[derive(Debug)]
 pub struct Faults {
     station: Station,
+    page: OwnedPage,
     roster: Roster,
     schedule: Vec<Injection>,
     open: Open,
@@ -42,6 +48,8 @@ pub struct Faults {
     /// The hardware's ledger.
     pub ledger: Ledger,
     active: ActiveLog,
+    /// Since when somebody is suspected to hang.
+    suspects: BTreeMap<(usize, u32), u64>,
 }
 
 fn path(station: &Station, name: &str) -> PathBuf {
@@ -54,14 +62,17 @@ impl Faults {
         let text = std::fs::read_to_string(path(station, "faults.jsonl")).unwrap_or_default();
         let open = std::fs::read_to_string(path(station, "open.json")).unwrap_or_default();
         let open: Open = serde_json::from_str(&open).unwrap_or_default();
+        shortage::relieve_all(station, |kind| open.faults.iter().any(|fault| fault.kind == kind.name()));
         Ok(Faults {
             station: station.clone(),
+            page: station.open_for_keeping()?,
             roster: Roster::open(station)?,
             schedule: schedule.to_vec(),
             ledger: Ledger::resume(open.counted),
             open,
             closed: text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect(),
             active: ActiveLog::default(),
+            suspects: BTreeMap::new(),
         })
     }
 
@@ -84,7 +95,8 @@ impl Faults {
     }
 
     fn start(&mut self, kind: &str, slot: Slot, incarnation: u32, injected_ns: u64) -> &mut Fault {
-        let tick = self.station.open().map_or(0, |page| page.tick_at(injected_ns));
+        let tick_of = |page: StationPage| if page.is_lockstep() { page.present_tick() } else { page.tick_at(injected_ns) };
+        let tick = self.station.open().map_or(0, tick_of);
         let active = match slot.role() {
             Role::Haptic | Role::Tissue | Role::Fluid => self.active.active_at(injected_ns, slot.role()) == incarnation,
             _ => true,
@@ -104,35 +116,81 @@ impl Faults {
     }
 
     fn find(&mut self, slot: Slot, incarnation: u32) -> Option<&mut Fault> {
-        self.open
-            .faults
-            .iter_mut()
-            .find(|fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, false))
+        // The newest that is not over: one that went by is not what the process dies of.
+        let of = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, false);
+        self.open.faults.iter_mut().rev().filter(of).find(|fault| fault.recovered_us.is_none())
+    }
+
+    /// The fault in whose course this incarnation does not start: one that hinders the successors of its victim.
+    fn cause(&mut self, slot: Slot, incarnation: u32) -> Option<&mut Fault> {
+        let hinders = |fault: &&mut Fault| fault.starts_left.is_some_and(|left| left > 0) && fault.recovered_us.is_none();
+        let of_slot = |fault: &&mut Fault| fault.slot == slot.number() && fault.dead && fault.incarnation < incarnation;
+        self.open.faults.iter_mut().filter(of_slot).find(hinders)
+    }
+
+    /// The process has missed three periods. What was done to it on purpose is found by that; of others it is said once they are guilty.
+    pub fn suspected(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
+        self.suspects.insert((slot.number(), incarnation), at_ns);
+        if let Some(fault) = self.find(slot, incarnation).filter(|fault| fault.detected_us.is_none()) {
+            fault.manifested = true;
+            fault.detected_by = "heartbeat".into();
+            fault.detected_us = Some(us(at_ns, fault.injected_ns));
+            self.keep_open();
+        }
+    }
+
+    /// A suspect beats again.
+    pub fn cleared(&mut self, slot: Slot, incarnation: u32) {
+        self.suspects.remove(&(slot.number(), incarnation));
     }
 
     /// The process hangs and was killed.
     pub fn late(&mut self, slot: Slot, incarnation: u32, at_ns: u64, beat_ns: u64, detected_by: &str) {
+        if let Some(fault) = self.cause(slot, incarnation) {
+            fault.manifested = true;
+            (fault.detected_by, fault.detected_us) = (detected_by.into(), Some(us(at_ns, fault.injected_ns)));
+            return self.keep_open();
+        }
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, if beat_ns == 0 { at_ns } else { beat_ns });
         }
+        let seen_ns = self.suspects.remove(&(slot.number(), incarnation)).unwrap_or(at_ns);
         if let Some(fault) = self.find(slot, incarnation) {
             fault.manifested = true;
-            fault.detected_by = detected_by.into();
-            fault.detected_us = Some(us(at_ns, fault.injected_ns));
+            // It does not end by itself any more: a successor ends it.
+            fault.asked = fault.asked.map(|(_, done)| (0, done));
+            if fault.detected_us.is_none() {
+                fault.detected_by = detected_by.into();
+                fault.detected_us = Some(us(seen_ns, fault.injected_ns));
+            }
         }
         self.keep_open();
     }
 
     /// The process died without being asked to.
     pub fn died(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64, beat_ns: u64) {
+        if let Some(fault) = self.cause(slot, incarnation) {
+            fault.manifested = true;
+            if fault.detected_us.is_none() {
+                (fault.detected_by, fault.detected_us) = ("pidfd".into(), Some(us(at_ns, fault.injected_ns)));
+            }
+            fault.starts_left = fault.starts_left.map(|left| left - 1);
+            if fault.starts_left == Some(0) {
+                mischief::end(&self.page, slot);
+            }
+            return self.keep_open();
+        }
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, if beat_ns == 0 { at_ns } else { beat_ns });
         }
+        self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
-            fault.manifested = true;
             fault.dead = true;
             fault.exit = exit.to_string();
-            if fault.detected_us.is_none() {
+            // That it was killed is only the beginning of a fault that hinders its successors.
+            let is_it = fault.starts_left.is_none();
+            fault.manifested |= is_it;
+            if fault.detected_us.is_none() && is_it {
                 fault.detected_by = "pidfd".into();
                 fault.detected_us = Some(us(at_ns, fault.injected_ns));
             }
@@ -149,6 +207,22 @@ impl Faults {
         self.keep_open();
     }
 
+    /// The guardian died; whoever takes its place is awaited by [`Faults::guardian_back`].
+    pub fn guardian_died(&mut self, at_ns: u64) {
+        let fault = self.start("external", Slot::first(Role::Guardian), 0, at_ns);
+        (fault.manifested, fault.dead, fault.detected_by, fault.detected_us) = (true, true, "supervisor".into(), Some(0.0));
+        self.keep_open();
+    }
+
+    /// The station has a guardian again.
+    pub fn guardian_back(&mut self, at_ns: u64) {
+        let number = Slot::first(Role::Guardian).number();
+        for fault in self.open.faults.iter_mut().filter(|fault| fault.slot == number && fault.recovered_us.is_none()) {
+            fault.recovered_us = Some(us(at_ns, fault.injected_ns));
+        }
+        self.keep_open();
+    }
+
     /// A successor is warm or live.
     pub fn ready(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
         for fault in &mut self.open.faults {
@@ -159,91 +233,18 @@ impl Faults {
         self.keep_open();
     }
 
-    /// Injects a fault now.
-    pub fn inject(&mut self, injection: &Injection, viewer: &mut Viewer) -> Result<(), String> {
-        let target = injection.check()?;
-        let slot = self.resolve(target, viewer).ok_or_else(|| format!("no process answers to {:?} now", injection.target))?;
-        let (incarnation, pid) = (viewer.page().incarnation(slot), viewer.page().pid(slot));
-        if viewer.page().is_dead(slot) || pid == 0 {
-            return Err(format!("{slot} is not alive now; wait until it is back"));
-        }
-        let signal = match injection.kind {
-            FaultKind::Kill => Signal::KILL,
-            FaultKind::Stop => Signal::STOP,
-            FaultKind::Cont => Signal::CONT,
-            FaultKind::Segfault => Signal::SEGV,
-            FaultKind::Abort => Signal::ABORT,
-        };
-        let now_ns = system::now_ns();
-        self.note_active(now_ns, viewer);
-        if !crate::proc::signal(pid, signal) {
-            return Err(format!("{slot} is not alive now; wait until it is back"));
-        }
-        let fault = self.start(injection.kind.name(), slot, incarnation, now_ns);
-        match injection.kind {
-            FaultKind::Stop => fault.continue_ns = injection.for_s.map(|for_s| now_ns + (for_s * 1e9) as u64),
-            FaultKind::Cont => (fault.manifested, fault.recovered_us) = (true, Some(0.0)),
-            _ => {}
-        }
-        let line = format!("fault {} injected into {slot} (incarnation {incarnation}, pid {pid})", injection.kind.name());
-        journal::say(&self.station, &line);
-        self.keep_open();
-        Ok(())
-    }
-
-    fn resolve(&self, target: Target, viewer: &mut Viewer) -> Option<Slot> {
-        if let Which::Slot(slot) = target.which {
-            return Some(slot);
-        }
-        let device = viewer.slot_page(Slot::first(Role::Device));
-        let active = active_now(&self.station, &self.roster, device, target.role);
-        let wanted = |slot: &Slot| (viewer.page().incarnation(*slot) == active) == (target.which == Which::Active);
-        let alive = |slot: &Slot| viewer.page().pid(*slot) != 0 && !viewer.page().is_dead(*slot);
-        (0..SLOTS).filter_map(Slot::from_number).filter(|slot| slot.role() == target.role).filter(alive).find(wanted)
-    }
-
-    fn note_active(&mut self, now_ns: u64, viewer: &mut Viewer) {
-        for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
-            let device = viewer.slot_page(Slot::first(Role::Device));
-            let incarnation = active_now(&self.station, &self.roster, device, role);
-            self.active.note(now_ns, role, incarnation);
-        }
-    }
-
-    /// Injects what is due, continues what was stopped long enough, notes who is active.
-    pub fn tend(&mut self, now_ns: u64, viewer: &mut Viewer) {
-        self.note_active(now_ns, viewer);
-        let tick = viewer.page().tick_at(now_ns);
-        while let Some(injection) = self.schedule.get(self.open.injected).filter(|injection| injection.tick <= tick).cloned() {
-            self.open.injected += 1;
-            if let Err(reason) = self.inject(&injection, viewer) {
-                journal::say(&self.station, &format!("fault {} was not injected: {reason}", injection.kind.name()));
-            }
-        }
-        for index in 0..self.open.faults.len() {
-            let fault = &mut self.open.faults[index];
-            if fault.continue_ns.is_some_and(|continue_ns| continue_ns <= now_ns) {
-                fault.continue_ns = None;
-                if let Some(slot) = Slot::from_number(fault.slot).filter(|_| !fault.dead) {
-                    if viewer.page().incarnation(slot) == fault.incarnation {
-                        crate::proc::signal(viewer.page().pid(slot), Signal::CONT);
-                    }
-                    (fault.manifested, fault.recovered_us) = (true, Some(us(now_ns, fault.injected_ns)));
-                }
-            }
-        }
-    }
-
     /// Reads the hardware's ledger and closes the faults whose windows are complete.
     pub fn read_ledger(&mut self, viewer: &mut Viewer) {
         if let Some(page) = viewer.slot_page(Slot::first(Role::Hardware)) {
             self.ledger.read(page);
         }
         self.close(|fault, newest_tick, has_control| {
-            let (_, to_tick) = bounds(fault);
-            let over = system::now_ns().saturating_sub(fault.injected_ns) > GIVE_UP_NS;
+            let (from_tick, to_tick) = bounds(fault);
+            let patience_ticks = CONTROL_WAIT_TICKS.max(to_tick - from_tick + CONTROL_WAIT_TICKS / 3); // a long window has a long control
+            let give_up_ns = if fault.kind == FaultKind::HangStart.name() { GIVE_UP_START_NS } else { GIVE_UP_NS };
+            let over = system::now_ns().saturating_sub(fault.injected_ns) > give_up_ns;
             let recovered = fault.recovered_us.is_some() && newest_tick >= to_tick;
-            over || recovered && (has_control || newest_tick >= to_tick + CONTROL_WAIT_TICKS)
+            over || recovered && (has_control || newest_tick >= to_tick + patience_ticks)
         });
     }
 
@@ -255,15 +256,33 @@ impl Faults {
     fn close(&mut self, mut is_due: impl FnMut(&Fault, u64, bool) -> bool) {
         let newest_tick = self.ledger.newest_tick().unwrap_or(0);
         let taken: Vec<(u64, u64)> = self.all().map(bounds).collect();
+        let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
+        let mut spent: Vec<(u64, u64)> = taken.iter().copied().chain(self.closed.iter().filter_map(used)).collect();
         let closed_before = self.closed.len();
         let mut still_open = Vec::new();
         for mut fault in std::mem::take(&mut self.open.faults) {
             let (from_tick, to_tick) = bounds(&fault);
-            let control = if newest_tick >= to_tick { control_for(&self.ledger, from_tick, to_tick, &taken) } else { None };
+            let find = |taken: &[(u64, u64)]| {
+                if newest_tick >= to_tick { control_for(&self.ledger, from_tick, to_tick, taken) } else { None }
+            };
+            let mut control = find(&spent);
             if !is_due(&fault, newest_tick, control.is_some()) {
                 still_open.push(fault);
                 continue;
             }
+            if control.is_none() {
+                control = find(&taken);
+                fault.control_shared = control.is_some();
+            }
+            if let Some((ballast, _)) = fault.ballast.take() {
+                shortage::relieve(&ballast);
+            }
+            if fault.starts_left.is_some_and(|left| left > 0)
+                && let Some(slot) = Slot::from_number(fault.slot)
+            {
+                mischief::end(&self.page, slot);
+            }
+            spent.extend(control.map(|control| (control.from_tick, control.to_tick)));
             judge(&mut fault, control, &self.ledger, &taken);
             self.append(&fault);
             self.closed.push(fault);

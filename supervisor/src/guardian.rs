@@ -1,24 +1,30 @@
 //! The guardian: `hystation run`. It founds the station, starts the supervisor and starts it again when it dies, shows the table, and
 //! at the end leaves nothing behind: no process, no shared memory, no file.
+//!
+//! Guardian and supervisor keep each other: one whose guardian dies starts a stand-in, which keeps the station without a terminal and makes room
+//! for a `hystation run` of the same name and settings. If both die at once the engines run on, and that same command takes them over.
+
+mod found;
+mod order;
 
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
+use crate::name::{self, Holder};
+use crate::notify::Notifier;
 use crate::plan::Plan;
-use crate::remains;
+use crate::remains::{self, Living};
 use crate::report;
 use crate::settings::{Refusal, prepare};
 use crate::supervise::register;
 use crate::view::{StationView, Viewer, table};
-use hyst_engine::Settings;
-use hyst_exchange::{OwnedPage, Station, StationError, system};
+use found::{Ground, settle, take_name};
+use hyst_exchange::{OwnedPage, Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
+use order::Order;
 use rustix::process::WaitOptions;
 use std::io::{IsTerminal, Write};
-use std::os::linux::net::SocketAddrExt;
-use std::os::unix::net::{SocketAddr, UnixListener};
-use std::os::unix::process::CommandExt;
-use std::process::{Command, Stdio};
+use std::os::unix::net::UnixListener;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -28,143 +34,157 @@ const LOOK_NS: u64 = 20_000_000;
 const DRAW_NS: u64 = 500_000_000;
 /// Between two starts of the supervisor, so that one that cannot start does not take the machine.
 const RESTART_NS: u64 = 250_000_000;
-/// Starts of the supervisor in a row without a sign of life before the station ends.
+/// Lines of a dead supervisor's log that are shown.
+const LAST_WORDS: usize = 8;
+/// Starts of the supervisor in a row without a sign of life before the station ends. One that works for a moment each time is started as often
+/// as it dies: the engines need it for their restarts alone.
 const MOST_STARTS: u32 = 10;
+/// A supervisor that still beats so long after its start has adopted the engines.
+const SIGN_OF_LIFE_NS: u64 = 50_000_000;
 /// A supervisor whose heartbeat is older hangs. It beats every 5 ms.
 const SUPERVISOR_LATE_NS: u64 = 3_000_000_000;
 /// How long `--for` waits for the last process to become ready before it counts.
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
 const STOP_NS: u64 = 4_000_000_000;
-/// What a station needs in /dev/shm: the default scene took 88 MiB without pictures, and while a tissue is replaced three lie there.
-pub const NEEDED_BYTES: u64 = 192 << 20;
+/// What a station needs in /dev/shm. The default scene's streams are 94 MiB if every message of every segment has been used (47 MiB were in use
+/// after 15 s, `du -c /dev/shm/*NAME*`, 2-core EPYC VM, 2026-11-21); while a fluid and a tissue are replaced, 28 and 11 MiB more.
+pub const NEEDED_BYTES: u64 = 144 << 20;
+/// Bytes of the default scene's tissue state.
+const DEFAULT_STATE_BYTES: u64 = 41_000;
+/// What each further byte of a tissue's state takes: 15 MiB more were in use for 33 kB more (a block of 9 720 tets beside the default scene, `du -c`
+/// after 12 s, 2-core EPYC VM, 2026-11-21); and as much again, for what had not been used by then.
+const EACH_STATE_BYTE: u64 = 1_000;
+
+/// What a station whose tissue has a state of this length needs in /dev/shm.
+pub fn needed_bytes(state_bytes: u64) -> u64 {
+    NEEDED_BYTES + EACH_STATE_BYTE * state_bytes.saturating_sub(DEFAULT_STATE_BYTES)
+}
 
 struct Guardian {
     station: Station,
     page: OwnedPage,
-    supervisor: Option<u32>,
+    order: Order,
+    name: UnixListener,
+    notifier: Notifier,
+    supervisor: Option<Living>,
     starts: u32,
+    /// The last supervisor that was found hanging.
+    condemned: u32,
     next_start_ns: u64,
     seen: usize,
     lines: Vec<String>,
     draw: bool,
 }
 
+/// Why the guardian no longer keeps the station.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// The station is to end.
+    Stop,
+    /// Somebody else keeps it.
+    Relieved,
+}
+
 /// Runs a station until it ends; gives the exit code.
 pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
     let (settings, plan) = prepare(args)?;
-    let scene_hash = crate::commands::check::admit(&settings)?;
+    let stop = catch_signals()?;
+    let report =
+        args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
+    let order = Order { report, for_s: args.for_s, ..Order::default() };
+    let name = take_name(&station)?;
+    let ground = settle(&station, &settings, &plan, order)?;
+    let draw = std::io::stdout().is_terminal() && !args.quiet;
+    let mut guardian = Guardian::new(station, name, ground, draw);
+    guardian.keep(&plan, &stop);
+    Ok(guardian.end(&plan))
+}
+
+/// Takes the place of a guardian that died; the supervisor starts it.
+pub fn stand_in(station: Station) -> Result<u8, Refusal> {
+    let failed = |e: String| Refusal::failed(e);
+    let stop = catch_signals()?;
+    let Some(name) = name::take(&station, Holder::Guardian).map_err(|e| failed(e.to_string()))? else {
+        return Ok(0); // the station has a guardian
+    };
+    let plan = Plan::read(&station).map_err(|e| failed(e.to_string()))?;
+    let page = station.open_for_keeping().map_err(|e| failed(e.to_string()))?;
+    let order = Order { stand_in: true, ..Order::read(&station).unwrap_or_default() };
+    order.write(&station);
+    register(&page, Role::Guardian);
+    let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false);
+    guardian.notifier.say(&format!("MAINPID={}\n", std::process::id()));
+    match guardian.keep(&plan, &stop) {
+        End::Stop => Ok(guardian.end(&plan)),
+        End::Relieved => {
+            // Said before the name is free: one that leaves in order is missed by nobody.
+            guardian.page.store32(layout::SLOT_DEAD + Slot::first(Role::Guardian).number(), 1);
+            Ok(0)
+        }
+    }
+}
+
+fn catch_signals() -> Result<Arc<AtomicBool>, Refusal> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
     }
-    let _lock = take_name(&station)?;
-    clear_remains(&station)?;
-    let page = found(&station, &settings, &plan, scene_hash)?;
-    // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
-    let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
-    let draw = std::io::stdout().is_terminal() && !args.quiet;
-    let mut guardian =
-        Guardian { station, page, supervisor: None, starts: 0, next_start_ns: 0, seen: 0, lines: Vec::new(), draw };
-    guardian.keep(&plan, args.for_s, &stop);
-    Ok(guardian.end(args, &plan))
-}
-
-/// The name is held by an abstract socket, which goes with its process and leaves no file.
-fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
-    let name = format!("hystation-{}-{}", system::user_id(), station.name());
-    let taken = || {
-        Refusal::input(format!(
-            "a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name",
-            station.name()
-        ))
-    };
-    let address = SocketAddr::from_abstract_name(name.as_bytes()).map_err(|e| Refusal::failed(format!("station name: {e}")))?;
-    UnixListener::bind_addr(&address).map_err(|_| taken())
-}
-
-fn clear_remains(station: &Station) -> Result<(), Refusal> {
-    let living = remains::living(station);
-    if !living.is_empty() {
-        let names: Vec<String> = living.iter().map(|living| format!("{} (pid {})", living.name, living.pid)).collect();
-        return Err(Refusal::input(format!(
-            "processes of a station named {0:?} still run without their guardian: {1}; end them with `hystation --name {0} stop`",
-            station.name(),
-            names.join(", ")
-        )));
-    }
-    if !station.leftovers().is_empty() {
-        eprintln!("hystation: removing what a dead station named {:?} left", station.name());
-        station.wipe();
-    }
-    Ok(())
-}
-
-fn found(station: &Station, settings: &Settings, plan: &Plan, scene_hash: u64) -> Result<OwnedPage, Refusal> {
-    if let Ok(disk) = rustix::fs::statvfs("/dev/shm")
-        && disk.f_bavail * disk.f_frsize < NEEDED_BYTES
-    {
-        let free_mib = (disk.f_bavail * disk.f_frsize) >> 20;
-        let need_mib = NEEDED_BYTES >> 20;
-        return Err(Refusal::input(format!(
-            "/dev/shm has {free_mib} MiB free, a station needs {need_mib}; remove files there (`ls -l /dev/shm`) or enlarge it \
-             (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)"
-        )));
-    }
-    let made = make(station, settings, plan);
-    if made.is_err() {
-        station.wipe(); // nothing half-founded stays
-    }
-    let page = made?;
-    page.store64(layout::SCENE_HASH, scene_hash);
-    page.store32(layout::WORKERS, settings.workers as u32);
-    page.store32(layout::TEST_MODE, settings.test_mode as u32);
-    register(&page, Role::Guardian);
-    Ok(page)
-}
-
-fn make(station: &Station, settings: &Settings, plan: &Plan) -> Result<OwnedPage, Refusal> {
-    let input = |e: StationError| Refusal::input(e.to_string());
-    station.found().map_err(input)?;
-    let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
-    std::fs::write(station.settings(), text)
-        .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
-    plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
-    station.open_for_keeping().map_err(input)
+    Ok(stop)
 }
 
 impl Guardian {
-    /// Keeps the station until it is asked to stop, by whomever.
-    fn keep(&mut self, plan: &Plan, for_s: Option<f64>, stop: &AtomicBool) {
+    fn new(station: Station, name: UnixListener, ground: Ground, draw: bool) -> Guardian {
+        // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
+        let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
+        let supervisor = station.open().ok().and_then(|page| remains::slot_alive(&page, Slot::first(Role::Supervisor).number()));
+        if ground.adopted {
+            let who = if ground.order.stand_in { "a stand-in for the guardian" } else { "the guardian" };
+            journal::say(&station, &format!("{who} (pid {}) has taken over the station", std::process::id()));
+        }
+        Guardian {
+            station,
+            page: ground.page,
+            order: ground.order,
+            name,
+            notifier: Notifier::of_environment(),
+            supervisor,
+            starts: 0,
+            condemned: 0,
+            next_start_ns: 0,
+            seen: 0,
+            lines: Vec::new(),
+            draw,
+        }
+    }
+
+    /// Keeps the station until it is asked to stop, by whomever, or somebody else keeps it.
+    fn keep(&mut self, plan: &Plan, stop: &AtomicBool) -> End {
         let Ok(mut viewer) = Viewer::open(&self.station) else {
-            return;
+            return End::Stop;
         };
         let begin_ns = system::now_ns();
-        let mut ready_ns = None;
+        let mut told = false;
         let mut next_draw_ns = 0;
         loop {
             let now_ns = system::now_ns();
             self.reap();
-            if stop.load(Ordering::Relaxed) || self.page.load32(layout::STOP) != 0 {
-                return;
+            if stop.load(Ordering::Relaxed) || self.page.load32(layout::STOP) != 0 || !self.keep_supervisor(now_ns) {
+                return End::Stop;
             }
-            if !self.keep_supervisor(now_ns) {
-                return;
+            if name::was_knocked(&self.name) && self.order.stand_in {
+                return End::Relieved;
             }
-            if ready_ns.is_none() && (all_ready(&mut viewer, plan) || now_ns - begin_ns > READY_WITHIN_NS) {
-                ready_ns = Some(now_ns);
-                self.tell(&format!(
-                    "station {:?} is ready after {:.1} s",
-                    self.station.name(),
-                    (now_ns - begin_ns) as f64 * 1e-9
-                ));
+            if !told && (all_ready(&mut viewer, plan) || now_ns - begin_ns > READY_WITHIN_NS) {
+                told = true;
+                self.ready(begin_ns, now_ns);
             }
-            if let (Some(for_s), Some(ready_ns)) = (for_s, ready_ns)
-                && (now_ns - ready_ns) as f64 * 1e-9 >= for_s
-            {
-                return;
+            if self.is_over(plan, now_ns) {
+                return End::Stop;
             }
+            let beat_ns = self.page.load64(layout::SUPERVISOR_NS);
+            self.notifier.watchdog(|| now_ns.saturating_sub(beat_ns.max(begin_ns)) < SUPERVISOR_LATE_NS);
             if now_ns >= next_draw_ns {
                 next_draw_ns = now_ns + DRAW_NS;
                 self.draw(&mut viewer);
@@ -173,25 +193,45 @@ impl Guardian {
         }
     }
 
+    /// Whether the run has lasted as long as it was asked to.
+    fn is_over(&self, plan: &Plan, now_ns: u64) -> bool {
+        if let Some(end_tick) = plan.end_tick {
+            return self.page.load64(layout::ENDED_TICK) >= end_tick;
+        }
+        let elapsed_s = self.order.ready_ns.map(|ready_ns| now_ns.saturating_sub(ready_ns) as f64 * 1e-9);
+        elapsed_s.zip(self.order.for_s).is_some_and(|(elapsed_s, for_s)| elapsed_s >= for_s)
+    }
+
+    fn ready(&mut self, begin_ns: u64, now_ns: u64) {
+        let name = self.station.name().to_string();
+        self.tell(&format!("station {name:?} is ready after {:.1} s", (now_ns - begin_ns) as f64 * 1e-9));
+        self.notifier.say(&format!("READY=1\nSTATUS=station {name} is ready\n"));
+        if self.order.ready_ns.is_none() {
+            self.order.ready_ns = Some(now_ns);
+            self.order.write(&self.station);
+        }
+    }
+
     /// Reaps every dead child: the supervisor, and engines that a dead supervisor left.
     fn reap(&mut self) {
-        while let Ok(Some((pid, _))) = rustix::process::wait(WaitOptions::NOHANG) {
-            if self.supervisor == Some(pid.as_raw_nonzero().get() as u32) {
-                self.supervisor = None;
-            }
-        }
+        while let Ok(Some(_)) = rustix::process::wait(WaitOptions::NOHANG) {}
+        self.supervisor = self.supervisor.take().filter(Living::is_alive);
     }
 
     /// Starts the supervisor if there is none, and ends one that hangs. False when it cannot be kept alive.
     fn keep_supervisor(&mut self, now_ns: u64) -> bool {
-        if let Some(pid) = self.supervisor {
+        if let Some(supervisor) = &self.supervisor {
             let beat_ns = self.page.load64(layout::SUPERVISOR_NS);
-            if beat_ns > self.next_start_ns {
+            if beat_ns > self.next_start_ns.saturating_sub(RESTART_NS) + SIGN_OF_LIFE_NS {
                 self.starts = 0;
             }
             if now_ns.saturating_sub(beat_ns.max(self.next_start_ns)) > SUPERVISOR_LATE_NS {
-                journal::say(&self.station, "the supervisor hangs and is replaced");
-                crate::proc::demote_and_kill(pid);
+                if self.condemned != supervisor.pid {
+                    self.condemned = supervisor.pid;
+                    journal::say(&self.station, "the supervisor hangs and is replaced");
+                }
+                // It has no priority that could hurt anybody while it dies.
+                crate::proc::signal(supervisor.pid, rustix::process::Signal::KILL);
             }
             return true;
         }
@@ -199,33 +239,25 @@ impl Guardian {
             return true;
         }
         if self.starts >= MOST_STARTS {
-            let message = format!("the supervisor died {MOST_STARTS} times in a row; look at {}", self.log().display());
+            let message = format!("the supervisor died {MOST_STARTS} times in a row; its last words:\n{}", self.last_words());
             Verdict { code: 1, message }.write(&self.station);
             return false;
         }
         self.starts += 1;
         self.next_start_ns = now_ns + RESTART_NS;
-        match self.start_supervisor() {
-            Ok(pid) => self.supervisor = Some(pid),
+        match crate::spawn::start_own(&self.station, "supervise", Role::Supervisor) {
+            // One that is dead already has no start time, and is started again.
+            Ok(pid) => self.supervisor = system::process_start(pid).map(|start| Living { pid, start, name: "supervisor".into() }),
             Err(error) => journal::say(&self.station, &format!("cannot start the supervisor: {error}")),
         }
         true
     }
 
-    fn log(&self) -> std::path::PathBuf {
-        self.station.log(Slot::first(Role::Supervisor))
-    }
-
-    fn start_supervisor(&self) -> std::io::Result<u32> {
-        let log = std::fs::OpenOptions::new().append(true).create(true).open(self.log())?;
-        let child = Command::new(std::env::current_exe()?)
-            .args(["supervise", "--station", self.station.name()])
-            .stdin(Stdio::null())
-            .stdout(log.try_clone()?)
-            .stderr(log)
-            .process_group(0)
-            .spawn()?;
-        Ok(child.id())
+    /// The end of the supervisor's log, which goes with the station.
+    fn last_words(&self) -> String {
+        let log = std::fs::read_to_string(self.station.log(Slot::first(Role::Supervisor))).unwrap_or_default();
+        let lines: Vec<&str> = log.lines().collect();
+        lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
     }
 
     fn tell(&mut self, line: &str) {
@@ -246,7 +278,8 @@ impl Guardian {
     }
 
     /// Stops everything, kills what does not stop, writes the report, removes everything.
-    fn end(&mut self, args: &RunArgs, plan: &Plan) -> u8 {
+    fn end(&mut self, plan: &Plan) -> u8 {
+        self.notifier.say("STOPPING=1\n");
         self.page.store32_and_wake(layout::STOP, 1);
         self.page.bump_and_wake(layout::CHANGES);
         let station = self.station.clone();
@@ -262,6 +295,7 @@ impl Guardian {
         let verdict = Verdict::read(&station);
         let mut report = report::take(&station);
         let faults = report::summary(&report);
+        crate::shortage::relieve_all(&station, |_| false);
         station.wipe();
         let left = count_leftovers(&station);
         report["leftovers"] = left.clone();
@@ -271,7 +305,7 @@ impl Guardian {
             eprintln!("hystation: {}", verdict.message);
             code = verdict.code;
         }
-        if let Some(path) = &args.report
+        if let Some(path) = &self.order.report
             && let Err(error) = std::fs::write(path, format!("{report:#}\n"))
         {
             eprintln!("hystation: --report {}: {error}; give a path that can be written", path.display());
@@ -298,8 +332,7 @@ fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan) -> u
 }
 
 fn all_ready(viewer: &mut Viewer, plan: &Plan) -> bool {
-    use hyst_messages::page::ProcessState::{Live, Warm};
-    plan.slots().into_iter().all(|slot| viewer.slot_page(slot).is_some_and(|page| matches!(page.state(), Warm | Live)))
+    plan.slots().into_iter().all(|slot| viewer.slot_page(slot).is_some_and(|page| page.state().is_ready()))
 }
 
 /// Events that are shown under the table.

@@ -9,6 +9,10 @@ use std::path::PathBuf;
 
 /// Longest line; last words may be long.
 const MOST_BYTES: usize = 1_000;
+/// Lines of a sort that can come at any rate, within [`SELDOM_NS`]: enough to see that there is a cause which goes on.
+const MOST_SELDOM: u64 = 8;
+/// How long those count, ns.
+const SELDOM_NS: u64 = 10_000_000_000;
 
 /// Where the lines are.
 pub fn path(station: &Station) -> PathBuf {
@@ -17,7 +21,7 @@ pub fn path(station: &Station) -> PathBuf {
 
 /// Appends a line.
 pub fn say(station: &Station, text: &str) {
-    let tick = station.open().map_or(0, |page| page.tick_at(hyst_exchange::system::now_ns()));
+    let tick = station.open().map_or(0, |page| page.present_tick());
     let mut line = format!("{:>10.3} s  {}", tick as f64 * 1e-3, text.replace('\n', " "));
     if line.len() > MOST_BYTES {
         let end = (0..=MOST_BYTES).rev().find(|at| line.is_char_boundary(*at)).unwrap_or(0);
@@ -26,6 +30,37 @@ pub fn say(station: &Station, text: &str) {
     line.push('\n');
     if let Ok(mut file) = std::fs::OpenOptions::new().append(true).create(true).open(path(station)) {
         let _ = file.write_all(line.as_bytes()); // a full disk costs the line, not the station
+    }
+}
+
+/// Lines of one sort that somebody else causes, at whatever rate: of many only some are said.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seldom {
+    since_ns: u64,
+    count: u64,
+}
+
+impl Seldom {
+    /// Appends a line, unless enough of its sort were said lately.
+    pub fn say(&mut self, station: &Station, now_ns: u64, text: &str) {
+        if let Some(text) = self.admit(now_ns, text) {
+            say(station, &text);
+        }
+    }
+
+    /// The text, if it is to be said; the first one after others that were not says how many those are.
+    fn admit(&mut self, now_ns: u64, text: &str) -> Option<String> {
+        let mut unsaid = 0;
+        if self.count == 0 || now_ns.saturating_sub(self.since_ns) >= SELDOM_NS {
+            unsaid = self.count.saturating_sub(MOST_SELDOM);
+            *self = Seldom { since_ns: now_ns, count: 0 };
+        }
+        self.count += 1;
+        match (self.count, unsaid) {
+            (_, 1..) => Some(format!("{text} ({unsaid} more of that were not said)")),
+            (..=MOST_SELDOM, 0) => Some(text.to_string()),
+            _ => None,
+        }
     }
 }
 
@@ -61,5 +96,22 @@ impl Verdict {
     /// The verdict, if there is one.
     pub fn read(station: &Station) -> Option<Verdict> {
         serde_json::from_str(&std::fs::read_to_string(Verdict::path(station)).ok()?).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_comes_all_the_time_is_said_some_times_and_then_counted() {
+        let mut seldom = Seldom::default();
+        let mut said = |now_ns| seldom.admit(now_ns, "so");
+        let first: Vec<String> = (0..1_000).filter_map(|n| said(5 + n)).collect();
+        assert_eq!(first, vec!["so"; MOST_SELDOM as usize]);
+        assert_eq!(said(5 + SELDOM_NS).as_deref(), Some("so (992 more of that were not said)"));
+        assert_eq!((0..1_000).filter_map(|n| said(6 + SELDOM_NS + n)).count() as u64, MOST_SELDOM - 1);
+        assert!(said(5 + 3 * SELDOM_NS).unwrap().contains(" more"));
+        assert_eq!(said(5 + 5 * SELDOM_NS).as_deref(), Some("so"), "nothing was left unsaid");
     }
 }

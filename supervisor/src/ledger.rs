@@ -22,6 +22,7 @@ struct Tick {
     force_n: [f32; 3],
     missed: bool,
     void: bool,
+    wrong: bool,
 }
 
 /// What was found in a window.
@@ -37,6 +38,9 @@ pub struct Window {
     pub missed: u64,
     /// Ticks that do not count because the host stalled.
     pub voided: u64,
+    /// Ticks whose force was not finite, beyond any motor, or an old one.
+    #[serde(default)]
+    pub wrong: u64,
     /// Largest change of the force from one tick to the next, N.
     pub force_step_max_n: f64,
 }
@@ -110,10 +114,14 @@ impl Ledger {
     pub fn push(&mut self, entry: &LedgerEntry, counts: bool) {
         let fresh = entry.kind == Applied::Fresh as u32;
         let strength_n = norm(entry.force_n);
-        self.invalid_applied += u64::from(counts && (!strength_n.is_finite() || strength_n > LIMIT_N));
-        let goes_back = entry.force_tick < self.newest_force_tick && entry.station_tick.saturating_sub(entry.force_tick) > 1;
-        self.stale_applied +=
-            u64::from(counts && goes_back && entry.kind != Applied::Zero as u32 && entry.kind != Applied::Ramped as u32);
+        let invalid = !strength_n.is_finite() || strength_n > LIMIT_N;
+        self.invalid_applied += u64::from(counts && invalid);
+        // A device that has just been born holds what the motors make, and names no servo's force for it: tick 0.
+        let goes_back = entry.force_tick != 0
+            && entry.force_tick < self.newest_force_tick
+            && entry.station_tick.saturating_sub(entry.force_tick) > 1;
+        let stale = goes_back && entry.kind != Applied::Zero as u32 && entry.kind != Applied::Ramped as u32;
+        self.stale_applied += u64::from(counts && stale);
         self.newest_force_tick = self.newest_force_tick.max(entry.force_tick);
         if fresh {
             self.first_fresh_tick.get_or_insert(entry.station_tick);
@@ -127,6 +135,7 @@ impl Ledger {
             force_n: entry.force_n,
             missed: !fresh && entry.void == 0,
             void: entry.void != 0,
+            wrong: invalid || stale,
         });
     }
 
@@ -155,6 +164,7 @@ impl Ledger {
             window.voided += u64::from(tick.void);
             window.ticks += u64::from(!tick.void);
             window.missed += u64::from(tick.missed);
+            window.wrong += u64::from(tick.wrong);
             if let Some(before) = before.filter(|before| !before.void && !tick.void) {
                 window.force_step_max_n = window.force_step_max_n.max(distance(before.force_n, tick.force_n) as f64);
             }
@@ -257,5 +267,7 @@ mod tests {
         ledger.push(&entry(14, 13, 500.0), true);
         ledger.push(&entry(15, 14, 500.0), false);
         assert_eq!((ledger.stale_applied, ledger.invalid_applied), (1, 2));
+        ledger.push(&LedgerEntry { kind: Applied::Held as u32, ..entry(16, 0, 1.0) }, true);
+        assert_eq!(ledger.stale_applied, 1, "what a newborn device holds is no servo's old force");
     }
 }

@@ -5,6 +5,7 @@ use hyst_engine::Settings;
 use hyst_exchange::Station;
 use hyst_messages::{MAX_WORKERS, Role, Slot};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What the supervisor is started for.
@@ -15,6 +16,12 @@ pub struct Plan {
     pub binaries: PathBuf,
     /// Slots, in the order of their start.
     pub slots: Vec<String>,
+    /// Roles whose engines were swapped, each with its present binary.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub swapped: BTreeMap<String, PathBuf>,
+    /// In lock-step: the tick at which the run ends.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub end_tick: Option<u64>,
     /// Faults to inject.
     pub faults: Vec<crate::faultfile::Injection>,
 }
@@ -44,8 +51,7 @@ pub enum PlanError {
 pub fn slots(settings: &Settings, spares: bool, only: Option<&[Role]>) -> Vec<Slot> {
     let count = |role: Role| match role {
         Role::Hardware | Role::Device | Role::Rendering => 1,
-        Role::Haptic => 2,
-        Role::Tissue | Role::Fluid => 1 + usize::from(spares),
+        Role::Haptic | Role::Tissue | Role::Fluid => 1 + usize::from(spares),
         Role::CollisionWorker => settings.workers.min(MAX_WORKERS),
         Role::Recorder => usize::from(settings.record.is_some()),
         Role::Console | Role::Supervisor | Role::Guardian => 0,
@@ -67,7 +73,7 @@ impl Plan {
     }
     /// The binary of a role.
     pub fn binary(&self, role: Role) -> PathBuf {
-        self.binaries.join(role.name())
+        self.swapped.get(role.name()).cloned().unwrap_or_else(|| self.binaries.join(role.name()))
     }
     /// Binaries that are not there.
     pub fn missing(&self) -> Vec<PathBuf> {
@@ -112,7 +118,7 @@ mod tests {
             "hardware device haptic:0 haptic:1 tissue:0 tissue:1 fluid:0 fluid:1 rendering collision-worker:0 collision-worker:1";
         assert_eq!(names(&slots(&settings, true, None)).join(" "), expected);
         let small = Settings { workers: 0, record: Some("/x".into()), ..Default::default() };
-        let expected = "hardware device haptic:0 haptic:1 tissue:0 fluid:0 rendering recorder";
+        let expected = "hardware device haptic:0 tissue:0 fluid:0 rendering recorder";
         assert_eq!(names(&slots(&small, false, None)).join(" "), expected);
         assert_eq!(names(&slots(&small, true, Some(&[Role::Tissue]))), ["tissue:0", "tissue:1"]);
     }

@@ -2,148 +2,43 @@
 //! every sequence of events can be tried in a test.
 //!
 //! Promises: never two incarnations alive in one slot; never a spawn after a stop was asked for; restarts are bounded in any window of
-//! time; every death is followed by a spawn unless the slot was given up or the station stops.
+//! time; every death is followed by a spawn, after a bounded wait, unless the slot was given up or the station stops; the last slot of a role
+//! with a spare is never given up, and one that was is tried again when the other dies.
 //!
 //! Restart intensity follows Erlang/OTP's supervisors, with one change. There, a count of restarts in a window decides alone. Here the
 //! count of *short lives in a row* decides how long to wait and when to give up, because a station in test mode is killed from outside
 //! hundreds of times and must come back each time, while a process that dies of its own input dies soon after it became ready. An
-//! incarnation that served for [`SETTLED_NS`] wipes the count: it showed that the slot can live.
+//! incarnation that served for [`Limits::settled_ns`] wipes the count: it showed that the slot can live.
 
-use hyst_messages::page::ProcessState;
+mod event;
+mod ladder;
+mod limits;
+mod swap;
+
+pub use event::{Action, Event, Exit, Left};
+pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
+pub use limits::{Limits, is_replicated, is_stateful, limits};
+pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};
+
 use hyst_messages::{Role, Slot};
 use std::collections::{BTreeMap, VecDeque};
 
-/// An incarnation that was ready for this long has settled. A fault that its input causes shows within a few steps (1 ms each for the
-/// real-time roles, 33 ms for the slowest), and a campaign of kills leaves each slot at least twice as long.
-pub const SETTLED_NS: u64 = 100_000_000;
-/// First wait after a short life, doubled by each further one. The first restart of a settled incarnation does not wait at all: the
-/// trainee's hand waits for it. Two periods of the slowest engine are enough for a passing cause (a full disk, a late peer) to pass.
-pub const BACKOFF_FIRST_NS: u64 = 50_000_000;
-/// Longest wait: a person at the table still sees that the station tries.
-pub const BACKOFF_MOST_NS: u64 = 3_200_000_000;
-/// Short lives in a row before the slot is given up: with the waits above, about 9 seconds of trying.
-pub const MOST_SHORT_LIVES: u32 = 8;
-/// Window of the second bound, which holds for settled incarnations too.
-pub const WINDOW_NS: u64 = 10_000_000_000;
-/// Deaths of one slot within the window before it is given up. A campaign kills a slot at most five times a second.
-pub const MOST_DEATHS: usize = 60;
-/// A real-time role whose heartbeat is older than this hangs. The spare took over long before; this only ends the hung process. Hosts
-/// stall by up to 34 ms.
-pub const LATE_REAL_TIME_NS: u64 = 100_000_000;
-/// The same for the other roles: some sixty frames.
-pub const LATE_NS: u64 = 2_000_000_000;
-/// A start-up that takes longer hangs: graphics in software need some seconds on a busy machine.
-pub const LATE_START_NS: u64 = 30_000_000_000;
-
-/// How a process ended, as far as its parent can know.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Exit {
-    /// Exit code.
-    Code(i32),
-    /// Signal.
-    Signal(i32),
-    /// The process was adopted: nobody but its parent learns how it ended.
-    Unknown,
-}
-
-impl std::fmt::Display for Exit {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Exit::Code(code) => write!(f, "exit code {code}"),
-            Exit::Signal(signal) => write!(f, "signal {signal}"),
-            Exit::Unknown => f.write_str("unknown end"),
-        }
-    }
-}
-
-/// What happened.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Event {
-    /// The supervisor runs; these incarnations live already.
-    Started {
-        /// Slots and incarnations that were adopted.
-        adopted: Vec<(Slot, u32)>,
-    },
-    /// A spawn that was asked for succeeded.
-    Spawned {
-        /// Where.
-        slot: Slot,
-        /// Who.
-        incarnation: u32,
-    },
-    /// A spawn that was asked for failed.
-    SpawnFailed {
-        /// Where.
-        slot: Slot,
-    },
-    /// An incarnation became warm or live.
-    Ready {
-        /// Where.
-        slot: Slot,
-        /// Who.
-        incarnation: u32,
-    },
-    /// An incarnation died.
-    Died {
-        /// Where.
-        slot: Slot,
-        /// Who.
-        incarnation: u32,
-        /// How.
-        exit: Exit,
-    },
-    /// An incarnation lives but no longer beats.
-    HeartbeatLate {
-        /// Where.
-        slot: Slot,
-        /// Who.
-        incarnation: u32,
-    },
-    /// Somebody asked the station to stop.
-    StopRequested,
-    /// Time has passed.
-    Tick,
-}
-
-/// What is to be done.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Action {
-    /// Start a new incarnation.
-    Spawn {
-        /// Where.
-        slot: Slot,
-    },
-    /// Say in the station page that the incarnation is dead, then drop its services and its page.
-    MarkDead {
-        /// Where.
-        slot: Slot,
-        /// Who.
-        incarnation: u32,
-    },
-    /// Demote and kill a process that hangs.
-    Kill {
-        /// Where.
-        slot: Slot,
-        /// Who.
-        incarnation: u32,
-    },
-    /// Start nothing more in this slot.
-    GiveUp {
-        /// Where.
-        slot: Slot,
-        /// Why.
-        reason: &'static str,
-        /// The station ends with this code; `None`: it goes on without the slot.
-        end: Option<u8>,
-    },
-}
+/// How long a process that has grown too large waits for a spare to take its work, ns.
+pub const LEAVE_WITHIN_NS: u64 = 10_000_000_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Life {
-    Vacant { due_ns: u64 },
+    Vacant {
+        due_ns: u64,
+    },
     Spawning,
-    Alive { incarnation: u32, ready_ns: Option<u64> },
+    Alive {
+        incarnation: u32,
+        ready_ns: Option<u64>,
+    },
     GivenUp,
+    /// A guest's slot without a guest.
+    Closed,
 }
 
 #[derive(Clone, Debug)]
@@ -153,20 +48,32 @@ struct Place {
     was_ready: bool,
     short_lives: u32,
     deaths_ns: VecDeque<u64>,
+    /// The incarnation that hung and was killed for it.
+    hung: u32,
+    /// The incarnation that is to be replaced, since when, and whether it was told.
+    leaving: Option<(u32, u64, bool)>,
 }
 
 /// What the policy remembers.
 #[derive(Clone, Debug)]
 pub struct State {
     places: BTreeMap<Slot, Place>,
+    ladders: BTreeMap<Role, Ladder>,
+    swap: Option<Swap>,
     stopping: bool,
 }
 
 impl State {
-    /// The slots that must be occupied.
+    /// The slots that must be occupied. Each role with a state has a guest's slot beside, which is closed but for a swap.
     pub fn new(slots: &[Slot]) -> State {
-        let vacant = Place { life: Life::Vacant { due_ns: 0 }, was_ready: false, short_lives: 0, deaths_ns: VecDeque::new() };
-        State { places: slots.iter().map(|slot| (*slot, vacant.clone())).collect(), stopping: false }
+        let life = Life::Vacant { due_ns: 0 };
+        let vacant = Place { life, was_ready: false, short_lives: 0, deaths_ns: VecDeque::new(), hung: 0, leaving: None };
+        let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
+        let ladders: BTreeMap<Role, Ladder> = ladders.collect();
+        let guests = ladders.keys().filter_map(|role| Slot::guest(*role));
+        let closed = guests.map(|slot| (slot, Place { life: Life::Closed, ..vacant.clone() }));
+        let places = slots.iter().map(|slot| (*slot, vacant.clone())).chain(closed).collect();
+        State { places, ladders, swap: None, stopping: false }
     }
     /// Whether a stop was asked for.
     pub fn is_stopping(&self) -> bool {
@@ -176,13 +83,40 @@ impl State {
     pub fn given_up(&self) -> impl Iterator<Item = Slot> + '_ {
         self.places.iter().filter(|(_, place)| place.life == Life::GivenUp).map(|(slot, _)| *slot)
     }
+    /// Whether a slot was given up.
+    pub fn is_given_up(&self, slot: Slot) -> bool {
+        self.places.get(&slot).is_some_and(|place| place.life == Life::GivenUp)
+    }
+    /// Where a role stands on its ladder, for a supervisor that is restarted.
+    pub fn set_ladder(&mut self, role: Role, to: Ladder) {
+        if let Some(ladder) = self.ladders.get_mut(&role) {
+            *ladder = to;
+        }
+    }
+    /// Roles that are held still.
+    pub fn held(&self) -> impl Iterator<Item = Role> + '_ {
+        self.ladders.iter().filter(|(_, ladder)| ladder.is_held()).map(|(role, _)| *role)
+    }
     /// Whether any incarnation is alive or being spawned.
     pub fn anyone_alive(&self) -> bool {
         self.places.values().any(|place| matches!(place.life, Life::Alive { .. } | Life::Spawning))
     }
     /// Whether the slot has an incarnation that is ready.
     pub fn is_ready(&self, slot: Slot) -> bool {
-        self.places.get(&slot).is_some_and(|place| matches!(place.life, Life::Alive { ready_ns: Some(_), .. }))
+        self.ready(slot).is_some()
+    }
+    /// The incarnation in a slot that is ready.
+    pub fn ready(&self, slot: Slot) -> Option<u32> {
+        match self.places.get(&slot)?.life {
+            Life::Alive { incarnation, ready_ns: Some(_) } => Some(incarnation),
+            _ => None,
+        }
+    }
+    /// The other slot of a role with a spare, if this station has it.
+    fn sibling(&self, slot: Slot) -> Option<Slot> {
+        let of_two = is_replicated(slot.role()) && !slot.is_guest();
+        let other = Slot::new(slot.role(), 1 - slot.index().min(1)).filter(|_| of_two)?;
+        self.places.contains_key(&other).then_some(other)
     }
 }
 
@@ -202,10 +136,10 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             if let Some(place) = state.places.get_mut(&slot).filter(|place| place.life == Life::Spawning) {
                 place.life = Life::Alive { incarnation, ready_ns: None };
             }
-            Vec::new()
+            swap::spawned(now_ns, slot, incarnation, state)
         }
         Event::SpawnFailed { slot } => match state.places.get_mut(&slot).filter(|place| place.life == Life::Spawning) {
-            Some(place) => bereave(now_ns, slot, place, false).into_iter().collect(),
+            Some(_) => swap::spawn_failed(slot, state).unwrap_or_else(|| bereave(now_ns, slot, false, state)),
             None => Vec::new(),
         },
         Event::Ready { slot, incarnation } => {
@@ -214,20 +148,61 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             {
                 place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
                 place.was_ready = true;
+                return swap::ready(now_ns, slot, incarnation, state);
             }
             Vec::new()
         }
         Event::Died { slot, incarnation, exit } => died(now_ns, slot, incarnation, exit, state),
-        Event::HeartbeatLate { slot, incarnation } => match state.places.get(&slot).map(|place| place.life) {
-            Some(Life::Alive { incarnation: alive, .. }) if alive == incarnation => vec![Action::Kill { slot, incarnation }],
+        Event::HeartbeatLate { slot, incarnation } => match state.places.get_mut(&slot) {
+            Some(place) if matches!(place.life, Life::Alive { incarnation: alive, .. } if alive == incarnation) => {
+                place.hung = incarnation;
+                vec![Action::Kill { slot, incarnation }]
+            }
             _ => Vec::new(),
         },
+        Event::Holds { role, incarnation } => {
+            if let Some(ladder) = state.ladders.get_mut(&role) {
+                ladder.holds(now_ns, incarnation);
+            }
+            let mut actions = swap::holds(now_ns, role, incarnation, state);
+            actions.extend(relieve(now_ns, state));
+            actions
+        }
+        Event::Bloated { slot, incarnation } => bloated(now_ns, slot, incarnation, state),
+        Event::SwapAsked { slot, incumbent } => swap::begin(now_ns, slot, incumbent, state),
+        Event::SwapLeft(left) => swap::resume(now_ns, &left, state),
+        Event::Agreed { incarnation } => swap::agreed(now_ns, incarnation, state),
+        Event::Doubted { incarnation, reason } => swap::doubted(now_ns, incarnation, &reason, state),
         Event::StopRequested => {
             state.stopping = true;
             Vec::new()
         }
-        Event::Tick => spawn_due(now_ns, state),
+        Event::Tick => {
+            let mut actions = spawn_due(now_ns, state);
+            actions.extend(relieve(now_ns, state));
+            if !state.stopping {
+                let ground =
+                    |(role, ladder): (&Role, &mut Ladder)| Some(Action::GoBack { role: *role, ground: ladder.wait(now_ns)? });
+                actions.extend(state.ladders.iter_mut().filter_map(ground));
+            }
+            actions.extend(swap::tend(now_ns, state));
+            actions
+        }
     }
+}
+
+fn bloated(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Action> {
+    let undone = swap::doubted(now_ns, incarnation, "it grows and grows", state);
+    if !undone.is_empty() || slot.is_guest() {
+        return undone;
+    }
+    if let Some(place) = state.places.get_mut(&slot)
+        && place.leaving.is_none()
+        && matches!(place.life, Life::Alive { incarnation: alive, .. } if alive == incarnation)
+    {
+        place.leaving = Some((incarnation, now_ns, false));
+    }
+    relieve(now_ns, state)
 }
 
 fn spawn_due(now_ns: u64, state: &mut State) -> Vec<Action> {
@@ -239,6 +214,33 @@ fn spawn_due(now_ns: u64, state: &mut State) -> Vec<Action> {
     for (slot, place) in state.places.iter_mut().filter(|(_, place)| due(place)) {
         place.life = Life::Spawning;
         actions.push(Action::Spawn { slot: *slot });
+    }
+    actions
+}
+
+/// Lets those go that have grown too large, each as soon as somebody else can do its work, or after a bounded wait.
+fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
+    if state.stopping {
+        return Vec::new();
+    }
+    let leaving = |(slot, place): (&Slot, &Place)| Some((*slot, place.leaving?));
+    let leaving: Vec<(Slot, (u32, u64, bool))> = state.places.iter().filter_map(leaving).collect();
+    let mut actions = Vec::new();
+    for (slot, (incarnation, since_ns, told)) in leaving {
+        let other = state.sibling(slot).and_then(|sibling| state.ready(sibling));
+        let is_holder = state.ladders.get(&slot.role()).is_some_and(|ladder| ladder.holder() == incarnation);
+        let patient = is_replicated(slot.role()) && now_ns.saturating_sub(since_ns) < LEAVE_WITHIN_NS;
+        let action = match other {
+            Some(incarnation) if is_holder && patient && !told => Action::HandOver { role: slot.role(), incarnation },
+            Some(_) if is_holder && patient => continue,
+            None if patient => continue,
+            _ => Action::Kill { slot, incarnation },
+        };
+        if let Some(place) = state.places.get_mut(&slot) {
+            let is_handed = matches!(action, Action::HandOver { .. });
+            place.leaving = is_handed.then_some((incarnation, since_ns, true));
+        }
+        actions.push(action);
     }
     actions
 }
@@ -255,8 +257,19 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         return Vec::new();
     }
     let mut actions = vec![Action::MarkDead { slot, incarnation }];
+    place.leaving = None;
+    let hung = place.hung == incarnation;
     if stopping {
         place.life = Life::Vacant { due_ns: u64::MAX };
+        return actions;
+    }
+    if let Some(more) = swap::died(now_ns, slot, incarnation, hung, state) {
+        actions.extend(more);
+        return actions;
+    }
+    let Some(place) = state.places.get_mut(&slot) else { return actions };
+    if slot.is_guest() {
+        place.life = Life::Closed;
         return actions;
     }
     if exit == Exit::Code(2) && !place.was_ready {
@@ -265,53 +278,52 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         actions.push(Action::GiveUp { slot, reason, end: Some(2) });
         return actions;
     }
-    let settled = ready_ns.is_some_and(|ready_ns| now_ns.saturating_sub(ready_ns) >= SETTLED_NS);
-    actions.extend(bereave(now_ns, slot, place, settled));
+    // SIGKILL comes from outside, unless it was this supervisor's answer to a hang.
+    let by_itself = place.hung == incarnation || exit != Exit::Signal(9);
+    let role = slot.role();
+    if let Some(ladder) = state.ladders.get_mut(&role).filter(|ladder| ladder.holder() == incarnation)
+        && let Some(ground) = ladder.holder_died(now_ns, by_itself, ready_ns.is_some())
+    {
+        actions.push(Action::GoBack { role, ground });
+        // What killed them is the state; the slots begin anew with another one.
+        for (_, place) in state.places.iter_mut().filter(|(slot, _)| slot.role() == role) {
+            place.short_lives = 0;
+        }
+    }
+    let settled = ready_ns.is_some_and(|ready_ns| now_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
+    actions.extend(bereave(now_ns, slot, settled, state));
     actions.extend(spawn_due(now_ns, state));
     actions
 }
 
 /// Books a death and says when the next incarnation is due, or that there will be none.
-fn bereave(now_ns: u64, slot: Slot, place: &mut Place, settled: bool) -> Option<Action> {
-    place.short_lives = if settled { 0 } else { place.short_lives + 1 };
+fn bereave(now_ns: u64, slot: Slot, settled: bool, state: &mut State) -> Vec<Action> {
+    let limits = limits(slot.role());
+    let sibling = state.sibling(slot);
+    let alone = sibling.is_some_and(|sibling| !state.is_ready(sibling));
+    let Some(place) = state.places.get_mut(&slot) else {
+        return Vec::new();
+    };
+    place.short_lives = if settled { 0 } else { (place.short_lives + 1).min(limits.most_short_lives) };
     place.deaths_ns.push_back(now_ns);
-    while place.deaths_ns.front().is_some_and(|death_ns| now_ns.saturating_sub(*death_ns) > WINDOW_NS) {
+    while place.deaths_ns.front().is_some_and(|death_ns| now_ns.saturating_sub(*death_ns) > limits.window_ns) {
         place.deaths_ns.pop_front();
     }
-    if place.short_lives >= MOST_SHORT_LIVES || place.deaths_ns.len() >= MOST_DEATHS {
+    let too_many = place.deaths_ns.len() >= limits.most_deaths;
+    if (place.short_lives >= limits.most_short_lives || too_many) && !alone {
         place.life = Life::GivenUp;
         // Without the hardware there is nothing to feel, and without the device nobody feels it.
         let end = matches!(slot.role(), Role::Hardware | Role::Device).then_some(1);
-        return Some(Action::GiveUp { slot, reason: "it died again and again", end });
+        return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
     }
-    let wait_ns = match place.short_lives {
-        0 => 0,
-        lives => (BACKOFF_FIRST_NS << (lives - 1).min(16)).min(BACKOFF_MOST_NS),
-    };
+    let wait_ns = if too_many { limits.most_wait_ns } else { limits.wait_ns(place.short_lives) };
     place.life = Life::Vacant { due_ns: now_ns + wait_ns };
-    None
-}
-
-/// Age up to which a real-time process is given an ordinary one's time: while a whole station starts, a dozen processes map and lock their
-/// memory on the same cores, and a process that has just become real time was seen to stand still for 0.1 s in a page fault behind them. Its
-/// spare or its other replica does the work meanwhile.
-const YOUNG_NS: u64 = 2_000_000_000;
-
-/// Whether a role has deadlines of a millisecond.
-pub fn is_real_time(role: Role) -> bool {
-    matches!(role, Role::Hardware | Role::Device | Role::Haptic | Role::Tissue | Role::CollisionWorker)
-}
-
-/// Whether a process hangs: by its state, its last heartbeat and the time of its spawn. `awake_since_ns` is since when the watcher
-/// itself has run without a stall, so that a stall of the host is not taken for a hang of everyone.
-pub fn is_late(role: Role, state: ProcessState, now_ns: u64, spawned_ns: u64, beat_ns: u64, awake_since_ns: u64) -> bool {
-    match state {
-        ProcessState::Empty | ProcessState::Warming => now_ns.saturating_sub(spawned_ns.max(awake_since_ns)) > LATE_START_NS,
-        ProcessState::Stopping | ProcessState::Failed => now_ns.saturating_sub(beat_ns.max(awake_since_ns)) > LATE_NS,
-        ProcessState::Warm | ProcessState::Live => {
-            let young = now_ns.saturating_sub(spawned_ns) < YOUNG_NS;
-            let bound_ns = if is_real_time(role) && !young { LATE_REAL_TIME_NS } else { LATE_NS };
-            now_ns.saturating_sub(beat_ns.max(awake_since_ns)) > bound_ns
-        }
+    let Some((slot, other)) = sibling.and_then(|sibling| Some((sibling, state.places.get_mut(&sibling)?))) else {
+        return Vec::new();
+    };
+    if other.life != Life::GivenUp {
+        return Vec::new();
     }
+    other.life = Life::Vacant { due_ns: now_ns + limits.most_wait_ns };
+    vec![Action::TryAgain { slot }]
 }

@@ -1,13 +1,25 @@
 //! What the system says about processes: their threads, memory and processor time, and which of them belong to a station.
 
+use crate::suspicion::Thread;
 use hyst_exchange::{Station, system};
+use hyst_messages::Slot;
 use rustix::process::{Pid, Signal};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
+use std::process::{Child, ExitStatus};
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;
 /// Most threads of one process that are demoted; engines have a dozen.
 const MOST_THREADS: usize = 256;
+/// How often SIGSEGV is sent again before its sender goes on with its own work, and tries later: an engine that runs has died of the second.
+const MOST_SENT: u32 = 20;
+/// Between two of them, ns: time for a real-time thread to wake and take the signal.
+const BETWEEN_SENT_NS: u64 = 100_000;
+
+/// Between two looks whether a child has ended, ns.
+const BETWEEN_LOOKS_NS: u64 = 5_000_000;
 
 /// The process id as the system-call crate wants it; `None` for 0 and for what is no id.
 pub fn pid(number: u32) -> Option<Pid> {
@@ -25,6 +37,66 @@ pub fn threads(process: u32) -> Vec<i32> {
         .collect()
 }
 
+/// The kernel's files about a process's first thread, kept open, so that asking costs two reads.
+#[derive(Debug)]
+pub struct ThreadFiles {
+    process: u32,
+    stat: File,
+    schedstat: Option<File>,
+}
+
+impl ThreadFiles {
+    /// Opens the files; `None` if the process is gone.
+    pub fn open(process: u32) -> Option<ThreadFiles> {
+        let folder = format!("/proc/{process}/task/{process}");
+        let stat = File::open(format!("{folder}/stat")).ok()?;
+        Some(ThreadFiles { process, stat, schedstat: File::open(format!("{folder}/schedstat")).ok() })
+    }
+
+    /// What the process does: as its first thread, unless that sleeps while another of its threads is ready to run or waits for the machine, as
+    /// the helpers of a driver do.
+    pub fn state_of_process(&self) -> Option<Thread> {
+        let first = self.state()?;
+        if first != Thread::Sleeping {
+            return Some(first);
+        }
+        let helpers =
+            threads(self.process).into_iter().filter_map(|thread| state_letter(&File::open(task(self.process, thread)).ok()?));
+        let busy = helpers.into_iter().any(|letter| matches!(letter, b'R' | b'D'));
+        Some(if busy { Thread::Waiting } else { first })
+    }
+
+    /// What the thread does; `None` if it is dead. A kernel without schedstat lets nobody be seen to spin, only to be silent.
+    pub fn state(&self) -> Option<Thread> {
+        match state_letter(&self.stat)? {
+            b'T' | b't' => Some(Thread::Stopped),
+            b'D' => Some(Thread::Waiting),
+            b'R' => Some(Thread::Running(self.ran_ns().unwrap_or(0))),
+            b'Z' | b'X' => None,
+            _ => Some(Thread::Sleeping),
+        }
+    }
+
+    fn ran_ns(&self) -> Option<u64> {
+        let mut bytes = [0u8; 64];
+        let length = self.schedstat.as_ref()?.read_at(&mut bytes, 0).ok()?;
+        std::str::from_utf8(bytes.get(..length)?).ok()?.split_whitespace().next()?.parse().ok()
+    }
+}
+
+fn task(process: u32, thread: i32) -> String {
+    format!("/proc/{process}/task/{thread}/stat")
+}
+
+/// State of a thread as its stat file says it.
+fn state_letter(stat: &File) -> Option<u8> {
+    let mut bytes = [0u8; 128];
+    let length = stat.read_at(&mut bytes, 0).ok()?;
+    let text = bytes.get(..length)?;
+    let close = text.iter().rposition(|byte| *byte == b')')?;
+    text.get(close + 2).copied()
+}
+
 /// Demotes all threads of a process to the idle class, so that its tear-down disturbs nobody, and kills it.
 pub fn demote_and_kill(process: u32) {
     for thread in threads(process) {
@@ -38,11 +110,49 @@ pub fn signal(process: u32, signal: Signal) -> bool {
     pid(process).is_some_and(|pid| rustix::process::kill_process(pid, signal).is_ok())
 }
 
+/// Sends SIGSEGV until it is felt; false if nobody is there to get it. The runtime of a Rust program takes a first one to look for an overflow of the
+/// stack, resets the signal and returns to the instruction: a wild access faults there again, but one that was only sent is gone.
+pub fn segfault(process: u32) -> bool {
+    let sent = signal(process, Signal::SEGV);
+    let Some(files) = ThreadFiles::open(process) else { return sent };
+    for _ in 0..MOST_SENT {
+        system::sleep_ns(BETWEEN_SENT_NS);
+        if files.state().is_none() || !signal(process, Signal::SEGV) {
+            break;
+        }
+    }
+    sent
+}
+
+/// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
+/// child of it could hold a pipe open, and there is no status.
+pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
+    let deadline_ns = system::now_ns() + limit_ns;
+    loop {
+        if let Ok(Some(status)) = child.try_wait() {
+            return Some(status);
+        }
+        if system::now_ns() >= deadline_ns {
+            if let Some(group) = pid(child.id()) {
+                let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
+            }
+            let _ = child.wait();
+            return None;
+        }
+        system::sleep_ns(BETWEEN_LOOKS_NS);
+    }
+}
+
 /// Resident memory, MiB.
 pub fn resident_mib(process: u32) -> Option<f64> {
     let text = std::fs::read_to_string(format!("/proc/{process}/statm")).ok()?;
     let pages: f64 = text.split_whitespace().nth(1)?.parse().ok()?;
     Some(pages * rustix::param::page_size() as f64 / (1024.0 * 1024.0))
+}
+
+/// Open files of a process.
+pub fn open_files(process: u32) -> Option<u64> {
+    Some(std::fs::read_dir(format!("/proc/{process}/fd")).ok()?.count() as u64)
 }
 
 /// Memory that is the process's share, with what it shares divided by the number of sharers, MiB. Costs some milliseconds.
@@ -75,6 +185,18 @@ pub fn of_station(station: &Station) -> Vec<u32> {
         .collect()
 }
 
+/// The process that was started as this incarnation in this slot, by its command line.
+pub fn of_incarnation(station: &Station, slot: Slot, incarnation: u32) -> Option<u32> {
+    let (slot, incarnation) = (slot.to_string(), incarnation.to_string());
+    let is_it = |process: &u32| {
+        let line = std::fs::read(format!("/proc/{process}/cmdline")).unwrap_or_default();
+        let words: Vec<&[u8]> = line.split(|byte| *byte == 0).collect();
+        let says = |name: &[u8], value: &str| words.windows(2).any(|pair| pair[0] == name && pair[1] == value.as_bytes());
+        says(b"--slot", &slot) && says(b"--incarnation", &incarnation)
+    };
+    of_station(station).into_iter().find(is_it)
+}
+
 fn belongs(process: u32, user: u32, name: &str) -> bool {
     use std::os::unix::fs::MetadataExt;
     let folder = format!("/proc/{process}");
@@ -101,5 +223,42 @@ mod tests {
         let station = Station::named(&format!("t{me}-nobody")).unwrap();
         assert_eq!(of_station(&station), Vec::<u32>::new());
         assert!(!signal(0, Signal::KILL) && pid(u32::MAX).is_none());
+    }
+
+    /// Runs as a program of its own below: the runtime's handler is there, as in an engine.
+    #[test]
+    fn a_victim() {
+        if std::env::var_os("HYSTATION_TEST_VICTIM").is_some() {
+            println!("here");
+            std::io::stdin().read_line(&mut String::new()).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_segfault_kills_a_program_whose_runtime_swallows_the_first_signal() {
+        use std::io::Read;
+        use std::os::unix::process::ExitStatusExt;
+        use std::process::{Command, Stdio};
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "proc::tests::a_victim", "--nocapture"]).env("HYSTATION_TEST_VICTIM", "1");
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let mut said = Vec::new();
+        let mut out = child.stdout.take().unwrap();
+        while !said.ends_with(b"here") {
+            let mut byte = [0];
+            assert_eq!(out.read(&mut byte).unwrap(), 1, "it ended: {}", String::from_utf8_lossy(&said));
+            said.push(byte[0]);
+        }
+        assert!(segfault(child.id()));
+        // One that gets no time between two signals has felt one of them; the station, too, sends again until it is felt.
+        let since = std::time::Instant::now();
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(since.elapsed().as_secs() < 60, "it lives");
+            segfault(child.id());
+        };
+        assert_eq!(status.signal(), Some(11));
     }
 }

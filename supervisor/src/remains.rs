@@ -42,6 +42,11 @@ pub fn guardian(station: &Station) -> Option<Living> {
     slot_alive(&station.open().ok()?, Slot::first(Role::Guardian).number())
 }
 
+/// The supervisor of the station, if it lives.
+pub fn supervisor(station: &Station) -> Option<Living> {
+    slot_alive(&station.open().ok()?, Slot::first(Role::Supervisor).number())
+}
+
 /// Everyone of the station who is alive, except the caller: by the station page, and by command line for who is not in it.
 pub fn living(station: &Station) -> Vec<Living> {
     let mut found: Vec<Living> = match station.open() {
@@ -80,8 +85,9 @@ pub fn kill_all(station: &Station, meanwhile: impl FnMut()) -> Vec<String> {
         proc::signal(living.pid, Signal::KILL);
     }
     for living in &victims {
+        // Not demoted: nobody is left whom their tear-down could disturb, and on a busy machine the idle class would not end in time.
         if living.is_alive() {
-            proc::demote_and_kill(living.pid);
+            proc::signal(living.pid, Signal::KILL);
         }
     }
     if !victims.is_empty() {

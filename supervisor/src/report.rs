@@ -57,10 +57,12 @@ fn process(account: &Account) -> Value {
         "loop_us": latency(&total.looping),
         "rss_mib": account.resident_mib,
         "pss_mib": account.proportional_mib,
+        "suspected": { "times": account.suspicions[0], "cleared": account.suspicions[1], "most_us": account.cleared_ns as f64 * 1e-3 },
         "refused": { "invalid": total.refused[0], "stale": total.refused[1], "frozen": total.refused[2] },
         "substitutes": total.substitutes,
         "promotions": total.promotions,
         "allocations": total.allocations,
+        "pool_blocks": total.pool_blocks,
     })
 }
 
@@ -91,6 +93,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "pss_mib": accounts.slots.values().map(|account| account.proportional_mib).sum::<f64>(),
         "copies": copies(accounts, &status),
         "given_up": policy.given_up().map(|slot| slot.to_string()).collect::<Vec<_>>(),
+        "held": policy.held().map(Role::name).collect::<Vec<_>>(),
         "leftovers": { "processes": 0, "shared_memory": 0, "files": 0 },
     })
 }
@@ -109,8 +112,7 @@ fn total(faults: &Faults, total: Total) -> u64 {
 }
 
 fn device(faults: &Faults) -> Value {
-    let judged = |fault: &&Fault| fault.target != Role::Device.name();
-    let arms = Arms::of(faults.closed.iter().filter(judged));
+    let arms = Arms::of(faults.closed.iter().filter(|fault| !fault.may_be_felt()));
     let own = Arms::of(faults.closed.iter().filter(|fault| fault.target == Role::Device.name()));
     json!({
         "ticks": total(faults, Total::Ticks),
@@ -119,13 +121,20 @@ fn device(faults: &Faults) -> Value {
         "ramped": total(faults, Total::Ramped),
         "zero": total(faults, Total::Zero),
         "voided": total(faults, Total::Void),
-        "fault_window": { "ticks": arms.fault[0], "missed": arms.fault[1], "voided": arms.fault[2] },
-        "control_window": { "ticks": arms.control[0], "missed": arms.control[1], "voided": arms.control[2] },
+        "fault_window": arm(arms.fault),
+        "control_window": arm(arms.control),
+        "controls_shared": faults.closed.iter().filter(|fault| fault.control_shared).count(),
         "excess_per_fault": arms.excess(),
         "force_step_max_n": arms.step_n,
         "force_step_max_control_n": arms.control_step_n,
         "own_faults": { "count": own.excesses.len(), "excess_per_fault": own.excess() },
     })
+}
+
+/// One arm: what counted, what missed, and the share that is void because the host stalled.
+fn arm([ticks, missed, voided]: [u64; 3]) -> Value {
+    let void_share = voided as f64 / ((ticks + voided) as f64).max(1.0);
+    json!({ "ticks": ticks, "missed": missed, "voided": voided, "void_share": void_share })
 }
 
 /// Fault windows against control windows.
@@ -215,7 +224,7 @@ pub fn is_broken(report: &Value) -> bool {
     let count = |key: &str| report.get(key).and_then(Value::as_u64).unwrap_or(0);
     let faults: Vec<Fault> =
         report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
-    let judged = faults.iter().filter(|fault| fault.target != Role::Device.name());
+    let judged = faults.iter().filter(|fault| !fault.may_be_felt());
     count("invalid_applied") > 0 || count("stale_applied") > 0 || Arms::of(judged).is_broken()
 }
 
@@ -223,22 +232,24 @@ pub fn is_broken(report: &Value) -> bool {
 pub fn summary(report: &Value) -> String {
     let device = &report["device"];
     let excess = &device["excess_per_fault"];
+    let count = report["faults"].as_array().map_or(0, Vec::len);
+    let misses = match (excess["mean"].as_f64(), excess["upper95"].as_f64()) {
+        _ if count == 0 => String::new(),
+        (Some(mean), Some(upper95)) => format!(", excess misses per fault {mean:.3} (95 %: below {upper95:.3})"),
+        (Some(mean), None) => format!(", excess misses per fault {mean:.3} (too few for a bound)"),
+        _ => ", none of them judged".into(),
+    };
+    let s = if count == 1 { "" } else { "s" };
     format!(
-        "{} ticks: {} fresh, {} held, {} ramped, {} void; {} faults, excess misses per fault {} (95 %: below {})",
-        device["ticks"],
-        device["fresh"],
-        device["held"],
-        device["ramped"],
-        device["voided"],
-        report["faults"].as_array().map_or(0, Vec::len),
-        excess["mean"],
-        excess["upper95"]
+        "{} ticks: {} fresh, {} held, {} ramped, {} void; {count} fault{s}{misses}",
+        device["ticks"], device["fresh"], device["held"], device["ramped"], device["voided"]
     )
 }
 
-/// Whether a process was lost for good.
+/// Whether a process was lost for good, or a role is held still.
 pub fn has_lost(report: &Value) -> bool {
-    report.get("given_up").and_then(Value::as_array).is_some_and(|slots| !slots.is_empty())
+    let any = |key: &str| report.get(key).and_then(Value::as_array).is_some_and(|all| !all.is_empty());
+    any("given_up") || any("held")
 }
 
 #[derive(Clone, Copy, Debug, Default)]

@@ -5,7 +5,7 @@ use crate::faultfile::{self, Injection};
 use crate::plan::{self, Plan};
 use hyst_engine::Settings;
 use hyst_engine::settings::SET_KEYS;
-use hyst_messages::{MAX_WORKERS, Role};
+use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
 use std::path::{Path, PathBuf};
 
 /// A command that is not done, with its exit code and a message that names the cure.
@@ -34,30 +34,41 @@ fn absolute(path: &Path) -> Result<PathBuf, Refusal> {
 
 /// The settings and the plan of a run.
 pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
-    if args.lockstep {
-        return Err(Refusal::input("--lockstep: this build does not offer the virtual clock; run without it"));
+    if !args.test_mode && std::env::var_os(crate::intent::DIES_AT).is_some() {
+        return Err(Refusal::input(format!(
+            "{}: it ends the supervisor, in test mode alone; unset it, or add --test-mode",
+            crate::intent::DIES_AT
+        )));
     }
     let headless = args.headless || !has_display();
+    let scripted = headless || args.lockstep;
     let workers = args.workers.unwrap_or(Settings::default().workers);
     if workers > MAX_WORKERS {
         return Err(Refusal::input(format!("--workers {workers}: at most {MAX_WORKERS} are allowed")));
     }
     let mut settings = Settings {
         scene: args.scene.as_deref().map(absolute).transpose()?,
-        hand: args.hand.clone().unwrap_or_else(|| if headless { "script:press".into() } else { "mouse".into() }),
+        hand: args.hand.clone().unwrap_or_else(|| if scripted { "script:press".into() } else { "mouse".into() }),
         headless,
         workers,
         record: args.record.as_deref().map(absolute).transpose()?,
         pictures: args.pictures.as_deref().map(absolute).transpose()?,
         test_mode: args.test_mode,
+        lockstep: args.lockstep,
         ..Settings::default()
     };
-    check_hand(&mut settings)?;
+    if args.lockstep && settings.hand == "mouse" {
+        return Err(Refusal::input("--lockstep --hand mouse: a hand on a virtual clock is scripted; use script:press or idle"));
+    }
+    check_hand(&settings)?;
     for pair in &args.set {
         let (key, value) =
             pair.split_once('=').ok_or_else(|| Refusal::input(format!("--set {pair}: write key=value\n{}", known_keys())))?;
         check_set(key, value)?;
         settings.set.insert(key.into(), value.into());
+    }
+    if args.lockstep {
+        check_lockstep(&mut settings)?;
     }
     check_outputs(args, &settings)?;
     let faults = read_faults(args)?;
@@ -72,7 +83,8 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         None => own_folder()?,
     };
     let slots = plan::slots(&settings, spares, roles.as_deref()).iter().map(ToString::to_string).collect();
-    let plan = Plan { binaries, slots, faults };
+    let end_tick = args.for_s.filter(|_| args.lockstep).map(|for_s| ((for_s * 1e9) as u64 / TICK_NS).max(1));
+    let plan = Plan { binaries, slots, swapped: Default::default(), end_tick, faults };
     let missing = plan.missing();
     if !missing.is_empty() {
         let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();
@@ -98,7 +110,7 @@ fn known_role(name: &str) -> Result<Role, Refusal> {
         .ok_or_else(|| Refusal::input(format!("--roles {name}: no such role; use the names that `status` shows")))
 }
 
-fn check_hand(settings: &mut Settings) -> Result<(), Refusal> {
+fn check_hand(settings: &Settings) -> Result<(), Refusal> {
     let hand = settings.hand.clone();
     let bad = |reason: &str| Err(Refusal::input(format!("--hand {hand}: {reason}")));
     match hand.split_once(':') {
@@ -108,13 +120,19 @@ fn check_hand(settings: &mut Settings) -> Result<(), Refusal> {
         }
         None if hand == "mouse" => Ok(()),
         Some(("script", name)) if !name.is_empty() => Ok(()),
-        Some(("replay", file)) if Path::new(file).is_file() => {
-            settings.hand = format!("replay:{}", absolute(Path::new(file))?.display());
-            Ok(())
-        }
-        Some(("replay", _)) => bad("the recording cannot be read; give the path of an MCAP file"),
-        _ => bad("write script:idle, script:press, script:explore, script:polyp, mouse, replay:FILE or idle"),
+        Some(("replay", _)) => bad("this build does not replay recordings; write script:NAME, mouse or idle"),
+        _ => bad("write script:idle, script:press, script:explore, script:polyp, mouse or idle"),
     }
+}
+
+/// On a virtual clock nothing is real time and no clock drifts.
+fn check_lockstep(settings: &mut Settings) -> Result<(), Refusal> {
+    for (key, value) in [("realtime", "off"), ("drift_ppm", "0")] {
+        if let Some(given) = settings.set.insert(key.into(), value.into()).filter(|given| given != value) {
+            return Err(Refusal::input(format!("--lockstep --set {key}={given}: in lock-step it is {value}; leave it out")));
+        }
+    }
+    Ok(())
 }
 
 fn check_outputs(args: &RunArgs, settings: &Settings) -> Result<(), Refusal> {

@@ -4,19 +4,22 @@
 //! The services of an incarnation exist before its process does, and the supervisor holds them while it lives, so that a process that
 //! dies while it starts cannot leave a service half-made.
 
-use crate::plan::Plan;
+use crate::intent::{Deed, Intent, Mortality};
+use crate::plan::{Plan, PlanError};
 use crate::policy::Exit;
 use crate::proc;
 use crate::watch::Ward;
+use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::page::PageError;
 use hyst_exchange::rendezvous::HeldRendezvous;
 use hyst_exchange::stream::HeldService;
 use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
 use hyst_messages::page::station as layout;
-use hyst_messages::{Kind, Role, Slot};
+use hyst_messages::{Kind, Role, Slot, kinds_of};
 use rustix::process::{PidfdFlags, WaitOptions};
 use std::collections::BTreeMap;
 use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 
@@ -53,16 +56,18 @@ enum Service {
     Rendezvous(#[allow(dead_code, reason = "held, not used")] HeldRendezvous),
 }
 
-/// Streams that an incarnation of a role writes; the rendezvous is last in the list of tissue.
-pub const fn kinds_of(role: Role) -> &'static [Kind] {
-    match role {
-        Role::Tissue => &[Kind::TissueState, Kind::Topology, Kind::CollisionJob, Kind::Appearance],
-        Role::CollisionWorker => &[Kind::Contacts],
-        Role::Fluid => &[Kind::FluidState],
-        Role::Haptic => &[Kind::Force],
-        Role::Rendering => &[Kind::Picture],
-        _ => &[],
-    }
+/// Starts another process of this very program, `subcommand --station NAME`, in a process group of its own and with the log of `role`: the
+/// supervisor for its guardian, the stand-in of the guardian for the supervisor. Gives its process id; whoever starts it reaps it.
+pub fn start_own(station: &Station, subcommand: &str, role: Role) -> std::io::Result<u32> {
+    let log = std::fs::OpenOptions::new().append(true).create(true).open(station.log(Slot::first(role)))?;
+    let child = Command::new(std::env::current_exe()?)
+        .args([subcommand, "--station", station.name()])
+        .stdin(Stdio::null())
+        .stdout(log.try_clone()?)
+        .stderr(log)
+        .process_group(0)
+        .spawn()?;
+    Ok(child.id())
 }
 
 /// Starts and buries incarnations.
@@ -73,24 +78,40 @@ pub struct Spawner {
     links: Links,
     plan: Plan,
     held: BTreeMap<(Slot, u32), Vec<Service>>,
+    /// The slot that starts from another binary than its role's, while a swap tries that.
+    pub candidate: Option<(Slot, PathBuf)>,
+    real_time: bool,
+    /// Where this supervisor is to die, if a test wants that.
+    pub mortality: Mortality,
 }
 
 impl Spawner {
     /// Joins the station's link domain.
-    pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan) -> Result<Spawner, LinkError> {
+    pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan, real_time: bool) -> Result<Spawner, LinkError> {
         let links = Links::join(station, "supervisor")?;
-        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new() })
+        let mortality = Mortality::of(station);
+        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new(), candidate: None, real_time, mortality })
     }
 
     /// Starts a new incarnation in a slot whose last owner was reaped.
     pub fn spawn(&mut self, slot: Slot) -> Result<Ward, SpawnError> {
         let incarnation = self.page.fetch_add64(layout::NEXT_INCARNATION, 1) as u32;
-        drop(self.station.create_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?);
-        let made = self.create_services(slot, incarnation).and_then(|()| self.start(slot, incarnation));
+        Intent { deed: Deed::Spawn, slot, incarnation }.declare(&self.page);
+        self.mortality.pass("spawn-declared");
+        let made = self.make(slot, incarnation);
+        Intent::clear(&self.page);
         if made.is_err() {
             self.bury(slot, incarnation);
         }
         made
+    }
+
+    fn make(&mut self, slot: Slot, incarnation: u32) -> Result<Ward, SpawnError> {
+        drop(self.station.create_slot(slot, incarnation).map_err(|e| SpawnError::Page(slot, e))?);
+        self.mortality.pass("spawn-paged");
+        self.create_services(slot, incarnation)?;
+        self.mortality.pass("spawn-served");
+        self.start(slot, incarnation)
     }
 
     fn create_services(&mut self, slot: Slot, incarnation: u32) -> Result<(), SpawnError> {
@@ -107,7 +128,8 @@ impl Spawner {
     }
 
     fn start(&self, slot: Slot, incarnation: u32) -> Result<Ward, SpawnError> {
-        let binary = self.plan.binary(slot.role());
+        let on_trial = self.candidate.as_ref().filter(|(trial, _)| *trial == slot).map(|(_, binary)| binary.clone());
+        let binary = on_trial.unwrap_or_else(|| self.plan.binary(slot.role()));
         let log_path = self.station.log(slot);
         let fail = |path: &std::path::Path, source| SpawnError::Process { slot, path: path.display().to_string(), source };
         let log = std::fs::OpenOptions::new().append(true).create(true).open(&log_path).map_err(|e| fail(&log_path, e))?;
@@ -124,7 +146,17 @@ impl Spawner {
             .process_group(0)
             .spawn()
             .map_err(|e| fail(&binary, e))?;
-        let pid = child.id();
+        if self.real_time && slot.role() == Role::Device {
+            system::hurry(child.id(), SUPERVISOR_PRIORITY); // refused without rights: then it starts as others do
+        }
+        self.mortality.pass("spawn-started");
+        self.enter(slot, incarnation, child.id());
+        self.mortality.pass("spawn-entered");
+        self.watch(slot, incarnation, child.id(), spawned_ns)
+    }
+
+    /// Says in the station page who is in the slot.
+    pub fn enter(&self, slot: Slot, incarnation: u32, pid: u32) {
         let at = slot.number();
         // A child that has already exited is still a zombie of this process: it has no start time, but a pidfd.
         self.page.store64(layout::SLOT_START + at, system::process_start(pid).unwrap_or(0));
@@ -132,7 +164,6 @@ impl Spawner {
         self.page.store32(layout::SLOT_DEAD + at, 0);
         self.page.store32(layout::SLOT_INCARNATION + at, incarnation);
         self.page.bump_and_wake(layout::CHANGES);
-        self.watch(slot, incarnation, pid, spawned_ns)
     }
 
     fn watch(&self, slot: Slot, incarnation: u32, pid: u32, spawned_ns: u64) -> Result<Ward, SpawnError> {
@@ -169,10 +200,30 @@ impl Spawner {
         }
     }
 
+    /// From now on the role's slots start from this binary; a supervisor that is restarted knows it from the plan.
+    pub fn adopt_binary(&mut self, role: Role, binary: PathBuf) -> Result<(), PlanError> {
+        self.candidate = None;
+        self.plan.swapped.insert(role.name().to_string(), binary);
+        self.plan.write(&self.station)
+    }
+
+    /// Says that nobody is in a slot, and that nobody is missed there.
+    pub fn vacate(&self, slot: Slot) {
+        let at = slot.number();
+        self.page.store32(layout::SLOT_INCARNATION + at, 0);
+        self.page.store32(layout::SLOT_PID + at, 0);
+        self.page.store32(layout::SLOT_DEAD + at, 0);
+        self.page.bump_and_wake(layout::CHANGES);
+    }
+
     /// Drops the services of a dead incarnation and removes its page.
     pub fn bury(&mut self, slot: Slot, incarnation: u32) {
+        Intent { deed: Deed::Bury, slot, incarnation }.declare(&self.page);
+        self.mortality.pass("bury-declared");
         self.held.remove(&(slot, incarnation));
         let _ = std::fs::remove_file(self.station.slot_page(slot, incarnation)); // gone already is as good
+        self.mortality.pass("bury-done");
+        Intent::clear(&self.page);
     }
 
     /// The station.

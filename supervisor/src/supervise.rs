@@ -1,21 +1,34 @@
 //! The supervisor: it takes events (deaths, late heartbeats, requests, time), asks the policy, and does what the policy says. It links no
 //! simulation. Engines do not depend on its life: a supervisor that is restarted adopts those that it finds.
 
+mod distrust;
 mod effects;
+mod kept;
+mod resume;
+mod rights;
+mod roles;
+pub mod trial;
 
 use crate::accounts::Accounts;
 use crate::clean::Cleaner;
 use crate::control::{self, Request};
 use crate::faults::Faults;
+use crate::growth::{Growth, Use};
 use crate::journal;
+use crate::lockstep::Permit;
+use crate::name::{self, Holder};
 use crate::plan::{Plan, PlanError};
 use crate::policy::{self, Event, Exit, State};
+use crate::proc;
 use crate::spawn::{self, Spawner};
+use crate::swap::judge::Seen;
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
+use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::{LinkError, OwnedPage, Station, StationError, system};
-use hyst_messages::page::{ProcessState, header, station as layout};
+use hyst_messages::page::{ProcessState, station as layout};
 use hyst_messages::{Role, Slot};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
@@ -53,6 +66,13 @@ pub enum Input {
     Notice(Notice),
     /// From the control socket, with the way back.
     Request(Request, Sender<String>),
+    /// From the judge of a newcomer.
+    Judged {
+        /// The newcomer.
+        incarnation: u32,
+        /// What was seen so far.
+        seen: Seen,
+    },
 }
 
 struct Supervisor {
@@ -65,16 +85,35 @@ struct Supervisor {
     viewer: Viewer,
     accounts: Accounts,
     faults: Faults,
+    permit: Option<Permit>,
+    holders: roles::Holders,
+    kept: kept::Kept,
+    growth: Growth,
     slots: Vec<Slot>,
     next_ledger_ns: u64,
     next_accounts_ns: u64,
-    /// The incarnation that was last replaced because the device distrusts it.
-    heeded: u32,
+    /// Incarnations that were replaced because others distrust them.
+    heeded: BTreeSet<u32>,
+    /// Servos whose stamp stands still, and how many steps they had made when that was first seen.
+    standing: BTreeMap<u32, u64>,
+    /// Incarnations that were ready and whose pages did not say so at the last look.
+    unsound: BTreeSet<u32>,
+    /// The swap that is under way; the way into the own inbox, for its judge; those who die for it; since when each slot is ready.
+    trial: Option<trial::Trial>,
+    tell_self: Sender<Input>,
+    dismissed: BTreeSet<u32>,
+    ready_ns: BTreeMap<Slot, u64>,
+    /// The engines are to be real time, and which rights to that were refused.
+    real_time: bool,
+    refused: u64,
 }
 
 /// Supervises a station that was founded, until it stops. Gives the exit code.
 pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let system_error = |e| SuperviseError::System(station.name().to_string(), e);
+    let Some(_name) = name::take(station, Holder::Supervisor).map_err(system_error)? else {
+        return Ok(0); // there is one
+    };
     let page = Arc::new(station.open_for_keeping()?);
     register(&page, Role::Supervisor);
     page.fetch_add64(layout::SUPERVISOR_STARTS, 1);
@@ -89,23 +128,39 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         let _ = notices.send(Input::Notice(notice)); // the inbox lives as long as the process
     })
     .map_err(system_error)?;
-    control::serve(station, tell).map_err(system_error)?;
+    control::serve(station, tell.clone()).map_err(system_error)?;
     let slots = plan.slots();
+    let policy = State::new(&slots);
+    let guests = [Role::Tissue, Role::Fluid].into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
+    let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),
-        spawner: Spawner::new(station, Arc::clone(&page), plan.clone())?,
-        policy: State::new(&slots),
+        spawner: Spawner::new(station, Arc::clone(&page), plan.clone(), real_time)?,
+        policy,
         watch,
         cleaner: Cleaner::default(),
         viewer: Viewer::open(station)?,
         accounts: Accounts::read(station),
         faults: Faults::new(station, &plan.faults)?,
+        permit: Permit::new(&page, plan.end_tick),
+        holders: roles::Holders::open(station)?,
+        kept: kept::Kept::default(),
+        growth: Growth::default(),
         slots,
         page,
         next_ledger_ns: 0,
         next_accounts_ns: 0,
-        heeded: 0,
+        heeded: BTreeSet::new(),
+        standing: BTreeMap::new(),
+        unsound: BTreeSet::new(),
+        trial: None,
+        tell_self: tell,
+        dismissed: BTreeSet::new(),
+        ready_ns: BTreeMap::new(),
+        real_time,
+        refused: 0,
     };
+    roles::resume(&supervisor.page, supervisor.viewer.page(), &mut supervisor.policy);
     supervisor.start();
     Ok(supervisor.run(&inbox))
 }
@@ -123,45 +178,10 @@ pub fn register(page: &OwnedPage, role: Role) {
 }
 
 impl Supervisor {
-    fn start(&mut self) {
-        let mut adopted = Vec::new();
-        for slot in self.slots.clone() {
-            if let Some(ward) = self.spawner.adopt(slot) {
-                adopted.push((slot, ward.incarnation));
-                self.watch.add(ward);
-            }
-        }
-        self.end_strays();
-        let now_ns = system::now_ns();
-        for slot in self.slots.clone() {
-            let incarnation = self.viewer.page().incarnation(slot);
-            if incarnation != 0 && !adopted.contains(&(slot, incarnation)) {
-                // It died while nobody watched.
-                let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
-                self.mourn(slot, incarnation, Exit::Unknown, now_ns, beat_ns);
-                self.spawner.mark_dead(slot, incarnation);
-                self.spawner.bury(slot, incarnation);
-            }
-        }
-        if self.page.load64(layout::SUPERVISOR_STARTS) > 1 {
-            journal::say(&self.station, &format!("the supervisor was restarted and adopted {} engines", adopted.len()));
-            self.faults.supervisor_died(self.page.load64(layout::SUPERVISOR_NS), system::now_ns());
-            self.cleaner.ask(system::now_ns());
-        }
-        let actions = policy::step(system::now_ns(), Event::Started { adopted }, &mut self.policy);
-        self.act(actions);
-    }
-
-    /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page.
-    fn end_strays(&self) {
-        let known = |living: &crate::remains::Living| living.name != "unregistered";
-        for living in crate::remains::living(&self.station).iter().filter(|living| !known(living)) {
-            crate::proc::demote_and_kill(living.pid);
-            journal::say(&self.station, &format!("process {} belonged to no slot and was ended", living.pid));
-        }
-    }
-
     fn run(&mut self, inbox: &Receiver<Input>) -> u8 {
+        if self.real_time {
+            system::become_fifo(SUPERVISOR_PRIORITY); // refused without rights: then whoever died is replaced when there is time for it
+        }
         let mut stop_since_ns = None;
         loop {
             match inbox.recv_timeout(PERIOD) {
@@ -177,6 +197,8 @@ impl Supervisor {
                     return self.finish();
                 }
             }
+            self.tend_guardian(now_ns);
+            self.note_holders(now_ns);
             let actions = policy::step(now_ns, Event::Tick, &mut self.policy);
             self.act(actions);
             self.chores(now_ns);
@@ -185,11 +207,17 @@ impl Supervisor {
 
     fn chores(&mut self, now_ns: u64) {
         self.faults.tend(now_ns, &mut self.viewer);
+        if let Some(permit) = &mut self.permit {
+            let is_needed = |slot: &Slot| !slot.is_guest() && !self.policy.is_given_up(*slot);
+            let needed: Vec<Slot> = self.slots.iter().copied().filter(is_needed).collect();
+            permit.tend(now_ns, &needed, &mut self.faults, &mut self.viewer);
+        }
         if self.policy.is_stopping() {
             return;
         }
         self.cleaner.tend(&self.station, now_ns);
-        self.heed_the_device(now_ns);
+        self.heed(now_ns);
+        self.tend_swap(now_ns);
         if now_ns >= self.next_ledger_ns {
             self.next_ledger_ns = now_ns + LEDGER_NS;
             self.faults.read_ledger(&mut self.viewer);
@@ -197,32 +225,10 @@ impl Supervisor {
         if now_ns >= self.next_accounts_ns {
             self.next_accounts_ns = now_ns + ACCOUNTS_NS;
             self.sample_all(now_ns);
+            self.heed_states(now_ns);
             self.accounts.write(&self.station);
             self.faults.keep_open();
             self.hand_over();
-        }
-    }
-
-    /// Replaces a servo whose output the device refused (not finite, out of range, for another input, frozen), as long as the device follows the
-    /// other one. One that stands still is found by its heartbeat. One that only differs is not killed: two servos that lost different ticks
-    /// to a stall differ in the last bits, and the device stays with the nearer.
-    fn heed_the_device(&mut self, now_ns: u64) {
-        use hyst_messages::page::device::{self, Distrust};
-        for index in 0..Role::Haptic.slots().1 {
-            let Some(slot) = Slot::new(Role::Haptic, index) else { continue };
-            let Some(page) = self.viewer.slot_page(Slot::first(Role::Device)) else { return };
-            let word = page.load64(device::DISTRUSTED + index);
-            let (why, incarnation) = (word >> 32, word as u32);
-            let refused = |why: u64| why == Distrust::Invalid as u64 || why == Distrust::Frozen as u64;
-            let followed = page.load64(device::SELECTED_INCARNATION) as u32;
-            let present = self.viewer.page().incarnation(slot) == incarnation && !self.viewer.page().is_dead(slot);
-            if incarnation == 0 || incarnation == followed || !present || !refused(why) || self.heeded == incarnation {
-                continue;
-            }
-            self.heeded = incarnation;
-            journal::say(&self.station, &format!("{slot} is distrusted by the device (reason {why}) and is replaced"));
-            self.faults.late(slot, incarnation, now_ns, now_ns, "device");
-            self.act(vec![policy::Action::Kill { slot, incarnation }]);
         }
     }
 
@@ -235,6 +241,22 @@ impl Supervisor {
         for slot in self.slots.clone() {
             let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
             self.sample(now_ns, slot, (!dead).then_some(pid));
+            if pid != 0 && !dead && self.policy.is_ready(slot) {
+                self.measure(now_ns, slot, pid);
+            }
+        }
+    }
+
+    /// Replaces a process that grows without end before the system kills it.
+    fn measure(&mut self, now_ns: u64, slot: Slot, pid: u32) {
+        let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
+        let incarnation = self.viewer.page().incarnation(slot);
+        let used = Use { resident_mib: resident_mib as u64, files };
+        if let Some(text) = self.growth.sample(slot, incarnation, used) {
+            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {text}"));
+            self.faults.late(slot, incarnation, now_ns, now_ns, "growth");
+            let actions = policy::step(now_ns, Event::Bloated { slot, incarnation }, &mut self.policy);
+            self.act(actions);
         }
     }
 
@@ -243,15 +265,30 @@ impl Supervisor {
         let Some(page) = self.viewer.slot_page(slot) else {
             return;
         };
-        let ready = matches!(page.state(), ProcessState::Warm | ProcessState::Live | ProcessState::Stopping);
+        let ready = page.state().is_ready() || page.state() == ProcessState::Stopping;
         self.accounts.sample(now_ns, slot, incarnation, page, process, ready);
     }
 
     fn take(&mut self, input: Input) {
+        if self.page.load32(layout::STOP) != 0 {
+            // Before the first death that the stop brings: a successor's empty page would take the place of the last one in the report.
+            policy::step(system::now_ns(), Event::StopRequested, &mut self.policy);
+        }
         match input {
             Input::Notice(Notice::Ready { slot, incarnation, at_ns }) => {
-                policy::step(at_ns, Event::Ready { slot, incarnation }, &mut self.policy);
+                let actions = policy::step(at_ns, Event::Ready { slot, incarnation }, &mut self.policy);
+                self.ready_ns.insert(slot, at_ns);
                 self.faults.ready(slot, incarnation, at_ns);
+                self.note_rights(slot);
+                self.act(actions);
+            }
+            Input::Notice(Notice::Suspected { slot, incarnation, at_ns }) => {
+                self.accounts.suspected(slot);
+                self.faults.suspected(slot, incarnation, at_ns);
+            }
+            Input::Notice(Notice::Cleared { slot, incarnation, guilt_ns }) => {
+                self.accounts.cleared(slot, guilt_ns);
+                self.faults.cleared(slot, incarnation);
             }
             Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns }) => {
                 journal::say(
@@ -264,12 +301,18 @@ impl Supervisor {
             }
             Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, beat_ns }) => {
                 let exit = spawn::reap(pid);
-                if !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0 {
+                self.spawner.mortality.pass("reaped");
+                self.note_holders(at_ns); // one that took the role and died since the last look held it
+                if self.dismissed.remove(&incarnation) {
+                    self.sample(at_ns, slot, None);
+                    self.cleaner.ask(at_ns);
+                } else if !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0 {
                     self.mourn(slot, incarnation, exit, at_ns, beat_ns);
                 }
                 let actions = policy::step(at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
                 self.act(actions);
             }
+            Input::Judged { incarnation, seen } => self.judged(incarnation, &seen),
             Input::Request(request, reply) => {
                 let _ = reply.send(self.answer(&request)); // who asked may have gone
             }
@@ -280,10 +323,22 @@ impl Supervisor {
         let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
         let words = if words.is_empty() { String::new() } else { format!(": {words}") };
         journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) died, {exit}{words}"));
+        if slot.role() == Role::Haptic && !self.has_another_servo(slot) {
+            journal::say(&self.station, "no servo is left: the force fades, and comes back with the next one");
+        }
         self.sample(at_ns, slot, None);
         self.faults.died(slot, incarnation, exit, at_ns, beat_ns);
         self.page.fetch_add64(layout::SLOT_RESTARTS + slot.number(), 1);
         self.cleaner.ask(at_ns);
+    }
+
+    /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.
+    fn has_another_servo(&mut self, dead: Slot) -> bool {
+        let slots = (0..Role::Haptic.slots().1).filter_map(|index| Slot::new(Role::Haptic, index));
+        slots.filter(|slot| *slot != dead).any(|slot| {
+            let lives = self.viewer.page().pid(slot) != 0 && !self.viewer.page().is_dead(slot);
+            lives && self.viewer.slot_page(slot).is_some_and(|page| page.state().is_ready())
+        })
     }
 
     fn answer(&mut self, request: &Request) -> String {
@@ -298,6 +353,10 @@ impl Supervisor {
                 self.sample_all(system::now_ns());
                 control::good(crate::report::build(&mut self.viewer, &self.accounts, &self.faults, &self.policy))
             }
+            Request::Swap { role, binary } => match self.begin_swap(role, binary) {
+                Ok(number) => control::good(serde_json::json!({ "number": number })),
+                Err(reason) => control::bad(&reason),
+            },
             Request::Fault(injection) if self.page.load32(layout::TEST_MODE) != 0 => {
                 match self.faults.inject(injection, &mut self.viewer) {
                     Ok(()) => control::good(serde_json::json!({})),

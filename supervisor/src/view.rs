@@ -1,10 +1,11 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, system};
-use hyst_messages::page::{header, station as layout};
+use hyst_messages::page::{header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// One process.
 #[derive(Clone, Debug, Serialize)]
@@ -31,6 +32,26 @@ pub struct ProcessView {
     pub age_ms: Option<f64>,
     /// Its newest tick.
     pub tick: u64,
+    /// The binary that it runs; `None` if the system does not say.
+    pub binary: Option<std::path::PathBuf>,
+    /// What is registered with its Site Manager; of a tissue only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub registered: Option<RegisterView>,
+}
+
+/// The register of a Site Manager.
+#[derive(Clone, Debug, Serialize)]
+pub struct RegisterView {
+    /// Objects.
+    pub objects: u32,
+    /// Engines, by the names of their slots.
+    pub engines: Vec<String>,
+}
+
+fn register_of(page: &ReadPage) -> Option<RegisterView> {
+    let (_, status) = page.cell(tissue::STATUS)?;
+    let slots = (0..SLOTS).filter(|number| status.engines >> number & 1 == 1).filter_map(Slot::from_number);
+    Some(RegisterView { objects: status.objects, engines: slots.map(|slot| slot.to_string()).collect() })
 }
 
 /// The station.
@@ -44,6 +65,8 @@ pub struct StationView {
     pub state: &'static str,
     /// Faults may be injected.
     pub test_mode: bool,
+    /// Roles that are held still, because no successor survives a step of them.
+    pub held: Vec<&'static str>,
     /// Processes in slot order.
     pub processes: Vec<ProcessView>,
 }
@@ -73,6 +96,11 @@ impl Viewer {
     /// The station's page.
     pub fn page(&self) -> &StationPage {
         &self.page
+    }
+
+    /// The incarnation that holds a role with a spare, 0 if none does.
+    pub fn holder(&self, role: Role) -> u32 {
+        self.roster.holder(role).incarnation
     }
 
     fn is_active(&mut self, slot: Slot) -> bool {
@@ -116,9 +144,10 @@ impl Viewer {
         };
         StationView {
             station: self.station.name().to_string(),
-            tick: self.page.tick_at(system::now_ns()),
+            tick: self.page.present_tick(),
             state,
             test_mode: self.page.test_mode(),
+            held: Role::ALL.into_iter().filter(|role| self.page.is_held(*role)).map(Role::name).collect(),
             processes,
         }
     }
@@ -137,6 +166,8 @@ impl Viewer {
             wakeup_p99_us: None,
             age_ms: None,
             tick: 0,
+            binary: crate::supervise::trial::binary_of(self.page.pid(slot)).filter(|_| alive),
+            registered: None,
         };
         if slot.role() == Role::Supervisor {
             view.epoch = self.page.page().load64(layout::SUPERVISOR_STARTS) as u32;
@@ -147,6 +178,7 @@ impl Viewer {
             return view;
         };
         let now_ns = system::now_ns();
+        view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
         view.epoch = page.load64(header::EPOCH) as u32;
         view.tick = page.load64(header::TICK);
         if alive {
@@ -173,11 +205,12 @@ impl Viewer {
 /// The table of a look, as lines of plain text.
 pub fn table(view: &StationView) -> String {
     let mut text = format!(
-        "station {}  {}  tick {}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}\n",
+        "station {}  {}  tick {}{}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
         view.station,
         view.state,
         view.tick,
         if view.test_mode { "  test mode" } else { "" },
+        view.held.iter().map(|role| format!("  {role} is held still")).collect::<String>(),
         "process",
         "incarn",
         "pid",
@@ -185,12 +218,13 @@ pub fn table(view: &StationView) -> String {
         "epoch",
         "rate/Hz",
         "p99 wake/us",
-        "age/ms"
+        "age/ms",
+        "binary"
     );
     let number = |value: Option<f64>, digits: usize| value.map_or("-".to_string(), |value| format!("{value:.digits$}"));
     for process in &view.processes {
         text.push_str(&format!(
-            "{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}\n",
+            "{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
             process.name,
             process.incarnation,
             process.pid,
@@ -198,7 +232,8 @@ pub fn table(view: &StationView) -> String {
             process.epoch,
             number(process.rate_hz, 1),
             number(process.wakeup_p99_us, 0),
-            number(process.age_ms, 1)
+            number(process.age_ms, 1),
+            process.binary.as_deref().unwrap_or(Path::new("-")).display()
         ));
     }
     text

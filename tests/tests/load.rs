@@ -2,56 +2,14 @@
 
 use rustix::process::Signal;
 use station_tests::Station;
-use std::process::{Child, Command, Stdio};
+use station_tests::windows::{Spinners, compare};
 
-/// Ticks of each window. Windows with and without the load alternate, so that the host's noise falls on both.
-const WINDOW_TICKS: u64 = 1_500;
-/// Pairs of windows.
-const PAIRS: usize = 4;
-/// Share of the ticks that the load may cost more than the control windows lose: a starved servo loses all of them.
-const ALLOWED: f64 = 0.01;
+/// Entries into the system's allocator that a change of holder may cost in a run of more than 12 000 messages. None were seen in 8 runs of 10 to 12 s
+/// with 0 to 4 changes (`hystation run --headless --workers 2 --report`, load average 11 to 15 on a 2-core VM, 2026-11-21).
+const MOST_AT_CHANGES: f64 = 4.0;
 
-/// Ordinary processes that spin, ended when dropped.
-struct Spinners(Vec<Child>);
-
-impl Spinners {
-    fn start(count: usize) -> Spinners {
-        let spin = || Command::new("sh").args(["-c", "while :; do :; done"]).stdin(Stdio::null()).spawn().expect("sh");
-        Spinners((0..count).map(|_| spin()).collect())
-    }
-}
-
-impl Drop for Spinners {
-    fn drop(&mut self) {
-        for child in &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
-    }
-}
-
-fn missed_in_window(station: &Station) -> (u64, u64) {
-    let before = station.ledger();
-    station.run_ticks(WINDOW_TICKS);
-    let after = station.ledger();
-    (after.0 - before.0, after.1 - before.1)
-}
-
-fn compare(station: &Station, mut begin: impl FnMut(&Station), mut end: impl FnMut(&Station)) {
-    let (mut control, mut load) = ((0, 0), (0, 0));
-    for _ in 0..PAIRS {
-        let window = missed_in_window(station);
-        control = (control.0 + window.0, control.1 + window.1);
-        begin(station);
-        let window = missed_in_window(station);
-        load = (load.0 + window.0, load.1 + window.1);
-        end(station);
-    }
-    println!("control: {} of {} ticks missed; with the load: {} of {}", control.1, control.0, load.1, load.0);
-    let share = |(ticks, missed): (u64, u64)| missed as f64 / ticks.max(1) as f64;
-    assert!(control.0 > 0 && load.0 > 0, "no ticks: {control:?} {load:?}\n{}", station.said());
-    assert!(share(load) - share(control) <= ALLOWED, "control {control:?}, load {load:?}\n{}", station.said());
-}
+/// Blocks that a process may take before it counts its steps.
+const WARM_UP_BLOCKS: f64 = 8.0;
 
 #[test]
 fn ordinary_processes_that_spin_on_every_core_cost_the_hand_nothing() {
@@ -61,9 +19,28 @@ fn ordinary_processes_that_spin_on_every_core_cost_the_hand_nothing() {
     compare(&station, |_| **cell.borrow_mut() = Some(Spinners::start(4)), |_| **cell.borrow_mut() = None);
     let ended = station.stop();
     ended.assert_clean();
-    for process in ["hardware", "device", "haptic:0", "haptic:1"] {
+    // The way from hand to force: none at all, and it has no pool that could hide one. Tissue and workers send messages: none for those beyond the
+    // block of the link for each; a change of holder, which a stall of the machine may bring about, was seen to cost single ones.
+    let real_time = [("hardware", 0.0), ("device", 0.0), ("haptic:0", 0.0), ("haptic:1", 0.0)];
+    let senders = ["tissue:0", "tissue:1", "collision-worker:0", "collision-worker:1"].map(|name| (name, MOST_AT_CHANGES));
+    for (process, most) in real_time.into_iter().chain(senders) {
         let allocations = ended.number(&format!("processes.{process}.allocations"));
-        assert_eq!(allocations, 0.0, "{process}: allocations of the real-time thread since it became one");
+        println!("{process}: {allocations} entries into the allocator");
+        assert!(
+            allocations <= most,
+            "{process}: {allocations} entries into the system's allocator of the real-time thread since it became one"
+        );
+        // A tissue's step sends a state and a job, a worker's its share, and now and then one more where a stall of the machine came in between; one
+        // more at each step is what nobody may take.
+        let messages = match process.split(':').next() {
+            Some("tissue") => 2.5,
+            Some("collision-worker") => 1.5,
+            _ => 0.0,
+        };
+        let blocks = ended.number(&format!("processes.{process}.pool_blocks"));
+        let steps = ended.number(&format!("processes.{process}.steps"));
+        println!("{process}: {blocks} blocks of its pool in {steps} steps");
+        assert!(blocks <= messages * steps + WARM_UP_BLOCKS, "{process}: {blocks} blocks of its pool in {steps} steps");
     }
 }
 

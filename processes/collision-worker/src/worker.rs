@@ -5,7 +5,7 @@
 //! coordinator computes it.
 
 use hyst_contact::{HashRef, Hit, Points, Share, Split, Tissue, intersect};
-use hyst_engine::{Failure, Life, realtime};
+use hyst_engine::{Failure, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};
 use hyst_exchange::roster::Roster;
 use hyst_exchange::synchronized::synchronized_process;
@@ -13,7 +13,7 @@ use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Links, Publisher, ReadPage, Subscriber, allocation, system};
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS};
+use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, fnv_words};
 use std::sync::Arc;
 
 /// Most hits of one share; what is beyond is not sent, and the coordinator sees that from the count.
@@ -21,10 +21,11 @@ const MAX_HITS: usize = 8192;
 /// How long the worker waits for a release before it looks for a new coordinator, ns.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
 /// Tissues whose streams are read.
-const TISSUES: usize = 2;
+const TISSUES: usize = 3;
 
 #[derive(Default)]
 struct Source {
+    /// Its page, unless the member follows it: then the member has it.
     page: Option<ReadPage>,
     states: Option<Subscriber>,
     jobs: Option<Subscriber>,
@@ -38,14 +39,17 @@ struct Worker<'a> {
     inbox: Inbox,
     roster: Roster,
     sources: [Source; TISSUES],
+    /// The source whose page the member has.
+    followed: Option<usize>,
     topology: Option<Held>,
     hits: Vec<Hit>,
+    lies: Lies,
 }
 
 /// The whole life of a worker.
 pub fn run(life: &Life) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
-    let bytes = message_bytes(&[MAX_HITS * size_of::<Hit>()]);
+    let bytes = message_bytes(&[MAX_HITS * size_of::<Hit>(), size_of::<u64>()]);
     let publisher = links.publisher(Role::CollisionWorker, life.incarnation, Kind::Contacts, bytes)?;
     let interests =
         [Wanted::Page, Wanted::Stream(Kind::TissueState), Wanted::Stream(Kind::CollisionJob), Wanted::Stream(Kind::Topology)];
@@ -58,8 +62,10 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         inbox,
         roster,
         sources: Default::default(),
+        followed: None,
         topology: None,
         hits: vec![Hit::default(); MAX_HITS],
+        lies: Lies::new(life, bytes),
     };
     let mut member = ProcessMember::new(Arc::clone(&life.page));
     life.ports_are_open();
@@ -78,20 +84,42 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         !life.clock.stop_requested()
     };
     let step = |release: Release| {
+        life.misbehave();
         let woken_ns = system::now_ns();
         // What cannot be computed is computed by the coordinator; the release is answered all the same.
         if worker.borrow_mut().share(release).is_none() {
             life.page.add64(header::INVALID, 1);
         }
+        life.drag(woken_ns);
         let page = &life.page;
         page.count_latency(header::LOOP, system::now_ns() - woken_ns);
         page.store64(header::VALUE_NS, system::now_ns());
-        page.store64(header::TICK, life.clock.tick_at(woken_ns));
+        page.store64(header::TICK, life.clock.present_tick());
         page.add64(header::STEPS, 1);
         page.store64(header::ALLOCATIONS, allocation::of_this_thread() - allocations);
+        page.store64(header::POOL_BLOCKS, allocation::blocks_of_this_thread());
     };
     synchronized_process(&mut member, PATIENCE_NS, between, step);
     Ok(())
+}
+
+/// Lets the member follow the holder of the tissue's role. The page of the one before stays with its source, since a role may come back to it;
+/// it is given back only if a successor has the place.
+fn follow(sources: &mut [Source], followed: &mut Option<usize>, member: &mut ProcessMember, holder: u32) -> Option<ReadPage> {
+    if holder == member.follows() {
+        return None;
+    }
+    let of_holder = |source: &Source| source.page.as_ref().is_some_and(|page| page.incarnation() == holder);
+    let at = sources.iter().position(of_holder)?;
+    let before = member.follow(sources[at].page.take()?);
+    let place = followed.replace(at).filter(|place| sources[*place].page.is_none() && *place != at);
+    match place {
+        Some(place) => {
+            sources[place].page = before;
+            None
+        }
+        None => before,
+    }
 }
 
 impl Worker<'_> {
@@ -100,23 +128,26 @@ impl Worker<'_> {
             self.arrival(arrival);
         }
         for source in &mut self.sources {
-            if let Some(held) = source.topology.as_ref().and_then(|stream| stream.newest().ok()?) {
-                self.topology = Some(held);
+            // Whose it was may be dead, and the last message of a stream is unmapped with it: not on this thread.
+            if let Some(held) = source.topology.as_ref().and_then(|stream| stream.newest().ok()?)
+                && let Some(before) = self.topology.replace(held)
+            {
+                self.inbox.retire(Departure::Message(before));
             }
         }
         let holder = self.roster.holder(Role::Tissue).incarnation;
-        if holder != member.follows() {
-            let of_holder = |source: &&mut Source| source.page.as_ref().is_some_and(|page| page.incarnation() == holder);
-            if let Some(page) = self.sources.iter_mut().find(of_holder).and_then(|source| source.page.take())
-                && let Some(before) = member.follow(page)
-            {
-                self.inbox.retire(Departure::Page(before));
-            }
+        if let Some(before) = follow(&mut self.sources, &mut self.followed, member, holder) {
+            self.inbox.retire(Departure::Page(before));
         }
     }
 
     fn arrival(&mut self, arrival: Arrival) {
         let Some(source) = self.sources.get_mut(arrival.slot.index()) else { return };
+        if matches!(arrival.port, Port::Stream(Kind::TissueState, _))
+            && let Some(state) = source.state.take()
+        {
+            self.inbox.retire(Departure::Message(state)); // or the first state of the new stream would drop it, in a step
+        }
         let before = match arrival.port {
             Port::Page(page) => source.page.replace(page).map(Departure::Page),
             Port::Stream(Kind::TissueState, stream) => source.states.replace(stream).map(Departure::Stream),
@@ -161,12 +192,19 @@ impl Worker<'_> {
         if found.dropped > 0 {
             return None;
         }
-        self.answer(job.header(), share, found.count)
+        let job_hash = fnv_words(0, job.section::<u32>(0).ok()?.iter().map(|word| *word as u64));
+        self.answer(*job.header(), share, found.count, job_hash)
     }
 
-    fn answer(&self, job: &StreamHeader, share: Share, count: usize) -> Option<()> {
-        let sections = [count * size_of::<Hit>()];
-        let mut loan = self.publisher.loan(message_bytes(&sections)).ok()?;
+    /// The hits, and which points they are of: hits that stand still while the tool moves are not taken for new ones.
+    fn answer(&mut self, job: StreamHeader, share: Share, count: usize, job_hash: u64) -> Option<()> {
+        let sections = [count * size_of::<Hit>(), size_of::<u64>()];
+        let bytes = message_bytes(&sections);
+        if self.life.loses_a_loan() {
+            self.publisher.lose(bytes);
+        }
+        // Without a block to write into there will never be an answer again: a successor has all of them.
+        let mut loan = self.publisher.loan(bytes).unwrap_or_else(|error| panic!("{error}"));
         let header = StreamHeader {
             tick: job.tick,
             epoch: job.epoch,
@@ -176,8 +214,46 @@ impl Worker<'_> {
         };
         let mut message = MessageMut::format(loan.bytes_mut(), Kind::Contacts, header, &sections).ok()?;
         message.section::<Hit>(0).ok()?.copy_from_slice(&self.hits[..count]);
+        message.section::<u64>(1).ok()?.fill(job_hash);
+        self.lies.tell_message(self.life, loan.bytes_mut());
         loan.send().ok()?;
-        self.life.page.add64(header::STREAM_BYTES, message_bytes(&sections) as u64);
+        self.life.page.add64(header::STREAM_BYTES, bytes as u64);
         Some(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::Station;
+    use hyst_messages::Slot;
+
+    #[test]
+    fn a_role_that_comes_back_to_the_holder_before_is_followed_again() {
+        let station = Station::named(&format!("t{}-follow", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let slot = |role, index| Slot::new(role, index).unwrap();
+        let page = |index: usize, incarnation: u32| {
+            station.create_slot(slot(Role::Tissue, index), incarnation).unwrap();
+            Some(station.read_slot(slot(Role::Tissue, index), incarnation).unwrap())
+        };
+        let own = station.create_slot(slot(Role::CollisionWorker, 0), 9).unwrap();
+        let mut member = ProcessMember::new(Arc::new(own));
+        let mut sources: [Source; TISSUES] = Default::default();
+        let mut followed = None;
+        (sources[0].page, sources[1].page) = (page(0, 1), page(1, 2));
+        for holder in [1, 2, 1, 1, 2, 1] {
+            assert!(follow(&mut sources, &mut followed, &mut member, holder).is_none());
+            assert_eq!(member.follows(), holder);
+        }
+        // A successor in the slot of the one that is followed: the page of the dead is given back.
+        sources[0].page = page(0, 3);
+        assert!(follow(&mut sources, &mut followed, &mut member, 2).is_some_and(|before| before.incarnation() == 1));
+        assert!(follow(&mut sources, &mut followed, &mut member, 3).is_none());
+        // One that nobody knows yet is not followed, and nothing is lost.
+        assert!(follow(&mut sources, &mut followed, &mut member, 4).is_none());
+        assert_eq!(member.follows(), 3);
+        station.wipe();
     }
 }

@@ -7,11 +7,11 @@
 use crate::models::Models;
 use crate::replicas::Replicas;
 use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
-use hyst_engine::{Failure, Life, Pace, realtime};
+use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{ReadPage, system};
-use hyst_messages::page::{ProcessState, device as layout, hardware, header};
-use hyst_messages::{Applied, AppliedRecord, ForceCommand, HardwareSample, InputRecord, Role};
+use hyst_messages::page::{ProcessState, device as layout, hardware, header, station};
+use hyst_messages::{Applied, AppliedRecord, ContactModel, ForceCommand, HardwareSample, InputRecord, Role};
 
 /// Time after the start of a tick by which a servo's force must be there, ns: it needs about 50 µs, and the hardware reads the command at
 /// any phase of the tick, so that what comes later than this may be felt one tick later.
@@ -27,6 +27,7 @@ struct Hop<'a> {
     replicas: Replicas,
     params: LastHopParams,
     state: LastHopState,
+    lies: Lies,
 }
 
 /// The whole life of the device.
@@ -38,22 +39,26 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let hardware = loop {
         match inbox.take() {
             Some(arrival) if arrival.slot.role() == Role::Hardware => break arrival.page,
-            Some(arrival) => seat(arrival, &mut models, &mut replicas, &mut inbox),
+            Some(arrival) => seat(life, arrival, &mut models, &mut replicas, &mut inbox),
             None if system::now_ns() > patience_ns => return Err(Failure::Broken("the hardware's page has not come".into())),
             None => system::sleep_ns(hyst_messages::TICK_NS),
         }
         life.heartbeat();
     };
-    let mut hop =
-        Hop { life, inbox, hardware, models, replicas, params: LastHopParams::default(), state: LastHopState::default() };
+    let lies = Lies::new(life, size_of::<ForceCommand>());
+    let (params, state) = (LastHopParams::default(), LastHopState::default());
+    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, lies };
     realtime::go(life)?;
     hop.resume();
     hop.run()
 }
 
 /// Puts a page where it belongs and hands its predecessor's back.
-fn seat(arrival: PageArrival, models: &mut Models, replicas: &mut Replicas, inbox: &mut PageInbox) {
+fn seat(life: &Life, arrival: PageArrival, models: &mut Models, replicas: &mut Replicas, inbox: &mut PageInbox) {
     let page = arrival.page;
+    // What the predecessor wrote last may not have been read yet.
+    models.newest(life, life.tick());
+    models.pressure_pa(life, life.tick());
     let before = match arrival.slot.role() {
         Role::Haptic => replicas.seat(arrival.slot.index(), page),
         Role::Tissue => models.seat(arrival.slot.index(), page),
@@ -77,11 +82,12 @@ impl Hop<'_> {
         let mut pace = Pace::new(self.life, 1, 0);
         let mut sample = HardwareSample::default();
         while let Some(tick) = pace.wait() {
+            self.life.misbehave();
             self.receive_ports();
             if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
                 sample = newest;
             }
-            self.tick(tick, sample);
+            self.tick(tick, sample, pace.woken_ns());
             pace.end();
         }
         Ok(())
@@ -95,22 +101,45 @@ impl Hop<'_> {
                 self.inbox.retire(before);
                 self.resume();
             } else {
-                seat(arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
+                seat(self.life, arrival, &mut self.models, &mut self.replicas, &mut self.inbox);
             }
         }
     }
 
-    fn tick(&mut self, tick: u64, sample: HardwareSample) {
+    /// Contact model and pressure as the tissues and fluids have them now.
+    fn newest_model(&mut self, tick: u64) -> (ContactModel, f32) {
+        (self.models.newest(self.life, tick), self.models.pressure_pa(self.life, tick))
+    }
+
+    /// In lock-step: those of the ticks that the sequencer has seen finished; and every servo of the station has its seat.
+    fn exact_model(&mut self, tick: u64) -> (ContactModel, f32) {
+        let life = self.life;
+        let tick_of = |word: usize| life.clock.page().load64(word);
+        let found = lockstep::wait_for(life, || {
+            self.receive_ports();
+            let found = self.newest_model(tick);
+            let reached = self.models.has_reached(tick_of(station::TISSUE_TICK), tick_of(station::FLUID_TICK));
+            (reached && self.replicas.are_all_seated(&life.clock)).then_some(found)
+        });
+        found.unwrap_or_else(|| self.newest_model(tick))
+    }
+
+    fn tick(&mut self, tick: u64, sample: HardwareSample, woken_ns: u64) {
         let page = &self.life.page;
-        let model = self.models.newest(page);
+        let (model, pressure_pa) = if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
         let device_incarnation = self.life.incarnation as u64;
-        let pressure_pa = self.models.pressure_pa(page);
-        let input = InputRecord { tick, device_incarnation, sample, model, applied_n: self.state.applied_n, pressure_pa };
+        let applied_n = self.state.applied_n;
+        let selected_incarnation = self.replicas.selected_incarnation() as u64;
+        let input = InputRecord { tick, device_incarnation, sample, model, applied_n, pressure_pa, selected_incarnation };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);
         page.bump_and_wake(header::NEWS);
-        let deadline_ns = self.life.clock.start_of(tick) + DEADLINE_NS;
-        let chosen = self.replicas.choose(self.life, &input, self.state.applied_n, &self.params, deadline_ns);
+        let chosen = if self.life.is_lockstep() {
+            self.replicas.choose_from_all(self.life, &input, &self.params)
+        } else {
+            let deadline_ns = self.life.clock.start_of(tick) + DEADLINE_NS;
+            self.replicas.choose(self.life, &input, &self.params, deadline_ns)
+        };
         let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n);
         self.state = state;
         let kind = match kind {
@@ -129,7 +158,10 @@ impl Hop<'_> {
             source_incarnation: chosen.incarnation,
             device_incarnation: self.life.incarnation,
         };
-        page.write(layout::COMMAND, &command);
+        self.life.drag(woken_ns);
+        let mut told = command;
+        self.lies.tell(self.life, &mut told);
+        page.write(layout::COMMAND, &told);
         page.store64(header::VALUE_NS, system::now_ns());
         let record = AppliedRecord {
             tick,

@@ -1,11 +1,7 @@
-//! The `device` process: the last hop to the hand, 1 kHz. See [`hop`].
-
-mod hop;
-mod models;
-mod replicas;
+//! The `device` process: the last hop to the hand, 1 kHz.
 
 use hyst_messages::Role;
 
 fn main() -> std::process::ExitCode {
-    hyst_engine::run(Role::Device, hop::run)
+    hyst_engine::run(Role::Device, device::run)
 }

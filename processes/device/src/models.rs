@@ -1,9 +1,12 @@
-//! The newest valid contact model: the highest (epoch, state tick) over the pages of all tissues. What is not finite or out of range is
-//! refused and counted; what has a lower epoch than one seen before is fenced.
+//! The newest valid contact model: the highest (epoch, state tick) over the pages of all tissues, and the newest valid pressure over those of
+//! all fluids. What is not finite, out of range, of another input than it names, or without progress is refused and counted, and its writer is
+//! distrusted; what has a lower epoch than one seen before is fenced.
 
+use hyst_engine::Life;
 use hyst_exchange::{OwnedPage, ReadPage};
-use hyst_messages::page::{fluid, header, tissue};
-use hyst_messages::{ContactModel, MAX_PLANES};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::{device, fluid, header, tissue};
+use hyst_messages::{ContactModel, FluidStatus, MAX_PLANES};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -11,17 +14,35 @@ const MAX_STIFFNESS_N_M: f32 = 20_000.0;
 const MAX_DISTANCE_M: f32 = 1.0;
 /// Pressure beyond which the fluid's is not believed, Pa: the pump's range ends at 20 kPa.
 const MAX_PRESSURE_PA: f32 = 40_000.0;
-/// Fluids whose pages are read.
-const FLUIDS: usize = 2;
+/// Most ticks by which a stamp may be ahead: two of the slowest steps (a fluid's), so that no stamp shuts out all that come after it.
+const MOST_AHEAD_TICKS: u64 = 128;
+/// Difference of the flows in and out, ml/min, that must change the deficit from one state to the next.
+const TELLING_FLOW_ML_MIN: f32 = 0.01;
+/// Fluids whose pages are read: holder, spare and a newcomer on trial.
+const FLUIDS: usize = 3;
 /// Tissues whose pages are read.
-const TISSUES: usize = 2;
+const TISSUES: usize = 3;
 
-/// Pages of the tissues and the model in use.
+/// The page of one tissue: number of the cell's newest value, and its epoch and tick.
+struct Tissue {
+    page: ReadPage,
+    number: u64,
+    key: (u32, u64),
+}
+
+/// The page of one fluid: number of the cell's newest value, and the status that was in it.
+struct Fluid {
+    page: ReadPage,
+    number: u64,
+    status: FluidStatus,
+}
+
+/// Pages of the tissues and fluids, and what is in use of theirs.
 #[derive(Default)]
 pub struct Models {
-    pages: [Option<(ReadPage, u64)>; TISSUES],
+    tissues: [Option<Tissue>; TISSUES],
     newest: ContactModel,
-    fluids: [Option<ReadPage>; FLUIDS],
+    fluids: [Option<Fluid>; FLUIDS],
     pressure_pa: f32,
     pressure_tick: u64,
 }
@@ -29,8 +50,8 @@ pub struct Models {
 impl Models {
     /// Takes the page of a new incarnation; gives back the one before.
     pub fn seat(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
-        match self.pages.get_mut(index) {
-            Some(place) => place.replace((page, 0)).map(|(page, _)| page),
+        match self.tissues.get_mut(index) {
+            Some(place) => place.replace(Tissue { page, number: 0, key: (0, 0) }).map(|tissue| tissue.page),
             None => Some(page),
         }
     }
@@ -38,41 +59,53 @@ impl Models {
     /// Takes the page of a new incarnation of the fluid; gives back the one before.
     pub fn seat_fluid(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
         match self.fluids.get_mut(index) {
-            Some(place) => place.replace(page),
+            Some(place) => place.replace(Fluid { page, number: 0, status: FluidStatus::default() }).map(|fluid| fluid.page),
             None => Some(page),
         }
     }
 
+    /// Whether the newest model and pressure are of these ticks, or later ones.
+    pub fn has_reached(&self, tissue_tick: u64, fluid_tick: u64) -> bool {
+        self.newest.state_tick >= tissue_tick && self.pressure_tick >= fluid_tick
+    }
+
     /// The newest valid pressure in the cavity, Pa. It goes to the tissue in the input record, so that a substitute uses the same.
-    pub fn pressure_pa(&mut self, own: &OwnedPage) -> f32 {
-        for (_, status) in self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)) {
-            if status.state_tick <= self.pressure_tick {
+    pub fn pressure_pa(&mut self, life: &Life, tick: u64) -> f32 {
+        for fluid in self.fluids.iter_mut().flatten() {
+            let number = fluid.page.cell_number(fluid::STATUS);
+            if number == fluid.number {
                 continue;
             }
-            self.pressure_tick = status.state_tick;
-            if (0.0..=MAX_PRESSURE_PA).contains(&status.pressure_pa) {
-                self.pressure_pa = status.pressure_pa;
-            } else {
-                own.add64(header::INVALID, 1);
+            let Some((number, status)) = fluid.page.cell(fluid::STATUS) else { continue };
+            let before = std::mem::replace(&mut fluid.status, status);
+            let first = std::mem::replace(&mut fluid.number, number) == 0;
+            let verdict = judge_status(&status, (!first).then_some(&before), tick);
+            if let Err(why) = verdict {
+                life.refuse(fluid.page.incarnation(), why);
+            } else if status.state_tick > self.pressure_tick {
+                (self.pressure_tick, self.pressure_pa) = (status.state_tick, status.pressure_pa);
             }
         }
         self.pressure_pa
     }
 
     /// The model to use in this tick.
-    pub fn newest(&mut self, own: &OwnedPage) -> ContactModel {
-        for (page, seen) in self.pages.iter_mut().flatten() {
-            let number = page.cell_number(tissue::MODEL);
-            if number == *seen {
+    pub fn newest(&mut self, life: &Life, tick: u64) -> ContactModel {
+        for tissue in self.tissues.iter_mut().flatten() {
+            let number = tissue.page.cell_number(tissue::MODEL);
+            if number == tissue.number {
                 continue;
             }
-            let Some((number, model)) = page.cell(tissue::MODEL) else { continue };
-            *seen = number;
-            if model.epoch < self.newest.epoch {
-                own.add64(header::STALE, 1);
-            } else if !is_valid(&model) {
-                own.add64(header::INVALID, 1);
-            } else if (model.epoch, model.state_tick) > (self.newest.epoch, self.newest.state_tick) {
+            let Some((number, model)) = tissue.page.cell(tissue::MODEL) else { continue };
+            tissue.number = number;
+            let key = (model.epoch, model.state_tick);
+            let risen = key > std::mem::replace(&mut tissue.key, key);
+            let verdict = if risen { judge_model(&model, &life.page, tick) } else { Err(Distrust::Still) };
+            if let Err(why) = verdict {
+                life.refuse(tissue.page.incarnation(), why);
+            } else if model.epoch < self.newest.epoch {
+                life.page.add64(header::STALE, 1);
+            } else if key > (self.newest.epoch, self.newest.state_tick) {
                 self.newest = model;
             }
         }
@@ -80,7 +113,16 @@ impl Models {
     }
 }
 
-/// Whether every number of the model is in its range.
+/// Whether every number of the model is in its range, and the pose that it was computed from the one that was sent.
+fn judge_model(model: &ContactModel, own: &OwnedPage, tick: u64) -> Result<(), Distrust> {
+    if !is_valid(model) || model.state_tick > tick + MOST_AHEAD_TICKS {
+        return Err(Distrust::Invalid);
+    }
+    // What is older than the ring, or was sent by a device before this one, cannot be known.
+    let sent = own.ring(device::INPUTS, model.input_tick).map(|input| input.sample.pose.hash());
+    if sent.is_some_and(|hash| hash != model.pose_hash) { Err(Distrust::Frozen) } else { Ok(()) }
+}
+
 fn is_valid(model: &ContactModel) -> bool {
     let count = model.plane_count as usize;
     count <= MAX_PLANES
@@ -91,6 +133,21 @@ fn is_valid(model: &ContactModel) -> bool {
                 && (0.0..=MAX_STIFFNESS_N_M).contains(&plane.stiffness_n_m)
                 && (0.0..=1_000.0).contains(&plane.damping_n_s_m)
         })
+}
+
+/// Whether a status is in range and goes on from the one before it: a deficit that stands still while something flows is an old one.
+fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -> Result<(), Distrust> {
+    let in_range = (0.0..=MAX_PRESSURE_PA).contains(&status.pressure_pa) && status.deficit_ml.is_finite();
+    if !in_range || status.state_tick > tick + MOST_AHEAD_TICKS {
+        return Err(Distrust::Invalid);
+    }
+    let Some(before) = before else { return Ok(()) };
+    let flowing = (status.inflow_ml_min - status.outflow_ml_min).abs() > TELLING_FLOW_ML_MIN;
+    match () {
+        () if status.state_tick <= before.state_tick => Err(Distrust::Still),
+        () if flowing && status.deficit_ml.to_bits() == before.deficit_ml.to_bits() => Err(Distrust::Frozen),
+        () => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -118,5 +175,22 @@ mod tests {
             change(&mut bad.planes[0]);
             assert!(!is_valid(&bad), "{:?}", bad.planes[0]);
         }
+    }
+
+    #[test]
+    fn a_status_that_is_no_number_stands_still_or_comes_again_is_refused() {
+        let before =
+            FluidStatus { state_tick: 66, deficit_ml: 3.0, pressure_pa: 9_000.0, inflow_ml_min: 90.0, ..FluidStatus::default() };
+        let good = FluidStatus { state_tick: 99, deficit_ml: 3.1, ..before };
+        let judge = |status: FluidStatus| judge_status(&status, Some(&before), 90);
+        assert_eq!(judge(good), Ok(()));
+        assert_eq!(judge(FluidStatus { pressure_pa: f32::NAN, ..good }), Err(Distrust::Invalid));
+        assert_eq!(judge(FluidStatus { pressure_pa: 1e9, ..good }), Err(Distrust::Invalid));
+        assert_eq!(judge(FluidStatus { deficit_ml: f64::INFINITY, ..good }), Err(Distrust::Invalid));
+        assert_eq!(judge(FluidStatus { state_tick: u64::MAX, ..good }), Err(Distrust::Invalid));
+        assert_eq!(judge(FluidStatus { state_tick: 66, ..good }), Err(Distrust::Still));
+        assert_eq!(judge(FluidStatus { deficit_ml: 3.0, ..good }), Err(Distrust::Frozen));
+        let shut = FluidStatus { deficit_ml: 3.0, inflow_ml_min: 0.0, ..good };
+        assert_eq!(judge(shut), Ok(()), "nothing flows: nothing need change");
     }
 }

@@ -4,13 +4,16 @@ use crate::hop;
 use hyst_coupling::{
     ForceFault, ForceLimits, LastHopParams, WatchInput, WatchParams, WatchState, WatchVerdict, choose, valid_force, watch_step,
 };
-use hyst_engine::Life;
-use hyst_exchange::{ReadPage, system};
+use hyst_engine::{Life, lockstep};
+use hyst_exchange::{ReadPage, StationPage, system};
 use hyst_messages::page::device::{self as layout, Distrust};
-use hyst_messages::page::{haptic, header};
-use hyst_messages::record::FORCE_SHADOW;
+use hyst_messages::page::{haptic, header, station};
+use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW};
 use hyst_messages::{ForceRecord, InputRecord, Role, Slot, fnv_words};
 
+/// Ticks in a row after which a servo whose force stands still while the other's changes is to be replaced: two that lost different ticks agree again
+/// sooner.
+const STOOD_TICKS: u32 = 10;
 /// Replicas of the servo.
 const REPLICAS: usize = 2;
 
@@ -18,6 +21,10 @@ struct Replica {
     page: ReadPage,
     incarnation: u32,
     watch: WatchState,
+    /// Its newest force is that of the tick before, to the bit.
+    same: bool,
+    /// Ticks in a row in which it stood still although the other's force changed.
+    stood: u32,
 }
 
 /// What the device takes in this tick.
@@ -49,38 +56,87 @@ impl Replicas {
     pub fn seat(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
         let incarnation = page.incarnation();
         match self.seats.get_mut(index) {
-            Some(place) => place.replace(Replica { page, incarnation, watch: WatchState::default() }).map(|replica| replica.page),
+            Some(place) => {
+                let newcomer = Replica { page, incarnation, watch: WatchState::default(), same: false, stood: 0 };
+                place.replace(newcomer).map(|replica| replica.page)
+            }
             None => Some(page),
         }
     }
 
+    /// Incarnation of the replica that is followed, 0 if it is not there.
+    pub fn selected_incarnation(&self) -> u32 {
+        self.seats[self.selected].as_ref().map_or(0, |replica| replica.incarnation)
+    }
+
     /// Waits for the selected replica until the deadline, and chooses.
-    pub fn choose(
-        &mut self,
-        life: &Life,
-        input: &InputRecord,
-        applied_n: [f32; 3],
-        params: &LastHopParams,
-        deadline_ns: u64,
-    ) -> Chosen {
-        let hash = input_hash(input);
+    pub fn choose(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams, deadline_ns: u64) -> Chosen {
         self.wait_for(self.selected, life, input.tick, deadline_ns, false);
         if !(0..REPLICAS).any(|index| self.has_answered(index, input.tick)) {
             // Both missed the tick before, or the selected one died in this tick: wait for whoever is expected to answer, in earnest.
             let other = 1 - self.selected;
             let still = |index: usize| self.seats[index].as_ref().map_or(u32::MAX, |replica| replica.watch.still);
-            let hope = if still(other) < still(self.selected) { other } else { self.selected };
+            // An answer that does not count was one from the shadow: there is nothing more to expect of it in this tick.
+            let said = |index: usize| self.seats[index].as_ref().is_some_and(|seat| seat.page.load64(header::TICK) >= input.tick);
+            let hope = if said(self.selected) || still(other) < still(self.selected) { other } else { self.selected };
             self.wait_for(hope, life, input.tick, deadline_ns + hop::DEADLINE_NS / 2, true);
         }
-        // Once a tick: the watch counts looks.
-        let records = [0, 1].map(|index| self.valid(index, life, input, hash, params));
+        self.take(life, input, params)
+    }
+
+    /// In lock-step: waits for every replica that is warm or live, until it has answered or is lost, and chooses.
+    pub fn choose_from_all(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams) -> Chosen {
+        for replica in self.seats.iter().flatten() {
+            let answers = || replica.page.state().is_ready();
+            let over = || replica.page.load64(header::TICK) >= input.tick || lockstep::is_lost(&life.clock, &replica.page);
+            lockstep::wait_for(life, || (!answers() || over()).then_some(()));
+        }
+        self.take(life, input, params)
+    }
+
+    /// Whether every servo that lives in the station has its seat.
+    pub fn are_all_seated(&self, clock: &StationPage) -> bool {
+        let seated = |slot: Slot, incarnation: u32| {
+            self.seats[slot.index()].as_ref().is_some_and(|replica| replica.incarnation == incarnation)
+        };
+        clock.occupied(Role::Haptic).all(|(slot, incarnation)| clock.is_dead(slot) || seated(slot, incarnation))
+    }
+
+    /// Chooses from what the replicas have said. Once a tick: the watch counts looks.
+    fn take(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams) -> Chosen {
+        let hash = input_hash(input);
+        let said = [0, 1].map(|index| self.valid(index, life, input, hash, params));
+        let mut records = said.map(|record| record.filter(|record| record.flags & FORCE_SHADOW == 0));
+        if life.is_lockstep() && records == [None, None] {
+            // No time is lost in lock-step, so a newborn may be alone before it was out of its shadow: one that has the other's state counts.
+            records = said.map(|record| record.filter(|record| record.flags & FORCE_ASTRAY == 0));
+        }
+        if let Some(standing) = self.standing(&records, input.applied_n, params.max_slew_n_per_tick) {
+            records[standing] = None;
+            life.page.add64(header::FROZEN, 1);
+            let stood = self.seats[standing].as_mut().map_or(0, |seat| {
+                seat.stood += 1;
+                seat.stood
+            });
+            if stood >= STOOD_TICKS {
+                self.distrust(standing, life, Distrust::Frozen);
+            }
+        } else {
+            self.seats.iter_mut().flatten().for_each(|seat| seat.stood = 0);
+        }
+        let preferred = life.clock.page().load32(station::PREFERRED);
+        let is_preferred = |index: &usize| self.seats[*index].as_ref().is_some_and(|seat| seat.incarnation == preferred);
+        if let Some(index) = (0..REPLICAS).filter(|_| preferred != 0).find(is_preferred).filter(|index| records[*index].is_some())
+        {
+            self.selected = index; // it has the force of this tick as the other has: nothing else changes
+        }
         let forces = records.map(|record| record.map(|record| record.force_n));
-        let choice = choose(applied_n, forces[0], forces[1], self.selected, params.max_slew_n_per_tick);
+        let choice = choose(input.applied_n, forces[0], forces[1], self.selected, params.max_slew_n_per_tick);
         if let Some(other) = choice.disagreement {
             self.distrust(other, life, Distrust::Differs);
         }
         self.selected = choice.index;
-        let incarnation = self.seats[choice.index].as_ref().map_or(0, |replica| replica.incarnation);
+        let incarnation = self.selected_incarnation();
         if choice.force_n.is_some() {
             self.last = Chosen { force_n: choice.force_n, tick: input.tick, incarnation };
         } else {
@@ -90,6 +146,22 @@ impl Replicas {
         life.page.store64(layout::SELECTED, slot as u64);
         life.page.store64(layout::SELECTED_INCARNATION, incarnation as u64);
         self.last
+    }
+
+    /// Of two that differ, the one whose force is that of its tick before although the other's has changed: its output stands still.
+    /// Only if the other's can be followed without a kick.
+    fn standing(&self, records: &[Option<ForceRecord>; REPLICAS], applied_n: [f32; 3], slew_n: f32) -> Option<usize> {
+        let [Some(a), Some(b)] = records else { return None };
+        let bits = |record: &ForceRecord| record.force_n.map(f32::to_bits);
+        let stands = |index: usize| self.seats[index].as_ref().is_some_and(|seat| seat.same);
+        let near = |record: &ForceRecord| {
+            record.force_n.iter().zip(applied_n).map(|(a, b)| (a - b) * (a - b)).sum::<f32>() <= slew_n * slew_n
+        };
+        match (bits(a) == bits(b), stands(0), stands(1)) {
+            (false, true, false) if near(b) => Some(0),
+            (false, false, true) if near(a) => Some(1),
+            _ => None,
+        }
     }
 
     /// Waits until the replica has answered this tick, the deadline has passed, or it is known to be dead; unless `patient`, one that has
@@ -117,7 +189,7 @@ impl Replicas {
         record.is_some_and(|(_, record)| record.tick == tick && record.flags & FORCE_SHADOW == 0)
     }
 
-    /// The replica's force for this tick, if it may be applied.
+    /// The replica's force for this tick, if nothing is wrong with it; it may still be one from the shadow.
     fn valid(
         &mut self,
         index: usize,
@@ -136,9 +208,10 @@ impl Replicas {
             digest: record.input_hash,
             expected_digest: if record.tick == input.tick { hash } else { record.input_hash },
         };
+        let before = replica.watch.force_n.map(f32::to_bits);
+        replica.same = replica.watch.seen == 1 && before == record.force_n.map(f32::to_bits);
         let (watch, verdict) = watch_step(&WatchParams::default(), &replica.watch, &watched);
         replica.watch = watch;
-        let shadow = record.flags & FORCE_SHADOW != 0;
         let distrust = match (valid_force(input.tick, record.tick, record.force_n, &limits), verdict) {
             (Err(ForceFault::NotFinite | ForceFault::TooLarge | ForceFault::FromFuture), _) | (_, WatchVerdict::WrongInput) => {
                 life.page.add64(header::INVALID, 1);
@@ -149,8 +222,8 @@ impl Replicas {
                 Some(Distrust::Frozen)
             }
             (_, WatchVerdict::StampStill) => Some(Distrust::Still),
-            (Err(ForceFault::Stale), _) => None,
-            (Ok(()), WatchVerdict::Alive) => return (!shadow).then_some(record),
+            (Err(ForceFault::Stale), _) => Some(Distrust::Missing),
+            (Ok(()), WatchVerdict::Alive) => return Some(record),
         };
         if let Some(distrust) = distrust {
             self.distrust(index, life, distrust);
@@ -162,5 +235,6 @@ impl Replicas {
     fn distrust(&self, index: usize, life: &Life, why: Distrust) {
         let Some(replica) = &self.seats[index] else { return };
         life.page.store64(layout::DISTRUSTED + index, (why as u64) << 32 | replica.incarnation as u64);
+        life.distrust(replica.incarnation, why);
     }
 }

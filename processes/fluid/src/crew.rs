@@ -32,7 +32,8 @@ pub struct Crew {
     count: u32,
 }
 
-fn broken(error: hyst_flow::FlowError) -> Failure {
+/// A failure of the solver, which ends the process.
+pub fn broken(error: hyst_flow::FlowError) -> Failure {
     Failure::Broken(error.to_string())
 }
 

@@ -1,14 +1,17 @@
 //! The Flow Engine: Navier–Stokes over the cavity in the paper's order, pump and cavity volume, with walls from the deforming tissue and the
 //! scope as a moving obstacle. Its state is a message like every other engine's, so that a kill loses no millilitre of the deficit.
 
+#[cfg(test)]
+mod tests;
+
 use crate::cavity::Cavity;
 use crate::crew::Crew;
 use bytemuck::{Pod, Zeroable};
-use hyst_engine::{Failure, Life, Stateful, StepContext};
+use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_exchange::{Held, Links, ReadPage, Subscriber};
+use hyst_exchange::{Held, ReadPage, Subscriber, system};
 use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport};
-use hyst_messages::page::{fluid, hardware, header};
+use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
 use hyst_scene::LoadedScene;
@@ -22,8 +25,10 @@ const SHAFT_M: f32 = 0.06;
 const PORT_M: f32 = 0.003;
 /// Limit of the pump's flow, ml/min: the upper end of a hysteroscopy pump's range (WOM: 50 to 800).
 const MAX_FLOW_ML_MIN: f32 = 800.0;
-/// Tissues whose streams are read.
-const TISSUES: usize = 2;
+/// No node of a patient's organ is farther from the pivot, m.
+const FARTHEST_M: f32 = 10.0;
+/// Tissues whose streams are read: holder, spare and a newcomer on trial.
+const TISSUES: usize = 3;
 
 /// First section of a fluid state.
 #[repr(C)]
@@ -39,6 +44,14 @@ pub struct Head {
     pub cells: [u32; 3],
     /// Padding, zero.
     pub reserved: u32,
+}
+
+impl Head {
+    /// Of a status and the grid that the state is on.
+    pub fn of(status: FluidStatus, grid: &Grid) -> Head {
+        let cells = grid.cells().map(|count| count as u32);
+        Head { status, origin_m: grid.origin_m(), spacing_m: grid.spacing_m(), cells, reserved: 0 }
+    }
 }
 
 #[derive(Default)]
@@ -62,6 +75,7 @@ pub struct FlowEngine<'a> {
     topology: Option<Held>,
     hardware: Option<ReadPage>,
     status: FluidStatus,
+    lies: Lies,
 }
 
 /// The scene of the settings.
@@ -86,10 +100,13 @@ impl<'a> FlowEngine<'a> {
     pub fn new(life: &'a Life) -> Result<FlowEngine<'a>, Failure> {
         let input = |error: hyst_flow::FlowError| Failure::Input(error.to_string());
         let scene = load_scene(life.settings.scene.as_deref())?;
+        life.admit_scene(scene.hash)?;
         let figures = &scene.fluid;
         let model = model_of(&scene, figures.grid.map(|count| count as usize)).map_err(input)?;
         let (grid, cells) = (model.grid, model.grid.cells());
-        let bands = life.settings.number("fluid_threads", 1.0, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
+        // Half of the machine at most, so that the threads of the layers leave room for whatever is real time.
+        let default = (system::cores() / 2).clamp(1, 4) as f64;
+        let bands = life.settings.number("fluid_threads", default, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
         let crew = Crew::new(Solver::new(model, bands.min(cells[2]).min(8)).map_err(input)?)?;
         Ok(FlowEngine {
             life,
@@ -97,13 +114,14 @@ impl<'a> FlowEngine<'a> {
             cavity: Cavity::new(grid),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
-            period_ticks: (1_000.0 / figures.rate_hz).round().max(1.0) as u64,
+            period_ticks: figures.period_ticks(),
             holds: None,
             sources: Default::default(),
             state: None,
             topology: None,
             hardware: None,
             status: FluidStatus::default(),
+            lies: Lies::new(life, size_of::<FluidStatus>()),
         })
     }
 
@@ -112,20 +130,29 @@ impl<'a> FlowEngine<'a> {
         [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4]
     }
 
-    /// Takes the tissue's newest state and makes the mask from it; without one the mask stays as it is.
-    fn update_walls(&mut self) -> Result<u64, Failure> {
+    /// Takes the tissue's newest state and topology.
+    fn receive(&mut self) {
         let mut key = self.state.as_ref().and_then(key_of);
         for source in &self.sources {
             if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?)
                 && key_of(&held) > key
             {
-                key = key_of(&held);
-                self.state = Some(held);
+                if positions_are_sane(&held) {
+                    key = key_of(&held);
+                    self.state = Some(held);
+                } else {
+                    self.life.page.add64(header::INVALID, 1);
+                }
             }
             if let Some(held) = source.topology.as_ref().and_then(|stream| stream.newest().ok()?) {
                 self.topology = Some(held);
             }
         }
+    }
+
+    /// Makes the mask from the tissue's newest state; without one the mask stays as it is.
+    fn update_walls(&mut self) -> Result<u64, Failure> {
+        self.receive();
         let (Some(state), Some(topology)) = (&self.state, &self.topology) else { return Ok(0) };
         let state = Message::parse(state.bytes(), Kind::TissueState)?;
         let topology = Message::parse(topology.bytes(), Kind::Topology)?;
@@ -151,23 +178,23 @@ impl<'a> FlowEngine<'a> {
         for (out, value) in density.iter_mut().zip(view.density()) {
             *out = *value;
         }
-        let grid = &solver.model().grid;
-        let says = Head {
-            status,
-            origin_m: grid.origin_m(),
-            spacing_m: grid.spacing_m(),
-            cells: grid.cells().map(|count| count as u32),
-            reserved: 0,
-        };
-        head.copy_from_slice(bytemuck::bytes_of(&says));
+        head.copy_from_slice(bytemuck::bytes_of(&Head::of(status, &solver.model().grid)));
         self.status = status;
         Ok(())
     }
 }
 
-/// Epoch and tick of a held state.
+/// Whether a tissue's nodes are where an organ can be; the walls stay as they are until they are again.
+fn positions_are_sane(held: &Held) -> bool {
+    let message = Message::parse(held.bytes(), Kind::TissueState);
+    let positions = message.and_then(|message| message.section::<f32>(1));
+    positions.is_ok_and(|values| values.iter().fold(true, |all, value| all & (value.abs() <= FARTHEST_M)))
+}
+
+/// Epoch and tick of a held state, if it is one of the role's.
 fn key_of(held: &Held) -> Option<(u32, u64)> {
-    Message::parse(held.bytes(), Kind::TissueState).ok().map(|message| (message.header().epoch, message.header().tick))
+    let header = *Message::parse(held.bytes(), Kind::TissueState).ok()?.header();
+    (!header.is_shadow()).then_some((header.epoch, header.tick))
 }
 
 /// What a step gets from the hardware: the scope as an obstacle, its ports, valves and pump.
@@ -200,7 +227,8 @@ fn axis_of(sample: &HardwareSample) -> [f32; 3] {
     (glam::Quat::from_array(sample.pose.orientation) * glam::Vec3::Z).to_array()
 }
 
-fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatus {
+/// What the page says of a step.
+pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatus {
     let alarms = &report.pump.alarms;
     FluidStatus {
         state_tick: 0,
@@ -211,6 +239,14 @@ fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatu
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
         alarms: u32::from(alarms.pressure) | u32::from(alarms.deficit) << 1 | u32::from(alarms.abnormal_loss) << 2,
     }
+}
+
+/// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the
+/// role was computed for another tick, and says so by a step of 0.
+fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
+    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.pressure_pa as f64];
+    let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
+    of_tick && numbers.iter().all(|value| value.is_finite())
 }
 
 impl Stateful for FlowEngine<'_> {
@@ -226,16 +262,17 @@ impl Stateful for FlowEngine<'_> {
         self.period_ticks
     }
 
+    /// A step takes less than half a period, so that an ordinary process which waited for a core catches up soon, and the pump loses no time.
+    fn backlog(&self) -> u64 {
+        2
+    }
+
     fn interests(&self) -> Vec<(Role, Wanted)> {
         vec![
             (Role::Hardware, Wanted::Page),
             (Role::Tissue, Wanted::Stream(Kind::TissueState)),
             (Role::Tissue, Wanted::Stream(Kind::Topology)),
         ]
-    }
-
-    fn open(&mut self, _links: &Links) -> Result<(), Failure> {
-        Ok(())
     }
 
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
@@ -248,7 +285,18 @@ impl Stateful for FlowEngine<'_> {
         let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
         (0..SECTIONS).all(fits)
             && message.section::<u8>(1).is_ok_and(|block| StateView::new(block).is_ok())
-            && message.record::<Head>(0).is_ok_and(|head| head.status.deficit_ml.is_finite())
+            && message.record::<Head>(0).is_ok_and(|head| is_of(&head.status, message.header()))
+            && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()))
+    }
+
+    /// The tissue's state that the sequencer has seen finished, the hardware's sample of this tick.
+    fn is_supplied(&mut self, _tick: u64, next_tick: u64) -> bool {
+        self.receive();
+        let tissue_tick = self.life.clock.page().load64(station::TISSUE_TICK);
+        let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE));
+        self.topology.is_some()
+            && self.state.as_ref().and_then(key_of).is_some_and(|(_, tick)| tick >= tissue_tick)
+            && sample.is_some_and(|(_, sample)| sample.hardware_tick == next_tick)
     }
 
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
@@ -270,8 +318,10 @@ impl Stateful for FlowEngine<'_> {
 
     fn finished(&mut self, context: &StepContext, _state: &[u8]) {
         self.holds = Some((context.tenure.epoch, context.next_tick));
+        let mut told = self.status;
+        self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
-        page.write(fluid::STATUS, &self.status);
+        page.write(fluid::STATUS, &told);
         let sections = self.sections();
         // The solver computes in its own layered fields; its block and the density are then copied into the loan.
         page.add64(header::COPIED_BYTES, (sections[1] + sections[2]) as u64);

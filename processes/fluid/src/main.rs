@@ -1,9 +1,4 @@
-//! The `fluid` process: the Flow Engine. See [`engine`].
-
-mod bench;
-mod cavity;
-mod crew;
-mod engine;
+//! The `fluid` process: the Flow Engine, or its benchmark.
 
 use hyst_messages::Role;
 use std::process::ExitCode;
@@ -11,7 +6,7 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
     if arguments.next().as_deref() == Some("bench") {
-        return bench::run(arguments);
+        return fluid::bench(arguments);
     }
-    hyst_engine::run(Role::Fluid, |life| hyst_engine::run_stateful(life, engine::FlowEngine::new(life)?))
+    hyst_engine::run(Role::Fluid, fluid::run)
 }

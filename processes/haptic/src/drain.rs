@@ -15,6 +15,9 @@ const INTERVAL_NS: u64 = 20_000_000;
 /// Records in one message: what comes together in one interval, and enough to catch up after a stall.
 const BATCH: usize = 256;
 
+/// Messages in a row for which no block could be had, after which the process ends: a second, and there will never be one again.
+const MOST_REFUSED: u32 = 50;
+
 /// Ends the drain's thread when dropped.
 pub struct Drain {
     stop: Arc<AtomicBool>,
@@ -38,9 +41,10 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let incarnation = life.incarnation;
+    let loses_a_loan = life.loan_loser()?;
     let body = move || {
         let mut device: Option<ReadPage> = None;
-        let mut next = 0;
+        let (mut next, mut refused) = (0, 0);
         while !stopped.load(Ordering::Acquire) {
             while let Some(arrival) = inbox.take() {
                 let Port::Page(page) = arrival.port else { continue };
@@ -48,8 +52,14 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
                     inbox.retire(Departure::Page(before));
                 }
             }
+            if loses_a_loan() {
+                publisher.lose(bytes);
+            }
             if let Some(device) = &device {
-                next = publish(&publisher, device, next, incarnation);
+                let published = publish(&publisher, device, next, incarnation);
+                refused = if published.is_none() { refused + 1 } else { 0 };
+                assert!(refused < MOST_REFUSED, "no block of the force stream can be had any more");
+                next = published.unwrap_or(next);
             }
             system::sleep_ns(INTERVAL_NS);
         }
@@ -58,22 +68,23 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
     Ok(Drain { stop, handle: Some(handle) })
 }
 
-/// Publishes the records from `next` on; gives the tick after the last one. A message that cannot be sent is sent again with the next.
-fn publish(publisher: &Publisher, device: &ReadPage, next: u64, incarnation: u32) -> u64 {
+/// Publishes the records from `next` on; gives the tick after the last one, `None` if there was no block to write into. What cannot be sent is sent
+/// again with the next.
+fn publish(publisher: &Publisher, device: &ReadPage, next: u64, incarnation: u32) -> Option<u64> {
     let end = device.ring_end(layout::APPLIED);
     let first = next.max(end.saturating_sub(BATCH as u64));
     if end <= first {
-        return next;
+        return Some(next);
     }
     let count = (end - first) as usize;
     let sections = [count * size_of::<AppliedRecord>()];
-    let Ok(mut loan) = publisher.loan(message_bytes(&sections)) else { return next };
+    let mut loan = publisher.loan(message_bytes(&sections)).ok()?;
     let header = StreamHeader { tick: first, incarnation, ..Default::default() };
-    let Ok(mut message) = MessageMut::format(loan.bytes_mut(), Kind::Force, header, &sections) else { return next };
-    let Ok(records) = message.section::<AppliedRecord>(0) else { return next };
+    let Ok(mut message) = MessageMut::format(loan.bytes_mut(), Kind::Force, header, &sections) else { return Some(next) };
+    let Ok(records) = message.section::<AppliedRecord>(0) else { return Some(next) };
     for (record, tick) in records.iter_mut().zip(first..) {
         // A tick that the device skipped stays zero, with tick 0, and is skipped by the reader.
         *record = device.ring(layout::APPLIED, tick).unwrap_or_default();
     }
-    if loan.send().is_ok() { end } else { next }
+    Some(if loan.send().is_ok() { end } else { next })
 }

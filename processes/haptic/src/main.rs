@@ -1,10 +1,7 @@
-//! The `haptic` process: the servo, 1 kHz, one of two replicas. See [`servo`].
-
-mod drain;
-mod servo;
+//! The `haptic` process: the servo, 1 kHz, one of two replicas.
 
 use hyst_messages::Role;
 
 fn main() -> std::process::ExitCode {
-    hyst_engine::run(Role::Haptic, servo::run)
+    hyst_engine::run(Role::Haptic, haptic::run)
 }

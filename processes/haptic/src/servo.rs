@@ -1,21 +1,21 @@
 //! The servo's loop: one step for each input record, the state handed on with every force. Both replicas compute every tick from the same
-//! record, so their forces are the same to the bit; a newborn takes the state of the other and runs in its shadow until it has agreed.
+//! record, so their forces are the same to the bit; one that lost ticks and a newborn go on from the other's state ([`accord`]), and a
+//! newborn runs in the other's shadow until it has agreed.
 //!
 //! The loop is paced by the device's input records, not by a clock of its own: it computes for the tick that the hand is in.
 
+use crate::accord::{self, LONELY_TICKS, Other, Seat};
 use crate::drain;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
-use hyst_engine::{Failure, Life, realtime};
+use hyst_engine::{Failure, Lies, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
 use hyst_messages::page::{ProcessState, device, haptic, header};
-use hyst_messages::record::{FORCE_SHADOW, SERVO_STATE_WORDS};
+use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS};
 use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
 
 /// Ticks that a newborn must agree with the other replica before it may be chosen.
 pub const SHADOW_TICKS: u32 = 20;
-/// Ticks without a word from the other replica after which a newborn need not wait for it.
-pub const LONELY_TICKS: u64 = 5;
 /// How long the servo sleeps at most without an input, ns: then it looks for a successor of the device, and for the station's end.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
 
@@ -30,6 +30,7 @@ struct Servo<'a> {
     agreed: u32,
     shadow: bool,
     allocations: u64,
+    lies: Lies,
 }
 
 /// The whole life of a servo.
@@ -48,8 +49,9 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         agreed: 0,
         shadow: true,
         allocations: 0,
+        lies: Lies::new(life, size_of::<ForceRecord>()),
     };
-    while servo.device.is_none() && !life.clock.stop_requested() {
+    while !servo.is_connected() && !life.clock.stop_requested() {
         servo.receive_ports();
         life.heartbeat();
         system::sleep_ns(TICK_NS);
@@ -62,6 +64,14 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 }
 
 impl Servo<'_> {
+    /// Whether the device's page is there; in lock-step the other servo's too, if it lives, because its state is needed at the first tick.
+    fn is_connected(&self) -> bool {
+        let clock = &self.life.clock;
+        let known = |incarnation: u32| self.peer.as_ref().is_some_and(|page| page.incarnation() == incarnation);
+        let mut servos = clock.occupied(Role::Haptic).filter(|(slot, _)| *slot != self.life.slot && !clock.is_dead(*slot));
+        self.device.is_some() && (!self.life.is_lockstep() || servos.all(|(_, incarnation)| known(incarnation)))
+    }
+
     fn receive_ports(&mut self) {
         while let Some(arrival) = self.inbox.take() {
             let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.peer };
@@ -89,7 +99,8 @@ impl Servo<'_> {
             if input.tick <= self.last.tick {
                 continue;
             }
-            self.tick(&input);
+            self.life.misbehave();
+            self.tick(&input, woken_ns);
             self.account(&input, woken_ns);
         }
     }
@@ -97,7 +108,9 @@ impl Servo<'_> {
     fn account(&self, input: &InputRecord, woken_ns: u64) {
         let page = &self.life.page;
         let now = system::now_ns();
-        page.count_latency(header::WAKEUP, woken_ns.saturating_sub(self.life.clock.start_of(input.tick)));
+        if !self.life.is_lockstep() {
+            page.count_latency(header::WAKEUP, woken_ns.saturating_sub(self.life.clock.start_of(input.tick)));
+        }
         page.count_latency(header::LOOP, now - woken_ns);
         page.store64(header::HEARTBEAT_NS, now);
         page.store64(header::VALUE_NS, now);
@@ -105,20 +118,19 @@ impl Servo<'_> {
         page.store64(header::ALLOCATIONS, allocation::of_this_thread() - self.allocations);
     }
 
-    /// The state to go on from: own if no tick is missing, else the other replica's if it has it, else own with the gap.
-    fn before(&self, tick: u64) -> (ServoState, bool) {
-        if self.last.tick + 1 == tick {
-            return (state_of(&self.last), true);
-        }
-        let peer = self.peer.as_ref().and_then(|page| page.cell(haptic::FORCE)).map(|(_, record)| record);
-        match peer {
-            Some(peer) if peer.tick + 1 == tick && peer.flags & FORCE_SHADOW == 0 => (state_of(&peer), true),
-            _ => (state_of(&self.last), false),
-        }
+    /// What the other servo has said.
+    fn other(&self, tick: u64) -> Option<Other> {
+        let page = self.peer.as_ref()?;
+        let (_, newest) = page.cell(haptic::FORCE)?;
+        let seat = Seat { incarnation: page.incarnation(), index: 1 - self.life.slot.index().min(1) };
+        Some(Other { seat, newest, before: page.ring(haptic::FORCES, tick - 1) })
     }
 
-    fn tick(&mut self, input: &InputRecord) {
-        let (before, whole) = self.before(input.tick);
+    fn tick(&mut self, input: &InputRecord, woken_ns: u64) {
+        let other = self.other(input.tick);
+        let me = Seat { incarnation: self.life.incarnation, index: self.life.slot.index() };
+        let selected = input.selected_incarnation as u32;
+        let from = accord::origin(&self.params, me, &self.last, other.as_ref(), input.tick, selected);
         let model = contact_model(input);
         let age = input.tick.saturating_sub(input.model.state_tick).min(u32::MAX as u64) as u32;
         let request = ServoInput {
@@ -130,39 +142,42 @@ impl Servo<'_> {
             model_age_ticks: if input.model.epoch == 0 { u32::MAX } else { age },
             applied_n: Some(input.applied_n),
         };
-        let (state, output) = servo_step(&self.params, &before, &request);
-        self.leave_shadow(input.tick, whole);
+        let (state, output) = servo_step(&self.params, &from.state, &request);
+        self.leave_shadow(input.tick, other.as_ref());
         let mut record = ForceRecord {
             tick: input.tick,
             input_hash: fnv_words(0, cell::words_of(input)),
             force_n: output.force_n,
-            flags: (output.flags & 3) | if self.shadow { FORCE_SHADOW } else { 0 },
+            flags: (output.flags & 3) | bit(FORCE_SHADOW, self.shadow) | bit(FORCE_ASTRAY, from.astray),
             servo_state: [0; SERVO_STATE_WORDS],
         };
         bytemuck::cast_slice_mut(&mut record.servo_state)[..size_of::<ServoState>()].copy_from_slice(bytemuck::bytes_of(&state));
+        self.life.drag(woken_ns);
+        let mut told = record;
+        self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
-        page.write(haptic::FORCE, &record);
-        page.store64(header::TICK, input.tick);
+        page.push(haptic::FORCES, input.tick, &told);
+        page.write(haptic::FORCE, &told);
+        page.store64(header::TICK, told.tick);
         page.bump_and_wake(header::NEWS);
         self.last = record;
     }
 
     /// Compares the last tick with the other replica's, if it can be had, and leaves the shadow after enough agreement, or if there is
     /// nobody to agree with.
-    fn leave_shadow(&mut self, tick: u64, whole: bool) {
+    fn leave_shadow(&mut self, tick: u64, other: Option<&Other>) {
         if !self.shadow {
             return;
         }
-        let peer = self.peer.as_ref().and_then(|page| page.cell(haptic::FORCE)).map(|(_, record)| record);
-        let heard = peer.filter(|peer| peer.tick + LONELY_TICKS > tick);
-        match heard {
-            Some(peer) if peer.tick == self.last.tick => {
-                let agrees = whole && peer.force_n.map(f32::to_bits) == self.last.force_n.map(f32::to_bits);
-                self.agreed = if agrees { self.agreed + 1 } else { 0 };
+        let heard = other.filter(|other| other.newest.tick + LONELY_TICKS > tick);
+        match heard.map(|other| (other.before, other.newest.flags & FORCE_SHADOW != 0)) {
+            Some((Some(before), _)) => {
+                self.agreed = if accord::agree(&before, &self.last) { self.agreed + 1 } else { 0 };
             }
-            Some(peer) if peer.flags & FORCE_SHADOW == 0 => {}
+            Some((None, false)) => {}
             // Nobody to agree with, or two newborns: the first slot leads.
-            _ => self.agreed += u32::from(heard.is_none() || self.life.slot.index() == 0),
+            None => self.agreed += 1,
+            Some((None, true)) => self.agreed += u32::from(self.life.slot.index() == 0),
         }
         if self.agreed >= SHADOW_TICKS {
             self.shadow = false;
@@ -171,8 +186,9 @@ impl Servo<'_> {
     }
 }
 
-fn state_of(record: &ForceRecord) -> ServoState {
-    bytemuck::pod_read_unaligned(&bytemuck::cast_slice::<u64, u8>(&record.servo_state)[..size_of::<ServoState>()])
+/// `flag` if `set`.
+fn bit(flag: u32, set: bool) -> u32 {
+    if set { flag } else { 0 }
 }
 
 fn contact_model(input: &InputRecord) -> ContactModel {

@@ -69,6 +69,7 @@ fn is_superseded(life: &Life) -> bool {
 }
 
 fn alive(life: &Life) {
+    life.misbehave();
     life.heartbeat();
     life.page.store64(header::TICK, life.tick());
     life.page.add64(header::STEPS, 1);

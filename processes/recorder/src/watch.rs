@@ -55,7 +55,8 @@ impl Look {
         }
         for role in Role::ALL {
             let (was, is) = (old.holders[role as usize], self.holders[role as usize]);
-            if is != was && is.epoch != 0 {
+            // A holder that leaps over ticks begins an epoch of its own: nobody was promoted.
+            if is.incarnation != was.incarnation && is.epoch != 0 {
                 let text = format!("#{} holds the role {} in epoch {}", is.incarnation, role.name(), is.epoch);
                 say(Level::Info, "promoted", role.name().into(), is.incarnation, text);
             }
@@ -83,6 +84,9 @@ mod tests {
         dead.slots[haptic] = (5, true);
         assert_eq!(kinds(&dead.events(Some(&look), "", 9)), [("died", "haptic:1", 5)]);
         assert!(dead.events(Some(&dead), "", 9).is_empty());
+        let mut leapt = dead.clone();
+        leapt.holders[tissue].epoch = 2;
+        assert!(leapt.events(Some(&dead), "", 9).is_empty());
         let mut again = look.clone();
         again.slots[haptic] = (8, false);
         again.holders[tissue] = Tenure { epoch: 2, incarnation: 6 };

@@ -1,6 +1,9 @@
 //! Promises of the process: bad arguments are one message and exit code 2; a session that is killed half-way and taken up by a successor
 //! holds every tick once; a file of somebody else is not touched. The test founds the station and is its device.
 
+#[path = "../../../shared/engine/tests/support/cli.rs"]
+mod cli;
+
 use hyst_exchange::{OwnedPage, ReadPage, Station, system};
 use hyst_messages::page::{ProcessState, device, recorder, station as layout};
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, RecorderStatus, Role, Slot};
@@ -109,13 +112,8 @@ fn refused(output: &Output, word: &str) {
 }
 
 #[test]
-fn bad_arguments_are_one_message_and_exit_code_2() {
-    let run = |arguments: &[&str]| Command::new(BINARY).args(arguments).output().unwrap();
-    refused(&run(&[]), "--station");
-    refused(&run(&["--station", "x", "--slot", "haptic:0", "--incarnation", "1"]), "this binary is a recorder");
-    refused(&run(&["--station", "NO SUCH", "--slot", "recorder", "--incarnation", "1"]), "station name");
-    let absent = format!("t{}-absent", std::process::id());
-    refused(&run(&["--station", &absent, "--slot", "recorder", "--incarnation", "1"]), "hystation run");
+fn bad_arguments_are_refused() {
+    cli::engine(BINARY, "recorder", "recorder");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use crate::sources::REPLICAS;
 use hyst_exchange::rendezvous::{Client, ProcessClient};
-use hyst_messages::stream::AppearanceRecord;
+use hyst_messages::stream::{AppearanceRecord, ScopeRecord};
 use rendering::{Appearance, Material};
 
 /// How long one tissue is waited for before the other is asked, ns.
@@ -21,11 +21,33 @@ pub struct Looks {
     until_ns: u64,
 }
 
-/// The records of an answer; `None` for one that makes no sense.
-fn records(answer: &[u8]) -> Option<Vec<AppearanceRecord>> {
+/// The records of an answer, the scope's and the objects'; `None` for one that makes no sense.
+fn records(answer: &[u8]) -> Option<(ScopeRecord, Vec<AppearanceRecord>)> {
+    let (head, objects) = answer.split_at_checked(size_of::<ScopeRecord>())?;
     let size = size_of::<AppearanceRecord>();
-    let sound = answer.len().is_multiple_of(size) && answer.len() / size <= MAX_RECORDS;
-    sound.then(|| answer.chunks_exact(size).map(bytemuck::pod_read_unaligned).collect())
+    let scope: ScopeRecord = bytemuck::pod_read_unaligned(head);
+    let sound = objects.len().is_multiple_of(size) && objects.len() / size <= MAX_RECORDS && is_sound(&scope);
+    sound.then(|| (scope, objects.chunks_exact(size).map(bytemuck::pod_read_unaligned).collect()))
+}
+
+/// Whether a scope can be drawn and looked through.
+fn is_sound(scope: &ScopeRecord) -> bool {
+    let within = |value: f32, low: f32, high: f32| (low..=high).contains(&value);
+    within(scope.oblique_rad, 0.0, 1.6)
+        && within(scope.field_of_view_rad, 0.3, 2.7)
+        && within(scope.periphery_ratio, 0.1, 1.0)
+        && within(scope.light, 0.0, 10.0)
+        && within(scope.shaft_radius_m, 1e-4, 0.02)
+        && within(scope.shaft_length_m, 1e-3, 1.0)
+}
+
+/// Coefficients of the radial polynomial r·(1 + k₁r² + k₂r⁴) with which the rim stands at `periphery_ratio` of the middle's size: the slope at the rim
+/// is the inverse of the ratio times that in the middle.
+pub fn distortion(periphery_ratio: f32) -> [f32; 2] {
+    /// k₂ over k₁, as the usual optic has it.
+    const SECOND: f32 = 0.2857;
+    let first = (1.0 / periphery_ratio - 1.0) / (3.0 + 5.0 * SECOND);
+    [first, SECOND * first]
 }
 
 /// A record as the stage takes it.
@@ -54,7 +76,7 @@ impl Looks {
     }
 
     /// The answer, once; asks if it is time to.
-    pub fn poll(&mut self, now_ns: u64) -> Option<Vec<AppearanceRecord>> {
+    pub fn poll(&mut self, now_ns: u64) -> Option<(ScopeRecord, Vec<AppearanceRecord>)> {
         if !self.wanted {
             return None;
         }
@@ -89,11 +111,32 @@ mod tests {
     #[test]
     fn an_answer_of_another_length_is_no_answer() {
         let record = AppearanceRecord { id: 4, material: 3, colour: [0.1, 0.2, 0.3], roughness: 0.4, ..Default::default() };
-        let bytes: Vec<u8> = bytemuck::cast_slice(&[record, record]).to_vec();
-        assert_eq!(records(&bytes), Some(vec![record, record]));
+        let scope = ScopeRecord {
+            oblique_rad: 0.5,
+            field_of_view_rad: 1.6,
+            periphery_ratio: 0.5,
+            light: 1.0,
+            shaft_radius_m: 0.0025,
+            shaft_length_m: 0.3,
+        };
+        let head = bytemuck::bytes_of(&scope);
+        let bytes = [head, bytemuck::cast_slice(&[record, record])].concat();
+        assert_eq!(records(&bytes), Some((scope, vec![record, record])));
         assert_eq!(records(&bytes[..bytes.len() - 1]), None);
-        assert_eq!(records(&vec![0; size_of::<AppearanceRecord>() * (MAX_RECORDS + 1)]), None);
-        assert_eq!(records(&[]), Some(Vec::new()));
+        assert_eq!(records(&[head, &vec![0; size_of::<AppearanceRecord>() * (MAX_RECORDS + 1)]].concat()), None);
+        assert_eq!(records(head), Some((scope, Vec::new())));
+        assert_eq!(records(&[]), None);
+        let blind = ScopeRecord { field_of_view_rad: f32::NAN, ..scope };
+        assert_eq!(records(bytemuck::bytes_of(&blind)), None);
+    }
+
+    #[test]
+    fn the_rim_stands_at_the_ratio_of_the_middle() {
+        for ratio in [0.3, 0.52, 1.0] {
+            let [first, second] = distortion(ratio);
+            let slope_at_rim = 1.0 + 3.0 * first + 5.0 * second;
+            assert!((1.0 / slope_at_rim - ratio).abs() < 1e-3, "{ratio}: {first} {second}");
+        }
     }
 
     #[test]

@@ -131,7 +131,7 @@ fn post_entries() -> [(At, Bind); 6] {
     let both = At::FRAGMENT | At::COMPUTE;
     let flat = (both, texture(wgpu::TextureViewDimension::D2));
     let sampler = (both, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    [(both, uniform()), flat, flat, sampler, (both, storage(false)), (both, storage(true))]
+    [(both | At::VERTEX, uniform()), flat, flat, sampler, (both, storage(false)), (both, storage(true))]
 }
 
 fn field_entries() -> [(At, Bind); 2] {

@@ -3,18 +3,22 @@
 //! Promise: a message whose ranges, indices or numbers make no sense changes nothing.
 
 use crate::looks;
-use hyst_messages::stream::{AppearanceRecord, ObjectRecord};
+use hyst_messages::stream::{AppearanceRecord, ObjectRecord, ScopeRecord};
 use hyst_messages::{Kind, Message, Pose, WireError};
 use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, shapes};
 use std::ops::Range;
 
 /// The tool's id on the stage, beyond all registration numbers.
 const TOOL: u64 = 1 << 32;
-/// The tool as it is drawn: outer radius and length, m, and the angle of its optic.
-const TOOL_RADIUS_M: f32 = 0.0025;
-const TOOL_LENGTH_M: f32 = 0.3;
-/// Angle of the optic, rad.
-pub const OBLIQUE_RAD: f32 = std::f32::consts::FRAC_PI_6;
+/// The scope until the tissue has said what the scene's is: 5 mm, 30° fore-oblique.
+const USUAL: ScopeRecord = ScopeRecord {
+    oblique_rad: std::f32::consts::FRAC_PI_6,
+    field_of_view_rad: std::f32::consts::FRAC_PI_2,
+    periphery_ratio: 0.52,
+    light: 1.0,
+    shaft_radius_m: 0.0025,
+    shaft_length_m: 0.3,
+};
 /// Kinds of objects in a topology, as [`ObjectRecord::kind`] says.
 const PATHOLOGY: u32 = 1;
 const FREE_PIECE: u32 = 2;
@@ -65,9 +69,11 @@ struct Part {
     triangles: Vec<[u32; 3]>,
 }
 
-/// What the topology says.
-#[derive(Debug, Default)]
+/// What the topology says, and the looks.
+#[derive(Debug)]
 pub struct Scenery {
+    /// How the instrument sees.
+    pub scope: ScopeRecord,
     /// Writer and version of the topology on the stage.
     topology: Option<(u32, u32)>,
     surfaces: Vec<(u64, Range<usize>)>,
@@ -106,13 +112,17 @@ fn check_finite(points_m: &[[f32; 3]]) -> Result<(), Refused> {
     bad.map_or(Ok(()), |vertex| Err(Refused::NotFinite(vertex)))
 }
 
+fn set_tool(stage: &mut Stage, scope: &ScopeRecord) -> Result<(), RenderError> {
+    let shape = shapes::scope(scope.shaft_radius_m, scope.shaft_length_m, scope.oblique_rad);
+    let appearance = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
+    stage.set_object(TOOL, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance })
+}
+
 impl Scenery {
     /// A stage with the tool alone.
     pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
-        let shape = shapes::scope(TOOL_RADIUS_M, TOOL_LENGTH_M, OBLIQUE_RAD);
-        let appearance = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
-        stage.set_object(TOOL, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance })?;
-        Ok(Scenery::default())
+        set_tool(stage, &USUAL)?;
+        Ok(Scenery { scope: USUAL, topology: None, surfaces: Vec::new(), tools: Vec::new(), vertices: 0, said: false })
     }
 
     /// Whether the objects on the stage are those of this version, from this or any other writer.
@@ -164,13 +174,17 @@ impl Scenery {
         stage.set_pose(TOOL, pose.position_m, pose.orientation)
     }
 
-    /// Gives the objects the looks that the tissue has answered with; what is not on the stage any more is left out.
-    pub fn dress(&self, stage: &mut Stage, records: &[AppearanceRecord]) {
+    /// Gives scope and objects the looks that the tissue has answered with; what is not on the stage any more is left out.
+    pub fn dress(&mut self, stage: &mut Stage, scope: ScopeRecord, records: &[AppearanceRecord]) -> Result<(), RenderError> {
+        if std::mem::replace(&mut self.scope, scope) != scope {
+            set_tool(stage, &scope)?;
+        }
         for record in records {
             let is_tool = self.tools.contains(&(record.id as u64));
             let look = Appearance { external_only: is_tool, ..looks::appearance(record) };
             let _ = stage.set_appearance(if is_tool { TOOL } else { record.id as u64 }, look);
         }
+        Ok(())
     }
 
     /// Whether a refusal is to be said: the first of a row is.

@@ -9,8 +9,8 @@ use hyst_exchange::{Held, Links, ReadPage, Subscriber};
 use hyst_messages::page::{fluid, hardware};
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHeader};
 
-/// Tissues, and fluids, whose streams are read.
-pub const REPLICAS: usize = 2;
+/// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
+pub const REPLICAS: usize = 3;
 
 /// The ports.
 #[derive(Debug)]
@@ -34,6 +34,9 @@ fn newest_of(streams: &[Option<Subscriber>], kind: Kind) -> Option<(StreamHeader
         let Ok(Some(held)) = stream.newest() else { continue };
         let Ok(header) = Message::parse(held.bytes(), kind).map(|message| *message.header()) else { continue };
         let key = |header: &StreamHeader| (header.epoch, header.tick);
+        if header.is_shadow() {
+            continue;
+        }
         if newest.as_ref().is_none_or(|(before, _)| key(&header) > key(before)) {
             newest = Some((header, held));
         }
@@ -54,11 +57,11 @@ impl Sources {
         ];
         Ok(Sources {
             inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
-            states: [None, None],
-            topologies: [None, None],
-            fields: [None, None],
-            held: [None, None],
-            fluids: [None, None],
+            states: Default::default(),
+            topologies: Default::default(),
+            fields: Default::default(),
+            held: Default::default(),
+            fluids: Default::default(),
             hardware: None,
             looks: Looks::default(),
         })

@@ -32,9 +32,12 @@ pub(crate) struct Post {
 }
 
 pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
-    // at the tip: full at 10 mm; outside: a lamp that gives one unit at the target, from wherever it stands
-    let (intensity, outer, inner, ambient) =
-        if eye.round { (2.2 * light, 0.45, 0.86, 1.0) } else { (1.3 * light * eye.lamp_m * eye.lamp_m * 1.0e4, -1.1, -1.0, 1.4) };
+    // at the tip: full at 10 mm, and what the cavity mirrors is of the same lamp; outside: a lamp that gives one unit at the target, from wherever it stands
+    let (intensity, outer, inner, ambient) = if eye.round {
+        (2.2 * light, 0.45, 0.86, light.min(1.0))
+    } else {
+        (1.3 * light * eye.lamp_m * eye.lamp_m * 1.0e4, -1.1, -1.0, 1.4)
+    };
     Globals {
         view_proj: eye.view_proj.to_cols_array_2d(),
         eye: eye.eye_m.extend(1.0).to_array(),

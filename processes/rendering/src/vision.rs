@@ -3,16 +3,17 @@
 use crate::album::Album;
 use crate::display::{Display, SIZE_PX};
 use crate::hand::Hand;
+use crate::looks::distortion;
 use crate::medium;
 use crate::pulse::Pulse;
-use crate::scenery::{OBLIQUE_RAD, Refused, Scenery};
+use crate::scenery::{Refused, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
 use hyst_engine::settings::SetError;
 use hyst_engine::{Failure, Life, Pace};
 use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
-use hyst_messages::{HardwareSample, RenderingStatus};
+use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{Camera, Endoscope, External, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale};
 
 /// Period of the pictures, ticks: 30 in a second, the rate of the paper's display.
@@ -21,8 +22,10 @@ const PERIOD_TICKS: u64 = 33;
 const BUDGET_MS: f32 = 26.0;
 /// Period of a process without pictures, ticks: it only shows that it lives.
 const BLIND_TICKS: u64 = 50;
-/// Below the other ordinary processes: pictures give way before the flow and the recording do.
-const NICE: i32 = 5;
+/// The lens lies this far behind the tip, m: the sheath reaches beyond it, as a resectoscope's does, so that one sees what the tip touches.
+const LENS_BEHIND_M: f32 = 0.004;
+/// Time in which the exposure follows the light, s.
+const ADAPTATION_S: f32 = 0.2;
 
 /// Why the loop ended.
 enum End {
@@ -55,8 +58,6 @@ fn wants_external(life: &Life) -> Result<bool, SetError> {
 pub fn run(life: &Life) -> Result<(), Failure> {
     let mut external = wants_external(life)?;
     let mut album = Album::open(life)?;
-    // Where the system refuses, the process is one like the others.
-    let _ = rustix::process::nice(NICE);
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let mut sources = Sources::open(life, links)?;
     life.ports_are_open();
@@ -99,9 +100,16 @@ fn without_pictures(life: &Life) -> Result<(), Failure> {
     life.page.set_state(ProcessState::Live);
     let mut pace = Pace::new(life, BLIND_TICKS, 0);
     while pace.wait().is_some() {
+        life.misbehave();
         pace.end();
     }
     Ok(())
+}
+
+/// Where the lens is, m.
+fn lens_m(pose: &Pose) -> [f32; 3] {
+    let axis = glam::Quat::from_array(pose.orientation) * glam::Vec3::Z;
+    (glam::Vec3::from(pose.position_m) - LENS_BEHIND_M * axis).to_array()
 }
 
 impl<'a> Vision<'a> {
@@ -146,6 +154,7 @@ impl<'a> Vision<'a> {
         while let Some(tick) = pace.wait() {
             let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
             last_ns = pace.woken_ns();
+            life.misbehave();
             sources.welcome();
             let sample = sources.sample();
             match display.pump(elapsed_s) {
@@ -160,10 +169,12 @@ impl<'a> Vision<'a> {
             }
             self.gather(sources).map_err(broken)?;
             self.aim(sample.as_ref());
+            self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.strip.look(&life.clock, tick);
             self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref());
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
+            life.drag(last_ns);
             self.report(stats.total_ms);
             self.view.quality.scale = next_scale(stats.total_ms, BUDGET_MS, self.view.quality.scale);
             // The glow goes with the last pixels that can be spared, and comes back with the first.
@@ -204,8 +215,8 @@ impl<'a> Vision<'a> {
         if let Some(held) = sources.field() {
             self.take_field(held.bytes())?;
         }
-        if let Some(records) = sources.looks.poll(system::now_ns()) {
-            self.scenery.dress(self.renderer.stage(), &records);
+        if let Some((scope, records)) = sources.looks.poll(system::now_ns()) {
+            self.scenery.dress(self.renderer.stage(), scope, &records)?;
         }
         Ok(())
     }
@@ -242,15 +253,19 @@ impl<'a> Vision<'a> {
         if let Some(sample) = sample {
             // The tool is on the stage from the start.
             let _ = self.scenery.hold_tool(self.renderer.stage(), &sample.pose);
-            self.view.light = sample.controls.light.clamp(0.0, 1.0);
+            self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.scope.light;
         }
-        let scope = sample.map_or(Endoscope::default(), |sample| Endoscope {
-            tip_m: sample.pose.position_m,
-            rotation: sample.pose.orientation,
-            head_rad: sample.pose.camera_roll_rad,
-            oblique_rad: OBLIQUE_RAD,
+        let optic = &self.scenery.scope;
+        let mut scope = Endoscope {
+            oblique_rad: optic.oblique_rad,
+            field_of_view_rad: optic.field_of_view_rad,
+            distortion: distortion(optic.periphery_ratio),
             ..Endoscope::default()
-        });
+        };
+        if let Some(sample) = sample {
+            (scope.tip_m, scope.rotation) = (lens_m(&sample.pose), sample.pose.orientation);
+            scope.head_rad = sample.pose.camera_roll_rad;
+        }
         self.view.camera = if self.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
     }
 

@@ -144,3 +144,16 @@ fn a_smaller_inner_picture_shows_the_same_scene() {
     let apart: u64 = full.iter().zip(half).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
     assert!(apart / (full.len() as u64) < 8, "mean difference {}", apart / full.len() as u64);
 }
+
+#[test]
+fn the_first_picture_is_not_overexposed_by_the_empty_stage_before_it() {
+    let Some(mut r) = renderer() else { return };
+    let mut view = through_scope();
+    view.adaptation = 0.1;
+    picture(&mut r, &view); // as the process draws before it has heard of any tissue
+    put(&mut r, CAVITY, &shapes::cavity(0.045, 40, 48), Material::MucosaTissue);
+    let first = picture(&mut r, &view);
+    view.adaptation = 1.0;
+    let metered = picture(&mut r, &view);
+    assert_eq!(changed(&first, &metered), 0);
+}

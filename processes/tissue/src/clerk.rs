@@ -8,6 +8,7 @@ use hyst_exchange::rendezvous::Server;
 use hyst_exchange::{Links, Publisher, system};
 use hyst_messages::stream::{AppearanceRecord, ObjectRecord, message_bytes};
 use hyst_messages::{Kind, MessageMut, Role, StreamHeader};
+use hyst_scene::Look;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -32,17 +33,25 @@ impl Drop for Clerk {
     }
 }
 
-/// What objects look like, as far as the scene says it.
-fn appearance(objects: &[ObjectRecord]) -> Vec<AppearanceRecord> {
-    let one = |object: &ObjectRecord| {
+/// The answer to whoever asks how the scene looks: the scope, then each object as the scene or else its kind says.
+fn answer(world: &World) -> Vec<u8> {
+    let objects = appearance(world.site.objects(), &world.looks);
+    [bytemuck::bytes_of(&world.scope), bytemuck::cast_slice(&objects)].concat()
+}
+
+fn appearance(objects: &[ObjectRecord], looks: &[Option<Look>]) -> Vec<AppearanceRecord> {
+    let one = |(index, object): (usize, &ObjectRecord)| {
         let (material, colour, roughness) = match object.kind {
             kind if kind == ObjectKind::Pathology as u32 => (1, [0.62, 0.16, 0.13], 0.30),
             kind if kind == ObjectKind::Tool as u32 => (3, [0.70, 0.71, 0.73], 0.25),
             _ => (0, [0.78, 0.34, 0.30], 0.35),
         };
+        let look = looks.get(index).copied().flatten();
+        let (colour, roughness) =
+            look.map_or((colour, roughness), |look| (look.colour.map(|share| share as f32), look.roughness as f32));
         AppearanceRecord { id: object.id, material, colour, roughness, cut_age_ticks: 0, reserved: 0 }
     };
-    objects.iter().map(one).collect()
+    objects.iter().enumerate().map(one).collect()
 }
 
 fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Result<(), Failure> {
@@ -82,14 +91,14 @@ impl Clerk {
         let publisher = links.publisher(Role::Tissue, life.incarnation, Kind::Topology, message_bytes(&bytes))?;
         send_topology(&publisher, world, life.incarnation)?;
         let mut server = links.server(Role::Tissue, life.incarnation, Kind::Appearance)?;
-        let answer_records = appearance(world.site.objects());
+        let answer = answer(world);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let body = move || {
             while !stopped.load(Ordering::Acquire) {
                 // A link that fails here fails for newcomers alone; their next look asks again.
                 let _ = publisher.announce();
-                let _ = server.serve(&mut |_request| bytemuck::cast_slice(&answer_records).to_vec());
+                let _ = server.serve(&mut |_request| answer.clone());
                 system::sleep_ns(INTERVAL_NS);
             }
         };

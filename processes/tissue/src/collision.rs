@@ -3,17 +3,22 @@
 
 use crate::contacts;
 use crate::world::World;
-use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Points, Share, Split, intersect, merge};
-use hyst_engine::{Failure, Life, StepContext};
-use hyst_exchange::meeting::{Coordinator, ProcessCoordinator, members};
+use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Points, Share, Split, are_true, intersect, merge};
+use hyst_engine::{Failure, Life, StepContext, lockstep};
+use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
-use hyst_exchange::{Held, Links, Loan, Publisher, Subscriber, system};
+use hyst_exchange::{Held, Links, Loan, Publisher, ReadPage, Subscriber, system};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::header;
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader};
+use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader, fnv_words};
 use std::sync::Arc;
 
 /// What a step waits for its workers at most, ns: several times what a share takes, a third of a tick.
 const PATIENCE_NS: u64 = 300_000;
+
+/// Answers of another step in a row after which a worker is distrusted: one may be late, and then there is one more.
+const OFF_IN_A_ROW: u32 = 3;
 
 /// The coordinator's side.
 pub struct Collision {
@@ -26,6 +31,8 @@ pub struct Collision {
     shares: Vec<Vec<Hit>>,
     counts: Vec<usize>,
     hits: Vec<Hit>,
+    /// Answers of each worker in a row that were of another step.
+    off: [u32; MAX_WORKERS],
     found: usize,
     missing: u32,
     copied_bytes: u64,
@@ -34,6 +41,29 @@ pub struct Collision {
 /// A job that has been written and not yet been tested.
 pub struct Job {
     loan: Option<Loan>,
+}
+
+#[cfg(test)]
+impl Job {
+    /// What the workers will read.
+    pub fn bytes(&self) -> Option<&[u8]> {
+        self.loan.as_ref().map(Loan::bytes)
+    }
+}
+
+#[cfg(test)]
+impl Collision {
+    /// Fills every block that the next job can be lent, and makes sure of it.
+    pub fn fill_loans(&self, points: usize, fill: impl Fn(&mut [u8])) {
+        let jobs = self.jobs.as_ref().expect("the stream of the jobs is open");
+        let bytes = message_bytes(&self.sections(points));
+        let lend = || jobs.loan(bytes).expect("a loan");
+        let mut filled = [lend(), lend()];
+        filled.iter_mut().for_each(|loan| fill(loan.bytes_mut()));
+        let want = filled[0].bytes().to_vec();
+        drop(filled);
+        assert!(lend().bytes() == want, "the next loan is not one of those that were filled");
+    }
 }
 
 impl Collision {
@@ -52,6 +82,7 @@ impl Collision {
             shares: vec![vec![Hit::default(); room]; workers.max(1)],
             counts: vec![0; workers.max(1)],
             hits: vec![Hit::default(); room],
+            off: [0; MAX_WORKERS],
             found: 0,
             missing: 0,
             copied_bytes: 0,
@@ -136,12 +167,14 @@ impl Collision {
         HashRef::in_words(&self.own_hash).map_err(|error| Failure::Broken(error.to_string()))
     }
 
-    /// Runs the test; the hits are the same whoever computed them.
+    /// Runs the test; the hits are the same whoever computed them. What a worker says is checked: it is true to the last bit, or it is
+    /// computed here, and the worker is distrusted.
     pub fn test(
         &mut self,
+        life: &Life,
         context: &StepContext,
         job: Job,
-        points: &Points<'_>,
+        (points_m, points): (&[[f32; 3]], &Points<'_>),
         world: &World,
         positions_m: &[[f32; 3]],
     ) -> Result<(), Failure> {
@@ -153,16 +186,28 @@ impl Collision {
         if let Some(loan) = job.loan {
             loan.send()?;
             let group = (1u32 << self.workers) - 1;
-            let outcome = self.coordinator.release(&[group], system::now_ns() + PATIENCE_NS);
+            let outcome = release(&mut self.coordinator, life, group);
+            let job_hash = fnv_words(0, points_m.as_flattened().iter().map(|value| value.to_bits() as u64));
             for index in members(outcome.joined) {
-                let expected = self.coordinator.incarnation_at(index);
-                if let Some(held) = self.contacts[index].as_ref().and_then(|stream| stream.newest().ok()?)
-                    && let Some(hits) = share_of(&held, context, expected, index, count, self.shares[index].len())
-                {
-                    self.shares[index][..hits.len()].copy_from_slice(hits);
-                    self.counts[index] = hits.len();
-                    done |= 1 << index;
+                let worker = self.coordinator.incarnation_at(index);
+                let Some(held) = self.contacts[index].as_ref().and_then(|stream| stream.newest().ok()?) else { continue };
+                let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
+                let taken = share_of(&held, context, worker, share, job_hash).and_then(|hits| {
+                    let place = self.shares[index].get_mut(..hits.len()).ok_or(Distrust::Invalid)?;
+                    place.copy_from_slice(hits); // checked where the worker cannot change it
+                    let found = are_true(place, share, points_m, points, &tissue).then_some(hits.len());
+                    found.ok_or(Distrust::Invalid)
+                });
+                match taken {
+                    Ok(found) => {
+                        (self.counts[index], self.off[index]) = (found, 0);
+                        done |= 1 << index;
+                    }
+                    Err(why) => refuse(life, worker, why, &mut self.off[index]),
                 }
+            }
+            for index in members(outcome.missing & group) {
+                life.distrust(self.coordinator.incarnation_at(index), Distrust::Missing);
             }
             self.missing += group.count_ones() - done.count_ones();
         }
@@ -187,21 +232,40 @@ impl Collision {
     }
 }
 
-/// The hits of a worker's answer, if it is the answer to this job by the member that was released.
-fn share_of<'a>(
-    held: &'a Held,
-    context: &StepContext,
-    expected: u32,
-    index: usize,
-    count: usize,
-    room: usize,
-) -> Option<&'a [Hit]> {
-    let message = Message::parse(held.bytes(), Kind::Contacts).ok()?;
+/// Releases the workers. In lock-step those that are warm, until each has joined or is lost.
+fn release(coordinator: &mut ProcessCoordinator, life: &Life, group: Group) -> Outcome {
+    let now_ns = system::now_ns();
+    if !life.is_lockstep() {
+        return coordinator.release(&[group], now_ns + PATIENCE_NS);
+    }
+    let lost = |page: &ReadPage| {
+        life.heartbeat();
+        lockstep::is_lost(&life.clock, page)
+    };
+    coordinator.release_unless(group & coordinator.ready(), now_ns + lockstep::PATIENCE_NS, &lost)
+}
+
+/// Counts an answer that is not taken. One of another step may have been late once.
+fn refuse(life: &Life, worker: u32, why: Distrust, off: &mut u32) {
+    life.page.add64(if why == Distrust::Still { header::STALE } else { header::INVALID }, 1);
+    *off += 1;
+    if why != Distrust::Still || *off >= OFF_IN_A_ROW {
+        life.distrust(worker, why);
+    }
+}
+
+/// The hits of a worker's answer, if it is the answer to this job by the member that was released; else what is wrong with it.
+fn share_of<'a>(held: &'a Held, context: &StepContext, worker: u32, share: Share, job_hash: u64) -> Result<&'a [Hit], Distrust> {
+    let message = Message::parse(held.bytes(), Kind::Contacts).map_err(|_| Distrust::Invalid)?;
     let header = message.header();
-    let fits = header.tick == context.tick
-        && header.epoch == context.tenure.epoch
-        && header.incarnation == expected
-        && header.words == [index as u32, count as u32];
-    let hits: &[Hit] = message.section(0).ok()?;
-    (fits && hits.len() <= room).then_some(hits)
+    if (header.tick, header.epoch) != (context.tick, context.tenure.epoch) {
+        return Err(Distrust::Still);
+    }
+    if header.incarnation != worker || header.words != [share.index, share.count] {
+        return Err(Distrust::Invalid);
+    }
+    if message.section::<u64>(1).ok().and_then(<[u64]>::first) != Some(&job_hash) {
+        return Err(Distrust::Frozen);
+    }
+    message.section(0).map_err(|_| Distrust::Invalid)
 }

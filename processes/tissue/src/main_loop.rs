@@ -5,35 +5,36 @@
 //! A step depends on the state of t and on the input record that the device published for the tick before t, and on nothing else; so a
 //! substitute computes the same bits.
 
+#[cfg(test)]
+mod tests;
+
+use crate::afford::{LONGEST_STEP, affordable_step};
 use crate::clerk::Clerk;
 use crate::collision::Collision;
 use crate::contacts::{Contacts, ToolMotion};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use hyst_contact::{Memory, PlaneSet};
-use hyst_engine::{Failure, Life, Stateful, StepContext};
+use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
-use hyst_exchange::{Links, ReadPage, system};
-use hyst_messages::page::{device, header, tissue};
+use hyst_exchange::{Links, ReadPage, Roster, system};
+use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
     ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus, fnv_words,
 };
 use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
 use std::cell::Cell;
-use std::time::Duration;
 
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
-/// Dry steps that find out what the machine manages.
-const TRIALS: usize = 10;
-/// A step may take this share of its period: the rest belongs to the others on the core.
-const SHARE_OF_PERIOD: f64 = 0.6;
 /// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
 /// wall would need the stress-free shape, which no mesh of a distended cavity holds.
 const MAX_DISTENSION_PA: f32 = 2_000.0;
-/// Most surface vertices whose sum is checked before a foreign state is gone on from: one in so many.
-const SAMPLE: usize = 16;
+/// No node of a patient's organ is farther from the pivot, m.
+const FARTHEST_M: f32 = 10.0;
+/// And none is faster, m/s.
+const MOST_M_S: f32 = 1_000.0;
 
 /// First section of a tissue state.
 #[repr(C)]
@@ -71,6 +72,7 @@ pub struct MainLoop<'a> {
     step_ticks: Cell<u64>,
     planes: PlaneSet,
     status: TissueStatus,
+    lies: Lies,
 }
 
 impl<'a> MainLoop<'a> {
@@ -79,7 +81,9 @@ impl<'a> MainLoop<'a> {
         let contacts = Contacts::new(&world);
         let points = world.tool.points_m.len();
         let owner = contacts.points().owner.to_vec();
-        let asked = life.settings.number("tissue_step_ticks", 0.0, 0.0..=4.0, "1, 2 or 4")? as u64;
+        // In lock-step the step must not depend on the machine.
+        let default = if life.is_lockstep() { 1.0 } else { 0.0 };
+        let asked = life.settings.number("tissue_step_ticks", default, 0.0..=4.0, "1, 2 or 4")? as u64;
         if asked == 3 {
             return Err(Failure::Input("--set tissue_step_ticks=3: expected 1, 2 or 4".into()));
         }
@@ -96,10 +100,14 @@ impl<'a> MainLoop<'a> {
             step_ticks: Cell::new(asked.max(1)),
             planes: PlaneSet::default(),
             status: TissueStatus::default(),
+            lies: Lies::new(life, size_of::<ContactModel>()),
             world,
         };
         if asked == 0 {
-            engine.step_ticks.set(engine.affordable_step()?);
+            let has_begun = Roster::open(&life.station)?.holder(Role::Tissue).epoch > 0;
+            // A session that has begun goes on with the step of its states, also where the machine is busier now than it was.
+            let step = affordable_step(&engine.world).or_else(|error| if has_begun { Ok(LONGEST_STEP) } else { Err(error) })?;
+            engine.step_ticks.set(step);
             life.say(&format!("steps of {} ms", engine.step_ticks.get()));
         }
         Ok(engine)
@@ -116,42 +124,19 @@ impl<'a> MainLoop<'a> {
         ]
     }
 
-    /// The shortest step, in ticks, whose deformation takes no more than its share of the period.
-    fn affordable_step(&self) -> Result<u64, Failure> {
-        let rest = self.world.model.rest_m().to_vec();
-        let still = vec![[0.0; 3]; rest.len()];
-        let (mut position_m, mut velocity_m_s) = (rest.clone(), still.clone());
-        let mut scratch = Scratch::new(&self.world.model);
-        for ticks in [1u64, 2, 4] {
-            let mut least_ns = u64::MAX;
-            for _ in 0..TRIALS {
-                let begun = system::now_ns();
-                let now = StateRef { position_m: &rest, velocity_m_s: &still };
-                let next = StateMut { position_m: &mut position_m, velocity_m_s: &mut velocity_m_s };
-                let input = self.step_input(&[], &[], ticks);
-                step(&self.world.model, &mut scratch, now, &input, next).map_err(|error| Failure::Input(error.to_string()))?;
-                least_ns = least_ns.min(system::now_ns() - begun);
-            }
-            if (least_ns as f64) < SHARE_OF_PERIOD * Duration::from_millis(ticks).as_nanos() as f64 {
-                return Ok(ticks);
-            }
-        }
-        Ok(4)
-    }
-
-    fn step_input<'b>(
-        &'b self,
-        external_force_n: &'b [[f32; 3]],
-        springs: &'b [hyst_tissue::PlaneSpring],
-        ticks: u64,
-    ) -> StepInput<'b> {
-        StepInput { external_force_n, targets_m: &[], springs, attachments: &self.world.attachments, dt_s: ticks as f32 * 1e-3 }
-    }
-
     /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
     fn input(&self, tick: u64) -> Option<InputRecord> {
         let page = self.device.as_ref()?;
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
+    }
+
+    /// Whether a state was computed from the input that it names: one that stands still while its stamp goes on was not. What is older than
+    /// the device's ring cannot be known.
+    fn is_of_its_input(&self, message: &Message<'_>) -> bool {
+        let Ok(core) = message.record::<Core>(0) else { return false };
+        let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, message.header().input_tick));
+        let finite = core.removed_volume_ml.is_finite() && core.pressure_pa.is_finite();
+        finite && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
     }
 
     fn first_core(&self) -> Core {
@@ -182,8 +167,14 @@ impl Stateful for MainLoop<'_> {
         self.step_ticks.get()
     }
 
+    /// A step takes half a period: who makes up for one is late for many. The hand has moved on.
+    fn backlog(&self) -> u64 {
+        0
+    }
+
     fn interests(&self) -> Vec<(Role, Wanted)> {
-        let mut interests = vec![(Role::Device, Wanted::Page), (Role::Fluid, Wanted::Page)];
+        let registered = [Role::Device, Role::Fluid, Role::Haptic, Role::Rendering, Role::Recorder];
+        let mut interests = registered.map(|role| (role, Wanted::Page)).to_vec();
         if self.life.settings.workers > 0 {
             interests.push((Role::CollisionWorker, Wanted::Page));
             interests.push((Role::CollisionWorker, Wanted::Stream(Kind::Contacts)));
@@ -201,11 +192,12 @@ impl Stateful for MainLoop<'_> {
         let sections = self.sections();
         let header = StreamHeader { topology_version: self.world.site.version(), ..header };
         let parts = MessageMut::format(state, Kind::TissueState, header, &sections)?.split();
-        let [core, positions, velocities, surface, ..] = parts;
+        let [core, positions, velocities, surface, memory, ..] = parts;
         core.copy_from_slice(bytemuck::bytes_of(&self.first_core()));
         let positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(positions);
         positions.copy_from_slice(self.world.model.rest_m());
         velocities.fill(0);
+        memory.fill(0);
         surface_update(&self.world.bindings, self.world.model.tets(), positions, bytemuck::cast_slice_mut(surface));
         Ok(())
     }
@@ -217,14 +209,25 @@ impl Stateful for MainLoop<'_> {
         if !(0..SECTIONS).all(fits) || message.header().topology_version != self.world.site.version() {
             return false;
         }
-        let sane = |index: usize| {
-            let rows: &[[f32; 3]] = message.section(index).unwrap_or(&[]);
-            rows.iter().step_by(SAMPLE).flatten().all(|value| value.is_finite())
+        // Without an early end, so that it is a few instructions for each line of memory.
+        let within = |index: usize, most: f32| {
+            let numbers: &[f32] = message.section(index).unwrap_or(&[]);
+            numbers.iter().fold(true, |all, value| all & (value.abs() <= most))
         };
+        if !within(1, FARTHEST_M) || !within(2, MOST_M_S) || !self.is_of_its_input(&message) {
+            return false;
+        }
         if let step @ (1 | 2 | 4) = message.header().step_ticks {
             self.step_ticks.set(step as u64);
         }
-        sane(1) && sane(2)
+        true
+    }
+
+    /// The input record of the tick before, if the device made one.
+    fn is_supplied(&mut self, tick: u64, _next_tick: u64) -> bool {
+        let Some(wanted) = tick.checked_sub(1).filter(|wanted| *wanted > 0) else { return true };
+        let made = self.life.clock.page().load64(station::INPUT_TICK);
+        made < wanted || self.device.as_ref().is_some_and(|page| page.ring(device::INPUTS, wanted).is_some())
     }
 
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
@@ -249,7 +252,7 @@ impl Stateful for MainLoop<'_> {
         self.world.tool.place(&pose, &mut self.points_m);
         let job = self.collision.hash(context, &self.points_m, &self.owner, self.world.cell_m)?;
         let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
-        self.collision.test(context, job, &points, &self.world, positions)?;
+        self.collision.test(self.life, context, job, (&self.points_m, &points), &self.world, positions)?;
         let tested_ns = system::now_ns();
 
         // Response: springs for the deformation, friction and the fluid's pressure as forces.
@@ -294,7 +297,7 @@ impl Stateful for MainLoop<'_> {
         };
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
-        self.status = status_of(&core_now, before.pressure_pa, self.collision.missing(), times_ns);
+        self.status = status_of(self.status, &core_now, before.pressure_pa, self.collision.missing(), times_ns);
         Ok(())
     }
 
@@ -306,6 +309,7 @@ impl Stateful for MainLoop<'_> {
             state_tick: context.next_tick,
             input_tick: message.header().input_tick,
             plane_count: self.planes.count,
+            pose_hash: message.record::<Core>(0).map_or(0, |core| core.pose.hash()),
             ..ContactModel::default()
         };
         for (to, from) in model.planes.iter_mut().zip(&self.planes.planes[..self.planes.count as usize]) {
@@ -316,33 +320,49 @@ impl Stateful for MainLoop<'_> {
                 damping_n_s_m: from.damping_n_s_m,
             };
         }
+        self.lies.tell(self.life, &mut model);
         let page = &self.life.page;
         page.write(tissue::MODEL, &model);
         self.status.state_tick = context.next_tick;
         self.status.state_hash = state_hash(&message);
+        self.status.step_ticks = context.step_ticks as u32;
         page.write(tissue::STATUS, &self.status);
         page.store64(header::COPIED_BYTES, page.load64(header::COPIED_BYTES) + self.collision.copied_bytes());
     }
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
-        self.world.site.register_engine(arrival.slot, arrival.incarnation);
-        let before = match (arrival.slot.role(), arrival.port) {
-            (Role::Device, Port::Page(page)) => self.device.replace(page),
-            (Role::Fluid, Port::Page(page)) => Some(page), // registered; its pressure comes with the input record
-            (_, port) => {
-                let arrival = Arrival { slot: arrival.slot, incarnation: arrival.incarnation, port };
-                self.collision.arrival(arrival, inbox);
-                None
+        let is_registered = self.world.site.register_engine(arrival.slot, arrival.incarnation);
+        self.status.objects = self.world.site.objects().len() as u32;
+        self.status.engines = self.world.site.engines();
+        // At once: a spare makes no step that could say whom it knows.
+        self.life.page.write(tissue::STATUS, &self.status);
+        match (arrival.slot.role(), arrival.port) {
+            (Role::Device, Port::Page(page)) if is_registered => {
+                if let Some(before) = self.device.replace(page) {
+                    inbox.retire(Departure::Page(before));
+                }
             }
-        };
-        if let Some(before) = before {
-            inbox.retire(Departure::Page(before));
+            (Role::CollisionWorker, port) if is_registered => self.collision.arrival(Arrival { port, ..arrival }, inbox),
+            // Whoever else registers asks for his data by himself, or sends them with the input record.
+            (_, Port::Page(page)) => {
+                inbox.retire(Departure::Page(page));
+            }
+            (_, Port::Stream(_, stream)) => {
+                inbox.retire(Departure::Stream(stream));
+            }
+            (_, Port::Client(..)) => {}
         }
     }
 }
 
-/// The status of a step; `times_ns`: when it began, and when test, response, deformation and all had ended.
-fn status_of(core: &Core, cavity_pressure_pa: f32, shares_missing: u32, times_ns: [u64; 5]) -> TissueStatus {
+/// The status of a step after the one before; `times_ns`: when it began, and when test, response, deformation and all had ended.
+fn status_of(
+    before: TissueStatus,
+    core: &Core,
+    cavity_pressure_pa: f32,
+    shares_missing: u32,
+    times_ns: [u64; 5],
+) -> TissueStatus {
     let us = |part: usize| (times_ns[part + 1] - times_ns[part]) as f32 * 1e-3;
     TissueStatus {
         removed_volume_ml: core.removed_volume_ml,
@@ -351,7 +371,7 @@ fn status_of(core: &Core, cavity_pressure_pa: f32, shares_missing: u32, times_ns
         tool_force_n: core.force_n,
         shares_missing,
         phase_us: [us(2), us(0), us(1), us(3)],
-        ..TissueStatus::default()
+        ..before
     }
 }
 

@@ -1,8 +1,9 @@
 //! The Site Manager: what takes part in the simulation. Objects register and get a number and their place in the common arrays; engines
-//! register through the backplane (their slot in the station page) when the usher brings their ports.
+//! register through the backplane (their slot in the station page) when the usher brings their ports, and the Main Loop takes a port only
+//! from the life of an engine that is registered.
 
-use hyst_messages::Slot;
 use hyst_messages::stream::ObjectRecord;
+use hyst_messages::{SLOTS, Slot};
 
 /// Most objects of a scene, free pieces included.
 pub const MAX_OBJECTS: usize = 256;
@@ -36,7 +37,8 @@ pub struct Extent {
 #[derive(Debug, Default)]
 pub struct SiteManager {
     objects: Vec<ObjectRecord>,
-    engines: Vec<(Slot, u32)>,
+    /// Incarnation that is registered for each slot, 0 if none is.
+    engines: [u32; SLOTS],
     version: u32,
 }
 
@@ -66,18 +68,19 @@ impl SiteManager {
         Some(id)
     }
 
-    /// Registers an engine, or its successor in the same slot.
-    pub fn register_engine(&mut self, slot: Slot, incarnation: u32) {
-        if let Some(entry) = self.engines.iter_mut().find(|(known, _)| *known == slot) {
-            entry.1 = incarnation;
-        } else if self.engines.len() < self.engines.capacity() {
-            self.engines.push((slot, incarnation));
-        }
+    /// Registers an engine, or its successor in the same slot; false if a later life of the engine is registered already, so that what this one
+    /// brings is not to be used. Lives are numbered in the order of their starts.
+    pub fn register_engine(&mut self, slot: Slot, incarnation: u32) -> bool {
+        let entry = &mut self.engines[slot.number()];
+        let is_current = incarnation >= *entry;
+        *entry = incarnation.max(*entry);
+        is_current
     }
 
-    /// Room for the engines of a station, so that registering one allocates nothing.
-    pub fn reserve_engines(&mut self, count: usize) {
-        self.engines.reserve(count);
+    /// The engines that are registered, a bit for each slot.
+    pub fn engines(&self) -> u32 {
+        let bit = |(number, incarnation): (usize, &u32)| u32::from(*incarnation != 0) << number;
+        self.engines.iter().enumerate().map(bit).sum()
     }
 
     /// All objects, in order of registration.
@@ -112,12 +115,13 @@ mod tests {
     }
 
     #[test]
-    fn a_successor_takes_its_predecessors_entry() {
+    fn a_successor_takes_its_predecessors_entry_and_a_predecessor_is_refused() {
         let mut site = SiteManager::default();
-        site.reserve_engines(4);
-        let slot = Slot::first(Role::Fluid);
-        site.register_engine(slot, 7);
-        site.register_engine(slot, 9);
-        assert_eq!(site.engines, vec![(slot, 9)]);
+        let (device, fluid) = (Slot::first(Role::Device), Slot::first(Role::Fluid));
+        assert!(site.register_engine(fluid, 7) && site.register_engine(fluid, 7), "an engine brings several ports");
+        assert!(site.register_engine(fluid, 9));
+        assert!(!site.register_engine(fluid, 7), "its predecessor comes too late");
+        assert!(site.register_engine(device, 2), "another slot");
+        assert_eq!(site.engines(), 1 << device.number() | 1 << fluid.number());
     }
 }

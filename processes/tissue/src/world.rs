@@ -4,17 +4,21 @@ use crate::site::{Extent, ObjectKind, SiteManager};
 use crate::tool::Tool;
 use hyst_contact::Topology;
 use hyst_engine::{Failure, Life, Settings};
-use hyst_mesh::Binding;
-use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::{Attachment, Isa, Material, Model, Options, join};
+use hyst_mesh::{Binding, TetMesh};
+use hyst_messages::stream::ScopeRecord;
+use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene, Look};
+use hyst_tissue::{Attachment, Isa, Material, Model, ModelError, ModelReport, Options, join};
 use std::path::Path;
 
 /// Stiffness that contacts and attachments may add up to at a node, N/m: a tip of 20 mm² in [`crate::contacts::STIFFNESS_N_M3`].
 pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
 /// Stiffness with which an attached node is held, N/m: an attachment takes up twice its stiffness.
 const ATTACHMENT_N_M: f32 = 200.0;
-/// Substeps in a step of 1 ms above which mass is added.
-const MAX_SUBSTEPS: u32 = 8;
+/// Most substeps in a step of 1 ms, tried in this order: fine meshes of stiff tissue need more than what an organ of the size that the station
+/// is made for does. The first is taken with which little enough mass has to be added.
+const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
+/// Most mass that may be added, as a share of the tissue's own: a swing takes at most √2 times as long, what the hand feels at rest is the same.
+const MAX_ADDED_MASS_RATIO: f64 = 1.0;
 
 /// All objects as one model: objects that hold each other belong together.
 pub struct World {
@@ -36,12 +40,18 @@ pub struct World {
     pub tool: Tool,
     /// The register.
     pub site: SiteManager,
+    /// How each deformable object looks, where the scene says so.
+    pub looks: Vec<Option<Look>>,
+    /// How the instrument sees, and what is drawn of it.
+    pub scope: ScopeRecord,
     /// Mean edge of the tets: the cell of the spatial hash, m.
     pub cell_m: f32,
     /// Where the hand rests at first.
     pub rest: hyst_scene::Pose,
     /// The pivot of the hand, m.
     pub pivot_m: [f32; 3],
+    /// What making the model took, one sentence each.
+    pub notes: Vec<String>,
     /// Pressure at which the organ has its rest shape, Pa.
     pub rest_pressure_pa: f32,
 }
@@ -51,7 +61,8 @@ pub fn load_scene(path: Option<&Path>) -> Result<LoadedScene, Failure> {
     hyst_scene::load_or_embedded(path).map_err(|error| Failure::Input(error.to_string()))
 }
 
-fn isa(settings: &Settings) -> Result<Isa, Failure> {
+/// The instruction set of the settings, or the widest of this machine.
+pub fn isa(settings: &Settings) -> Result<Isa, Failure> {
     let Some(name) = settings.set.get("isa") else { return Ok(Isa::detect()) };
     let found = Isa::from_name(name).filter(|isa| isa.available());
     found.ok_or_else(|| Failure::Input(format!("--set isa={name}: this machine has up to {}", Isa::detect().name())))
@@ -61,10 +72,15 @@ impl World {
     /// Loads the settings' scene and makes the model.
     pub fn load(life: &Life) -> Result<World, Failure> {
         let scene = load_scene(life.settings.scene.as_deref())?;
+        life.admit_scene(scene.hash)?;
         for note in &scene.notes {
             life.say(note);
         }
-        World::of(&scene, isa(&life.settings)?)
+        let world = World::of(&scene, isa(&life.settings)?)?;
+        for note in &world.notes {
+            life.say(note);
+        }
+        Ok(world)
     }
 
     /// Makes the model of a scene.
@@ -79,9 +95,7 @@ impl World {
         mesh.regions.clone_from(&tet_owner);
         let fixed: Vec<bool> = scene.objects.iter().flat_map(|object| object.fixed.iter().copied()).collect();
         let materials = materials(scene)?;
-        let options =
-            Options { max_substeps: MAX_SUBSTEPS, contact_stiffness_n_m: CONTACT_STIFFNESS_N_M, isa, ..Options::default() };
-        let (model, _) = Model::with_materials(&mesh, &fixed, &materials, options).map_err(|error| input(error.to_string()))?;
+        let (model, report) = model(&mesh, &fixed, &materials, isa).map_err(|error| input(error.to_string()))?;
         let topology = Topology::new(&mesh.tets, &tet_owner, &mesh.positions_m).map_err(|error| input(error.to_string()))?;
         let hollow = |owner: u32| scene.objects.get(owner as usize).is_some_and(|object| object.hollow);
         let is_wall = |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !fixed[*node as usize]);
@@ -97,6 +111,7 @@ impl World {
         Ok(World {
             attachments: attachments(scene, &starts, &mesh.tets),
             cell_m: mean_edge_m(&mesh.tets, &mesh.positions_m),
+            notes: notes(&report),
             model,
             topology,
             tet_owner,
@@ -105,11 +120,63 @@ impl World {
             triangles,
             tool: Tool::new(rigid.points_m.clone()),
             site,
+            looks: scene.objects.iter().map(|object| object.look).collect(),
+            scope: scope(scene, rigid),
             rest: scene.rest,
             pivot_m: scene.workspace.pivot_m,
             rest_pressure_pa: scene.fluid.set_pressure_pa,
         })
     }
+}
+
+fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
+    let view = &scene.scene.view;
+    ScopeRecord {
+        oblique_rad: view.optic_angle_deg.to_radians() as f32,
+        field_of_view_rad: view.field_of_view_deg.to_radians() as f32,
+        periphery_ratio: view.periphery_ratio as f32,
+        light: view.light as f32,
+        shaft_radius_m: rigid.radius_m,
+        shaft_length_m: rigid.length_m,
+    }
+}
+
+fn model(mesh: &TetMesh, fixed: &[bool], materials: &[(u32, Material)], isa: Isa) -> Result<(Model, ModelReport), ModelError> {
+    let with = |max_substeps| {
+        let options = Options {
+            max_substeps,
+            max_added_mass_ratio: MAX_ADDED_MASS_RATIO,
+            contact_stiffness_n_m: CONTACT_STIFFNESS_N_M,
+            isa,
+            ..Options::default()
+        };
+        Model::with_materials(mesh, fixed, materials, options)
+    };
+    let mut last = with(MAX_SUBSTEPS[0]);
+    for max_substeps in &MAX_SUBSTEPS[1..] {
+        if !matches!(last, Err(ModelError::TooStiff { .. })) {
+            break;
+        }
+        last = with(*max_substeps);
+    }
+    last
+}
+
+fn notes(report: &ModelReport) -> Vec<String> {
+    let mut notes =
+        vec![format!("a step of 1 ms takes {} substep{}", report.substeps, if report.substeps == 1 { "" } else { "s" })];
+    if report.scaled_nodes > 0 {
+        let share = 100.0 * report.added_mass_kg / report.mass_kg;
+        notes.push(format!("{share:.2} % of the mass is added, at {} nodes, so that the substeps suffice", report.scaled_nodes));
+    }
+    if report.softened_tets > 0 {
+        let share = 1e6 * report.softened_volume_m3 / report.volume_m3;
+        notes.push(format!(
+            "{} flat tets are made softer so that the substeps suffice; they fill {share:.1} millionths of the volume",
+            report.softened_tets
+        ));
+    }
+    notes
 }
 
 fn materials(scene: &LoadedScene) -> Result<Vec<(u32, Material)>, Failure> {
@@ -172,7 +239,6 @@ fn surfaces(scene: &LoadedScene) -> Result<Surfaces, Failure> {
         let full = || Failure::Input(format!("{}: a scene has at most {} objects", rigid.name, crate::site::MAX_OBJECTS));
         site.register_object(&rigid.name, ObjectKind::Tool, extent).ok_or_else(full)?;
     }
-    site.reserve_engines(hyst_messages::SLOTS);
     Ok((bindings, triangles, site))
 }
 

@@ -134,7 +134,7 @@ impl<'a> HashMut<'a> {
         Ok(HashMut { sizes, header: bytemuck::from_bytes_mut(bytemuck::cast_slice_mut(header)), starts, ids, xyz, slot_of })
     }
 
-    /// Hashes the points with cells of edge `cell_m` (about the mean edge of the tets).
+    /// Hashes the points with cells of edge `cell_m` (about the mean edge of the tets). Every word of the table is written.
     ///
     /// # Errors
     /// [`ContactError::Cell`] for an edge that is no length, [`ContactError::Capacity`] for too many points.
@@ -202,6 +202,7 @@ impl<'a> HashMut<'a> {
             axis[kept as usize..].fill(f32::NAN);
         }
         self.ids[kept as usize..].fill(0);
+        self.slot_of[points_m.len()..].fill(OUT);
     }
 
     /// The filled table, for reading in the same process.

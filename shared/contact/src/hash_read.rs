@@ -100,15 +100,8 @@ impl<'a> HashRef<'a> {
         (first, last)
     }
 
-    /// Calls `run(from, to)` for ranges of sorted places that together hold each point of the box once, and points outside of
-    /// it too. Ends after a bounded number of cells, whatever the box.
-    #[inline(always)]
-    pub(crate) fn for_runs(&self, lo: [f32; 3], hi: [f32; 3], run: impl FnMut(usize, usize)) {
-        let (first, last) = self.cells(&lo.map(|v| [v]), &hi.map(|v| [v]));
-        self.for_runs_in(first.map(|v| v[0]), last.map(|v| v[0]), run);
-    }
-
-    /// As [`HashRef::for_runs`], from the clipped cells of the box's corners.
+    /// Calls `run(from, to)` for ranges of sorted places that together hold each point of a box once, and points outside of it too; the box is given by
+    /// the clipped cells of its corners ([`HashRef::cells`]). Ends after a bounded number of cells, whatever the box.
     #[inline(always)]
     pub(crate) fn for_runs_in(&self, first: [i32; 3], last: [i32; 3], mut run: impl FnMut(usize, usize)) {
         /// More cells than this, and reading all points costs less.

@@ -30,6 +30,7 @@ mod sweep;
 mod tet;
 mod topology;
 mod types;
+mod verify;
 mod walk;
 
 pub use brute::intersect_brute;
@@ -46,4 +47,5 @@ pub use sweep::{Crossing, first_crossing, segment_triangle};
 pub use tet::TetTest;
 pub use topology::{NONE, PointGraph, Topology};
 pub use types::{Found, Hit, Points, Share, Split, Tissue};
+pub use verify::are_true;
 pub use walk::{Exit, exit_along};

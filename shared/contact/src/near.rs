@@ -65,22 +65,50 @@ impl pulp::WithSimd for Search<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(mut self, _: S) {
         let topology = self.topology;
-        let triangles = topology.boundary.iter().zip(&topology.boundary_owner);
-        for (t, (tri, &owner)) in triangles.enumerate() {
-            if let Some(near) = Near::new(tri.map(|n| self.tissue.node(n)), self.range_m) {
-                self.triangle(t as u32, owner, &near);
+        let groups = topology.boundary.chunks(GROUP).zip(topology.boundary_owner.chunks(GROUP));
+        for (group, (triangles, owners)) in groups.enumerate() {
+            let corners = |l: usize| triangles[l].map(|n| self.tissue.node(n));
+            let (mut lo, mut hi) = ([[f32::INFINITY; GROUP]; 3], [[f32::NEG_INFINITY; GROUP]; 3]);
+            for l in 0..triangles.len() {
+                let (low, high) = grown_box(&corners(l), self.range_m);
+                for axis in 0..3 {
+                    (lo[axis][l], hi[axis][l]) = (low[axis], high[axis]);
+                }
+            }
+            // Most triangles are far from all points: what their cells say costs less than a normal.
+            let (first, last) = self.hash.cells(&lo, &hi);
+            for (l, &owner) in owners.iter().enumerate().take(triangles.len()) {
+                let cell = |axes: &[[i32; GROUP]; 3]| [axes[0][l], axes[1][l], axes[2][l]];
+                let (first, last) = (cell(&first), cell(&last));
+                if (0..3).any(|axis| first[axis] > last[axis]) {
+                    continue;
+                }
+                if let Some(near) = Near::new(corners(l), self.range_m) {
+                    self.triangle((group * GROUP + l) as u32, owner, &near, (first, last));
+                }
             }
         }
     }
 }
 
+/// Triangles whose boxes are looked up at once.
+const GROUP: usize = 16;
+
+/// The box of a triangle, grown by the range.
+#[inline(always)]
+fn grown_box([p, q, r]: &[[f32; 3]; 3], range_m: f32) -> ([f32; 3], [f32; 3]) {
+    let lo = [0, 1, 2].map(|i| min(min(p[i], q[i]), r[i]) - range_m);
+    let hi = [0, 1, 2].map(|i| max(max(p[i], q[i]), r[i]) + range_m);
+    (lo, hi)
+}
+
 impl Search<'_> {
     #[inline(always)]
-    fn triangle(&mut self, triangle: u32, owner: u32, near: &Near) {
+    fn triangle(&mut self, triangle: u32, owner: u32, near: &Near, (first, last): ([i32; 3], [i32; 3])) {
         let hash = self.hash;
-        hash.for_runs(
-            near.lo,
-            near.hi,
+        hash.for_runs_in(
+            first,
+            last,
             #[inline(always)]
             |from, to| {
                 let mut at = from;
@@ -127,11 +155,9 @@ struct Near {
 impl Near {
     #[inline(always)]
     fn new(corners: [[f32; 3]; 3], range_m: f32) -> Option<Near> {
-        let [p, q, r] = corners;
+        let (lo, hi) = grown_box(&corners, range_m);
         let [a, b, c] = corners.map(Vec3::from_array);
         let normal = (b - a).cross(c - a).try_normalize()?;
-        let lo = [0, 1, 2].map(|i| min(min(p[i], q[i]), r[i]) - range_m);
-        let hi = [0, 1, 2].map(|i| max(max(p[i], q[i]), r[i]) + range_m);
         Some(Near { corners: [a, b, c], normal, lo, hi })
     }
 

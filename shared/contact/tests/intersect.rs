@@ -180,3 +180,20 @@ fn bad_sizes_are_errors_that_name_the_cure() {
     let tissue = Tissue { positions_m: &[], tets: &[], tet_owner: &[] };
     assert!(matches!(intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut []), Err(ContactError::Length { .. })));
 }
+
+/// The table is sent to other processes as it lies: equal points have equal tables, whatever the words held before.
+#[test]
+fn a_table_is_written_in_full() {
+    let points_m = [[0.1, 0.2, 0.3], [f32::NAN, 0.0, 0.0], [0.4, 0.5, 0.6], [f32::INFINITY, 0.0, 0.0], [0.1, 0.2, 0.3]];
+    let sizes = HashSizes::for_points(11);
+    for count in 0..=points_m.len() {
+        for layout in [Layout::Auto, Layout::Hashed] {
+            let [clean, dirty] = [0u32, 0xAAAA_AAAA].map(|left| {
+                let mut words = vec![left; sizes.words()];
+                HashMut::in_words(&mut words, sizes).unwrap().build(&points_m[..count], 0.25, layout).unwrap();
+                words
+            });
+            assert!(clean == dirty, "{count} points, {layout:?}");
+        }
+    }
+}

@@ -2,11 +2,10 @@
 //!
 //! The result is `{machine, rows}`; latencies have the same form as in a run's report.
 
-use hyst_exchange::system;
+use hyst_exchange::machine;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 /// What a benchmark is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +50,7 @@ pub fn finish(program: &str, json: bool, rows: Result<Vec<Value>, String>) -> Ex
             return ExitCode::from(2);
         }
     };
-    let machine = machine();
+    let machine = machine::describe();
     if json {
         println!("{:#}", json!({ "machine": machine, "rows": rows }));
     } else {
@@ -72,33 +71,6 @@ pub fn quantile_ns(samples_ns: &mut [u64], share: f64) -> f64 {
     samples_ns.sort_unstable();
     let index = (share * samples_ns.len() as f64).ceil() as usize;
     samples_ns.get(index.saturating_sub(1)).map_or(0.0, |sample| *sample as f64)
-}
-
-/// Processor, cores, kernel, day (UTC).
-pub fn machine() -> Value {
-    let processor = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = processor.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |passed| passed.as_secs());
-    json!({
-        "cpu": model.map_or("unknown", |(_, name)| name.trim()),
-        "cores": system::cores(),
-        "kernel": kernel.trim(),
-        "date": date(seconds / 86_400),
-    })
-}
-
-/// The date of a day counted from 1970-01-01, Gregorian: years are counted from March, so that a leap day is the last of its year.
-fn date(days: u64) -> String {
-    let since_march_0 = days + 719_468;
-    let (era, day_of_era) = (since_march_0 / 146_097, since_march_0 % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = 400 * era + year_of_era + u64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02}")
 }
 
 /// One line for each key, one column for each row; nested keys are joined with a dot.
@@ -142,15 +114,6 @@ mod tests {
         let mut samples: Vec<u64> = (1..=100).rev().collect();
         assert_eq!(spread(&mut samples, 10.0), json!({ "p50": 5.0, "p99": 9.9, "p999": 10.0, "max": 10.0 }));
         assert_eq!(quantile_ns(&mut [], 0.5), 0.0);
-    }
-
-    #[test]
-    fn dates_by_hand() {
-        let dates =
-            [(0, "1970-01-01"), (11_016, "2000-02-29"), (11_017, "2000-03-01"), (20_453, "2025-12-31"), (20_778, "2026-11-21")];
-        for (days, expected) in dates {
-            assert_eq!(date(days), expected);
-        }
     }
 
     #[test]

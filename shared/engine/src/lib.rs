@@ -2,12 +2,15 @@
 
 pub mod bench;
 pub mod life;
+pub mod lockstep;
+pub mod mischief;
 pub mod pace;
 pub mod realtime;
 pub mod settings;
 pub mod stateful;
 
 pub use life::{Failure, Life, run};
+pub use mischief::{Lies, Output};
 pub use pace::Pace;
 pub use settings::Settings;
 pub use stateful::{Stateful, StepContext, run_stateful};

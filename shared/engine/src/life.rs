@@ -50,6 +50,40 @@ impl From<std::io::Error> for Failure {
     }
 }
 
+/// What an engine says of itself, as one line of JSON, when its only argument is [`DESCRIBE`]: what a swap checks before it starts anything.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Description {
+    /// Whose engines it is for: [`ENGINE_OF`].
+    pub engine_of: String,
+    /// The role that it can take.
+    pub role: String,
+    /// Version of the layouts.
+    pub layout: u32,
+    /// Hash of the layouts, hexadecimal.
+    pub layout_hash: String,
+    /// Version of what it does beside its layouts.
+    pub interface: u32,
+}
+
+/// The argument that asks for a [`Description`].
+pub const DESCRIBE: &str = "--describe";
+/// What engines of this project say that they are of.
+pub const ENGINE_OF: &str = "hystation";
+
+impl Description {
+    /// Of an engine of this role that is built from these sources.
+    pub fn of(role: Role) -> Description {
+        Description {
+            engine_of: ENGINE_OF.into(),
+            role: role.name().into(),
+            layout: hyst_messages::LAYOUT_VERSION,
+            layout_hash: format!("{:016x}", hyst_messages::layout_hash()),
+            interface: hyst_messages::INTERFACE_VERSION,
+        }
+    }
+}
+
 /// What the supervisor puts on an engine's command line.
 #[derive(Debug, Parser)]
 #[command(about = "An engine of the hysteroscopy station; `hystation run` starts it")]
@@ -105,14 +139,36 @@ impl Life {
         self.page.store32_and_wake(header::PORTS_OPEN, 1);
     }
 
+    /// Refuses a scene that is not the one that the station was started with; `hash` is that of what this process has loaded.
+    pub fn admit_scene(&self, hash: u64) -> Result<(), Failure> {
+        match self.clock.scene_hash() {
+            known if known == hash || known == 0 => Ok(()),
+            known => Err(Failure::Input(format!(
+                "{}: the scene or one of its meshes was changed since the station started (hash {known:016x} then, {hash:016x} now); put the \
+                 files back as they were, or stop the station and start it again",
+                self.settings.scene.as_deref().unwrap_or(std::path::Path::new("embedded scene")).display()
+            ))),
+        }
+    }
+
     /// Says that the process is alive; loops that are paced say it themselves.
     pub fn heartbeat(&self) {
         self.page.store64(header::HEARTBEAT_NS, system::now_ns());
     }
 
+    /// Whether an incarnation is in one of the role's slots and not known to be dead.
+    pub fn is_alive(&self, role: Role, incarnation: u32) -> bool {
+        self.clock.occupied(role).any(|(slot, of)| of == incarnation && !self.clock.is_dead(slot))
+    }
+
     /// Present tick.
     pub fn tick(&self) -> u64 {
-        self.clock.tick_at(system::now_ns())
+        self.clock.present_tick()
+    }
+
+    /// Whether the station runs on a virtual clock.
+    pub fn is_lockstep(&self) -> bool {
+        self.settings.lockstep
     }
 
     /// Says something in the process's log. Not on a real-time thread.
@@ -143,6 +199,10 @@ fn leave_last_words(page: &Arc<OwnedPage>) {
 
 /// The whole of an engine's `main`.
 pub fn run(role: Role, body: impl FnOnce(&Life) -> Result<(), Failure>) -> ExitCode {
+    if std::env::args().skip(1).eq([DESCRIBE]) {
+        println!("{}", serde_json::json!(Description::of(role)));
+        return ExitCode::SUCCESS;
+    }
     let life = match begin(role) {
         Ok(life) => life,
         Err(error) => {
@@ -151,6 +211,12 @@ pub fn run(role: Role, body: impl FnOnce(&Life) -> Result<(), Failure>) -> ExitC
         }
     };
     leave_last_words(&life.page);
+    if let Some(code) = life.hindered_start() {
+        life.page.set_state(ProcessState::Failed);
+        return ExitCode::from(code);
+    }
+    crate::mischief::attend(&life);
+    crate::realtime::give_way(&life);
     match body(&life) {
         Ok(()) => {
             life.page.set_state(ProcessState::Stopping);

@@ -1,6 +1,7 @@
-//! The paced loop: absolute time, wake-up latency and loop latency apart, an overrun counted once.
+//! The paced loop: absolute time, wake-up latency and loop latency apart, an overrun counted once. In lock-step the sequencer sets the pace.
 
 use crate::life::Life;
+use crate::lockstep::LockMember;
 use hyst_exchange::{allocation, system};
 use hyst_messages::TICK_NS;
 use hyst_messages::page::header;
@@ -11,16 +12,24 @@ pub struct Pace<'a> {
     life: &'a Life,
     period_ticks: u64,
     phase_ns: u64,
+    backlog: u64,
     tick: u64,
     woken_ns: u64,
     allocations: u64,
+    lock: Option<LockMember<'a>>,
 }
 
 impl<'a> Pace<'a> {
     /// A loop that begins with the next period.
     pub fn new(life: &'a Life, period_ticks: u64, phase_ns: u64) -> Pace<'a> {
         let tick = life.tick() / period_ticks * period_ticks;
-        Pace { life, period_ticks, phase_ns, tick, woken_ns: 0, allocations: allocation::of_this_thread() }
+        let lock = life.is_lockstep().then(|| LockMember::new(life));
+        Pace { life, period_ticks, phase_ns, backlog: 0, tick, woken_ns: 0, allocations: allocation::of_this_thread(), lock }
+    }
+
+    /// Lets the loop be so many periods late and make up for them, one at once after the other; it skips only what is later.
+    pub fn with_backlog(self, periods: u64) -> Pace<'a> {
+        Pace { backlog: periods, ..self }
     }
 
     /// Changes the phase from the next period on.
@@ -37,6 +46,10 @@ impl<'a> Pace<'a> {
     /// Sleeps until the next period and gives its tick; `None` when the station stops. Periods that have passed are skipped, and the
     /// overrun is counted once.
     pub fn wait(&mut self) -> Option<u64> {
+        if let Some(lock) = &mut self.lock {
+            self.tick = lock.wait(|| Ok(())).ok().flatten()?;
+            return Some(self.tick);
+        }
         let clock = &self.life.clock;
         if clock.stop_requested() {
             return None;
@@ -45,7 +58,7 @@ impl<'a> Pace<'a> {
         let mut next = self.tick + self.period_ticks;
         let now = system::now_ns();
         let due = clock.start_of(next) + self.phase_ns;
-        if now >= due + self.period_ticks * TICK_NS {
+        if now >= due + (self.backlog + 1) * self.period_ticks * TICK_NS {
             page.add64(header::OVERRUNS, 1);
             next = clock.tick_at(now.saturating_sub(self.phase_ns)) / self.period_ticks * self.period_ticks;
         }
@@ -64,6 +77,10 @@ impl<'a> Pace<'a> {
 
     /// Ends the step: loop latency, heartbeat, tick, and what the thread has allocated.
     pub fn end(&mut self) {
+        if let Some(lock) = &mut self.lock {
+            lock.join(self.tick);
+            return;
+        }
         let page = &self.life.page;
         let now = system::now_ns();
         page.count_latency(header::LOOP, now.saturating_sub(self.woken_ns));
@@ -71,5 +88,6 @@ impl<'a> Pace<'a> {
         page.store64(header::TICK, self.tick);
         page.add64(header::STEPS, 1);
         page.store64(header::ALLOCATIONS, allocation::of_this_thread() - self.allocations);
+        page.store64(header::POOL_BLOCKS, allocation::blocks_of_this_thread());
     }
 }

@@ -4,14 +4,21 @@
 //! ordinary. The supervisor's watch stands above all, so that it can demote one that spins.
 
 use crate::life::{Failure, Life};
+use hyst_exchange::allocation;
 use hyst_exchange::system::{self, RealTime};
 use hyst_messages::page::header;
 use hyst_messages::{Role, Slot};
 
 /// Priority of the supervisor's watch: it must be able to demote any engine that spins.
 pub const WATCH_PRIORITY: i32 = 90;
+/// Priority of the supervisor, and of a device while it starts: below all engines that are real time, above whoever is not. Nobody does the work of
+/// a device that died, and the hardware ramps the force to zero within 20 ms.
+pub const SUPERVISOR_PRIORITY: i32 = 5;
 /// Priority of the spare of a stateful role above its incumbent: a spare below could not take over from one that spins.
 pub const SPARE_ABOVE: i32 = 2;
+
+/// Priority of a newcomer on trial below the incumbent, while it has not the role: below the workers, which the incumbent waits for.
+pub const GUEST_BELOW: i32 = 10;
 
 /// SCHED_FIFO priority of a role; `None` for ordinary ones.
 pub fn priority(role: Role) -> Option<i32> {
@@ -40,8 +47,31 @@ pub fn core(slot: Slot, cores: usize) -> Option<usize> {
     }
 }
 
+/// How ordinary processes give way to each other: pictures before anything else, the flow last. Where that is refused they are alike. Called
+/// before a process has threads of its own, which inherit it.
+pub fn give_way(life: &Life) {
+    let nice = match life.slot.role() {
+        Role::Fluid => -10,
+        Role::Rendering => 5,
+        _ => return,
+    };
+    if nice > 0 || life.settings.switch("realtime", true).unwrap_or(false) {
+        system::be_nice(nice);
+    }
+}
+
+/// Whether a role's real-time thread sends messages, for each of which the link makes one small allocation.
+fn sends_messages(role: Role) -> bool {
+    matches!(role, Role::Tissue | Role::Fluid | Role::CollisionWorker)
+}
+
 /// Makes the calling thread real time, as its role and the settings say, and leaves in the page what was granted.
 pub fn go(life: &Life) -> Result<RealTime, Failure> {
+    // Before the memory is locked, so that it is locked too; a process has one such thread, and there are more pools than that. Who sends no
+    // messages gets none: whatever he allocates enters the system's allocator, and is counted.
+    if sends_messages(life.slot.role()) && !allocation::give_this_thread_a_pool() {
+        life.say("more real-time threads than pools of small blocks: this one asks the system's allocator");
+    }
     let mut granted = RealTime::default();
     if life.settings.switch("realtime", true)?
         && let Some(priority) = priority(life.slot.role())

@@ -22,6 +22,8 @@ pub struct Settings {
     pub pictures: Option<PathBuf>,
     /// Faults may be injected.
     pub test_mode: bool,
+    /// The station runs on a virtual clock.
+    pub lockstep: bool,
     /// `--set key=value`, as given.
     pub set: BTreeMap<String, String>,
 }
@@ -36,6 +38,7 @@ impl Default for Settings {
             record: None,
             pictures: None,
             test_mode: false,
+            lockstep: false,
             set: BTreeMap::new(),
         }
     }
@@ -61,8 +64,8 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("drift_ppm", "-500 to 500: drift of the simulated hardware's clock (default 20)"),
     ("picture_every_s", "0.02 to 3600: seconds between pictures on disk (default 1)"),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
-    ("spares", "on or off: spares of tissue and fluid (default on)"),
-    ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default 1)"),
+    ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
+    ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
 ];
 
 impl Settings {

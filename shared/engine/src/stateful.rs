@@ -2,23 +2,28 @@
 //! loop loans, steps in place, sends, follows, substitutes, promotes and steps down. Restart, failover and hot swap are this one path.
 //!
 //! Promise: at most one incarnation holds the role in each epoch; a step that the holder misses is computed by the spare from the same
-//! state, and published under the same epoch; whichever comes first counts. A holder that sees a higher epoch than its own steps down.
+//! state, and published under the same epoch; whichever comes first counts. A holder that sees a higher epoch than its own steps down; one that
+//! has fallen behind and leaps over ticks begins a new epoch. The rules are `hyst_exchange::succession`, and model-checked there.
 
 mod chain;
+mod founding;
 mod keeper;
+mod locked;
+mod trial;
 
 use crate::life::{Failure, Life};
+use crate::mischief::Lies;
 use crate::pace::Pace;
 use crate::realtime;
 use chain::Chain;
 use hyst_exchange::roster::{Roster, Tenure};
+use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted, usher};
-use hyst_exchange::{Links, Publisher, checkpoint, system};
+use hyst_exchange::{Links, Publisher, system};
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
-use hyst_messages::{Kind, Role, StreamHeader, TICK_NS};
+use hyst_messages::{Kind, Message, Role, Slot, StreamHeader, TICK_NS};
 
-/// Missing steps in a row after which the spare promotes itself: one is a stall of the machine, three are a dead or hung holder.
-pub const MISSES_TO_PROMOTE: u32 = 3;
 /// Part of a period after which a spare takes a step for missing: the state of a period must be there this long after the period's end.
 pub const SPARE_PHASE: f64 = 0.6;
 /// How long a newborn waits for a living holder's state before it takes the role itself.
@@ -53,14 +58,25 @@ pub trait Stateful {
     fn message_bytes(&self) -> usize;
     /// Step in ticks.
     fn step_ticks(&self) -> u64;
+    /// Steps that a holder which was late makes up for; what is older is skipped, and its time lost.
+    fn backlog(&self) -> u64 {
+        0
+    }
     /// What the engine wants to know of other processes.
     fn interests(&self) -> Vec<(Role, Wanted)>;
     /// Opens further ports of its own, before anything is real time.
-    fn open(&mut self, links: &Links) -> Result<(), Failure>;
+    fn open(&mut self, _links: &Links) -> Result<(), Failure> {
+        Ok(())
+    }
     /// Writes the first state.
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure>;
     /// Whether a state of another incarnation can be gone on from.
     fn accepts(&self, state: &[u8]) -> bool;
+    /// In lock-step: whether everything that the step from the state of `tick` to `next_tick` reads is there, each of its exact tick. Asked
+    /// again and again until it is, or the patience of [`crate::lockstep`] ends.
+    fn is_supplied(&mut self, _tick: u64, _next_tick: u64) -> bool {
+        true
+    }
     /// Reads the state of t, writes the state of t + step. Allocates nothing.
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure>;
     /// Says what follows from a finished state (cells in the page).
@@ -77,9 +93,11 @@ struct Loop<'a, S: Stateful> {
     publisher: Publisher,
     chain: Chain,
     inbox: Inbox,
+    lies: Lies,
     misses: u32,
     held: bool,
     founded: bool,
+    trial: trial::Trial,
 }
 
 /// The whole life of a stateful engine; returns when the station stops.
@@ -95,9 +113,13 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     interests.push((role, Wanted::Stream(engine.kind())));
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
     let roster = Roster::open(&life.station)?;
-    let mut this = Loop { life, engine, role, roster, publisher, chain, inbox, misses: 0, held: false, founded: false };
+    let lies = Lies::new(life, bytes);
+    let trial = trial::Trial::default();
+    let mut this =
+        Loop { life, engine, role, roster, publisher, chain, inbox, lies, misses: 0, held: false, founded: false, trial };
     this.warm()?;
     realtime::go(life)?;
+    this.stand_apart();
     this.run()
 }
 
@@ -106,9 +128,36 @@ impl<S: Stateful> Loop<'_, S> {
         self.life.incarnation
     }
 
+    /// Whether the roster can say this. If not, nobody acts on it: the supervisor mends it.
+    fn is_sound(&self, holder: Tenure) -> bool {
+        holder.is_sound(self.life.clock.next_incarnation(), self.life.clock.present_tick())
+    }
+
     fn holder_lives(&self, holder: Tenure) -> bool {
+        self.life.is_alive(self.role, holder.incarnation)
+    }
+
+    /// Whether the holder hangs, as far as the supervisor's watch can know.
+    fn holder_hangs(&self, holder: Tenure) -> bool {
         let mut occupied = self.life.clock.occupied(self.role);
-        occupied.any(|(slot, incarnation)| incarnation == holder.incarnation && !self.life.clock.is_dead(slot))
+        occupied.any(|(slot, _)| self.life.clock.is_suspect(slot, holder.incarnation))
+    }
+
+    /// Whether another process of the role is warm: it has the last state and will promote itself, as soon as it is its turn.
+    fn has_warm_spare(&self) -> bool {
+        let clock = &self.life.clock;
+        let is_other = |slot: Slot| slot != self.life.slot && !slot.is_guest() && !clock.is_dead(slot);
+        let mut others = clock.occupied(self.role).filter(|(slot, _)| is_other(*slot));
+        others.any(|(slot, incarnation)| {
+            let page = self.life.station.read_slot(slot, incarnation);
+            page.is_ok_and(|page| page.state().is_ready())
+        })
+    }
+
+    /// Whether the state is only passed on, because no successor survived a step from it. What follows from a step (the contact model) is not
+    /// said then, so that its reader sees it age.
+    fn is_held(&self) -> bool {
+        self.life.clock.is_held(self.role)
     }
 
     fn receive_ports(&mut self) {
@@ -124,80 +173,23 @@ impl<S: Stateful> Loop<'_, S> {
 
     fn receive_states(&mut self) {
         let engine = &self.engine;
-        let counts = self.chain.receive(engine.kind(), &mut self.inbox, |state| engine.accepts(state));
+        let life = self.life;
+        let blame = |incarnation, why| life.distrust(incarnation, why);
+        let lives = |writer| life.is_alive(life.slot.role(), writer);
+        let counts = self.chain.receive(
+            engine.kind(),
+            &mut self.inbox,
+            self.roster.holder(self.role),
+            |state| engine.accepts(state),
+            blame,
+            lives,
+        );
         if counts.stale > 0 {
             self.life.page.add64(header::STALE, counts.stale);
         }
         if counts.invalid > 0 {
             self.life.page.add64(header::INVALID, counts.invalid);
         }
-    }
-
-    /// Gets a state: the holder's, a checkpoint's, or the first. Then computes one step that nobody sees, to touch everything.
-    fn warm(&mut self) -> Result<(), Failure> {
-        let patience_ns = system::now_ns() + NEWBORN_PATIENCE_NS;
-        self.life.ports_are_open();
-        loop {
-            self.life.heartbeat();
-            self.receive_ports();
-            self.receive_states();
-            if self.chain.newest().is_some() {
-                break;
-            }
-            if self.life.clock.stop_requested() {
-                return Ok(());
-            }
-            let holder = self.roster.holder(self.role);
-            let nobody = holder.epoch == 0 && self.life.slot.index() == 0;
-            let orphaned = holder.epoch > 0 && !self.holder_lives(holder);
-            let late = system::now_ns() > patience_ns;
-            if late && self.founded {
-                return Err(Failure::Broken("the state that this process founded the role with did not come back".into()));
-            }
-            if late && holder.epoch > 0 && self.holder_lives(holder) {
-                return Err(Failure::Broken("no state has come from the role's holder, although it lives".into()));
-            }
-            if !self.founded && (nobody || orphaned || late) {
-                self.founded = self.found(holder)?;
-            }
-            system::sleep_ns(TICK_NS / 2);
-        }
-        let context = self.context(self.life.tick(), false, self.roster.holder(self.role));
-        let mut loan = self.publisher.loan(self.engine.message_bytes())?;
-        if let Some(newest) = self.chain.newest() {
-            self.engine.step(&context, newest.bytes(), loan.bytes_mut())?;
-        }
-        Ok(())
-    }
-
-    /// Takes the role without a predecessor's state: from the newest checkpoint, or from the beginning.
-    fn found(&mut self, holder: Tenure) -> Result<bool, Failure> {
-        let Ok(tenure) = self.roster.promote(self.role, holder, self.me()) else { return Ok(false) };
-        let bytes = self.engine.message_bytes();
-        let mut loan = self.publisher.loan(bytes)?;
-        let kept = checkpoint::newest(&self.life.station, self.role, bytes).filter(|kept| {
-            let state: &[u8] = hyst_messages::stream::bytes_of_words(&kept.words);
-            state.len() >= bytes && self.engine.accepts(&state[..bytes])
-        });
-        let tick = self.life.tick();
-        match kept {
-            Some(kept) => {
-                loan.bytes_mut().copy_from_slice(&hyst_messages::stream::bytes_of_words(&kept.words)[..bytes]);
-                self.life.say(&format!("goes on from the checkpoint of tick {} in epoch {}", kept.tick, tenure.epoch));
-            }
-            None => {
-                let header = StreamHeader { tick, ..Default::default() };
-                self.engine.initial(header, loan.bytes_mut())?;
-                self.life.say(&format!("begins at tick {tick} in epoch {}", tenure.epoch));
-            }
-        }
-        hyst_messages::stream::change_header(loan.bytes_mut(), |header| {
-            header.epoch = tenure.epoch;
-            header.incarnation = self.life.incarnation;
-            header.tick = tick;
-        });
-        loan.send()?;
-        Ok(true)
     }
 
     fn context(&self, next_tick: u64, holding: bool, tenure: Tenure) -> StepContext {
@@ -209,11 +201,15 @@ impl<S: Stateful> Loop<'_, S> {
     }
 
     fn run(&mut self) -> Result<(), Failure> {
+        if self.life.is_lockstep() {
+            return self.run_in_lockstep();
+        }
         let mut period = self.engine.step_ticks();
-        let mut pace = Pace::new(self.life, period, 0);
+        let mut pace = Pace::new(self.life, period, 0).with_backlog(self.engine.backlog());
         loop {
-            let holding = self.roster.holder(self.role).incarnation == self.me();
-            self.note_role(holding);
+            let holder = self.roster.holder(self.role);
+            let holding = holder.incarnation == self.me();
+            self.note_role(holder);
             if self.engine.step_ticks() != period {
                 period = self.engine.step_ticks();
                 pace.set_period(period);
@@ -221,11 +217,20 @@ impl<S: Stateful> Loop<'_, S> {
             let late = (SPARE_PHASE * (period * TICK_NS) as f64) as u64;
             pace.set_phase(if holding { 0 } else { late });
             let Some(tick) = pace.wait() else { return Ok(()) };
+            self.life.misbehave();
             self.receive_ports();
+            let holder = self.roster.holder(self.role);
+            self.note_trial(holder);
             self.receive_states();
             let holder = self.roster.holder(self.role);
-            if holder.incarnation == self.me() {
+            if !self.is_sound(holder) {
+                self.life.page.add64(header::INVALID, 1); // nobody can hold the role like this
+            } else if holder.incarnation == self.me() {
                 self.step(tick, holder)?;
+            } else if self.is_guest() {
+                self.shadow(tick, holder)?;
+            } else if self.life.clock.swap(self.role).is_on_trial(holder.incarnation) {
+                self.guard(tick, holder)?;
             } else {
                 self.follow(tick, holder)?;
             }
@@ -233,47 +238,104 @@ impl<S: Stateful> Loop<'_, S> {
         }
     }
 
-    /// Says in the page who holds the role, and orders the priorities: the spare stands above the holder.
-    fn note_role(&mut self, holding: bool) {
-        if holding == self.held && self.life.page.load64(header::EPOCH) != 0 {
+    /// Says in the page who holds the role, and orders the priorities: the spare stands above the holder. What the roster cannot say is not said.
+    fn note_role(&mut self, holder: Tenure) {
+        let holding = holder.incarnation == self.me();
+        if holding == self.held && self.life.page.load64(header::EPOCH) != 0 || !self.is_sound(holder) {
             return;
         }
         self.held = holding;
         self.misses = 0;
-        self.life.page.store64(header::EPOCH, self.roster.holder(self.role).epoch as u64);
+        self.life.page.store64(header::EPOCH, holder.epoch as u64);
         self.life.page.set_state(if holding { ProcessState::Live } else { ProcessState::Warm });
         if self.life.page.load64(header::REAL_TIME) & 1 != 0
             && let Some(priority) = realtime::priority(self.role)
         {
-            system::become_fifo(if holding { priority } else { priority + realtime::SPARE_ABOVE });
+            let above = if self.is_guest() { -realtime::GUEST_BELOW } else { realtime::SPARE_ABOVE };
+            system::become_fifo(if holding { priority } else { priority + above });
         }
     }
 
-    /// Computes and sends the state after the newest one. Nothing to do if that is already ahead.
+    /// The holder's part of a tick.
     fn step(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
-        let holding = holder.incarnation == self.me();
-        let step_ticks = self.engine.step_ticks();
-        let (_, newest_tick) = self.chain.key();
-        let next_tick = if holding { tick.max(newest_tick) + step_ticks } else { tick.max(newest_tick + step_ticks) };
-        if newest_tick >= tick + step_ticks {
-            return Ok(());
+        match holder_turn(tick, self.chain.key(), holder.epoch, self.engine.step_ticks()) {
+            Turn::Step(next_tick) => self.make(next_tick, holder),
+            Turn::Leap => self.begin_epoch(tick, holder),
+            Turn::Rest | Turn::Substitute(_) | Turn::Promote => Ok(()),
         }
-        let context = self.context(next_tick, holding, holder);
+    }
+
+    /// Takes the role from whom was seen to hold it, with a new epoch; `None` if another was faster.
+    fn take_role(&mut self, from: Tenure) -> Option<Tenure> {
+        let tenure = self.roster.promote(self.role, from, self.me()).ok()?;
+        if from.incarnation != self.me() {
+            self.life.page.add64(header::PROMOTIONS, 1);
+            self.note_role(tenure);
+        }
+        Some(tenure)
+    }
+
+    /// Takes the role from whom was seen to hold it, and computes the first state of the epoch. Nothing to do if another was faster.
+    fn begin_epoch(&mut self, tick: u64, from: Tenure) -> Result<(), Failure> {
+        let Some(tenure) = self.take_role(from) else { return Ok(()) };
+        self.life.page.store64(header::EPOCH, tenure.epoch as u64);
+        // This thread may have stood since it woke: what it knew then may be old by now, the clock too.
+        self.receive_states();
+        let step_ticks = self.engine.step_ticks();
+        let tick = tick.max(self.life.tick() / step_ticks * step_ticks);
+        match holder_turn(tick, self.chain.key(), tenure.epoch, step_ticks) {
+            Turn::Step(next_tick) => self.make(next_tick, tenure),
+            _ => Ok(()), // a state of a still higher epoch is there
+        }
+    }
+
+    /// Computes the state of `next_tick` from the newest one and sends it, unless the role was lost meanwhile.
+    fn make(&mut self, next_tick: u64, holder: Tenure) -> Result<(), Failure> {
+        let mut context = self.context(next_tick, holder.incarnation == self.me(), holder);
+        let begun_ns = system::now_ns();
         let bytes = self.engine.message_bytes();
+        if self.life.loses_a_loan() {
+            self.publisher.lose(bytes);
+        }
         let mut loan = self.publisher.loan(bytes)?;
-        let Some(now) = self.chain.newest() else { return Ok(()) };
-        self.engine.step(&context, now.bytes(), loan.bytes_mut())?;
+        // Who takes the role back from a newcomer on trial goes on from the line that it kept.
+        let now = match self.chain.returning().filter(|_| context.holding) {
+            Some(line) => {
+                (context.tick, context.state_epoch, context.state_writer) = (line.tick, line.epoch, line.writer);
+                &line.held
+            }
+            None => match self.chain.newest() {
+                Some(newest) => newest,
+                None => return Ok(()),
+            },
+        };
+        let held = self.is_held();
+        let before = *Message::parse(now.bytes(), self.engine.kind())?.header();
+        if context.holding && !held {
+            self.life.succumb(&before);
+        }
+        if held {
+            loan.bytes_mut().copy_from_slice(&now.bytes()[..bytes]);
+        } else {
+            self.engine.step(&context, now.bytes(), loan.bytes_mut())?;
+        }
         hyst_messages::stream::change_header(loan.bytes_mut(), |header| {
+            header.words[1] = self.life.mark(before.words[1]);
             header.epoch = context.tenure.epoch;
             header.incarnation = self.life.incarnation;
             header.tick = next_tick;
-            header.step_ticks = step_ticks as u32;
+            // Nothing was computed for the tick of a state that is held.
+            header.step_ticks = if held { 0 } else { context.step_ticks as u32 };
         });
+        self.life.drag(begun_ns);
         // Fenced while computing: what was computed is dropped unsent.
         if self.roster.holder(self.role) != holder {
             return Ok(());
         }
-        self.engine.finished(&context, loan.bytes());
+        if !held {
+            self.engine.finished(&context, loan.bytes());
+        }
+        self.lies.tell_message(self.life, loan.bytes_mut());
         loan.send()?;
         self.life.page.store64(header::VALUE_NS, system::now_ns());
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);
@@ -281,26 +343,25 @@ impl<S: Stateful> Loop<'_, S> {
         Ok(())
     }
 
+    /// The spare's part of a tick.
     fn follow(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
-        let (_, newest_tick) = self.chain.key();
         if self.chain.newest().is_none() {
             return Ok(());
         }
-        if newest_tick >= tick {
-            self.misses = 0;
-            return Ok(());
+        let newest = self.chain.key();
+        self.misses = if newest.1 >= tick { 0 } else { self.misses + 1 };
+        if self.misses > 0 {
+            self.life.distrust(holder.incarnation, Distrust::Missing);
         }
-        self.misses += 1;
-        let lives = self.holder_lives(holder);
-        if !lives || self.misses >= MISSES_TO_PROMOTE {
-            if let Ok(tenure) = self.roster.promote(self.role, holder, self.me()) {
-                self.life.page.add64(header::PROMOTIONS, 1);
-                self.note_role(true);
-                return self.step(tick, tenure);
+        let (step, lives) = (self.engine.step_ticks(), self.holder_lives(holder));
+        let most_misses = most_misses(self.holder_hangs(holder));
+        match spare_turn(tick, newest, holder.epoch, step, lives, self.misses, most_misses) {
+            Turn::Promote => self.begin_epoch(tick, holder),
+            Turn::Substitute(next_tick) => {
+                self.life.page.add64(header::SUBSTITUTES, 1);
+                self.make(next_tick, holder)
             }
-            return Ok(());
+            Turn::Rest | Turn::Step(_) | Turn::Leap => Ok(()),
         }
-        self.life.page.add64(header::SUBSTITUTES, 1);
-        self.step(tick, holder)
     }
 }

@@ -1,6 +1,9 @@
-//! Checkpoints: the last finished state of a role, kept outside of any engine's own memory, for the case that incumbent and spare die
-//! together. Each slot of the role has one file of its own in the station's root; a writer that dies in the middle leaves a wrong
-//! checksum there, and the other slot's checkpoint, at most one interval older, serves.
+//! Checkpoints: finished states of a role, kept outside of any engine's own memory, for the case that incumbent and spare die together. Each
+//! slot of the role has one file of its own in the station's root, with several generations: the newest state, one of some seconds ago, one of
+//! some tens. A state may kill whoever goes on from it; then an older one serves.
+//!
+//! Promise: each generation has two copies that take turns, so that a writer that dies in the middle, or a bit that flips, costs one copy: it
+//! has a wrong checksum and is not found. A generation is at most two of its intervals old, and its older copy at least one.
 
 use crate::page::{self, OwnedPage, PageError, ReadPage};
 use crate::station::Station;
@@ -8,12 +11,17 @@ use hyst_messages::fnv_words;
 use hyst_messages::page::header;
 use hyst_messages::{Role, Slot};
 
-const WRITTEN: usize = header::END;
-const EPOCH: usize = header::END + 1;
-const TICK: usize = header::END + 2;
-const BYTES: usize = header::END + 3;
-const CHECKSUM: usize = header::END + 4;
-const DATA: usize = header::END + 5;
+/// Ticks between two states of a generation; 0: each state that is given.
+pub const INTERVAL_TICKS: [u64; 3] = [0, 1_000, 10_000];
+/// Copies of a generation.
+const COPIES: usize = 2;
+
+const WRITTEN: usize = 0;
+const EPOCH: usize = 1;
+const TICK: usize = 2;
+const BYTES: usize = 3;
+const CHECKSUM: usize = 4;
+const DATA: usize = 5;
 
 /// A state that was read back.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,15 +34,21 @@ pub struct Checkpoint {
     pub words: Vec<u64>,
 }
 
-fn path(station: &Station, slot: Slot) -> std::path::PathBuf {
+/// The file of a slot's checkpoints.
+pub fn path(station: &Station, slot: Slot) -> std::path::PathBuf {
     station.root().join(format!("pages/checkpoint-{}.page", slot.number()))
 }
 
-fn words_for(bytes: usize) -> usize {
-    DATA + bytes.div_ceil(8)
+/// First word of a copy.
+fn start(generation: usize, copy: usize, bytes: usize) -> usize {
+    header::END + (generation * COPIES + copy) * (DATA + bytes.div_ceil(8))
 }
 
-/// The writer of one slot's checkpoint.
+fn words_for(bytes: usize) -> usize {
+    start(INTERVAL_TICKS.len(), 0, bytes)
+}
+
+/// The writer of one slot's checkpoints.
 #[derive(Debug)]
 pub struct CheckpointWriter {
     page: OwnedPage,
@@ -42,7 +56,7 @@ pub struct CheckpointWriter {
 }
 
 impl CheckpointWriter {
-    /// Opens the slot's checkpoint for messages of at most `bytes`, or makes it.
+    /// Opens the slot's checkpoints for messages of at most `bytes`, or makes them.
     pub fn open(station: &Station, slot: Slot, bytes: usize) -> Result<CheckpointWriter, PageError> {
         let path = path(station, slot);
         let page = match OwnedPage::open(&path, words_for(bytes)) {
@@ -55,68 +69,156 @@ impl CheckpointWriter {
         Ok(CheckpointWriter { page, bytes })
     }
 
-    /// Writes a state; one that is too long is refused.
-    pub fn write(&self, epoch: u32, tick: u64, message: &[u8]) -> bool {
+    /// Writes a state into the newest generation and, if its maker has `lasted`, into each older one that is due; one that is too long is refused.
+    pub fn write(&self, epoch: u32, tick: u64, message: &[u8], lasted: bool) -> bool {
         if message.len() > self.bytes {
             return false;
         }
-        self.page.store64(WRITTEN, 0);
+        let generations = if lasted { INTERVAL_TICKS.len() } else { 1 };
+        for (generation, interval_ticks) in INTERVAL_TICKS.into_iter().enumerate().take(generations) {
+            let at = |copy: usize| start(generation, copy, self.bytes);
+            let written = |copy: usize| {
+                if self.page.load64(at(copy) + WRITTEN) == 1 { self.page.load64(at(copy) + TICK) } else { 0 }
+            };
+            let (older, newer) = if written(0) <= written(1) { (0, 1) } else { (1, 0) };
+            if written(newer) == 0 || tick >= written(newer) + interval_ticks {
+                self.write_copy(at(older), epoch, tick, message);
+            }
+        }
+        true
+    }
+
+    fn write_copy(&self, at: usize, epoch: u32, tick: u64, message: &[u8]) {
+        self.page.store64(at + WRITTEN, 0);
         let mut checksum = fnv_words(tick, [epoch as u64, message.len() as u64]);
         for (index, chunk) in message.chunks(8).enumerate() {
             let mut word = [0u8; 8];
             word[..chunk.len()].copy_from_slice(chunk);
             let word = u64::from_ne_bytes(word);
             checksum = fnv_words(checksum, [word]);
-            self.page.store64(DATA + index, word);
+            self.page.store64(at + DATA + index, word);
         }
-        self.page.store64(EPOCH, epoch as u64);
-        self.page.store64(TICK, tick);
-        self.page.store64(BYTES, message.len() as u64);
-        self.page.store64(CHECKSUM, checksum);
-        self.page.store64(WRITTEN, 1);
-        true
+        self.page.store64(at + EPOCH, epoch as u64);
+        self.page.store64(at + TICK, tick);
+        self.page.store64(at + BYTES, message.len() as u64);
+        self.page.store64(at + CHECKSUM, checksum);
+        self.page.store64(at + WRITTEN, 1);
     }
 }
 
-fn read(station: &Station, slot: Slot, bytes: usize) -> Option<Checkpoint> {
-    let page = ReadPage::open(&path(station, slot), words_for(bytes)).ok()?;
-    let length = page.load64(BYTES) as usize;
-    if page.load64(WRITTEN) != 1 || length > bytes {
+fn read(page: &ReadPage, at: usize, bytes: usize) -> Option<Checkpoint> {
+    let length = page.load64(at + BYTES) as usize;
+    if page.load64(at + WRITTEN) != 1 || length > bytes {
         return None;
     }
-    let (epoch, tick) = (page.load64(EPOCH), page.load64(TICK));
+    let (epoch, tick) = (page.load64(at + EPOCH), page.load64(at + TICK));
     let mut words = vec![0u64; length.div_ceil(8)];
-    page.load64s(DATA, &mut words);
+    page.load64s(at + DATA, &mut words);
     let start = fnv_words(tick, [epoch, length as u64]);
     let checksum = words.iter().fold(start, |checksum, word| fnv_words(checksum, [*word]));
-    (checksum == page.load64(CHECKSUM)).then_some(Checkpoint { epoch: epoch as u32, tick, words })
+    (checksum == page.load64(at + CHECKSUM)).then_some(Checkpoint { epoch: epoch as u32, tick, words })
 }
 
-/// The newest whole checkpoint of a role, whose messages have at most `bytes`.
-pub fn newest(station: &Station, role: Role, bytes: usize) -> Option<Checkpoint> {
-    let slots = (0..role.slots().1).filter_map(|index| Slot::new(role, index));
-    slots.filter_map(|slot| read(station, slot, bytes)).max_by_key(|checkpoint| (checkpoint.epoch, checkpoint.tick))
+/// The newest whole checkpoint of a role up to a tick, whose messages have at most `bytes`; and how many copies were damaged.
+pub fn newest(station: &Station, role: Role, bytes: usize, up_to_tick: u64) -> (Option<Checkpoint>, usize) {
+    let (mut newest, mut damaged) = (None::<Checkpoint>, 0);
+    for slot in (0..role.slots().1).filter_map(|index| Slot::new(role, index)) {
+        let Ok(page) = ReadPage::open(&path(station, slot), words_for(bytes)) else { continue };
+        for copy in 0..INTERVAL_TICKS.len() * COPIES {
+            let at = start(copy / COPIES, copy % COPIES, bytes);
+            let tick = page.load64(at + TICK);
+            if page.load64(at + WRITTEN) == 0 || tick > up_to_tick {
+                continue;
+            }
+            match read(&page, at, bytes) {
+                None => damaged += 1,
+                Some(found) if newest.as_ref().is_some_and(|known| (known.tick, known.epoch) >= (found.tick, found.epoch)) => {}
+                Some(found) => newest = Some(found),
+            }
+        }
+    }
+    (newest, damaged)
+}
+
+/// Discards the checkpoints of a role that are younger than a tick: who was sent back behind them has found nobody to survive them, and they
+/// would serve again in the next trouble.
+pub fn discard_after(station: &Station, role: Role, bytes: usize, tick: u64) {
+    for slot in (0..role.slots().1).filter_map(|index| Slot::new(role, index)) {
+        let Ok(page) = OwnedPage::open(&path(station, slot), words_for(bytes)) else { continue };
+        for copy in 0..INTERVAL_TICKS.len() * COPIES {
+            let at = start(copy / COPIES, copy % COPIES, bytes);
+            if page.load64(at + TICK) > tick {
+                page.store64(at + WRITTEN, 0); // a zombie that writes this very copy loses at most its own state
+            }
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_newest_whole_checkpoint_is_found_and_a_damaged_one_is_not() {
-        let station = Station::named(&format!("t{}-check", std::process::id())).unwrap();
+    fn founded(name: &str) -> Station {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
         station.wipe();
         station.found().unwrap();
+        station
+    }
+
+    #[test]
+    fn the_newest_whole_checkpoint_is_found_and_a_damaged_one_is_not() {
+        let station = founded("check");
         let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
         let writers = slots.map(|slot| CheckpointWriter::open(&station, slot, 24).unwrap());
-        assert_eq!(newest(&station, Role::Tissue, 24), None);
-        assert!(writers[0].write(1, 100, &[1; 20]));
-        assert!(writers[1].write(1, 200, &[2; 24]));
-        assert!(!writers[0].write(1, 300, &[3; 25]), "too long");
-        assert_eq!(newest(&station, Role::Tissue, 24).map(|found| (found.epoch, found.tick)), Some((1, 200)));
-        writers[1].page.store64(DATA + 1, 77);
-        let found = newest(&station, Role::Tissue, 24).unwrap();
+        assert_eq!(newest(&station, Role::Tissue, 24, u64::MAX), (None, 0));
+        assert!(writers[0].write(1, 100, &[1; 20], true));
+        assert!(writers[1].write(1, 200, &[2; 24], true));
+        assert!(!writers[0].write(1, 300, &[3; 25], true), "too long");
+        let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX);
+        assert_eq!((found.map(|found| (found.epoch, found.tick)), damaged), (Some((1, 200)), 0));
+        // One bit of each copy of the newer state.
+        for generation in 0..INTERVAL_TICKS.len() {
+            let at = start(generation, 0, 24) + DATA + 1;
+            writers[1].page.store64(at, writers[1].page.load64(at) ^ 1 << 17);
+        }
+        let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX);
+        let found = found.unwrap();
         assert_eq!((found.tick, bytemuck::cast_slice::<u64, u8>(&found.words)[..20].to_vec()), (100, vec![1; 20]));
+        assert_eq!(damaged, INTERVAL_TICKS.len());
+        station.wipe();
+    }
+
+    #[test]
+    fn an_older_generation_is_there_when_the_newest_must_not_be_used() {
+        let station = founded("older");
+        let writer = CheckpointWriter::open(&station, Slot::first(Role::Fluid), 8).unwrap();
+        for tick in (100..60_000).step_by(100) {
+            assert!(writer.write(1, tick, &tick.to_le_bytes(), true));
+            for (generation, back) in [(1, 1_000), (2, 10_000)] {
+                let Some(limit) = tick.checked_sub(back).filter(|limit| *limit > 100) else { continue };
+                let found = newest(&station, Role::Fluid, 8, limit).0.map_or(0, |found| found.tick);
+                let oldest = tick.saturating_sub(2 * INTERVAL_TICKS[generation] + 100).max(100);
+                assert!((oldest..=limit).contains(&found), "at {tick}, {back} back: {found}");
+            }
+        }
+        // Makers that have not lasted leave the older generations as they are.
+        for tick in (60_000..90_000).step_by(100) {
+            assert!(writer.write(2, tick, &tick.to_le_bytes(), false));
+        }
+        for back in [1_000, 10_000] {
+            let found = newest(&station, Role::Fluid, 8, 59_900 - back).0.unwrap().tick;
+            assert!((59_900 - 2 * back - 100..=59_900 - back).contains(&found), "{back} back: {found}");
+        }
+        for tick in [90_000, 90_100] {
+            assert!(writer.write(2, tick, &tick.to_le_bytes(), true));
+        }
+        // A writer that dies in the middle of the newest copy leaves the one before.
+        let newest_copy = (0..COPIES).max_by_key(|copy| writer.page.load64(start(0, *copy, 8) + TICK)).unwrap();
+        writer.page.store64(start(0, newest_copy, 8) + WRITTEN, 0);
+        assert_eq!(newest(&station, Role::Fluid, 8, u64::MAX).0.unwrap().tick, 90_000);
+        discard_after(&station, Role::Fluid, 8, 60_000);
+        let found = newest(&station, Role::Fluid, 8, u64::MAX).0.unwrap().tick;
+        assert!((57_900..=60_000).contains(&found), "what is younger is gone, what is older is not: {found}");
         station.wipe();
     }
 }

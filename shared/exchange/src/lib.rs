@@ -2,22 +2,27 @@
 //! place), rendezvous, meeting point, and the usher that keeps connecting off the real-time threads. After Tuchschmid et al.,
 //! "A Flexible Framework for Highly-Modular Surgical Simulation Systems" (ISBMS 2006), carried across processes.
 //!
-//! This is the only crate that names iceoryx2, and the only one with `unsafe`: in [`page`], [`system`] and [`allocation`].
+//! This is the only crate that names iceoryx2, and the only one with `unsafe`: in [`page`], [`system`], [`allocation`] and
+//! `loan`.
 
 pub mod allocation;
 pub mod cell;
 pub mod checkpoint;
+mod loan;
+pub mod machine;
 pub mod meeting;
 pub mod page;
 pub mod rendezvous;
 pub mod roster;
 pub mod station;
 pub mod stream;
+pub mod succession;
 pub mod synchronized;
 pub mod system;
 pub mod usher;
 
+pub use loan::Loan;
 pub use page::{Access, OwnedPage, PageError, ReadPage};
 pub use roster::{Roster, Tenure};
 pub use station::{Station, StationError, StationPage};
-pub use stream::{Held, LinkError, Links, Loan, Publisher, Subscriber};
+pub use stream::{Held, LinkError, Links, Publisher, Subscriber};

@@ -7,6 +7,7 @@
 //! names the coordinator's incarnation and the release, so the late join of a zombie counts for nothing.
 
 mod process;
+pub mod rules;
 mod thread;
 
 pub use process::{ProcessCoordinator, ProcessMember};

@@ -3,7 +3,7 @@
 
 use crate::page::{self, OwnedPage, PageError, ReadPage};
 use crate::system;
-use hyst_messages::page::{station as layout, words_of};
+use hyst_messages::page::{Swap, station as layout, words_of};
 use hyst_messages::{Role, SLOTS, Slot, TICK_NS};
 use std::path::{Path, PathBuf};
 
@@ -180,6 +180,14 @@ impl StationPage {
     pub fn start_of(&self, tick: u64) -> u64 {
         self.t0_ns() + tick * TICK_NS
     }
+    /// Whether the station runs on a virtual clock.
+    pub fn is_lockstep(&self) -> bool {
+        self.page.load32(layout::LOCKSTEP) != 0
+    }
+    /// The station's present tick: by its clock, or in lock-step the tick that was last ended.
+    pub fn present_tick(&self) -> u64 {
+        if self.is_lockstep() { self.page.load64(layout::ENDED_TICK) } else { self.tick_at(system::now_ns()) }
+    }
     /// Whether everything must stop.
     pub fn stop_requested(&self) -> bool {
         self.page.load32(layout::STOP) != 0
@@ -203,6 +211,33 @@ impl StationPage {
     /// Whether the process in the slot is known to be dead.
     pub fn is_dead(&self, slot: Slot) -> bool {
         self.page.load32(layout::SLOT_DEAD + slot.number()) != 0
+    }
+    /// Whether the supervisor's watch found that the incarnation in the slot hangs, and that no other is to blame for it.
+    pub fn is_suspect(&self, slot: Slot, incarnation: u32) -> bool {
+        incarnation != 0 && self.page.load32(layout::SLOT_SUSPECT + slot.number()) == incarnation
+    }
+    /// The newest tick of a checkpoint that a founder of the role may go on from.
+    pub fn ground_tick(&self, role: Role) -> u64 {
+        match self.page.load64(layout::GROUND + role as usize) {
+            0 => u64::MAX,
+            tick => tick,
+        }
+    }
+    /// Whether the role's state is held still.
+    pub fn is_held(&self, role: Role) -> bool {
+        self.page.load32(layout::HELD + role as usize) != 0
+    }
+    /// The newcomer of a role that is on trial.
+    pub fn swap(&self, role: Role) -> Swap {
+        Swap::from_word(self.page.load64(layout::SWAP + role as usize))
+    }
+    /// Hash of the scene that the station was started with; 0 if nobody said.
+    pub fn scene_hash(&self) -> u64 {
+        self.page.load64(layout::SCENE_HASH)
+    }
+    /// Incarnations below this number have been given out.
+    pub fn next_incarnation(&self) -> u64 {
+        self.page.load64(layout::NEXT_INCARNATION)
     }
     /// Counts the changes of the slots.
     pub fn changes(&self) -> u32 {

@@ -5,24 +5,22 @@
 //! Nobody shares a service with an incarnation that died, so a zombie writes where nobody reads. Services are created by the supervisor,
 //! engines only open them. Connecting and mapping happen in the usher, which then hands the port to the real-time thread.
 
+use crate::loan::Loan;
 use crate::station::Station;
 use hyst_messages::{Kind, Role, layout_hash};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
-use iceoryx2::sample_mut::SampleMut;
 
 type Variant = ipc_threadsafe::Service;
 type Factory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<Variant, [u64], ()>;
 
-/// Samples that a reader may hold: the state in use, the one before, and the one that is being received.
+/// Samples that the reader of a state may hold: the state in use, the one before, and the one that is being received.
 pub const MAX_HELD: usize = 4;
 /// Samples that wait for a reader before the oldest is dropped.
 pub const READER_BUFFER: usize = 2;
-/// Readers of one service: every consumer of a state, each with a successor that is warming up.
-pub const MAX_READERS: usize = 12;
-/// Readers of a collision job: every worker, each with a successor.
-pub const MAX_JOB_READERS: usize = 2 * hyst_messages::MAX_WORKERS;
+/// Readers of a tissue's state: every consumer but the workers, each with a successor that is warming up; a newcomer on trial and its judge.
+pub const MAX_READERS: usize = 15;
 /// Loans of a writer: the step being computed.
 pub const MAX_LOANS: usize = 2;
 /// Nodes that may open one service.
@@ -59,11 +57,36 @@ pub enum LinkError {
     },
 }
 
+/// What the service of a kind is made for. A segment holds readers × (buffer + held) + history + loans messages, so each is no more than
+/// its readers need; every reader counts twice, for its successor connects while it still reads.
+struct Quality {
+    readers: usize,
+    buffer: usize,
+    held: usize,
+}
+
+impl Quality {
+    fn of(kind: Kind, workers: usize) -> Quality {
+        match kind {
+            Kind::TissueState => Quality { readers: MAX_READERS + 2 * workers, buffer: READER_BUFFER, held: MAX_HELD },
+            // Only the newest one counts, and one is held: rendering, fluid, its spare and its guest, the workers.
+            Kind::Topology => Quality { readers: 7 + 2 * workers, buffer: 1, held: 3 },
+            // The present step's alone, dropped before the step ends: the workers' jobs, and their answers to tissue, its spare and its guest.
+            Kind::CollisionJob => Quality { readers: 2 * workers.max(1), buffer: 1, held: 2 },
+            Kind::Contacts => Quality { readers: 5, buffer: 1, held: 2 },
+            // Its own chain and keeper, spare, guest, its judge, rendering; of the servos' records, the recorder.
+            Kind::FluidState => Quality { readers: 10, buffer: READER_BUFFER, held: MAX_HELD },
+            _ => Quality { readers: 4, buffer: READER_BUFFER, held: MAX_HELD },
+        }
+    }
+}
+
 /// The process's node in the station's iceoryx2 domain.
 #[derive(Debug)]
 pub struct Links {
     node: Node<Variant>,
     station: String,
+    workers: usize,
 }
 
 /// A service that is held open so that it exists while an incarnation lives.
@@ -94,7 +117,8 @@ impl Links {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Variant>()
             .map_err(|e| configuration(format!("{e:?}")))?;
-        Ok(Links { node, station: station.name().to_string() })
+        let workers = station.open().map_or(0, |page| page.workers());
+        Ok(Links { node, station: station.name().to_string(), workers })
     }
 
     /// Name of a service: station, role, incarnation, kind and layout. Another layout is another name, so it is never opened.
@@ -109,16 +133,16 @@ impl Links {
     ) -> Result<iceoryx2::service::builder::publish_subscribe::Builder<[u64], (), Variant>, LinkError> {
         let fail = |reason: String| LinkError::Service { name: name.to_string(), reason };
         let service = ServiceName::new(name).map_err(|e| fail(format!("{e:?}")))?;
-        let readers = if kind == Kind::CollisionJob { MAX_JOB_READERS } else { MAX_READERS };
+        let quality = Quality::of(kind, self.workers);
         Ok(self
             .node
             .service_builder(&service)
             .publish_subscribe::<[u64]>()
             .max_publishers(1)
-            .max_subscribers(readers)
+            .max_subscribers(quality.readers)
             .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(READER_BUFFER)
-            .subscriber_max_borrowed_samples(MAX_HELD)
+            .subscriber_max_buffer_size(quality.buffer)
+            .subscriber_max_borrowed_samples(quality.held)
             .history_size(1)
             .enable_safe_overflow(true))
     }
@@ -186,21 +210,20 @@ pub struct Publisher {
     _factory: Factory,
 }
 
-/// A block of shared memory that is being written. Dropped unsent, nobody ever sees it.
-#[derive(Debug)]
-pub struct Loan {
-    sample: SampleMut<Variant, [u64], ()>,
-}
-
 impl Publisher {
-    /// A zeroed block of at most the length given at creation, rounded up to whole 64-bit words and aligned to them.
+    /// A block of at most the length given at creation, rounded up to whole 64-bit words and aligned to them. What an older message left
+    /// lies in it: whoever takes it writes all of it.
     pub fn loan(&self, bytes: usize) -> Result<Loan, LinkError> {
         let fail = |reason: String| LinkError::Use { name: self.name.clone(), action: "loan", reason };
         if bytes > self.bytes {
             return Err(fail(format!("{bytes} bytes where at most {} were announced", self.bytes)));
         }
-        let sample = self.inner.loan_slice(bytes.div_ceil(8)).map_err(|e| fail(format!("{e:?}")))?;
-        Ok(Loan { sample })
+        let sample = self.inner.loan_slice_uninit(bytes.div_ceil(8)).map_err(|e| fail(format!("{e:?}")))?;
+        Ok(Loan::as_lent(sample))
+    }
+    /// Loans a block and never gives it back: a leak, for tests of what then happens. False if none was left.
+    pub fn lose(&self, bytes: usize) -> bool {
+        self.loan(bytes).map(std::mem::forget).is_ok()
     }
     /// Longest message.
     pub fn max_bytes(&self) -> usize {
@@ -213,21 +236,6 @@ impl Publisher {
             action: "announce",
             reason: format!("{e:?}"),
         })
-    }
-}
-
-impl Loan {
-    /// The block.
-    pub fn bytes(&self) -> &[u8] {
-        bytemuck::cast_slice(self.sample.payload())
-    }
-    /// The block, to write.
-    pub fn bytes_mut(&mut self) -> &mut [u8] {
-        bytemuck::cast_slice_mut(self.sample.payload_mut())
-    }
-    /// Hands the block to the readers; from now on it is read-only for everyone.
-    pub fn send(self) -> Result<usize, LinkError> {
-        self.sample.send().map_err(|e| LinkError::Use { name: String::new(), action: "send", reason: format!("{e:?}") })
     }
 }
 

@@ -13,6 +13,12 @@ pub fn now_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
+/// Processor time of the calling thread, ns.
+pub fn thread_ns() -> u64 {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
 fn timespec(time_ns: u64) -> Timespec {
     Timespec { tv_sec: (time_ns / 1_000_000_000) as i64, tv_nsec: (time_ns % 1_000_000_000) as i64 }
 }
@@ -71,19 +77,39 @@ pub fn lock_memory() -> bool {
 }
 
 /// Makes the calling thread SCHED_FIFO with this priority; children go back to the ordinary class. False where it is refused.
-#[allow(unsafe_code)] // rustix has no scheduler class; one call, proof below
 pub fn become_fifo(priority: i32) -> bool {
-    let parameters = libc::sched_param { sched_priority: priority };
-    // SAFETY: pid 0 is the calling thread; the pointer is to a live, initialised sched_param and is only read during the call.
-    unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &parameters) == 0 }
+    schedule(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority)
+}
+
+/// Makes the calling thread an ordinary one again, ahead of all others of that class: it has what real-time threads leave, and nearly all of it.
+/// False where it is refused.
+pub fn become_ordinary() -> bool {
+    be_nice(-40) && schedule(0, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0)
+}
+
+/// Makes the first thread of a process that has just begun SCHED_FIFO with this priority, and with it the threads that it starts. False where it
+/// is refused.
+pub fn hurry(process: u32, priority: i32) -> bool {
+    i32::try_from(process).is_ok_and(|thread_id| schedule(thread_id, libc::SCHED_FIFO, priority))
 }
 
 /// Moves a whole thread by id to the idle class, so that its tear-down disturbs nobody. False where it is refused.
-#[allow(unsafe_code)] // as above
 pub fn demote(thread_id: i32) -> bool {
-    let parameters = libc::sched_param { sched_priority: 0 };
+    schedule(thread_id, libc::SCHED_IDLE, 0)
+}
+
+/// Gives a thread (0: the calling one) a scheduling class and a priority in it.
+#[allow(unsafe_code)] // rustix has no scheduler class; one call, proof below
+fn schedule(thread_id: i32, class: i32, priority: i32) -> bool {
+    let parameters = libc::sched_param { sched_priority: priority };
     // SAFETY: the pointer is to a live, initialised sched_param and is only read during the call; any thread id is allowed.
-    unsafe { libc::sched_setscheduler(thread_id, libc::SCHED_IDLE, &parameters) == 0 }
+    unsafe { libc::sched_setscheduler(thread_id, class, &parameters) == 0 }
+}
+
+/// Changes the calling thread's place among ordinary ones, and that of the threads that it will start: 19 gives way to all, −20 to none. False where it
+/// is refused.
+pub fn be_nice(by: i32) -> bool {
+    rustix::process::nice(by).is_ok()
 }
 
 /// Ties the calling thread to a core. False where the core does not exist or is not allowed.

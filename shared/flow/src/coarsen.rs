@@ -4,14 +4,15 @@ use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::{Layout, MAX_AXIS};
 use crate::kernels::wide;
-use crate::multigrid::{DAMPING, children, halve};
+use crate::multigrid::{DAMPING, children, gather};
 use crate::rows;
 use crate::solver::Solver;
 
-/// Weight of the summed fine coefficients along an axis that shrinks. Twice the distance and constant interpolation give ½. Chosen
-/// on the four scenes of `flow_bench` (November 2026, damping 6/7): ½ needs 8.3, 8.8, 12.7, 12.0 iterations, 0.68 needs 7.4, 7.8,
-/// 10.2, 9.7; 0.42 is worse, 0.6 and 0.78 are close. A setting for such cavities, no optimum for every mask.
+/// Weight of the summed fine coefficients along an axis that shrinks. Twice the distance and constant interpolation give ½. On the
+/// scope's poses in the default cavity, boxes, sheets, pockets and random masks (November 2026, damping 0.9) 0.58 and 0.75 need up to
+/// one iteration more in most cases, 0.85 two. A setting for such cavities, no optimum for every mask.
 const SHRINK: f32 = 0.66;
+
 impl Solver {
     /// Phase Coarsen: face coefficients and diagonal of level `l` from level `l − 1`.
     pub(crate) fn coarsen_band(&self, l: usize, band: usize) -> Result<(), FlowError> {
@@ -27,7 +28,7 @@ impl Solver {
                 None => None,
             };
             let mut out = face.write(band)?;
-            let scale = if fl.n[axis] > 1 { SHRINK } else { 1.0 };
+            let scale = if coarse.halved[axis] { SHRINK } else { 1.0 };
             for kk in cl.own(band) {
                 let plane = out.layer(kk);
                 wide(
@@ -37,7 +38,7 @@ impl Solver {
                         for j in 0..cl.n[1] {
                             let sum = &mut sum[..fl.n[0]];
                             sum.fill(0.0);
-                            let ranges = fine_rows(axis, j, kk - 1, fl);
+                            let ranges = fine_rows(axis, j, kk - 1, fl, coarse.halved);
                             for k in ranges[1].clone() {
                                 for o in ranges[0].clone().map(|j| fl.row(j)) {
                                     match (&below, &fluid) {
@@ -51,7 +52,10 @@ impl Solver {
                             }
                             let oc = cl.row(j);
                             let row = &mut plane[oc..oc + cl.n[0]];
-                            if axis == 0 { every_second(sum, row) } else { halve(sum, row) }
+                            match (axis, coarse.halved[0]) {
+                                (0, true) => every_second(sum, row),
+                                (_, halved) => gather(sum, row, halved),
+                            }
                         }
                     },
                 );
@@ -84,8 +88,8 @@ impl Solver {
 }
 
 /// Fine rows and layers whose faces along `axis` lie on the low side of coarse row (j, k).
-fn fine_rows(axis: usize, j: usize, k: usize, fine: &Layout) -> [std::ops::Range<usize>; 2] {
-    let mut ranges = [children(j, fine.n[1]), children(k, fine.n[2])];
+fn fine_rows(axis: usize, j: usize, k: usize, fine: &Layout, halved: [bool; 3]) -> [std::ops::Range<usize>; 2] {
+    let mut ranges = [children(j, fine.n[1], halved[1]), children(k, fine.n[2], halved[2])];
     if axis > 0 {
         ranges[axis - 1].end = ranges[axis - 1].start + 1;
     }

@@ -1,5 +1,6 @@
-//! The preconditioner of the pressure solve: one V-cycle over aggregated cells (2×2×2 to one), symmetric, so that conjugate
-//! gradients may use it (idea: McAdams et al. 2010; the scaled coarse operator: Braess 1995).
+//! The preconditioner of the pressure solve: one V-cycle over aggregated cells (two to one along each axis that is coupled strongly),
+//! symmetric, so that conjugate gradients may use it (idea: McAdams et al. 2010; the scaled coarse operator: Braess 1995; coarsening
+//! along strong couplings only: Trottenberg et al. 2001, section 5.1).
 //!
 //! Promise: works for any mask, because a coarse face carries the open area of its fine faces; each cell of a level is computed
 //! from the same numbers in the same order whatever the bands.
@@ -14,9 +15,12 @@ use crate::kernels::{Star, dot, wide};
 use crate::rows;
 use crate::solver::Solver;
 
-/// Damping of the Jacobi smoother. Beside 6/7, 0.8 and 0.9 were tried with the coarse weight in use: 0.9 needed the fewest iterations
-/// in all four scenes of `flow_bench` (November 2026); with a weight of ½, 0.95 was worse than 6/7.
+/// Damping of the Jacobi smoother. On the scope's poses in the default cavity, boxes, sheets, pockets and random masks 0.8 needs a few
+/// tenths of an iteration more.
 pub(crate) const DAMPING: f32 = 0.9;
+/// Axes whose cells are at most so many times as long as the shortest are halved together. On the same masks 1.45 needs 11 iterations
+/// where 1.15 needs 8 (default cavity, cells of 1.06 × 0.89 × 1.75 mm), and 2.1 needs 15.
+const ALIKE: f32 = 1.15;
 /// Cells of the coarsest level at most: solved by Cholesky's factors.
 const COARSEST_CELLS: usize = 64;
 /// Levels with fewer cells than this are computed by one band: a barrier would cost more than it brings.
@@ -25,6 +29,8 @@ const PARALLEL_CELLS: usize = 8_192;
 /// One level: residual, correction and its second buffer, diagonal, damped inverse, and (not on level 0) face coefficients.
 pub(crate) struct Level {
     pub layout: Arc<Layout>,
+    /// Axes along which two cells of the level above make one of this.
+    pub halved: [bool; 3],
     pub r: Field,
     pub z: Field,
     pub y: Field,
@@ -34,11 +40,12 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    fn new(layout: Arc<Layout>, coarse: bool) -> Self {
+    fn new(layout: Arc<Layout>, halved: [bool; 3]) -> Self {
         let field = || Field::new(&layout);
+        let coarse = halved.contains(&true);
         let faces = coarse.then(|| [field(), field(), field()]);
         let (r, z, y, diagonal, inverse) = (field(), field(), field(), field(), field());
-        Self { layout, r, z, y, diagonal, inverse, faces }
+        Self { layout, halved, r, z, y, diagonal, inverse, faces }
     }
 }
 
@@ -50,17 +57,20 @@ pub(crate) struct Hierarchy {
 }
 
 impl Hierarchy {
-    pub fn new(fine: &Arc<Layout>) -> Self {
-        let mut levels = vec![Level::new(fine.clone(), false)];
+    pub fn new(fine: &Arc<Layout>, spacing_m: [f32; 3]) -> Self {
+        let mut levels = vec![Level::new(fine.clone(), [false; 3])];
         let mut serial_from = 0;
-        let mut n = fine.n;
+        let (mut n, mut h) = (fine.n, spacing_m);
         while levels.len() == 1 || n[0] * n[1] * n[2] > COARSEST_CELLS {
-            n = n.map(|c| c.div_ceil(2));
+            let halved = halved(n, h);
+            for axis in (0..3).filter(|axis| halved[*axis]) {
+                (n[axis], h[axis]) = (n[axis].div_ceil(2), 2.0 * h[axis]);
+            }
             let parallel = serial_from == 0 && n[0] * n[1] * n[2] >= PARALLEL_CELLS && n[2] >= 2 * fine.bands;
             if !parallel && serial_from == 0 {
                 serial_from = levels.len();
             }
-            levels.push(Level::new(Arc::new(Layout::new(n, if parallel { fine.bands } else { 1 })), true));
+            levels.push(Level::new(Arc::new(Layout::new(n, if parallel { fine.bands } else { 1 })), halved));
         }
         let cells = n[0] * n[1] * n[2];
         Self { levels, serial_from, coarsest: Coarsest::new(cells) }
@@ -143,7 +153,7 @@ impl Solver {
         for kk in cl.own(band) {
             let (rc, zc, vc) = (r_out.layer(kk), z_out.layer(kk), inverse.layer(kk));
             rc.fill(0.0);
-            let low = children(kk - 1, fl.n[2]);
+            let low = children(kk - 1, fl.n[2], coarse.halved[2]);
             wide(
                 #[inline(always)]
                 || {
@@ -152,14 +162,14 @@ impl Solver {
                     for jc in 0..cl.n[1] {
                         sum[..n].fill(0.0);
                         for k in low.clone() {
-                            for j in children(jc, fl.n[1]) {
+                            for j in children(jc, fl.n[1], coarse.halved[1]) {
                                 let o = fl.row(j);
                                 op.apply(z.three(k + 1), k + 1, o, &mut t[..n]);
                                 rows::add_residual(&mut sum[..n], &r.layer(k + 1)[o..o + n], &t[..n]);
                             }
                         }
                         let oc = cl.row(jc);
-                        halve(&sum[..n], &mut rc[oc..oc + cl.n[0]]);
+                        gather(&sum[..n], &mut rc[oc..oc + cl.n[0]], coarse.halved[0]);
                         for at in oc..oc + cl.n[0] {
                             zc[at] = vc[at] * rc[at];
                         }
@@ -179,14 +189,14 @@ impl Solver {
         let n = fl.n[0];
         for kk in fl.own(band) {
             let (out, z, d) = (y.layer(kk), z.layer(kk), diagonal.layer(kk));
-            let e = e.layer(if fl.n[2] > 1 { (kk - 1) / 2 + 1 } else { kk });
+            let e = e.layer(parent(kk - 1, coarse.halved[2]) + 1);
             wide(
                 #[inline(always)]
                 || {
                     let mut wide_row = [0.0f32; MAX_AXIS + 1];
                     for j in 0..fl.n[1] {
-                        let oc = cl.row(if fl.n[1] > 1 { j / 2 } else { j });
-                        double(&e[oc..oc + cl.n[0]], &mut wide_row, n);
+                        let oc = cl.row(parent(j, coarse.halved[1]));
+                        spread(&e[oc..oc + cl.n[0]], &mut wide_row, n, coarse.halved[0]);
                         let o = fl.row(j);
                         rows::correct(&mut out[o..o + n], &z[o..o + n], &wide_row[..n], &d[o..o + n]);
                     }
@@ -246,17 +256,30 @@ impl Solver {
     }
 }
 
-/// Fine indices that belong to coarse index `c` on an axis of `n` fine cells.
-#[inline(always)]
-pub(crate) fn children(c: usize, n: usize) -> std::ops::Range<usize> {
-    if n > 1 { 2 * c..(2 * c + 2).min(n) } else { c..c + 1 }
+/// Axes that the next coarser level halves: those along which neighbours are coupled most, until all are coupled alike. A smoother
+/// evens out errors along strong couplings only, so along a weak one a coarser level would have nothing smooth to take over.
+fn halved(n: [usize; 3], h: [f32; 3]) -> [bool; 3] {
+    let least = (0..3).filter(|axis| n[*axis] > 1).map(|axis| h[axis]).fold(f32::INFINITY, f32::min);
+    std::array::from_fn(|axis| n[axis] > 1 && h[axis] <= ALIKE * least)
 }
 
-/// Sums pairs of a row.
+/// Fine indices that belong to coarse index `c` on an axis of `n` fine cells.
 #[inline(always)]
-pub(crate) fn halve(row: &[f32], out: &mut [f32]) {
-    if row.len() == 1 {
-        out[0] = row[0];
+pub(crate) fn children(c: usize, n: usize, halved: bool) -> std::ops::Range<usize> {
+    if halved { 2 * c..(2 * c + 2).min(n) } else { c..c + 1 }
+}
+
+/// Coarse index that fine index `i` belongs to.
+#[inline(always)]
+fn parent(i: usize, halved: bool) -> usize {
+    if halved { i / 2 } else { i }
+}
+
+/// Sums what belongs to each coarse cell of a row.
+#[inline(always)]
+pub(crate) fn gather(row: &[f32], out: &mut [f32], halved: bool) {
+    if !halved {
+        out.copy_from_slice(row);
         return;
     }
     for (o, pair) in out.iter_mut().zip(row.chunks(2)) {
@@ -264,9 +287,13 @@ pub(crate) fn halve(row: &[f32], out: &mut [f32]) {
     }
 }
 
-/// Spreads a row to pairs, `n` values.
+/// Spreads a coarse row to the `n` fine cells.
 #[inline(always)]
-fn double(row: &[f32], out: &mut [f32; MAX_AXIS + 1], n: usize) {
+fn spread(row: &[f32], out: &mut [f32; MAX_AXIS + 1], n: usize, halved: bool) {
+    if !halved {
+        out[..n].copy_from_slice(row);
+        return;
+    }
     for (x, pair) in row.iter().zip(out[..n + n % 2].chunks_exact_mut(2)) {
         pair.fill(*x);
     }

@@ -21,8 +21,7 @@ impl Solver {
         self.set_floor(c, total.top, jet);
         let h = self.model.grid.spacing_m();
         let dt_s = plan.inputs.dt_s;
-        let smallest = h[0].min(h[1]).min(h[2]);
-        let courant = dt_s * total.top.max(jet / smallest);
+        let courant = dt_s * total.top.max(jet);
         c.report.sweeps = (courant.ceil() as u32).clamp(1, MAX_SWEEPS);
         c.report.slowed = courant > MAX_SWEEPS as f32;
         c.advect_left = c.report.sweeps;
@@ -64,7 +63,7 @@ impl Solver {
         Ok(())
     }
 
-    /// Spreads the pump's flow over the cells of the ports. Returns the fastest jet, m/s.
+    /// Spreads the pump's flow over the cells of the ports. Returns how many cells the fastest jet crosses per second.
     fn place_sources(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<f32, FlowError> {
         let layout = &*self.layout;
         for source in &plan.sources {
@@ -97,7 +96,9 @@ impl Solver {
             let rate = (flow_m3_s / (self.model.grid.cell_volume_m3() * cells as f64)) as f32;
             let jet = crate::ports::jet_m_s(&self.model.grid, &port, flow_m3_s)
                 .map(|j| j.map(|v| v.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S)));
-            fastest = jet.iter().flatten().fold(fastest, |m, v| m.max(v.abs()));
+            for (v, h) in jet.iter().flatten().zip(self.model.grid.spacing_m()) {
+                fastest = fastest.max(v.abs() / h);
+            }
             if !port.inflow {
                 c.largest_rate_per_s = c.largest_rate_per_s.max(rate);
             }
@@ -113,9 +114,8 @@ impl Solver {
     }
 
     /// Below this the residual is what single precision leaves of the speeds at hand.
-    fn set_floor(&self, c: &mut Coordinator, rate_per_s: f32, jet_m_s: f32) {
-        let h = self.model.grid.spacing_m();
-        let floor = 1e-7 * f64::from(rate_per_s.max(jet_m_s / h[0].min(h[1]).min(h[2])));
+    fn set_floor(&self, c: &mut Coordinator, rate_per_s: f32, jet_per_s: f32) {
+        let floor = 1e-7 * f64::from(rate_per_s.max(jet_per_s));
         c.rest_residual2 = floor * floor * self.layout.cell_count() as f64;
     }
 }

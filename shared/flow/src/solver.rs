@@ -141,7 +141,7 @@ impl Solver {
             dye: [field(), field()],
             density: field(),
             particles: (0..bands).map(|b| RwLock::new(vec![Default::default(); share(b)])).collect(),
-            hierarchy: Hierarchy::new(&layout),
+            hierarchy: Hierarchy::new(&layout, model.grid.spacing_m()),
             plan: RwLock::new(plan),
             coordinator: Mutex::new(Coordinator::new(&layout)),
             sums: (0..bands).map(|b| Mutex::new(vec![LayerSums::default(); layout.own(b).len()])).collect(),
@@ -160,6 +160,11 @@ impl Solver {
     /// Number of bands that each phase is cut into.
     pub fn bands(&self) -> usize {
         self.bands
+    }
+
+    /// Cells of a level of the pressure solve; level 0 is the grid itself. 0 for a level that does not exist.
+    pub fn level_cells(&self, level: u8) -> usize {
+        self.hierarchy.levels.get(usize::from(level)).map_or(0, |level| level.layout.cell_count())
     }
 
     /// True if only band 0 has work in this phase: the coordinator may run it itself.

@@ -140,6 +140,16 @@ pub(crate) fn unused_nodes(nodes: usize, tets: &[[u32; 4]]) -> Vec<u32> {
     (0..nodes as u32).filter(|&node| !used[node as usize]).collect()
 }
 
+/// Edges that only one of these triangles has: 0 for a surface that is closed.
+pub fn open_edges(triangles: &[[u32; 3]]) -> usize {
+    let mut edges: Vec<[u32; 2]> = triangles
+        .iter()
+        .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]].map(|[from, to]| [*from.min(to), *from.max(to)]))
+        .collect();
+    edges.sort_unstable();
+    edges.chunk_by(|left, right| left == right).filter(|same| same.len() == 1).count()
+}
+
 struct BoundaryEdges {
     triangles: usize,
     open: usize,

@@ -66,7 +66,7 @@ impl fmt::Display for Repair {
             Repair::KeptFlat { tets, worst_quality, worst } => write!(
                 out,
                 "kept {} of nearly no height (worst: tet {worst}, quality {worst_quality:.1e}, flat below {FLAT_QUALITY:e}): \
-                 without them the tissue would have a slit; they need a smaller step or more mass",
+                 without them the tissue would have a slit",
                 count(*tets, "tet")
             ),
             Repair::DroppedUnusedNodes { nodes, first } => {

@@ -1,5 +1,5 @@
 //! A latency histogram of fixed size that lives in a station page: 8 buckets per octave from 128 ns to about 134 ms, so that a
-//! percentile is known to 9 % whatever its size, and counting costs a real-time thread one add.
+//! sample is known to an eighth whatever its size, and counting costs a real-time thread one add.
 
 /// Number of buckets: 20 octaves of 8.
 pub const LATENCY_BUCKETS: usize = 160;
@@ -19,19 +19,23 @@ pub fn bucket_upper_ns(bucket: usize) -> u64 {
     (1u64 << octave) + ((bucket % 8) as u64 + 1) * (1u64 << (octave - 3))
 }
 
-/// The `fraction` percentile (0..=1) of a histogram in nanoseconds; 0 for an empty one.
+/// The `fraction` percentile (0..=1) of a histogram in nanoseconds; 0 for an empty one. Within a bucket the samples are taken to be spread
+/// evenly, so that two histograms can be compared more finely than by their buckets; the largest sample counts as its bucket's upper edge. Counts come
+/// from another process's page: whatever they are, they add up.
 pub fn percentile_ns(counts: &[u64], fraction: f64) -> u64 {
-    let total: u64 = counts.iter().sum();
+    let total: u128 = counts.iter().map(|count| u128::from(*count)).sum();
     if total == 0 {
         return 0;
     }
-    let rank = ((total as f64 * fraction).ceil() as u64).clamp(1, total);
+    let rank = ((total as f64 * fraction).ceil() as u128).clamp(1, total);
     let mut seen = 0;
-    for (bucket, count) in counts.iter().enumerate() {
-        seen += count;
-        if seen >= rank {
-            return bucket_upper_ns(bucket);
+    for (bucket, count) in counts.iter().map(|count| u128::from(*count)).enumerate() {
+        if seen + count >= rank {
+            let upper_ns = bucket_upper_ns(bucket);
+            let lower_ns = bucket.checked_sub(1).map_or(0, bucket_upper_ns);
+            return lower_ns + (u128::from(upper_ns - lower_ns) * (rank - seen) / count) as u64;
         }
+        seen += count;
     }
     bucket_upper_ns(counts.len().saturating_sub(1))
 }
@@ -59,5 +63,16 @@ mod tests {
         assert!(percentile_ns(&counts, 0.99) < 1_130);
         assert!(percentile_ns(&counts, 1.0) > 1_000_000);
         assert_eq!(percentile_ns(&[0; 4], 0.5), 0);
+        // Whatever the page of another process holds.
+        let flipped = [u64::MAX; LATENCY_BUCKETS];
+        assert!(percentile_ns(&flipped, 0.5) <= percentile_ns(&flipped, 1.0));
+        // One bucket: the samples lie evenly between its edges.
+        let (bucket, mut counts) = (bucket_of_ns(500_000), [0u64; LATENCY_BUCKETS]);
+        counts[bucket] = 4;
+        let (lower_ns, upper_ns) = (bucket_upper_ns(bucket - 1), bucket_upper_ns(bucket));
+        assert_eq!(
+            [0.5, 0.75, 1.0].map(|share| percentile_ns(&counts, share)),
+            [(lower_ns + upper_ns) / 2, (lower_ns + 3 * upper_ns) / 4, upper_ns]
+        );
     }
 }

@@ -5,21 +5,27 @@
 //! a [`WireError`], never a panic and never a value.
 
 pub mod latency;
+mod looks;
+pub mod mischief;
 pub mod page;
 pub mod record;
 pub mod role;
 pub mod stream;
+pub mod tolerance;
 
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
 pub use record::*;
 pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
-pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError};
+pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 
 /// One tick of the station, 1 ms, in nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 1;
+pub const LAYOUT_VERSION: u32 = 3;
+
+/// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
+pub const INTERFACE_VERSION: u32 = 1;
 
 /// FNV-1a over 64-bit words: the checksum of cells and the hash of traces. Not cryptographic; it finds torn and foreign data.
 pub fn fnv_words(seed: u64, words: impl IntoIterator<Item = u64>) -> u64 {

@@ -1,10 +1,16 @@
 //! Where things lie in a station page. A page is two arrays: [`WORDS32`] 32-bit words, which may be waited on, then 64-bit words.
 //! A cell holds two copies of a record, each with a stamp and a checksum; a ring holds one copy for each entry.
 
+mod state;
+mod swap;
+
 use crate::record::*;
-use crate::{LATENCY_BUCKETS, SLOTS};
+use crate::{LATENCY_BUCKETS, MAX_WORKERS, SLOTS};
 use bytemuck::Pod;
 use std::marker::PhantomData;
+
+pub use state::ProcessState;
+pub use swap::{Stage, Swap};
 
 /// 32-bit words at the start of a page: 4 KiB.
 pub const WORDS32: usize = 1024;
@@ -99,7 +105,7 @@ pub mod header {
     pub const SUBSTITUTES: usize = 12;
     /// Promotions of the owner.
     pub const PROMOTIONS: usize = 13;
-    /// Allocations on the real-time thread since it became real time.
+    /// Entries of the real-time thread into the system's allocator since it became real time.
     pub const ALLOCATIONS: usize = 14;
     /// Real-time set-up: bit 0 SCHED_FIFO, bit 1 memory locked, bit 2 pinned.
     pub const REAL_TIME: usize = 15;
@@ -109,6 +115,24 @@ pub mod header {
     pub const COPIED_BYTES: usize = 17;
     /// Values refused because their writer stood still while its input changed.
     pub const FROZEN: usize = 18;
+    /// Steps in which the owner did wrong because it was asked to, in test mode.
+    pub const MISCHIEF: usize = 19;
+    /// Incarnations that the owner distrusts: entries of three words: `why << 32 | incarnation` (a [`super::device::Distrust`]), since when, and
+    /// when last, ns.
+    pub const DISTRUSTED: usize = 20;
+    /// Words of an entry of [`DISTRUSTED`].
+    pub const DISTRUSTED_ENTRY_WORDS: usize = 3;
+    /// Entries of [`DISTRUSTED`]: the other replica and the workers of a small station; the oldest gives way.
+    pub const DISTRUSTED_ENTRIES: usize = 4;
+    /// First word of an entry of [`DISTRUSTED`].
+    pub const fn distrusted(index: usize) -> usize {
+        DISTRUSTED + DISTRUSTED_ENTRY_WORDS * index
+    }
+    const _: () = assert!(distrusted(DISTRUSTED_ENTRIES) <= POOL_BLOCKS);
+    /// Small blocks that the real-time thread has taken from its own pool since it became real time.
+    pub const POOL_BLOCKS: usize = 40;
+    /// Tick at which the owner began a role's state anew, from a checkpoint or from the scene, and not from its predecessor's; 0 if it never did.
+    pub const FOUNDED_TICK: usize = 41;
     /// Histogram of wake-up latencies.
     pub const WAKEUP: usize = 64;
     /// Histogram of loop latencies.
@@ -131,48 +155,14 @@ pub mod header {
     pub const JOIN_OF: usize = 3;
     /// 32-bit words: the release that the owner has joined, as a member.
     pub const JOIN: usize = 4;
-    /// 32-bit words: which members the coordinator releases: one bit for each share.
-    pub const RELEASE_SHARES: usize = 5;
     /// 32-bit words: 1 once the owner's ports are open, so that others may connect to them while it still warms up.
-    pub const PORTS_OPEN: usize = 6;
+    pub const PORTS_OPEN: usize = 5;
     /// 32-bit words: incarnation of the member that computes share i.
     pub const SHARE_MEMBER: usize = 16;
-}
-
-/// States of a process, as it says in [`header::STATE`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum ProcessState {
-    /// Page made, process not yet there.
-    Empty = 0,
-    /// Connecting, mapping, touching.
-    Warming = 1,
-    /// A spare that follows.
-    Warm = 2,
-    /// Doing the role's work.
-    Live = 3,
-    /// On its way out because it was asked to.
-    Stopping = 4,
-    /// On its way out because it found itself broken or fenced.
-    Failed = 5,
-}
-
-impl ProcessState {
-    /// From the word in the page; nonsense is `Failed`.
-    pub fn from_word(word: u32) -> ProcessState {
-        [Self::Empty, Self::Warming, Self::Warm, Self::Live, Self::Stopping].get(word as usize).copied().unwrap_or(Self::Failed)
-    }
-    /// The word that people read.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Empty => "starting",
-            Self::Warming => "warming",
-            Self::Warm => "spare",
-            Self::Live => "live",
-            Self::Stopping => "stopping",
-            Self::Failed => "failed",
-        }
-    }
+    /// 32-bit words: the newest release that named share i. A member looks at its own seat's word alone, so it is never released by the mask of
+    /// another group, and one that slept through a release finds out and catches up.
+    pub const SHARE_RELEASE: usize = SHARE_MEMBER + MAX_WORKERS;
+    const _: () = assert!(SHARE_RELEASE + MAX_WORKERS <= WORDS32);
 }
 
 /// The hardware's page.
@@ -235,19 +225,7 @@ pub mod device {
     /// For each of the two replicas: why it was last distrusted (the number of a [`Distrust`]) in the upper half, its incarnation in the
     /// lower; 0 if it never was.
     pub const DISTRUSTED: usize = SELECTED + 2;
-    /// Why the device distrusts a replica.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    #[repr(u64)]
-    pub enum Distrust {
-        /// Not finite, out of range, or for another input.
-        Invalid = 1,
-        /// Its stamp stands still.
-        Still = 2,
-        /// Its force stands still although the tip moves against it.
-        Frozen = 3,
-        /// It differs from the other replica and is farther from the force last applied.
-        Differs = 4,
-    }
+    pub use crate::mischief::Distrust;
     /// Words of the page.
     pub const WORDS: usize = SELECTED + 8;
 }
@@ -257,8 +235,10 @@ pub mod haptic {
     use super::*;
     /// Newest force.
     pub const FORCE: CellAt<ForceRecord> = CellAt::new(header::END);
+    /// Forces of the last 8 ticks: the other servo finds the tick before here although the present one is written already.
+    pub const FORCES: RingAt<ForceRecord> = RingAt::new(FORCE.end(), 8);
     /// Words of the page.
-    pub const WORDS: usize = FORCE.end();
+    pub const WORDS: usize = FORCES.end();
 }
 
 /// A tissue's page.
@@ -332,12 +312,39 @@ pub mod station {
     pub const SUPERVISOR_NS: usize = 6;
     /// Starts of the supervisor so far.
     pub const SUPERVISOR_STARTS: usize = 7;
+    /// In lock-step, written by the sequencer alone: the tick that was last begun.
+    pub const BEGUN_TICK: usize = 8;
+    /// The tick that was last ended; the station's present tick.
+    pub const ENDED_TICK: usize = 9;
+    /// Tick of the newest tissue state, fluid state and input record whose makers have joined.
+    pub const TISSUE_TICK: usize = 10;
+    /// See [`TISSUE_TICK`].
+    pub const FLUID_TICK: usize = 11;
+    /// See [`TISSUE_TICK`].
+    pub const INPUT_TICK: usize = 12;
+    /// In lock-step, written by the supervisor: the tick at which the sequencer holds.
+    pub const RUN_TO: usize = 13;
+    /// What the supervisor is about to do, so that a successor finishes or undoes it; 0 if nothing.
+    pub const INTENT: usize = 14;
     /// Start time of the process in each slot (field 22 of /proc/PID/stat).
     pub const SLOT_START: usize = 64;
     /// Restarts of each slot after a fault.
     pub const SLOT_RESTARTS: usize = SLOT_START + SLOTS;
+    /// For each role: the newest tick of a checkpoint that a founder may go on from, because the states after it kill whoever goes on from
+    /// them; 0 if any will do.
+    pub const GROUND: usize = SLOT_RESTARTS + SLOTS;
+    /// What the incarnation in each slot is asked to do wrong ([`crate::mischief::Request`]); read in test mode alone.
+    pub const MISCHIEF: usize = GROUND + 16;
+    /// Until when, ns.
+    pub const MISCHIEF_UNTIL_NS: usize = MISCHIEF + SLOTS;
+    /// How much.
+    pub const MISCHIEF_EXTENT: usize = MISCHIEF_UNTIL_NS + SLOTS;
+    /// Words of a request.
+    pub const MISCHIEF_WORDS: usize = 3;
+    /// For each role: the newcomer on trial and how far it is ([`super::Swap`]); 0 if there is none. Written by the supervisor.
+    pub const SWAP: usize = MISCHIEF + MISCHIEF_WORDS * SLOTS;
     /// Words of the page.
-    pub const WORDS: usize = SLOT_RESTARTS + SLOTS;
+    pub const WORDS: usize = SWAP + 16;
 
     /// 32-bit words: nonzero once the page is ready.
     pub const READY: usize = 0;
@@ -349,12 +356,21 @@ pub mod station {
     pub const WORKERS: usize = 3;
     /// 32-bit words: bumped at each change of the slots; waited on by ushers.
     pub const CHANGES: usize = 4;
+    /// 32-bit words: nonzero in lock-step.
+    pub const LOCKSTEP: usize = 5;
+    /// 32-bit words: incarnation of the servo that the device follows as long as it is valid, 0 if it is free to choose; for a swap.
+    pub const PREFERRED: usize = 6;
     /// 32-bit words: incarnation in each slot, 0 if none.
     pub const SLOT_INCARNATION: usize = 64;
     /// 32-bit words: process in each slot.
     pub const SLOT_PID: usize = SLOT_INCARNATION + SLOTS;
     /// 32-bit words: 1 while the process in the slot is known to be dead.
     pub const SLOT_DEAD: usize = SLOT_PID + SLOTS;
+    /// 32-bit words, one for each role: 1 while its state is held still because no successor survives a step.
+    pub const HELD: usize = SLOT_DEAD + SLOTS;
+    /// 32-bit words: the incarnation in each slot that hangs as far as the watch can know, and is to blame for it itself; 0 if none does.
+    pub const SLOT_SUSPECT: usize = HELD + 16;
+    const _: () = assert!(SLOT_SUSPECT + SLOTS <= 2 * WORDS);
 }
 
 /// The roster: one 64-bit word for each role, `epoch << 32 | incarnation`. Only promotion writes it, by compare-and-swap.

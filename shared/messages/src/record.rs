@@ -28,6 +28,14 @@ pub struct Pose {
     pub camera_roll_rad: f32,
 }
 
+impl Pose {
+    /// A number that names the pose.
+    pub fn hash(&self) -> u64 {
+        let words: &[u32] = bytemuck::cast_slice(std::slice::from_ref(self));
+        crate::fnv_words(0, words.iter().map(|word| *word as u64))
+    }
+}
+
 /// What the hand sets beside the pose.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -92,8 +100,10 @@ pub struct ContactModel {
     pub input_tick: u64,
     /// Planes in use.
     pub plane_count: u32,
-    /// Set to 1 while the tissue holds still because no successor survives.
-    pub frozen: u32,
+    /// Zero.
+    pub reserved: u32,
+    /// Hash of the pose that the state was computed from: that of the input record for `input_tick`.
+    pub pose_hash: u64,
     /// The planes; beyond `plane_count` they are zero.
     pub planes: [ContactPlane; MAX_PLANES],
 }
@@ -114,6 +124,8 @@ pub struct InputRecord {
     pub applied_n: [f32; 3],
     /// Pressure in the cavity, Pa, from the newest valid status of the fluid; 0 if there has been none.
     pub pressure_pa: f32,
+    /// Incarnation of the servo that the device follows, 0 if none: where both servos lost ticks, the other one adopts its state.
+    pub selected_incarnation: u64,
 }
 
 /// What one replica of the servo answers.
@@ -126,7 +138,7 @@ pub struct ForceRecord {
     pub input_hash: u64,
     /// Force on the hand, N.
     pub force_n: [f32; 3],
-    /// Flags of the servo: bit 0 in contact, bit 1 fading because the model is old, bit 2 shadow (not yet to be chosen).
+    /// Flags of the servo: bit 0 in contact, bit 1 saturated, [`FORCE_SHADOW`], [`FORCE_ASTRAY`].
     pub flags: u32,
     /// Filter state after this tick; a newborn replica goes on from it.
     pub servo_state: [u64; SERVO_STATE_WORDS],
@@ -134,6 +146,8 @@ pub struct ForceRecord {
 
 /// Bit of [`ForceRecord::flags`]: the replica is in its shadow phase and must not be chosen.
 pub const FORCE_SHADOW: u32 = 4;
+/// Bit of [`ForceRecord::flags`]: the replica lost ticks or is newborn, and has not yet gone on from the other's state.
+pub const FORCE_ASTRAY: u32 = 8;
 
 /// What kind of force the last hop applied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -227,6 +241,14 @@ pub struct TissueStatus {
     pub shares_missing: u32,
     /// Time of each part of the last step, µs: deformation, collision, response, surface.
     pub phase_us: [f32; 4],
+    /// Objects that are registered with the Site Manager.
+    pub objects: u32,
+    /// Engines that are registered with the Site Manager, a bit for each slot.
+    pub engines: u32,
+    /// Length of a step, ticks.
+    pub step_ticks: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
 /// What fluid says of itself each step.

@@ -50,20 +50,20 @@ impl Role {
         Role::Guardian,
     ];
 
-    /// First slot and number of slots of the role.
+    /// First slot and number of slots of the role; the last slot of a role with a state is its guest's ([`Slot::guest`]).
     pub const fn slots(self) -> (usize, usize) {
         match self {
             Role::Hardware => (0, 1),
             Role::Device => (1, 1),
             Role::Haptic => (2, 2),
-            Role::Tissue => (4, 2),
-            Role::Fluid => (6, 2),
-            Role::Rendering => (8, 1),
-            Role::Recorder => (9, 1),
-            Role::Console => (10, 1),
-            Role::CollisionWorker => (11, MAX_WORKERS),
-            Role::Supervisor => (28, 1),
-            Role::Guardian => (29, 1),
+            Role::Tissue => (4, 3),
+            Role::Fluid => (7, 3),
+            Role::Rendering => (10, 1),
+            Role::Recorder => (11, 1),
+            Role::Console => (12, 1),
+            Role::CollisionWorker => (13, MAX_WORKERS),
+            Role::Supervisor => (29, 1),
+            Role::Guardian => (30, 1),
         }
     }
 
@@ -109,6 +109,19 @@ impl Slot {
     /// The first slot of a role; every role has one.
     pub const fn first(role: Role) -> Slot {
         Slot(role.slots().0 as u8)
+    }
+
+    /// The slot in which a role with a state takes a newcomer on trial, beside holder and spare; empty but for a swap.
+    pub const fn guest(role: Role) -> Option<Slot> {
+        match role {
+            Role::Tissue | Role::Fluid => Slot::new(role, role.slots().1 - 1),
+            _ => None,
+        }
+    }
+
+    /// Whether this is the slot of a newcomer on trial.
+    pub fn is_guest(self) -> bool {
+        Slot::guest(self.role()) == Some(self)
     }
 
     /// The slot with this number, if it belongs to a role.
@@ -175,6 +188,8 @@ mod tests {
                 assert_eq!(Slot::from_number(slot.number()), Some(slot));
             }
             assert_eq!(Slot::new(role, role.slots().1), None);
+            assert!(Slot::guest(role).is_none_or(|slot| slot.is_guest() && slot.index() == 2));
+            assert!(!Slot::first(role).is_guest());
         }
     }
 }

@@ -3,7 +3,10 @@
 //!
 //! Promise: [`Message::parse`] checks kind, layout, length and every section before anything is read through it.
 
+use crate::Role;
 use bytemuck::{AnyBitPattern, NoUninit, Pod, Zeroable};
+
+pub use crate::looks::{AppearanceRecord, ScopeRecord};
 
 /// Most sections in one message.
 pub const MAX_SECTIONS: usize = 12;
@@ -29,8 +32,6 @@ pub enum Kind {
     AppearanceRequest = 7,
     /// The appearance of the objects.
     Appearance = 8,
-    /// A picture.
-    Picture = 9,
 }
 
 impl Kind {
@@ -43,8 +44,18 @@ impl Kind {
             Kind::Contacts => "contacts",
             Kind::Force => "force",
             Kind::AppearanceRequest | Kind::Appearance => "appearance",
-            Kind::Picture => "picture",
         }
+    }
+}
+
+/// What an incarnation of a role offers, all of it made before its process starts: streams, and [`Kind::Appearance`], a rendezvous.
+pub const fn kinds_of(role: Role) -> &'static [Kind] {
+    match role {
+        Role::Tissue => &[Kind::TissueState, Kind::Topology, Kind::CollisionJob, Kind::Appearance],
+        Role::CollisionWorker => &[Kind::Contacts],
+        Role::Fluid => &[Kind::FluidState],
+        Role::Haptic => &[Kind::Force],
+        _ => &[],
     }
 }
 
@@ -192,7 +203,8 @@ pub struct MessageMut<'a> {
 }
 
 impl<'a> MessageMut<'a> {
-    /// Writes header and section table into `bytes`; the sections keep what is there.
+    /// Writes header and section table into `bytes`, and zeros into everything that belongs to no section, so that messages of equal content
+    /// have equal bytes, whatever lay there. The sections keep what is there: whoever formats a message writes each of them in full.
     pub fn format(
         bytes: &'a mut [u8],
         kind: Kind,
@@ -208,14 +220,18 @@ impl<'a> MessageMut<'a> {
         header.layout = crate::layout_hash();
         bytes[..TABLE].copy_from_slice(bytemuck::bytes_of(&header));
         let mut ranges = [(0, 0); MAX_SECTIONS];
+        bytes[TABLE + sections.len() * size_of::<Section>()..BODY].fill(0);
         let mut at = BODY;
         for (index, &length) in sections.iter().enumerate() {
             let entry = Section { offset: at as u32, length: length as u32 };
             let place = TABLE + index * size_of::<Section>();
             bytes[place..place + size_of::<Section>()].copy_from_slice(bytemuck::bytes_of(&entry));
             ranges[index] = (at, at + length);
-            at = round_up(at + length);
+            let next = round_up(at + length);
+            bytes[at + length..next].fill(0);
+            at = next;
         }
+        bytes[at..].fill(0);
         Ok(MessageMut { bytes, ranges, sections: sections.len() })
     }
 
@@ -254,7 +270,7 @@ pub fn change_header(bytes: &mut [u8], change: impl FnOnce(&mut StreamHeader)) {
 
 /// The kind that a message says it is.
 pub fn kind_of(bytes: &[u8]) -> Option<Kind> {
-    const KINDS: [Kind; 9] = [
+    const KINDS: [Kind; 8] = [
         Kind::TissueState,
         Kind::Topology,
         Kind::CollisionJob,
@@ -263,7 +279,6 @@ pub fn kind_of(bytes: &[u8]) -> Option<Kind> {
         Kind::Force,
         Kind::AppearanceRequest,
         Kind::Appearance,
-        Kind::Picture,
     ];
     let header: StreamHeader = bytemuck::pod_read_unaligned(bytes.get(..TABLE)?);
     KINDS.into_iter().find(|kind| *kind as u32 == header.kind)
@@ -294,24 +309,6 @@ pub struct ObjectRecord {
     pub triangles: [u32; 2],
 }
 
-/// One object's appearance, the answer to a rendezvous.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct AppearanceRecord {
-    /// Registration number of the object.
-    pub id: u32,
-    /// 0 mucosa, 1 polyp, 2 myoma, 3 metal.
-    pub material: u32,
-    /// Base colour, linear RGB.
-    pub colour: [f32; 3],
-    /// Roughness, 0…1.
-    pub roughness: f32,
-    /// Age of the last cut on it, ticks; 0 if never cut.
-    pub cut_age_ticks: u32,
-    /// Padding, zero.
-    pub reserved: u32,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -340,6 +337,22 @@ mod tests {
         assert_eq!(read.section::<u8>(3), Err(WireError::Section(3)));
     }
 
+    /// A loan holds what an older message left there.
+    #[test]
+    fn messages_of_equal_content_have_equal_bytes_whatever_lay_in_the_block() {
+        for sections in [&[24, 0, 16][..], &[1, 63, 64, 65], &[]] {
+            let written = [0u64, u64::MAX, 0xAAAA_AAAA_AAAA_AAAA].map(|left| {
+                let mut memory = vec![left; message_bytes(sections) / 8 + 5];
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+                let header = StreamHeader { tick: 7, ..Default::default() };
+                let parts = MessageMut::format(bytes, Kind::TissueState, header, sections).unwrap().split();
+                parts.into_iter().for_each(|part| part.fill(9));
+                memory
+            });
+            assert!(written[0] == written[1] && written[0] == written[2], "sections of {sections:?} bytes");
+        }
+    }
+
     #[test]
     fn a_damaged_message_is_refused_wherever_it_is_damaged() {
         let sections = [24, 16];
@@ -363,6 +376,6 @@ mod tests {
             }
         }
         assert!(refused > 100);
-        assert!(matches!(Message::parse(&good, Kind::Picture), Err(WireError::Kind { .. })));
+        assert!(matches!(Message::parse(&good, Kind::Contacts), Err(WireError::Kind { .. })));
     }
 }

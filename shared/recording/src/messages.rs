@@ -261,6 +261,13 @@ pub(crate) struct Tissue {
     tool_force_n: Xyz,
     shares_missing: u32,
     phase_us: Phases,
+    #[serde(default)]
+    objects: u32,
+    /// A bit for each slot.
+    #[serde(default)]
+    engines: u32,
+    #[serde(default)]
+    step_ticks: u32,
 }
 
 impl Tissue {
@@ -275,6 +282,9 @@ impl Tissue {
             tool_force_n: Xyz::of(status.tool_force_n),
             shares_missing: status.shares_missing,
             phase_us: Phases { deformation, collision, response, surface },
+            objects: status.objects,
+            engines: status.engines,
+            step_ticks: status.step_ticks,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -288,6 +298,10 @@ impl Tissue {
             tool_force_n: self.tool_force_n.array(),
             shares_missing: self.shares_missing,
             phase_us: [phases.deformation.0, phases.collision.0, phases.response.0, phases.surface.0],
+            objects: self.objects,
+            engines: self.engines,
+            step_ticks: self.step_ticks,
+            reserved: 0,
         }
     }
 }

@@ -85,6 +85,23 @@ pub struct Deformable {
     /// Nodes that do not move. Default: none for an attached object; else the outer shell of a hollow organ, or the part of
     /// the organ that is farthest from the scope.
     pub fixed: Option<Vec<Fixed>>,
+    /// How it looks. Default: by its kind.
+    pub look: Option<Look>,
+}
+
+/// How an object looks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Look {
+    /// Base colour, linear RGB, 0 to 1 each.
+    pub colour: [f64; 3],
+    /// Roughness of the wet surface, 0 (a mirror) to 1 (matt). Default: 0.35.
+    #[serde(default = "roughness")]
+    pub roughness: f64,
+}
+
+fn roughness() -> f64 {
+    0.35
 }
 
 /// What a deformable object is made of.
@@ -161,7 +178,7 @@ pub enum Tip {
     Flat,
 }
 
-/// A rigid instrument: points for collision, triangles for the eye. Its own frame: tip at the origin, shaft along −z.
+/// A rigid instrument. Its own frame: tip at the origin, shaft along −z.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Rigid {
@@ -185,8 +202,6 @@ pub struct Rigid {
     /// Number of collision points, 16 to 5 000. Default: 400.
     #[serde(default = "points")]
     pub points: u32,
-    /// Triangle file to draw instead of the plain shaft, in metres, in the instrument's own frame.
-    pub mesh: Option<String>,
 }
 
 fn diameter_m() -> f64 {

@@ -34,7 +34,7 @@ mod wrap;
 
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{
-    Deformable, DeformableKind, Fixed, Fluid, Hand, HandPose, Material, Medium, Place, Rigid, RigidKind, Scene, Tip, View,
+    Deformable, DeformableKind, Fixed, Fluid, Hand, HandPose, Look, Material, Medium, Place, Rigid, RigidKind, Scene, Tip, View,
     Workspace,
 };
 pub use load::{load, load_embedded, load_or_embedded};
@@ -42,7 +42,7 @@ pub use loaded::{Attach, AttachedNode, LoadedDeformable, LoadedFluid, LoadedScen
 pub use object::{MAX_TETS, MAX_TRIANGLES};
 pub use parse::MAX_SCENE_BYTES;
 pub use pose::{LoadedHand, Pose};
-pub use report::{CheckReport, ObjectReport, check, check_report};
+pub use report::{CheckReport, ObjectReport, check};
 pub use rigid::{LoadedRigid, collision_points};
 pub use source::MAX_MESH_BYTES;
 

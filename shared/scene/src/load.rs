@@ -10,7 +10,7 @@ use crate::locate::{Locator, bounds};
 use crate::object::{self, RawObject};
 use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
-use crate::rigid::{LoadedRigid, collision_points, shaft};
+use crate::rigid::{LoadedRigid, collision_points};
 use crate::source::{Folder, read_bounded};
 use crate::{embedded, wrap};
 use glam::Vec3;
@@ -94,8 +94,7 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, 
         objects.push(object);
         hollow.push(deep);
     }
-    let rigid: Vec<LoadedRigid> =
-        scene.rigid.iter().enumerate().map(|(index, one)| load_rigid(one, index, folder)).collect::<Result<_, _>>()?;
+    let rigid: Vec<LoadedRigid> = scene.rigid.iter().map(load_rigid).collect();
     let fluid = fluid(&scene, &objects[0], &hollow[0], workspace.pivot_m);
     let probe = Probe {
         objects: &locators,
@@ -195,23 +194,14 @@ fn finish(
         fixed,
         material: object.material.clone(),
         attach: None,
+        look: object.look,
         hollow: !deep.is_empty(),
     };
     Ok((loaded, deep))
 }
 
-fn load_rigid(rigid: &Rigid, index: usize, folder: &Folder) -> Result<LoadedRigid, SceneError> {
-    let triangles = match &rigid.mesh {
-        None => shaft(rigid),
-        Some(name) => {
-            let key = format!("rigid[{index}].mesh");
-            let (bytes, shown) = folder.mesh(&key, name)?;
-            hyst_mesh::read_triangles(&shown, &bytes).map_err(|error| {
-                SceneError::new(Kind::Mesh, key, format!("cannot be read: {error}"), "export it as .obj").at(&shown)
-            })?
-        }
-    };
-    Ok(LoadedRigid {
+fn load_rigid(rigid: &Rigid) -> LoadedRigid {
+    LoadedRigid {
         name: rigid.name.clone(),
         kind: rigid.kind,
         tip: rigid.tip,
@@ -219,8 +209,7 @@ fn load_rigid(rigid: &Rigid, index: usize, folder: &Folder) -> Result<LoadedRigi
         length_m: rigid.length_m as f32,
         collision_length_m: rigid.collision_length_m as f32,
         points_m: collision_points(rigid),
-        triangles,
-    })
+    }
 }
 
 fn workspace(scene: &Scene) -> LoadedWorkspace {
@@ -285,7 +274,6 @@ fn content_hash(loaded: &LoadedScene) -> u64 {
     }
     for rigid in &loaded.rigid {
         hash.floats(&rigid.points_m);
-        hash.floats(&rigid.triangles.positions_m);
     }
     hash.finish()
 }

@@ -1,6 +1,6 @@
 //! A scene with its meshes read, checked, placed and bound: what the engines start from.
 
-use crate::file::{DeformableKind, Material, Medium, Scene};
+use crate::file::{DeformableKind, Look, Material, Medium, Scene};
 use crate::pose::{LoadedHand, Pose};
 use crate::rigid::LoadedRigid;
 use hyst_mesh::{Binding, TetMesh, TriangleMesh};
@@ -30,6 +30,13 @@ pub struct LoadedScene {
     pub notes: Vec<String>,
 }
 
+impl LoadedFluid {
+    /// Ticks of 1 ms from one step to the next.
+    pub fn period_ticks(&self) -> u64 {
+        (1_000.0 / self.rate_hz).round().max(1.0) as u64
+    }
+}
+
 impl LoadedScene {
     /// A scripted hand by its name.
     pub fn hand(&self, name: &str) -> Option<&LoadedHand> {
@@ -56,6 +63,8 @@ pub struct LoadedDeformable {
     pub material: Material,
     /// Where it is rooted.
     pub attach: Option<Attach>,
+    /// How it looks, if the scene says so.
+    pub look: Option<Look>,
     /// Whether it has a cavity that the instrument can be in.
     pub hollow: bool,
 }

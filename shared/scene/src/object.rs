@@ -160,6 +160,12 @@ pub(crate) fn bind(
     let (bindings, report) =
         hyst_mesh::bind(&surface, mesh).map_err(|error| failed("cannot be bound".to_owned(), &error.to_string()))?;
     if given {
+        let open = hyst_mesh::open_edges(&surface.triangles);
+        if open > 0 {
+            notes.push(format!(
+                "{name}: the surface is not closed, {open} of its edges have one triangle only; if it was cut short, export it again"
+            ));
+        }
         let (low, high) = bounds(&mesh.positions_m);
         let share = report.max_outside_m / (high - low).max_element().max(f32::MIN_POSITIVE);
         let far = format!("vertex {} is {:.2} mm away from its tets", report.farthest_vertex, 1e3 * report.max_outside_m);

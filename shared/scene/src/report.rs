@@ -1,10 +1,13 @@
 //! What `hystation check` says of a scene or a mesh: what was found, and what will be done about it. Nothing is started.
 
+use crate::embedded;
 use crate::error::SceneError;
-use crate::load::{load, read_scene};
+use crate::file::Scene;
+use crate::load::{load_or_embedded, read_scene};
 use crate::loaded::LoadedScene;
 use crate::object::{self, RawObject};
 use crate::place::is_auto;
+use crate::source::Folder;
 use hyst_mesh::Report;
 use serde::Serialize;
 use std::fmt::{self, Write as _};
@@ -76,42 +79,37 @@ pub struct ObjectReport {
     pub surface_triangles: Option<usize>,
 }
 
-/// Checks a scene or a mesh as text for a person. See [`check`].
-///
-/// # Errors
-/// As [`check`].
-pub fn check_report(path: &Path) -> Result<String, SceneError> {
-    check(path).map(|report| report.to_string())
-}
-
-/// Checks a scene or a mesh without starting anything.
-///
-/// # Errors
-/// A [`SceneError`] if a file cannot be read at all. What can be read but not run is a report with `runnable == false`.
-pub fn check(path: &Path) -> Result<CheckReport, SceneError> {
-    let (scene, text, folder) = read_scene(path)?;
-    let origin = path.display().to_string();
-    let mut objects = Vec::new();
-    for (index, deformable) in scene.deformable.iter().enumerate() {
-        let raw = object::read(deformable, index, &folder).map_err(|error| error.located(&origin, &text))?;
-        let scale_to_m = if is_auto(deformable) { None } else { Some(deformable.scale_to_m.unwrap_or(1.0)) };
-        objects.push(object_report(&deformable.name, scale_to_m, &raw));
-    }
+/// Checks a scene or a mesh, the default scene where none is named, without starting anything. What cannot be read or not be run is a report
+/// with `runnable == false` and the reason.
+pub fn check(path: Option<&Path>) -> CheckReport {
+    let origin = path.map_or(embedded::DEFAULT_ORIGIN.to_owned(), |path| path.display().to_string());
     let mut report = CheckReport {
         origin,
-        name: scene.name,
-        objects,
+        name: String::new(),
+        objects: Vec::new(),
         runnable: false,
         error: None,
         notes: Vec::new(),
         hands: Vec::new(),
         hash: String::new(),
     };
-    match load(path) {
-        Ok(loaded) => fill(&mut report, loaded),
-        Err(error) => report.error = Some(error.to_string()),
+    if let Err(error) = find(path, &mut report) {
+        report.refuse(error.to_string());
     }
-    Ok(report)
+    report
+}
+
+fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError> {
+    let embedded = || Ok((Scene::embedded_default()?, embedded::DEFAULT_SCENE.to_owned(), Folder::Embedded));
+    let (scene, text, folder) = path.map_or_else(embedded, read_scene)?;
+    report.name.clone_from(&scene.name);
+    for (index, deformable) in scene.deformable.iter().enumerate() {
+        let raw = object::read(deformable, index, &folder).map_err(|error| error.located(&report.origin, &text))?;
+        let scale_to_m = if is_auto(deformable) { None } else { Some(deformable.scale_to_m.unwrap_or(1.0)) };
+        report.objects.push(object_report(&deformable.name, scale_to_m, &raw));
+    }
+    fill(report, load_or_embedded(path)?);
+    Ok(())
 }
 
 fn fill(report: &mut CheckReport, loaded: LoadedScene) {
@@ -122,10 +120,11 @@ fn fill(report: &mut CheckReport, loaded: LoadedScene) {
         let rooted = object.attach.as_ref().map_or(0, |attach| attach.nodes.len());
         let form = if object.hollow { "hollow" } else { "solid" };
         let line = format!(
-            "{}: {form}, {} nodes, {held} held, {rooted} rooted in another object, {} tets, drawn as {} triangles",
+            "{}: {form}, {} nodes, {held} held, {rooted} rooted in another object, {} tet{}, drawn as {} triangles",
             object.name,
             object.mesh.positions_m.len(),
             object.mesh.tets.len(),
+            if object.mesh.tets.len() == 1 { "" } else { "s" },
             object.surface.triangles.len()
         );
         report.notes.push(line);
@@ -162,18 +161,48 @@ fn object_report(name: &str, scale_to_m: Option<f64>, raw: &RawObject) -> Object
 
 impl ObjectReport {
     /// Every fault with its count and what is done about it; faults that are not there are left out.
-    fn faults(&self) -> Vec<(usize, &'static str, &'static str)> {
+    fn faults(&self) -> Vec<(usize, &'static str, &'static str, &'static str)> {
         let all = [
-            (self.inverted, "inverted tets", "turned round when loaded"),
-            (self.flat, "flat tets", "dropped if their volume is within rounding, else kept and named"),
-            (self.duplicate, "tets that are there twice", "dropped"),
-            (self.unused_nodes, "nodes that no tet uses", "dropped"),
-            (self.components.saturating_sub(1), "parts beside the first, hanging apart", "kept; hold or attach each"),
-            (self.open_edges, "open boundary edges", "kept; the contact there is one-sided"),
-            (self.non_manifold_edges, "boundary edges of more than two triangles", "kept; cutting there may be refused"),
-            (self.non_manifold_nodes, "nodes at which the boundary touches itself", "kept; cutting there may be refused"),
-            (self.crowded_faces, "faces of more than two tets", "kept; export the mesh again if tets overlap"),
-            (self.other_volume_cells, "cells that are not tets", "passed over; convert them to tets if the mesh has holes now"),
+            (self.inverted, "inverted tet", "inverted tets", "turned round when loaded"),
+            (
+                self.flat,
+                "flat tet",
+                "flat tets",
+                "dropped if their volume is within rounding, else kept, and softened as far as the step asks for it",
+            ),
+            (self.duplicate, "tet that is there twice", "tets that are there twice", "dropped"),
+            (self.unused_nodes, "node that no tet uses", "nodes that no tet uses", "dropped"),
+            (
+                self.components.saturating_sub(1),
+                "part beside the first, hanging apart",
+                "parts beside the first, hanging apart",
+                "kept; hold or attach each",
+            ),
+            (self.open_edges, "open boundary edge", "open boundary edges", "kept; the contact there is one-sided"),
+            (
+                self.non_manifold_edges,
+                "boundary edge of more than two triangles",
+                "boundary edges of more than two triangles",
+                "kept; cutting there may be refused",
+            ),
+            (
+                self.non_manifold_nodes,
+                "node at which the boundary touches itself",
+                "nodes at which the boundary touches itself",
+                "kept; cutting there may be refused",
+            ),
+            (
+                self.crowded_faces,
+                "face of more than two tets",
+                "faces of more than two tets",
+                "kept; export the mesh again if tets overlap",
+            ),
+            (
+                self.other_volume_cells,
+                "cell that is not a tet",
+                "cells that are not tets",
+                "passed over; convert them to tets if the mesh has holes now",
+            ),
         ];
         all.into_iter().filter(|(count, ..)| *count > 0).collect()
     }
@@ -184,8 +213,9 @@ impl fmt::Display for ObjectReport {
         writeln!(out, "{} ({})", self.name, self.mesh)?;
         writeln!(out, "  nodes {}, tets {}, boundary triangles {}", self.nodes, self.tets, self.boundary_triangles)?;
         let [x, y, z] = self.extent;
-        let scale = self.scale_to_m.map_or("placed by itself".to_owned(), |scale| format!("scale_to_m {scale}"));
-        writeln!(out, "  size {x:.4} × {y:.4} × {z:.4} units; by its size the unit is {}; {scale}", self.unit_guess)?;
+        let by_size = || format!("by its size the unit is {}; placed by itself", self.unit_guess);
+        let unit = self.scale_to_m.map_or_else(by_size, |scale| format!("of {scale} m, as the scene says"));
+        writeln!(out, "  size {x:.4} × {y:.4} × {z:.4} units {unit}")?;
         writeln!(out, "  worst quality {:.2e} (1 is a regular tet)", self.worst_quality)?;
         match self.surface_triangles {
             Some(triangles) => writeln!(out, "  surface of {triangles} triangles")?,
@@ -195,16 +225,26 @@ impl fmt::Display for ObjectReport {
         if faults.is_empty() {
             writeln!(out, "  sound: no inverted or flat tet, no unused node, the boundary is closed and manifold")?;
         }
-        for (count, what, cure) in faults {
-            writeln!(out, "  {count} {what}: {cure}")?;
+        for (count, one, many, cure) in faults {
+            writeln!(out, "  {count} {}: {cure}", if count == 1 { one } else { many })?;
         }
         Ok(())
     }
 }
 
+impl CheckReport {
+    /// The scene was read, and somebody who would have to run it cannot.
+    pub fn refuse(&mut self, error: String) {
+        self.runnable = false;
+        self.error = Some(error);
+        self.hash.clear();
+    }
+}
+
 impl fmt::Display for CheckReport {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(out, "{}: “{}”", self.origin, self.name)?;
+        let name = if self.name.is_empty() { String::new() } else { format!(": “{}”", self.name) };
+        writeln!(out, "{}{name}", self.origin)?;
         for object in &self.objects {
             write!(out, "{object}")?;
         }

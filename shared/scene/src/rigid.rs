@@ -1,17 +1,13 @@
-//! The instrument's collision points and its plain shaft. Its own frame: tip at the origin, shaft along −z.
+//! The instrument's collision points. Its own frame: tip at the origin, shaft along −z.
 
 use crate::file::{Rigid, RigidKind, Tip};
-use hyst_mesh::TriangleMesh;
 
 /// Share of the points that lie on the tip: it touches first and most often, so it is sampled about ten times as densely as the shaft.
 const TIP_SHARE: f64 = 0.4;
 /// Exponent that draws the shaft's points towards the tip.
 const SHAFT_CROWDING: f64 = 1.5;
-/// Corners of the drawn shaft's cross-section, and rings of its tip.
-const SIDES: u32 = 24;
-const TIP_RINGS: u32 = 6;
 
-/// An instrument, ready for collision and for the eye.
+/// An instrument, ready for collision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadedRigid {
     /// Its name in the scene.
@@ -28,8 +24,6 @@ pub struct LoadedRigid {
     pub collision_length_m: f32,
     /// Collision points, the foremost one at the origin.
     pub points_m: Vec<[f32; 3]>,
-    /// What is drawn, counter-clockwise from outside.
-    pub triangles: TriangleMesh,
 }
 
 /// The collision points of an instrument: `points` of them, the same for the same table.
@@ -66,39 +60,6 @@ fn shoulder_m(rigid: &Rigid) -> f64 {
     }
 }
 
-/// The plain shaft as a closed surface.
-pub(crate) fn shaft(rigid: &Rigid) -> TriangleMesh {
-    let radius_m = rigid.diameter_m / 2.0;
-    let mut rings: Vec<(f64, f64)> = match rigid.tip {
-        Tip::Round => (1..=TIP_RINGS)
-            .map(|ring| f64::from(ring) / f64::from(TIP_RINGS) * std::f64::consts::FRAC_PI_2)
-            .map(|angle| (radius_m * angle.sin(), radius_m * (1.0 - angle.cos())))
-            .collect(),
-        Tip::Flat => vec![(radius_m, 0.0)],
-    };
-    rings.push((radius_m, rigid.length_m));
-    let mut mesh = TriangleMesh { positions_m: vec![[0.0; 3]], triangles: Vec::new() };
-    for &(ring_m, behind_m) in &rings {
-        for side in 0..SIDES {
-            let (sin, cos) = (std::f64::consts::TAU * f64::from(side) / f64::from(SIDES)).sin_cos();
-            mesh.positions_m.push([(ring_m * cos) as f32, (ring_m * sin) as f32, -behind_m as f32]);
-        }
-    }
-    let end = mesh.positions_m.len() as u32;
-    mesh.positions_m.push([0.0, 0.0, -rigid.length_m as f32]);
-    let node = |ring: u32, side: u32| 1 + ring * SIDES + side % SIDES;
-    let last = rings.len() as u32 - 1;
-    for side in 0..SIDES {
-        mesh.triangles.push([0, node(0, side), node(0, side + 1)]);
-        for ring in 0..last {
-            let (a, b, c, d) = (node(ring, side), node(ring, side + 1), node(ring + 1, side), node(ring + 1, side + 1));
-            mesh.triangles.extend([[a, c, d], [a, d, b]]);
-        }
-        mesh.triangles.push([end, node(last, side + 1), node(last, side)]);
-    }
-    mesh
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -122,29 +83,5 @@ mod tests {
         }
         let tip = points.iter().filter(|point| point[2] > -0.0025).count();
         assert_eq!(tip, 160);
-    }
-
-    #[test]
-    fn both_forms_of_the_shaft_are_closed_and_turned_outwards() {
-        for (tip, behind) in [(Tip::Round, 0.0025 / 3.0), (Tip::Flat, 0.0)] {
-            let mesh = shaft(&scope(tip));
-            let volume: f32 = mesh
-                .triangles
-                .iter()
-                .map(|corners| {
-                    let [a, b, c] = corners.map(|corner| Vec3::from(mesh.positions_m[corner as usize]));
-                    a.dot(b.cross(c)) / 6.0
-                })
-                .sum();
-            let expected = std::f32::consts::PI * 0.0025f32.powi(2) * (0.3 - behind);
-            assert!((volume / expected - 1.0).abs() < 0.03, "{tip:?}: {volume} instead of {expected}");
-            let mut edges = std::collections::BTreeMap::new();
-            for [a, b, c] in &mesh.triangles {
-                for (from, to) in [(a, b), (b, c), (c, a)] {
-                    *edges.entry((from.min(to), from.max(to))).or_insert(0) += if from < to { 1 } else { -1 };
-                }
-            }
-            assert!(edges.values().all(|&balance| balance == 0));
-        }
     }
 }

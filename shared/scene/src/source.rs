@@ -55,7 +55,8 @@ pub(crate) fn read_bounded(path: &Path, limit: u64, key: &str, cure: &str) -> Re
     };
     let metadata = std::fs::metadata(path).map_err(missing)?;
     if !metadata.is_file() {
-        return Err(SceneError::new(Kind::Missing, key, format!("{shown} is not a plain file"), cure));
+        let what = if metadata.is_dir() { "a folder" } else { "a pipe or a device" };
+        return Err(SceneError::new(Kind::Missing, key, format!("{shown} is {what}, not a file"), cure));
     }
     let mut bytes = Vec::new();
     File::open(path).map_err(missing)?.take(limit + 1).read_to_end(&mut bytes).map_err(missing)?;

@@ -21,6 +21,10 @@ pub(crate) fn validate(scene: &Scene) -> Checked {
         let cure = "add a [[rigid]] table with a name, for example `name = \"hysteroscope\"`";
         return Err(SceneError::new(Kind::Incomplete, "rigid", "the scene has no rigid object", cure));
     }
+    if let [_, second, ..] = &scene.rigid[..] {
+        let what = format!("“{}” would be a second instrument, and the hand holds one", second.name);
+        return Err(SceneError::new(Kind::Range, "rigid[1]", what, "keep one [[rigid]] table"));
+    }
     for (key, count) in [("deformable", scene.deformable.len()), ("rigid", scene.rigid.len()), ("hand", scene.hand.len())] {
         range(key, count as f64, 0.0, MAX_OBJECTS as f64, "entries")?;
     }
@@ -71,6 +75,11 @@ fn deformable(object: &Deformable, key: &str) -> Checked {
     }
     for shift in object.translate_m.into_iter().flatten() {
         range(format!("{key}.translate_m"), shift, -10.0, 10.0, "m")?;
+    }
+    if let Some(look) = &object.look {
+        for share in look.colour.into_iter().chain([look.roughness]) {
+            range(format!("{key}.look"), share, 0.0, 1.0, "")?;
+        }
     }
     let material = &object.material;
     if material.youngs_modulus_pa <= 0.0 {

@@ -1,7 +1,7 @@
 //! Scenes on meshes that nobody made for them: units, faults, surfaces, attachments, and a mesh alone.
 #![allow(missing_docs)]
 
-use hyst_scene::{LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, check_report, load};
+use hyst_scene::{LoadedScene, Pose, SceneError, SceneErrorKind as Kind, check, load};
 use std::path::PathBuf;
 
 /// A folder of its own for one test, removed when it ends.
@@ -158,11 +158,11 @@ fn an_inverted_tet_and_an_unused_node_are_repaired_and_said_so() {
     assert_eq!(scene.objects[0].mesh.positions_m.len(), 27);
     assert!(hyst_mesh::check(&scene.objects[0].mesh).is_sound());
     assert!(scene.notes.len() >= 2, "{:?}", scene.notes);
-    let report = check(&path).unwrap();
+    let report = check(Some(&path));
     let inverted = report.objects[0].inverted;
     assert!(inverted >= 1 && report.objects[0].unused_nodes == 1 && report.runnable, "{report:?}");
     assert!((extent_m(&load(&path).unwrap()) - 0.08).abs() < 1e-6, "the stray node decided about the scale");
-    let text = check_report(&path).unwrap();
+    let text = report.to_string();
     for part in ["nodes 28", "tets 48", "the unit is mm", "inverted", "no tet uses", "turned round", "can be run"] {
         assert!(text.contains(part), "no “{part}” in:\n{text}");
     }

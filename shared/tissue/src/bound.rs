@@ -14,6 +14,10 @@ pub(crate) enum Spread {
     ByGradient,
 }
 
+impl Spread {
+    pub(crate) const BOTH: [Spread; 2] = [Spread::Equal, Spread::ByGradient];
+}
+
 /// One element's share of the bound at its four corners, N/m. `gradients` are the shape gradients, 1/m.
 pub(crate) fn corner_stiffness_n_m(
     gradients: &[Vector3<f64>; 4],
@@ -81,7 +85,7 @@ mod tests {
     fn the_bound_is_above_the_element_and_touches_it() {
         let edges = Matrix3::new(3.0, 0.4, 0.1, 0.2, 2.0, 0.7, -0.3, 0.1, 0.5) * 1e-3;
         let (gradients, volume) = gradients(edges);
-        for spread in [Spread::Equal, Spread::ByGradient] {
+        for spread in Spread::BOTH {
             let corners = corner_stiffness_n_m(&gradients, volume, 3448.0, 31034.0, spread);
             let scale = SMatrix::<f64, 12, 12>::from_fn(|i, j| if i == j { 1.0 / corners[i / 3].sqrt() } else { 0.0 });
             let scaled = scale * full(&gradients, volume, 3448.0, 31034.0) * scale;

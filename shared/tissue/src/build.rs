@@ -2,6 +2,8 @@
 //!
 //! Promise: the result depends on the arguments alone; every fault of the input is a typed error.
 
+mod soften;
+
 use hyst_mesh::TetMesh;
 use nalgebra::{Matrix3, Vector3};
 
@@ -27,6 +29,14 @@ struct Rest {
     material: Material,
 }
 
+impl Rest {
+    /// Its share of the bound at its four corners.
+    fn corner_stiffness_n_m(&self, spread: Spread) -> [f64; 4] {
+        let (mu, lambda) = (self.material.shear_modulus_pa(), self.material.lame_lambda_pa());
+        bound::corner_stiffness_n_m(&self.gradients, self.volume_m3, mu, lambda, spread)
+    }
+}
+
 /// What tets add up to at their nodes.
 struct NodeSums {
     mass: Vec<f64>,
@@ -42,13 +52,15 @@ impl NodeSums {
         NodeSums { mass: zeros(), drag: zeros(), stiffness: [zeros(), zeros()] }
     }
 
-    fn add(&mut self, tet: &[u32; 4], data: &Rest) {
-        let material = &data.material;
-        let (mu, lambda) = (material.shear_modulus_pa(), material.lame_lambda_pa());
-        for (spread, sum) in [Spread::Equal, Spread::ByGradient].into_iter().zip(&mut self.stiffness) {
-            let corners = bound::corner_stiffness_n_m(&data.gradients, data.volume_m3, mu, lambda, spread);
+    fn add_stiffness(&mut self, tet: &[u32; 4], data: &Rest) {
+        for (spread, sum) in Spread::BOTH.into_iter().zip(&mut self.stiffness) {
+            let corners = data.corner_stiffness_n_m(spread);
             tet.iter().zip(corners).for_each(|(&node, share)| sum[node as usize] += share);
         }
+    }
+
+    fn add_mass(&mut self, tet: &[u32; 4], data: &Rest) {
+        let material = &data.material;
         let share_kg = material.density_kg_m3() * data.volume_m3 / 4.0;
         for &node in tet {
             self.mass[node as usize] += share_kg;
@@ -73,9 +85,11 @@ pub(crate) fn build(
         let region = mesh.regions.get(index).copied();
         let material = region.and_then(material_of).ok_or(ModelError::Region { tet: index, region })?;
         let data = rest_of(mesh, index, reach_m, material)?;
-        sums.add(tet, &data);
+        sums.add_mass(tet, &data);
         rest.push(data);
     }
+    let softened = soften::flat_tets(mesh, &mut rest, &sums.mass, fixed, &options);
+    mesh.tets.iter().zip(&rest).for_each(|(tet, data)| sums.add_stiffness(tet, data));
     let NodeSums { mass: own_mass, drag, stiffness } = sums;
     let mut mass = own_mass.clone();
     let held: Vec<bool> = fixed.iter().zip(&mass).map(|(&fixed, &mass)| fixed || mass == 0.0).collect();
@@ -93,6 +107,8 @@ pub(crate) fn build(
         mass_kg: own_mass_kg,
         added_mass_kg,
         scaled_nodes,
+        softened_tets: softened.tets,
+        softened_volume_m3: softened.volume_m3,
         shortest_edge_m: shortest_edge_m(mesh),
         omega_rest_per_s,
         omega_max_per_s,

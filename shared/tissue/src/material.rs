@@ -54,6 +54,11 @@ impl Material {
         Ok(Self { youngs_modulus_pa, poisson_ratio, density_kg_m3, damping_per_s })
     }
 
+    /// The same material with this share of its stiffness.
+    pub(crate) fn softened(self, share: f64) -> Self {
+        Self { youngs_modulus_pa: self.youngs_modulus_pa * share, ..self }
+    }
+
     /// Young's modulus, Pa.
     pub fn youngs_modulus_pa(&self) -> f64 {
         self.youngs_modulus_pa

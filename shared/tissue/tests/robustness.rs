@@ -3,7 +3,8 @@
 mod common;
 
 use common::{Body, block, noise, options};
-use hyst_tissue::{Material, Model, ModelError, PlaneSpring, StateMut, StateRef, StepError, StepInput, step};
+use hyst_mesh::TetMesh;
+use hyst_tissue::{Material, Model, ModelError, Options, PlaneSpring, StateMut, StateRef, StepError, StepInput, step};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -205,4 +206,46 @@ fn bad_meshes_are_typed_errors() {
     {
         assert!(Material::new(young, nu, density, damping).is_err());
     }
+}
+
+/// Splits every `nth` tet at a node that lies `height` of the way from its first face to the opposite corner: the tet on that face is flat.
+fn with_flat_tets(mut mesh: TetMesh, nth: usize, height: f32) -> TetMesh {
+    for tet in (0..mesh.tets.len()).step_by(nth) {
+        let corners = mesh.tets[tet];
+        let [a, b, c, d] = corners.map(|node| mesh.positions_m[node as usize]);
+        let node = mesh.positions_m.len() as u32;
+        let within = |axis: usize| (1.0 - height) * (a[axis] + b[axis] + c[axis]) / 3.0 + height * d[axis];
+        mesh.positions_m.push([within(0), within(1), within(2)]);
+        let part = |corner: usize| std::array::from_fn(|at| if at == corner { node } else { corners[at] });
+        mesh.tets[tet] = part(0);
+        mesh.tets.extend([part(1), part(2), part(3)]);
+        mesh.regions.extend([mesh.regions[tet]; 3]);
+    }
+    mesh
+}
+
+#[test]
+fn flat_tets_give_way_and_the_rest_behaves_as_without_them() {
+    let material = Material::new(10_000.0, 0.45, 1000.0, 40.0).unwrap();
+    let options = Options { max_substeps: 8, ..Options::default() };
+    let sag = |mesh: &TetMesh| {
+        let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[0] == 0.0).collect();
+        let (model, report) = Model::new(mesh, &fixed, &material, options).unwrap();
+        let mut body = Body::new(model);
+        let end = mesh.positions_m.iter().position(|p| *p == [0.024, 0.0, 0.0]).unwrap();
+        body.force_n[end][2] = -0.002;
+        for _ in 0..4_000 {
+            assert_eq!(body.step().recovered_nodes, 0);
+        }
+        (-body.position_m[end][2], report)
+    };
+    let sound = block([8, 2, 2], 0.003);
+    let flat = with_flat_tets(sound.clone(), 9, 1e-4);
+    let (expected_m, even) = sag(&sound);
+    let (found_m, report) = sag(&flat);
+    assert_eq!((even.softened_tets, even.softened_volume_m3), (0, 0.0));
+    assert_eq!(report.softened_tets, sound.tets.len().div_ceil(9), "{report:?}");
+    assert!(report.softened_volume_m3 < 1e-4 * report.volume_m3, "{report:?}");
+    assert!(report.added_mass_kg < 0.3 * report.mass_kg, "{report:?}");
+    assert!(expected_m > 1e-4 && (found_m / expected_m - 1.0).abs() < 0.05, "sag {found_m} m, without flat tets {expected_m} m");
 }

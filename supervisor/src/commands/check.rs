@@ -1,16 +1,32 @@
 //! `hystation check`, and the check that `run` makes before anything starts.
 
+use super::bench::{beside, not_started};
+use crate::plan::Plan;
 use crate::settings::Refusal;
 use hyst_engine::Settings;
+use hyst_messages::Role;
 use hyst_scene::LoadedScene;
 use std::path::Path;
+use std::process::{Command, Stdio};
 
-/// Loads the scene of a run as the engines will, so that a station is never half-started; gives the scene's hash. What was repaired is
-/// said on stderr.
-pub fn admit(settings: &Settings) -> Result<u64, Refusal> {
+/// A scene that can be run.
+pub struct Admitted {
+    /// Hash of its content.
+    pub hash: u64,
+    /// Bytes of its tissue's state: the nodes, and the vertices of the surfaces that are drawn.
+    pub state_bytes: u64,
+}
+
+/// Loads the scene of a run as the engines will, so that a station is never half-started. What was repaired is said on stderr.
+pub fn admit(settings: &Settings, plan: &Plan) -> Result<Admitted, Refusal> {
     let loaded = load(settings.scene.as_deref())?;
-    if settings.scene.is_some() {
-        for note in &loaded.notes {
+    if let Some(path) = &settings.scene {
+        let has_tissue = plan.slots().iter().any(|slot| slot.role() == Role::Tissue);
+        let isa = settings.set.get("isa").map(String::as_str);
+        // On a virtual clock, and with steps that were asked for, the machine may be as slow as it likes.
+        let timed = !settings.lockstep && !settings.set.contains_key("tissue_step_ticks");
+        let notes = if has_tissue { model(&plan.binary(Role::Tissue), Some(path), isa, timed)? } else { Vec::new() };
+        for note in loaded.notes.iter().chain(&notes) {
             eprintln!("hystation: {note}");
         }
     }
@@ -24,56 +40,46 @@ pub fn admit(settings: &Settings) -> Result<u64, Refusal> {
             known.join(", ")
         )));
     }
-    Ok(loaded.hash)
+    let bytes = |object: &hyst_scene::LoadedDeformable| object.mesh.positions_m.len() * 24 + object.bindings.len() * 12;
+    let state_bytes = loaded.objects.iter().map(bytes).sum::<usize>() as u64;
+    Ok(Admitted { hash: loaded.hash, state_bytes })
+}
+
+/// What the Main Loop says of the model that it would make of a scene, one sentence each. It alone knows, and this program links no simulation.
+fn model(tissue: &Path, scene: Option<&Path>, isa: Option<&str>, timed: bool) -> Result<Vec<String>, Refusal> {
+    let mut command = Command::new(tissue);
+    command.arg("check").args(scene).stdin(Stdio::null());
+    if let Some(isa) = isa {
+        command.args(["--isa", isa]);
+    }
+    if timed {
+        command.arg("--timed");
+    }
+    let said = command.output().map_err(|error| not_started(tissue, &error))?;
+    let lines = |bytes: &[u8]| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>();
+    if said.status.success() { Ok(lines(&said.stdout)) } else { Err(Refusal::input(lines(&said.stderr).join("\n"))) }
 }
 
 fn load(path: Option<&Path>) -> Result<LoadedScene, Refusal> {
     hyst_scene::load_or_embedded(path).map_err(|error| Refusal::input(error.to_string()))
 }
 
-/// Prints what was found in a scene or mesh and what will be done about it; exit code 2 if the station cannot run it.
+/// Prints what was found in a scene or mesh, the default scene where none is named, and what will be done about it; exit code 2 if the station
+/// cannot run it.
 pub fn check(file: Option<&Path>, json: bool) -> Result<u8, Refusal> {
-    let Some(path) = file else {
-        return embedded(json);
-    };
-    let report = hyst_scene::check(path).map_err(|error| Refusal::input(error.to_string()))?;
+    let mut report = hyst_scene::check(file);
+    if report.runnable {
+        match model(&beside("tissue")?, file, None, true) {
+            Ok(notes) => report.notes.extend(notes),
+            Err(refusal) => report.refuse(refusal.message),
+        }
+    }
     if json {
         println!("{}", serde_json::to_string_pretty(&report).map_err(|error| Refusal::failed(error.to_string()))?);
+    } else if report.objects.is_empty() {
+        return Err(Refusal::input(report.error.unwrap_or_default())); // nothing was found that could be told
     } else {
         println!("{}", report.to_string().trim_end());
     }
     Ok(if report.runnable { 0 } else { 2 })
-}
-
-fn embedded(json: bool) -> Result<u8, Refusal> {
-    let loaded = load(None)?;
-    let objects: Vec<serde_json::Value> = loaded
-        .objects
-        .iter()
-        .map(|object| {
-            let (nodes, tets, triangles) =
-                (object.mesh.positions_m.len(), object.mesh.tets.len(), object.surface.triangles.len());
-            serde_json::json!({ "name": object.name, "nodes": nodes, "tets": tets, "surface_triangles": triangles })
-        })
-        .collect();
-    let hands: Vec<&str> = loaded.hands.iter().map(|hand| hand.name.as_str()).collect();
-    if json {
-        let hash = format!("{:016x}", loaded.hash);
-        let value = serde_json::json!({ "origin": loaded.origin, "name": loaded.scene.name, "runnable": true, "objects": objects,
-            "hands": hands, "notes": loaded.notes, "hash": hash });
-        println!("{value:#}");
-        return Ok(0);
-    }
-    println!("{} ({}): runnable, hash {:016x}", loaded.scene.name, loaded.origin, loaded.hash);
-    for object in &objects {
-        println!(
-            "  {}: {} nodes, {} tets, drawn as {} triangles",
-            object["name"], object["nodes"], object["tets"], object["surface_triangles"]
-        );
-    }
-    println!("  hands: idle, {}", hands.join(", "));
-    for note in &loaded.notes {
-        println!("  note: {note}");
-    }
-    Ok(0)
 }

@@ -2,11 +2,13 @@
 
 pub mod bench;
 pub mod check;
+pub mod conformance;
 pub mod doctor;
 pub mod fault;
 pub mod logs;
 pub mod status;
 pub mod stop;
+pub mod swap;
 
 use crate::cli::{Cli, Command};
 use crate::settings::Refusal;
@@ -41,12 +43,21 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Check { file, json } => check::check(file.as_deref(), json),
         Command::Doctor => doctor::doctor(),
         Command::Bench { what, mesh, json } => bench::bench(&what, mesh.as_deref(), json),
-        Command::Swap(_) => not_here("swap"),
+        Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
+        Command::Conformance { role, binary, json } => conformance::conformance(&role, &binary, json),
         Command::Replay(_) => not_here("replay"),
         Command::Report(_) => not_here("report"),
         Command::Supervise { station } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
             crate::supervise::supervise(&station).map_err(|e| Refusal::failed(e.to_string()))
+        }
+        Command::StandIn { station } => {
+            crate::guardian::stand_in(Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?)
+        }
+        Command::Judge { station, role, guest } => {
+            let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
+            let role = crate::swap::role_of(&role).map_err(Refusal::input)?;
+            crate::swap::judge::judge(&station, role, guest).map(|()| 0).map_err(Refusal::failed)
         }
         Command::Clean { station } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;

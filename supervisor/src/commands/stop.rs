@@ -23,7 +23,8 @@ pub fn stop(station: &Station) -> Result<u8, Refusal> {
         page.bump_and_wake(layout::CHANGES);
     }
     let deadline_ns = system::now_ns() + PATIENCE_NS;
-    while remains::guardian(station).is_some() && system::now_ns() < deadline_ns {
+    // A supervisor whose guardian died leaves a stand-in before it goes.
+    while (remains::guardian(station).is_some() || remains::supervisor(station).is_some()) && system::now_ns() < deadline_ns {
         system::sleep_ns(LOOK_NS);
     }
     if remains::guardian(station).is_some() {

@@ -1,12 +1,14 @@
 //! What the supervisor does when the policy says so: spawn, mark dead, kill, give up; and the end of its work.
 
 use super::{STOP_NS, Supervisor};
+use crate::intent::{Deed, Intent};
 use crate::journal::{self, Verdict};
 use crate::policy::{self, Action, Event};
 use crate::spawn::SpawnError;
 use hyst_exchange::{Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
+use rustix::process::Signal;
 
 impl Supervisor {
     pub(super) fn act(&mut self, actions: Vec<Action>) {
@@ -19,15 +21,39 @@ impl Supervisor {
                         self.spawner.bury(slot, incarnation); // at a stop the report still reads the page
                     }
                 }
+                Action::Dismiss { slot, incarnation } => {
+                    self.dismissed.insert(incarnation);
+                    self.act(vec![Action::Kill { slot, incarnation }]);
+                }
                 Action::Kill { slot, incarnation } => {
+                    // By id and start: the page may be damaged, and an id alone may be that of somebody else.
                     if self.viewer.page().incarnation(slot) == incarnation
                         && !self.viewer.page().is_dead(slot)
                         && slot.role() != Role::Hardware
+                        && let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number())
                     {
-                        crate::proc::demote_and_kill(self.viewer.page().pid(slot));
+                        Intent { deed: Deed::Kill, slot, incarnation }.declare(&self.page);
+                        self.spawner.mortality.pass("kill-declared");
+                        let pid = living.pid;
+                        if slot.role() == Role::Device {
+                            // Nobody does its work meanwhile: in the idle class its end took up to a second on a busy machine.
+                            crate::proc::signal(pid, Signal::KILL);
+                        } else {
+                            crate::proc::demote_and_kill(pid);
+                        }
+                        self.spawner.mortality.pass("kill-done");
+                        Intent::clear(&self.page);
                     }
                 }
+                Action::HandOver { role, incarnation } => self.hand_over_role(role, incarnation),
+                Action::GoBack { role, ground } => self.go_back(role, ground),
+                Action::TryAgain { slot } => {
+                    journal::say(&self.station, &format!("{slot} was given up and is tried again, since the other one died"));
+                }
                 Action::GiveUp { slot, reason, end } => self.give_up(slot, reason, end),
+                Action::Told { .. } | Action::Adopt { .. } | Action::Retreat { .. } | Action::EndSwap { .. } => {
+                    self.act_on_swap(action)
+                }
             }
         }
     }
@@ -67,14 +93,16 @@ impl Supervisor {
         for slot in self.slots.clone() {
             if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()) {
                 journal::say(&self.station, &format!("{slot} did not stop within {} ms and is killed", STOP_NS / 1_000_000));
-                crate::proc::demote_and_kill(living.pid);
+                crate::proc::signal(living.pid, Signal::KILL);
             }
             self.sample(system::now_ns(), slot, None);
         }
         self.faults.read_ledger(&mut self.viewer);
         self.faults.close_all();
+        crate::shortage::relieve_all(&self.station, |_| false);
         self.accounts.write(&self.station);
         self.hand_over();
+        self.leave_a_guardian();
         0
     }
 }

@@ -1,15 +1,17 @@
 //! The firmware: 1 kHz by a clock of its own that drifts against the station's, the newest command to the motors, a watchdog that ramps the
 //! force to zero when commands stay out, encoders, and the compliant hand that closes the loop.
 
-use crate::canary::Canaries;
-use crate::hand::Hand;
-use crate::ledger::{Judged, Ledger};
+use super::canary::Canaries;
+use super::commands::Commands;
+use super::hand::Hand;
+use super::ledger::{Judged, Ledger};
+use super::sequencer::Sequencer;
 use hyst_coupling::{HardwareParams, HardwareState, hardware_step};
 use hyst_engine::{Failure, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{ReadPage, allocation, system};
-use hyst_messages::page::{ProcessState, device, hardware, header, rendering};
-use hyst_messages::{ForceCommand, HardwareSample, Role, TICK_NS};
+use hyst_messages::page::{ProcessState, hardware, header, rendering};
+use hyst_messages::{HardwareSample, Role, TICK_NS};
 
 /// Drift of the simulated clock against the station's, ppm: an ordinary crystal.
 const DRIFT_PPM: f64 = 20.0;
@@ -19,8 +21,8 @@ struct Firmware<'a> {
     inbox: PageInbox,
     device: Option<ReadPage>,
     window: Option<ReadPage>,
-    seen: (u32, u64),
-    command: ForceCommand,
+    commands: Commands,
+    tip_m: [f32; 3],
     params: HardwareParams,
     state: HardwareState,
     hand: Hand,
@@ -39,16 +41,20 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         inbox,
         device: None,
         window: None,
-        seen: (0, 0),
-        command: ForceCommand::default(),
+        commands: Commands::default(),
+        tip_m: [0.0; 3],
         params: HardwareParams::default(),
         state: HardwareState::default(),
         hand,
         ledger: Ledger::new(life, canaries),
     };
     realtime::go(life)?;
+    let sequencer = if life.is_lockstep() { Some(Sequencer::new(life)?) } else { None };
     life.page.set_state(ProcessState::Live);
-    firmware.run(period_ns);
+    match sequencer {
+        Some(sequencer) => firmware.run_in_lockstep(sequencer),
+        None => firmware.run(period_ns),
+    }
     Ok(())
 }
 
@@ -64,13 +70,13 @@ impl Firmware<'_> {
             let now = system::now_ns();
             if now > due_ns + TICK_NS {
                 // The host stalled. A real device would have gone on: the ticks that passed are in the ledger, without a new command.
-                self.tick(hardware_tick, due_ns);
+                self.tick(hardware_tick, due_ns, self.life.clock.tick_at(due_ns));
                 continue;
             }
             system::sleep_until_ns(due_ns);
             let woken_ns = system::now_ns();
             self.receive_ports();
-            self.tick(hardware_tick, woken_ns);
+            self.tick(hardware_tick, woken_ns, self.life.clock.tick_at(woken_ns));
             let end_ns = system::now_ns();
             page.count_latency(header::WAKEUP, woken_ns.saturating_sub(due_ns));
             page.count_latency(header::LOOP, end_ns - woken_ns);
@@ -78,6 +84,21 @@ impl Firmware<'_> {
             page.store64(header::TICK, hardware_tick);
             page.add64(header::STEPS, 1);
             page.store64(header::ALLOCATIONS, allocation::of_this_thread() - allocations);
+        }
+        self.ledger.flush();
+    }
+
+    /// The station's ticks one after the other, each as soon as everybody has ended the one before. Time is virtual.
+    fn run_in_lockstep(&mut self, mut sequencer: Sequencer<'_>) {
+        while let Some(tick) = sequencer.begin() {
+            self.receive_ports();
+            self.tick(tick, tick * TICK_NS, tick);
+            let begun_ns = system::now_ns();
+            sequencer.release(tick);
+            let page = &self.life.page;
+            page.count_latency(header::LOOP, system::now_ns() - begun_ns);
+            page.store64(header::TICK, tick);
+            page.add64(header::STEPS, 1);
         }
         self.ledger.flush();
     }
@@ -91,26 +112,15 @@ impl Firmware<'_> {
         }
     }
 
-    /// The command that has come since the last tick, if one has.
-    fn new_command(&mut self) -> Option<ForceCommand> {
-        let page = self.device.as_ref()?;
-        let key = (page.incarnation(), page.cell_number(device::COMMAND));
-        if key == self.seen || key.1 == 0 {
-            return None;
-        }
-        let (_, command) = page.cell(device::COMMAND)?;
-        self.seen = key;
-        self.command = command;
-        Some(command)
-    }
-
-    fn tick(&mut self, hardware_tick: u64, time_ns: u64) {
-        let command = self.new_command();
+    fn tick(&mut self, hardware_tick: u64, time_ns: u64, station_tick: u64) {
+        let (tip_m, max_force_n) = (self.tip_m, self.params.max_force_n);
+        let command = self.device.as_ref().and_then(|page| self.commands.new_one(self.life, page, tip_m, max_force_n));
         let trips = self.state.trips;
         let (state, force_n) = hardware_step(&self.params, &self.state, command.map(|command| command.force_n));
         self.state = state;
         let pointer = self.window.as_ref().and_then(|page| page.cell(rendering::POINTER)).map(|(_, pointer)| pointer);
         let hand = self.hand.step(hardware_tick, force_n, pointer.as_ref());
+        self.tip_m = hand.pose.position_m;
         let sample = HardwareSample {
             hardware_tick,
             time_ns,
@@ -121,12 +131,11 @@ impl Firmware<'_> {
         };
         self.life.page.write(hardware::SAMPLE, &sample);
         self.life.page.store64(header::VALUE_NS, time_ns);
-        let station_tick = self.life.clock.tick_at(time_ns);
         let judged = Judged {
             hardware_tick,
             time_ns,
             station_tick,
-            command: self.command,
+            command: self.commands.newest,
             silent: command.is_none(),
             force_n,
             tripped: state.trips != trips,

@@ -65,6 +65,7 @@ impl Hand {
     pub fn of(life: &Life) -> Result<Hand, Failure> {
         let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
+        life.admit_scene(scene.hash)?;
         let space = &scene.workspace;
         let tilt_rad = space.pitch_rad.iter().chain(&space.yaw_rad).fold(0.0f32, |most, angle| most.max(angle.abs()));
         let model = HandModel {

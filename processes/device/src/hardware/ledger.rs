@@ -2,7 +2,7 @@
 //! the one before. Entries wait for 64 ticks before they are written, so that a stall of the host that a canary reports late
 //! still voids the ticks it covers.
 
-use crate::canary::Canaries;
+use super::canary::Canaries;
 use hyst_engine::Life;
 use hyst_exchange::OwnedPage;
 use hyst_messages::page::hardware::{LEDGER, TOTALS, Total};

@@ -1,13 +1,7 @@
-//! The simulated hardware: a haptic device with its own clock, its own firmware and a hand that holds it. It lives outside the station's
-//! processes, as hardware would, and its ledger of ticks is the ruler by which the station is judged. See [`firmware`].
-
-mod canary;
-mod firmware;
-mod hand;
-mod ledger;
+//! The `hardware` process: the simulated haptic device. See [`device::hardware`].
 
 use hyst_messages::Role;
 
 fn main() -> std::process::ExitCode {
-    hyst_engine::run(Role::Hardware, firmware::run)
+    hyst_engine::run(Role::Hardware, device::hardware::run)
 }

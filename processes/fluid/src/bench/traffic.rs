@@ -27,7 +27,6 @@ pub fn triad_bytes_per_s() -> f64 {
 
 /// Bytes that a step's phases must move: each field that a phase needs read once, each that it makes written once.
 pub fn step_bytes(solver: &Solver, inputs: &FlowInputs) -> Result<f64, FlowError> {
-    let cells = solver.model().grid.cell_count() as f64;
     solver.begin(inputs)?;
     let mut numbers = 0.0;
     // Bounded by the solver: its list of phases ends.
@@ -36,12 +35,12 @@ pub fn step_bytes(solver: &Solver, inputs: &FlowInputs) -> Result<f64, FlowError
             solver.run_phase(phase, band)?;
         }
         let (fields, level) = fields_of(phase);
-        numbers += fields * cells / 8f64.powi(level.into());
+        numbers += fields * solver.level_cells(level) as f64;
     }
     Ok(numbers * size_of::<f32>() as f64)
 }
 
-/// Fields, read and written together, that a phase cannot do without, and its level (each has an eighth of the cells of the finer one).
+/// Fields, read and written together, that a phase cannot do without, and its level.
 /// An operator is four fields: three faces and the diagonal.
 fn fields_of(phase: Phase) -> (f64, u8) {
     match phase {
@@ -54,7 +53,7 @@ fn fields_of(phase: Phase) -> (f64, u8) {
         Phase::RightSide => (4.0, 0),                      // velocity read, divergence written
         Phase::Residual | Phase::Direction => (7.0, 0),    // operator and two fields read, one written
         Phase::Smooth(level) | Phase::Restrict(level) => (7.0, level),
-        Phase::Prolong(level) => (2.0, level), // correction read and written; the coarser one is an eighth
+        Phase::Prolong(level) => (2.0, level), // correction read and written; the coarser one is smaller
         Phase::Update => (6.0, 0),             // pressure and residual along direction and image
         Phase::Project => (7.0, 0),            // velocity and pressure read, velocity written
         Phase::Centre => (5.0, 0),             // pressure and velocity read, pressure written

@@ -12,27 +12,36 @@ struct Post {
 @group(0) @binding(4) var<storage, read_write> exposure: array<f32>;
 @group(0) @binding(5) var<storage, read> glyphs: array<u32>;  // 8 bytes per glyph, a byte per row, then the text, a code per word
 
-struct Screen { @builtin(position) at: vec4<f32>, @location(0) uv: vec2<f32> };
+// What the last pass branches on comes from its vertices: lavapipe (Mesa 22.3) compiles a fragment shader that branches on uniforms alone
+// anew for every frame, which costs 10 ms and is never freed.
+struct Screen {
+    @builtin(position) at: vec4<f32>,
+    @location(0) uv: vec2<f32>,
+    @location(1) @interpolate(flat) is: vec3<f32>, // 1 if round, 1 if there is text, 1 if the last row is a sign
+};
 
 @vertex
 fn screen(@builtin(vertex_index) i: u32) -> Screen {
     var s: Screen;
     s.uv = vec2<f32>(f32((i << 1u) & 2u), f32(i & 2u));
     s.at = vec4<f32>(s.uv * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
+    s.is = vec3<f32>(p.lens.z, min(p.text.z, 1.0), p.text.w);
     return s;
 }
 
 fn clean(c: vec3<f32>) -> vec3<f32> { return clamp(c, vec3<f32>(0.0), vec3<f32>(60.0)); }
 
-// A quarter of the size, each texel the mean of 4 × 4.
+// A quarter of the size, each texel the mean of 4 × 4; its alpha is how much of it is covered.
 @fragment
 fn shrink(s: Screen) -> @location(0) vec4<f32> {
     let t = 1.0 / p.size.zw;
-    var c = clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(-1.0, -1.0), 0.0).rgb);
-    c += clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(1.0, -1.0), 0.0).rgb);
-    c += clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(-1.0, 1.0), 0.0).rgb);
-    c += clean(textureSampleLevel(source, smooth_sampler, s.uv + t * vec2<f32>(1.0, 1.0), 0.0).rgb);
-    return vec4<f32>(c * 0.25, 1.0);
+    var sum = vec4<f32>(0.0);
+    for (var corner = 0; corner < 4; corner++) {
+        let to = vec2<f32>(f32(corner & 1), f32(corner >> 1u)) * 2.0 - 1.0;
+        let texel = textureSampleLevel(source, smooth_sampler, s.uv + t * to, 0.0);
+        sum += vec4<f32>(clean(texel.rgb), clamp(texel.a, 0.0, 1.0));
+    }
+    return sum * 0.25;
 }
 
 fn blur(uv: vec2<f32>, step: vec2<f32>, threshold: f32) -> vec4<f32> {
@@ -55,30 +64,33 @@ fn blur_down(s: Screen) -> @location(0) vec4<f32> {
     return blur(s.uv, vec2<f32>(0.0, 4.0 / p.size.w), 0.0);
 }
 
-// Exposure from the mean logarithm of luminance over the round field, as a camera head does it; eased from frame to frame.
-var<workgroup> partial: array<vec2<f32>, 64>;
+// Exposure from the mean logarithm of luminance over the round field, as a camera head does it; eased from frame to frame. A field in which
+// nothing stands is not metered, and the first that is sets the exposure at once: else a stage that is still empty would dazzle the eye.
+const LEAST_COVERED: f32 = 0.05;
+var<workgroup> partial: array<vec3<f32>, 64>;
 @compute @workgroup_size(64)
 fn meter(@builtin(local_invocation_index) i: u32) {
     let size = vec2<f32>(textureDimensions(source));
-    var sum = vec2<f32>(0.0);
+    var sum = vec3<f32>(0.0);
     for (var k = i; k < 1024u; k += 64u) {
         let uv = (vec2<f32>(f32(k % 32u), f32(k / 32u)) + 0.5) / 32.0;
         let q = uv * 2.0 - 1.0;
-        let c = clean(textureLoad(source, vec2<i32>(uv * size), 0).rgb);
+        let texel = textureLoad(source, vec2<i32>(uv * size), 0);
+        let c = clean(texel.rgb);
         let inside = select(0.0, 1.0, dot(q, q) < 0.9);
         let lum = dot(c, vec3<f32>(0.30, 0.59, 0.11));
-        sum += vec2<f32>(log(lum + 0.01), 1.0) * inside;
+        sum += vec3<f32>(log(lum + 0.01), 1.0, texel.a) * inside;
     }
     partial[i] = sum;
     workgroupBarrier();
     if i == 0u {
-        var total = vec2<f32>(0.0);
+        var total = vec3<f32>(0.0);
         for (var k = 0u; k < 64u; k++) { total += partial[k]; }
         var wanted = clamp(0.21 / exp(total.x / max(total.y, 1.0)), 0.15, 6.0);
         if p.tone.z > 0.5 { wanted = 1.0; }
         let old = exposure[0];
         let eased = select(wanted, old + (wanted - old) * p.tone.y, old > 0.0 && old < 100.0);
-        exposure[0] = eased;
+        if p.tone.z > 0.5 || total.z > LEAST_COVERED * total.y { exposure[0] = eased; }
     }
 }
 
@@ -86,10 +98,10 @@ fn filmic(x: vec3<f32>) -> vec3<f32> {
     return clamp(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), vec3<f32>(0.0), vec3<f32>(1.0));
 }
 
-fn picture(pixel: vec2<f32>) -> vec3<f32> {
+fn picture(pixel: vec2<f32>, is_round: bool) -> vec3<f32> {
     var uv = pixel / p.size.xy;
     var shade = 1.0;
-    if p.lens.z > 0.5 {
+    if is_round {
         let radius = 0.5 * min(p.size.x, p.size.y);
         let q = (pixel - 0.5 * p.size.xy) / radius;
         let r2 = dot(q, q);
@@ -103,13 +115,13 @@ fn picture(pixel: vec2<f32>) -> vec3<f32> {
     }
     let lit = textureSampleLevel(source, smooth_sampler, uv, 0.0);
     var behind = vec3<f32>(0.0);
-    if p.lens.z < 0.5 { behind = mix(vec3<f32>(0.085, 0.095, 0.115), vec3<f32>(0.012, 0.014, 0.018), length(uv - vec2<f32>(0.5, 0.42)) * 1.3); }
+    if !is_round { behind = mix(vec3<f32>(0.085, 0.095, 0.115), vec3<f32>(0.012, 0.014, 0.018), length(uv - vec2<f32>(0.5, 0.42)) * 1.3); }
     let c = lit.rgb + behind * (1.0 - lit.a) + textureSampleLevel(glow, smooth_sampler, uv, 0.0).rgb * p.tone.w;
     return pow(filmic(clean(c) * exposure[0] * p.tone.x * shade), vec3<f32>(0.4545));
 }
 
 // x: ink, y: in a cell with a glyph, z: on the sign's row
-fn text(pixel: vec2<f32>) -> vec3<f32> {
+fn text(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
     let at = (pixel - vec2<f32>(6.0)) / p.text.x;
     let cell = floor(at / vec2<f32>(7.0, 11.0));
     if any(cell < vec2<f32>(0.0)) || cell.x >= p.text.y || cell.y >= p.text.z { return vec3<f32>(0.0); }
@@ -117,7 +129,7 @@ fn text(pixel: vec2<f32>) -> vec3<f32> {
     if code == 0u { return vec3<f32>(0.0); }
     let inside = at - cell * vec2<f32>(7.0, 11.0);
     let row = u32(inside.y) - 1u;
-    let sign = select(0.0, 1.0, p.text.w > 0.5 && cell.y == p.text.z - 1.0);
+    let sign = select(0.0, 1.0, has_sign && cell.y == p.text.z - 1.0);
     if u32(inside.y) < 1u || row >= 8u { return vec3<f32>(0.0, 1.0, sign); }
     let bits = (glyphs[2u * (code & 127u) + row / 4u] >> ((row % 4u) * 8u)) & 255u;
     let column = u32(inside.x);
@@ -126,9 +138,9 @@ fn text(pixel: vec2<f32>) -> vec3<f32> {
 
 @fragment
 fn finish(s: Screen) -> @location(0) vec4<f32> {
-    var c = picture(s.at.xy);
-    if p.text.z > 0.5 {
-        let t = text(s.at.xy);
+    var c = picture(s.at.xy, s.is.x > 0.5);
+    if s.is.y > 0.5 {
+        let t = text(s.at.xy, s.is.z > 0.5);
         let ink = mix(vec3<f32>(0.86, 0.95, 0.90), vec3<f32>(1.0, 0.74, 0.20), t.z);
         c = mix(c * (1.0 - 0.55 * t.y), ink, t.x);
     }

@@ -151,6 +151,11 @@ pub struct ServoState {
 }
 
 impl ServoState {
+    /// Whether a step for a tick after the state's can go on from it: every number is finite and in its range.
+    pub fn is_sound(&self, params: &ServoParams) -> bool {
+        self.running == 1 && self.repaired(&params.checked(), u64::MAX).1 == 0
+    }
+
     /// The state if it is whole and from before `tick`, else a fresh one with the flag that says so.
     pub(crate) fn repaired(&self, params: &ServoParams, tick: u64) -> (Self, u32) {
         if self.running == 0 {

@@ -4,9 +4,11 @@
 //! `:N` for the Nth time that the point is passed. It says on stdout what it has done and waits on stdin for what to do next; the end
 //! of its input is its end, and it never outlives the thread that started it.
 
-use hyst_exchange::meeting::{Coordinator, Member, ProcessCoordinator, ProcessMember};
+use hyst_exchange::checkpoint::{CheckpointWriter, newest};
+use hyst_exchange::meeting::{Coordinator, ProcessCoordinator, ProcessMember};
 use hyst_exchange::rendezvous::{Client, Server};
-use hyst_exchange::{Links, OwnedPage, Station, system};
+use hyst_exchange::synchronized::synchronized_process;
+use hyst_exchange::{Links, OwnedPage, Roster, Station, system};
 use hyst_messages::page::{ProcessState, device, header};
 use hyst_messages::{InputRecord, Kind, Role, Slot};
 use rustix::process::{Signal, getpid, kill_process, set_parent_process_death_signal};
@@ -17,6 +19,10 @@ type Failure = Box<dyn std::error::Error>;
 
 /// Bytes of the messages of `publish`.
 const MESSAGE_BYTES: usize = 65_536;
+/// Bytes of the states of `checkpoint`.
+const CHECKPOINT_BYTES: usize = 4_096;
+/// Ticks between them: so that older generations come about within some of them.
+const CHECKPOINT_TICKS: u64 = 100;
 /// How long one wait of a member or server lasts before it looks at everything again, ns.
 const PATIENCE_NS: u64 = 50_000_000;
 
@@ -92,6 +98,9 @@ fn main() -> Result<(), Failure> {
     };
     match role.as_str() {
         "cells" => cells(&part),
+        "checkpoint" => checkpoint(&part),
+        "claim" => claim(&mut part),
+        "contend" => contend(&part),
         "publish" => publish(&mut part),
         "hold" => hold(&part),
         "serve" => serve(&mut part),
@@ -117,6 +126,51 @@ fn cells(part: &Part) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// Writes checkpoints of the tissue without a pause, for ever, behind the newest; each has its tick in every word.
+fn checkpoint(part: &Part) -> Result<(), Failure> {
+    let slot = Slot::first(Role::Tissue);
+    let writer = CheckpointWriter::open(&part.station, slot, CHECKPOINT_BYTES)?;
+    let before = newest(&part.station, Role::Tissue, CHECKPOINT_BYTES, u64::MAX).0.map_or(0, |found| found.tick);
+    let mut words = [0u64; CHECKPOINT_BYTES / 8];
+    for tick in (before + CHECKPOINT_TICKS..).step_by(CHECKPOINT_TICKS as usize) {
+        words.fill(tick);
+        writer.write(1, tick, bytemuck::cast_slice(&words), true);
+        if tick == before + CHECKPOINT_TICKS {
+            say("writing")?;
+        }
+    }
+    Ok(())
+}
+
+/// Takes the tissue's role at each line of input from whoever held it when the line came.
+fn claim(part: &mut Part) -> Result<(), Failure> {
+    let roster = Roster::open(&part.station)?;
+    say("open")?;
+    loop {
+        heed()?;
+        part.point("before-look");
+        let from = roster.holder(Role::Tissue);
+        say(&format!("saw {}", from.epoch))?;
+        heed()?;
+        part.point("before-claim");
+        let taken = roster.promote(Role::Tissue, from, part.incarnation);
+        part.point("after-claim");
+        say(&taken.map_or_else(|found| format!("lost to {}", found.incarnation), |tenure| format!("holds {}", tenure.epoch)))?;
+    }
+}
+
+/// Takes the tissue's role without a pause, for ever; notes each epoch that it has won in the ring of its page.
+fn contend(part: &Part) -> Result<(), Failure> {
+    let (roster, page) = (Roster::open(&part.station)?, part.own(Role::Device)?);
+    say("contending")?;
+    loop {
+        let from = roster.holder(Role::Tissue);
+        if let Ok(tenure) = roster.promote(Role::Tissue, from, part.incarnation) {
+            page.push(device::INPUTS, tenure.epoch as u64, &InputRecord { tick: tenure.epoch as u64, ..InputRecord::default() });
+        }
+    }
 }
 
 /// Publishes one message for each line of input, the argument's number of bytes (default 64 KiB), filled with the message's number.
@@ -201,18 +255,26 @@ fn ask(part: &mut Part) -> Result<(), Failure> {
     }
 }
 
-/// Follows the coordinator whose incarnation is the argument, in tissue's first slot.
+/// A Synchronized Process that follows the coordinator whose incarnation is the argument, in tissue's first slot.
 fn member(part: &mut Part) -> Result<(), Failure> {
     let page = part.own(Role::CollisionWorker)?;
     let mut member = ProcessMember::new(page);
     member.follow(part.station.read_slot(Slot::first(Role::Tissue), part.argument)?);
     say("following")?;
-    loop {
-        let Some(release) = member.await_release(system::now_ns() + PATIENCE_NS) else { continue };
-        part.point("before-join");
-        member.join(release);
-        part.point("after-join");
-    }
+    let part = std::cell::RefCell::new(part);
+    let has_joined = std::cell::Cell::new(false);
+    let between = |_: &mut ProcessMember| {
+        if has_joined.take() {
+            part.borrow_mut().point("after-join");
+        }
+        true
+    };
+    let step = |_| {
+        part.borrow_mut().point("before-join");
+        has_joined.set(true);
+    };
+    synchronized_process(&mut member, PATIENCE_NS, between, step);
+    Ok(())
 }
 
 /// Releases, at each line of input, the member whose incarnation is the argument, and waits for it for ever.
@@ -234,6 +296,7 @@ fn newcomer(part: &mut Part) -> Result<(), Failure> {
     part.point("before-ports");
     let links = part.links("newcomer")?;
     let publisher = links.publisher(Role::Tissue, part.incarnation, Kind::TissueState, 64)?;
+    part.point("after-ports");
     page.store32(header::PORTS_OPEN, 1);
     say("open")?;
     loop {

@@ -1,16 +1,16 @@
 //! The Meeting Point between processes: futex words in the station pages. The coordinator writes its release into its own page, each
-//! member its join into its own; nobody writes a word that another owns, so a death can corrupt nothing.
+//! member its join into its own; nobody writes a word that another owns, so a death can corrupt nothing. `tests/model` runs through every
+//! interleaving of these accesses, with deaths, zombies and replacements.
 
-use super::{Coordinator, Group, MAX_MEMBERS, Member, Outcome, Release, members};
+use super::rules::{JoinWord, ReleaseWord, SeatWord};
+use super::{Coordinator, Group, MAX_MEMBERS, Member, Outcome, Release, members, rules};
 use crate::page::{OwnedPage, ReadPage};
 use crate::system;
-use hyst_messages::page::{WORDS32, header};
+use hyst_messages::page::header;
 use std::sync::Arc;
 
-/// 32-bit words of the coordinator's page, one for each seat: the newest release that named the seat. A member looks at its own word
-/// alone, so it is never released by the mask of another group, and one that slept through a release finds out and catches up.
-const SHARE_RELEASE: usize = header::SHARE_MEMBER + MAX_MEMBERS;
-const _: () = assert!(SHARE_RELEASE + MAX_MEMBERS <= WORDS32);
+/// Between two looks whether a member is lost, where somebody asks, ns.
+const LOOK_NS: u64 = 500_000;
 
 #[derive(Debug)]
 struct Seat {
@@ -39,9 +39,12 @@ impl ProcessCoordinator {
     /// Seats a member, or its replacement; gives back the page of whom it replaces, to be unmapped elsewhere.
     pub fn seat(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
         let incarnation = page.incarnation();
-        // In this order, so that the newcomer never takes a release that named its predecessor for its own.
-        self.page.store32(SHARE_RELEASE + index, 0);
-        self.page.store32(header::SHARE_MEMBER + index, incarnation);
+        for word in rules::SEATING {
+            match word {
+                SeatWord::Release => self.page.store32(header::SHARE_RELEASE + index, 0),
+                SeatWord::Member => self.page.store32(header::SHARE_MEMBER + index, incarnation),
+            }
+        }
         let before = self.seats[index].replace(Seat { page, incarnation, excluded: false, named: 0 });
         before.map(|seat| seat.page)
     }
@@ -58,33 +61,55 @@ impl ProcessCoordinator {
     }
 
     fn has_joined(&self, seat: &Seat, number: u32) -> bool {
-        seat.page.load32(header::JOIN) == number && seat.page.load32(header::JOIN_OF) == self.incarnation
+        let join = seat.page.load32(header::JOIN);
+        rules::is_joined(join, seat.page.load32(header::JOIN_OF), number, self.incarnation)
     }
 
     /// Excluded members that have joined the last release that named them are back.
     pub fn readmit(&mut self) {
         let incarnation = self.incarnation;
         for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded) {
-            let caught_up = seat.page.load32(header::JOIN) == seat.named && seat.page.load32(header::JOIN_OF) == incarnation;
-            seat.excluded = !caught_up;
+            let join = seat.page.load32(header::JOIN);
+            seat.excluded = !rules::is_joined(join, seat.page.load32(header::JOIN_OF), seat.named, incarnation);
         }
     }
 
-    fn release_group(&mut self, group: Group, deadline_ns: u64) -> Group {
+    /// Present members whose page says that they are warm or live.
+    pub fn ready(&self) -> Group {
+        let is_ready = |seat: &Seat| seat.page.state().is_ready();
+        let bit = |(index, seat): (usize, &Option<Seat>)| seat.as_ref().filter(|seat| is_ready(seat)).map_or(0, |_| 1 << index);
+        self.present() & self.seats.iter().enumerate().map(bit).fold(0, |mask, bit: Group| mask | bit)
+    }
+
+    /// Releases one group; a member that is `lost` is not waited for any longer. Looks for that every half millisecond.
+    pub fn release_unless(&mut self, group: Group, deadline_ns: u64, lost: &dyn Fn(&ReadPage) -> bool) -> Outcome {
+        self.readmit();
+        let joined = self.release_group(group, deadline_ns, Some(lost));
+        Outcome { joined, missing: group & !joined }
+    }
+
+    fn name(&mut self, asked: Group, number: u32) {
+        for index in members(asked) {
+            if let Some(seat) = &mut self.seats[index] {
+                seat.named = number;
+                self.page.store32(header::SHARE_RELEASE + index, number);
+            }
+        }
+    }
+
+    fn release_group(&mut self, group: Group, deadline_ns: u64, lost: Option<&dyn Fn(&ReadPage) -> bool>) -> Group {
         let asked = group & self.present();
         // A group whose time is up before it begins is missing, but not to blame: it is neither released nor excluded.
         if asked == 0 || system::now_ns() >= deadline_ns {
             return 0;
         }
-        // Zero is what a fresh page holds, so it is never a release.
-        let number = self.page.load32(header::RELEASE).wrapping_add(1).max(1);
-        for index in members(asked) {
-            if let Some(seat) = &mut self.seats[index] {
-                seat.named = number;
-                self.page.store32(SHARE_RELEASE + index, number);
+        let number = rules::next_release(self.page.load32(header::RELEASE));
+        for word in rules::RELEASING {
+            match word {
+                ReleaseWord::Seats => self.name(asked, number),
+                ReleaseWord::Release => self.page.store32_and_wake(header::RELEASE, number),
             }
         }
-        self.page.store32_and_wake(header::RELEASE, number);
         let mut joined = 0;
         for index in members(asked) {
             let Some(seat) = &self.seats[index] else { continue };
@@ -95,10 +120,12 @@ impl ProcessCoordinator {
                     joined |= 1 << index;
                     break;
                 }
-                if system::now_ns() >= deadline_ns {
+                let now_ns = system::now_ns();
+                if now_ns >= deadline_ns || lost.is_some_and(|lost| lost(&seat.page)) {
                     break;
                 }
-                seat.page.wait(header::JOIN, word, deadline_ns);
+                let look_ns = if lost.is_some() { deadline_ns.min(now_ns + LOOK_NS) } else { deadline_ns };
+                seat.page.wait(header::JOIN, word, look_ns);
             }
             if joined & (1 << index) == 0
                 && let Some(seat) = &mut self.seats[index]
@@ -115,7 +142,7 @@ impl Coordinator for ProcessCoordinator {
         let mut outcome = Outcome::default();
         self.readmit();
         for &group in groups {
-            let joined = self.release_group(group, deadline_ns);
+            let joined = self.release_group(group, deadline_ns, None);
             outcome.joined |= joined;
             outcome.missing |= group & !joined;
         }
@@ -151,18 +178,22 @@ impl ProcessMember {
         self.coordinator.as_ref().map_or(0, |(_, incarnation)| *incarnation)
     }
 
-    /// Newest release that named this member, and its seat. `None` if it has no seat, or never had a release there.
+    /// Newest release that named this member (0 if none did), and its seat. `None` if it has no seat.
     fn named_in(&self, coordinator: &ReadPage) -> Option<(u32, usize)> {
         let seated = |index: &usize| coordinator.load32(header::SHARE_MEMBER + index) == self.incarnation;
         let index = (0..MAX_MEMBERS).find(seated)?;
-        let named = coordinator.load32(SHARE_RELEASE + index);
+        let named = coordinator.load32(header::SHARE_RELEASE + index);
         // Read again: the seat may have been given to a replacement in between, and the release with it.
-        (named != 0 && seated(&index)).then_some((named, index))
+        seated(&index).then_some((named, index))
     }
 
     fn say_joined(&self, coordinator: u32, number: u32) {
-        self.page.store32(header::JOIN_OF, coordinator);
-        self.page.store32_and_wake(header::JOIN, number);
+        for word in rules::JOINING {
+            match word {
+                JoinWord::Of => self.page.store32(header::JOIN_OF, coordinator),
+                JoinWord::Release => self.page.store32_and_wake(header::JOIN, number),
+            }
+        }
     }
 }
 
@@ -175,11 +206,10 @@ impl Member for ProcessMember {
         let coordinator = *coordinator;
         loop {
             let number = page.load32(header::RELEASE);
-            if let Some((named, index)) = self.named_in(page).filter(|(named, _)| *named != self.seen) {
+            if let Some((named, index)) = self.named_in(page).filter(|(named, _)| rules::is_fresh(*named, self.seen)) {
                 self.seen = named;
                 // The seat's word is written before the release word, so it may be ahead of it, but behind only if the release is over.
-                let is_over = (page.load32(header::RELEASE).wrapping_sub(named) as i32) > 0;
-                if !is_over {
+                if !rules::is_over(page.load32(header::RELEASE), named) {
                     return Some(Release { number: named, coordinator, index });
                 }
                 self.say_joined(coordinator, named); // slept through it: no work, but caught up

@@ -2,6 +2,8 @@
 //! aborted or stopped at every point of the protocol plays the other. Each test runs in a process of its own with a station of its own.
 
 mod cells;
+mod checkpoints;
+mod epochs;
 mod leaks;
 mod meeting;
 mod rendezvous;

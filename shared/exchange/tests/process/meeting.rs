@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a release with a dead member pays once, ns; the living join well within it even on a busy machine.
-const PAID_NS: u64 = 500_000_000;
+const PAID_NS: u64 = 3_000_000_000;
 /// What a release pays if nobody who could join is asked, ns.
 const SHORT_NS: u64 = 20_000_000;
 
@@ -76,6 +76,35 @@ fn a_member_killed_at_any_point_costs_one_deadline_and_its_replacement_joins_the
             let _replacement = member(station, incarnation + 1, "live");
             seat(station, &mut coordinator, 0, incarnation + 1);
             assert_eq!(release_unpaid(&mut coordinator, &[0b11]), Outcome { joined: 0b11, missing: 0 }, "{fate}");
+        }
+    });
+}
+
+#[test]
+fn a_member_that_stands_at_any_point_costs_one_deadline_and_is_back_when_it_goes_on() {
+    isolated(a_member_that_stands_at_any_point_costs_one_deadline_and_is_back_when_it_goes_on, |station| {
+        let mut coordinator = coordinator(station, 1);
+        let _other = member(station, 9, "live");
+        seat(station, &mut coordinator, 1, 9);
+        for (incarnation, fate) in (10..).zip(["live", "stop@before-join", "stop@after-join"]) {
+            let standing = member(station, incarnation, fate);
+            seat(station, &mut coordinator, 0, incarnation);
+            if fate == "live" {
+                standing.stop();
+            }
+            if fate == "stop@after-join" {
+                assert_eq!(release_unpaid(&mut coordinator, &[0b11]), Outcome { joined: 0b11, missing: 0 });
+                standing.await_stop();
+            }
+            let paid = coordinator.release(&[0b11], system::now_ns() + PAID_NS);
+            assert_eq!(paid, Outcome { joined: 0b10, missing: 0b01 }, "{fate}");
+            standing.await_stop();
+            for _ in 0..20 {
+                let unpaid = release_unpaid(&mut coordinator, &[0b11]);
+                assert_eq!(unpaid, Outcome { joined: 0b10, missing: 0b01 }, "{fate}: excluded after the first miss");
+            }
+            standing.go_on();
+            until(|| (release_unpaid(&mut coordinator, &[0b11]).missing == 0).then_some(()));
         }
     });
 }

@@ -14,6 +14,7 @@ struct House {
     links: Links,
     keeper: OwnedPage,
     inbox: Inbox,
+    markers: u32,
 }
 
 fn house(station: &Station) -> House {
@@ -21,7 +22,7 @@ fn house(station: &Station) -> House {
     let ushers = Links::join(station, "usher").unwrap();
     let interests = vec![(Role::Tissue, Wanted::Page), (Role::Tissue, Wanted::Stream(KIND)), (Role::Fluid, Wanted::Page)];
     let inbox = usher(station, Some(ushers), ME, interests).unwrap();
-    House { station: station.clone(), links, keeper: station.open_for_keeping().unwrap(), inbox }
+    House { station: station.clone(), links, keeper: station.open_for_keeping().unwrap(), inbox, markers: 0 }
 }
 
 impl House {
@@ -38,7 +39,8 @@ impl House {
     /// A page without a process, whose arrival shows that the usher has looked at everything announced before it.
     fn marker(&mut self, index: usize) -> Vec<Arrival> {
         let slot = Slot::new(Role::Fluid, index).unwrap();
-        let incarnation = 200 + index as u32;
+        self.markers += 1;
+        let incarnation = 200 + self.markers;
         drop(self.station.create_slot(slot, incarnation).unwrap());
         announce(&self.keeper, slot, incarnation);
         let mut before = Vec::new();
@@ -93,14 +95,17 @@ fn pages_and_streams_of_a_newcomer_and_of_its_successor_arrive_ready_for_use() {
 fn a_process_that_dies_in_its_start_up_is_given_up_and_its_successor_arrives() {
     isolated(a_process_that_dies_in_its_start_up_is_given_up_and_its_successor_arrives, |station| {
         let mut house = house(station);
-        let (mut partner, _service) = house.newcomer(3, "kill@before-ports");
-        assert!(matches!(house.next().port, Port::Page(_)));
-        partner.await_death();
-        declare_dead(&house.keeper, slot(Role::Tissue));
-        assert!(house.marker(0).is_empty());
-        // Were it still waited for, this would make its stream arrive.
-        station.own_slot(slot(Role::Tissue), 3).unwrap().store32(header::PORTS_OPEN, 1);
-        assert!(house.marker(1).is_empty(), "a port of the dead");
+        for (index, fate) in [(0, "kill@before-ports"), (1, "kill@after-ports")] {
+            let incarnation = 2 + index as u32;
+            let (mut partner, _service) = house.newcomer(incarnation, fate);
+            assert!(matches!(house.next().port, Port::Page(_)));
+            partner.await_death();
+            declare_dead(&house.keeper, slot(Role::Tissue));
+            // Were it still waited for, this would make its stream arrive.
+            assert!(house.marker(0).is_empty(), "{fate}");
+            station.own_slot(slot(Role::Tissue), incarnation).unwrap().store32(header::PORTS_OPEN, 1);
+            assert!(house.marker(1).is_empty(), "{fate}: a port of the dead");
+        }
 
         let (mut successor, _service) = house.newcomer(4, "live");
         successor.expect("open");

@@ -30,8 +30,10 @@ fn positions_and_faces(bytes: &[u8]) -> Result<String, ReadError> {
     let mut clean = String::new();
     let mut vertices = 0_i64;
     let mut largest = (0_i64, 0);
+    let mut unfinished = None;
     while let Some(word) = text.token() {
         let mut line = text.rest_of_line();
+        unfinished = None;
         if word.is("v") {
             let [x, y, z] = point(&mut line, vertices + 1)?;
             clean += &format!("v {x:?} {y:?} {z:?}\n");
@@ -39,6 +41,7 @@ fn positions_and_faces(bytes: &[u8]) -> Result<String, ReadError> {
         } else if word.is("f") || word.is("fo") {
             let corners = corners(&mut line, vertices)?;
             if corners.len() < 3 {
+                unfinished = Some(word.line);
                 continue; // a point or a line
             }
             clean.push('f');
@@ -48,6 +51,10 @@ fn positions_and_faces(bytes: &[u8]) -> Result<String, ReadError> {
             }
             clean.push('\n');
         }
+    }
+    // The last line was cut off in a face.
+    if let Some(line) = unfinished.filter(|_| bytes.last() != Some(&b'\n')) {
+        return Err(cut_off(line));
     }
     // A face may name vertices that come later, so the largest index is checked at the end.
     if largest.0 > vertices {
@@ -84,6 +91,17 @@ fn corners(line: &mut Text, vertices: i64) -> Result<Vec<i64>, ReadError> {
         corners.push(index);
     }
     Ok(corners)
+}
+
+fn cut_off(line: usize) -> ReadError {
+    let found = "a face of fewer than three corners and the end of the file";
+    ReadError::new(
+        ReadErrorKind::Truncated,
+        Place::Line(line),
+        found,
+        "whole faces",
+        "the file was cut off: copy or export it again",
+    )
 }
 
 fn out_of_range(line: usize, index: i64, vertices: i64) -> ReadError {

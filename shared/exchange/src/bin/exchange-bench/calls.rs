@@ -1,12 +1,12 @@
-//! Rendezvous beside bare iceoryx2 request-response, and cells beside a plain copy under a seqlock: the cost of the calls themselves,
-//! both sides on one thread.
+//! Rendezvous beside bare iceoryx2 request-response and bare channels, cells beside a plain copy under a seqlock, a promotion beside a bare
+//! compare-and-swap: the cost of the calls themselves, both sides on one thread.
 
 use crate::Failure;
 use crate::measure::{Budget, Row, in_turns, timed};
 use crate::partner::Site;
-use hyst_exchange::Links;
 use hyst_exchange::rendezvous::{Client, MAX_BYTES, Server};
 use hyst_exchange::stream::MAX_NODES;
+use hyst_exchange::{Links, Roster};
 use hyst_messages::page::haptic;
 use hyst_messages::{ForceRecord, Kind, Role, Slot};
 use iceoryx2::prelude::*;
@@ -25,8 +25,26 @@ const BATCH: usize = 64;
 /// Adds the rows.
 pub fn rows(site: &Site, budget: &Budget, rows: &mut Vec<Row>) -> Result<(), Failure> {
     rows.push(rendezvous(site, budget)?);
+    rows.push(threads(budget)?);
     rows.push(cell(site, budget)?);
+    rows.push(promotion(site, budget)?);
     Ok(())
+}
+
+/// A request and its answer, in either form; gives what it took, ns.
+fn there_and_back(client: &mut impl Client, server: &mut impl Server, content: &[u8]) -> Result<f64, Failure> {
+    timed(|| {
+        client.begin(content)?;
+        server.serve(&mut |request| request.to_vec())?;
+        std::hint::black_box(client.poll()?.ok_or("no answer")?);
+        Ok(())
+    })
+}
+
+/// What one of a batch of operations takes, ns.
+fn batched(mut operation: impl FnMut() -> Result<(), Failure>) -> Result<f64, Failure> {
+    let batch_ns = timed(|| (0..BATCH).try_for_each(|_| operation()))?;
+    Ok(batch_ns / BATCH as f64)
 }
 
 fn rendezvous(site: &Site, budget: &Budget) -> Result<Row, Failure> {
@@ -49,14 +67,7 @@ fn rendezvous(site: &Site, budget: &Budget) -> Result<Row, Failure> {
     let bare_server = bare.server_builder().initial_max_slice_len(MAX_BYTES).create()?;
     let bare_client = bare.client_builder().initial_max_slice_len(MAX_BYTES).create()?;
     let content = [7u8; MESSAGE_BYTES];
-    let mut own_turn = || {
-        timed(|| {
-            client.begin(&content)?;
-            server.serve(&mut |request| request.to_vec())?;
-            std::hint::black_box(client.poll()?.ok_or("no answer")?);
-            Ok(())
-        })
-    };
+    let mut own_turn = || there_and_back(&mut client, &mut server, &content);
     let mut bare_turn = || {
         timed(|| {
             let pending = bare_client.loan_slice_uninit(content.len())?.write_from_slice(&content).send()?;
@@ -70,6 +81,49 @@ fn rendezvous(site: &Site, budget: &Budget) -> Result<Row, Failure> {
     };
     let [own, raw] = in_turns(budget, BLOCKS, CALLS, [&mut own_turn, &mut bare_turn])?;
     Ok(Row::new(format!("rendezvous, {MESSAGE_BYTES} B there and back"), "bare iceoryx2", &own, &raw, None))
+}
+
+/// The thread form beside a pair of bare crossbeam channels.
+fn threads(budget: &Budget) -> Result<Row, Failure> {
+    let (mut client, mut server) = hyst_exchange::rendezvous::rendezvous();
+    let (ask, asked) = crossbeam::channel::bounded::<Vec<u8>>(1);
+    let (answer, answered) = crossbeam::channel::bounded::<Vec<u8>>(1);
+    let content = [7u8; MESSAGE_BYTES];
+    let mut own_turn = || there_and_back(&mut client, &mut server, &content);
+    let mut bare_turn = || {
+        timed(|| {
+            ask.try_send(content.to_vec())?;
+            answer.try_send(asked.try_recv()?.to_vec())?;
+            std::hint::black_box(answered.try_recv()?);
+            Ok(())
+        })
+    };
+    let [own, raw] = in_turns(budget, BLOCKS, CALLS, [&mut own_turn, &mut bare_turn])?;
+    Ok(Row::new(format!("rendezvous of threads, {MESSAGE_BYTES} B"), "bare crossbeam channels", &own, &raw, None))
+}
+
+/// A promotion in the roster beside the compare-and-swap that it is. (The usher has no row: it is an ordinary thread that works before anything is used.)
+fn promotion(site: &Site, budget: &Budget) -> Result<Row, Failure> {
+    let roster = Roster::open(&site.station)?;
+    let word = AtomicU64::new(0);
+    let mut own_turn = || {
+        batched(|| {
+            let holder = roster.holder(Role::Tissue);
+            let taken = roster.promote(Role::Tissue, std::hint::black_box(holder), INCARNATION);
+            std::hint::black_box(taken.map_err(|_| "another was faster")?);
+            Ok(())
+        })
+    };
+    let mut bare_turn = || {
+        batched(|| {
+            let seen = std::hint::black_box(word.load(Ordering::Acquire));
+            let swapped = word.compare_exchange(seen, seen + 1, Ordering::AcqRel, Ordering::Acquire);
+            std::hint::black_box(swapped.map_err(|_| "another was faster")?);
+            Ok(())
+        })
+    };
+    let [own, raw] = in_turns(budget, BLOCKS, CALLS, [&mut own_turn, &mut bare_turn])?;
+    Ok(Row::new("roster, a look and a promotion".into(), "bare compare-and-swap", &own, &raw, None))
 }
 
 const RECORD_WORDS: usize = size_of::<ForceRecord>() / 8;
@@ -115,24 +169,18 @@ fn cell(site: &Site, budget: &Budget) -> Result<Row, Failure> {
     let plain = Seqlock { sequence: AtomicU64::new(0), words: std::array::from_fn(|_| AtomicU64::new(0)) };
     let record = ForceRecord { tick: 1, ..Default::default() };
     let mut own_turn = || {
-        let batch_ns = timed(|| {
-            for _ in 0..BATCH {
-                owner.write(haptic::FORCE, std::hint::black_box(&record));
-                std::hint::black_box(reader.cell(haptic::FORCE).ok_or("no value")?);
-            }
+        batched(|| {
+            owner.write(haptic::FORCE, std::hint::black_box(&record));
+            std::hint::black_box(reader.cell(haptic::FORCE).ok_or("no value")?);
             Ok(())
-        })?;
-        Ok(batch_ns / BATCH as f64)
+        })
     };
     let mut plain_turn = || {
-        let batch_ns = timed(|| {
-            for _ in 0..BATCH {
-                plain.write(std::hint::black_box(&record));
-                std::hint::black_box(plain.read());
-            }
+        batched(|| {
+            plain.write(std::hint::black_box(&record));
+            std::hint::black_box(plain.read());
             Ok(())
-        })?;
-        Ok(batch_ns / BATCH as f64)
+        })
     };
     let [own, raw] = in_turns(budget, BLOCKS, CALLS, [&mut own_turn, &mut plain_turn])?;
     Ok(Row::new(format!("cell of {} B, write and read", size_of::<ForceRecord>()), "seqlock without checksum", &own, &raw, None))

@@ -1,11 +1,10 @@
 //! The exchange primitives beside the bare means that they are made of, measured in one run.
 //!
-//! `exchange-bench [--json]` founds a station of its own, ends within 50 s and leaves nothing behind. With other arguments the same
-//! binary plays a partner process. Both sides of a comparison run in turns, block by block, so that a drift of the machine cancels.
+//! `exchange-bench [--json]` founds a station of its own, ends within 50 s and leaves nothing behind; exit code 1 if a ratio is above its limit.
+//! With other arguments the same binary plays a partner process. Both sides of a comparison run in turns, block by block, so that a drift of the machine cancels.
 
 mod calls;
 mod crews;
-mod machine;
 mod measure;
 mod partner;
 mod stream;
@@ -26,11 +25,15 @@ fn main() -> ExitCode {
     let outcome = match arguments.as_slice() {
         [] => bench(false),
         ["--json"] => bench(true),
-        ["partner", role, rest @ ..] => partner::play(role, rest),
-        _ => Err("usage: exchange-bench [--json]".into()),
+        ["partner", role, rest @ ..] => partner::play(role, rest).map(|()| true),
+        _ => {
+            eprintln!("exchange-bench: usage: exchange-bench [--json]");
+            return ExitCode::from(2);
+        }
     };
     match outcome {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("exchange-bench: {error}");
             ExitCode::FAILURE
@@ -38,7 +41,8 @@ fn main() -> ExitCode {
     }
 }
 
-fn bench(json: bool) -> Result<(), Failure> {
+/// Measures and prints; whether every limit is held.
+fn bench(json: bool) -> Result<bool, Failure> {
     let site = partner::Site::found()?;
     let budget = Budget::seconds(BUDGET_S);
     let mut rows: Vec<Row> = Vec::new();
@@ -46,11 +50,12 @@ fn bench(json: bool) -> Result<(), Failure> {
     stream::rows(&site, &budget, &mut rows)?;
     calls::rows(&site, &budget, &mut rows)?;
     drop(site);
-    let machine = machine::describe(granted);
+    let mut machine = hyst_exchange::machine::describe();
+    machine["real_time"] = granted.into();
     if json {
         println!("{}", serde_json::json!({ "machine": machine, "rows": rows.iter().map(Row::json).collect::<Vec<_>>() }));
     } else {
         measure::print(&machine, &rows);
     }
-    Ok(())
+    Ok(rows.iter().all(|row| row.is_held() != Some(false)))
 }

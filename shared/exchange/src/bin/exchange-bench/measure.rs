@@ -100,12 +100,16 @@ impl Row {
         let (us, raw_us) = (own.percentiles_us(), raw.percentiles_us());
         Row { primitive, beside, us, raw_us, ratio: own.ratio_to(raw), limit_ratio, n: own.ns.len() }
     }
+    /// Whether the ratio is within its limit; `None` if it has none.
+    pub fn is_held(&self) -> Option<bool> {
+        self.limit_ratio.map(|limit| self.ratio <= limit)
+    }
     /// The row as the reports have it.
     pub fn json(&self) -> Value {
         let percentiles = |[p50, p99, p999, max]: [f64; 4]| json!({ "p50": p50, "p99": p99, "p999": p999, "max": max });
         json!({
             "primitive": self.primitive, "beside": self.beside, "us": percentiles(self.us), "raw_us": percentiles(self.raw_us),
-            "ratio": self.ratio, "limit_ratio": self.limit_ratio, "n": self.n,
+            "ratio": self.ratio, "limit_ratio": self.limit_ratio, "held": self.is_held(), "n": self.n,
         })
     }
 }
@@ -114,13 +118,18 @@ impl Row {
 pub fn print(machine: &Value, rows: &[Row]) {
     println!("{machine}");
     println!(
-        "{:<36} {:<26} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7} {:>6}",
+        "{:<36} {:<26} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7} {:>6}  held",
         "primitive", "beside", "p50 µs", "p99", "p99.9", "raw p50", "raw p99", "ratio", "limit"
     );
     for row in rows {
+        let held = match row.is_held() {
+            None => "",
+            Some(true) => "yes",
+            Some(false) => "NO",
+        };
         let limit = row.limit_ratio.map_or(String::new(), |limit| format!("{limit:.2}"));
         println!(
-            "{:<36} {:<26} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>7.3} {:>6}",
+            "{:<36} {:<26} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>9.3} {:>7.3} {:>6}  {held}",
             row.primitive, row.beside, row.us[0], row.us[1], row.us[2], row.raw_us[0], row.raw_us[1], row.ratio, limit
         );
     }

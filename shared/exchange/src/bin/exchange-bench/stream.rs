@@ -1,6 +1,5 @@
 //! Streams beside a bare iceoryx2 publisher of equal quality of service: write, send and receive, two ports in one process. The bare
-//! publisher is measured twice: with a zeroed loan that is written in place, as ours is and as safe code must, and with an uninitialised
-//! one that is filled from a slice, which is the least that iceoryx2 can take but leaves no way to compute in place without `unsafe`.
+//! publisher fills an uninitialised loan from a slice: the least that iceoryx2 can take for a message of this length.
 
 use crate::Failure;
 use crate::measure::{Arm, Budget, Row, in_turns, timed};
@@ -17,8 +16,7 @@ pub fn rows(site: &Site, budget: &Budget, rows: &mut Vec<Row>) -> Result<(), Fai
     let links = Links::join(&site.station, "bench")?;
     let node = NodeBuilder::new().create::<ipc_threadsafe::Service>()?; // in the station's domain: the configuration is global
     for (incarnation, name, bytes, count) in [(1, "128 B", 128, 2_000), (2, "64 KiB", 65_536, 400), (3, "1 MiB", 1 << 20, 40)] {
-        let [zeroed, uninitialised] = size(&links, &node, budget, incarnation, name, bytes, count)?;
-        rows.extend([zeroed, uninitialised]);
+        rows.push(size(&links, &node, budget, incarnation, name, bytes, count)?);
     }
     Ok(())
 }
@@ -31,7 +29,7 @@ fn size(
     name: &str,
     bytes: usize,
     count: usize,
-) -> Result<[Row; 2], Failure> {
+) -> Result<Row, Failure> {
     let _service = links.create_service(Role::Tissue, incarnation, Kind::TissueState)?;
     let publisher = links.publisher(Role::Tissue, incarnation, Kind::TissueState, bytes)?;
     let subscriber = links.subscriber(Role::Tissue, incarnation, Kind::TissueState)?;
@@ -68,23 +66,14 @@ fn size(
         std::hint::black_box(sample.payload()[words - 1]);
         Ok(())
     };
-    let mut zeroed_turn = || {
-        timed(|| {
-            let mut loan = bare_publisher.loan_slice(words)?;
-            loan.payload_mut().copy_from_slice(&content);
-            loan.send()?;
-            receive()
-        })
-    };
-    let mut uninitialised_turn = || {
+    let mut bare_turn = || {
         timed(|| {
             let loan = bare_publisher.loan_slice_uninit(words)?;
             loan.write_from_slice(&content).send()?;
             receive()
         })
     };
-    let arms: [Arm; 3] = [&mut own_turn, &mut zeroed_turn, &mut uninitialised_turn];
-    let [own, zeroed, uninitialised] = in_turns(budget, BLOCKS, count, arms)?;
-    let row = |beside, raw| Row::new(format!("stream, {name}"), beside, &own, raw, Some(1.1));
-    Ok([row("bare iceoryx2, zeroed", &zeroed), row("bare iceoryx2, filled", &uninitialised)])
+    let arms: [Arm; 2] = [&mut own_turn, &mut bare_turn];
+    let [own, bare] = in_turns(budget, BLOCKS, count, arms)?;
+    Ok(Row::new(format!("stream, {name}"), "bare iceoryx2, uninitialised loan", &own, &bare, Some(1.1)))
 }

@@ -1,4 +1,4 @@
-//! What a figure is worth nothing without: processor, cores, kernel, date, and whether real time was granted.
+//! The machine that a figure belongs to: processor, cores, kernel, day. Every benchmark of the station describes it in these words.
 
 use serde_json::{Value, json};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -21,8 +21,8 @@ fn date_of(days: u64) -> (u64, u64, u64) {
     (year, month as u64 + 1, left + 1)
 }
 
-/// The machine of this run.
-pub fn describe(real_time: bool) -> Value {
+/// This machine today (UTC), as JSON: `cpu`, `cores`, `kernel`, `date`.
+pub fn describe() -> Value {
     let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = cpuinfo.lines().find_map(|line| line.strip_prefix("model name")).and_then(|rest| rest.split_once(':'));
     let cpu = model.map_or("unknown", |(_, model)| model.trim());
@@ -30,8 +30,7 @@ pub fn describe(real_time: bool) -> Value {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let (year, month, day) = date_of(seconds / 86_400);
     json!({
-        "cpu": cpu, "cores": hyst_exchange::system::cores(), "kernel": kernel.trim(),
-        "date": format!("{year:04}-{month:02}-{day:02}"), "real_time": real_time,
+        "cpu": cpu, "cores": crate::system::cores(), "kernel": kernel.trim(), "date": format!("{year:04}-{month:02}-{day:02}"),
     })
 }
 
@@ -43,6 +42,8 @@ mod tests {
     fn dates_by_hand() {
         assert_eq!(date_of(0), (1970, 1, 1));
         assert_eq!(date_of(11_016), (2000, 2, 29));
+        assert_eq!(date_of(11_017), (2000, 3, 1));
+        assert_eq!(date_of(20_453), (2025, 12, 31));
         assert_eq!(date_of(20_454), (2026, 1, 1));
     }
 }

@@ -1,0 +1,5 @@
+//! One share of the intersection test each tick, a member of the Meeting Point. See [`run`].
+
+mod worker;
+
+pub use worker::run;

@@ -1,0 +1,11 @@
+//! The simulated hardware: a haptic device with its own clock, its own firmware and a hand that holds it. It lives outside the station's
+//! processes, as hardware would, and its ledger of ticks is the ruler by which the station is judged.
+
+mod canary;
+mod commands;
+mod firmware;
+mod hand;
+mod ledger;
+mod sequencer;
+
+pub use firmware::run;

@@ -1,0 +1,105 @@
+//! What the firmware takes from the device: commands that are finite, within what the motors can make, newer than the last one, and not the same
+//! again and again while the tip moves against them. Any other is as good as none: the last force is kept, and the watchdog ramps it to zero.
+
+use hyst_coupling::{ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, valid_force, watch_step};
+use hyst_engine::Life;
+use hyst_exchange::ReadPage;
+use hyst_messages::page::device;
+use hyst_messages::page::device::Distrust;
+use hyst_messages::{Applied, ForceCommand};
+
+/// The newest command that was taken, and what was seen of its device.
+#[derive(Default)]
+pub struct Commands {
+    /// The newest that was taken.
+    pub newest: ForceCommand,
+    seen: (u32, u64),
+    watch: WatchState,
+}
+
+impl Commands {
+    /// The command that has come since the last tick, if one has and may be followed; `tip_m` is where the tip is.
+    pub fn new_one(&mut self, life: &Life, page: &ReadPage, tip_m: [f32; 3], max_force_n: f32) -> Option<ForceCommand> {
+        let incarnation = page.incarnation();
+        if (incarnation, page.cell_number(device::COMMAND)) == self.seen {
+            return None;
+        }
+        // The number that belongs to this value: a newer one may have come since, and would look like the same again.
+        let (number, command) = page.cell(device::COMMAND)?;
+        if incarnation != self.seen.0 {
+            self.watch = WatchState::default();
+        }
+        self.seen = (incarnation, number);
+        let verdict = self.judge(&command, tip_m, max_force_n);
+        let Err(why) = verdict else {
+            self.newest = command;
+            return Some(command);
+        };
+        life.refuse(incarnation, why);
+        None
+    }
+
+    fn judge(&mut self, command: &ForceCommand, tip_m: [f32; 3], max_force_n: f32) -> Result<(), Distrust> {
+        let limits = ForceLimits { max_force_n, max_age_ticks: 0 };
+        if valid_force(command.tick, command.tick, command.force_n, &limits).is_err() {
+            return Err(Distrust::Invalid);
+        }
+        if command.tick <= self.newest.tick {
+            return Err(Distrust::Still);
+        }
+        // A force that is held or ramped was not computed for where the tip is.
+        if command.kind != Applied::Fresh as u32 {
+            self.watch = WatchState::default();
+            return Ok(());
+        }
+        let seen =
+            WatchInput { record_tick: command.tick, force_n: command.force_n, position_m: tip_m, digest: 0, expected_digest: 0 };
+        let params = WatchParams { max_force_n, ..WatchParams::default() };
+        let (watch, verdict) = watch_step(&params, &self.watch, &seen);
+        self.watch = watch;
+        if verdict == WatchVerdict::OutputFrozen { Err(Distrust::Frozen) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMIT_N: f32 = 3.3;
+
+    fn command(tick: u64, newton: f32) -> ForceCommand {
+        ForceCommand { tick, force_tick: tick, force_n: [0.0, newton, 0.0], ..ForceCommand::default() }
+    }
+
+    fn judged(commands: &mut Commands, command: ForceCommand, y_m: f32) -> Result<(), Distrust> {
+        let verdict = commands.judge(&command, [0.0, y_m, 0.0], LIMIT_N);
+        if verdict.is_ok() {
+            commands.newest = command;
+        }
+        verdict
+    }
+
+    #[test]
+    fn what_no_motor_can_follow_and_what_is_old_is_not_followed() {
+        let mut commands = Commands::default();
+        assert_eq!(judged(&mut commands, command(5, 1.0), 0.0), Ok(()));
+        assert_eq!(judged(&mut commands, command(6, f32::NAN), 0.0), Err(Distrust::Invalid));
+        assert_eq!(judged(&mut commands, command(6, f32::INFINITY), 0.0), Err(Distrust::Invalid));
+        assert_eq!(judged(&mut commands, command(6, 50.0), 0.0), Err(Distrust::Invalid));
+        assert_eq!(judged(&mut commands, command(5, 1.1), 0.0), Err(Distrust::Still));
+        assert_eq!(judged(&mut commands, command(4, 0.9), 0.0), Err(Distrust::Still));
+        assert_eq!(judged(&mut commands, command(6, 1.1), 0.0), Ok(()));
+    }
+
+    #[test]
+    fn the_same_force_while_the_tip_moves_against_it_is_not_followed_for_long() {
+        let mut commands = Commands::default();
+        let mut moved = |tick: u64| judged(&mut commands, command(tick, 1.0), tick as f32 * 1e-4);
+        let verdicts: Vec<_> = (1..=6).map(&mut moved).collect();
+        assert_eq!(verdicts.iter().filter(|verdict| verdict.is_ok()).count(), 3, "{verdicts:?}");
+        let mut still = Commands::default();
+        assert!((1..=9).all(|tick| judged(&mut still, command(tick, 1.0), 0.0).is_ok()), "rest is no suspicion");
+        let held = ForceCommand { kind: Applied::Held as u32, ..command(10, 1.0) };
+        assert!(judged(&mut commands, held, 1.0).is_ok(), "a force that is held is the same on purpose");
+    }
+}

@@ -1,0 +1,156 @@
+//! The sequencer of a lock-step station: it owns the virtual tick. The hardware is the place for it, because it outlives the others.
+//!
+//! A tick T: the hardware's sample; then, each when the one before has joined, the holder of the tissue (state T), at each of its periods
+//! the holder of the fluid (state T), and at last the device with the spares of those that have stepped. If a holder is missing, its spare
+//! is released in its place and steps. So whatever is exchanged in tick T is of one exact tick, whoever died.
+//!
+//! A member is missing when it is known to be dead or gave no sign of life for 2 s; a newcomer is a member from the first release after it
+//! has said that it is warm. The sequencer holds at the tick that the supervisor says, and while the recorder is too far behind.
+
+use hyst_engine::{Failure, Life, lockstep};
+use hyst_exchange::meeting::{Group, ProcessCoordinator};
+use hyst_exchange::{OwnedPage, ReadPage, Roster, system};
+use hyst_messages::page::{recorder, station};
+use hyst_messages::{Role, Slot};
+use std::sync::Arc;
+
+/// Ticks that the recorder may be behind: half of what the device's ring keeps.
+const RECORDER_LAG_TICKS: u64 = 2_000;
+/// Longest wait for a group, ns: a member that beats all the time and still does not end its step.
+const LONGEST_NS: u64 = 30_000_000_000;
+
+/// The sequencer.
+pub struct Sequencer<'a> {
+    life: &'a Life,
+    station: OwnedPage,
+    roster: Roster,
+    coordinator: ProcessCoordinator,
+    recorder: Option<ReadPage>,
+    /// Newest tick on disk, and when it was seen to move.
+    recorded: (u64, u64),
+    tick: u64,
+    tissue_period: u64,
+    fluid_period: u64,
+}
+
+impl<'a> Sequencer<'a> {
+    /// A sequencer that goes on after the last tick that was begun.
+    pub fn new(life: &'a Life) -> Result<Sequencer<'a>, Failure> {
+        let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
+        let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
+        let tissue_period = life.settings.number("tissue_step_ticks", 1.0, 1.0..=4.0, "1, 2 or 4")? as u64;
+        let station = life.station.open_for_keeping()?;
+        let tick = station.load64(station::BEGUN_TICK);
+        station.store64(station::ENDED_TICK, tick);
+        Ok(Sequencer {
+            life,
+            station,
+            roster: Roster::open(&life.station)?,
+            coordinator: ProcessCoordinator::new(Arc::clone(&life.page)),
+            recorder: None,
+            recorded: (0, 0),
+            tick,
+            tissue_period,
+            fluid_period: scene.fluid.period_ticks(),
+        })
+    }
+
+    /// Waits until the next tick may begin and begins it; `None` when the station stops.
+    pub fn begin(&mut self) -> Option<u64> {
+        while !self.life.clock.stop_requested() {
+            self.life.heartbeat();
+            if self.tick < self.station.load64(station::RUN_TO) && !self.recorder_is_behind() {
+                self.tick += 1;
+                self.station.store64(station::BEGUN_TICK, self.tick);
+                return Some(self.tick);
+            }
+            system::sleep_ns(lockstep::LOOK_NS);
+        }
+        None
+    }
+
+    /// Releases the members for the tick, group by group, and ends it.
+    pub fn release(&mut self, tick: u64) {
+        self.seat_newcomers();
+        let mut last = 1 << Slot::first(Role::Device).number();
+        if tick.is_multiple_of(self.tissue_period) {
+            last |= self.release_role(Role::Tissue, tick, station::TISSUE_TICK);
+        }
+        if tick.is_multiple_of(self.fluid_period) {
+            last |= self.release_role(Role::Fluid, tick, station::FLUID_TICK);
+        }
+        if self.release_group(last) & 1 << Slot::first(Role::Device).number() != 0 {
+            self.station.store64(station::INPUT_TICK, tick);
+        }
+        // A stop in the middle leaves a tick that has not ended: whoever counts ticks must not count it.
+        if !self.life.clock.stop_requested() {
+            self.station.store64(station::ENDED_TICK, tick);
+        }
+    }
+
+    /// Releases the holder of a role, or the others if it is missing; gives those who have not been released yet.
+    fn release_role(&mut self, role: Role, tick: u64, word: usize) -> Group {
+        let holder = self.roster.holder(role).incarnation;
+        let (first, count) = role.slots();
+        let seats = || first..first + count;
+        let all = seats().fold(0, |group: Group, seat| group | 1 << seat);
+        let held = seats()
+            .filter(|seat| self.coordinator.incarnation_at(*seat) == holder)
+            .fold(0, |group: Group, seat| group | 1 << seat);
+        let mut joined = self.release_group(held);
+        let mut rest = all & !held;
+        if joined == 0 {
+            joined = self.release_group(rest);
+            rest = 0;
+        }
+        if joined != 0 {
+            self.station.store64(word, tick);
+        }
+        rest
+    }
+
+    fn release_group(&mut self, group: Group) -> Group {
+        let ready = group & self.coordinator.ready();
+        if ready == 0 {
+            return 0;
+        }
+        let life = self.life;
+        let lost = |page: &ReadPage| {
+            life.heartbeat();
+            life.clock.stop_requested() || lockstep::is_lost(&life.clock, page)
+        };
+        self.coordinator.release_unless(ready, system::now_ns() + LONGEST_NS, &lost).joined
+    }
+
+    /// Gives every process that steps its seat, by the number of its slot. A page that cannot be opened yet is tried again in the next tick.
+    fn seat_newcomers(&mut self) {
+        for role in [Role::Device, Role::Tissue, Role::Fluid] {
+            for (slot, incarnation) in self.life.clock.occupied(role) {
+                if self.coordinator.incarnation_at(slot.number()) != incarnation
+                    && let Ok(page) = self.life.station.read_slot(slot, incarnation)
+                {
+                    self.coordinator.seat(slot.number(), page);
+                }
+            }
+        }
+    }
+
+    /// Whether to wait for the recorder: not if it has stood still for as long as a member may be silent.
+    fn recorder_is_behind(&mut self) -> bool {
+        if self.life.settings.record.is_none() || self.tick < self.recorded.0 + RECORDER_LAG_TICKS {
+            return false;
+        }
+        let slot = Slot::first(Role::Recorder);
+        let incarnation = self.life.clock.incarnation(slot);
+        if self.recorder.as_ref().is_none_or(|page| page.incarnation() != incarnation) {
+            self.recorder = self.life.station.read_slot(slot, incarnation).ok();
+        }
+        let now_ns = system::now_ns();
+        let on_disk =
+            self.recorder.as_ref().and_then(|page| page.cell(recorder::STATUS)).map_or(0, |(_, status)| status.last_tick);
+        if on_disk > self.recorded.0 || self.recorded.1 == 0 {
+            self.recorded = (on_disk.max(self.recorded.0), now_ns);
+        }
+        self.tick >= self.recorded.0 + RECORDER_LAG_TICKS && now_ns - self.recorded.1 < lockstep::PATIENCE_NS
+    }
+}

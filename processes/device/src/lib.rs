@@ -1,0 +1,8 @@
+//! The last hop to the hand, 1 kHz (see [`run`]), and the simulated hardware that it drives (see [`hardware`]).
+
+pub mod hardware;
+mod hop;
+mod models;
+mod replicas;
+
+pub use hop::run;

@@ -1,0 +1,22 @@
+//! The Flow Engine: Navier–Stokes over the cavity, pump and blood, with a spare that follows. See [`run`].
+
+mod bench;
+mod cavity;
+mod crew;
+mod engine;
+
+pub use bench::run as bench;
+pub use crew::broken;
+pub use engine::{Head, inputs_of, load_scene, model_of, status_of};
+
+use hyst_engine::{Failure, Life, Stateful};
+
+/// The Flow Engine, for who puts something around it.
+pub fn engine(life: &Life) -> Result<impl Stateful + '_, Failure> {
+    engine::FlowEngine::new(life)
+}
+
+/// The whole life of a Flow Engine.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    hyst_engine::run_stateful(life, engine(life)?)
+}

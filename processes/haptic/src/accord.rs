@@ -1,0 +1,141 @@
+//! Whose state a servo goes on from, so that two servos that lost different ticks are equal to the bit again without a restart.
+//!
+//! A servo is *astray* when its state is not the one that the hand has felt: it lost ticks, or it is newborn and differs. It goes on from
+//! the other's state at the tick before, as soon as that can be read, unless the other has no better claim. Of two that are both astray,
+//! the one that the device follows is right, because its force is what the hand felt; without it, the one in the first slot.
+
+use hyst_coupling::{ServoParams, ServoState};
+use hyst_messages::ForceRecord;
+use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW};
+
+/// Ticks without a word from the other replica after which nobody needs to wait for it.
+pub const LONELY_TICKS: u64 = 5;
+
+/// One of the two servos.
+#[derive(Clone, Copy, Debug)]
+pub struct Seat {
+    /// Its incarnation.
+    pub incarnation: u32,
+    /// Its index among the servos.
+    pub index: usize,
+}
+
+/// What is known of the other servo.
+#[derive(Clone, Copy, Debug)]
+pub struct Other {
+    /// Who.
+    pub seat: Seat,
+    /// Its newest word.
+    pub newest: ForceRecord,
+    /// Its word of the tick before the present one.
+    pub before: Option<ForceRecord>,
+}
+
+/// What a servo goes on from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Origin {
+    /// The state before the tick.
+    pub state: ServoState,
+    /// Whether it is still not known to be the right one.
+    pub astray: bool,
+}
+
+/// The servo's state in a record.
+pub fn state_of(record: &ForceRecord) -> ServoState {
+    bytemuck::pod_read_unaligned(&bytemuck::cast_slice::<u64, u8>(&record.servo_state)[..size_of::<ServoState>()])
+}
+
+/// Whether two records of one tick say the same, force and state, to the bit.
+pub fn agree(a: &ForceRecord, b: &ForceRecord) -> bool {
+    a.tick == b.tick && a.force_n.map(f32::to_bits) == b.force_n.map(f32::to_bits) && a.servo_state == b.servo_state
+}
+
+/// Whether the other, that says `word`, is right where the two differ.
+fn leads(word: &ForceRecord, other: Seat, me: Seat, selected: u32) -> bool {
+    if word.flags & (FORCE_SHADOW | FORCE_ASTRAY) == 0 || selected == other.incarnation {
+        return true;
+    }
+    selected != me.incarnation && other.index < me.index
+}
+
+/// What to compute `tick` from; `last` is what this servo said last, `selected` the incarnation that the device follows.
+pub fn origin(params: &ServoParams, me: Seat, last: &ForceRecord, other: Option<&Other>, tick: u64, selected: u32) -> Origin {
+    let own = |astray| Origin { state: state_of(last), astray };
+    let heard = other.filter(|other| other.newest.tick + LONELY_TICKS > tick);
+    let said = heard.map(|other| (other.before.unwrap_or(other.newest), other.seat));
+    let led = said.is_some_and(|(word, seat)| leads(&word, seat, me, selected));
+    let before = heard.and_then(|other| other.before);
+    let whole = last.tick + 1 == tick && last.flags & FORCE_ASTRAY == 0;
+    let newborn = last.flags & FORCE_SHADOW != 0 || last.tick == 0;
+    let differs = newborn && before.is_some_and(|before| !agree(&before, last));
+    if !led || (whole && !differs) {
+        return own(false);
+    }
+    let sound = before.map(|before| state_of(&before)).filter(|state| state.is_sound(params) && state.tick + 1 == tick);
+    sound.map_or_else(|| own(true), |state| Origin { state, astray: false })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ME: Seat = Seat { incarnation: 7, index: 1 };
+    const PEER: Seat = Seat { incarnation: 5, index: 0 };
+
+    fn said(tick: u64, energy_j: f32, flags: u32) -> ForceRecord {
+        let state = ServoState { tick, energy_j, ramp: 1.0, running: 1, ..Default::default() };
+        let mut record = ForceRecord { tick, flags, ..Default::default() };
+        bytemuck::cast_slice_mut(&mut record.servo_state)[..size_of::<ServoState>()].copy_from_slice(bytemuck::bytes_of(&state));
+        record
+    }
+
+    /// Energy of the state gone on from, and whether it is astray, for what this servo and the other said of the tick before.
+    fn gone_on(last: ForceRecord, newest: ForceRecord, before: Option<ForceRecord>, selected: u32) -> (f32, bool) {
+        let other = Other { seat: PEER, newest, before };
+        let origin = origin(&ServoParams::default(), ME, &last, Some(&other), 100, selected);
+        (origin.state.energy_j, origin.astray)
+    }
+
+    #[test]
+    fn the_state_of_the_tick_before_is_found_although_the_present_one_is_written() {
+        let (gap, now, before) = (said(90, 0.1, 0), said(100, 0.3, 0), said(99, 0.2, 0));
+        assert_eq!(gone_on(gap, now, Some(before), 0), (0.2, false));
+        assert_eq!(gone_on(gap, now, None, 0), (0.1, true), "not to be had: on with the own, and astray");
+        let later = said(99, 0.1, FORCE_ASTRAY);
+        assert_eq!(gone_on(later, now, Some(before), 0), (0.2, false), "as soon as it is to be had");
+    }
+
+    #[test]
+    fn of_two_that_lost_ticks_the_one_that_is_not_selected_adopts() {
+        let astray = said(99, 0.2, FORCE_ASTRAY);
+        let mine = said(99, 0.1, FORCE_ASTRAY);
+        assert_eq!(gone_on(mine, astray, Some(astray), PEER.incarnation), (0.2, false));
+        assert_eq!(gone_on(mine, astray, Some(astray), ME.incarnation), (0.1, false), "the selected one is right");
+        assert_eq!(gone_on(mine, astray, Some(astray), 0), (0.2, false), "nobody is selected: the first slot is right");
+    }
+
+    #[test]
+    fn without_a_gap_a_difference_is_a_fault_and_nobody_adopts() {
+        let (mine, theirs) = (said(99, 0.1, 0), said(99, 0.2, 0));
+        assert_eq!(gone_on(mine, theirs, Some(theirs), PEER.incarnation), (0.1, false));
+        let newborn = said(99, 0.1, FORCE_SHADOW);
+        assert_eq!(gone_on(newborn, theirs, Some(theirs), 0), (0.2, false), "but a newborn does");
+    }
+
+    #[test]
+    fn a_state_that_is_not_sound_is_never_adopted() {
+        let mine = said(99, 0.1, FORCE_ASTRAY);
+        for bad in [said(99, f32::NAN, 0), said(99, 50.0, 0), ForceRecord { tick: 99, ..Default::default() }] {
+            assert_eq!(gone_on(mine, bad, Some(bad), PEER.incarnation), (0.1, true));
+        }
+        let older = said(98, 0.2, 0);
+        assert_eq!(gone_on(mine, older, Some(ForceRecord { tick: 99, ..older }), 0), (0.1, true), "a state of another tick");
+    }
+
+    #[test]
+    fn who_is_alone_goes_on_alone() {
+        let gap = said(90, 0.1, FORCE_ASTRAY);
+        assert_eq!(gone_on(gap, said(95, 0.2, 0), None, PEER.incarnation), (0.1, false), "silent for five ticks");
+        assert_eq!(origin(&ServoParams::default(), ME, &gap, None, 100, 0), Origin { state: state_of(&gap), astray: false });
+    }
+}

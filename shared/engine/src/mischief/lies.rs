@@ -1,0 +1,236 @@
+//! Outputs that are wrong on request: records before they are written into a page, messages before they are sent.
+
+use crate::life::Life;
+use bytemuck::Pod;
+use hyst_messages::mischief::{Mischief, Request};
+use hyst_messages::stream::{change_header, kind_of};
+use hyst_messages::{ContactModel, FluidStatus, ForceCommand, ForceRecord, Message, StreamHeader};
+use std::ops::Range;
+
+/// A record that a process publishes in its page.
+pub trait Output: Pod {
+    /// Puts a number where it hurts.
+    fn spoil(&mut self, number: f32);
+    /// Takes the stamps of another one: what says when and by whom it was made.
+    fn stamp_like(&mut self, other: &Self);
+    /// Goes back to the epoch before, if it has one.
+    fn go_back(&mut self) {}
+}
+
+impl Output for ForceRecord {
+    fn spoil(&mut self, number: f32) {
+        self.force_n[1] = number;
+    }
+    fn stamp_like(&mut self, other: &Self) {
+        (self.tick, self.input_hash, self.flags) = (other.tick, other.input_hash, other.flags);
+    }
+}
+
+impl Output for ForceCommand {
+    fn spoil(&mut self, number: f32) {
+        self.force_n[1] = number;
+    }
+    fn stamp_like(&mut self, other: &Self) {
+        let force_n = self.force_n;
+        *self = ForceCommand { force_n, ..*other };
+    }
+}
+
+impl Output for ContactModel {
+    fn spoil(&mut self, number: f32) {
+        self.plane_count = self.plane_count.max(1);
+        self.planes[0].normal = [0.0, 1.0, 0.0];
+        (self.planes[0].point_m[0], self.planes[0].stiffness_n_m) = (number, number);
+    }
+    fn stamp_like(&mut self, other: &Self) {
+        (self.epoch, self.incarnation) = (other.epoch, other.incarnation);
+        (self.state_tick, self.input_tick) = (other.state_tick, other.input_tick);
+    }
+    fn go_back(&mut self) {
+        self.epoch = self.epoch.saturating_sub(1);
+    }
+}
+
+impl Output for FluidStatus {
+    fn spoil(&mut self, number: f32) {
+        (self.pressure_pa, self.deficit_ml) = (number, number as f64);
+    }
+    fn stamp_like(&mut self, other: &Self) {
+        self.state_tick = other.state_tick;
+    }
+}
+
+/// What one output was when a request came: the content or the stamp that is told from then on.
+#[derive(Debug, Default)]
+pub struct Lies {
+    old: Vec<u8>,
+    of: Option<Request>,
+}
+
+impl Lies {
+    /// For an output of at most so many bytes; outside of test mode nothing is kept.
+    pub fn new(life: &Life, bytes: usize) -> Lies {
+        Lies { old: Vec::with_capacity(if life.clock.test_mode() { bytes } else { 0 }), of: None }
+    }
+
+    /// The old output for a request; the first one is kept. `None` while there is nothing to tell.
+    fn old(&mut self, request: &Request, now: &[u8]) -> Option<&[u8]> {
+        if self.of != Some(*request) {
+            if now.len() > self.old.capacity() {
+                return None; // a real-time thread allocates nothing
+            }
+            self.old.clear();
+            self.old.extend_from_slice(now);
+            self.of = Some(*request);
+        }
+        (self.old.len() == now.len()).then_some(&self.old)
+    }
+
+    /// Spoils a record as the process was asked to.
+    pub fn tell<T: Output>(&mut self, life: &Life, record: &mut T) {
+        let Some(request) = life.mischief().filter(|request| request.what.is_lie()) else { return };
+        life.own_up();
+        self.tell_of(&request, record);
+    }
+
+    fn tell_of<T: Output>(&mut self, request: &Request, record: &mut T) {
+        let now = *record;
+        let Some(old) = self.old(request, bytemuck::bytes_of(&now)).map(bytemuck::pod_read_unaligned::<T>) else { return };
+        match request.what {
+            Mischief::Frozen => {
+                *record = old;
+                record.stamp_like(&now);
+            }
+            Mischief::Stamp => record.stamp_like(&old),
+            Mischief::Replay => *record = old,
+            Mischief::Epoch => record.go_back(),
+            what => record.spoil(number_of(what)),
+        }
+    }
+
+    /// Spoils a message in its loan as the process was asked to.
+    pub fn tell_message(&mut self, life: &Life, message: &mut [u8]) {
+        let Some(request) = life.mischief().filter(|request| request.what.is_lie()) else { return };
+        life.own_up();
+        self.tell_message_of(&request, message);
+    }
+
+    fn tell_message_of(&mut self, request: &Request, message: &mut [u8]) {
+        let Some(now) = header_of(message) else { return };
+        let Some(old) = self.old(request, message) else { return };
+        let then = header_of(old).unwrap_or_default();
+        match request.what {
+            Mischief::Frozen => {
+                message.copy_from_slice(old);
+                change_header(message, |header| *header = now);
+            }
+            Mischief::Stamp => change_header(message, |header| header.tick = then.tick),
+            Mischief::Replay => message.copy_from_slice(old),
+            Mischief::Epoch => {
+                change_header(message, |header| *header = StreamHeader { epoch: now.epoch.saturating_sub(1), ..*header });
+            }
+            what => spoil_sections(message, number_of(what)),
+        }
+    }
+}
+
+fn header_of(message: &[u8]) -> Option<StreamHeader> {
+    Some(*Message::parse(message, kind_of(message)?).ok()?.header())
+}
+
+/// A number that no output may hold.
+fn number_of(what: Mischief) -> f32 {
+    match what {
+        Mischief::Nan => f32::NAN,
+        Mischief::Inf => f32::INFINITY,
+        _ => 1.0e9,
+    }
+}
+
+/// Writes a number into each section, at its beginning and in its middle; where an index stands, its bits are one far out of range.
+fn spoil_sections(message: &mut [u8], number: f32) {
+    for index in 0..hyst_messages::stream::MAX_SECTIONS {
+        let Some(range) = section_range(message, index) else { return };
+        let section = &mut message[range];
+        for at in [0, section.len() / 8 * 4] {
+            if let Some(place) = section.get_mut(at..at + 4) {
+                place.copy_from_slice(&number.to_ne_bytes());
+            }
+        }
+    }
+}
+
+/// Where a section lies in its message.
+fn section_range(message: &[u8], index: usize) -> Option<Range<usize>> {
+    let section: &[u8] = Message::parse(message, kind_of(message)?).ok()?.section(index).ok()?;
+    let start = section.as_ptr() as usize - message.as_ptr() as usize;
+    Some(start..start + section.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::stream::{Kind, Message, MessageMut, message_bytes};
+
+    fn lies() -> Lies {
+        Lies { old: Vec::with_capacity(4096), of: None }
+    }
+
+    fn request(what: Mischief) -> Request {
+        Request { what, incarnation: 1, until_ns: 0, factor_percent: 0, extra_us: 0, jitter_percent: 0, rate_per_s: 0 }
+    }
+
+    fn force(tick: u64, newton: f32) -> ForceRecord {
+        ForceRecord { tick, input_hash: tick, force_n: [0.0, newton, 0.0], ..ForceRecord::default() }
+    }
+
+    fn told(what: Mischief) -> Vec<(u64, f32)> {
+        let mut lies = lies();
+        let tell = |tick: u64| {
+            let mut record = force(tick, tick as f32);
+            lies.tell_of(&request(what), &mut record);
+            (record.tick, record.force_n[1])
+        };
+        (5..8).map(tell).collect()
+    }
+
+    #[test]
+    fn a_record_is_spoilt_as_its_name_says() {
+        assert!(told(Mischief::Nan).iter().all(|(_, newton)| newton.is_nan()));
+        assert!(told(Mischief::Inf).iter().all(|(_, newton)| newton.is_infinite()));
+        assert!(told(Mischief::Range).iter().all(|(_, newton)| newton.abs() > 1e6));
+        assert_eq!(told(Mischief::Frozen), [(5, 5.0), (6, 5.0), (7, 5.0)]);
+        assert_eq!(told(Mischief::Stamp), [(5, 5.0), (5, 6.0), (5, 7.0)]);
+        assert_eq!(told(Mischief::Replay), [(5, 5.0), (5, 5.0), (5, 5.0)]);
+        let mut model = ContactModel { epoch: 4, ..Default::default() };
+        lies().tell_of(&request(Mischief::Epoch), &mut model);
+        assert_eq!(model.epoch, 3);
+    }
+
+    #[test]
+    fn a_message_is_spoilt_as_its_name_says() {
+        let sections = [8, 24];
+        let tell = |what: Mischief| {
+            let mut lies = lies();
+            let mut seen = Vec::new();
+            for tick in 5..8u64 {
+                let mut memory = vec![0u64; message_bytes(&sections) / 8];
+                let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+                let header = StreamHeader { tick, epoch: 3, ..Default::default() };
+                let mut message = MessageMut::format(bytes, Kind::Contacts, header, &sections).unwrap();
+                message.section::<f32>(1).unwrap().fill(tick as f32);
+                lies.tell_message_of(&request(what), bytemuck::cast_slice_mut(&mut memory));
+                let read = Message::parse(bytemuck::cast_slice(&memory), Kind::Contacts).unwrap();
+                let values: &[f32] = read.section(1).unwrap();
+                seen.push((read.header().tick, read.header().epoch, values[0], values[1]));
+            }
+            seen
+        };
+        assert_eq!(tell(Mischief::Frozen), [(5, 3, 5.0, 5.0), (6, 3, 5.0, 5.0), (7, 3, 5.0, 5.0)]);
+        assert_eq!(tell(Mischief::Stamp), [(5, 3, 5.0, 5.0), (5, 3, 6.0, 6.0), (5, 3, 7.0, 7.0)]);
+        assert_eq!(tell(Mischief::Replay), [(5, 3, 5.0, 5.0); 3]);
+        assert_eq!(tell(Mischief::Epoch)[1], (6, 2, 6.0, 6.0));
+        assert!(tell(Mischief::Nan).iter().all(|told| told.2.is_nan()));
+        assert!(tell(Mischief::Range).iter().all(|told| told.2 > 1e6));
+    }
+}

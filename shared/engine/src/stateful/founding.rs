@@ -1,0 +1,107 @@
+//! How a process of a role with a state comes by its first state: the holder's, a checkpoint's, or the scene's; then one step that nobody sees,
+//! to touch everything. Whoever finds nobody alive founds the role anew, from the ground that the supervisor allows.
+
+use super::{Loop, NEWBORN_PATIENCE_NS, Stateful};
+use crate::life::Failure;
+use hyst_exchange::roster::Tenure;
+use hyst_exchange::{checkpoint, system};
+use hyst_messages::page::header;
+use hyst_messages::{Message, StreamHeader, TICK_NS};
+use std::sync::atomic::{Ordering, fence};
+
+impl<S: Stateful> Loop<'_, S> {
+    /// Gets a state: the holder's, a checkpoint's, or the first. Then computes one step that nobody sees, to touch everything.
+    pub(super) fn warm(&mut self) -> Result<(), Failure> {
+        let patience_ns = system::now_ns() + NEWBORN_PATIENCE_NS;
+        let mut told = false;
+        self.life.ports_are_open();
+        loop {
+            self.life.heartbeat();
+            self.receive_ports();
+            self.receive_states();
+            if self.chain.newest().is_some() {
+                break;
+            }
+            if self.life.clock.stop_requested() {
+                return Ok(());
+            }
+            let holder = self.roster.holder(self.role);
+            let nobody = holder.epoch == 0 && self.life.slot.index() == 0;
+            let orphaned = holder.epoch > 0 && !self.holder_lives(holder) && !self.has_warm_spare();
+            let late = system::now_ns() > patience_ns;
+            if late && self.is_guest() {
+                return Err(Failure::Broken("no state of the role has come, and a newcomer on trial founds nothing".into()));
+            }
+            if late && self.founded {
+                return Err(Failure::Broken("the state that this process founded the role with did not come back".into()));
+            }
+            if late && holder.epoch > 0 && self.holder_lives(holder) {
+                return Err(Failure::Broken("no state has come from the role's holder, although it lives".into()));
+            }
+            if !self.founded && !self.is_guest() && (nobody || orphaned || late) {
+                if self.is_sound(holder) {
+                    self.founded = self.found(holder)?;
+                } else if !std::mem::replace(&mut told, true) {
+                    let what = format!("the roster names a holder that cannot be ({holder:?})");
+                    self.life.say(&format!("{what}; waits until the supervisor has mended it"));
+                }
+            }
+            system::sleep_ns(TICK_NS / 2);
+        }
+        if self.is_held() {
+            return Ok(());
+        }
+        let context = self.context(self.life.tick(), false, self.roster.holder(self.role));
+        let mut loan = self.publisher.loan(self.engine.message_bytes())?;
+        if let Some(newest) = self.chain.newest() {
+            if self.founded {
+                self.life.succumb(Message::parse(newest.bytes(), self.engine.kind())?.header());
+            }
+            self.engine.step(&context, newest.bytes(), loan.bytes_mut())?;
+        }
+        Ok(())
+    }
+
+    /// Takes the role without a predecessor's state: from the newest checkpoint, or from the beginning.
+    fn found(&mut self, holder: Tenure) -> Result<bool, Failure> {
+        let Ok(tenure) = self.roster.promote(self.role, holder, self.me()) else { return Ok(false) };
+        // The supervisor writes the ground and then looks who holds the role: one of the two sees what the other one wrote.
+        fence(Ordering::SeqCst);
+        let bytes = self.engine.message_bytes();
+        let mut loan = self.publisher.loan(bytes)?;
+        let ground_tick = self.life.clock.ground_tick(self.role);
+        let (kept, damaged) = checkpoint::newest(&self.life.station, self.role, bytes, ground_tick);
+        if ground_tick < u64::MAX {
+            checkpoint::discard_after(&self.life.station, self.role, bytes, ground_tick);
+        }
+        if damaged > 0 {
+            self.life.say(&format!("{damaged} checkpoints are damaged and are not used"));
+        }
+        let kept = kept.filter(|kept| {
+            let state: &[u8] = hyst_messages::stream::bytes_of_words(&kept.words);
+            state.len() >= bytes && self.engine.accepts(&state[..bytes])
+        });
+        // No earlier than anything that is out in the name of the role.
+        let tick = self.life.tick() + if tenure.epoch > 1 { self.engine.step_ticks() } else { 0 };
+        match kept {
+            Some(kept) => {
+                loan.bytes_mut().copy_from_slice(&hyst_messages::stream::bytes_of_words(&kept.words)[..bytes]);
+                self.life.say(&format!("goes on from the checkpoint of tick {} in epoch {}", kept.tick, tenure.epoch));
+            }
+            None => {
+                let header = StreamHeader { tick, ..Default::default() };
+                self.engine.initial(header, loan.bytes_mut())?;
+                self.life.say(&format!("begins at tick {tick} in epoch {}", tenure.epoch));
+            }
+        }
+        self.life.page.store64(header::FOUNDED_TICK, tick.max(1));
+        hyst_messages::stream::change_header(loan.bytes_mut(), |header| {
+            header.epoch = tenure.epoch;
+            header.incarnation = self.life.incarnation;
+            header.tick = tick;
+            header.step_ticks = 0; // nothing was computed for this tick
+        });
+        loan.send()?;
+        Ok(true)
+    }
+}

@@ -1,0 +1,83 @@
+//! The loop of an engine with a spare in lock-step: the holder steps when it is released; the spare waits within the tick until the holder's
+//! state is there, and steps itself if the holder is known to be dead, or after the patience. While the roster says what cannot be, nobody steps.
+
+use super::{Loop, Stateful};
+use crate::life::Failure;
+use crate::lockstep::{EAGER_NS, LockMember, PATIENCE_NS};
+use hyst_exchange::{Tenure, system};
+
+impl<S: Stateful> Loop<'_, S> {
+    pub(super) fn run_in_lockstep(&mut self) -> Result<(), Failure> {
+        let mut member = LockMember::new(self.life);
+        loop {
+            self.note_role(self.roster.holder(self.role));
+            let Some(tick) = member.wait(|| self.between())? else { return Ok(()) };
+            self.life.misbehave();
+            self.tick_in_lockstep(tick)?;
+            member.join(tick);
+        }
+    }
+
+    /// At each look between two steps.
+    fn between(&mut self) -> Result<(), Failure> {
+        self.receive_ports();
+        // A reader that came since gets the newest state although nobody steps: it may be what the tick waits for.
+        let _ = self.publisher.announce(); // a link that fails here fails for newcomers alone
+        let holder = self.roster.holder(self.role);
+        if holder.incarnation == self.me() || self.holder_lives(holder) || !self.is_sound(holder) {
+            return Ok(());
+        }
+        self.receive_states();
+        if self.chain.newest().is_some()
+            && let Some(tenure) = self.take_role(holder)
+        {
+            self.send_again(tenure)?;
+        }
+        Ok(())
+    }
+
+    /// Sends the newest state again under the own epoch: while the sequencer holds nobody steps, and a newcomer waits for a state.
+    fn send_again(&mut self, tenure: Tenure) -> Result<(), Failure> {
+        let bytes = self.engine.message_bytes();
+        let mut loan = self.publisher.loan(bytes)?;
+        let Some(newest) = self.chain.newest() else { return Ok(()) };
+        loan.bytes_mut().copy_from_slice(&newest.bytes()[..bytes]);
+        hyst_messages::stream::change_header(loan.bytes_mut(), |header| {
+            header.epoch = tenure.epoch;
+            header.incarnation = self.life.incarnation;
+        });
+        loan.send()?;
+        self.receive_states();
+        Ok(())
+    }
+
+    /// Returns when the state of `tick` is there, whoever made it.
+    fn tick_in_lockstep(&mut self, tick: u64) -> Result<(), Failure> {
+        let deadline_ns = system::now_ns() + PATIENCE_NS;
+        loop {
+            self.receive_ports();
+            self.receive_states();
+            let (_, newest_tick) = self.chain.key();
+            if newest_tick >= tick || self.chain.newest().is_none() || self.life.clock.stop_requested() {
+                return Ok(());
+            }
+            let late = system::now_ns() >= deadline_ns;
+            let holder = self.roster.holder(self.role);
+            if !self.is_sound(holder) {
+                // The supervisor mends it; a stop ends the wait.
+            } else if holder.incarnation == self.me() {
+                let follows = newest_tick + self.engine.step_ticks() >= tick;
+                if late || (follows && self.engine.is_supplied(newest_tick, tick)) {
+                    self.make(tick, holder)?;
+                    if self.roster.holder(self.role) == holder {
+                        return Ok(());
+                    }
+                }
+            } else if (late || !self.holder_lives(holder)) && self.take_role(holder).is_some() {
+                continue;
+            }
+            self.life.heartbeat();
+            system::sleep_ns(EAGER_NS);
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! A newcomer on trial, as the processes of its role see it.
+//!
+//! The *guest* sits in a slot of its own, beside holder and spare. In the shadow it computes from the role's states what the holder will compute,
+//! and sends it under no epoch, for the judge alone. On trial it takes the role, between two steps of the holder. From then on the
+//! *elders* keep stepping the *line*, the state that the role had before, and send that under no epoch; if the guest dies, misses its
+//! steps or sends what cannot be accepted, one of them takes the role back and goes on from the line, as if the guest had never been. Each takeover is
+//! the one compare-and-swap of the roster, and the first state of an epoch has one writer, as ever.
+
+use super::{Loop, Stateful};
+use crate::life::Failure;
+use crate::realtime;
+use hyst_exchange::succession::{Turn, most_misses, spare_turn};
+use hyst_exchange::{Tenure, system};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::{Stage, header};
+use hyst_messages::tolerance::SHADOW_EPOCH;
+
+/// Steps of a real-time role of which the guest shadows one: beside holder, workers and servos two cores have no room for all of them.
+const SHADOW_EVERY: u64 = 4;
+/// A role with a longer step than this is shadowed step by step, ticks.
+const SHORT_STEP_TICKS: u64 = 4;
+/// Misses in a row after which an elder takes the role back, where the role is an ordinary process: on a busy machine everybody misses some, and a
+/// death is seen at once. A real-time guest is late or hangs as any holder does ([`most_misses`]): on two cores that a guest and an elder fill
+/// nobody is punctual for 2 s, and one that is slow is found by the supervisor, who compares what the two make in a second.
+const MISSES_OF_ORDINARY: u32 = 10;
+/// Looks in a row at which the line has not grown, after which the other elder steps it.
+const MISSES_OF_THE_LINE: u32 = 3;
+/// Ticks that the line may be behind; then it leaps over them, as a holder does. The device's ring has the inputs of the last 64.
+const MOST_BEHIND_TICKS: u64 = 32;
+/// How often a guest takes the role: what it loses to a stall of the machine it may take again; the policy counts, too.
+const MOST_TURNS: u32 = 8;
+/// Looks at which a guest waits for the end of a step; a holder that is never done by then has its step dropped, and the guest makes it.
+const MOST_WAITS: u32 = 200;
+
+/// What a process of the role remembers of a trial.
+#[derive(Debug, Default)]
+pub(super) struct Trial {
+    /// The guest's: how often it has taken the role.
+    turns: u32,
+    waits: u32,
+    /// An elder's: it steps the line, because it was the holder, or because whoever was does not.
+    keeps_line: bool,
+    /// Looks in a row at which the line had not grown.
+    line_misses: u32,
+    /// An elder's: it is an ordinary thread meanwhile.
+    lowered: bool,
+}
+
+impl<S: Stateful> Loop<'_, S> {
+    pub(super) fn is_guest(&self) -> bool {
+        self.life.slot.is_guest()
+    }
+
+    /// Tells the chain who is on trial, so that it keeps the line; and ends the line of a trial that is over.
+    pub(super) fn note_trial(&mut self, holder: Tenure) {
+        let swap = self.life.clock.swap(self.role);
+        self.chain.expect_guest(if self.is_guest() || !swap.keeps_line() { 0 } else { swap.guest });
+        if !swap.keeps_line() && holder.incarnation != self.me() {
+            self.chain.end_line();
+            self.lower(false);
+            self.trial = Trial { turns: self.trial.turns, ..Trial::default() };
+        }
+        if holder.incarnation == self.me() {
+            (self.trial.keeps_line, self.trial.line_misses, self.trial.lowered) = (!self.is_guest(), 0, false);
+        }
+    }
+
+    /// The guest's part of a tick while another holds the role. It never substitutes and never promotes itself otherwise.
+    pub(super) fn shadow(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
+        let swap = self.life.clock.swap(self.role);
+        if swap.guest != self.me() || self.chain.newest().is_none() {
+            return Ok(());
+        }
+        let (newest_tick, step) = (self.chain.key().1, self.engine.step_ticks());
+        match swap.stage {
+            Stage::Shadow => {
+                let next_tick = newest_tick + step;
+                let skipped = step <= SHORT_STEP_TICKS && !(next_tick / step).is_multiple_of(SHADOW_EVERY);
+                if skipped { Ok(()) } else { self.make_beside(next_tick, holder, false) }
+            }
+            // Between two steps: the holder has done the one of this tick, and has not begun the next.
+            Stage::Trial if self.trial.turns < MOST_TURNS => {
+                let is_between = newest_tick >= tick + step && self.life.tick() < tick + step;
+                self.trial.waits += 1;
+                if !is_between && self.trial.waits <= MOST_WAITS {
+                    return Ok(());
+                }
+                self.stand_apart(); // whoever holds the role now steps the line next
+                if self.take_role(holder).is_some() {
+                    (self.trial.turns, self.trial.waits) = (self.trial.turns + 1, 0);
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// An elder's part of a tick while the guest holds the role on trial.
+    pub(super) fn guard(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
+        let newest = self.chain.key();
+        self.misses = if newest.1 >= tick { 0 } else { self.misses + 1 };
+        if self.misses > 0 {
+            self.life.distrust(holder.incarnation, Distrust::Missing);
+        }
+        let (step, lives) = (self.engine.step_ticks(), self.holder_lives(holder));
+        let is_real_time = realtime::priority(self.role).is_some();
+        let most = if is_real_time { most_misses(self.holder_hangs(holder)) } else { MISSES_OF_ORDINARY };
+        // The one that held the role before the guest comes first.
+        let patience = if self.trial.keeps_line { most } else { 2 * most };
+        // The state that is missing is not substituted: the guest's is not the elders' to go on from.
+        if spare_turn(tick, newest, holder.epoch, step, lives, self.misses, patience) == Turn::Promote {
+            return self.begin_epoch(tick, holder);
+        }
+        let Some(line_tick) = self.chain.line_tick() else { return Ok(()) };
+        let due = line_tick < tick + step;
+        self.trial.line_misses = if due && !self.trial.keeps_line { self.trial.line_misses + 1 } else { 0 };
+        self.trial.keeps_line |= self.trial.line_misses >= MISSES_OF_THE_LINE;
+        if !due || !self.trial.keeps_line {
+            return Ok(());
+        }
+        self.lower(true);
+        let next_tick = if line_tick + MOST_BEHIND_TICKS.max(step) < tick { tick + step } else { line_tick + step };
+        self.make_beside(next_tick, holder, true)?;
+        // One that lost ticks to a stall catches up, a step at a time.
+        let lags = self.chain.line_tick().is_some_and(|now| now > line_tick && now < tick);
+        if lags { self.make_beside(line_tick + 2 * step, holder, true) } else { Ok(()) }
+    }
+
+    /// Who steps the line is an ordinary thread meanwhile. Nobody waits for the line, and two tissues in real time leave ordinary threads so
+    /// little of two cores that the kernel's fair server steps in, which takes up to 50 ms at once from whoever is real time there: 50 missed
+    /// steps of a guest that had done nothing wrong.
+    fn lower(&mut self, lowered: bool) {
+        if std::mem::replace(&mut self.trial.lowered, lowered) == lowered || self.life.page.load64(header::REAL_TIME) & 1 == 0 {
+            return;
+        }
+        let Some(priority) = realtime::priority(self.role) else { return };
+        if lowered {
+            system::become_ordinary();
+        } else {
+            system::become_fifo(priority + realtime::SPARE_ABOVE);
+        }
+    }
+
+    /// A guest does not compute where the holder does: both are to be in time.
+    pub(super) fn stand_apart(&self) {
+        if !self.is_guest() || self.life.page.load64(header::REAL_TIME) & 4 == 0 {
+            return;
+        }
+        let (cores, holder) = (system::cores(), self.roster.holder(self.role).incarnation);
+        let slot = self.life.clock.occupied(self.role).find(|(_, incarnation)| *incarnation == holder).map(|(slot, _)| slot);
+        if let Some(taken) = slot.and_then(|slot| realtime::core(slot, cores)) {
+            system::pin_to_core((taken + 1) % cores);
+        }
+    }
+
+    /// Computes a state beside the role, from the line or from the role's newest, and sends it under no epoch.
+    fn make_beside(&mut self, next_tick: u64, holder: Tenure, from_line: bool) -> Result<(), Failure> {
+        let mut context = self.context(next_tick, false, holder);
+        let bytes = self.engine.message_bytes();
+        let mut loan = self.publisher.loan(bytes)?;
+        let base = if from_line { self.chain.line() } else { self.chain.newest() };
+        let Some(now) = base else { return Ok(()) };
+        context.tick = next_tick - self.engine.step_ticks();
+        self.engine.step(&context, now.bytes(), loan.bytes_mut())?;
+        hyst_messages::stream::change_header(loan.bytes_mut(), |header| {
+            header.epoch = SHADOW_EPOCH;
+            header.incarnation = self.life.incarnation;
+            header.tick = next_tick;
+            header.step_ticks = context.step_ticks as u32;
+        });
+        self.lies.tell_message(self.life, loan.bytes_mut());
+        loan.send()?;
+        self.life.page.add64(header::STREAM_BYTES, bytes as u64);
+        self.receive_states();
+        Ok(())
+    }
+}

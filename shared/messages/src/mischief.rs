@@ -1,0 +1,190 @@
+//! What an engine may be asked to do wrong, in test mode alone. The supervisor writes the request of a slot into the station's page, the engine
+//! in it looks there in each step. A request names the incarnation that it is meant for, so that a successor does not inherit it; one about the
+//! start names whom its victims come after.
+
+use crate::page::station as layout;
+
+/// What is done wrong. The first ones concern the thread that makes the steps, the others what it publishes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Mischief {
+    /// The thread runs on for ever, at its own priority.
+    Spin = 1,
+    /// The thread waits for ever.
+    Block = 2,
+    /// Each step takes longer.
+    Slow = 3,
+    /// The process ends with code 0, unasked.
+    ExitZero = 4,
+    /// The process ends with code 1.
+    ExitOne = 5,
+    /// The thread panics.
+    Panic = 6,
+    /// Numbers that are none.
+    Nan = 7,
+    /// Infinite numbers.
+    Inf = 8,
+    /// Numbers and indices far out of range.
+    Range = 9,
+    /// The same content again and again, while its stamp goes on.
+    Frozen = 10,
+    /// The stamp stands still, while the content goes on.
+    Stamp = 11,
+    /// An old output again and again, as it was.
+    Replay = 12,
+    /// An epoch that is over.
+    Epoch = 13,
+    /// Its states are flawed from now on, and so is what follows from them: whoever else takes the role with one of them dies of it.
+    Poison = 14,
+    /// Whoever holds the role dies in its next step, whatever state it goes on from.
+    Doom = 15,
+    /// The process takes memory at a rate, and gives it back only at the end of the request.
+    LeakMemory = 16,
+    /// It opens files at a rate, and closes them only at the end of the request.
+    LeakFiles = 17,
+    /// It loans a block of its stream in each step and never sends it.
+    LeakLoans = 18,
+    /// It takes all the memory that it is allowed.
+    Exhaust = 19,
+    /// Whoever comes after it in its slot hangs in its start.
+    HangStart = 20,
+    /// Whoever comes after it in its slot ends with code 1 in its start.
+    CrashStart = 21,
+}
+
+impl Mischief {
+    /// All of them.
+    pub const ALL: [Mischief; 21] = [
+        Mischief::Spin,
+        Mischief::Block,
+        Mischief::Slow,
+        Mischief::ExitZero,
+        Mischief::ExitOne,
+        Mischief::Panic,
+        Mischief::Nan,
+        Mischief::Inf,
+        Mischief::Range,
+        Mischief::Frozen,
+        Mischief::Stamp,
+        Mischief::Replay,
+        Mischief::Epoch,
+        Mischief::Poison,
+        Mischief::Doom,
+        Mischief::LeakMemory,
+        Mischief::LeakFiles,
+        Mischief::LeakLoans,
+        Mischief::Exhaust,
+        Mischief::HangStart,
+        Mischief::CrashStart,
+    ];
+
+    /// Whether it concerns what is published, and not the thread.
+    pub fn is_lie(self) -> bool {
+        (Mischief::Nan as u8..=Mischief::Epoch as u8).contains(&(self as u8))
+    }
+
+    /// Whether it concerns a role with a state, and so the successors of whom is asked.
+    pub fn is_lasting(self) -> bool {
+        matches!(self, Mischief::Poison | Mischief::Doom)
+    }
+
+    /// Whether it takes what the system lends, at a rate or at once: done by an ordinary thread of the process.
+    pub fn is_waste(self) -> bool {
+        matches!(self, Mischief::LeakMemory | Mischief::LeakFiles | Mischief::Exhaust)
+    }
+
+    /// Whether it concerns the start of those who come after the one that is named.
+    pub fn is_of_start(self) -> bool {
+        matches!(self, Mischief::HangStart | Mischief::CrashStart)
+    }
+}
+
+/// Why one process distrusts another's output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum Distrust {
+    /// Not finite, out of range, or for another input.
+    Invalid = 1,
+    /// Its stamp stands still.
+    Still = 2,
+    /// Its force stands still although the tip moves against it.
+    Frozen = 3,
+    /// It differs from the other replica and is farther from the force last applied.
+    Differs = 4,
+    /// It did not answer in time.
+    Missing = 5,
+}
+
+/// A request.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Request {
+    /// What.
+    pub what: Mischief,
+    /// For whom.
+    pub incarnation: u32,
+    /// Until when, CLOCK_MONOTONIC ns; 0 is for ever.
+    pub until_ns: u64,
+    /// [`Mischief::Slow`]: a step takes so many times as long, in hundredths.
+    pub factor_percent: u16,
+    /// [`Mischief::Slow`]: and so much longer, µs.
+    pub extra_us: u32,
+    /// [`Mischief::Slow`]: what is added varies by this share of it up and down, in hundredths.
+    pub jitter_percent: u16,
+    /// [`Mischief::LeakMemory`]: KiB per second; [`Mischief::LeakFiles`]: files per second.
+    pub rate_per_s: u32,
+}
+
+impl Request {
+    /// The words of a request: [`layout::MISCHIEF`], [`layout::MISCHIEF_UNTIL_NS`], [`layout::MISCHIEF_EXTENT`].
+    pub fn words(&self) -> [u64; layout::MISCHIEF_WORDS] {
+        let what = (self.incarnation as u64) << 32 | self.what as u64;
+        let low = if self.what.is_waste() { self.rate_per_s } else { self.extra_us };
+        let extent = low as u64 | (self.factor_percent as u64) << 32 | (self.jitter_percent as u64) << 48;
+        [what, self.until_ns, extent]
+    }
+
+    /// The request in these words that outlasts the one it was made to, if it is one.
+    pub fn lasting(words: [u64; layout::MISCHIEF_WORDS]) -> Option<Request> {
+        Request::from_words(words, (words[0] >> 32) as u32).filter(|request| request.what.is_lasting())
+    }
+
+    /// The request in these words that an incarnation finds in its start, made to one that was in its slot before.
+    pub fn of_start(words: [u64; layout::MISCHIEF_WORDS], incarnation: u32) -> Option<Request> {
+        let meant = (words[0] >> 32) as u32;
+        Request::from_words(words, meant).filter(|request| request.what.is_of_start() && meant < incarnation)
+    }
+
+    /// The request in these words, if it is one for this incarnation.
+    pub fn from_words(words: [u64; layout::MISCHIEF_WORDS], incarnation: u32) -> Option<Request> {
+        let [what, until_ns, extent] = words;
+        let what = (what >> 32 == incarnation as u64)
+            .then(|| Mischief::ALL.into_iter().find(|known| *known as u64 == what & u32::MAX as u64))??;
+        let low = extent as u32;
+        let (rate_per_s, extra_us) = if what.is_waste() { (low, 0) } else { (0, low) };
+        let (factor_percent, jitter_percent) = ((extent >> 32) as u16, (extent >> 48) as u16);
+        Some(Request { what, incarnation, until_ns, factor_percent, extra_us, jitter_percent, rate_per_s })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_is_read_by_whom_it_is_meant_for_and_by_nobody_else() {
+        for what in Mischief::ALL {
+            let (rate_per_s, extra_us) = if what.is_waste() { (70_000, 0) } else { (0, 70_000) };
+            let request =
+                Request { what, incarnation: 7, until_ns: 9, factor_percent: 450, extra_us, jitter_percent: 50, rate_per_s };
+            assert_eq!(Request::from_words(request.words(), 7), Some(request));
+            assert_eq!(Request::from_words(request.words(), 8), None);
+            assert_eq!(Request::lasting(request.words()).is_some(), (14..=15).contains(&(what as u8)));
+            assert_eq!(what.is_lie(), (7..=13).contains(&(what as u8)));
+            // What concerns a start is read by those who come after, and not by the one that was there.
+            let after = [7, 8, 60].map(|incarnation| Request::of_start(request.words(), incarnation).is_some());
+            assert_eq!(after, [false, what.is_of_start(), what.is_of_start()]);
+        }
+        assert_eq!(Request::from_words([0; 3], 0), None);
+        assert_eq!(Request::from_words([7 << 32 | 99, 0, 0], 7), None);
+    }
+}

@@ -1,0 +1,188 @@
+//! What a newcomer may differ by: the tolerance of each role whose state is a message, section by section, and the comparison of two states of the
+//! same tick. Engines of one source that read the same inputs do not differ at all; the tolerance is for one that is made anew.
+//!
+//! Promise: a number that is none is beyond every tolerance; a state that lacks a section gives an error, never a panic.
+
+use crate::record::FluidStatus;
+use crate::stream::{Kind, Message, StreamHeader, WireError};
+
+/// The epoch of what is computed beside the role, by a newcomer on trial or by whom it has replaced: below any epoch in which a role is held.
+pub const SHADOW_EPOCH: u32 = 0;
+
+impl StreamHeader {
+    /// Whether the message was computed beside the role, and is read by the judge alone.
+    pub fn is_shadow(&self) -> bool {
+        self.epoch == SHADOW_EPOCH
+    }
+}
+
+/// How far apart two states are where they are farthest apart, in parts of what is allowed there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deviation {
+    /// What differs.
+    pub what: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// By how much.
+    pub by: f64,
+    /// By how much it may.
+    pub most: f64,
+}
+
+impl Deviation {
+    /// 1 is just allowed.
+    pub fn ratio(&self) -> f64 {
+        if self.by.is_finite() { self.by / self.most } else { f64::INFINITY }
+    }
+}
+
+/// A section of numbers.
+struct Field {
+    section: usize,
+    what: &'static str,
+    unit: &'static str,
+    most: f64,
+    /// The root of the mean square counts and not the largest: at the rim of a cloud two good solvers differ by all of it.
+    is_mean: bool,
+}
+
+/// Nodes and surface, m: half of what the eye resolves on the picture at 3 cm. Velocities, m/s: that of a quick hand.
+const TISSUE: [Field; 3] = [
+    Field { section: 1, what: "positions", unit: "m", most: 5e-4, is_mean: false },
+    Field { section: 2, what: "velocities", unit: "m/s", most: 0.2, is_mean: false },
+    Field { section: 3, what: "surface", unit: "m", most: 5e-4, is_mean: false },
+];
+/// Optical density of the cells.
+const FLUID: [Field; 1] = [Field { section: 2, what: "optical density", unit: "", most: 0.05, is_mean: true }];
+/// Of the pump's figures: Pa, a tenth of what distends the cavity; ml; ml/min, a tenth of the pump's range.
+const MOST_PRESSURE_PA: f64 = 1_000.0;
+const MOST_VOLUME_ML: f64 = 2.0;
+const MOST_FLOW_ML_MIN: f64 = 80.0;
+
+/// The tolerance of a role's states, as a person reads it.
+pub fn stated(kind: Kind) -> Vec<String> {
+    let numbers = fields(kind).iter().map(|field| {
+        let how = if field.is_mean { "root mean square" } else { "largest" };
+        format!("{} within {} {} ({how} difference)", field.what, field.most, field.unit)
+    });
+    let pump = [
+        format!("pressure within {MOST_PRESSURE_PA} Pa"),
+        format!("deficit and volume within {MOST_VOLUME_ML} ml"),
+        format!("flows within {MOST_FLOW_ML_MIN} ml/min"),
+    ];
+    numbers.chain(pump.into_iter().filter(|_| kind == Kind::FluidState)).collect()
+}
+
+fn fields(kind: Kind) -> &'static [Field] {
+    match kind {
+        Kind::TissueState => &TISSUE,
+        Kind::FluidState => &FLUID,
+        _ => &[],
+    }
+}
+
+/// Where two states of one tick are farthest apart.
+pub fn compare(kind: Kind, a: &[u8], b: &[u8]) -> Result<Deviation, WireError> {
+    let (a, b) = (Message::parse(a, kind)?, Message::parse(b, kind)?);
+    let mut worst = Deviation { what: "nothing", unit: "", by: 0.0, most: 1.0 };
+    let mut note = |what, unit, by: f64, most| {
+        let found = Deviation { what, unit, by: if by.is_nan() { f64::INFINITY } else { by }, most };
+        if found.ratio() > worst.ratio() {
+            worst = found;
+        }
+    };
+    for field in fields(kind) {
+        let (x, y): (&[f32], &[f32]) = (a.section(field.section)?, b.section(field.section)?);
+        if x.len() != y.len() {
+            return Err(WireError::Section(field.section));
+        }
+        note(field.what, field.unit, distance(x, y, field.is_mean), field.most);
+    }
+    if kind == Kind::FluidState {
+        let (x, y) = (status_of(&a)?, status_of(&b)?);
+        note("pressure", "Pa", f64::from(x.pressure_pa - y.pressure_pa).abs(), MOST_PRESSURE_PA);
+        note("deficit", "ml", (x.deficit_ml - y.deficit_ml).abs(), MOST_VOLUME_ML);
+        note("volume", "ml", (x.cavity_volume_ml - y.cavity_volume_ml).abs(), MOST_VOLUME_ML);
+        note("inflow", "ml/min", f64::from(x.inflow_ml_min - y.inflow_ml_min).abs(), MOST_FLOW_ML_MIN);
+        note("outflow", "ml/min", f64::from(x.outflow_ml_min - y.outflow_ml_min).abs(), MOST_FLOW_ML_MIN);
+    }
+    Ok(worst)
+}
+
+/// Every fluid's state begins with its status.
+fn status_of(message: &Message<'_>) -> Result<FluidStatus, WireError> {
+    let head = message.section::<u8>(0)?.get(..size_of::<FluidStatus>()).ok_or(WireError::Section(0))?;
+    Ok(bytemuck::pod_read_unaligned(head))
+}
+
+fn distance(a: &[f32], b: &[f32], is_mean: bool) -> f64 {
+    let differences = a.iter().zip(b).map(|(a, b)| f64::from(*a) - f64::from(*b));
+    if is_mean {
+        let sum = differences.map(|difference| difference * difference).sum::<f64>();
+        return (sum / a.len().max(1) as f64).sqrt();
+    }
+    // Not `max`, which passes over what is no number; one that is none stays the worst.
+    differences.map(f64::abs).fold(0.0, |most: f64, off| if most.is_nan() || off <= most { most } else { off })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stream::{MessageMut, message_bytes};
+
+    fn tissue(position_m: f32) -> Vec<u64> {
+        let sections = [8, 24, 24, 12];
+        let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let mut message = MessageMut::format(bytes, Kind::TissueState, StreamHeader::default(), &sections).unwrap();
+        message.section::<f32>(1).unwrap()[4] = position_m;
+        memory
+    }
+
+    fn fluid(status: FluidStatus, density: f32) -> Vec<u64> {
+        let sections = [size_of::<FluidStatus>(), 8, 16];
+        let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let mut message = MessageMut::format(bytes, Kind::FluidState, StreamHeader::default(), &sections).unwrap();
+        message.section::<u8>(0).unwrap().copy_from_slice(bytemuck::bytes_of(&status));
+        message.section::<f32>(2).unwrap()[0] = density;
+        memory
+    }
+
+    fn of(kind: Kind, a: &[u64], b: &[u64]) -> Deviation {
+        compare(kind, bytemuck::cast_slice(a), bytemuck::cast_slice(b)).unwrap()
+    }
+
+    #[test]
+    fn a_node_that_is_out_of_place_counts_by_how_far() {
+        assert_eq!(of(Kind::TissueState, &tissue(0.01), &tissue(0.01)).ratio(), 0.0);
+        let found = of(Kind::TissueState, &tissue(0.01), &tissue(0.011));
+        assert!((found.ratio() - 2.0).abs() < 1e-4 && found.what == "positions", "{found:?}");
+        for bad in [f32::NAN, f32::INFINITY] {
+            assert_eq!(of(Kind::TissueState, &tissue(0.01), &tissue(bad)).ratio(), f64::INFINITY, "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_pump_counts_by_its_worst_figure_and_density_by_its_mean_square() {
+        let good = FluidStatus { pressure_pa: 9_000.0, deficit_ml: 3.0, ..Default::default() };
+        assert_eq!(of(Kind::FluidState, &fluid(good, 0.0), &fluid(good, 0.0)).ratio(), 0.0);
+        let off = FluidStatus { pressure_pa: 9_500.0, deficit_ml: 6.0, ..good };
+        let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(off, 0.0));
+        assert_eq!((found.what, found.ratio()), ("deficit", 1.5));
+        // One of four cells differs by 0.2: the root of the mean square is 0.1.
+        let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(good, 0.2));
+        assert!((found.ratio() - 2.0).abs() < 1e-6, "{found:?}");
+        let none = FluidStatus { outflow_ml_min: f32::NAN, ..good };
+        assert_eq!(of(Kind::FluidState, &fluid(good, 0.0), &fluid(none, 0.0)).ratio(), f64::INFINITY);
+    }
+
+    #[test]
+    fn states_that_lack_a_section_are_an_error() {
+        let (short, good) = (tissue(0.0), fluid(FluidStatus::default(), 0.0));
+        assert!(compare(Kind::FluidState, bytemuck::cast_slice(&short), bytemuck::cast_slice(&good)).is_err());
+        assert!(compare(Kind::TissueState, &[0; 5], bytemuck::cast_slice(&short)).is_err());
+        assert_eq!(stated(Kind::TissueState).len(), 3);
+        assert_eq!(stated(Kind::FluidState).len(), 4);
+    }
+}

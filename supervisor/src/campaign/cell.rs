@@ -1,0 +1,268 @@
+//! A cell of a campaign: one kind of fault on one target in one state of the station, and what is promised there. Cells that cannot be are
+//! refused with the reason.
+
+use super::file::{Arm, Campaign, Pool};
+use crate::fault::DEVICE_TICKS;
+use crate::faultfile::{Aim, FaultKind, Injection, Keepers, Which};
+use crate::plan;
+use hyst_engine::Settings;
+use hyst_messages::{MAX_WORKERS, Role, Slot};
+use serde::{Deserialize, Serialize};
+
+/// What the station is doing when the fault comes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// Whatever it does at the drawn tick.
+    Any,
+    /// Whole, and the tool touches nothing.
+    Idle,
+    /// Whole, and the tool touches tissue.
+    Contact,
+    /// Another fault's recovery is under way.
+    Recovery,
+    /// A swap is under way.
+    Swap,
+}
+
+impl State {
+    fn parse(text: &str) -> Result<State, String> {
+        match text {
+            "any" => Ok(State::Any),
+            "idle" => Ok(State::Idle),
+            "contact" => Ok(State::Contact),
+            "recovery" => Ok(State::Recovery),
+            "cutting" => Err("state \"cutting\": this build does not cut; take contact, idle, recovery, swap or any".into()),
+            "swap" => Ok(State::Swap),
+            _ => Err(format!("state {text:?}: there are any, idle, contact, recovery and swap")),
+        }
+    }
+    fn suffix(self) -> &'static str {
+        match self {
+            State::Any => "",
+            State::Idle => " idle",
+            State::Contact => " in contact",
+            State::Recovery => " in recovery",
+            State::Swap => " in a swap of",
+        }
+    }
+}
+
+/// Cells as the file has them: every kind × every target × every state.
+#[derive(Debug, Deserialize)]
+pub struct Group {
+    kinds: Vec<String>,
+    targets: Vec<String>,
+    #[serde(default = "any")]
+    states: Vec<String>,
+    count: usize,
+    limit_upper95: Option<f64>,
+    pool: Option<String>,
+    #[serde(default)]
+    arms: Vec<String>,
+    allowed_misses: Option<u64>,
+    with: Option<String>,
+    swap: Option<String>,
+    /// Options of the faults, as `fault inject` and a file for `--faults` take them.
+    #[serde(flatten)]
+    options: toml::Table,
+}
+
+fn any() -> Vec<String> {
+    vec!["any".into()]
+}
+
+/// One cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// `kill haptic:active in contact`.
+    pub name: String,
+    /// What is injected; its tick is drawn.
+    pub injection: Injection,
+    /// In which state.
+    pub state: State,
+    /// How often in an arm of share 1.
+    pub count: usize,
+    /// Its own limit; a cell in a pool may have none.
+    pub limit_upper95: Option<f64>,
+    /// The pool that it is judged in.
+    pub pool: Option<String>,
+    /// The arms that it is in; empty: in all.
+    pub arms: Vec<String>,
+    /// Misses beyond the control's that this fault may cost: 20 ms for the device, else none.
+    pub allowed_misses: u64,
+    /// The fault in whose recovery this one comes.
+    pub with: Option<Injection>,
+    /// The role that is swapped meanwhile.
+    pub swap: Option<Role>,
+}
+
+/// Whether a limit makes sense; one below 0 cannot be met, which shows that a verdict can fail.
+pub fn check_limit(limit: f64) -> Result<(), String> {
+    if (-1.0..=1.0).contains(&limit) {
+        Ok(())
+    } else {
+        Err(format!("limit_upper95 = {limit}: faults with excess misses, per fault, -1 to 1"))
+    }
+}
+
+impl Group {
+    /// Its cells, or what is wrong with one of them.
+    pub fn cells(self, limit_upper95: f64, pools: &[Pool]) -> Result<Vec<Cell>, String> {
+        if self.kinds.is_empty() || self.targets.is_empty() || self.states.is_empty() || self.count == 0 {
+            return Err("kinds, targets, states and count: none of them may be empty or 0".into());
+        }
+        self.limit_upper95.map_or(Ok(()), check_limit)?;
+        if let Some(pool) = self.pool.as_ref().filter(|pool| !pools.iter().any(|known| known.name == **pool)) {
+            return Err(format!("pool {pool:?}: there is no [[pool]] of this name"));
+        }
+        let mut cells = Vec::new();
+        for kind in &self.kinds {
+            for target in &self.targets {
+                for state in &self.states {
+                    cells.push(self.cell(kind, target, State::parse(state)?, limit_upper95)?);
+                }
+            }
+        }
+        Ok(cells)
+    }
+
+    fn cell(&self, kind: &str, target: &str, state: State, limit_upper95: f64) -> Result<Cell, String> {
+        let with = match (state, &self.with) {
+            (State::Recovery, text) => Some(companion(text.as_deref(), target)?),
+            (_, Some(_)) => return Err("with: only a cell with state \"recovery\" has another fault beside it".into()),
+            _ => None,
+        };
+        let swap = match (state, self.swap.as_deref()) {
+            (State::Swap, role) => Some(swapped(role.unwrap_or(Role::Fluid.name()), target)?),
+            (_, Some(_)) => return Err("swap: only a cell with state \"swap\" has one beside it".into()),
+            _ => None,
+        };
+        let options: String = self.options.iter().map(|(key, value)| format!(" {key}={value}")).collect();
+        let is_device = target.split(':').next() == Some(Role::Device.name());
+        let beside = swap.map(|role| format!(" {}", role.name())).unwrap_or_default();
+        Ok(Cell {
+            name: format!("{kind} {target}{}{beside}{options}", state.suffix()),
+            injection: injection(kind, target, &self.options)?,
+            state,
+            count: self.count,
+            limit_upper95: self.limit_upper95.or(if self.pool.is_some() { None } else { Some(limit_upper95) }),
+            pool: self.pool.clone(),
+            arms: self.arms.clone(),
+            allowed_misses: self.allowed_misses.unwrap_or(if is_device { DEVICE_TICKS } else { 0 }),
+            with,
+            swap,
+        })
+    }
+}
+
+/// The role of a swap that faults may fall into.
+fn swapped(name: &str, target: &str) -> Result<Role, String> {
+    let role = crate::swap::role_of(name).map_err(|reason| format!("swap: {reason}"))?;
+    if matches!(role, Role::Device | Role::Rendering) {
+        return Err(format!(
+            "swap = {name:?}: it has no spare, so that its swap is a restart; take fluid, tissue, haptic, collision-worker or recorder"
+        ));
+    }
+    match Keepers::parse(target) {
+        Some(keepers) if keepers != Keepers::Supervisor => Err(format!("{target} in a swap: take supervisor, which undoes it")),
+        _ => Ok(role),
+    }
+}
+
+/// The injection that a cell's keys say, checked as one from the command line.
+fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injection, String> {
+    if FaultKind::from_name(kind).is_none() {
+        let known: Vec<&str> = FaultKind::ALL.iter().map(|(_, name, _)| *name).collect();
+        return Err(format!("kind {kind:?}: there are {}", known.join(", ")));
+    }
+    if kind == "cont" {
+        return Err(
+            "kind \"cont\" continues a process that is stopped, and none is; write kind \"stop\" with for = SECONDS".into()
+        );
+    }
+    let mut table = options.clone();
+    for key in ["kind", "target", "tick", "phase_us"] {
+        if table.insert(key.into(), toml::Value::Integer(0)).is_some() {
+            return Err(format!("key {key:?}: a cell has kinds and targets, and its ticks are drawn"));
+        }
+    }
+    table.insert("kind".into(), kind.into());
+    table.insert("target".into(), target.into());
+    let injection: Injection = table.try_into().map_err(|e: toml::de::Error| e.message().to_string())?;
+    let aim = injection.check()?;
+    let ends_stopped = matches!(aim, Aim::Keepers(keepers) if keepers != Keepers::Supervisor || injection.for_s.is_some());
+    if ends_stopped && matches!(kind, "stop" | "cont") {
+        return Err(format!(
+            "stop of {target}: it is told of only if it is replaced, which a stopped supervisor is; take kill, segfault or abort"
+        ));
+    }
+    Ok(injection)
+}
+
+fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
+    let is_tissue = target.split(':').next() == Some(Role::Tissue.name());
+    let text = text.unwrap_or(if is_tissue { "kill haptic:active" } else { "kill tissue:active" });
+    let (kind, other) =
+        text.split_once(' ').ok_or_else(|| format!("with = {text:?}: write KIND TARGET, as \"kill tissue:active\""))?;
+    if [other, target].into_iter().any(|name| Keepers::parse(name).is_some()) {
+        return Err("those who keep the station have no recovery that another fault could fall into; take state any".into());
+    }
+    if [other, target].into_iter().any(|name| name.ends_with(":both")) {
+        return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
+    }
+    injection(kind, other, &toml::Table::new())
+}
+
+impl Cell {
+    /// Faults that the station tells of once it is injected: one for each process that is hit, and the guardian dies silently with its supervisor.
+    pub fn faults(&self) -> usize {
+        if self.injection.target.ends_with(":both") { 2 } else { 1 }
+    }
+
+    /// The target's role.
+    pub fn role(&self) -> &str {
+        self.injection.target.split(':').next().unwrap_or("")
+    }
+
+    /// Whether it can be in an arm: the processes it hurts exist there, and the state comes about.
+    pub fn check_in(&self, arm: &Arm, campaign: &Campaign) -> Result<(), String> {
+        let hand = campaign.station.hand.as_deref().unwrap_or("script:press");
+        if self.state == State::Contact && (hand == "idle" || hand == "script:idle") {
+            return Err(format!("state contact: the hand {hand:?} never touches; take script:press"));
+        }
+        let workers = campaign.station.workers.unwrap_or(Settings::default().workers);
+        if workers > MAX_WORKERS {
+            return Err(format!("workers = {workers}: at most {MAX_WORKERS}"));
+        }
+        let record = campaign.records().then(|| "x".into());
+        let spares = campaign.set(arm).get("spares").is_none_or(|value| value != "off");
+        let slots = plan::slots(&Settings { workers, record, ..Settings::default() }, spares, None);
+        for injection in [Some(&self.injection), self.with.as_ref()].into_iter().flatten() {
+            if !exists(&injection.target, &slots) {
+                let names: Vec<String> = slots.iter().map(Slot::to_string).collect();
+                return Err(format!(
+                    "the stations of arm {:?} have no {}: they have {}",
+                    arm.name,
+                    injection.target,
+                    names.join(", ")
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn exists(target: &str, slots: &[Slot]) -> bool {
+    let target = match Aim::parse(target) {
+        Some(Aim::Engines(target)) => target,
+        Some(Aim::Keepers(_)) => return true,
+        None => return false,
+    };
+    let of_role = slots.iter().filter(|slot| slot.role() == target.role).count();
+    match target.which {
+        Which::Active => of_role >= 1,
+        Which::Spare | Which::Both => of_role >= 2,
+        Which::Slot(slot) => slots.contains(&slot),
+    }
+}

@@ -1,0 +1,202 @@
+//! The plan of a campaign, drawn from a seed: which fault comes when, at which phase of its tick, in which station. The same file and seed
+//! give the same plan on every machine; so a seed and an index name one fault for ever.
+//!
+//! The generator is splitmix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014): a few fixed lines, and
+//! good enough to shuffle.
+
+use super::cell::Cell;
+use super::file::Campaign;
+use serde::{Deserialize, Serialize};
+
+/// First tick at which a fresh station may be hurt: it is whole after some 2 s, and the ledger's start-up is over.
+const FIRST_TICK: u64 = 6_000;
+/// Longest wait between the other fault and the one that falls into its recovery, ticks: the quickest recovery took 56 (haptic).
+const MOST_WITH_TICKS: u64 = 40;
+
+/// One fault of the plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// Its number in the plan, from 0.
+    pub index: usize,
+    /// Number of the station it is for, from 0.
+    pub station: usize,
+    /// Arm's name.
+    pub arm: String,
+    /// Cell's name.
+    pub cell: String,
+    /// Tick of the station, counted from the station's start.
+    pub tick: u64,
+    /// Place in the tick, µs.
+    pub phase_us: u32,
+    /// Ticks after the other fault, for one that falls into its recovery.
+    pub with_ticks: u64,
+}
+
+/// The whole plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Campaign's name.
+    pub campaign: String,
+    /// Seed.
+    pub seed: u64,
+    /// Hash of the campaign's file.
+    pub file_hash: String,
+    /// The faults, in their order.
+    pub faults: Vec<Entry>,
+}
+
+/// splitmix64.
+#[derive(Clone, Debug)]
+pub struct Draw(u64);
+
+impl Draw {
+    /// A generator.
+    pub fn new(seed: u64) -> Draw {
+        Draw(seed)
+    }
+    /// The next 64 bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+    /// A number from `least` to `most`, both included; a bias of less than 2⁻³² for ranges below 2³².
+    pub fn between(&mut self, least: u64, most: u64) -> u64 {
+        let span = (most.saturating_sub(least) as u128) + 1;
+        least + ((u128::from(self.bits()) * span) >> 64) as u64
+    }
+    /// Fisher and Yates.
+    pub fn shuffle<T>(&mut self, items: &mut [T]) {
+        for at in (1..items.len()).rev() {
+            items.swap(at, self.between(0, at as u64) as usize);
+        }
+    }
+}
+
+/// FNV-1a.
+pub fn hash(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+/// Draws the plan.
+pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
+    let mut draw = Draw::new(seed);
+    let mut laps: Vec<(usize, Vec<&Cell>)> = Vec::new();
+    for (arm, this) in campaign.arms.iter().enumerate() {
+        let mut cells: Vec<&Cell> = campaign.cells.iter().flat_map(|cell| std::iter::repeat_n(cell, this.count(cell))).collect();
+        draw.shuffle(&mut cells);
+        laps.extend(cells.chunks(campaign.faults_per_station).map(|lap| (arm, lap.to_vec())));
+    }
+    draw.shuffle(&mut laps);
+    let mut faults = Vec::new();
+    for (station, (arm, lap)) in laps.into_iter().enumerate() {
+        let mut tick = FIRST_TICK;
+        for cell in lap {
+            tick += draw.between(campaign.gap_ticks[0], campaign.gap_ticks[1]);
+            faults.push(Entry {
+                index: faults.len(),
+                station,
+                arm: campaign.arms[arm].name.clone(),
+                cell: cell.name.clone(),
+                tick,
+                phase_us: draw.between(0, 999) as u32,
+                with_ticks: draw.between(1, MOST_WITH_TICKS),
+            });
+            tick += room_ticks(cell);
+        }
+    }
+    Plan { campaign: campaign.name.clone(), seed, file_hash: format!("{:016x}", campaign.hash), faults }
+}
+
+/// Ticks that the recovery from a fault takes beyond the gap, about: a fault whose tick has passed comes as soon as the station is whole.
+fn room_ticks(cell: &Cell) -> u64 {
+    let is_slow = !matches!(cell.role(), "device" | "haptic" | "tissue" | "collision-worker");
+    let lasts_ticks = cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64);
+    lasts_ticks
+        + match (is_slow, cell.injection.kind.name()) {
+            (true, "kill" | "segfault" | "abort") => 1_000,
+            // Growth is found after some seconds, and the control window is as long as that.
+            (true, "leak-memory" | "leak-files") => 40_000,
+            (false, "leak-memory" | "leak-files") => 15_000,
+            (true, "hang-start") if lasts_ticks == 0 => 360_000,
+            (false, "hang-start") if lasts_ticks == 0 => 60_000,
+            (_, "crash-loop" | "corrupt") => 3_000,
+            (true, _) => 3_000,
+            (false, _) => 400,
+        }
+}
+
+impl Plan {
+    /// The plan for people: a line for each fault.
+    pub fn text(&self) -> String {
+        let stations = self.faults.last().map_or(0, |last| last.station + 1);
+        let mut text = format!(
+            "campaign {}, seed {}, {} faults in {stations} stations\n{:>6} {:>7} {:>8} {:>5}  {:<12} fault\n",
+            self.campaign,
+            self.seed,
+            self.faults.len(),
+            "index",
+            "station",
+            "tick",
+            "us",
+            "arm"
+        );
+        for entry in &self.faults {
+            text.push_str(&format!(
+                "{:>6} {:>7} {:>8} {:>5}  {:<12} {}\n",
+                entry.index, entry.station, entry.tick, entry.phase_us, entry.arm, entry.cell
+            ));
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::file::parse;
+    use std::collections::BTreeMap;
+
+    const TEXT: &str = "faults_per_station = 7\n[[arm]]\nname = \"a\"\n[[arm]]\nname = \"b\"\nshare = 0.5\n[arm.set]\nspares = \"off\"\n\
+                        [[cell]]\nkinds = [\"kill\", \"stop\"]\ntargets = [\"haptic:active\", \"tissue:active\"]\ncount = 5\n";
+
+    #[test]
+    fn the_generator_is_splitmix64() {
+        // The first outputs for the seed 1234567, as its authors' C code gives them.
+        let mut draw = Draw::new(1_234_567);
+        assert_eq!([draw.bits(), draw.bits()], [6_457_827_717_110_365_317, 3_203_168_211_198_807_973]);
+        let drawn: Vec<u64> = (0..1_000).map(|_| draw.between(3, 6)).collect();
+        assert!((3..=6).all(|value| drawn.contains(&value)) && drawn.iter().all(|value| (3..=6).contains(value)));
+        assert_eq!(hash(b"a"), 0xaf63_dc4c_8601_ec8c, "FNV-1a of \"a\"");
+    }
+
+    #[test]
+    fn a_seed_gives_one_plan_and_another_seed_another() {
+        let campaign = parse("t", TEXT).unwrap();
+        assert_eq!(plan(&campaign, 1), plan(&campaign, 1));
+        assert_ne!(plan(&campaign, 1).faults, plan(&campaign, 2).faults);
+    }
+
+    #[test]
+    fn every_cell_has_its_count_in_every_arm_and_ticks_ascend_in_every_station() {
+        let campaign = parse("t", TEXT).unwrap();
+        let plan = plan(&campaign, 3);
+        let mut counts: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+        for entry in &plan.faults {
+            *counts.entry((&entry.arm, &entry.cell)).or_default() += 1;
+            assert!(entry.phase_us < 1_000);
+        }
+        assert_eq!(counts.len(), 8);
+        for ((arm, _), count) in counts {
+            assert_eq!(count, if arm == "a" { 5 } else { 3 }, "half of 5, rounded up");
+        }
+        assert_eq!(plan.faults.iter().map(|entry| entry.index).collect::<Vec<_>>(), (0..32).collect::<Vec<_>>());
+        for pair in plan.faults.windows(2) {
+            assert!(pair[1].station == pair[0].station + 1 || pair[1].tick >= pair[0].tick + campaign.gap_ticks[0]);
+            assert!(pair[1].station != pair[0].station || pair[1].arm == pair[0].arm);
+        }
+        assert!(plan.text().lines().count() == 34 && plan.text().contains("seed 3"));
+    }
+}

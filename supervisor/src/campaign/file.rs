@@ -1,0 +1,273 @@
+//! A campaign's file: faults × targets × states with counts, limits and a seed; read and checked in full before anything is started.
+//!
+//! What kinds of faults there are, and what options they take, is said by [`crate::faultfile`] alone: what a cell says beyond its own keys is
+//! handed to it.
+
+use super::cell::{self, Cell};
+use crate::faultfile::MOST_FAULTS;
+use crate::settings::{Refusal, check_set};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Longest pause between two faults that may be asked for, ticks: a minute.
+const MOST_GAP_TICKS: u64 = 60_000;
+/// Shortest: a fault's window and a control window fit in between.
+const LEAST_GAP_TICKS: u64 = 450;
+/// Largest file, bytes: a campaign is some dozens of lines.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// A campaign.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Campaign {
+    /// Its name: the file's, without ending.
+    pub name: String,
+    /// Seed of the plan, unless the command line gives another.
+    pub seed: u64,
+    /// Fewest and most ticks from one fault to the next.
+    pub gap_ticks: [u64; 2],
+    /// Faults after which a fresh station is started; bounds how long a replay takes.
+    pub faults_per_station: usize,
+    /// Largest share of faults that may be without a verdict (the host stalled, no control window) before nothing can be said.
+    pub most_void: f64,
+    /// The stations.
+    pub station: StationPart,
+    /// Ways in which the stations are run, side by side.
+    pub arms: Vec<Arm>,
+    /// What is injected.
+    pub cells: Vec<Cell>,
+    /// Cells that are judged together.
+    pub pools: Vec<Pool>,
+    /// Hash of the file's text: results of another file are not continued.
+    pub hash: u64,
+}
+
+/// How the stations are run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StationPart {
+    /// Scene or mesh, relative to the campaign's file; the embedded scene if absent.
+    pub scene: Option<std::path::PathBuf>,
+    /// As for `run --hand`; default `script:press`.
+    pub hand: Option<String>,
+    /// As for `run --workers`.
+    pub workers: Option<usize>,
+    /// Record each session, and count what is missing in the file. Default: yes.
+    pub record: Option<bool>,
+    /// As for `run --set`.
+    pub set: BTreeMap<String, String>,
+}
+
+/// One way of running the stations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Arm {
+    /// Its name.
+    pub name: String,
+    /// Set in addition to the station's.
+    #[serde(default)]
+    pub set: BTreeMap<String, String>,
+    /// Share of each cell's count that is injected in this arm.
+    #[serde(default = "one")]
+    pub share: f64,
+    /// Whether the promises are judged here; else the figures stand beside the others.
+    #[serde(default = "yes")]
+    pub judged: bool,
+}
+
+/// Cells that are judged together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pool {
+    /// Its name.
+    pub name: String,
+    /// Limit of the upper end of the 95 % interval of the faults with excess misses, per fault.
+    pub limit_upper95: f64,
+    /// So many of its faults must have a verdict.
+    #[serde(default)]
+    pub least: usize,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn yes() -> bool {
+    true
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    seed: u64,
+    #[serde(default = "default_gap_ticks")]
+    gap_ticks: [u64; 2],
+    #[serde(default = "default_faults_per_station")]
+    faults_per_station: usize,
+    #[serde(default = "default_limit")]
+    limit_upper95: f64,
+    #[serde(default = "default_void")]
+    most_void: f64,
+    #[serde(default)]
+    station: StationPart,
+    #[serde(default)]
+    arm: Vec<Arm>,
+    #[serde(default)]
+    pool: Vec<Pool>,
+    #[serde(default)]
+    cell: Vec<cell::Group>,
+}
+
+fn default_gap_ticks() -> [u64; 2] {
+    [600, 1_400]
+}
+
+fn default_faults_per_station() -> usize {
+    100
+}
+
+fn default_limit() -> f64 {
+    0.05
+}
+
+fn default_void() -> f64 {
+    0.2
+}
+
+/// Reads and checks a campaign; the refusal says what cannot be, and how to write it.
+pub fn read(path: &Path) -> Result<Campaign, Refusal> {
+    let name = path.display().to_string();
+    let refuse = |reason: String| Refusal::input(format!("campaign {name}: {reason}"));
+    let size = std::fs::metadata(path).map_err(|e| refuse(format!("{e}; give the path of a readable file")))?.len();
+    if size > MOST_BYTES {
+        return Err(refuse(format!("{size} bytes; a campaign has at most {MOST_BYTES}")));
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("{e}; give the path of a readable text file")))?;
+    let stem = path.file_stem().map_or_else(|| "campaign".into(), |stem| stem.to_string_lossy().into_owned());
+    let mut campaign = parse(&stem, &text).map_err(refuse)?;
+    if let Some(scene) = &mut campaign.station.scene {
+        let beside = path.parent().unwrap_or(Path::new(".")).join(&*scene);
+        *scene = std::path::absolute(&beside).map_err(|e| refuse(format!("scene {}: {e}", beside.display())))?;
+    }
+    Ok(campaign)
+}
+
+/// Reads and checks a campaign's text.
+pub fn parse(name: &str, text: &str) -> Result<Campaign, String> {
+    let file: File = toml::from_str(text).map_err(|e| e.to_string())?;
+    check(&file)?;
+    let arms = if file.arm.is_empty() { vec![default_arm()] } else { file.arm };
+    for arm in &arms {
+        check_arm(arm, &arms)?;
+    }
+    let mut cells = Vec::new();
+    for (index, group) in file.cell.into_iter().enumerate() {
+        let made = group.cells(file.limit_upper95, &file.pool).map_err(|reason| format!("cell {}: {reason}", index + 1))?;
+        cells.extend(made);
+    }
+    let campaign = Campaign {
+        name: name.to_string(),
+        seed: file.seed,
+        gap_ticks: file.gap_ticks,
+        faults_per_station: file.faults_per_station,
+        most_void: file.most_void,
+        station: file.station,
+        arms,
+        cells,
+        pools: file.pool,
+        hash: super::draw::hash(text.as_bytes()),
+    };
+    for cell in &campaign.cells {
+        if let Some(arm) = cell.arms.iter().find(|arm| !campaign.arms.iter().any(|known| known.name == **arm)) {
+            return Err(format!("cell {}: arm {arm:?}: there is no [[arm]] of this name", cell.name));
+        }
+        for arm in campaign.arms.iter().filter(|arm| arm.count(cell) > 0) {
+            cell.check_in(arm, &campaign).map_err(|reason| format!("cell {}: {reason}", cell.name))?;
+        }
+    }
+    for (index, cell) in campaign.cells.iter().enumerate() {
+        if campaign.cells[..index].iter().any(|other| other.name == cell.name) {
+            return Err(format!("cell {:?} is there twice; give its counts in one", cell.name));
+        }
+    }
+    match campaign.faults() {
+        0 => Err("it injects nothing; add a [[cell]] with kinds, targets and a count".into()),
+        count if count > MOST_FAULTS => Err(format!("{count} faults, at most {MOST_FAULTS} are allowed")),
+        _ => Ok(campaign),
+    }
+}
+
+fn default_arm() -> Arm {
+    Arm { name: "station".into(), set: BTreeMap::new(), share: 1.0, judged: true }
+}
+
+fn check(file: &File) -> Result<(), String> {
+    let [least, most] = file.gap_ticks;
+    if !(LEAST_GAP_TICKS <= least && least <= most && most <= MOST_GAP_TICKS) {
+        return Err(format!(
+            "gap_ticks = [{least}, {most}]: two numbers of ticks, ascending, between {LEAST_GAP_TICKS} (a fault's window and a control \
+             window) and {MOST_GAP_TICKS}"
+        ));
+    }
+    if !(1..=1_000).contains(&file.faults_per_station) {
+        return Err(format!("faults_per_station = {}: 1 to 1000", file.faults_per_station));
+    }
+    if !(0.0..=1.0).contains(&file.most_void) {
+        return Err(format!("most_void = {}: a share between 0 and 1", file.most_void));
+    }
+    cell::check_limit(file.limit_upper95)?;
+    for (index, pool) in file.pool.iter().enumerate() {
+        cell::check_limit(pool.limit_upper95).map_err(|reason| format!("pool {:?}: {reason}", pool.name))?;
+        if pool.name.is_empty() || file.pool[..index].iter().any(|other| other.name == pool.name) {
+            return Err(format!("pool {:?}: each has a name of its own", pool.name));
+        }
+    }
+    check_sets(&file.station.set)
+}
+
+fn check_sets(set: &BTreeMap<String, String>) -> Result<(), String> {
+    set.iter().try_for_each(|(key, value)| check_set(key, value).map_err(|refusal| refusal.message))
+}
+
+fn check_arm(arm: &Arm, all: &[Arm]) -> Result<(), String> {
+    if arm.name.is_empty() || all.iter().filter(|other| other.name == arm.name).count() > 1 {
+        return Err(format!("arm {:?}: each has a name of its own", arm.name));
+    }
+    if !(arm.share > 0.0 && arm.share <= 1.0) {
+        return Err(format!("arm {:?}: share = {}: above 0, at most 1", arm.name, arm.share));
+    }
+    check_sets(&arm.set).map_err(|reason| format!("arm {:?}: {reason}", arm.name))
+}
+
+impl Campaign {
+    /// Faults in all arms.
+    pub fn faults(&self) -> usize {
+        self.arms.iter().flat_map(|arm| self.cells.iter().map(|cell| arm.count(cell))).sum()
+    }
+    /// Whether its stations record.
+    pub fn records(&self) -> bool {
+        self.station.record.unwrap_or(true)
+    }
+    /// What is set in an arm.
+    pub fn set(&self, arm: &Arm) -> BTreeMap<String, String> {
+        let mut set = self.station.set.clone();
+        set.extend(arm.set.clone());
+        set
+    }
+}
+
+impl Arm {
+    /// Faults of a cell in this arm: at least one, if it is in this arm.
+    pub fn count(&self, cell: &Cell) -> usize {
+        let is_in = cell.arms.is_empty() || cell.arms.contains(&self.name);
+        if !is_in {
+            return 0;
+        }
+        (cell.count as f64 * self.share).ceil() as usize
+    }
+}
+
+#[cfg(test)]
+#[path = "file_tests.rs"]
+mod tests;

@@ -1,0 +1,142 @@
+//! What a campaign's file may say, and what it is told when it cannot be.
+
+use super::*;
+use crate::campaign::cell::State;
+
+const GOOD: &str = "seed = 4\n[[pool]]\nname = \"others\"\nlimit_upper95 = 0.02\n\
+                    [[arm]]\nname = \"spares\"\n[[arm]]\nname = \"alone\"\nshare = 0.1\njudged = false\n[arm.set]\nspares = \"off\"\n\
+                    [[cell]]\nkinds = [\"kill\", \"stop\"]\ntargets = [\"haptic:active\"]\nstates = [\"idle\", \"contact\"]\ncount = 15\n\
+                    [[cell]]\nkinds = [\"stop\"]\ntargets = [\"fluid\"]\ncount = 1\npool = \"others\"\nfor = 0.5\n\
+                    [[cell]]\nkinds = [\"kill\"]\ntargets = [\"supervisor\", \"device\"]\ncount = 2\n";
+
+fn refusal(change: &str, by: &str) -> String {
+    assert!(GOOD.contains(change), "{change}");
+    parse("t", &GOOD.replace(change, by)).unwrap_err()
+}
+
+#[test]
+fn every_kind_meets_every_target_in_every_state() {
+    let campaign = parse("t", GOOD).unwrap();
+    let names: Vec<&str> = campaign.cells.iter().map(|cell| cell.name.as_str()).collect();
+    let expected = [
+        "kill haptic:active idle",
+        "kill haptic:active in contact",
+        "stop haptic:active idle",
+        "stop haptic:active in contact",
+        "stop fluid for=0.5",
+        "kill supervisor",
+        "kill device",
+    ];
+    assert_eq!(names, expected);
+    let fluid = &campaign.cells[4];
+    assert_eq!((fluid.injection.for_s, fluid.limit_upper95, fluid.pool.as_deref()), (Some(0.5), None, Some("others")));
+    assert_eq!((campaign.cells[0].limit_upper95, campaign.cells[0].state), (Some(0.05), State::Idle));
+    assert_eq!((campaign.cells[6].allowed_misses, campaign.cells[5].allowed_misses), (20, 0));
+    // 4 × 15 + 1 + 2 × 2, and a tenth of it, rounded up for each cell: 4 × 2 + 1 + 2 × 1.
+    assert_eq!(campaign.faults(), 65 + 11);
+    assert_eq!(campaign.set(&campaign.arms[1])["spares"], "off");
+}
+
+#[test]
+fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
+    for (change, by, words) in [
+        ("\"haptic:active\"", "\"heptic\"", "heptic"),
+        ("\"haptic:active\"", "\"hardware\"", "hardware"),
+        ("\"haptic:active\"", "\"collision-worker:7\"", "collision-worker:1"),
+        ("\"haptic:active\"", "\"tissue:spare\"", "\"alone\""),
+        ("[\"kill\", \"stop\"]", "[\"melt\"]", "segfault"),
+        ("[\"kill\", \"stop\"]", "[\"cont\"]", "for = SECONDS"),
+        ("[\"kill\", \"stop\"]", "[]", "empty"),
+        ("[\"idle\", \"contact\"]", "[\"cutting\"]", "does not cut"),
+        ("[\"idle\", \"contact\"]", "[\"swap\"]\nswap = \"device\"", "no spare"),
+        ("[\"idle\", \"contact\"]", "[\"asleep\"]", "idle, contact"),
+        ("count = 15", "count = 0", "0"),
+        ("count = 15", "count = 15\ncolour = 3", "colour"),
+        ("count = 15", "count = 15\ntick = 3", "drawn"),
+        ("count = 15", "count = 200000", "at most"),
+        ("count = 15", "count = 15\nlimit_upper95 = nan", "limit"),
+        ("count = 15", "count = 15\nwith = \"kill tissue:active\"", "recovery"),
+        ("for = 0.5", "for = -1.0", "3600"),
+        ("pool = \"others\"", "pool = \"other\"", "no [[pool]]"),
+        ("\"supervisor\", \"device\"", "\"device\", \"device\"", "twice"),
+        ("count = 2\n", "count = 2\nfor = 1.0\n", "without options"),
+        ("share = 0.1", "share = 0.0", "share"),
+        ("spares = \"off\"", "spares = \"of\"", "on or off"),
+        ("name = \"alone\"", "name = \"spares\"", "of its own"),
+        ("seed = 4", "gap_ticks = [10, 20]", "gap_ticks"),
+        ("seed = 4", "most_void = 2.0", "most_void"),
+        ("seed = 4", "faults_per_station = 0", "faults_per_station"),
+        ("seed = 4", "sead = 4", "sead"),
+        ("seed = 4", "[station]\nhand = \"idle\"", "never touches"),
+        ("seed = 4", "[station]\nworkers = 99", "workers"),
+    ] {
+        let reason = refusal(change, by);
+        assert!(reason.contains(words), "{by}: {reason}");
+    }
+    assert!(parse("t", "").unwrap_err().contains("injects nothing"));
+    let text = "[station]\nrecord = false\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"recorder\"]\ncount = 1\n";
+    assert!(parse("t", text).unwrap_err().contains("no recorder"));
+}
+
+#[test]
+fn a_fault_in_a_recovery_has_another_beside_it() {
+    let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:active\", \"fluid\"]\nstates = [\"recovery\"]\ncount = 1\n";
+    let campaign = parse("t", text).unwrap();
+    let with = |index: usize| campaign.cells[index].with.as_ref().map(|with| with.target.as_str());
+    assert_eq!((with(0), with(1)), (Some("haptic:active"), Some("tissue:active")));
+    let own = parse("t", &format!("{text}with = \"segfault device\"\n")).unwrap();
+    assert_eq!(own.cells[0].with.as_ref().map(|with| with.kind.name()), Some("segfault"));
+    assert!(parse("t", &format!("{text}with = \"kill\"\n")).unwrap_err().contains("KIND TARGET"));
+    assert!(parse("t", &text.replace("\"fluid\"", "\"supervisor\"")).unwrap_err().contains("state any"));
+}
+
+#[test]
+fn both_of_a_role_and_those_who_keep_the_station_are_targets_too() {
+    let text = "[[cell]]\nkinds = [\"kill\", \"abort\"]\ntargets = [\"haptic:both\", \"guardian\", \"supervisor+guardian\"]\ncount = 2\n";
+    let campaign = parse("t", text).unwrap();
+    assert_eq!(campaign.cells.iter().map(Cell::faults).collect::<Vec<_>>(), [2, 1, 1, 2, 1, 1]);
+    for (change, by, words) in [
+        ("\"abort\"", "\"stop\"", "duration"),
+        ("\"abort\"", "\"spin\"", "kill, stop"),
+        ("\"haptic:both\"", "\"rendering:both\"", "rendering:both"),
+        ("count = 2", "states = [\"recovery\"]\ncount = 2", "any"),
+    ] {
+        let reason = parse("t", &text.replace(change, by)).unwrap_err();
+        assert!(reason.contains(words), "{by}: {reason}");
+    }
+}
+
+#[test]
+fn the_campaigns_that_come_with_the_station_can_be() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/campaigns");
+    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let campaigns: Vec<Campaign> = files.map(|file| read(&file).unwrap_or_else(|e| panic!("{}", e.message))).collect();
+    let all = campaigns.iter().find(|campaign| campaign.name == "all").unwrap();
+    // Each kind that comes about by itself is in it, with a limit and twenty faults of each cell.
+    for (kind, name, _) in crate::faultfile::FaultKind::ALL {
+        let cells: Vec<&Cell> = all.cells.iter().filter(|cell| cell.injection.kind == kind).collect();
+        assert_eq!(cells.is_empty(), ["cont", "undo", "disk-full", "shm-full"].contains(&name), "{name}");
+        assert!(cells.iter().all(|cell| cell.count == 20 && (cell.pool.is_some() || cell.limit_upper95.is_some())), "{name}");
+    }
+    assert!(all.pools.iter().all(|pool| pool.limit_upper95 == 0.05));
+}
+
+#[test]
+fn a_file_that_is_missing_or_no_text_is_refused() {
+    assert_eq!(read(Path::new("/nowhere/x.toml")).unwrap_err().code, 2);
+    assert_eq!(read(Path::new("/proc/self/exe")).unwrap_err().code, 2);
+}
+
+#[test]
+fn a_fault_may_fall_into_a_swap_of_a_role_that_has_a_spare() {
+    let text = |more: &str| format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:active\"]\ncount = 2\n{more}\n");
+    let cell = |more: &str| parse("t", &text(more)).map(|campaign| campaign.cells[0].clone());
+    let swapped = cell("states = [\"swap\"]").unwrap();
+    assert_eq!(
+        (swapped.swap, swapped.name.as_str()),
+        (Some(hyst_messages::Role::Fluid), "kill tissue:active in a swap of fluid")
+    );
+    assert_eq!(cell("states = [\"swap\"]\nswap = \"haptic\"").unwrap().swap, Some(hyst_messages::Role::Haptic));
+    assert!(cell("swap = \"haptic\"").unwrap_err().contains("only a cell with state"));
+    assert!(cell("states = [\"swap\"]\nswap = \"hardware\"").unwrap_err().contains("no engine"));
+}

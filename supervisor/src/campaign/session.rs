@@ -1,0 +1,378 @@
+//! One station of a campaign: started as an operator would start it, watched through its pages, hurt over its control socket, stopped, and
+//! its report read. Every wait is bounded, and whatever happens, nothing of the station is left.
+
+mod keepers;
+mod swaps;
+
+use super::cell::{Cell, State};
+use super::draw::Entry;
+use super::file::{Arm, Campaign};
+use super::outcome::{Counters, Ending, Outcome};
+use crate::control::{self, Request};
+use crate::fault::Fault;
+use crate::faultfile::{FaultKind, Injection, Keepers};
+use crate::plan::Plan;
+use crate::view::Viewer;
+use crate::{proc, remains};
+use hyst_exchange::{Station, system};
+use hyst_messages::page::{fluid, header, tissue};
+use hyst_messages::{Role, Slot, TICK_NS};
+use rustix::process::Signal;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A start takes a second on an idle machine, and much longer on one that compiles beside it.
+const START_NS: u64 = 120_000_000_000;
+/// The supervisor closes a fault 40 s after it at the latest, and looks for a control window for as long as the fault took.
+const CLOSE_NS: u64 = 120_000_000_000;
+/// The same for one that makes a start hang, for which an ordinary process has 180 s.
+const CLOSE_START_NS: u64 = 600_000_000_000;
+/// A station that is not whole and in the wanted state by then will not be: the hands' periods are at most 12 s.
+const READY_NS: u64 = 60_000_000_000;
+/// A stop takes 2 s for processes that hang, and then some for the report.
+const STOP_NS: u64 = 30_000_000_000;
+/// Between two looks.
+const LOOK_NS: u64 = 5_000_000;
+/// The fault is asked for at least this long before its tick: the socket and the supervisor's loop take 10 ms of it, more on a busy machine.
+const AHEAD_TICKS: u64 = 35;
+/// And at most this much earlier: two looks and some. Together less than what the supervisor waits (`moment::MOST_AHEAD_NS`).
+const EARLY_TICKS: u64 = 15;
+/// A station that was whole for this long has settled (the policy's SETTLED_NS, and a margin).
+const SETTLED_TICKS: u64 = 150;
+/// Fault-free ticks between the end of a fault's window and the next fault: room for a control window.
+const QUIET_TICKS: u64 = 320;
+/// Longest run of a station beyond what its faults should take, s: it ends by itself if the campaign was killed.
+const SPARE_TIME_S: u64 = 1_800;
+
+/// Why a station cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum Trouble {
+    /// Ctrl-C.
+    #[error("interrupted; the same command goes on where it ended")]
+    Interrupted,
+    /// The station has ended by itself.
+    #[error("the station ended by itself; {0} has its words")]
+    Ended(String),
+    /// It did not become whole.
+    #[error("the station was not whole and settled within {0} s; {1} has its words")]
+    NotWhole(u64, String),
+    /// The system.
+    #[error("{0}: {1}")]
+    System(String, std::io::Error),
+}
+
+/// A running station.
+pub struct Session {
+    station: Station,
+    /// What starts it, and takes it over if its guardian was killed.
+    command: Command,
+    child: Child,
+    viewer: Option<Viewer>,
+    slots: Vec<Slot>,
+    /// Its log, report and recording, without their endings.
+    files: PathBuf,
+    interrupted: Arc<AtomicBool>,
+    /// Bytes of the closed faults' file that were read.
+    read_bytes: usize,
+    whole_since_tick: Option<u64>,
+    quiet_from_tick: u64,
+}
+
+impl Session {
+    /// Starts the station and waits until it is whole.
+    pub fn start(
+        campaign: &Campaign,
+        arm: &Arm,
+        entries: &[&Entry],
+        station: &Station,
+        files: &Path,
+        interrupted: Arc<AtomicBool>,
+    ) -> Result<Session, Trouble> {
+        let said = files.with_extension("log");
+        let _ = std::fs::remove_file(files.with_extension("mcap")); // of a run that was killed: the recorder would refuse it
+        let trouble = |e| Trouble::System(format!("{}: a folder that can be written is needed", said.display()), e);
+        let log = std::fs::OpenOptions::new().create(true).append(true).open(&said).map_err(trouble)?;
+        let mut command =
+            command(campaign, arm, entries, station, files).map_err(|e| Trouble::System("this program".into(), e))?;
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
+        let child = command.spawn().map_err(|e| Trouble::System("cannot start `hystation run`".into(), e))?;
+        let mut session = Session {
+            station: station.clone(),
+            command,
+            child,
+            viewer: None,
+            slots: Vec::new(),
+            files: files.to_path_buf(),
+            interrupted,
+            read_bytes: 0,
+            whole_since_tick: None,
+            quiet_from_tick: 0,
+        };
+        let whole = session.wait(START_NS, |session| {
+            if session.viewer.is_none() {
+                // Both are made by the guardian; the viewer opens once all pages are there.
+                session.slots = Plan::read(&session.station).ok()?.slots();
+                session.viewer = Viewer::open(&session.station).ok();
+            }
+            session.whole().then_some(())
+        })?;
+        whole.ok_or_else(|| Trouble::NotWhole(START_NS / 1_000_000_000, session.said()))?;
+        Ok(session)
+    }
+
+    fn said(&self) -> String {
+        self.files.with_extension("log").display().to_string()
+    }
+
+    /// Looks until something is found; `None` when the time is over.
+    fn wait<T>(&mut self, limit_ns: u64, mut found: impl FnMut(&mut Session) -> Option<T>) -> Result<Option<T>, Trouble> {
+        let end_ns = system::now_ns() + limit_ns;
+        loop {
+            if let Some(it) = found(self) {
+                return Ok(Some(it));
+            }
+            if self.interrupted.load(Ordering::Relaxed) {
+                return Err(Trouble::Interrupted);
+            }
+            if !matches!(self.child.try_wait(), Ok(None)) {
+                return Err(Trouble::Ended(self.said()));
+            }
+            if system::now_ns() >= end_ns {
+                return Ok(None);
+            }
+            system::sleep_ns(LOOK_NS);
+        }
+    }
+
+    /// The tick now; 0 before the station has pages.
+    pub fn tick(&self) -> u64 {
+        self.viewer.as_ref().map_or(0, |viewer| viewer.page().tick_at(system::now_ns()))
+    }
+
+    /// Whether every process of the plan, and the supervisor, is there and warm or live; notes since when.
+    fn whole(&mut self) -> bool {
+        let tick = self.tick();
+        let Some(viewer) = &mut self.viewer else { return false };
+        let lives = |role| remains::slot_alive(viewer.page(), Slot::first(role).number()).is_some();
+        let supervised = lives(Role::Supervisor) && lives(Role::Guardian);
+        let well = |slot: &Slot| {
+            let present = viewer.page().pid(*slot) != 0 && !viewer.page().is_dead(*slot);
+            present && viewer.slot_page(*slot).is_some_and(|page| page.state().is_ready())
+        };
+        let whole = supervised && !self.slots.is_empty() && self.slots.iter().all(well);
+        self.whole_since_tick = if whole { Some(self.whole_since_tick.unwrap_or(tick)) } else { None };
+        whole
+    }
+
+    fn settled(&mut self) -> bool {
+        let tick = self.tick();
+        self.whole()
+            && self.whole_since_tick.is_some_and(|since| tick >= since + SETTLED_TICKS)
+            && tick + AHEAD_TICKS >= self.quiet_from_tick
+    }
+
+    /// What tissue and fluid say of themselves: the newest of either, whoever wrote it.
+    fn counters(&mut self) -> Counters {
+        let mut found = Counters { tick: self.tick(), ..Counters::default() };
+        let Some(viewer) = &mut self.viewer else { return found };
+        for index in 0..2 {
+            let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
+            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= found.tissue_tick) {
+                found.tissue_tick = status.state_tick;
+                (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
+            }
+            for role in [Role::Tissue, Role::Fluid] {
+                let founded = Slot::new(role, index)
+                    .and_then(|slot| viewer.slot_page(slot))
+                    .map_or(0, |page| page.load64(header::FOUNDED_TICK));
+                found.founded_tick = found.founded_tick.max(founded);
+            }
+            let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
+            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= found.fluid_tick) {
+                (found.fluid_tick, found.deficit_ml) = (status.state_tick, status.deficit_ml);
+            }
+        }
+        found
+    }
+
+    /// Injects one fault of the plan at its tick, or as soon after it as the station is whole, settled and in the wanted state, and waits
+    /// until it is closed. What the station comes to after the fault was injected is the fault's outcome, and ends the session.
+    pub fn hurt(&mut self, entry: &Entry, cell: &Cell) -> Result<(Outcome, Option<Trouble>), Trouble> {
+        let mut outcome = Outcome::of(entry);
+        let now_tick = self.tick();
+        let until_ns = entry.tick.saturating_sub(now_tick) * TICK_NS + READY_NS;
+        let state = cell.state;
+        let ready = self.wait(until_ns, |session| {
+            let near = session.settled() && session.tick() + AHEAD_TICKS + EARLY_TICKS >= entry.tick;
+            (near && session.is_in(state)).then(|| entry.tick.max(session.tick() + AHEAD_TICKS))
+        })?;
+        let Some(tick) = ready else {
+            if !self.settled() {
+                return Err(Trouble::NotWhole(READY_NS / 1_000_000_000, self.said()));
+            }
+            outcome.ending = Ending::NoState;
+            outcome.reason = format!("the station was never in the state of {:?}", cell.name);
+            return Ok((outcome, None));
+        };
+        outcome.before = self.counters();
+        outcome.collateral = self.unread(); // closed between the fault before and this one
+        let tick = match self.swap_beside(entry, cell)? {
+            Ok(beside) => beside.unwrap_or(tick),
+            Err(reason) => {
+                (outcome.ending, outcome.reason) = (Ending::Refused, reason);
+                return Ok((outcome, None));
+            }
+        };
+        let sent_ns = system::now_ns();
+        let first = cell.with.as_ref().map(|with| self.inject(with, tick, entry.phase_us)).transpose();
+        let tick = if cell.with.is_some() { tick + entry.with_ticks } else { tick };
+        // Each of a cell's faults hits other bytes, and the same ones when it is repeated.
+        let seed = cell.injection.place.map(|_| cell.injection.seed.unwrap_or(entry.index as u64));
+        let injection = Injection { seed, ..cell.injection.clone() };
+        let done = first.and_then(|first| Ok((first, self.inject(&injection, tick, entry.phase_us)?)));
+        let answered_ns = system::now_ns();
+        self.whole_since_tick = None;
+        if let Err(reason) = done {
+            (outcome.ending, outcome.reason) = (Ending::Refused, reason);
+        } else if let Err(trouble) =
+            self.close(&mut outcome, cell, sent_ns, answered_ns).and_then(|()| self.see_swap_end(&mut outcome, cell))
+        {
+            if matches!(trouble, Trouble::Interrupted) {
+                return Err(trouble);
+            }
+            outcome.reason = trouble.to_string();
+            outcome.after = outcome.before;
+            return Ok((outcome, Some(trouble)));
+        }
+        outcome.after = self.counters();
+        Ok((outcome, None))
+    }
+
+    fn is_in(&mut self, state: State) -> bool {
+        match state {
+            State::Any | State::Recovery | State::Swap => true,
+            State::Idle => self.counters().contacts == 0,
+            State::Contact => self.counters().contacts > 0,
+        }
+    }
+
+    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<(), String> {
+        let start_ns = self.viewer.as_ref().map_or(0, |viewer| viewer.page().start_of(tick));
+        system::sleep_until_ns(start_ns.saturating_sub((AHEAD_TICKS + EARLY_TICKS) * TICK_NS)); // at most 100 ms, for a second fault
+        if let Some(keepers) = Keepers::parse(&injection.target) {
+            return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000);
+        }
+        let request = Injection { tick, phase_us, ..injection.clone() };
+        control::ask(&self.station, &Request::Fault(request)).map(|_| ())
+    }
+
+    /// Waits until the fault, and the one in whose recovery it came, are closed: a line of each is in the station's file.
+    fn close(&mut self, outcome: &mut Outcome, cell: &Cell, sent_ns: u64, answered_ns: u64) -> Result<(), Trouble> {
+        let injections: Vec<&Injection> = [cell.with.as_ref(), Some(&cell.injection)].into_iter().flatten().collect();
+        let is_ours = |fault: &Fault| injections.iter().any(|injection| is_of(fault, injection, sent_ns, answered_ns));
+        let mut closed: Vec<Fault> = Vec::new();
+        let expected = cell.faults() + usize::from(cell.with.is_some());
+        let close_ns = if cell.injection.kind == FaultKind::HangStart { CLOSE_START_NS } else { CLOSE_NS };
+        self.wait(close_ns, |session| {
+            closed.extend(session.unread());
+            (closed.iter().filter(|fault| is_ours(fault)).count() >= expected).then_some(())
+        })?;
+        let (mut ours, collateral): (Vec<Fault>, Vec<Fault>) = closed.into_iter().partition(is_ours);
+        ours.sort_by_key(|fault| (fault.injected_ns, fault.recovered_us.map_or(u64::MAX, |us| us as u64)));
+        if ours.len() >= expected {
+            outcome.fault = ours.pop(); // the one in a recovery comes second; of two that were hit at once, the one that took longer
+            outcome.with = ours.pop().filter(|_| cell.with.is_some());
+        }
+        outcome.collateral.extend(collateral);
+        if let (Some(fault), Some(viewer)) = (&outcome.fault, &self.viewer) {
+            outcome.ending = Ending::Closed;
+            outcome.tick = fault.tick;
+            let in_tick_ns = fault.injected_ns.saturating_sub(viewer.page().start_of(fault.tick));
+            outcome.injected_phase_us = (in_tick_ns / 1_000).min(999) as u32;
+        } else {
+            outcome.reason = format!("no verdict within {} s", close_ns / 1_000_000_000);
+        }
+        let ends = [&outcome.fault, &outcome.with].into_iter().flatten().chain(&outcome.collateral);
+        let end_tick = ends.filter_map(|fault| fault.window).map(|window| window.to_tick).max().unwrap_or_else(|| self.tick());
+        self.quiet_from_tick = end_tick + QUIET_TICKS;
+        Ok(())
+    }
+
+    /// Faults that were closed since the last call.
+    fn unread(&mut self) -> Vec<Fault> {
+        let text = std::fs::read_to_string(self.station.root().join("faults.jsonl")).unwrap_or_default();
+        let news = text.get(self.read_bytes..).unwrap_or("");
+        let whole = news.rfind('\n').map_or(0, |at| at + 1);
+        self.read_bytes += whole;
+        news[..whole].lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+    }
+
+    /// Stops the station as Ctrl-C does; gives its exit code, if it had one. Its report lies in the folder.
+    pub fn stop(mut self) -> Option<i32> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Option<i32> {
+        if let Some(pid) = proc::pid(self.child.id()).filter(|_| matches!(self.child.try_wait(), Ok(None))) {
+            let _ = rustix::process::kill_process(pid, Signal::INT); // one that has just ended is reaped below
+        }
+        let end_ns = system::now_ns() + STOP_NS;
+        while system::now_ns() < end_ns {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                return status.code();
+            }
+            system::sleep_ns(LOOK_NS);
+        }
+        let _ = self.child.kill().and_then(|()| self.child.wait()); // the guardian hangs: nothing else is left to do
+        remains::kill_all(&self.station, || {});
+        if let Some(stand_in) = remains::guardian(&self.station) {
+            proc::signal(stand_in.pid, Signal::KILL); // the supervisor had time to start one
+            remains::kill_all(&self.station, || {});
+        }
+        self.station.wipe();
+        None
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            self.end();
+        }
+    }
+}
+
+/// Whether a closed fault is the injected one.
+fn is_of(fault: &Fault, injection: &Injection, sent_ns: u64, answered_ns: u64) -> bool {
+    if let Some(keepers) = Keepers::parse(&injection.target) {
+        return keepers::is_of(fault, keepers, sent_ns);
+    }
+    let role = |name: &str| name.split(':').next().map(str::to_string);
+    fault.kind == injection.kind.name()
+        && role(&fault.target) == role(&injection.target)
+        && (sent_ns..=answered_ns).contains(&fault.injected_ns)
+}
+
+fn command(campaign: &Campaign, arm: &Arm, entries: &[&Entry], station: &Station, files: &Path) -> std::io::Result<Command> {
+    use std::os::unix::process::CommandExt;
+    let last_tick = entries.last().map_or(0, |entry| entry.tick);
+    let mut command = Command::new(std::env::current_exe()?);
+    // A group of its own: Ctrl-C is for the campaign, which then stops the station.
+    command.process_group(0).args(["--name", station.name(), "run", "--headless", "--test-mode", "--quiet"]);
+    command.arg("--for").arg(format!("{}s", (4 * last_tick / 1_000 + SPARE_TIME_S).min(86_000)));
+    command.arg("--report").arg(files.with_extension("json"));
+    if campaign.records() {
+        command.arg("--record").arg(files.with_extension("mcap"));
+    }
+    command.arg("--hand").arg(campaign.station.hand.as_deref().unwrap_or("script:press"));
+    if let Some(workers) = campaign.station.workers {
+        command.arg("--workers").arg(workers.to_string());
+    }
+    for (key, value) in campaign.set(arm) {
+        command.arg("--set").arg(format!("{key}={value}"));
+    }
+    command.args(&campaign.station.scene);
+    Ok(command)
+}

@@ -1,0 +1,146 @@
+//! The folder of a campaign's results. A line of `results.jsonl` is written when its fault is closed, so that a campaign that is interrupted,
+//! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed.
+
+use super::draw::Plan;
+use super::outcome::{Outcome, StationOutcome};
+use crate::plan::write_whole;
+use crate::settings::Refusal;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// An open folder.
+#[derive(Debug)]
+pub struct Store {
+    folder: PathBuf,
+    /// Made for this run alone, and removed at its end.
+    passing: bool,
+    /// One for each fault that is through.
+    pub outcomes: Vec<Outcome>,
+    /// One for each run of a station.
+    pub stations: Vec<StationOutcome>,
+}
+
+fn refuse(path: &Path, what: &str) -> Refusal {
+    Refusal::input(format!("--report {}: {what}", path.display()))
+}
+
+impl Store {
+    /// Opens or makes the folder; without one, a passing one.
+    pub fn open(folder: Option<&Path>, plan: &Plan) -> Result<Store, Refusal> {
+        let passing = std::env::temp_dir().join(format!("hystation-campaign-{}", std::process::id()));
+        let path = folder.unwrap_or(&passing);
+        let path = std::path::absolute(path).map_err(|e| refuse(path, &e.to_string()))?;
+        std::fs::create_dir_all(&path).map_err(|e| refuse(&path, &format!("{e}; give a folder that can be made")))?;
+        let text = serde_json::to_string_pretty(plan).map_err(|e| refuse(&path, &e.to_string()))?;
+        let plan_file = path.join("plan.json");
+        match std::fs::read_to_string(&plan_file) {
+            Ok(known) if known != text => {
+                return Err(refuse(&path, "it holds the results of another campaign, or of another seed; give another folder"));
+            }
+            Ok(_) => {}
+            Err(_) if path.join("results.jsonl").exists() => {
+                return Err(refuse(&path, "it holds results without their plan.json; give another folder"));
+            }
+            Err(_) => write_whole(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
+        }
+        let mut store = Store {
+            outcomes: lines(&path, "results.jsonl")?,
+            stations: lines(&path, "stations.jsonl")?,
+            folder: path,
+            passing: folder.is_none(),
+        };
+        store.outcomes.retain(|outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell));
+        Ok(store)
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Whether a fault is through.
+    pub fn has(&self, index: usize) -> bool {
+        self.outcomes.iter().any(|outcome| outcome.index == index)
+    }
+
+    /// Adds a fault.
+    pub fn add(&mut self, outcome: Outcome) -> Result<(), Refusal> {
+        self.append("results.jsonl", &outcome)?;
+        self.outcomes.push(outcome);
+        Ok(())
+    }
+
+    /// Adds a run of a station.
+    pub fn add_station(&mut self, station: StationOutcome) -> Result<(), Refusal> {
+        self.append("stations.jsonl", &station)?;
+        self.stations.push(station);
+        Ok(())
+    }
+
+    fn append(&self, name: &str, line: &impl Serialize) -> Result<(), Refusal> {
+        let failed = |e: String| Refusal::failed(format!("{}: {e}; is the disk full?", self.folder.join(name).display()));
+        let text = serde_json::to_string(line).map_err(|e| failed(e.to_string()))?;
+        let file = std::fs::OpenOptions::new().append(true).create(true).open(self.folder.join(name));
+        let written = file.and_then(|mut file| file.write_all(format!("{text}\n").as_bytes()).and_then(|()| file.sync_data()));
+        written.map_err(|e| failed(e.to_string()))
+    }
+
+    /// Writes a file of the report.
+    pub fn write(&self, name: &str, text: &str) -> Result<(), Refusal> {
+        let path = self.folder.join(name);
+        write_whole(&path, text.as_bytes()).map_err(|e| Refusal::failed(format!("{}: {e}; is the disk full?", path.display())))
+    }
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        if self.passing {
+            let _ = std::fs::remove_dir_all(&self.folder); // in the system's folder for what passes
+        }
+    }
+}
+
+/// The lines of a file; half a line at the end, of a campaign that was killed while it wrote, is cut off.
+fn lines<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Vec<T>, Refusal> {
+    let path = folder.join(name);
+    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
+    let whole = text.rfind('\n').map_or(0, |at| at + 1);
+    if whole < text.len() {
+        write_whole(&path, &text.as_bytes()[..whole]).map_err(|e| refuse(&path, &e.to_string()))?;
+    }
+    let mut found = Vec::new();
+    for (index, line) in text[..whole].lines().enumerate() {
+        let cure = "give another folder, or remove this one";
+        found.push(serde_json::from_str(line).map_err(|e| refuse(folder, &format!("{name}, line {}: {e}; {cure}", index + 1)))?);
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::{draw, file};
+
+    #[test]
+    fn results_outlive_a_kill_in_the_middle_of_a_line_and_are_not_mixed() {
+        let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
+        let plan = draw::plan(&file::parse("t", text).unwrap(), 1);
+        let folder = std::env::temp_dir().join(format!("hystation-store-{}", std::process::id()));
+        let mut store = Store::open(Some(&folder), &plan).unwrap();
+        store.add(Outcome::of(&plan.faults[1])).unwrap();
+        store.add(Outcome::of(&plan.faults[0])).unwrap();
+        let results = folder.join("results.jsonl");
+        let whole = std::fs::read_to_string(&results).unwrap();
+        std::fs::write(&results, format!("{whole}{{\"index\":2,\"stat")).unwrap();
+        let again = Store::open(Some(&folder), &plan).unwrap();
+        assert_eq!((again.outcomes.len(), again.has(0), again.has(1), again.has(2)), (2, true, true, false));
+        assert_eq!(std::fs::read_to_string(&results).unwrap(), whole);
+        let other = draw::plan(&file::parse("t", text).unwrap(), 2);
+        assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
+        std::fs::write(&results, "{}\n").unwrap();
+        assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,154 @@
+//! A campaign's report as plain text.
+
+use super::judge::{Figures, Judgement, Verdict};
+use super::outcome::{Ending, Outcome};
+use std::fmt::Write;
+
+/// The value below which a share of an ascending list lies; `None` of nothing.
+pub fn percentile(ascending: &[f64], share: f64) -> Option<f64> {
+    let last = ascending.len().checked_sub(1)?;
+    ascending.get((share * last as f64).round() as usize).copied()
+}
+
+/// One line for a fault that is through.
+pub fn line(outcome: &Outcome, planned: usize) -> String {
+    let mut text = format!(
+        "{:>6}/{planned} station {} tick {}+{:03} us  {:<40}",
+        outcome.index, outcome.station, outcome.tick, outcome.injected_phase_us, outcome.cell
+    );
+    let ms = |us: Option<f64>| us.map_or("-".into(), |us| format!("{:.1}", us * 1e-3));
+    match (&outcome.fault, outcome.ending) {
+        (Some(fault), Ending::Closed) => {
+            let missed = |window: Option<crate::ledger::Window>| window.map_or("-".into(), |window| window.missed.to_string());
+            let _ = write!(
+                text,
+                " {} found {} ms by {}, recovered {} ms, missed {} (control {})",
+                fault.target,
+                ms(fault.detected_us),
+                fault.detected_by,
+                ms(fault.recovered_us),
+                missed(fault.window),
+                missed(fault.control)
+            );
+            if !outcome.reason.is_empty() {
+                let _ = write!(text, "; {}", outcome.reason);
+            }
+        }
+        _ => {
+            let _ = write!(text, " {}", outcome.reason);
+        }
+    }
+    text
+}
+
+fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Figures => "",
+        Verdict::Held => "held",
+        Verdict::Unknown => "UNKNOWN",
+        Verdict::Broken => "BROKEN",
+    }
+}
+
+fn row(figures: &Figures) -> String {
+    let times = |list: &[f64]| match (percentile(list, 0.5), percentile(list, 1.0)) {
+        (Some(middle), Some(most)) => format!("{middle:.1}/{most:.1}"),
+        _ => "-".into(),
+    };
+    let found: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
+    let excess = figures.excess.map_or(("-".into(), "-".into(), "-".into()), |excess| {
+        (format!("{}-{}", excess.worse, excess.better), format!("{:.4}", excess.mean), format!("{:.4}", excess.upper95))
+    });
+    let [step, control_step] = figures.step_max_n;
+    let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
+    format!(
+        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>12} {:>5}  {:<8} {}\n",
+        figures.name,
+        figures.injected,
+        figures.planned,
+        figures.manifested,
+        figures.without_verdict,
+        times(&figures.detected_ms),
+        times(&figures.contained_ms),
+        times(&figures.recovered_ms),
+        excess.0,
+        excess.1,
+        excess.2,
+        limit,
+        figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}")),
+        format!("{step:.3}/{control_step:.3}"),
+        figures.data_lost_ticks,
+        word(figures.verdict),
+        found.join(", ")
+    )
+}
+
+/// The report.
+pub fn text(judgement: &Judgement) -> String {
+    let mut text = format!(
+        "\ncampaign {}, seed {}: {} of {} faults are through{}\n",
+        judgement.campaign,
+        judgement.seed,
+        judgement.done,
+        judgement.planned,
+        if judgement.done < judgement.planned { "; the same command goes on" } else { "" }
+    );
+    let mut arms: Vec<&str> = judgement.cells.iter().map(|cell| cell.arm.as_str()).collect();
+    arms.dedup();
+    for arm in arms {
+        let _ = write!(
+            text,
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>12} {:>5}  {:<8} found by\n",
+            "cell: times are median/largest in ms",
+            "injected",
+            "shown",
+            "void",
+            "found",
+            "contained",
+            "recovered",
+            "+/- miss",
+            "excess",
+            "upper95",
+            "limit",
+            "misses",
+            "step/N",
+            "lost",
+            "verdict"
+        );
+        for figures in judgement.cells.iter().filter(|cell| cell.arm == arm) {
+            text.push_str(&row(figures));
+        }
+        for figures in judgement.pools.iter().filter(|pool| pool.arm == arm) {
+            text.push_str(&row(&Figures { name: format!("pool {}", figures.name), ..figures.clone() }));
+        }
+    }
+    text.push('\n');
+    for figures in judgement.cells.iter().chain(&judgement.pools) {
+        for reason in &figures.reasons {
+            let _ = writeln!(text, "{}, {}: {reason}", figures.arm, figures.name);
+        }
+    }
+    for reason in judgement.broken.iter().chain(&judgement.unknown) {
+        let _ = writeln!(text, "{reason}");
+    }
+    let end = match judgement.exit_code {
+        1 => "a promise was broken",
+        3 => "nothing can be said of every promise: too much was void, or too few faults came about",
+        _ if judgement.done < judgement.planned => "no promise was broken so far",
+        _ => "every promise held",
+    };
+    let _ = writeln!(text, "{end}; {:.1} % of the faults without a verdict", 100.0 * judgement.void_share);
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::percentile;
+
+    #[test]
+    fn percentiles_by_hand() {
+        let list = [1.0, 2.0, 3.0, 4.0, 10.0];
+        assert_eq!([0.0, 0.5, 1.0].map(|share| percentile(&list, share)), [Some(1.0), Some(3.0), Some(10.0)]);
+        assert_eq!(percentile(&[], 0.5), None);
+    }
+}

@@ -1,0 +1,199 @@
+//! One arm of the comparison: a whole station, with so many collision workers, as processes or as threads of one process. Each round starts
+//! it, measures one window, and stops it.
+
+use super::probe::{self, Window};
+use super::{beside, not_started};
+use crate::plan;
+use crate::proc;
+use crate::remains;
+use crate::settings::Refusal;
+use crate::view::Viewer;
+use hyst_engine::Settings;
+use hyst_exchange::{Station, system};
+use hyst_messages::page::header;
+use hyst_messages::{Role, Slot};
+use rustix::process::Signal;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// Length of a window: one round of the scripted hand, so that every window holds the same contact wherever it begins.
+pub const WINDOW_NS: u64 = 2_000_000_000;
+/// Tick of the hardware from which on a window may begin: the hand has rested for its first second, and pressed for half a round.
+const FIRST_TICK: u64 = 2_000;
+/// How long a start may take before the arm counts as failed.
+const START_NS: u64 = 40_000_000_000;
+/// How long an end may take: engines have 2 s, the guardian's report and removal some more.
+const STOP_NS: u64 = 10_000_000_000;
+/// A station whose benchmark was killed ends by itself after this time, s.
+const BOUND_S: u64 = 60;
+/// Between two looks at a station that starts or ends.
+const LOOK_NS: u64 = 10_000_000;
+
+/// What is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A process for each engine.
+    Processes,
+    /// A thread for each engine, in one process.
+    Threads,
+}
+
+/// An arm and its windows.
+#[derive(Clone, Debug)]
+pub struct Arm {
+    /// What is measured.
+    pub kind: Kind,
+    /// Collision workers.
+    pub workers: usize,
+    /// One for each round.
+    pub windows: Vec<Window>,
+    /// Exit codes other than 0.
+    pub failures: Vec<i32>,
+}
+
+impl Arm {
+    /// An arm that has not run yet.
+    pub fn new(kind: Kind, workers: usize) -> Arm {
+        Arm { kind, workers, windows: Vec::new(), failures: Vec::new() }
+    }
+    /// What people read.
+    pub fn name(&self) -> String {
+        match self.kind {
+            Kind::Processes => format!("workers {}", self.workers),
+            Kind::Threads => format!("threads, workers {}", self.workers),
+        }
+    }
+
+    /// One round.
+    pub fn run(&mut self, mesh: Option<&Path>) -> Result<(), Refusal> {
+        let name = format!("bench-{}-{}", std::process::id(), if self.kind == Kind::Threads { "t" } else { "p" });
+        let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
+        let mut running = Running::start(station, self.command(&name, mesh)?)?;
+        let window = running.measure(self.workers);
+        let (code, said) = running.stop();
+        match window {
+            Ok(window) => self.windows.push(window),
+            Err(refusal) if said.is_empty() => return Err(refusal),
+            Err(_) => return Err(Refusal { code: code.clamp(1, 2) as u8, message: format!("bench station: {said}") }),
+        }
+        if code != 0 {
+            self.failures.push(code);
+        }
+        Ok(())
+    }
+
+    fn command(&self, name: &str, mesh: Option<&Path>) -> Result<Command, Refusal> {
+        let (binary, bound) = match self.kind {
+            Kind::Processes => ("hystation", format!("{BOUND_S}s")),
+            Kind::Threads => ("engines-as-threads", BOUND_S.to_string()),
+        };
+        let path: PathBuf = beside(binary)?;
+        let mut command = Command::new(&path);
+        match self.kind {
+            Kind::Processes => command.args(["--name", name, "run", "--headless", "--quiet"]).args(mesh),
+            Kind::Threads => {
+                command.args(["--station", name]).args(mesh.map(|mesh| [Path::new("--scene"), mesh]).into_iter().flatten())
+            }
+        };
+        command.args(["--for", &bound, "--workers", &self.workers.to_string()]);
+        Ok(command)
+    }
+}
+
+/// A station that was started here; killed and removed when dropped.
+struct Running {
+    station: Station,
+    child: Child,
+}
+
+impl Running {
+    fn start(station: Station, mut command: Command) -> Result<Running, Refusal> {
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let child = command.spawn().map_err(|e| not_started(Path::new(command.get_program()), &e))?;
+        Ok(Running { station, child })
+    }
+
+    fn has_ended(&mut self) -> Option<i32> {
+        self.child.try_wait().ok().flatten().map(|status| status.code().unwrap_or(1))
+    }
+
+    /// Waits until everyone is ready and the hand moves, and measures one window.
+    fn measure(&mut self, workers: usize) -> Result<Window, Refusal> {
+        let failed = |what: &str| Refusal::failed(format!("bench station: the station {what}; `hystation doctor` may say why"));
+        let slots = plan::slots(&Settings { workers, ..Settings::default() }, true, None);
+        let end_ns = system::now_ns() + START_NS;
+        let mut viewer = loop {
+            if self.has_ended().is_some() {
+                return Err(failed("ended while it started"));
+            }
+            // Not founded yet is as good as not ready yet.
+            let viewer = Viewer::open(&self.station).ok();
+            let waits_for = match viewer {
+                None => "its founding".to_string(),
+                Some(mut viewer) => match unready(&mut viewer, &slots) {
+                    None => break viewer,
+                    Some(names) => names,
+                },
+            };
+            if system::now_ns() > end_ns {
+                return Err(failed(&format!("was not ready in time, it still waits for {waits_for}")));
+            }
+            system::sleep_ns(LOOK_NS);
+        };
+        let before = probe::look(&mut viewer);
+        system::sleep_ns(WINDOW_NS);
+        let after = probe::look(&mut viewer);
+        if self.has_ended().is_some() {
+            return Err(failed("ended while it was measured"));
+        }
+        Ok(probe::window(&mut viewer, &before, &after))
+    }
+
+    /// Stops it as Ctrl-C does; gives its exit code and, if that is not 0, what it said.
+    fn stop(mut self) -> (i32, String) {
+        proc::signal(self.child.id(), Signal::INT);
+        let end_ns = system::now_ns() + STOP_NS;
+        let code = loop {
+            match self.has_ended() {
+                Some(code) => break code,
+                None if system::now_ns() > end_ns => break 1,
+                None => system::sleep_ns(LOOK_NS),
+            }
+        };
+        let mut said = String::new();
+        if code != 0
+            && let Some(mut stderr) = self.child.stderr.take()
+        {
+            let _ = self.child.kill(); // if it has not ended, its last words are what can be read
+            let _ = stderr.read_to_string(&mut said);
+        }
+        (code, said.trim().to_string())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill(); // it has ended by itself, or has to
+        let _ = self.child.wait();
+        if !self.station.leftovers().is_empty() {
+            remains::kill_all(&self.station, || {});
+            self.station.wipe();
+        }
+    }
+}
+
+/// Who is not ready yet; `None` if everyone is and the hand moves.
+fn unready(viewer: &mut Viewer, slots: &[Slot]) -> Option<String> {
+    let names: Vec<String> = slots
+        .iter()
+        .filter(|slot| !viewer.slot_page(**slot).is_some_and(|page| page.state().is_ready()))
+        .map(Slot::to_string)
+        .collect();
+    let hand = viewer.slot_page(Slot::first(Role::Hardware)).map_or(0, |page| page.load64(header::TICK));
+    match names.is_empty() {
+        true if hand >= FIRST_TICK => None,
+        true => Some("the hand to move".into()),
+        false => Some(names.join(", ")),
+    }
+}

@@ -1,0 +1,160 @@
+//! The result as rows, for scripts and for people.
+
+use super::arm::Arm;
+use super::bare::Bare;
+use super::probe::Spell;
+use super::targets::{Target, figures, median, ratios, step_us};
+use crate::report::latency;
+use hyst_engine::realtime;
+use hyst_messages::Role;
+use hyst_messages::page::hardware::Total;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+/// All rows: each arm's station and processes, the bare loop, the targets.
+pub fn all(arms: &[Arm], bare: &Bare, targets: &[Target]) -> Vec<Value> {
+    let mut rows = vec![bare_row(bare)];
+    for arm in arms {
+        rows.push(station_row(arm, arms));
+        rows.extend(names(arm).iter().map(|name| process_row(arm, name)));
+    }
+    rows.extend(targets.iter().map(Target::json));
+    rows
+}
+
+fn bare_row(bare: &Bare) -> Value {
+    json!({
+        "arm": "bare loop",
+        "name": "bare loop",
+        "windows": bare.windows,
+        "priority": realtime::priority(Role::Device),
+        "real_time": bare.real_time,
+        "rate_hz": if bare.seconds > 0.0 { bare.steps as f64 / bare.seconds } else { 0.0 },
+        "wakeup_us": spread(&bare.wakeup),
+        "loop_us": spread(&bare.looping),
+    })
+}
+
+/// The names of an arm's processes, in the order in which a tick passes through them.
+fn names(arm: &Arm) -> Vec<String> {
+    let found: BTreeSet<&String> = arm.windows.iter().flat_map(|window| window.spells.keys()).collect();
+    let mut names: Vec<String> = found.into_iter().cloned().collect();
+    let place = |name: &String| Role::ALL.into_iter().position(|role| name.split(':').next() == Some(role.name()));
+    names.sort_by_key(|name| (place(name).unwrap_or(usize::MAX), name.clone()));
+    names
+}
+
+/// Latencies of a histogram; nothing for one that counts nothing.
+fn spread(counts: &[u64]) -> Value {
+    if counts.iter().sum::<u64>() == 0 { Value::Null } else { latency(counts) }
+}
+
+fn station_row(arm: &Arm, arms: &[Arm]) -> Value {
+    let total = |total: Total| arm.windows.iter().map(|window| window.ledger[total as usize]).sum::<u64>();
+    let most = |figure: fn(&super::probe::Window) -> f64| arm.windows.iter().map(figure).fold(0.0, f64::max);
+    let mut row = json!({
+        "arm": arm.name(),
+        "workers": arm.workers,
+        "name": "station",
+        "windows": arm.windows.len(),
+        "failures": arm.failures,
+        "rss_mib": most(|window| window.resident_mib),
+        "pss_mib": most(|window| window.proportional_mib),
+        "device": {
+            "ticks": total(Total::Ticks), "fresh": total(Total::Fresh), "held": total(Total::Held),
+            "ramped": total(Total::Ramped), "zero": total(Total::Zero), "voided": total(Total::Void),
+        },
+        "main_loop_us": arm.windows.iter().map(step_us).collect::<Vec<_>>(),
+    });
+    if let Some(threads) = arms.iter().find(|other| other.kind != arm.kind && other.workers == arm.workers) {
+        let found = match arm.kind {
+            super::arm::Kind::Processes => ratios(arm, threads),
+            super::arm::Kind::Threads => return row,
+        };
+        row["main_loop_process_over_thread"] = json!(found);
+    }
+    row
+}
+
+/// Adds two histograms.
+fn add(sum: &mut Vec<u64>, counts: &[u64]) {
+    sum.resize(sum.len().max(counts.len()), 0);
+    for (sum, count) in sum.iter_mut().zip(counts) {
+        *sum += count;
+    }
+}
+
+fn process_row(arm: &Arm, name: &str) -> Value {
+    let spells: Vec<&Spell> = arm.windows.iter().filter_map(|window| window.spells.get(name)).collect();
+    let sum = |figure: fn(&Spell) -> u64| spells.iter().map(|spell| figure(spell)).sum::<u64>();
+    let (mut wakeup, mut looping) = (Vec::new(), Vec::new());
+    for spell in &spells {
+        add(&mut wakeup, &spell.wakeup);
+        add(&mut looping, &spell.looping);
+    }
+    let rates_hz = figures(arm, name, Spell::rate_hz);
+    let processor = figures(arm, name, |spell| spell.processor_s.map(|time_s| 100.0 * time_s / spell.seconds));
+    let mut row = json!({
+        "arm": arm.name(),
+        "workers": arm.workers,
+        "name": name,
+        "rate_hz": median(rates_hz.clone()),
+        "rate_hz_least": rates_hz.into_iter().reduce(f64::min),
+        "cpu_percent": median(processor),
+        "wakeup_us": spread(&wakeup),
+        "loop_us": spread(&looping),
+        "rss_mib": figures(arm, name, |spell| spell.resident_mib).into_iter().reduce(f64::max),
+        "real_time": spells.iter().all(|spell| spell.real_time),
+        "steps": sum(|spell| spell.steps.unwrap_or(0)),
+        "overruns": sum(|spell| spell.overruns),
+        "substitutes": sum(|spell| spell.substitutes),
+        "promotions": sum(|spell| spell.promotions),
+        "allocations": sum(|spell| spell.allocations),
+        "shares_missing": sum(|spell| spell.shares_missing),
+    });
+    if let Some([frame_ms, scale]) = spells.last().and_then(|spell| spell.picture) {
+        row["frame_ms"] = json!(frame_ms);
+        row["scale"] = json!(scale);
+    }
+    row
+}
+
+/// The same for people.
+pub fn table(arms: &[Arm], bare: &Bare, targets: &[Target]) -> String {
+    let number = |value: &Value| value.as_f64().map_or("-".to_string(), |value| format!("{value:.1}"));
+    let mut text = format!(
+        "{:<20} {:<20} {:>8} {:>6} | {:>8} {:>8} {:>8} {:>8} | {:>8} {:>8} {:>8} {:>8} | {:>7}\n",
+        "arm",
+        "process",
+        "rate/Hz",
+        "cpu/%",
+        "wake p50",
+        "p99",
+        "p99.9",
+        "max/us",
+        "loop p50",
+        "p99",
+        "p99.9",
+        "max/us",
+        "rss/MiB"
+    );
+    for row in all(arms, bare, &[]) {
+        let _ = write!(text, "{:<20} {:<20}", row["arm"].as_str().unwrap_or("-"), row["name"].as_str().unwrap_or("-"));
+        let _ = write!(text, " {:>8} {:>6}", number(&row["rate_hz"]), number(&row["cpu_percent"]));
+        for latency in [&row["wakeup_us"], &row["loop_us"]] {
+            let _ = write!(text, " |");
+            for key in ["p50", "p99", "p999", "max"] {
+                let _ = write!(text, " {:>8}", number(&latency[key]));
+            }
+        }
+        let _ = writeln!(text, " | {:>7}", number(&row["rss_mib"]));
+    }
+    for target in targets {
+        let value = target.value.map_or("-".to_string(), |value| format!("{value:.3}"));
+        let bound = if target.at_least { "at least" } else { "at most" };
+        let held = target.held.map_or("not judged", |held| if held { "held" } else { "NOT HELD" });
+        let _ = writeln!(text, "{:<52} {value:>10}  {bound} {:>7}  {held}", target.name, target.limit);
+    }
+    text
+}

@@ -1,0 +1,157 @@
+//! Bytes that flip in shared memory, as a bug in any process or a bad bit could flip them: written with ordinary file I/O into the files that the
+//! processes have mapped, so that each sees them at once.
+//!
+//! Which bytes, and to what, follows from a seed alone, as far as the files are the same. Holes are left alone: what was never written is read by
+//! nobody.
+
+use crate::campaign::draw::Draw;
+use crate::faultfile::{DEFAULT_BYTES, Injection, Place};
+use hyst_exchange::{Station, checkpoint};
+use hyst_messages::Slot;
+use rustix::fs::SeekFrom;
+use std::fs::File;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Extents of one file that are looked at: a segment's used messages lie together.
+const MOST_EXTENTS: usize = 4_096;
+
+/// Flips the bytes of an injection; gives what was done, in words.
+pub fn corrupt(station: &Station, slot: Slot, incarnation: u32, pid: u32, injection: &Injection) -> Result<String, String> {
+    let place = injection.place.unwrap_or(Place::Page);
+    let files = match place {
+        Place::Page => vec![station.slot_page(slot, incarnation)],
+        Place::Station => vec![station.station_page()],
+        Place::Roster => vec![station.roster_page()],
+        Place::Checkpoint => vec![checkpoint::path(station, slot)],
+        Place::Stream => mapped(pid, &station.prefix(), ".data", "rw-s"),
+        Place::Link => mapped(pid, &station.prefix(), ".connection", "rw-s"),
+    };
+    if files.is_empty() {
+        return Err(format!("{slot} has no segment of that kind mapped now; wait until its readers are there"));
+    }
+    let (bytes, seed) = (injection.bytes.unwrap_or(DEFAULT_BYTES), injection.seed.unwrap_or(0));
+    let first = flip(&files, seed, bytes).map_err(|(path, error)| format!("{}: {error}", path.display()))?;
+    Ok(format!("{bytes} bytes in {} files, the first at {first}", files.len()))
+}
+
+/// The files in /dev/shm that a process has mapped, by prefix, ending and rights; in the order of their names.
+fn mapped(pid: u32, prefix: &str, ending: &str, rights: &str) -> Vec<PathBuf> {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/maps")).unwrap_or_default();
+    let mut found: Vec<PathBuf> = text
+        .lines()
+        .filter(|line| line.split_whitespace().nth(1) == Some(rights))
+        .filter_map(|line| line.split_whitespace().nth(5))
+        .filter(|path| path.strip_prefix("/dev/shm/").is_some_and(|name| name.starts_with(prefix)) && path.ends_with(ending))
+        .map(PathBuf::from)
+        .collect();
+    found.sort();
+    found.dedup();
+    found
+}
+
+/// Flips so many bytes of all of them together; gives the place of the first one.
+fn flip(files: &[PathBuf], seed: u64, bytes: u32) -> Result<String, (PathBuf, std::io::Error)> {
+    let mut open = Vec::new();
+    for path in files {
+        let failed = |error| (path.clone(), error);
+        let file = std::fs::OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
+        let extents = extents(&file).map_err(failed)?;
+        open.extend(extents.into_iter().map(|extent| (path, file.try_clone(), extent)));
+    }
+    let total: u64 = open.iter().map(|(_, _, extent)| extent.end - extent.start).sum();
+    let (mut draw, mut first) = (Draw::new(seed), None);
+    for _ in 0..bytes {
+        let (mut at, change) = (draw.between(0, total.saturating_sub(1)), draw.between(1, 255) as u8);
+        for (path, file, extent) in &open {
+            let length = extent.end - extent.start;
+            if at >= length {
+                at -= length;
+                continue;
+            }
+            let place = extent.start + at;
+            first.get_or_insert_with(|| described(path, place));
+            let file = file.as_ref().map_err(|error| ((*path).clone(), error.kind().into()))?;
+            flip_byte(file, place, change).map_err(|error| ((*path).clone(), error))?;
+            break;
+        }
+    }
+    Ok(first.unwrap_or_else(|| "none: they are empty".into()))
+}
+
+fn described(path: &Path, place: u64) -> String {
+    format!("{place} of {}", path.file_name().unwrap_or_default().to_string_lossy())
+}
+
+fn flip_byte(file: &File, place: u64, change: u8) -> std::io::Result<()> {
+    let mut byte = [0u8];
+    file.read_exact_at(&mut byte, place)?;
+    file.write_all_at(&[byte[0] ^ change], place)
+}
+
+/// The parts of a file that were ever written.
+fn extents(file: &File) -> std::io::Result<Vec<Range<u64>>> {
+    let mut found = Vec::new();
+    let mut at = 0;
+    while found.len() < MOST_EXTENTS {
+        let Ok(start) = rustix::fs::seek(file, SeekFrom::Data(at)) else { break }; // no data behind it
+        let end = rustix::fs::seek(file, SeekFrom::Hole(start))?;
+        found.push(start..end);
+        at = end;
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(name: &str) -> PathBuf {
+        std::env::temp_dir().join(format!("corrupt-{}-{name}", std::process::id()))
+    }
+
+    fn changed(before: &[u8], after: &[u8]) -> Vec<(usize, u8)> {
+        let pairs = before.iter().zip(after).enumerate();
+        pairs.filter(|(_, (old, new))| old != new).map(|(at, (old, new))| (at, old ^ new)).collect()
+    }
+
+    #[test]
+    fn a_seed_flips_the_same_bytes_and_each_seed_others() {
+        let path = file("seed");
+        let flipped = |seed: u64| {
+            std::fs::write(&path, vec![7u8; 60_000]).unwrap();
+            flip(std::slice::from_ref(&path), seed, 20).unwrap();
+            changed(&vec![7u8; 60_000], &std::fs::read(&path).unwrap())
+        };
+        let first = flipped(5);
+        assert!((15..=20).contains(&first.len()), "two may have hit one byte: {first:?}");
+        assert_eq!(first, flipped(5));
+        assert_ne!(first, flipped(6));
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn holes_are_left_alone_and_two_files_are_hit_by_their_size() {
+        let paths = [file("large"), file("small")];
+        let large = File::create(&paths[0]).unwrap();
+        large.set_len(64 << 20).unwrap();
+        large.write_all_at(&[1; 40_960], 32 << 20).unwrap();
+        std::fs::write(&paths[1], vec![1u8; 4_096]).unwrap();
+        let used: u64 = extents(&File::open(&paths[0]).unwrap()).unwrap().iter().map(|extent| extent.end - extent.start).sum();
+        assert!((40_960..=81_920).contains(&used), "{used} of 64 MiB");
+        flip(&paths, 1, 200).unwrap();
+        let small = changed(&[1; 4_096], &std::fs::read(&paths[1]).unwrap()).len();
+        assert!((5..=40).contains(&small), "{small} of 200 in a tenth or less");
+        for path in paths {
+            std::fs::remove_file(path).unwrap();
+        }
+    }
+
+    #[test]
+    fn only_the_own_segments_of_a_process_are_found() {
+        let prefix = format!("corrupt{}_", std::process::id());
+        assert_eq!(mapped(std::process::id(), &prefix, ".data", "rw-s"), Vec::<PathBuf>::new());
+        assert_eq!(mapped(0, "", "", "rw-s"), Vec::<PathBuf>::new());
+    }
+}

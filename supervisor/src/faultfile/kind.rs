@@ -1,0 +1,232 @@
+//! The kinds of faults: what each does, what the process is asked to do for it, and which processes it cannot be done to.
+
+use crate::policy::is_stateful;
+use hyst_messages::Role;
+use hyst_messages::mischief::Mischief;
+use rustix::process::Signal;
+use serde::{Deserialize, Serialize};
+
+/// What is done to a process: from outside by a signal, or by the process itself because it is asked to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FaultKind {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP, and SIGCONT after `for_s` seconds if it still lives.
+    Stop,
+    /// SIGCONT.
+    Cont,
+    /// SIGSEGV.
+    Segfault,
+    /// SIGABRT.
+    Abort,
+    /// The step's thread spins.
+    Spin,
+    /// The step's thread waits for ever.
+    Block,
+    /// Steps take longer.
+    Slow,
+    /// Ends with code 0.
+    Exit0,
+    /// Ends with code 1.
+    Exit1,
+    /// Panics.
+    Panic,
+    /// Publishes NaN.
+    Nan,
+    /// Publishes infinity.
+    Inf,
+    /// Publishes what is out of range.
+    Range,
+    /// Publishes the same content under new stamps.
+    Frozen,
+    /// Publishes new content under the same stamp.
+    Stamp,
+    /// Publishes an old output.
+    Replay,
+    /// Publishes under an epoch that is over.
+    Epoch,
+    /// Publishes states that kill whoever else takes the role with them.
+    Poison,
+    /// Each holder of its role dies in its next step.
+    Doom,
+    /// Takes memory at a rate.
+    LeakMemory,
+    /// Opens files at a rate.
+    LeakFiles,
+    /// Loses the loans of its stream.
+    LeakLoans,
+    /// May have no more memory than it has, and wants more.
+    Oom,
+    /// May open no more files than it has open.
+    NoFiles,
+    /// SIGKILL, and its successor hangs in its start.
+    HangStart,
+    /// SIGKILL, and its successors die in their start.
+    CrashLoop,
+    /// Bytes are flipped in shared memory.
+    Corrupt,
+    /// The file system of the recording is full.
+    DiskFull,
+    /// /dev/shm is full.
+    ShmFull,
+    /// Ends what it was asked to do.
+    Undo,
+}
+
+impl FaultKind {
+    /// All kinds with what they do.
+    pub const ALL: [(FaultKind, &'static str, &'static str); 31] = [
+        (FaultKind::Kill, "kill", "SIGKILL: the process is gone at once"),
+        (FaultKind::Stop, "stop", "SIGSTOP: it hangs; continued after --for, if it still lives (default: never)"),
+        (FaultKind::Cont, "cont", "SIGCONT: a stopped process goes on as a zombie of its former self"),
+        (FaultKind::Segfault, "segfault", "SIGSEGV: a wild access"),
+        (FaultKind::Abort, "abort", "SIGABRT: a broken invariant"),
+        (FaultKind::Spin, "spin", "the thread of its steps runs on at its own priority"),
+        (FaultKind::Block, "block", "the thread of its steps waits; its heartbeat stands still"),
+        (
+            FaultKind::Slow,
+            "slow",
+            "each step takes --factor times as long and --extra longer, give or take --jitter of that; needs --for",
+        ),
+        (FaultKind::Exit0, "exit0", "it ends with exit code 0, unasked"),
+        (FaultKind::Exit1, "exit1", "it ends with exit code 1"),
+        (FaultKind::Panic, "panic", "the thread of its steps panics"),
+        (FaultKind::Nan, "nan", "it publishes NaN"),
+        (FaultKind::Inf, "inf", "it publishes infinity"),
+        (FaultKind::Range, "range", "it publishes numbers and indices far out of range"),
+        (FaultKind::Frozen, "frozen", "it publishes the same output again and again, under stamps that go on"),
+        (FaultKind::Stamp, "stamp", "its stamp stands still, while its output goes on"),
+        (FaultKind::Replay, "replay", "it publishes an old output again and again, as it was"),
+        (FaultKind::Epoch, "epoch", "it publishes under an epoch that is over"),
+        (
+            FaultKind::Poison,
+            "poison",
+            "its states are flawed from now on: whoever else takes the role with one of them dies of it",
+        ),
+        (FaultKind::Doom, "doom", "each holder of its role dies in its next step, whatever state it goes on from"),
+        (
+            FaultKind::LeakMemory,
+            "leak-memory",
+            "it takes --rate MiB of memory a second (32) and gives them back after --for; found as growth, handed over and replaced",
+        ),
+        (
+            FaultKind::LeakFiles,
+            "leak-files",
+            "it opens --rate files a second (60) and closes them after --for; found as growth, handed over and replaced",
+        ),
+        (
+            FaultKind::LeakLoans,
+            "leak-loans",
+            "it loans a block of its stream in each step and never sends it: soon there is none left to write into, and it ends",
+        ),
+        (
+            FaultKind::Oom,
+            "oom",
+            "its memory is limited to what it has (RLIMIT_AS), and it takes more until the allocator gives up",
+        ),
+        (
+            FaultKind::NoFiles,
+            "no-files",
+            "it can open no file more (RLIMIT_NOFILE), no newcomer's page and stream either; needs --for",
+        ),
+        (
+            FaultKind::HangStart,
+            "hang-start",
+            "SIGKILL, and its successor hangs in its start: for --for, or until it is found (30 s; an ordinary process 180 s)",
+        ),
+        (
+            FaultKind::CrashLoop,
+            "crash-loop",
+            "SIGKILL, and its successors die in their start, --times of them (3); after 8 short lives in a row a slot is given up",
+        ),
+        (
+            FaultKind::Corrupt,
+            "corrupt",
+            "--bytes bytes (16), drawn from --seed, are flipped in its --where: page, stream, link (its connections), checkpoint, or in \
+             the station's page or roster",
+        ),
+        (
+            FaultKind::DiskFull,
+            "disk-full",
+            "of the recorder: a ballast fills the file system of the recording; needs --for, and at most 1 GiB free there",
+        ),
+        (
+            FaultKind::ShmFull,
+            "shm-full",
+            "a ballast fills /dev/shm, whichever process is named; needs --for, and at most 1 GiB free there (`unshare -m`, a tmpfs of its own)",
+        ),
+        (FaultKind::Undo, "undo", "whatever was done to it for a time ends: what it was asked to do, a limit, a ballast"),
+    ];
+    /// The kind with this name.
+    pub fn from_name(name: &str) -> Option<FaultKind> {
+        FaultKind::ALL.iter().find(|(_, known, _)| *known == name).map(|(kind, _, _)| *kind)
+    }
+    /// What the process is asked to do itself.
+    pub fn mischief(self) -> Option<Mischief> {
+        Some(match self {
+            FaultKind::Spin => Mischief::Spin,
+            FaultKind::Block => Mischief::Block,
+            FaultKind::Slow => Mischief::Slow,
+            FaultKind::Exit0 => Mischief::ExitZero,
+            FaultKind::Exit1 => Mischief::ExitOne,
+            FaultKind::Panic => Mischief::Panic,
+            FaultKind::Nan => Mischief::Nan,
+            FaultKind::Inf => Mischief::Inf,
+            FaultKind::Range => Mischief::Range,
+            FaultKind::Frozen => Mischief::Frozen,
+            FaultKind::Stamp => Mischief::Stamp,
+            FaultKind::Replay => Mischief::Replay,
+            FaultKind::Epoch => Mischief::Epoch,
+            FaultKind::Poison => Mischief::Poison,
+            FaultKind::Doom => Mischief::Doom,
+            FaultKind::LeakMemory => Mischief::LeakMemory,
+            FaultKind::LeakFiles => Mischief::LeakFiles,
+            FaultKind::LeakLoans => Mischief::LeakLoans,
+            FaultKind::Oom => Mischief::Exhaust,
+            FaultKind::HangStart => Mischief::HangStart,
+            FaultKind::CrashLoop => Mischief::CrashStart,
+            _ => return None,
+        })
+    }
+
+    /// The signal that it is, or that it begins with.
+    pub fn signal(self) -> Option<Signal> {
+        Some(match self {
+            FaultKind::Kill | FaultKind::HangStart | FaultKind::CrashLoop => Signal::KILL,
+            FaultKind::Stop => Signal::STOP,
+            FaultKind::Cont => Signal::CONT,
+            FaultKind::Segfault => Signal::SEGV,
+            FaultKind::Abort => Signal::ABORT,
+            _ => return None,
+        })
+    }
+
+    /// Whether it must have an end that is given with it, because it neither ends by itself nor is ended by a replacement.
+    pub fn needs_duration(self) -> bool {
+        matches!(self, FaultKind::Slow | FaultKind::NoFiles | FaultKind::DiskFull | FaultKind::ShmFull)
+    }
+
+    /// Why a process of this role cannot do it; `None` if it can.
+    pub(super) fn hindrance(self, role: Role) -> Option<&'static str> {
+        if self == FaultKind::DiskFull && role != Role::Recorder {
+            return Some("what is filled is the file system of the recording; its target is recorder");
+        }
+        let what = self.mischief()?;
+        match role {
+            Role::Device | Role::Rendering | Role::Recorder if what == Mischief::LeakLoans => {
+                Some("it has no stream to loan from")
+            }
+            Role::Rendering | Role::Recorder if what.is_lie() => Some("it publishes nothing that another process computes from"),
+            _ if what.is_lasting() && !is_stateful(role) => Some("it has no state that a successor goes on from"),
+            Role::Device | Role::Haptic if what == Mischief::Epoch => Some("its output has no epoch"),
+            Role::Console => Some("it is not part of this build"),
+            _ => None,
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        FaultKind::ALL.iter().find(|(kind, _, _)| *kind == self).map_or("", |(_, name, _)| name)
+    }
+}

@@ -1,0 +1,184 @@
+//! The options of faults: what each kind takes, within which bounds, and what stands for one that is left out.
+
+use super::{FaultKind, Injection, Keepers};
+use crate::policy::is_stateful;
+use hyst_messages::{Kind, Role, kinds_of};
+use serde::{Deserialize, Serialize};
+
+/// `crash-loop`: successors that die if nobody says how many.
+pub const DEFAULT_TIMES: u32 = 3;
+/// `corrupt`: bytes that are flipped if nobody says how many.
+pub const DEFAULT_BYTES: u32 = 16;
+
+/// What leaks each second if nobody says how much: MiB or files. The bounds of `growth.rs` are passed within 3 to 16 s, in steps that it takes for a
+/// leak.
+pub fn default_rate(kind: FaultKind) -> f64 {
+    if kind == FaultKind::LeakFiles { 60.0 } else { 32.0 }
+}
+
+/// Where bytes are flipped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Place {
+    /// The target's own page.
+    Page,
+    /// The segments that hold the messages of its streams.
+    Stream,
+    /// The connections of its streams to their readers.
+    Link,
+    /// The checkpoints of its slot.
+    Checkpoint,
+    /// The station's page.
+    Station,
+    /// The roster's page.
+    Roster,
+}
+
+impl Place {
+    /// All of them with their names.
+    pub const ALL: [(Place, &'static str); 6] = [
+        (Place::Page, "page"),
+        (Place::Stream, "stream"),
+        (Place::Link, "link"),
+        (Place::Checkpoint, "checkpoint"),
+        (Place::Station, "station"),
+        (Place::Roster, "roster"),
+    ];
+    /// The place with this name.
+    pub fn from_name(name: &str) -> Option<Place> {
+        Place::ALL.iter().find(|(_, known)| *known == name).map(|(place, _)| *place)
+    }
+}
+
+/// Whether it lies in the range, if it is given.
+fn within<T: PartialOrd>(value: Option<T>, range: std::ops::RangeInclusive<T>) -> bool {
+    value.is_none_or(|value| range.contains(&value))
+}
+
+impl Injection {
+    /// Why a process of this role has nothing at the place; `None` if it has.
+    pub(super) fn misplaced(&self, role: Role) -> Option<&'static str> {
+        let has_stream = kinds_of(role).iter().any(|kind| *kind != Kind::Appearance);
+        match self.place? {
+            Place::Stream | Place::Link if !has_stream => Some("it has no stream of its own"),
+            Place::Checkpoint if !is_stateful(role) => Some("it has no state, and so no checkpoint"),
+            _ => None,
+        }
+    }
+
+    /// Each option belongs to some kinds and has bounds.
+    pub(super) fn check_options(&self) -> Result<(), String> {
+        let kind = self.kind;
+        let is_slow = kind == FaultKind::Slow;
+        let is_leak = matches!(kind, FaultKind::LeakMemory | FaultKind::LeakFiles);
+        let is_corrupt = kind == FaultKind::Corrupt;
+        let most_rate = if kind == FaultKind::LeakFiles { 1_000.0 } else { 512.0 };
+        let (factor, extra_s, jitter) = (self.factor, self.extra_s, self.jitter);
+        let refuse = |text: &str| Err(text.to_string());
+        match () {
+            () if !is_slow && (factor, extra_s, jitter) != (None, None, None) => {
+                refuse("factor, extra and jitter belong to slow")
+            }
+            () if !is_leak && self.rate.is_some() => refuse("rate belongs to leak-memory and leak-files"),
+            () if kind != FaultKind::CrashLoop && self.times.is_some() => refuse("times belongs to crash-loop"),
+            () if !is_corrupt && (self.place, self.bytes, self.seed) != (None, None, None) => {
+                refuse("where, bytes and seed belong to corrupt")
+            }
+            () if kind.needs_duration() && self.for_s.is_none() => Err(format!("{} needs a duration: for (--for)", kind.name())),
+            () if is_slow && factor.is_none() && extra_s.is_none() => refuse("slow needs a factor or an extra time"),
+            () if is_corrupt && self.place.is_none() => {
+                let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
+                Err(format!("corrupt needs a place: where (--where) is one of {}", places.join(", ")))
+            }
+            () if !within(factor, 1.0..=100.0) => refuse("factor: a number from 1 to 100"),
+            () if !within(extra_s, 0.0..=10.0) => refuse("extra: seconds between 0 and 10"),
+            () if !within(jitter, 0.0..=1.0) => refuse("jitter: a share from 0 to 1"),
+            () if !within(self.rate, 1.0..=most_rate) => Err(format!("rate: a number from 1 to {most_rate} per second")),
+            () if !within(self.times, 1..=20) => refuse("times: a number from 1 to 20"),
+            () if !within(self.bytes, 1..=1 << 20) => refuse("bytes: a number from 1 to 1048576"),
+            () => Ok(()),
+        }
+    }
+
+    /// What can be done to those who keep the station: the faults that are a signal.
+    pub(super) fn check_of_keepers(&self, keepers: Keepers) -> Result<(), String> {
+        let kind = self.kind;
+        let is_signal = kind.signal().is_some() && kind.mischief().is_none();
+        let bare = Injection {
+            tick: self.tick,
+            phase_us: self.phase_us,
+            for_s: self.for_s.filter(|_| kind == FaultKind::Stop),
+            ..Injection::now(kind, &self.target)
+        };
+        if !is_signal || *self != bare {
+            return Err(format!(
+                "{} of {}: it takes kill, stop, cont, segfault and abort, without options but for (--for) with stop",
+                kind.name(),
+                self.target
+            ));
+        }
+        if kind == FaultKind::Stop && keepers != Keepers::Supervisor && self.for_s.is_none() {
+            return Err("stop of the guardian needs a duration: for (--for); nobody else continues or replaces it".into());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::faultfile::Aim;
+
+    fn checked(kind: &str, target: &str, change: impl FnOnce(&mut Injection)) -> Result<Aim, String> {
+        let mut injection = Injection::now(FaultKind::from_name(kind).unwrap(), target);
+        change(&mut injection);
+        injection.check()
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_its_reason() {
+        let none = |_: &mut Injection| {};
+        for (kind, target, words) in [
+            ("leak-loans", "device", "no stream"),
+            ("disk-full", "tissue", "recorder"),
+            ("disk-full", "recorder", "duration"),
+            ("no-files", "tissue", "duration"),
+            ("corrupt", "tissue", "where"),
+            ("nan", "guardian", "kill, stop"),
+            ("hang-start", "supervisor", "kill, stop"),
+            ("stop", "supervisor+guardian", "duration"),
+            ("kill", "heptic", "PROCESS:both"),
+        ] {
+            let reason = checked(kind, target, none).unwrap_err();
+            assert!(reason.contains(words), "{kind} {target}: {reason}");
+        }
+        for (kind, target) in [("leak-files", "device"), ("leak-loans", "haptic"), ("oom", "recorder"), ("kill", "tissue:both")] {
+            assert!(checked(kind, target, none).is_ok(), "{kind} {target}");
+        }
+        assert!(checked("stop", "guardian", |it| it.for_s = Some(1.0)).is_ok());
+    }
+
+    #[test]
+    fn each_option_belongs_to_its_kinds_and_has_bounds() {
+        assert!(checked("kill", "tissue", |it| it.rate = Some(5.0)).unwrap_err().contains("leak-memory"));
+        assert!(checked("kill", "tissue", |it| it.times = Some(5)).unwrap_err().contains("crash-loop"));
+        assert!(checked("kill", "tissue", |it| it.seed = Some(5)).unwrap_err().contains("corrupt"));
+        assert!(checked("leak-memory", "tissue", |it| it.rate = Some(f64::NAN)).is_err());
+        assert!(checked("crash-loop", "tissue", |it| it.times = Some(0)).is_err());
+        assert!(checked("corrupt", "rendering", |it| it.place = Some(Place::Stream)).unwrap_err().contains("no stream"));
+        assert!(checked("corrupt", "haptic", |it| it.place = Some(Place::Checkpoint)).unwrap_err().contains("no state"));
+        assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Roster)).is_ok());
+    }
+
+    #[test]
+    fn a_file_may_say_whatever_the_command_line_may() {
+        let text = "kind = \"corrupt\"\ntarget = \"fluid\"\ntick = 5\nwhere = \"checkpoint\"\nbytes = 9\nseed = 3\n";
+        let injection: Injection = toml::from_str(text).unwrap();
+        assert_eq!((injection.place, injection.bytes, injection.seed), (Some(Place::Checkpoint), Some(9), Some(3)));
+        for (kind, name, _) in FaultKind::ALL {
+            let text = format!("kind = \"{name}\"\ntarget = \"tissue\"\ntick = 1\n");
+            assert_eq!(toml::from_str::<Injection>(&text).unwrap().kind, kind, "{name}");
+        }
+        assert!(Place::ALL.iter().all(|(place, name)| Place::from_name(name) == Some(*place)));
+    }
+}

@@ -1,0 +1,191 @@
+//! How a fault begins: whom it hits, at which moment, what is done to them; and how it is undone.
+
+use super::Faults;
+use crate::active::active_now;
+use crate::fault::Fault;
+use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
+use crate::shortage::{self, Lowered};
+use crate::view::Viewer;
+use crate::{corrupt, journal, mischief, moment, proc, remains};
+use hyst_exchange::system;
+use hyst_messages::{Role, SLOTS, Slot};
+use rustix::process::Signal;
+use std::path::PathBuf;
+
+/// After bytes were flipped: how long somebody may take to notice before the fault is over with nothing come of it, ns.
+const NOTICE_NS: u64 = 1_000_000_000;
+
+/// One process that is hit.
+#[derive(Clone, Copy, Debug)]
+struct Victim {
+    slot: Slot,
+    incarnation: u32,
+    pid: u32,
+    /// How often it had done wrong before.
+    done: u64,
+}
+
+/// What was done to a victim beside the signal.
+#[derive(Debug, Default)]
+struct Deed {
+    /// When it ends by itself, ns, 0 for never.
+    until_ns: Option<u64>,
+    lowered: Option<Lowered>,
+    ballast: Option<PathBuf>,
+    manifested: bool,
+    said: String,
+}
+
+impl Faults {
+    /// Injects a fault now, or at its tick if that is near.
+    pub fn inject(&mut self, injection: &Injection, viewer: &mut Viewer) -> Result<(), String> {
+        let target = injection.engines()?;
+        let kind = injection.kind;
+        shortage::check(&self.station, kind)?;
+        let victims = self.victims(target, injection, viewer)?;
+        let at_once = injection.tick == 0 || viewer.page().is_lockstep(); // a virtual clock stands still meanwhile
+        let phase_ns = u64::from(injection.phase_us) * 1_000;
+        let moment_ns = if at_once { 0 } else { viewer.page().start_of(injection.tick) + phase_ns };
+        self.note_active(system::now_ns(), viewer);
+        let hinders = kind.mischief().is_some_and(|what| what.is_of_start());
+        if hinders {
+            // Before its victim dies: whoever comes after it looks for this in its first millisecond.
+            for victim in &victims {
+                self.ask(victim, injection, system::now_ns().max(moment_ns));
+            }
+        }
+        let send = || victims.iter().map(|victim| strike(victim.pid, kind.signal())).filter(|hit| *hit).count();
+        let struck = moment::at(moment_ns, send);
+        if hinders && !matches!(struck, Ok((_, hit)) if hit == victims.len()) {
+            victims.iter().for_each(|victim| mischief::end(&self.page, victim.slot)); // nobody's successor is to be hindered for nothing
+        }
+        let (now_ns, hit) = struck?;
+        if hit < victims.len() {
+            return Err(format!("{} is not alive now; wait until it is back", injection.target));
+        }
+        for (index, victim) in victims.iter().enumerate() {
+            if kind == FaultKind::Undo {
+                self.undo(victim, now_ns);
+            } else {
+                let deed = if hinders { Deed::default() } else { self.deed(victim, injection, now_ns, index == 0)? };
+                self.begin(victim, injection, now_ns, deed).together = target.which == Which::Both;
+            }
+        }
+        self.keep_open();
+        Ok(())
+    }
+
+    fn ask(&self, victim: &Victim, injection: &Injection, now_ns: u64) -> Option<u64> {
+        mischief::ask(&self.page, victim.slot, victim.incarnation, injection, now_ns)
+    }
+
+    /// What is done to a process beside a signal; a ballast only `first`, since there is one file system.
+    fn deed(&self, victim: &Victim, injection: &Injection, now_ns: u64, first: bool) -> Result<Deed, String> {
+        let until_ns = Some(injection.for_s.map_or(0, |for_s| now_ns + (for_s * 1e9) as u64));
+        match injection.kind {
+            kind @ (FaultKind::Oom | FaultKind::NoFiles) => {
+                let lowered = Some(shortage::lower(victim.pid, kind)?);
+                self.ask(victim, injection, now_ns);
+                Ok(Deed { until_ns, lowered, manifested: kind == FaultKind::NoFiles, ..Deed::default() })
+            }
+            kind @ (FaultKind::DiskFull | FaultKind::ShmFull) => {
+                let ballast = shortage::ballast(&self.station, kind).filter(|_| first);
+                ballast.as_deref().map_or(Ok(()), shortage::fill)?;
+                Ok(Deed { until_ns, ballast, ..Deed::default() })
+            }
+            FaultKind::Corrupt => {
+                let Victim { slot, incarnation, pid, .. } = *victim;
+                let said = format!(": {}", corrupt::corrupt(&self.station, slot, incarnation, pid, injection)?);
+                Ok(Deed { until_ns: Some(now_ns + NOTICE_NS), manifested: true, said, ..Deed::default() })
+            }
+            _ => Ok(Deed { until_ns: self.ask(victim, injection, now_ns), ..Deed::default() }),
+        }
+    }
+
+    /// Says the fault, and notes it.
+    fn begin(&mut self, victim: &Victim, injection: &Injection, now_ns: u64, deed: Deed) -> &mut Fault {
+        let Victim { slot, incarnation, pid, done } = *victim;
+        let kind = injection.kind;
+        let line = format!("fault {} injected into {slot} (incarnation {incarnation}, pid {pid}){}", kind.name(), deed.said);
+        journal::say(&self.station, &line);
+        let fault = self.start(kind.name(), slot, incarnation, now_ns);
+        fault.asked = deed.until_ns.map(|until_ns| (until_ns, done));
+        fault.lowered = deed.lowered;
+        fault.ballast = deed.ballast.zip(deed.until_ns);
+        fault.manifested = deed.manifested;
+        match kind {
+            FaultKind::Stop => fault.continue_ns = injection.for_s.map(|for_s| now_ns + (for_s * 1e9) as u64),
+            FaultKind::Cont => (fault.manifested, fault.recovered_us) = (true, Some(0.0)),
+            FaultKind::HangStart => fault.starts_left = Some(1),
+            FaultKind::CrashLoop => fault.starts_left = Some(injection.times.unwrap_or(DEFAULT_TIMES)),
+            _ => {}
+        }
+        fault
+    }
+
+    /// Ends what is done to a process for a time, and what hinders its start; these faults are over now.
+    fn undo(&mut self, victim: &Victim, now_ns: u64) {
+        mischief::end(&self.page, victim.slot);
+        for fault in self.open.faults.iter_mut().filter(|fault| fault.slot == victim.slot.number()) {
+            fault.starts_left = fault.starts_left.map(|_| 0);
+            if fault.incarnation == victim.incarnation {
+                fault.asked = fault.asked.map(|(_, done)| (now_ns, done));
+            }
+            fault.ballast = fault.ballast.take().map(|(path, _)| (path, now_ns));
+        }
+    }
+
+    /// Whom a target means now.
+    fn victims(&self, target: Target, injection: &Injection, viewer: &mut Viewer) -> Result<Vec<Victim>, String> {
+        let none = || format!("no process answers to {:?} now", injection.target);
+        let slots = match target.which {
+            Which::Slot(slot) => vec![slot],
+            Which::Active => vec![self.of_role(target.role, true, viewer).ok_or_else(none)?],
+            Which::Spare => vec![self.of_role(target.role, false, viewer).ok_or_else(none)?],
+            Which::Both => {
+                let both = [true, false].map(|active| self.of_role(target.role, active, viewer));
+                both.into_iter().collect::<Option<Vec<Slot>>>().ok_or_else(none)?
+            }
+        };
+        slots.into_iter().map(|slot| victim(slot, viewer)).collect()
+    }
+
+    fn of_role(&self, role: Role, active: bool, viewer: &mut Viewer) -> Option<Slot> {
+        let device = viewer.slot_page(Slot::first(Role::Device));
+        let incarnation = active_now(&self.station, &self.roster, device, role);
+        let wanted = |slot: &Slot| (viewer.page().incarnation(*slot) == incarnation) == active;
+        let alive = |slot: &Slot| viewer.page().pid(*slot) != 0 && !viewer.page().is_dead(*slot);
+        (0..SLOTS).filter_map(Slot::from_number).filter(|slot| slot.role() == role).filter(alive).find(wanted)
+    }
+
+    /// The tick of the next fault of the schedule.
+    pub fn next_tick(&self) -> Option<u64> {
+        self.schedule.get(self.open.injected).map(|injection| injection.tick)
+    }
+
+    /// Injects the faults of the schedule up to a tick.
+    pub fn inject_due(&mut self, tick: u64, viewer: &mut Viewer) {
+        while let Some(injection) = self.schedule.get(self.open.injected).filter(|injection| injection.tick <= tick).cloned() {
+            self.open.injected += 1;
+            if let Err(reason) = self.inject(&injection, viewer) {
+                journal::say(&self.station, &format!("fault {} was not injected: {reason}", injection.kind.name()));
+            }
+        }
+    }
+}
+
+/// The process in a slot, by its id and its start: an id alone may be another's by now, and the page may be damaged.
+fn victim(slot: Slot, viewer: &mut Viewer) -> Result<Victim, String> {
+    let living = remains::slot_alive(viewer.page(), slot.number()).filter(|_| !viewer.page().is_dead(slot));
+    let living = living.ok_or_else(|| format!("{slot} is not alive now; wait until it is back"))?;
+    let (incarnation, done) = (viewer.page().incarnation(slot), mischief::done(viewer, slot));
+    Ok(Victim { slot, incarnation, pid: living.pid, done })
+}
+
+/// Sends what is to be sent; false if nobody is there to get it.
+fn strike(pid: u32, signal: Option<Signal>) -> bool {
+    match signal {
+        Some(Signal::SEGV) => proc::segfault(pid),
+        signal => signal.is_none_or(|signal| proc::signal(pid, signal)),
+    }
+}

@@ -1,0 +1,106 @@
+//! What becomes of the faults that are open: whether they came about, whether somebody found them out, and the end of those that have one.
+
+use super::Faults;
+use crate::active::active_now;
+use crate::fault::{Fault, us};
+use crate::faultfile::FaultKind;
+use crate::view::Viewer;
+use crate::{mischief, proc, remains, shortage};
+use hyst_messages::{Role, Slot};
+use rustix::process::Signal;
+
+/// An engine that was asked to do wrong for a time may be found out this long after its end, and is replaced then, ns.
+const SETTLE_NS: u64 = 20_000_000;
+
+impl Faults {
+    /// Injects what is due (in lock-step [`crate::lockstep`] does that), ends what has lasted long enough, notes who is active.
+    pub fn tend(&mut self, now_ns: u64, viewer: &mut Viewer) {
+        self.note_active(now_ns, viewer);
+        if !viewer.page().is_lockstep() {
+            self.inject_due(viewer.page().tick_at(now_ns), viewer);
+        }
+        self.look_at_the_asked(now_ns, viewer);
+        for fault in &mut self.open.faults {
+            let Some(slot) = Slot::from_number(fault.slot) else { continue };
+            look_at_starts(fault, slot, viewer);
+            end_shortage(fault, slot, now_ns, viewer);
+            if fault.kind == FaultKind::Segfault.name()
+                && let Some(pid) = pid_of(fault, slot, viewer)
+            {
+                proc::signal(pid, Signal::SEGV); // it had no time to feel the first ones
+            }
+            if fault.continue_ns.is_some_and(|continue_ns| continue_ns <= now_ns) {
+                fault.continue_ns = None;
+                if !fault.dead {
+                    if let Some(pid) = pid_of(fault, slot, viewer) {
+                        proc::signal(pid, Signal::CONT);
+                    }
+                    (fault.manifested, fault.recovered_us) = (true, Some(us(now_ns, fault.injected_ns)));
+                }
+            }
+        }
+    }
+
+    pub(super) fn note_active(&mut self, now_ns: u64, viewer: &mut Viewer) {
+        for role in [Role::Haptic, Role::Tissue, Role::Fluid] {
+            let device = viewer.slot_page(Slot::first(Role::Device));
+            let incarnation = active_now(&self.station, &self.roster, device, role);
+            self.active.note(now_ns, role, incarnation);
+        }
+    }
+
+    /// Looks whether the engines that were asked to do wrong do it, whether somebody found them out, and whether it is over.
+    fn look_at_the_asked(&mut self, now_ns: u64, viewer: &mut Viewer) {
+        let pending = |fault: &Fault| fault.asked.is_some() && !fault.dead && fault.recovered_us.is_none();
+        if !self.open.faults.iter().any(pending) {
+            return;
+        }
+        let charges = mischief::charges(viewer);
+        for fault in self.open.faults.iter_mut().filter(|fault| pending(fault)) {
+            let Some(((until_ns, done), slot)) = fault.asked.zip(Slot::from_number(fault.slot)) else { continue };
+            let present = viewer.page().incarnation(slot) == fault.incarnation;
+            fault.manifested |= present && mischief::done(viewer, slot) > done;
+            // What leaks is found by its growth; that somebody was late once in those seconds is noise.
+            let leaks = [FaultKind::LeakMemory, FaultKind::LeakFiles].iter().any(|kind| fault.kind == kind.name());
+            if fault.detected_us.is_none()
+                && !leaks
+                && let Some((at_ns, by)) = mischief::first_after(&charges, fault.incarnation, fault.injected_ns)
+            {
+                (fault.detected_by, fault.detected_us) = (by.to_string(), Some(us(at_ns, fault.injected_ns)));
+            }
+            if until_ns != 0 && now_ns >= until_ns + SETTLE_NS && present && !viewer.page().is_dead(slot) {
+                fault.recovered_us = Some(us(until_ns, fault.injected_ns));
+            }
+        }
+    }
+}
+
+/// The fault's victim, if it lives.
+fn pid_of(fault: &Fault, slot: Slot, viewer: &Viewer) -> Option<u32> {
+    let is_it = (viewer.page().incarnation(slot), viewer.page().is_dead(slot)) == (fault.incarnation, false);
+    remains::slot_alive(viewer.page(), slot.number()).filter(|_| is_it && !fault.dead).map(|living| living.pid)
+}
+
+/// A start that is hindered has come about once the successor says so.
+fn look_at_starts(fault: &mut Fault, slot: Slot, viewer: &mut Viewer) {
+    if fault.starts_left.is_some() && fault.dead && !fault.manifested {
+        fault.manifested = viewer.page().incarnation(slot) > fault.incarnation && mischief::done(viewer, slot) > 0;
+    }
+}
+
+/// Looks whether a file system is full; puts back what was lowered, and removes a ballast, when its time is over.
+fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
+    if let Some((ballast, until_ns)) = &fault.ballast {
+        fault.manifested |= shortage::is_full(ballast);
+        if now_ns >= *until_ns {
+            shortage::relieve(ballast);
+            fault.ballast = None;
+        }
+    }
+    if fault.asked.is_some_and(|(until_ns, _)| until_ns != 0 && now_ns >= until_ns)
+        && let Some(lowered) = fault.lowered.take()
+        && let Some(pid) = pid_of(fault, slot, viewer)
+    {
+        shortage::restore(pid, lowered);
+    }
+}

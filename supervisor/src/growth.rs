@@ -1,0 +1,170 @@
+//! Whether a process grows without end, in memory or in open files, as a pure function of its samples: it is replaced in good time, its spare
+//! first, before the system kills whatever it likes.
+//!
+//! A leak crosses one mark after the other; a load that comes once (a mesh, a shader) crosses many at a time and becomes the new base. What comes as
+//! a load again and again is a leak too, however fast or in however large pieces.
+
+use hyst_messages::{Role, Slot};
+use std::collections::BTreeMap;
+
+/// Marks between the base and the bound.
+const MARKS: u64 = 8;
+/// Samples on which new marks must have been crossed.
+const CROSSINGS: u32 = 5;
+/// Loads in a life that become the new base; what comes after them crosses marks like anything else.
+const MOST_LOADS: u32 = 2;
+/// Bounds beyond the first base at which more loads than that are told at once: it would not take [`CROSSINGS`] of them to exhaust the machine.
+const MOST_BOUNDS: u64 = 3;
+/// Samples after it was ready that do not count: caches fill, locked memory is touched.
+const WARM_UP: u32 = 3;
+/// Open files beyond the base. An engine has some dozens for each process that it is connected to.
+const MOST_FILES: u64 = 256;
+
+/// Resident memory beyond the base, MiB: several times what any engine was seen to add in ten minutes after its warm-up.
+const fn most_mib(role: Role) -> u64 {
+    match role {
+        Role::Rendering => 512,
+        Role::Recorder | Role::Fluid => 256,
+        _ => 96,
+    }
+}
+
+/// What a process uses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Use {
+    /// Resident memory, MiB.
+    pub resident_mib: u64,
+    /// Open files.
+    pub files: u64,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Rise {
+    /// Where the life began, and where marks are counted from.
+    first: u64,
+    base: u64,
+    crossed: u64,
+    crossings: u32,
+    loads: u32,
+}
+
+impl Rise {
+    /// True once the value has risen beyond the bound, steadily or by one load after the other.
+    fn sample(&mut self, value: u64, bound: u64) -> bool {
+        let marks = value.saturating_sub(self.base) * MARKS / bound;
+        let is_load = marks >= self.crossed + MARKS / 2;
+        self.loads += u32::from(is_load);
+        if is_load && self.loads <= MOST_LOADS {
+            *self = Rise { base: value, crossed: 0, crossings: 0, ..*self };
+        } else if marks > self.crossed {
+            self.crossed = marks;
+            self.crossings += 1;
+        }
+        let is_fast = self.loads > MOST_LOADS && value.saturating_sub(self.first) > MOST_BOUNDS * bound;
+        is_fast || self.crossed >= MARKS && self.crossings >= CROSSINGS
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Record {
+    incarnation: u32,
+    samples: u32,
+    memory: Rise,
+    files: Rise,
+    told: bool,
+}
+
+/// All processes.
+#[derive(Clone, Debug, Default)]
+pub struct Growth {
+    records: BTreeMap<Slot, Record>,
+}
+
+impl Growth {
+    /// A sample of a process that is ready; a text the first time that it has grown beyond its bound.
+    pub fn sample(&mut self, slot: Slot, incarnation: u32, used: Use) -> Option<String> {
+        let record = self.records.entry(slot).or_default();
+        if record.incarnation != incarnation {
+            *record = Record { incarnation, ..Record::default() };
+        }
+        record.samples += 1;
+        if record.samples <= WARM_UP {
+            (record.memory.first, record.memory.base) = (used.resident_mib, used.resident_mib);
+            (record.files.first, record.files.base) = (used.files, used.files);
+            return None;
+        }
+        let in_memory = record.memory.sample(used.resident_mib, most_mib(slot.role()));
+        let in_files = record.files.sample(used.files, MOST_FILES);
+        if record.told || !(in_memory || in_files) {
+            return None;
+        }
+        record.told = true;
+        Some(if in_memory {
+            format!("its memory has grown from {} to {} MiB", record.memory.first, used.resident_mib)
+        } else {
+            format!("its open files have grown from {} to {}", record.files.first, used.files)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(samples: impl IntoIterator<Item = (u64, u64)>) -> Option<usize> {
+        let mut growth = Growth::default();
+        let slot = Slot::first(Role::Haptic);
+        samples.into_iter().position(|(resident_mib, files)| growth.sample(slot, 7, Use { resident_mib, files }).is_some())
+    }
+
+    #[test]
+    fn a_leak_is_told_soon_after_its_bound_and_once() {
+        for mib_per_sample in [1, 5, 20] {
+            let at = told((0..400).map(|n| (50 + n * mib_per_sample, 30))).unwrap() as u64;
+            let grown = (at + 1 - WARM_UP as u64) * mib_per_sample;
+            assert!((90..=150).contains(&grown), "{mib_per_sample}: after {grown} MiB");
+        }
+        assert!(told((0..400).map(|n| (50, 30 + 2 * n))).is_some(), "files");
+        let mut growth = Growth::default();
+        let slot = Slot::first(Role::Haptic);
+        let tellings = (0..400).filter(|n| growth.sample(slot, 7, Use { resident_mib: 5 * n, files: 0 }).is_some()).count();
+        assert_eq!(tellings, 1);
+        assert_eq!(growth.sample(slot, 8, Use { resident_mib: 9_000, files: 0 }), None, "a successor has a base of its own");
+    }
+
+    /// Half a bound in each sample looked like a load that came at once, each time.
+    #[test]
+    fn a_leak_that_is_so_fast_that_each_sample_looks_like_a_load_is_told() {
+        for mib_per_sample in [47, 48, 49, 64, 96, 200, 1_000] {
+            let at = told((0..400).map(|n| (50 + n * mib_per_sample, 30))).unwrap() as u64;
+            let grown = (at + 1 - WARM_UP as u64) * mib_per_sample;
+            let most = (MOST_BOUNDS * 96 + mib_per_sample).max((u64::from(MOST_LOADS) + 1) * mib_per_sample);
+            assert!(grown <= most, "{mib_per_sample}: after {grown} MiB");
+        }
+        for files_per_sample in [127, 128, 200, 300] {
+            let at = told((0..400).map(|n| (50, 30 + n * files_per_sample))).unwrap() as u64;
+            let opened = (at + 1 - WARM_UP as u64) * files_per_sample;
+            assert!(
+                opened <= (MOST_BOUNDS * MOST_FILES + files_per_sample).max(3 * files_per_sample),
+                "{files_per_sample}: {opened}"
+            );
+        }
+        // In large pieces, each of which stays for a while.
+        assert!(told((0..4_000).map(|n| (50 + 60 * (n / 100), 30))).is_some());
+        let mut growth = Growth::default();
+        let mut text = None;
+        for n in 0..40 {
+            text = text.or(growth.sample(Slot::first(Role::Haptic), 7, Use { resident_mib: 50 + 100 * n, files: 0 }));
+        }
+        assert!(text.as_ref().is_some_and(|text| text.contains("from 250 to ")), "where it began: {text:?}");
+    }
+
+    #[test]
+    fn what_comes_at_once_or_goes_up_and_down_is_no_leak() {
+        // Two loads, and then what any engine adds.
+        assert_eq!(told((0..1_000).map(|n| (50 + 200 * (n / 100).min(2) + n / 20, 30))), None);
+        assert_eq!(told((0..1_000).map(|n| (if n < 500 { 50 } else { 400 }, 30))), None);
+        assert_eq!(told((0..1_000).map(|n| (50 + 40 * (n % 2), 30 + 50 * (n % 3)))), None);
+        assert_eq!(told((0..1_000).map(|_| (50, 30))), None);
+    }
+}

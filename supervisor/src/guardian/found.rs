@@ -1,0 +1,143 @@
+//! Where a station begins: in a place that is empty, or by taking over one that lives without its guardian.
+
+use super::needed_bytes;
+use super::order::Order;
+use crate::commands::check::Admitted;
+use crate::name::{self, Holder};
+use crate::plan::Plan;
+use crate::remains;
+use crate::settings::Refusal;
+use crate::supervise::register;
+use hyst_engine::Settings;
+use hyst_exchange::{OwnedPage, Station, StationError, system};
+use hyst_messages::Role;
+use hyst_messages::page::station as layout;
+use std::os::unix::net::UnixListener;
+
+/// How long a stand-in may take to make room: it looks every 20 ms.
+const ROOM_NS: u64 = 2_000_000_000;
+/// Between two tries to have the name.
+const TRY_NS: u64 = 10_000_000;
+/// How long the remains of a station that was asked to stop may take to do so.
+const STOP_NS: u64 = 2_500_000_000;
+
+/// The station's page, and whether the station lived already.
+pub struct Ground {
+    /// Its page.
+    pub page: OwnedPage,
+    /// What was asked for.
+    pub order: Order,
+    /// It was taken over, not founded.
+    pub adopted: bool,
+}
+
+/// The station's name. A stand-in that holds it makes room.
+pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
+    let deadline_ns = system::now_ns() + ROOM_NS;
+    let mut knocked = false;
+    loop {
+        let taken = name::take(station, Holder::Guardian).map_err(|e| Refusal::failed(format!("station name: {e}")))?;
+        if let Some(listener) = taken {
+            return Ok(listener);
+        }
+        let stands_in = Order::read(station).is_some_and(|order| order.stand_in);
+        if !stands_in && !knocked || system::now_ns() > deadline_ns {
+            return Err(Refusal::input(format!(
+                "a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name",
+                station.name()
+            )));
+        }
+        knocked |= name::knock(station, Holder::Guardian).is_ok();
+        system::sleep_ns(TRY_NS);
+    }
+}
+
+/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings.
+pub fn settle(station: &Station, settings: &Settings, plan: &Plan, order: Order) -> Result<Ground, Refusal> {
+    if let Some(page) = living(station)? {
+        same(station, settings, plan)?;
+        register(&page, Role::Guardian);
+        // The end of `--for` counts from when the station was first ready.
+        let ready_ns = Order::read(station).and_then(|before| before.ready_ns);
+        let order = Order { ready_ns, ..order };
+        order.write(station);
+        return Ok(Ground { page, order, adopted: true });
+    }
+    if !station.leftovers().is_empty() {
+        eprintln!("hystation: removing what a dead station named {:?} left", station.name());
+        station.wipe();
+    }
+    let admitted = crate::commands::check::admit(settings, plan)?;
+    let page = found(station, settings, plan, &admitted)?;
+    order.write(station);
+    Ok(Ground { page, order, adopted: false })
+}
+
+/// The page of a station of which somebody lives; one that was asked to stop is helped to.
+fn living(station: &Station) -> Result<Option<OwnedPage>, Refusal> {
+    let living = remains::living(station);
+    if living.is_empty() {
+        return Ok(None);
+    }
+    match station.open_for_keeping() {
+        Ok(page) if page.load32(layout::STOP) == 0 => return Ok(Some(page)),
+        Ok(_) => remains::wait_until_gone(station, system::now_ns() + STOP_NS, || {}),
+        Err(_) => false,
+    };
+    let killed = remains::kill_all(station, || {});
+    if !killed.is_empty() {
+        eprintln!("hystation: ended what was left of a station that was stopped: {}", killed.join(", "));
+    }
+    Ok(None)
+}
+
+/// Whether the station that lives was started with these settings.
+fn same(station: &Station, settings: &Settings, plan: &Plan) -> Result<(), Refusal> {
+    let text = std::fs::read_to_string(station.settings()).unwrap_or_default();
+    let known: Option<Settings> = toml::from_str(&text).ok();
+    // What was swapped meanwhile stays so, whoever keeps the station.
+    let begun = Plan::read(station).ok().map(|known| Plan { swapped: plan.swapped.clone(), ..known });
+    if known.as_ref() == Some(settings) && begun.as_ref() == Some(plan) {
+        return Ok(());
+    }
+    Err(Refusal::input(format!(
+        "processes of a station named {0:?} still run without their guardian, with other settings; end them with `hystation --name {0} stop`, or \
+         run with the same settings to take them over",
+        station.name()
+    )))
+}
+
+fn found(station: &Station, settings: &Settings, plan: &Plan, scene: &Admitted) -> Result<OwnedPage, Refusal> {
+    let needed = needed_bytes(scene.state_bytes);
+    if let Ok(disk) = rustix::fs::statvfs("/dev/shm")
+        && disk.f_bavail * disk.f_frsize < needed
+    {
+        let free_mib = (disk.f_bavail * disk.f_frsize) >> 20;
+        let need_mib = needed >> 20;
+        return Err(Refusal::input(format!(
+            "/dev/shm has {free_mib} MiB free, a station needs {need_mib}; remove files there (`ls -l /dev/shm`) or enlarge it \
+             (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)"
+        )));
+    }
+    let made = make(station, settings, plan);
+    if made.is_err() {
+        station.wipe(); // nothing half-founded stays
+    }
+    let page = made?;
+    page.store64(layout::SCENE_HASH, scene.hash);
+    page.store32(layout::WORKERS, settings.workers as u32);
+    page.store32(layout::TEST_MODE, settings.test_mode as u32);
+    page.store32(layout::LOCKSTEP, settings.lockstep as u32);
+    register(&page, Role::Guardian);
+    Ok(page)
+}
+
+fn make(station: &Station, settings: &Settings, plan: &Plan) -> Result<OwnedPage, Refusal> {
+    let input = |e: StationError| Refusal::input(e.to_string());
+    station.found().map_err(input)?;
+    let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
+    std::fs::write(station.settings(), text)
+        .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
+    plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
+    station.open_for_keeping().map_err(input)
+}

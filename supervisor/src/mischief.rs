@@ -1,0 +1,98 @@
+//! Engines that do wrong on request: the words in the station's page that ask them to, and what others have to say of them.
+
+use crate::faultfile::{Injection, default_rate};
+use crate::view::Viewer;
+use hyst_exchange::{OwnedPage, ReadPage};
+use hyst_messages::mischief::{Mischief, Request};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::{header, station as layout};
+use hyst_messages::{SLOTS, Slot};
+
+/// What one process says of another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Charge {
+    /// Who says it.
+    pub by: Slot,
+    /// Of whom.
+    pub incarnation: u32,
+    /// A [`Distrust`].
+    pub why: u64,
+    /// Since when, ns.
+    pub since_ns: u64,
+    /// When last, ns.
+    pub last_ns: u64,
+}
+
+impl Charge {
+    /// Whether it is for this reason.
+    pub fn is(&self, why: Distrust) -> bool {
+        self.why == why as u64
+    }
+}
+
+/// Asks the incarnation in a slot to do what the injection says; gives the end of it, 0 if there is none.
+pub fn ask(page: &OwnedPage, slot: Slot, incarnation: u32, injection: &Injection, now_ns: u64) -> Option<u64> {
+    let what = injection.kind.mischief()?;
+    let until_ns = injection.for_s.map_or(0, |for_s| now_ns + (for_s * 1e9) as u64);
+    // Memory is counted in KiB, files one by one.
+    let each = if what == Mischief::LeakMemory { 1_024.0 } else { 1.0 };
+    let rate_per_s = if what.is_waste() { (injection.rate.unwrap_or(default_rate(injection.kind)) * each) as u32 } else { 0 };
+    let percent = |value: Option<f64>| (value.unwrap_or(0.0) * 100.0) as u16;
+    let request = Request {
+        what,
+        incarnation,
+        until_ns,
+        factor_percent: percent(injection.factor),
+        extra_us: (injection.extra_s.unwrap_or(0.0) * 1e6) as u32,
+        jitter_percent: percent(injection.jitter),
+        rate_per_s,
+    };
+    let [word, until, extent] = request.words();
+    let at = slot.number();
+    end(page, slot); // so that nobody reads half of one request and half of another
+    page.store64(layout::MISCHIEF_UNTIL_NS + at, until);
+    page.store64(layout::MISCHIEF_EXTENT + at, extent);
+    page.store64(layout::MISCHIEF + at, word);
+    if what.is_waste() {
+        page.bump_and_wake(layout::CHANGES); // the thread that does it sleeps on this word
+    }
+    Some(until_ns)
+}
+
+/// Ends what a slot was asked to do.
+pub fn end(page: &OwnedPage, slot: Slot) {
+    page.store64(layout::MISCHIEF + slot.number(), 0);
+}
+
+/// How often the process in a slot has done wrong as it was asked to.
+pub fn done(viewer: &mut Viewer, slot: Slot) -> u64 {
+    viewer.slot_page(slot).map_or(0, |page| page.load64(header::MISCHIEF))
+}
+
+/// All that the living say of others.
+pub fn charges(viewer: &mut Viewer) -> Vec<Charge> {
+    let mut all = Vec::new();
+    for by in (0..SLOTS).filter_map(Slot::from_number) {
+        if viewer.page().pid(by) != 0 && !viewer.page().is_dead(by) {
+            all.extend(viewer.slot_page(by).into_iter().flat_map(|page| said(by, page)));
+        }
+    }
+    all
+}
+
+fn said(by: Slot, page: &ReadPage) -> impl Iterator<Item = Charge> + '_ {
+    let entry = move |index: usize| {
+        let at = header::distrusted(index);
+        let word = page.load64(at);
+        let (since_ns, last_ns) = (page.load64(at + 1), page.load64(at + 2));
+        (word != 0).then_some(Charge { by, incarnation: word as u32, why: word >> 32, since_ns, last_ns })
+    };
+    (0..header::DISTRUSTED_ENTRIES).filter_map(entry)
+}
+
+/// When and by whom an incarnation was first found out after a time.
+pub fn first_after(charges: &[Charge], incarnation: u32, after_ns: u64) -> Option<(u64, Slot)> {
+    let of = charges.iter().filter(|charge| charge.incarnation == incarnation && charge.last_ns >= after_ns);
+    // A series that began before the fault is noise of the host; its newest word is not.
+    of.map(|charge| (if charge.since_ns >= after_ns { charge.since_ns } else { charge.last_ns }, charge.by)).min()
+}

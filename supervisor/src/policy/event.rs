@@ -1,0 +1,214 @@
+//! What the policy is told, and what it asks for.
+
+use super::Ground;
+use hyst_messages::page::Stage;
+use hyst_messages::{Role, Slot};
+
+/// How a process ended, as far as its parent can know.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Exit code.
+    Code(i32),
+    /// Signal.
+    Signal(i32),
+    /// The process was adopted: nobody but its parent learns how it ended.
+    Unknown,
+}
+
+impl std::fmt::Display for Exit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Exit::Code(code) => write!(f, "exit code {code}"),
+            Exit::Signal(signal) => write!(f, "signal {signal}"),
+            Exit::Unknown => f.write_str("unknown end"),
+        }
+    }
+}
+
+/// What happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// The supervisor runs; these incarnations live already.
+    Started {
+        /// Slots and incarnations that were adopted.
+        adopted: Vec<(Slot, u32)>,
+    },
+    /// A spawn that was asked for succeeded.
+    Spawned {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// A spawn that was asked for failed.
+    SpawnFailed {
+        /// Where.
+        slot: Slot,
+    },
+    /// An incarnation became warm or live.
+    Ready {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// An incarnation died.
+    Died {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+        /// How.
+        exit: Exit,
+    },
+    /// An incarnation lives but no longer beats.
+    HeartbeatLate {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// An incarnation took a stateful role.
+    Holds {
+        /// Which.
+        role: Role,
+        /// Who.
+        incarnation: u32,
+    },
+    /// An incarnation grows and grows: it is to be replaced before the system kills it.
+    Bloated {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// Somebody asked for a swap that begins in this slot: a guest's, or that of the first process to be replaced.
+    SwapAsked {
+        /// Where the newcomer starts.
+        slot: Slot,
+        /// Who does the role's work now.
+        incumbent: u32,
+    },
+    /// A supervisor before this one died in the middle of a swap.
+    SwapLeft(Left),
+    /// The newcomer was compared with the incumbent for long enough, and agrees.
+    Agreed {
+        /// Who.
+        incarnation: u32,
+    },
+    /// Somebody has a reason not to trust an incarnation; it counts only for a newcomer.
+    Doubted {
+        /// Whom.
+        incarnation: u32,
+        /// Why.
+        reason: String,
+    },
+    /// Somebody asked the station to stop.
+    StopRequested,
+    /// Time has passed.
+    Tick,
+}
+
+/// A swap that a supervisor before this one did not end.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Left {
+    /// Where the newcomer started.
+    pub slot: Slot,
+    /// The newcomer, 0 if it was not started.
+    pub incarnation: u32,
+    /// Who did the role's work before.
+    pub incumbent: u32,
+    /// Its probation was over.
+    pub proven: bool,
+    /// Slots in which an old engine still runs, with its incarnation.
+    pub old: Vec<(Slot, u32)>,
+}
+
+/// What is to be done.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Start a new incarnation.
+    Spawn {
+        /// Where.
+        slot: Slot,
+    },
+    /// Say in the station page that the incarnation is dead, then drop its services and its page.
+    MarkDead {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// Demote and kill a process that hangs.
+    Kill {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// Kill a process that does its work, because a swap puts another in its place or undoes it. That is no fault.
+    Dismiss {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
+    /// Say to the processes of a role how far the newcomer is.
+    Told {
+        /// Which.
+        role: Role,
+        /// How far.
+        stage: Stage,
+        /// The newcomer.
+        incarnation: u32,
+    },
+    /// The newcomer's binary is the role's from now on.
+    Adopt {
+        /// Which.
+        role: Role,
+    },
+    /// The swap is undone: the role's binary is the old one, and a servo that was to be followed no longer is.
+    Retreat {
+        /// Which.
+        role: Role,
+        /// Who did the role's work before.
+        to: u32,
+        /// Why.
+        reason: String,
+    },
+    /// The swap is over.
+    EndSwap {
+        /// Which.
+        role: Role,
+        /// Whether the newcomer has the role.
+        promoted: bool,
+    },
+    /// Give the role to this incarnation, which is its warm spare.
+    HandOver {
+        /// Which.
+        role: Role,
+        /// To whom.
+        incarnation: u32,
+    },
+    /// From now on founders of the role start from here.
+    GoBack {
+        /// Which.
+        role: Role,
+        /// From what.
+        ground: Ground,
+    },
+    /// A slot that was given up is tried again, since the other one of its role died.
+    TryAgain {
+        /// Where.
+        slot: Slot,
+    },
+    /// Start nothing more in this slot.
+    GiveUp {
+        /// Where.
+        slot: Slot,
+        /// Why.
+        reason: &'static str,
+        /// The station ends with this code; `None`: it goes on without the slot.
+        end: Option<u8>,
+    },
+}

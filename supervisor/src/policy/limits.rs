@@ -1,0 +1,64 @@
+//! How often and how soon each role is restarted, after Erlang/OTP's restart intensity.
+
+use hyst_messages::Role;
+
+/// Bounds of a role's restarts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// An incarnation that was ready for this long has settled, ns.
+    pub settled_ns: u64,
+    /// First wait after a short life, doubled by each further one, ns. The first restart of a settled incarnation does not wait at all: the
+    /// trainee's hand waits for it.
+    pub first_wait_ns: u64,
+    /// Longest wait, ns: a person at the table still sees that the station tries.
+    pub most_wait_ns: u64,
+    /// Short lives in a row before the slot is given up.
+    pub most_short_lives: u32,
+    /// Window of the second bound, which holds for settled incarnations too, ns.
+    pub window_ns: u64,
+    /// Deaths of one slot within the window before it is given up.
+    pub most_deaths: usize,
+}
+
+/// Bounds of a role.
+pub const fn limits(role: Role) -> Limits {
+    // A fault that its input causes shows within a few steps (1 ms each for the real-time roles, 33 ms for the slowest), and a campaign of kills
+    // leaves each slot at least twice as long and kills it at most five times a second. With these waits a slot is tried for about 9 s.
+    let limits = Limits {
+        settled_ns: 100_000_000,
+        first_wait_ns: 50_000_000,
+        most_wait_ns: 3_200_000_000,
+        most_short_lives: 8,
+        window_ns: 10_000_000_000,
+        most_deaths: 60,
+    };
+    match role {
+        // Their start takes a driver or a disk, and nothing waits for them.
+        Role::Rendering | Role::Recorder | Role::Console => {
+            Limits { first_wait_ns: 200_000_000, most_wait_ns: 6_400_000_000, ..limits }
+        }
+        _ => limits,
+    }
+}
+
+/// Whether a role has two slots of which either can do the whole work; the last of them is never given up.
+pub const fn is_replicated(role: Role) -> bool {
+    matches!(role, Role::Haptic | Role::Tissue | Role::Fluid)
+}
+
+/// Whether a role has a state that a successor goes on from.
+pub const fn is_stateful(role: Role) -> bool {
+    matches!(role, Role::Tissue | Role::Fluid)
+}
+
+impl Limits {
+    /// The wait after so many short lives in a row.
+    pub const fn wait_ns(&self, short_lives: u32) -> u64 {
+        if short_lives == 0 {
+            return 0;
+        }
+        let doublings = if short_lives > 17 { 16 } else { short_lives - 1 };
+        let wait_ns = self.first_wait_ns << doublings;
+        if wait_ns < self.most_wait_ns { wait_ns } else { self.most_wait_ns }
+    }
+}

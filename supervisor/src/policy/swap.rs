@@ -1,0 +1,370 @@
+//! A swap, as the policy sees it: one newcomer at a time, from its start to the place of all processes of its role, or back.
+//!
+//! A role with a state takes its newcomer as a guest, beside holder and spare: it *arrives*, *shadows*, is *promoted*, is on *probation* while the
+//! elders keep their own state; then the other slots are *settled*, one after the other, the guest gives the role back to one of them and
+//! *leaves*. The other roles are replaced in place, first one slot, which *vacates*, arrives and is on probation (a servo shadows and is promoted
+//! too, because the other one computes beside it), then the rest. Whatever goes wrong before the end of the probation leads to the retreat: the
+//! old engine has the role, and the newcomer is gone.
+//!
+//! Promises: nothing is settled before a probation that nobody doubted; every swap ends once; the role is never taken from its only process
+//! that is ready while another may still come; a guest's slot is empty after the end.
+
+mod retreat;
+mod settle;
+
+use super::{Action, Life, State, is_replicated, is_stateful};
+use hyst_messages::page::Stage as Told;
+use hyst_messages::{Role, Slot};
+use retreat::{fail, retreated};
+
+/// How long a newcomer may take until it is ready, ns: what the watch allows to any start.
+pub const ARRIVE_WITHIN_NS: u64 = 30_000_000_000;
+/// The same for pictures in software.
+pub const ARRIVE_ORDINARY_WITHIN_NS: u64 = 180_000_000_000;
+/// How long it may take to agree with the incumbent, ns: a holder that is late leaps, and then there is nothing to compare with.
+pub const SHADOW_WITHIN_NS: u64 = 60_000_000_000;
+/// How long it may take to have the role once it may, ns: a promotion waits for the end of a step, and is the work of the newcomer itself.
+pub const PROMOTE_WITHIN_NS: u64 = 5_000_000_000;
+/// How long a probation may take until enough of it was compared, ns: a newcomer that leaps over ticks again and again leaves nothing to compare.
+pub const PROVE_WITHIN_NS: u64 = 30_000_000_000;
+/// How often a newcomer may lose the role on its probation to an elder that saw it miss steps: a stall of the machine hits anybody, and then
+/// the probation begins anew.
+pub const MOST_LOSSES: u32 = 3;
+/// How long the guest may take to give the role back after all others are settled, ns.
+const GIVE_BACK_WITHIN_NS: u64 = 5_000_000_000;
+
+/// Time on probation: longer than a hang of the role takes to be found, ns.
+pub const fn probation_ns(role: Role) -> u64 {
+    match role {
+        Role::Rendering => 12_000_000_000,
+        Role::Fluid | Role::Recorder => 4_000_000_000,
+        _ => 2_000_000_000,
+    }
+}
+
+const fn arrive_within_ns(role: Role) -> u64 {
+    match role {
+        Role::Rendering | Role::Recorder => ARRIVE_ORDINARY_WITHIN_NS,
+        _ => ARRIVE_WITHIN_NS,
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Vacating,
+    Arriving,
+    Shadowing,
+    Promoting,
+    Probation,
+    Settling,
+    Returning,
+    Leaving,
+    Retreating,
+}
+
+/// The swap that is under way.
+#[derive(Clone, Debug)]
+pub struct Swap {
+    slot: Slot,
+    stage: Stage,
+    since_ns: u64,
+    /// The newcomer, 0 until it was started.
+    incarnation: u32,
+    /// Who has the role beside it.
+    incumbent: u32,
+    /// Slots that are still to be settled, each with the incarnation that must go, and whether that was told.
+    rest: Vec<(Slot, u32, bool)>,
+    /// The newcomer was told to go.
+    dismissed: bool,
+    losses: u32,
+    /// It was compared for long enough on this probation, and agrees; asked of a role whose old engine keeps stepping its own state.
+    agrees: bool,
+}
+
+impl Swap {
+    /// The role.
+    pub fn role(&self) -> Role {
+        self.slot.role()
+    }
+    fn enter(&mut self, now_ns: u64, stage: Stage) {
+        (self.stage, self.since_ns) = (stage, now_ns);
+    }
+    fn begin_probation(&mut self, now_ns: u64) {
+        self.enter(now_ns, Stage::Probation);
+        self.agrees = !is_stateful(self.role());
+    }
+    fn is_proven(&self) -> bool {
+        matches!(self.stage, Stage::Settling | Stage::Returning | Stage::Leaving)
+    }
+}
+
+impl State {
+    /// The swap that is under way.
+    pub fn swap(&self) -> Option<&Swap> {
+        self.swap.as_ref()
+    }
+
+    /// Why no swap may begin in this slot now.
+    pub fn may_swap(&self, slot: Slot) -> Result<(), String> {
+        if self.stopping {
+            return Err("the station is stopping".into());
+        }
+        if let Some(swap) = &self.swap {
+            return Err(format!("a swap of {} is under way; wait for its end", swap.role().name()));
+        }
+        if !self.places.contains_key(&slot) {
+            return Err(format!("this station has no {}", slot.role().name()));
+        }
+        let of_role = self.places.keys().filter(|other| other.role() == slot.role() && !other.is_guest());
+        match of_role.copied().find(|other| !self.is_ready(*other)) {
+            Some(other) => Err(format!("{other} is not ready now; wait until it is back")),
+            None if self.ladders.get(&slot.role()).is_some_and(|ladder| ladder.is_held()) => {
+                Err(format!("{} is held still", slot.role().name()))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn alive(&self, slot: Slot) -> Option<u32> {
+        match self.places.get(&slot)?.life {
+            Life::Alive { incarnation, .. } => Some(incarnation),
+            _ => None,
+        }
+    }
+
+    fn holder(&self, role: Role) -> u32 {
+        self.ladders.get(&role).map_or(0, |ladder| ladder.holder())
+    }
+
+    fn set_life(&mut self, slot: Slot, life: Life) {
+        if let Some(place) = self.places.get_mut(&slot) {
+            place.life = life;
+        }
+    }
+
+    /// A process of the newcomer's role that is ready and is not the newcomer; the one that had the role before, if it is among them.
+    fn elder(&self, newcomer: Slot, first: u32) -> Option<u32> {
+        let others = self.places.keys().filter(|slot| slot.role() == newcomer.role() && **slot != newcomer);
+        let ready: Vec<u32> = others.filter_map(|slot| self.ready(*slot)).collect();
+        ready.iter().copied().find(|incarnation| *incarnation == first).or(ready.first().copied())
+    }
+}
+
+/// Somebody asks for a swap that begins in this slot. Nothing happens if [`State::may_swap`] says no.
+pub(super) fn begin(now_ns: u64, slot: Slot, incumbent: u32, state: &mut State) -> Vec<Action> {
+    if state.may_swap(slot).is_err() {
+        return Vec::new();
+    }
+    let mut swap = Swap {
+        slot,
+        stage: Stage::Arriving,
+        since_ns: now_ns,
+        incarnation: 0,
+        incumbent,
+        rest: Vec::new(),
+        dismissed: false,
+        losses: 0,
+        agrees: false,
+    };
+    let action = match state.alive(slot) {
+        Some(incarnation) => {
+            swap.stage = Stage::Vacating;
+            Action::Dismiss { slot, incarnation }
+        }
+        None => {
+            state.set_life(slot, Life::Spawning);
+            Action::Spawn { slot }
+        }
+    };
+    state.swap = Some(swap);
+    vec![action]
+}
+
+/// What a supervisor before this one left unfinished: a swap that was proven is finished, any other is undone.
+pub(super) fn resume(now_ns: u64, left: &super::Left, state: &mut State) -> Vec<Action> {
+    let incarnation = state.alive(left.slot).filter(|alive| *alive == left.incarnation).unwrap_or(0);
+    let rest = if left.proven { left.old.iter().map(|(slot, old)| (*slot, *old, false)).collect() } else { Vec::new() };
+    let swap = Swap {
+        slot: left.slot,
+        stage: Stage::Probation,
+        since_ns: now_ns,
+        incarnation,
+        incumbent: left.incumbent,
+        rest,
+        dismissed: false,
+        losses: 0,
+        agrees: false,
+    };
+    state.swap = Some(swap);
+    if left.proven {
+        enter(now_ns, Stage::Settling, state);
+        return tend(now_ns, state);
+    }
+    fail(now_ns, "the supervisor died meanwhile".into(), state)
+}
+
+fn enter(now_ns: u64, stage: Stage, state: &mut State) {
+    if let Some(swap) = &mut state.swap {
+        swap.enter(now_ns, stage);
+    }
+}
+
+/// Somebody of the swap's role is ready.
+pub(super) fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Action> {
+    let Some(swap) = state.swap.as_mut().filter(|swap| swap.slot == slot && swap.stage == Stage::Arriving) else {
+        return Vec::new();
+    };
+    swap.incarnation = incarnation;
+    let role = swap.role();
+    if !is_replicated(role) {
+        swap.begin_probation(now_ns);
+        return vec![Action::Told { role, stage: Told::Trial, incarnation }];
+    }
+    swap.enter(now_ns, Stage::Shadowing);
+    vec![Action::Told { role, stage: Told::Shadow, incarnation }]
+}
+
+/// A process was started.
+pub(super) fn spawned(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Action> {
+    match state.swap.as_mut().filter(|swap| swap.slot == slot) {
+        Some(swap) if swap.stage == Stage::Arriving => {
+            swap.incarnation = incarnation;
+            Vec::new()
+        }
+        Some(swap) if swap.stage == Stage::Retreating && slot.is_guest() => {
+            swap.incarnation = incarnation;
+            tend(now_ns, state)
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// The judge has compared enough, and the newcomer agrees.
+pub(super) fn agreed(now_ns: u64, incarnation: u32, state: &mut State) -> Vec<Action> {
+    let Some(swap) = state.swap.as_mut().filter(|swap| swap.incarnation == incarnation) else { return Vec::new() };
+    let role = swap.role();
+    match swap.stage {
+        Stage::Shadowing => {
+            swap.enter(now_ns, Stage::Promoting);
+            vec![Action::Told { role, stage: Told::Trial, incarnation }]
+        }
+        Stage::Probation => {
+            swap.agrees = true;
+            Vec::new()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Somebody holds a role, or the device follows a servo.
+pub(super) fn holds(now_ns: u64, role: Role, incarnation: u32, state: &mut State) -> Vec<Action> {
+    let Some(swap) = state.swap.as_mut().filter(|swap| swap.role() == role) else { return Vec::new() };
+    let own = incarnation == swap.incarnation && incarnation != 0;
+    match swap.stage {
+        Stage::Promoting if own => {
+            swap.begin_probation(now_ns);
+            Vec::new()
+        }
+        Stage::Arriving | Stage::Shadowing | Stage::Promoting if !own => {
+            swap.incumbent = incarnation; // whose spare took over meanwhile
+            Vec::new()
+        }
+        Stage::Shadowing if own && is_stateful(role) => fail(now_ns, "it took the role unasked".into(), state),
+        Stage::Probation if !own && is_stateful(role) && swap.losses < MOST_LOSSES => {
+            swap.losses += 1;
+            swap.enter(now_ns, Stage::Promoting);
+            Vec::new()
+        }
+        Stage::Probation if !own && is_stateful(role) => {
+            fail(now_ns, "it missed its steps again and again, and the old engine took the role back".into(), state)
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Somebody has a reason not to trust a process: if that is the newcomer, its swap is undone for it.
+pub(super) fn doubted(now_ns: u64, incarnation: u32, reason: &str, state: &mut State) -> Vec<Action> {
+    let is_newcomer = |swap: &Swap| {
+        incarnation != 0 && swap.incarnation == incarnation && !swap.is_proven() && !matches!(swap.stage, Stage::Retreating)
+    };
+    if state.swap.as_ref().is_some_and(is_newcomer) { fail(now_ns, reason.to_string(), state) } else { Vec::new() }
+}
+
+/// A process died that the swap has to do with: gives what follows, or nothing if this is an ordinary death.
+pub(super) fn died(now_ns: u64, slot: Slot, incarnation: u32, hung: bool, state: &mut State) -> Option<Vec<Action>> {
+    let swap = state.swap.as_mut()?;
+    if swap.rest.iter().any(|(other, old, told)| *other == slot && *old == incarnation && *told) {
+        state.set_life(slot, Life::Spawning);
+        return Some(vec![Action::Spawn { slot }]);
+    }
+    if swap.slot != slot {
+        return None;
+    }
+    match swap.stage {
+        Stage::Vacating => {
+            swap.enter(now_ns, Stage::Arriving);
+            state.set_life(slot, Life::Spawning);
+            Some(vec![Action::Spawn { slot }])
+        }
+        Stage::Retreating => Some(retreated(slot, state)),
+        Stage::Arriving | Stage::Shadowing | Stage::Promoting | Stage::Probation => {
+            let (role, to) = (swap.role(), swap.incumbent);
+            let reason = if hung { "it hung" } else { "it died" };
+            let mut actions = vec![Action::Retreat { role, to, reason: reason.into() }];
+            actions.extend(retreated(slot, state));
+            Some(actions)
+        }
+        Stage::Settling | Stage::Returning | Stage::Leaving if slot.is_guest() => {
+            state.set_life(slot, Life::Closed);
+            Some(tend(now_ns, state))
+        }
+        _ => None,
+    }
+}
+
+/// A start failed: of the newcomer, if it says so.
+pub(super) fn spawn_failed(slot: Slot, state: &mut State) -> Option<Vec<Action>> {
+    let swap = state.swap.as_ref().filter(|swap| swap.slot == slot && !swap.is_proven())?;
+    let (role, to) = (swap.role(), swap.incumbent);
+    let retreat = Action::Retreat { role, to, reason: "it cannot be started".into() };
+    let mut actions = if swap.stage == Stage::Retreating { Vec::new() } else { vec![retreat] };
+    actions.extend(retreated(slot, state));
+    Some(actions)
+}
+
+/// What is due.
+pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
+    let Some(swap) = state.swap.clone().filter(|_| !state.stopping) else { return Vec::new() };
+    let (role, passed_ns) = (swap.role(), now_ns.saturating_sub(swap.since_ns));
+    match swap.stage {
+        Stage::Vacating => Vec::new(), // it was killed, and its death ends this
+        Stage::Arriving if passed_ns > arrive_within_ns(role) => fail(now_ns, "it did not become ready".into(), state),
+        Stage::Shadowing if passed_ns > SHADOW_WITHIN_NS => {
+            fail(now_ns, "it could not be compared with the old engine in time".into(), state)
+        }
+        Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => fail(now_ns, "it did not take the role".into(), state),
+        Stage::Probation if swap.agrees && passed_ns >= probation_ns(role) => settle::begin(now_ns, &swap, state),
+        Stage::Probation if passed_ns > PROVE_WITHIN_NS => {
+            fail(now_ns, "it could not be compared with the old engine on its probation".into(), state)
+        }
+        Stage::Settling => settle::next(now_ns, state),
+        Stage::Returning if state.holder(role) != swap.incarnation => {
+            enter(now_ns, Stage::Leaving, state);
+            dismiss(swap.slot, state).map_or_else(|| tend(now_ns, state), |action| vec![action])
+        }
+        Stage::Returning if passed_ns > GIVE_BACK_WITHIN_NS => {
+            enter(now_ns, Stage::Settling, state); // whom it was given to died: it is given to another
+            Vec::new()
+        }
+        Stage::Leaving if state.alive(swap.slot).is_none() => {
+            state.swap = None;
+            vec![Action::EndSwap { role, promoted: true }]
+        }
+        Stage::Retreating => retreat::next(now_ns, &swap, state),
+        _ => Vec::new(),
+    }
+}
+
+fn dismiss(slot: Slot, state: &State) -> Option<Action> {
+    state.alive(slot).map(|incarnation| Action::Dismiss { slot, incarnation })
+}

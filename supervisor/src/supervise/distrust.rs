@@ -1,0 +1,127 @@
+//! Engines that beat and whose output is wrong: whoever reads it refuses it and says so in its page, and the supervisor replaces them as soon as
+//! somebody else does their work. So does it with one whose own page says what cannot be.
+
+use super::Supervisor;
+use crate::journal;
+use crate::mischief::{self, Charge};
+use crate::policy::Action;
+use hyst_messages::page::device::{self, Distrust};
+use hyst_messages::page::{ProcessState, header};
+use hyst_messages::{Role, Slot};
+
+/// A servo that only stands still is found by its heartbeat. One that has computed so many steps while its stamp stood still is not to be trusted:
+/// on a busy machine a healthy one beats without a step while it waits to be connected with a new device.
+const STILL_STEPS: u64 = 50;
+/// A charge that was not repeated for so long is over, ns.
+const SERIES_NS: u64 = 20_000_000;
+/// What was said longer ago is forgotten, ns.
+const FORGOTTEN_NS: u64 = 500_000_000;
+
+impl Supervisor {
+    /// Replaces those whose output is refused (not finite, out of range, for another input, frozen, without progress). One that only differs or
+    /// is late is not killed: two servos that lost different ticks to a stall differ in the last bits, and the host stalls everybody now and then.
+    pub(super) fn heed(&mut self, now_ns: u64) {
+        // In the order of the slots: whoever stands nearer to the hand is heard first, and who is replaced is not heard any more, because one that
+        // lies about its own state makes honest ones look wrong.
+        for charge in mischief::charges(&mut self.viewer) {
+            let Some(slot) = self.slot_of(charge.incarnation) else { continue };
+            if self.heeded.contains(&self.viewer.page().incarnation(charge.by)) {
+                continue;
+            }
+            if self.is_newcomer(charge.incarnation) {
+                let is_grave = self.is_grave(&charge, slot, now_ns);
+                self.heed_newcomer(&charge, is_grave, now_ns);
+                continue;
+            }
+            if self.heeded.contains(&charge.incarnation)
+                || !self.is_grave(&charge, slot, now_ns)
+                || !self.is_covered(slot, charge.by)
+            {
+                continue;
+            }
+            self.heeded.insert(charge.incarnation);
+            let why = match charge.why {
+                why if why == Distrust::Frozen as u64 => "its output stands still",
+                why if why == Distrust::Still as u64 => "its stamp stands still",
+                _ => "its output is not valid",
+            };
+            journal::say(&self.station, &format!("{slot} is distrusted by {} and is replaced: {why}", charge.by));
+            let incarnation = charge.incarnation;
+            self.faults.late(slot, incarnation, charge.since_ns, charge.since_ns, &charge.by.to_string());
+            self.act(vec![Action::Kill { slot, incarnation }]);
+        }
+    }
+
+    /// Replaces those who were ready, live on, and say at two looks in a row that they are anything else: nobody would wait for such a page to become whole
+    /// again, and its owner writes its state only when that changes.
+    pub(super) fn heed_states(&mut self, now_ns: u64) {
+        let before = std::mem::take(&mut self.unsound);
+        for slot in self.slots.clone() {
+            let (incarnation, dead) = (self.viewer.page().incarnation(slot), self.viewer.page().is_dead(slot));
+            let state = self.viewer.slot_page(slot).map(|page| page.state());
+            if dead || state.is_none_or(ProcessState::is_ready) || self.policy.ready(slot) != Some(incarnation) {
+                continue;
+            }
+            self.unsound.insert(incarnation);
+            if before.contains(&incarnation) && self.heeded.insert(incarnation) {
+                journal::say(
+                    &self.station,
+                    &format!(
+                        "{slot} is replaced: its page says that it is {}, and it works",
+                        state.map_or("", ProcessState::name)
+                    ),
+                );
+                self.faults.late(slot, incarnation, now_ns, now_ns, "page");
+                self.act(vec![Action::Kill { slot, incarnation }]);
+            }
+        }
+    }
+
+    /// The slot in which an incarnation lives.
+    fn slot_of(&self, incarnation: u32) -> Option<Slot> {
+        let page = self.viewer.page();
+        self.slots.iter().copied().find(|slot| page.incarnation(*slot) == incarnation && !page.is_dead(*slot))
+    }
+
+    fn is_grave(&mut self, charge: &Charge, slot: Slot, now_ns: u64) -> bool {
+        if now_ns.saturating_sub(charge.last_ns) > FORGOTTEN_NS {
+            return false;
+        }
+        if slot.role() == Role::Haptic && !charge.is(Distrust::Invalid) && !charge.is(Distrust::Frozen) {
+            let stands = charge.is(Distrust::Still) && now_ns.saturating_sub(charge.last_ns) < SERIES_NS;
+            if !stands {
+                self.standing.remove(&charge.incarnation);
+                return false;
+            }
+            let steps = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS));
+            let first = *self.standing.entry(charge.incarnation).or_insert(steps);
+            return steps.saturating_sub(first) >= STILL_STEPS;
+        }
+        charge.is(Distrust::Invalid) || charge.is(Distrust::Frozen) || charge.is(Distrust::Still)
+    }
+
+    /// Whether somebody else does the work: the servo that the device follows, a warm spare, the coordinator of the workers, or the hardware's
+    /// own ramp.
+    fn is_covered(&mut self, slot: Slot, by: Slot) -> bool {
+        match slot.role() {
+            Role::Device => by.role() == Role::Hardware,
+            Role::CollisionWorker => by.role() == Role::Tissue,
+            Role::Haptic => {
+                let page = self.viewer.slot_page(Slot::first(Role::Device));
+                let followed = page.map_or(0, |page| page.load64(device::SELECTED_INCARNATION) as u32);
+                followed != 0 && followed != self.viewer.page().incarnation(slot)
+            }
+            Role::Tissue | Role::Fluid => {
+                let others = (0..slot.role().slots().1).filter_map(|index| Slot::new(slot.role(), index));
+                others.filter(|other| *other != slot && !other.is_guest()).any(|other| self.is_ready_to_work(other))
+            }
+            _ => false,
+        }
+    }
+
+    fn is_ready_to_work(&mut self, slot: Slot) -> bool {
+        let alive = self.viewer.page().pid(slot) != 0 && !self.viewer.page().is_dead(slot);
+        let page = self.viewer.slot_page(slot);
+        alive && page.is_some_and(|page| page.state().is_ready())
+    }
+}

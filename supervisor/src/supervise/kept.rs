@@ -1,0 +1,81 @@
+//! The supervisor's own keeper: a guardian that died is replaced by a stand-in, so that the station ends in order whoever asks for it.
+
+use super::Supervisor;
+use crate::journal;
+use crate::remains::{self, Living};
+use hyst_exchange::system;
+use hyst_messages::{Role, Slot};
+
+/// Between two looks at the guardian.
+const LOOK_NS: u64 = 50_000_000;
+/// How long a dead guardian is waited for: whoever started it may start it again.
+const WAIT_NS: u64 = 500_000_000;
+/// Between two starts of a stand-in.
+const RETRY_NS: u64 = 1_000_000_000;
+/// How long the last stand-in may take to be there.
+const LAST_NS: u64 = 1_000_000_000;
+
+/// What is known of the guardian.
+#[derive(Debug, Default)]
+pub struct Kept {
+    guardian: Option<Living>,
+    next_look_ns: u64,
+    dead_since_ns: Option<u64>,
+    next_start_ns: u64,
+    started: Option<u32>,
+}
+
+impl Supervisor {
+    /// Looks whether the guardian lives, and starts a stand-in if it has been dead for a while.
+    pub(super) fn tend_guardian(&mut self, now_ns: u64) {
+        if now_ns < self.kept.next_look_ns {
+            return;
+        }
+        self.kept.next_look_ns = now_ns + LOOK_NS;
+        if self.guardian_lives() {
+            if self.kept.dead_since_ns.take().is_some() {
+                self.faults.guardian_back(now_ns);
+            }
+            return;
+        }
+        if self.kept.dead_since_ns.is_none() {
+            self.kept.dead_since_ns = Some(now_ns);
+            if !self.viewer.page().is_dead(Slot::first(Role::Guardian)) {
+                self.faults.guardian_died(now_ns); // a stand-in that made room has said so
+            }
+        }
+        let since_ns = self.kept.dead_since_ns.unwrap_or(now_ns);
+        if now_ns - since_ns >= WAIT_NS && now_ns >= self.kept.next_start_ns {
+            journal::say(&self.station, "the guardian died; a stand-in takes its place");
+            self.start_stand_in(now_ns);
+        }
+    }
+
+    /// Whoever is to end the station must be there before the supervisor goes.
+    pub(super) fn leave_a_guardian(&mut self) {
+        if self.guardian_lives() {
+            return;
+        }
+        self.start_stand_in(system::now_ns());
+        let deadline_ns = system::now_ns() + LAST_NS;
+        while !self.guardian_lives() && system::now_ns() < deadline_ns {
+            system::sleep_ns(hyst_messages::TICK_NS);
+        }
+    }
+
+    fn guardian_lives(&mut self) -> bool {
+        if let Some(pid) = self.kept.started {
+            crate::spawn::reap(pid); // a stand-in that has ended, for whatever reason
+        }
+        self.kept.guardian = remains::slot_alive(self.viewer.page(), Slot::first(Role::Guardian).number());
+        self.kept.guardian.is_some()
+    }
+
+    fn start_stand_in(&mut self, now_ns: u64) {
+        self.kept.next_start_ns = now_ns + RETRY_NS;
+        match crate::spawn::start_own(&self.station, "stand-in", Role::Guardian) {
+            Ok(pid) => self.kept.started = Some(pid),
+            Err(error) => journal::say(&self.station, &format!("cannot start a stand-in for the guardian: {error}")),
+        }
+    }
+}

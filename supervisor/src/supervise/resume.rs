@@ -1,0 +1,88 @@
+//! How a supervisor begins, and begins again after its own death: the engines live on, and what it had begun is finished or undone.
+
+use super::Supervisor;
+use crate::intent::{Deed, Intent};
+use crate::journal;
+use crate::policy::{self, Event, Exit};
+use hyst_exchange::system;
+use hyst_messages::page::{header, station as layout};
+
+impl Supervisor {
+    /// Adopts who lives, finishes or undoes what a supervisor before this one had begun, mourns who died while nobody watched.
+    pub(super) fn start(&mut self) {
+        self.finish_intent();
+        let mut adopted = Vec::new();
+        for slot in self.slots.clone() {
+            if let Some(ward) = self.spawner.adopt(slot) {
+                adopted.push((slot, ward.incarnation));
+                self.watch.add(ward);
+            }
+        }
+        self.end_strays();
+        let now_ns = system::now_ns();
+        for slot in self.slots.clone() {
+            let incarnation = self.viewer.page().incarnation(slot);
+            if incarnation != 0 && slot.is_guest() && !adopted.contains(&(slot, incarnation)) {
+                self.spawner.bury(slot, incarnation);
+                self.spawner.vacate(slot);
+            } else if incarnation != 0 && !adopted.contains(&(slot, incarnation)) {
+                // It died while nobody watched.
+                let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+                self.mourn(slot, incarnation, Exit::Unknown, now_ns, beat_ns);
+                self.spawner.mark_dead(slot, incarnation);
+                self.spawner.bury(slot, incarnation);
+            }
+        }
+        if self.page.load64(layout::SUPERVISOR_STARTS) > 1 {
+            journal::say(&self.station, &format!("the supervisor was restarted and adopted {} engines", adopted.len()));
+            self.faults.supervisor_died(self.page.load64(layout::SUPERVISOR_NS), system::now_ns());
+            self.cleaner.ask(system::now_ns());
+        }
+        let actions = policy::step(system::now_ns(), Event::Started { adopted }, &mut self.policy);
+        self.act(actions);
+        self.resume_swap();
+    }
+
+    /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page.
+    fn end_strays(&self) {
+        let known = |living: &crate::remains::Living| living.name != "unregistered";
+        for living in crate::remains::living(&self.station).iter().filter(|living| !known(living)) {
+            crate::proc::demote_and_kill(living.pid);
+            journal::say(&self.station, &format!("process {} belonged to no slot and was ended", living.pid));
+        }
+    }
+
+    /// Finishes or undoes what a supervisor before this one was about to do when it died.
+    fn finish_intent(&mut self) {
+        let Some(Intent { deed, slot, incarnation }) = Intent::left(&self.page) else { return };
+        let entered = self.viewer.page().incarnation(slot) == incarnation;
+        let done = match deed {
+            Deed::Spawn if entered => "its start was finished",
+            Deed::Spawn => match crate::proc::of_incarnation(&self.station, slot, incarnation) {
+                Some(pid) => {
+                    self.spawner.enter(slot, incarnation, pid);
+                    "its start is finished"
+                }
+                None => {
+                    self.spawner.bury(slot, incarnation);
+                    "its start is undone"
+                }
+            },
+            Deed::Kill => {
+                if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()).filter(|_| entered) {
+                    crate::proc::demote_and_kill(living.pid);
+                }
+                "its end is finished"
+            }
+            Deed::Bury => {
+                self.spawner.bury(slot, incarnation);
+                "its burial is finished"
+            }
+        };
+        Intent::clear(&self.page);
+        journal::say(
+            &self.station,
+            &format!("the supervisor died while it was busy with {slot} (incarnation {incarnation}): {done}"),
+        );
+    }
+}

@@ -1,0 +1,163 @@
+//! The roles with a state: who holds them, a roster that was damaged, the ground that founders start from, and handing a role over.
+
+use super::Supervisor;
+use crate::journal::{self, Seldom};
+use crate::policy::{self, Event, Ground, Ladder, State};
+use hyst_exchange::system;
+use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, Tenure};
+use hyst_messages::page::{ProcessState, header, station as layout};
+use hyst_messages::{Role, Slot};
+use std::sync::atomic::{Ordering, fence};
+
+/// Roles whose holders are in the roster.
+const ROLES: [Role; 2] = [Role::Tissue, Role::Fluid];
+
+/// The roster as the supervisor sees it.
+#[derive(Debug)]
+pub struct Holders {
+    roster: Roster,
+    last: [Tenure; ROLES.len()],
+    /// What was last put in the place of nonsense: the next nonsense may come before that was seen.
+    mended: [Tenure; ROLES.len()],
+    /// Whoever writes nonsense into the roster may do so all the time.
+    said_of_tenures: Seldom,
+    said_of_header: Seldom,
+}
+
+impl Holders {
+    /// Maps the roster.
+    pub fn open(station: &Station) -> Result<Holders, StationError> {
+        let roster = Roster::open(station)?;
+        let (last, mended) = Default::default();
+        Ok(Holders { roster, last, mended, said_of_tenures: Seldom::default(), said_of_header: Seldom::default() })
+    }
+}
+
+/// Roles that a supervisor before this one held still stay so, and one that it let go back is on its way still.
+pub fn resume(page: &OwnedPage, clock: &StationPage, state: &mut State) {
+    for role in ROLES {
+        let ground_tick = page.load64(layout::GROUND + role as usize);
+        if page.load32(layout::HELD + role as usize) != 0 {
+            state.set_ladder(role, Ladder::held_still());
+        } else if ground_tick != 0 {
+            state.set_ladder(role, Ladder::gone_back(clock.start_of(ground_tick)));
+        }
+    }
+}
+
+impl Supervisor {
+    /// Tells the policy who holds each role, and mends what cannot be: engines neither follow it nor promote from it.
+    pub(super) fn note_holders(&mut self, now_ns: u64) {
+        if self.holders.roster.mend_header() {
+            let text = "the roster's page had a damaged header, which was mended";
+            self.holders.said_of_header.say(&self.station, now_ns, text);
+        }
+        for (index, role) in ROLES.into_iter().enumerate() {
+            let tenure = self.holders.roster.holder(role);
+            let (last, mended) = (self.holders.last[index], self.holders.mended[index]);
+            if tenure == last && tenure.may_follow(mended) {
+                continue;
+            }
+            // A supervisor that has just begun knows no tenure before this one; the holder's page does.
+            let seen: Vec<Tenure> = self.tenures_in_pages(role).into_iter().chain([last, mended]).collect();
+            if !self.is_sound(tenure) || seen.iter().any(|seen| !tenure.may_follow(*seen)) {
+                if let Some(mended) = self.mend(now_ns, role, tenure, seen) {
+                    self.holders.mended[index] = mended;
+                }
+                continue;
+            }
+            self.holders.last[index] = tenure;
+            if tenure.incarnation != last.incarnation {
+                self.note_tenure(role, tenure.incarnation, last.incarnation);
+            }
+            let actions = policy::step(now_ns, Event::Holds { role, incarnation: tenure.incarnation }, &mut self.policy);
+            self.act(actions);
+        }
+    }
+
+    fn is_sound(&self, tenure: Tenure) -> bool {
+        let clock = self.viewer.page();
+        tenure.is_sound(clock.next_incarnation(), clock.present_tick())
+    }
+
+    /// What those who live and hold the role, as far as they know, say of their tenures. Read after the roster: then none is younger than it, unless it
+    /// has changed since, and a mend fails.
+    fn tenures_in_pages(&mut self, role: Role) -> Vec<Tenure> {
+        let slots = (0..role.slots().1).filter_map(|index| Slot::new(role, index));
+        let living: Vec<Slot> = slots.filter(|slot| !self.viewer.page().is_dead(*slot)).collect();
+        let said = living.into_iter().filter_map(|slot| {
+            let incarnation = self.viewer.page().incarnation(slot);
+            let page = self.viewer.slot_page(slot).filter(|page| page.state() == ProcessState::Live)?;
+            Some(Tenure { epoch: page.load64(header::EPOCH) as u32, incarnation })
+        });
+        let said: Vec<Tenure> = said.collect();
+        said.into_iter().filter(|tenure| tenure.epoch > 0 && self.is_sound(*tenure)).collect()
+    }
+
+    /// Puts the holder that was seen last in the place of nonsense, in an epoch above all that were seen, and gives that; `None` if the roster has changed
+    /// meanwhile, which is looked at again.
+    fn mend(&mut self, now_ns: u64, role: Role, nonsense: Tenure, seen: Vec<Tenure>) -> Option<Tenure> {
+        let mended = Tenure::mended(seen);
+        self.holders.roster.mend(role, nonsense, mended).ok()?;
+        let Tenure { epoch, incarnation } = nonsense;
+        let name = role.name();
+        let text = format!(
+            "the roster named incarnation {incarnation} as holder of {name} in epoch {epoch}, which cannot be; it was mended"
+        );
+        self.holders.said_of_tenures.say(&self.station, now_ns, &text);
+        Some(mended)
+    }
+
+    pub(super) fn go_back(&mut self, role: Role, ground: Ground) {
+        let (now_ns, now_tick) = (system::now_ns(), self.viewer.page().present_tick());
+        let tick_at = |time_ns: u64| now_tick.saturating_sub(now_ns.saturating_sub(time_ns) / hyst_messages::TICK_NS).max(1);
+        let name = role.name();
+        let (tick, held, text) = match ground {
+            Ground::Newest => (0, 0, format!("{name} has lasted: its founders start from the newest state again")),
+            Ground::Before(time_ns) => {
+                let tick = tick_at(time_ns);
+                (
+                    tick,
+                    0,
+                    format!(
+                        "{} holders of {name} died one after the other of the same state: the next one starts from before tick {tick}",
+                        policy::MOST_DOOMED
+                    ),
+                )
+            }
+            Ground::Hold(time_ns) => {
+                let tick = tick_at(time_ns);
+                (
+                    tick,
+                    1,
+                    format!(
+                        "{name} is held still from now on: no holder survived a step, from older states neither; forces fade, the rest goes on"
+                    ),
+                )
+            }
+            Ground::Again(time_ns) => (tick_at(time_ns), 0, format!("{name} was held still and is tried again")),
+        };
+        self.page.store64(layout::GROUND + role as usize, tick);
+        self.page.store32(layout::HELD + role as usize, held);
+        journal::say(&self.station, &text);
+        // Whoever took the role before this may have started from the ground of before; a founder reads the ground after it took the role.
+        fence(Ordering::SeqCst);
+        let incarnation = self.holders.roster.holder(role).incarnation;
+        let actions = policy::step(now_ns, Event::Holds { role, incarnation }, &mut self.policy);
+        self.act(actions);
+    }
+
+    /// Gives the role to its warm spare: one compare-and-swap, as if the spare had promoted itself. The holder sees the higher epoch and steps
+    /// down.
+    pub(super) fn hand_over_role(&mut self, role: Role, incarnation: u32) {
+        self.note_holders(system::now_ns()); // nobody is promoted from nonsense
+        let holder = self.holders.roster.holder(role);
+        if self.holders.roster.promote(role, holder, incarnation).is_ok() {
+            journal::say(
+                &self.station,
+                &format!("{} is handed over from incarnation {} to {incarnation}", role.name(), holder.incarnation),
+            );
+        }
+        self.note_holders(system::now_ns());
+    }
+}

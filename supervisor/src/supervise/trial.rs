@@ -1,0 +1,387 @@
+//! A swap under way: what the policy says is done here, and what speaks against a newcomer is gathered here: the judge's lines, the other
+//! servo's force, what its readers say of it, and whether it makes its steps.
+
+use super::{Input, Supervisor};
+use crate::journal;
+use crate::mischief::Charge;
+use crate::policy::{self, Action, Event, Left};
+use crate::swap::judge::Seen;
+use crate::swap::{Record, first_slot, role_of};
+use hyst_exchange::{Station, system};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, header, station as layout};
+use hyst_messages::{Role, Slot};
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::Sender;
+
+/// How long a newcomer is compared at least before it may have the role, ns.
+const SHADOW_NS: u64 = 1_000_000_000;
+/// States that must have been compared by then: a third of a second of the slowest role. A holder that leaps over ticks leaves none to compare.
+const LEAST_COMPARED: u64 = 10;
+/// States in a row out of tolerance after which the newcomer goes: one may come from an input that was read at another moment.
+const MOST_OUTSIDE: u64 = 3;
+/// What a servo's force may differ by from the other's for the same tick, N: what the hand feels of a step is 0.05 N.
+const MOST_FORCE_N: f32 = 0.05;
+/// A newcomer that does not answer in time for so long is too slow, ns.
+const LATE_NS: u64 = 200_000_000;
+/// Between two looks at the steps of a newcomer in place, ns.
+const RATE_NS: u64 = 1_000_000_000;
+/// Part of the old engine's rate that the newcomer must make: a busy host takes its share of both.
+const LEAST_RATE: f64 = 0.5;
+/// Looks in a row at which it is too slow.
+const MOST_SLOW: u32 = 2;
+
+/// What is known of the swap that is under way.
+#[derive(Debug)]
+pub struct Trial {
+    record: Record,
+    role: Role,
+    stage: Stage,
+    since_ns: u64,
+    judge: Option<Child>,
+    /// Pairs of states that the judge has compared, and how many of them before the newcomer had the role.
+    compared: (u64, u64),
+    /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
+    forces: (u64, u64, u64),
+    /// Steps per second of the old engine; the newcomer's steps when they were last looked at; looks at which it was too slow.
+    rate_hz: f64,
+    steps: (u64, u64),
+    slow: u32,
+}
+
+impl Trial {
+    /// One of which nothing is known but what the old engine did.
+    fn begin(record: Record, role: Role, rate_hz: f64) -> Trial {
+        let (stage, since_ns) = (Stage::None, system::now_ns());
+        let compared = (0, 0);
+        Trial { record, role, stage, since_ns, judge: None, compared, forces: (0, 0, 0), rate_hz, steps: (0, 0), slow: 0 }
+    }
+}
+
+impl Drop for Trial {
+    fn drop(&mut self) {
+        if let Some(mut judge) = self.judge.take() {
+            let _ = judge.kill(); // gone is as good
+            let _ = judge.wait();
+        }
+    }
+}
+
+impl Supervisor {
+    /// Begins a swap that was asked for; gives its number, or why it is refused.
+    pub(super) fn begin_swap(&mut self, role: &str, binary: &Path) -> Result<u64, String> {
+        let role = role_of(role)?;
+        if self.permit.is_some() {
+            return Err("a station in lock-step has no time to shadow in; swap in a station on the real clock".into());
+        }
+        if !binary.is_file() {
+            return Err(format!("{} is no file", binary.display()));
+        }
+        let slot = first_slot(role, self.viewer.slot_page(Slot::first(Role::Device)));
+        self.policy.may_swap(slot)?;
+        let incumbent = match self.faults.active_incarnation(role) {
+            0 => self.viewer.page().incarnation(Slot::first(role)),
+            active => active,
+        };
+        let number = Record::read(&self.station).map_or(1, |record| record.number + 1);
+        let mut record = Record {
+            number,
+            role: role.name().into(),
+            slot: slot.to_string(),
+            binary: binary.to_path_buf(),
+            before: self.spawner.plan().binary(role),
+            incarnation: 0,
+            incumbent,
+            proven: false,
+            promoted: None,
+            reason: String::new(),
+            begun_ns: system::now_ns(),
+            steps: Vec::new(),
+        };
+        record.note(&format!("{slot} is to run {}", binary.display()));
+        if !record.write(&self.station) {
+            return Err("the station's root takes no more files; look at `df /dev/shm`".into());
+        }
+        self.spawner.mortality.pass("swap-declared");
+        journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), binary.display()));
+        self.spawner.candidate = Some((slot, binary.to_path_buf()));
+        let rate_hz = self.rate_of(slot);
+        self.trial = Some(Trial::begin(record, role, rate_hz));
+        let actions = policy::step(system::now_ns(), Event::SwapAsked { slot, incumbent }, &mut self.policy);
+        self.act(actions);
+        Ok(number)
+    }
+
+    fn rate_of(&mut self, slot: Slot) -> f64 {
+        let steps = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS));
+        let since_ns = self.ready_ns.get(&slot).map_or(0, |since_ns| system::now_ns().saturating_sub(*since_ns));
+        if since_ns < RATE_NS { 0.0 } else { steps as f64 * 1e9 / since_ns as f64 }
+    }
+
+    /// Does what the policy says of a swap.
+    pub(super) fn act_on_swap(&mut self, action: Action) {
+        match action {
+            Action::Told { role, stage, incarnation } => self.tell(role, stage, incarnation),
+            Action::Adopt { role } => {
+                let Some(trial) = &mut self.trial else { return };
+                trial.record.proven = true;
+                let binary = trial.record.binary.clone();
+                let (compared, before) = trial.compared;
+                let pairs =
+                    if policy::is_stateful(role) { format!(" ({} states compared)", compared - before) } else { String::new() };
+                self.note_step(&format!("its probation is over: the role is its own{pairs}"));
+                if let Err(error) = self.spawner.adopt_binary(role, binary) {
+                    journal::say(&self.station, &format!("a supervisor that is restarted will not know the new binary: {error}"));
+                }
+                self.spawner.mortality.pass("swap-adopted");
+            }
+            Action::Retreat { role, to, reason } => {
+                self.spawner.candidate = None;
+                if role == Role::Haptic {
+                    self.page.store32(layout::PREFERRED, to);
+                }
+                let guest = self.trial.as_ref().map_or(0, |trial| trial.record.incarnation);
+                if policy::is_stateful(role) {
+                    let undone = Swap { stage: Stage::Undone, guest };
+                    self.page.store64(layout::SWAP + role as usize, undone.word());
+                }
+                if let Some(trial) = &mut self.trial {
+                    trial.record.reason = reason.clone();
+                }
+                self.note_step(&format!("rolled back: {reason}"));
+            }
+            Action::EndSwap { role, promoted } => self.end_swap(role, promoted),
+            _ => {}
+        }
+    }
+
+    fn tell(&mut self, role: Role, stage: Stage, incarnation: u32) {
+        if policy::is_stateful(role) {
+            self.page.store64(layout::SWAP + role as usize, Swap { stage, guest: incarnation }.word());
+        }
+        if role == Role::Haptic && stage == Stage::Trial {
+            self.page.store32(layout::PREFERRED, incarnation);
+        }
+        self.spawner.mortality.pass("swap-told");
+        let in_place = !policy::is_replicated(role);
+        if let Some(trial) = &mut self.trial {
+            (trial.stage, trial.since_ns, trial.record.incarnation) = (stage, system::now_ns(), incarnation);
+            if stage == Stage::Shadow && policy::is_stateful(role) {
+                trial.judge = start_judge(&self.station, role, incarnation, self.tell_self.clone());
+            }
+        }
+        let text = match stage {
+            Stage::Shadow => "ready, and in the shadow of the old engine",
+            Stage::Trial if in_place => "ready, and on probation in the old engine's place",
+            Stage::Trial => "agrees with the old engine, and may take the role",
+            Stage::Settled | Stage::Undone | Stage::None => return,
+        };
+        self.note_step(text);
+    }
+
+    fn end_swap(&mut self, role: Role, promoted: bool) {
+        self.page.store64(layout::SWAP + role as usize, 0);
+        self.page.store32(layout::PREFERRED, 0);
+        self.spawner.candidate = None;
+        if let Some(guest) = Slot::guest(role) {
+            self.spawner.vacate(guest);
+            // One that died is not missed: the fault is over with the swap.
+            self.faults.ready(guest, u32::MAX, system::now_ns());
+        }
+        if let Some(trial) = &mut self.trial {
+            trial.record.promoted = Some(promoted);
+        }
+        self.note_step(if promoted { "done: every process of the role runs it" } else { "over: the old engine has the role" });
+        self.trial = None;
+        self.cleaner.ask(system::now_ns());
+    }
+
+    fn note_step(&mut self, text: &str) {
+        let Some(trial) = &mut self.trial else { return };
+        trial.record.note(text);
+        journal::say(&self.station, &format!("swap {} of {}: {text}", trial.record.number, trial.record.role));
+        trial.record.write(&self.station); // a full disk costs what is said, not the swap
+    }
+
+    /// Somebody else has the role: said, if one of the two is the newcomer.
+    pub(super) fn note_tenure(&mut self, role: Role, now: u32, before: u32) {
+        if self.is_newcomer(now) {
+            if let Some(trial) = &mut self.trial {
+                trial.compared.1 = trial.compared.0;
+            }
+            self.note_step("has the role, on probation; the old engine keeps its own state");
+        } else if self.is_newcomer(before) {
+            self.note_step(&format!("{} went from it to incarnation {now}", role.name()));
+        }
+    }
+
+    /// Whether an incarnation is the newcomer of the swap under way, and not yet proven.
+    pub(super) fn is_newcomer(&self, incarnation: u32) -> bool {
+        let of = |trial: &Trial| trial.record.incarnation == incarnation && !trial.record.proven;
+        incarnation != 0 && self.trial.as_ref().is_some_and(of)
+    }
+
+    pub(super) fn doubt(&mut self, incarnation: u32, reason: String) {
+        let actions = policy::step(system::now_ns(), Event::Doubted { incarnation, reason }, &mut self.policy);
+        self.act(actions);
+    }
+
+    /// What the readers of the newcomer's output say of it.
+    pub(super) fn heed_newcomer(&mut self, charge: &Charge, is_grave: bool, now_ns: u64) {
+        // Who is not ready yet answers nobody; of those with a state the elders judge whether they are in time.
+        let counts = |trial: &&Trial| trial.stage == Stage::Trial && !policy::is_stateful(trial.role);
+        let trial_ns = self.trial.as_ref().filter(counts).map_or(u64::MAX, |trial| trial.since_ns);
+        let late = charge.is(Distrust::Missing)
+            && charge.last_ns.saturating_sub(charge.since_ns.max(trial_ns)) > LATE_NS
+            && now_ns.saturating_sub(charge.last_ns) < LATE_NS;
+        if is_grave {
+            self.doubt(charge.incarnation, format!("{} refuses what it says", charge.by));
+        } else if late {
+            self.doubt(charge.incarnation, format!("{} has no answer from it in time", charge.by));
+        }
+    }
+
+    /// Looks how the newcomer does.
+    pub(super) fn tend_swap(&mut self, now_ns: u64) {
+        self.note_followed(now_ns);
+        let Some(trial) = &self.trial else { return };
+        let (role, stage, incarnation) = (trial.role, trial.stage, trial.record.incarnation);
+        if incarnation == 0 || trial.record.proven {
+            return;
+        }
+        if role == Role::Haptic {
+            self.compare_forces(now_ns);
+        }
+        if stage == Stage::Trial {
+            self.look_at_rate(now_ns);
+        }
+    }
+
+    /// The policy is told which servo the device follows.
+    fn note_followed(&mut self, now_ns: u64) {
+        if self.trial.as_ref().is_none_or(|trial| trial.role != Role::Haptic) {
+            return;
+        }
+        let page = self.viewer.slot_page(Slot::first(Role::Device));
+        let followed = page.map_or(0, |page| page.load64(device::SELECTED_INCARNATION) as u32);
+        let actions = policy::step(now_ns, Event::Holds { role: Role::Haptic, incarnation: followed }, &mut self.policy);
+        self.act(actions);
+    }
+
+    /// A servo is compared here with the other one: both say their force in their pages.
+    fn compare_forces(&mut self, now_ns: u64) {
+        let slots = [0, 1].map(|index| Slot::new(Role::Haptic, index));
+        let records = slots.map(|slot| self.viewer.slot_page(slot?)?.cell(haptic::FORCE).map(|(_, record)| record));
+        let [Some(a), Some(b)] = records else { return };
+        let is_out = slots
+            .iter()
+            .flatten()
+            .all(|slot| self.viewer.slot_page(*slot).is_some_and(|page| page.state() == ProcessState::Live));
+        let Some(trial) = &mut self.trial else { return };
+        let (outside, compared, last) = trial.forces;
+        if a.tick != b.tick || a.tick == last {
+            return;
+        }
+        let near = a.force_n.iter().zip(b.force_n).all(|(a, b)| (a - b).abs() <= MOST_FORCE_N);
+        trial.forces = (if near || !is_out { 0 } else { outside + 1 }, compared + u64::from(is_out), a.tick);
+        let (incarnation, (outside, compared, _)) = (trial.record.incarnation, trial.forces);
+        let long = now_ns.saturating_sub(trial.since_ns) >= SHADOW_NS;
+        if outside >= MOST_OUTSIDE {
+            self.doubt(incarnation, format!("its force differs by more than {MOST_FORCE_N} N from the other servo's"));
+        } else if trial.stage == Stage::Shadow && long && compared >= LEAST_COMPARED {
+            let actions = policy::step(now_ns, Event::Agreed { incarnation }, &mut self.policy);
+            self.act(actions);
+        }
+    }
+
+    fn look_at_rate(&mut self, now_ns: u64) {
+        let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
+        let made = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS));
+        let Some(trial) = &mut self.trial else { return };
+        let (before, before_ns) = trial.steps;
+        if now_ns.saturating_sub(before_ns) < RATE_NS {
+            return;
+        }
+        let rate_hz = made.saturating_sub(before) as f64 * 1e9 / now_ns.saturating_sub(before_ns).max(1) as f64;
+        trial.steps = (made, now_ns);
+        let (incarnation, old_hz) = (trial.record.incarnation, trial.rate_hz);
+        let is_slow = before_ns != 0 && rate_hz < LEAST_RATE * old_hz;
+        trial.slow = if is_slow { trial.slow + 1 } else { 0 };
+        if trial.slow >= MOST_SLOW {
+            self.doubt(incarnation, format!("it makes {rate_hz:.0} steps a second, the old engine made {old_hz:.0}"));
+        }
+    }
+
+    /// A line of the judge.
+    pub(super) fn judged(&mut self, incarnation: u32, seen: &Seen) {
+        let Some(trial) = self.trial.as_mut().filter(|trial| trial.record.incarnation == incarnation) else { return };
+        if trial.record.proven {
+            return;
+        }
+        let (now_ns, stage, since_ns) = (system::now_ns(), trial.stage, trial.since_ns);
+        trial.compared.0 = seen.compared;
+        let is_long = now_ns - since_ns >= SHADOW_NS;
+        let is_enough = is_long && seen.outside == 0 && seen.compared - trial.compared.1 >= LEAST_COMPARED;
+        if seen.outside >= MOST_OUTSIDE {
+            self.doubt(incarnation, format!("out of tolerance: {}", seen.text));
+        } else if is_enough && matches!(stage, Stage::Shadow | Stage::Trial) {
+            if stage == Stage::Shadow {
+                self.note_step(&format!("{} states compared, the worst at {:.2e} of the tolerance", seen.compared, seen.worst));
+            }
+            let actions = policy::step(now_ns, Event::Agreed { incarnation }, &mut self.policy);
+            self.act(actions);
+        }
+    }
+
+    /// What a supervisor before this one left of a swap: finished if it was proven, else undone. The guest of a swap that nobody knows goes too.
+    pub(super) fn resume_swap(&mut self) {
+        let Some(record) = Record::read(&self.station).filter(|record| record.promoted.is_none()) else { return };
+        let Some((slot, role)) = record.slot().zip(Role::from_name(&record.role)) else { return };
+        let binary = std::fs::canonicalize(&record.binary).ok();
+        let runs = |slot: Slot| binary.is_some() && binary_of(self.viewer.page().pid(slot)) == binary;
+        let alive = |slot: &Slot| self.viewer.page().pid(*slot) != 0 && !self.viewer.page().is_dead(*slot);
+        let incarnation = if alive(&slot) && (slot.is_guest() || runs(slot)) { self.viewer.page().incarnation(slot) } else { 0 };
+        let others = self.slots.iter().copied().filter(|other| other.role() == role && *other != slot && alive(other));
+        let old = others.filter(|other| !runs(*other)).map(|other| (other, self.viewer.page().incarnation(other))).collect();
+        let left = Left { slot, incarnation, incumbent: record.incumbent, proven: record.proven, old };
+        let now_ns = system::now_ns();
+        if record.proven && self.spawner.plan().binary(role) != record.binary {
+            let _ = self.spawner.adopt_binary(role, record.binary.clone()); // refused: said when it was tried first
+        }
+        self.trial = Some(Trial::begin(record, role, 0.0));
+        self.note_step("the supervisor died and another goes on");
+        let actions = policy::step(now_ns, Event::SwapLeft(left), &mut self.policy);
+        self.act(actions);
+    }
+}
+
+/// The binary that a process runs; `None` if the system does not say.
+pub fn binary_of(pid: u32) -> Option<PathBuf> {
+    std::fs::read_link(format!("/proc/{pid}/exe")).ok()
+}
+
+fn start_judge(station: &Station, role: Role, guest: u32, tell: Sender<Input>) -> Option<Child> {
+    let program = std::env::current_exe().ok()?;
+    let mut child = Command::new(program)
+        .args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .process_group(0)
+        .spawn()
+        .ok()?;
+    let lines = BufReader::new(child.stdout.take()?).lines();
+    // Ends with the judge.
+    let read = move || {
+        for seen in lines.map_while(Result::ok).filter_map(|line| serde_json::from_str::<Seen>(&line).ok()) {
+            if tell.send(Input::Judged { incarnation: guest, seen }).is_err() {
+                return;
+            }
+        }
+    };
+    std::thread::Builder::new().name("judge".into()).spawn(read).ok()?;
+    Some(child)
+}

@@ -1,0 +1,238 @@
+//! The judge of a newcomer whose state is a message: a helper process that reads the role's streams and compares, tick by tick, what the
+//! newcomer computes with what the old engine computes, by the role's stated tolerance. It decides nothing and nobody waits for it: the
+//! supervisor reads its lines. A helper, because a reader trusts offsets in memory that the newcomer writes.
+
+use hyst_exchange::{Links, Station, Subscriber, system};
+use hyst_messages::tolerance::compare;
+use hyst_messages::{Kind, Message, Role, StreamHeader, kinds_of};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::io::Write;
+
+/// Between two looks at the streams, ns: a reader's buffer holds two messages.
+const LOOK_NS: u64 = 1_000_000;
+/// Between two lines, ns.
+const LINE_NS: u64 = 50_000_000;
+/// Ticks of which a state waits for its counterpart.
+const MOST_WAITING: usize = 8;
+/// States of a real-time role are compared at every so many steps: 62 times a second at 1 kHz.
+const EVERY: u64 = 16;
+/// A role with a longer step is compared at every step, ticks.
+const SHORT_STEP_TICKS: u32 = 4;
+
+/// Ticks for which nothing is compared after one side has leapt over some: the time that it lost is missing in its state, and a tissue that is
+/// moved takes some tens of ms to forget that.
+const FORGET_TICKS: u64 = 250;
+/// States that may be missing between two of the old engine's that are seen here: it leaps over more, and a look that is late loses fewer.
+const LOST: u64 = 16;
+
+/// What the judge has seen so far.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    /// Pairs of states.
+    pub compared: u64,
+    /// Pairs in a row, up to now, that were out of tolerance.
+    pub outside: u64,
+    /// Where the last pair was farthest apart, in parts of what is allowed.
+    pub ratio: f64,
+    /// The largest of all ratios.
+    pub worst: f64,
+    /// The last one in words.
+    pub text: String,
+}
+
+/// One side's state of a tick.
+struct State {
+    is_shadow: bool,
+    bytes: Vec<u8>,
+}
+
+#[derive(Default)]
+struct Pairs {
+    waiting: BTreeMap<u64, [Option<State>; 2]>,
+    seen: Seen,
+    /// Epoch and tick of the role's newest state, tick of the old engine's newest beside it, and of the last one that was leapt to.
+    role: (u32, u64),
+    line: u64,
+    leapt: Option<u64>,
+}
+
+impl Pairs {
+    /// Takes a state; compares as soon as both sides have the tick and one of them is beside the role.
+    fn take(&mut self, kind: Kind, bytes: &[u8], guest: u32) {
+        let Ok(header) = Message::parse(bytes, kind).map(|message| *message.header()) else { return };
+        self.follow(&header, guest);
+        if self.leapt.is_some_and(|leapt| header.tick < leapt + FORGET_TICKS) {
+            return;
+        }
+        let every = if header.step_ticks <= SHORT_STEP_TICKS { EVERY } else { 1 };
+        if !(header.tick / u64::from(header.step_ticks.max(1))).is_multiple_of(every) {
+            return;
+        }
+        let side = usize::from(header.incarnation == guest);
+        let state = State { is_shadow: header.is_shadow(), bytes: bytes.to_vec() };
+        let pair = self.waiting.entry(header.tick).or_default();
+        pair[side] = Some(state);
+        if let [Some(old), Some(new)] = pair
+            && old.is_shadow != new.is_shadow
+        {
+            let found = compare(kind, &old.bytes, &new.bytes);
+            self.waiting.remove(&header.tick);
+            self.note(found.map(|found| {
+                (
+                    found.ratio(),
+                    format!("{} differ by {:.3e} {}, {:.3e} is allowed", found.what, found.by, found.unit, found.most),
+                )
+            }));
+        }
+        while self.waiting.len() > MOST_WAITING {
+            self.waiting.pop_first();
+        }
+    }
+
+    /// Looks for leaps: an epoch of the newcomer's that does not begin with the next step, and a hole in what the old engine keeps beside it.
+    fn follow(&mut self, header: &StreamHeader, guest: u32) {
+        let step = u64::from(header.step_ticks);
+        let leapt = match (header.incarnation == guest, header.is_shadow()) {
+            (is_guest, false) => {
+                let (epoch, tick) = self.role;
+                self.role = (epoch, tick).max((header.epoch, header.tick));
+                is_guest && epoch != 0 && header.epoch > epoch && header.tick > tick + step
+            }
+            (false, true) => {
+                let tick = self.line;
+                self.line = tick.max(header.tick);
+                tick != 0 && header.tick > tick + LOST * step
+            }
+            _ => false,
+        };
+        if leapt {
+            self.leapt = Some(header.tick);
+            self.waiting.clear();
+        }
+    }
+
+    fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {
+        let (ratio, text) = found.unwrap_or_else(|error| (f64::INFINITY, error.to_string()));
+        let seen = &mut self.seen;
+        seen.compared += 1;
+        seen.outside = if ratio <= 1.0 { 0 } else { seen.outside + 1 };
+        // JSON has no infinity.
+        seen.ratio = ratio.min(f64::MAX);
+        seen.worst = seen.worst.max(seen.ratio);
+        seen.text = text;
+    }
+}
+
+/// The helper itself: writes a line of JSON again and again until nobody reads it or the station stops.
+pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
+    let clock = station.open().map_err(|error| error.to_string())?;
+    let links = Links::join(station, "judge").map_err(|error| error.to_string())?;
+    let kind = *kinds_of(role).first().ok_or_else(|| format!("{} has no state", role.name()))?;
+    let mut streams: BTreeMap<u32, Subscriber> = BTreeMap::new();
+    let mut pairs = Pairs::default();
+    let mut next_line_ns = 0;
+    while !clock.stop_requested() {
+        for stream in streams.values() {
+            // Bounded by the reader's buffer; a stream that fails has lost its writer.
+            while let Ok(Some(held)) = stream.next() {
+                pairs.take(kind, held.bytes(), guest);
+            }
+        }
+        let now_ns = system::now_ns();
+        if now_ns >= next_line_ns {
+            next_line_ns = now_ns + LINE_NS;
+            let line = serde_json::to_string(&pairs.seen).map_err(|error| error.to_string())?;
+            if writeln!(std::io::stdout(), "{line}").and_then(|()| std::io::stdout().flush()).is_err() {
+                return Ok(()); // the supervisor has gone, or needs no judge any more
+            }
+            let living: Vec<u32> = clock.occupied(role).map(|(_, incarnation)| incarnation).collect();
+            streams.retain(|incarnation, _| living.contains(incarnation));
+            for incarnation in living {
+                if !streams.contains_key(&incarnation)
+                    && let Ok(stream) = links.subscriber(role, incarnation, kind)
+                    && stream.connect().is_ok()
+                {
+                    streams.insert(incarnation, stream);
+                }
+            }
+        }
+        system::sleep_ns(LOOK_NS);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::stream::message_bytes;
+    use hyst_messages::{FluidStatus, MessageMut};
+
+    fn state(epoch: u32, incarnation: u32, tick: u64, pressure_pa: f32) -> Vec<u8> {
+        let sections = [size_of::<FluidStatus>(), 8, 16];
+        let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
+        let header = StreamHeader { epoch, incarnation, tick, step_ticks: 33, ..Default::default() };
+        let mut message = MessageMut::format(bytes, Kind::FluidState, header, &sections).unwrap();
+        let status = FluidStatus { pressure_pa, ..Default::default() };
+        message.section::<u8>(0).unwrap().copy_from_slice(bytemuck::bytes_of(&status));
+        bytemuck::cast_slice(&memory).to_vec()
+    }
+
+    #[test]
+    fn states_of_one_tick_are_compared_whoever_comes_first_and_only_one_of_them_is_the_roles() {
+        let mut pairs = Pairs::default();
+        pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+        pairs.take(Kind::FluidState, &state(0, 17, 66, 9_000.0), 17);
+        assert_eq!(pairs.seen.compared, 0, "nothing of the same tick");
+        pairs.take(Kind::FluidState, &state(4, 6, 66, 9_100.0), 17);
+        pairs.take(Kind::FluidState, &state(0, 17, 33, 9_000.0), 17);
+        assert_eq!((pairs.seen.compared, pairs.seen.outside), (2, 0));
+        assert!((pairs.seen.worst - 0.1).abs() < 1e-6, "{:?}", pairs.seen);
+        for tick in [99, 132, 165] {
+            pairs.take(Kind::FluidState, &state(5, 17, tick, 12_000.0), 17);
+            pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
+        }
+        assert_eq!((pairs.seen.compared, pairs.seen.outside, pairs.seen.ratio), (5, 3, 3.0));
+        assert!(pairs.seen.text.starts_with("pressure differ by 3.000e3 Pa"), "{}", pairs.seen.text);
+        pairs.take(Kind::FluidState, &state(5, 17, 198, 9_000.0), 17);
+        pairs.take(Kind::FluidState, &state(6, 6, 198, 12_000.0), 17);
+        assert_eq!(pairs.seen.compared, 5, "two states of the role in different epochs are not for the judge");
+        pairs.take(Kind::FluidState, &state(0, 6, 198, 9_000.0), 17);
+        assert_eq!((pairs.seen.compared, pairs.seen.outside), (6, 0));
+        assert!(pairs.waiting.len() <= MOST_WAITING);
+    }
+
+    #[test]
+    fn a_newcomer_that_leapt_over_ticks_is_compared_again_once_that_is_forgotten() {
+        let mut pairs = Pairs::default();
+        pairs.take(Kind::FluidState, &state(4, 6, 0, 9_000.0), 17);
+        let mut both = |epoch: u32, tick: u64| {
+            pairs.take(Kind::FluidState, &state(epoch, 17, tick, 12_000.0), 17);
+            pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
+            pairs.seen.compared
+        };
+        assert_eq!(both(5, 33), 1, "its first epoch begins without a leap");
+        assert_eq!(both(5, 66), 2);
+        assert_eq!(both(6, 66 + 33), 3, "an epoch of its own, and no tick is missing");
+        let leapt = 99 + 66;
+        assert_eq!(both(7, leapt), 3, "it leapt");
+        assert_eq!(both(7, leapt + FORGET_TICKS - 1), 3);
+        assert_eq!(both(7, leapt + FORGET_TICKS), 4);
+        assert_eq!(both(7, leapt + FORGET_TICKS + 33), 5);
+        let far = leapt + FORGET_TICKS + 33 + 33 * (LOST + 1);
+        assert_eq!(both(7, far), 5, "the old engine leapt");
+        assert_eq!(both(7, far + FORGET_TICKS), 6);
+    }
+
+    #[test]
+    fn a_newcomer_that_takes_the_role_late_has_leapt_too() {
+        let mut pairs = Pairs::default();
+        pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+        for (tick, compared) in [(33 + 66, 0), (33 + 66 + FORGET_TICKS, 1)] {
+            pairs.take(Kind::FluidState, &state(5, 17, tick, 12_000.0), 17);
+            pairs.take(Kind::FluidState, &state(0, 6, tick, 9_000.0), 17);
+            assert_eq!(pairs.seen.compared, compared);
+        }
+    }
+}

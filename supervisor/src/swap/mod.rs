@@ -1,0 +1,142 @@
+//! A swap as it is written down: what is asked for, how far it is, what happened when, how it ended. One file in the station's root, replaced as a whole,
+//! so that a supervisor that dies in the middle leaves what its successor needs, and whoever asked can read how it goes.
+
+pub mod judge;
+pub mod verify;
+
+use hyst_exchange::{Station, system};
+use hyst_messages::page::device;
+use hyst_messages::{Role, Slot};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Time since the swap was asked for, ms.
+    pub at_ms: f64,
+    /// What.
+    pub what: String,
+}
+
+/// A swap.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Counts the station's swaps.
+    pub number: u64,
+    /// The role.
+    pub role: String,
+    /// Where the newcomer starts.
+    pub slot: String,
+    /// The newcomer's binary.
+    pub binary: PathBuf,
+    /// The binary before.
+    pub before: PathBuf,
+    /// The newcomer, 0 until it is ready.
+    pub incarnation: u32,
+    /// Who did the role's work before.
+    pub incumbent: u32,
+    /// The probation was passed: the binary is the role's.
+    pub proven: bool,
+    /// How it ended; `None` while it goes on.
+    pub promoted: Option<bool>,
+    /// Why it was undone.
+    pub reason: String,
+    /// When it was asked for, ns.
+    pub begun_ns: u64,
+    /// What happened.
+    pub steps: Vec<Step>,
+}
+
+fn path(station: &Station) -> PathBuf {
+    station.root().join("swap.json")
+}
+
+impl Record {
+    /// The station's newest swap.
+    pub fn read(station: &Station) -> Option<Record> {
+        serde_json::from_str(&std::fs::read_to_string(path(station)).ok()?).ok()
+    }
+    /// Writes it; false if that is refused.
+    pub fn write(&self, station: &Station) -> bool {
+        let text = serde_json::to_string(self).unwrap_or_default();
+        crate::plan::write_whole(&path(station), text.as_bytes()).is_ok()
+    }
+    /// Notes what happened.
+    pub fn note(&mut self, what: &str) {
+        // Tenths of a millisecond.
+        let at_ms = (system::now_ns().saturating_sub(self.begun_ns) / 100_000) as f64 / 10.0;
+        self.steps.push(Step { at_ms, what: what.to_string() });
+    }
+    /// Where the newcomer starts.
+    pub fn slot(&self) -> Option<Slot> {
+        Slot::parse(&self.slot)
+    }
+}
+
+/// The role that a name means, if its engines can be swapped; else what is wrong.
+pub fn role_of(name: &str) -> Result<Role, String> {
+    let names = || Role::ALL.into_iter().filter(|role| is_engine(*role)).map(Role::name).collect::<Vec<_>>().join(", ");
+    match Role::from_name(name) {
+        Some(role) if is_engine(role) => Ok(role),
+        Some(Role::Hardware) => {
+            Err("hardware stands for the device on the desk, which keeps the ledger: it is no engine, and is not swapped".into())
+        }
+        Some(role) => Err(format!("{} is no engine; the engines are: {}", role.name(), names())),
+        None => Err(format!("{name:?} is no role; the engines are: {}", names())),
+    }
+}
+
+fn is_engine(role: Role) -> bool {
+    !matches!(role, Role::Hardware | Role::Supervisor | Role::Guardian | Role::Console)
+}
+
+/// The slot in which a swap of a role begins: the guest's, or that of the servo which the device does not follow, or the first.
+pub fn first_slot(role: Role, device: Option<&hyst_exchange::ReadPage>) -> Slot {
+    if let Some(guest) = Slot::guest(role) {
+        return guest;
+    }
+    let followed = device.map(|page| page.load64(device::SELECTED) as usize);
+    let other = (0..role.slots().1).filter_map(|index| Slot::new(role, index)).find(|slot| Some(slot.number()) != followed);
+    if role == Role::Haptic { other.unwrap_or(Slot::first(role)) } else { Slot::first(role) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_read_back_and_a_name_means_an_engine_or_is_refused() {
+        let station = Station::named(&format!("t{}-swap", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        assert_eq!(Record::read(&station), None);
+        let mut record = Record {
+            number: 3,
+            role: "fluid".into(),
+            slot: "fluid:2".into(),
+            binary: "/x/fluid".into(),
+            before: "/y/fluid".into(),
+            incarnation: 17,
+            incumbent: 6,
+            proven: false,
+            promoted: None,
+            reason: String::new(),
+            begun_ns: system::now_ns(),
+            steps: Vec::new(),
+        };
+        record.note("ready");
+        assert!(record.write(&station));
+        assert_eq!(Record::read(&station), Some(record.clone()));
+        assert_eq!(record.slot(), Slot::guest(Role::Fluid));
+        station.wipe();
+        for name in ["device", "haptic", "tissue", "fluid", "rendering", "recorder", "collision-worker"] {
+            assert_eq!(role_of(name).map(Role::name), Ok(name));
+        }
+        for name in ["hardware", "supervisor", "guardian", "console", "", "fluid:0", "Fluid"] {
+            assert!(role_of(name).is_err(), "{name}");
+        }
+        assert_eq!(first_slot(Role::Tissue, None).to_string(), "tissue:2");
+        assert_eq!(first_slot(Role::Rendering, None), Slot::first(Role::Rendering));
+    }
+}

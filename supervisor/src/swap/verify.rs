@@ -1,0 +1,146 @@
+//! Whether a file is an engine that may be started in a station: looked at before anything of the station is touched. It is asked what it is
+//! (`--describe`), as an ordinary process and for a bounded time; what it says must be of this role, layout and interface, word for word.
+
+use hyst_engine::life::{DESCRIBE, Description};
+use hyst_messages::Role;
+use std::io::Read;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// How long an engine may take to say what it is: a loader on a busy machine.
+const ANSWER_WITHIN_NS: u64 = 10_000_000_000;
+/// Longest answer that is read, bytes.
+const MOST_BYTES: u64 = 4 * 1024;
+/// First bytes of a program of this system.
+const ELF: [u8; 4] = *b"\x7fELF";
+
+/// Bytes of the head of a 64-bit ELF file.
+const HEAD_BYTES: usize = 64;
+
+/// How long a program is at least, by its head: the table of its sections comes last, after what a start needs.
+fn least_bytes(head: &[u8; HEAD_BYTES]) -> u64 {
+    let short = |at: usize| u64::from(u16::from_le_bytes([head[at], head[at + 1]]));
+    let table = u64::from_le_bytes(std::array::from_fn(|index| head[0x28 + index]));
+    table.saturating_add(short(0x3a) * short(0x3c))
+}
+
+/// Checks a file; the error says what is wrong with it.
+pub fn verify(path: &Path, role: Role) -> Result<Description, String> {
+    let name = path.display();
+    let found = std::fs::metadata(path).map_err(|error| format!("{name}: {error}"))?;
+    if !found.is_file() {
+        return Err(format!("{name} is no file; name the engine's binary"));
+    }
+    if found.permissions().mode() & 0o111 == 0 {
+        return Err(format!("{name} may not be executed; `chmod +x {name}`"));
+    }
+    let mut head = [0u8; HEAD_BYTES];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut head));
+    if read.is_err() || !head.starts_with(&ELF) {
+        return Err(format!("{name} is no program of this machine (no ELF file); name the engine's binary"));
+    }
+    if least_bytes(&head) > found.len() {
+        return Err(format!("{name} is truncated: {} bytes of at least {}; is it damaged?", found.len(), least_bytes(&head)));
+    }
+    let said = ask(path)?;
+    let description: Description = serde_json::from_str(said.trim())
+        .map_err(|error| format!("{name} {DESCRIBE} does not say what it is ({error}); is it an engine?"))?;
+    agrees(&description, &Description::of(role)).map_err(|reason| format!("{name} {reason}"))?;
+    Ok(description)
+}
+
+/// Whether an engine says of itself what is wanted.
+pub fn agrees(said: &Description, wanted: &Description) -> Result<(), String> {
+    let cure = "build it from the sources that the station was built from";
+    if said.engine_of != wanted.engine_of {
+        return Err(format!("is an engine of {:?}, not of {:?}", said.engine_of, wanted.engine_of));
+    }
+    if said.role != wanted.role {
+        return Err(format!("is a {}, not a {}", said.role, wanted.role));
+    }
+    if (said.layout, &said.layout_hash) != (wanted.layout, &wanted.layout_hash) {
+        return Err(format!(
+            "has layout {}/{}, the station has {}/{}; {cure}",
+            said.layout, said.layout_hash, wanted.layout, wanted.layout_hash
+        ));
+    }
+    if said.interface != wanted.interface {
+        return Err(format!("has interface {}, the station has {}; {cure}", said.interface, wanted.interface));
+    }
+    Ok(())
+}
+
+/// What a program says of itself.
+fn ask(path: &Path) -> Result<String, String> {
+    let name = path.display();
+    let started = Command::new(path)
+        .arg(DESCRIBE)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .process_group(0)
+        .spawn();
+    let mut child = started.map_err(|error| format!("{name} cannot be started: {error}; is it damaged?"))?;
+    let out = child.stdout.take();
+    // A program that floods its output waits until it is killed.
+    let reader = std::thread::spawn(move || {
+        let mut text = String::new();
+        let read = out.map(|out| out.take(MOST_BYTES).read_to_string(&mut text));
+        read.is_some_and(|read| read.is_ok()).then_some(text)
+    });
+    let status = crate::proc::wait_within(&mut child, ANSWER_WITHIN_NS);
+    let text = reader.join().ok().flatten();
+    match status {
+        None => Err(format!("{name} {DESCRIBE} did not end within {} s; is it an engine?", ANSWER_WITHIN_NS / 1_000_000_000)),
+        Some(status) if !status.success() => Err(format!("{name} {DESCRIBE} ended with {status}; is it an engine?")),
+        Some(_) => text.ok_or_else(|| format!("{name} {DESCRIBE} says what is no text; is it an engine?")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_engine_of_another_role_layout_or_interface_is_refused_and_told_apart() {
+        let good = Description::of(Role::Fluid);
+        assert_eq!(agrees(&good, &good), Ok(()));
+        type Change = fn(&mut Description);
+        let changes: [(Change, &str); 4] = [
+            (|said| said.engine_of = "other".into(), "is an engine of \"other\""),
+            (|said| said.role = "tissue".into(), "is a tissue, not a fluid"),
+            (|said| said.layout_hash = "0".into(), "has layout"),
+            (|said| said.interface += 1, "has interface"),
+        ];
+        for (change, expected) in changes {
+            let mut said = good.clone();
+            change(&mut said);
+            let reason = agrees(&said, &good).unwrap_err();
+            assert!(reason.contains(expected), "{reason}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_program_is_refused_before_it_is_started() {
+        let folder = std::env::temp_dir().join(format!("verify-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let script = folder.join("script");
+        let mark = folder.join("mark");
+        std::fs::write(&script, format!("#!/bin/sh\ntouch {}\n", mark.display())).unwrap();
+        assert!(verify(&script, Role::Fluid).unwrap_err().contains("chmod +x"));
+        std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).unwrap();
+        assert!(verify(&script, Role::Fluid).unwrap_err().contains("no ELF file"));
+        assert!(!mark.exists(), "the script was run");
+        assert!(verify(&folder, Role::Fluid).unwrap_err().contains("is no file"));
+        assert!(verify(&folder.join("absent"), Role::Fluid).unwrap_err().contains("No such file"));
+        assert!(verify(Path::new("/bin/true"), Role::Fluid).unwrap_err().contains("is it an engine?"));
+        let whole = std::fs::read("/bin/true").unwrap();
+        let truncated = folder.join("truncated");
+        std::fs::write(&truncated, &whole[..whole.len() - 1]).unwrap();
+        std::fs::set_permissions(&truncated, std::fs::Permissions::from_mode(0o755)).unwrap();
+        assert!(verify(&truncated, Role::Fluid).unwrap_err().contains("is truncated"));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,375 @@
+//! The policy against a million random histories: a small world that starts, kills, hangs and bloats processes as the policy's actions and the
+//! dice say, and looks after each event whether a promise was broken. A history that breaks one is named by its seed.
+
+mod swaps;
+
+use hyst_messages::{Role, Slot};
+use hystation::policy::{
+    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, MOST_DOOMED, State, is_replicated, is_stateful, limits, step,
+};
+use std::collections::BTreeMap;
+
+/// Histories that are played.
+const HISTORIES: u64 = 1_000_000;
+/// Threads that play them.
+const THREADS: u64 = 2;
+
+fn slots() -> Vec<Slot> {
+    let slots =
+        [(Role::Hardware, 0), (Role::Device, 0), (Role::Haptic, 0), (Role::Haptic, 1), (Role::Tissue, 0), (Role::Tissue, 1)];
+    slots.into_iter().chain([(Role::Rendering, 0)]).filter_map(|(role, index)| Slot::new(role, index)).collect()
+}
+
+/// splitmix64 (Steele, Lea and Flood 2014): a seed names a history.
+struct Dice(u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+    fn below(&mut self, bound: u64) -> u64 {
+        self.next() % bound
+    }
+}
+
+#[derive(Default)]
+struct World {
+    now_ns: u64,
+    next_incarnation: u32,
+    alive: BTreeMap<Slot, (u32, bool)>,
+    pending: Vec<Slot>,
+    spawns_ns: BTreeMap<Slot, Vec<u64>>,
+    given_up: Vec<Slot>,
+    holder: BTreeMap<Role, u32>,
+    held: Vec<Role>,
+    /// Those that are to leave, since when.
+    leaving: BTreeMap<u32, u64>,
+    swap: Option<swaps::Seen>,
+    dismissed: Vec<(Slot, u32)>,
+    stopped: bool,
+    events: u64,
+}
+
+impl World {
+    fn event(&mut self, state: &mut State, event: Event) {
+        self.events += 1;
+        for action in step(self.now_ns, event, state) {
+            let handed = if let Action::HandOver { role, incarnation } = action { Some((role, incarnation)) } else { None };
+            self.check(action);
+            // The roster's word is seen at once.
+            if let Some((role, incarnation)) = handed {
+                self.event(state, Event::Holds { role, incarnation });
+            }
+        }
+    }
+
+    fn check(&mut self, action: Action) {
+        match action {
+            Action::Dismiss { .. }
+            | Action::Told { .. }
+            | Action::Adopt { .. }
+            | Action::Retreat { .. }
+            | Action::EndSwap { .. } => {
+                self.check_swap(&action);
+            }
+            Action::Spawn { slot } => {
+                assert!(!self.stopped, "a spawn after the stop");
+                assert!(!self.alive.contains_key(&slot) && !self.pending.contains(&slot), "two incarnations in {slot}");
+                assert!(!self.given_up.contains(&slot), "a spawn in {slot}, which was given up");
+                let limits = limits(slot.role());
+                let spawns = self.spawns_ns.entry(slot).or_default();
+                spawns.push(self.now_ns);
+                let recent = spawns.iter().rev().take_while(|spawn_ns| self.now_ns - **spawn_ns <= limits.window_ns).count();
+                assert!(recent <= limits.most_deaths + 4, "{recent} spawns in {slot} within the window");
+                self.pending.push(slot);
+            }
+            Action::MarkDead { slot, incarnation } => {
+                assert_eq!(
+                    self.alive.remove(&slot).map(|(alive, _)| alive),
+                    Some(incarnation),
+                    "marked dead but not the one that died"
+                );
+            }
+            Action::Kill { slot, incarnation } => {
+                assert_eq!(self.alive.get(&slot).map(|(alive, _)| *alive), Some(incarnation), "kill of somebody else");
+                self.leaving.remove(&incarnation);
+            }
+            Action::HandOver { role, incarnation } => {
+                let spare = self.alive.iter().find(|(slot, (alive, _))| slot.role() == role && *alive == incarnation);
+                assert!(spare.is_some_and(|(_, (_, ready))| *ready), "handed over to one that is not ready");
+                assert_ne!(self.holder.insert(role, incarnation), Some(incarnation), "handed over to the holder");
+            }
+            Action::GoBack { role, ground } => {
+                let tried = matches!(ground, Ground::Again(_));
+                assert!(is_stateful(role) && self.held.contains(&role) == tried, "{role:?}: {ground:?}, held {:?}", self.held);
+                self.held.retain(|held| *held != role);
+                if let Ground::Before(time_ns) | Ground::Hold(time_ns) | Ground::Again(time_ns) = ground {
+                    assert!(time_ns <= self.now_ns, "goes back to the future");
+                }
+                if matches!(ground, Ground::Hold(_)) {
+                    self.held.push(role);
+                }
+            }
+            Action::TryAgain { slot } => {
+                let at = self.given_up.iter().position(|known| *known == slot);
+                self.given_up.swap_remove(at.expect("tried again without having been given up"));
+            }
+            Action::GiveUp { slot, .. } => {
+                let sibling =
+                    |(other, (_, ready)): (&Slot, &(u32, bool))| other.role() == slot.role() && *other != slot && *ready;
+                let alone = !self.alive.iter().any(sibling);
+                assert!(!is_replicated(slot.role()) || !alone, "{slot}, the last of its role, is given up");
+                self.given_up.push(slot);
+            }
+        }
+    }
+
+    fn settle_pending(&mut self, state: &mut State, succeeds: bool) {
+        let Some(slot) = self.pending.pop() else { return };
+        if succeeds {
+            self.next_incarnation += 1;
+            self.alive.insert(slot, (self.next_incarnation, false));
+            self.event(state, Event::Spawned { slot, incarnation: self.next_incarnation });
+        } else {
+            self.event(state, Event::SpawnFailed { slot });
+        }
+    }
+
+    /// One roll of the dice.
+    fn play(&mut self, state: &mut State, dice: &mut Dice, slots: &[Slot]) {
+        // The guest's slot beside the others.
+        let slot = slots.get(dice.below(slots.len() as u64 + 1) as usize).copied().or(Slot::guest(Role::Tissue)).expect("a slot");
+        let living = self.alive.get(&slot).copied();
+        match (dice.below(15), living) {
+            (12..=14, _) => self.play_swap(state, dice, slot),
+            (0..=2, _) => {
+                let succeeds = dice.below(8) != 0;
+                self.settle_pending(state, succeeds);
+            }
+            (3 | 4, Some((incarnation, _))) => {
+                self.alive.insert(slot, (incarnation, true));
+                self.event(state, Event::Ready { slot, incarnation });
+            }
+            (5 | 6, Some((incarnation, ready))) => {
+                let exit = match dice.below(6) {
+                    // An engine that refuses its scene at the start ends the station; that has a test of its own.
+                    code @ (1 | 2) if code == 1 || ready => Exit::Code(code as i32),
+                    3 => Exit::Unknown,
+                    4 => Exit::Signal(11),
+                    _ => Exit::Signal(9),
+                };
+                self.leaving.remove(&incarnation);
+                self.event(state, Event::Died { slot, incarnation, exit });
+            }
+            (7, Some((incarnation, _))) => self.event(state, Event::HeartbeatLate { slot, incarnation }),
+            (8, Some((incarnation, true))) if is_stateful(slot.role()) => {
+                self.holder.insert(slot.role(), incarnation);
+                self.event(state, Event::Holds { role: slot.role(), incarnation });
+            }
+            (9, Some((incarnation, true))) => {
+                self.leaving.entry(incarnation).or_insert(self.now_ns);
+                self.event(state, Event::Bloated { slot, incarnation });
+            }
+            (10, _) => {
+                let stranger = living.map_or(0, |(incarnation, _)| incarnation) + 1_000;
+                self.event(state, Event::Died { slot, incarnation: stranger, exit: Exit::Unknown });
+                self.event(state, Event::HeartbeatLate { slot, incarnation: stranger });
+                self.event(state, Event::Ready { slot, incarnation: stranger });
+                self.event(state, Event::Bloated { slot, incarnation: stranger });
+            }
+            _ => self.event(state, Event::Tick),
+        }
+    }
+
+    /// Left alone, every slot is occupied again within the longest wait, unless it was given up or the station stops.
+    fn rest(&mut self, state: &mut State, slots: &[Slot]) {
+        self.end_swap(state);
+        for _ in 0..2 {
+            while !self.pending.is_empty() {
+                self.settle_pending(state, true);
+            }
+            self.now_ns += slots.iter().map(|slot| limits(slot.role()).most_wait_ns).max().unwrap_or(0);
+            self.event(state, Event::Tick);
+        }
+        while !self.pending.is_empty() {
+            self.settle_pending(state, true);
+        }
+        for slot in slots {
+            assert!(self.stopped || self.given_up.contains(slot) || self.alive.contains_key(slot), "{slot} stays empty");
+        }
+        self.now_ns += LEAVE_WITHIN_NS;
+        self.event(state, Event::Tick);
+        self.event(state, Event::Tick);
+        let here = |incarnation: &u32| self.alive.values().any(|(alive, _)| alive == incarnation);
+        assert!(self.stopped || !self.leaving.keys().any(here), "one that grew too large stays for ever");
+        let mut given_up: Vec<Slot> = state.given_up().collect();
+        self.given_up.sort();
+        given_up.sort();
+        assert_eq!(given_up, self.given_up);
+        assert_eq!(state.held().collect::<Vec<_>>(), self.held);
+        for role in [Role::Haptic, Role::Tissue] {
+            let all_gone = slots.iter().filter(|slot| slot.role() == role).all(|slot| self.given_up.contains(slot));
+            assert!(!all_gone, "{role:?} has nobody left");
+        }
+    }
+}
+
+/// Plays the history of a seed; gives the number of its events.
+fn history(seed: u64, slots: &[Slot]) -> u64 {
+    let mut dice = Dice(seed);
+    let mut state = State::new(slots);
+    let mut world = World { next_incarnation: 10, now_ns: 20_000_000_000, ..World::default() };
+    let mut adopted = Vec::new();
+    for (index, slot) in slots.iter().enumerate() {
+        if dice.below(4) == 0 {
+            world.alive.insert(*slot, (index as u32 + 1, true));
+            adopted.push((*slot, index as u32 + 1));
+        }
+    }
+    world.event(&mut state, Event::Started { adopted });
+    let length = 1 + dice.below(120);
+    let stop_at = dice.below(4 * length);
+    // Some histories are slow, some quick: lives that settle, and lives that do not.
+    let pace_ns = [1_000_000, 50_000_000, 400_000_000, 3_000_000_000][dice.below(4) as usize];
+    for index in 0..length {
+        world.now_ns += dice.below(pace_ns);
+        if index == stop_at {
+            world.event(&mut state, Event::StopRequested);
+            world.stopped = true;
+        }
+        world.play(&mut state, &mut dice, slots);
+    }
+    world.rest(&mut state, slots);
+    world.events
+}
+
+#[test]
+fn no_history_breaks_a_promise() {
+    let slots = slots();
+    let began = std::time::Instant::now();
+    let events: u64 = std::thread::scope(|scope| {
+        let play = |thread: u64| {
+            let slots = &slots;
+            move || {
+                let mut events = 0;
+                for seed in (thread..HISTORIES).step_by(THREADS as usize) {
+                    let played = std::panic::catch_unwind(|| history(seed, slots));
+                    events += played.unwrap_or_else(|_| panic!("the history of seed {seed} breaks a promise"));
+                }
+                events
+            }
+        };
+        let threads: Vec<_> = (0..THREADS).map(|thread| scope.spawn(play(thread))).collect();
+        threads.into_iter().map(|thread| thread.join().expect("a thread")).sum()
+    });
+    println!("{HISTORIES} histories, {events} events, {:.1} s", began.elapsed().as_secs_f64());
+    assert!(events > HISTORIES);
+}
+
+fn alive(slot: Slot) -> (World, State) {
+    let mut state = State::new(&[slot]);
+    let mut world = World::default();
+    world.event(&mut state, Event::Started { adopted: Vec::new() });
+    world.settle_pending(&mut state, true);
+    (world, state)
+}
+
+#[test]
+fn a_settled_process_comes_back_at_once_however_often_it_is_killed() {
+    let slot = Slot::first(Role::Haptic);
+    let (mut world, mut state) = alive(slot);
+    for _ in 0..200 {
+        let incarnation = world.alive[&slot].0;
+        world.event(&mut state, Event::Ready { slot, incarnation });
+        world.now_ns += 2 * limits(Role::Haptic).settled_ns;
+        world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(9) });
+        assert_eq!(world.pending, [slot], "respawned in the same event");
+        world.settle_pending(&mut state, true);
+    }
+}
+
+#[test]
+fn a_process_that_dies_of_its_input_waits_longer_each_time_and_is_given_up() {
+    let slot = Slot::first(Role::Rendering);
+    let (mut world, mut state) = alive(slot);
+    let mut waits_ns = Vec::new();
+    while world.given_up.is_empty() {
+        let died_ns = world.now_ns;
+        world.event(&mut state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Signal(11) });
+        while world.pending.is_empty() && world.given_up.is_empty() {
+            world.now_ns += 1_000_000;
+            world.event(&mut state, Event::Tick);
+        }
+        waits_ns.push(world.now_ns - died_ns);
+        world.settle_pending(&mut state, true);
+    }
+    let limits = limits(Role::Rendering);
+    assert_eq!(waits_ns.len(), limits.most_short_lives as usize);
+    let expected: Vec<u64> = (1..limits.most_short_lives).map(|lives| limits.wait_ns(lives)).collect();
+    assert_eq!(waits_ns[..waits_ns.len() - 1], expected);
+}
+
+#[test]
+fn an_engine_that_refuses_the_scene_ends_the_station_with_code_2_and_only_at_its_start() {
+    let slot = Slot::first(Role::Tissue);
+    let (mut world, mut state) = alive(slot);
+    let incarnation = world.alive[&slot].0;
+    let actions = step(0, Event::Died { slot, incarnation, exit: Exit::Code(2) }, &mut state);
+    assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::GiveUp { end: Some(2), .. }]), "{actions:?}");
+    let (mut later, mut state) = alive(slot);
+    later.event(&mut state, Event::Ready { slot, incarnation });
+    world.now_ns += limits(Role::Tissue).settled_ns;
+    let actions = step(world.now_ns, Event::Died { slot, incarnation, exit: Exit::Code(2) }, &mut state);
+    assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::Spawn { .. }]), "{actions:?}");
+}
+
+#[test]
+fn the_same_state_that_kills_every_holder_is_left_for_an_older_one_and_then_held() {
+    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let mut state = State::new(&slots);
+    let mut world = World { now_ns: 100_000_000_000, ..World::default() };
+    world.event(&mut state, Event::Started { adopted: Vec::new() });
+    let mut tenures = 0;
+    while world.held.is_empty() {
+        while !world.pending.is_empty() {
+            world.settle_pending(&mut state, true);
+        }
+        let Some((slot, incarnation)) = world.alive.iter().map(|(slot, (incarnation, _))| (*slot, *incarnation)).next() else {
+            world.now_ns += 10_000_000;
+            world.event(&mut state, Event::Tick);
+            continue;
+        };
+        world.event(&mut state, Event::Holds { role: Role::Tissue, incarnation });
+        world.now_ns += 1_000_000;
+        world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(11) });
+        tenures += 1;
+        assert!(tenures < 100, "it never ends");
+    }
+    assert_eq!(
+        tenures,
+        3 * MOST_DOOMED + 2,
+        "three rungs, and of the last two the first holder was there before the ground was known"
+    );
+    assert_eq!(world.given_up, [], "the last of its role is not given up");
+}
+
+#[test]
+fn one_that_grows_too_large_hands_over_first_and_is_killed_then() {
+    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let mut state = State::new(&slots);
+    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+    step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+    let actions = step(1, Event::Bloated { slot: slots[0], incarnation: 1 }, &mut state);
+    assert_eq!(actions, [Action::HandOver { role: Role::Tissue, incarnation: 2 }]);
+    assert_eq!(step(2, Event::Tick, &mut state), [], "it waits for the spare");
+    let actions = step(3, Event::Holds { role: Role::Tissue, incarnation: 2 }, &mut state);
+    assert_eq!(actions, [Action::Kill { slot: slots[0], incarnation: 1 }]);
+    // Alone, it waits for a spare, but not for ever.
+    step(4, Event::Died { slot: slots[0], incarnation: 1, exit: Exit::Signal(9) }, &mut state);
+    assert_eq!(step(5, Event::Bloated { slot: slots[1], incarnation: 2 }, &mut state), []);
+    let actions = step(5 + LEAVE_WITHIN_NS, Event::Tick, &mut state);
+    assert!(actions.contains(&Action::Kill { slot: slots[1], incarnation: 2 }), "{actions:?}");
+}

@@ -1,0 +1,262 @@
+//! Swaps in the random histories: what the policy may ask for, what the dice do to it, and that each swap ends.
+
+use super::{Dice, World};
+use hyst_messages::Slot;
+use hyst_messages::page::Stage;
+use hystation::policy::{Action, Event, Exit, LEAVE_WITHIN_NS, PROVE_WITHIN_NS, State, is_replicated, probation_ns};
+
+/// What was seen of the swap that is under way.
+#[derive(Clone, Copy)]
+pub struct Seen {
+    slot: Slot,
+    agreed: bool,
+    trial_ns: Option<u64>,
+    retreat_ns: Option<u64>,
+    adopted: bool,
+}
+
+impl World {
+    /// What the policy asks for because of a swap.
+    pub fn check_swap(&mut self, action: &Action) {
+        let seen = self.swap.as_mut().expect("an action of a swap without a swap");
+        match *action {
+            Action::Dismiss { slot, incarnation } => {
+                let ready = |(other, (_, ready)): (&Slot, &(u32, bool))| other.role() == slot.role() && *other != slot && *ready;
+                let covered = self.alive.iter().any(ready) || !is_replicated(slot.role());
+                let patient = seen.retreat_ns.is_some_and(|since_ns| self.now_ns - since_ns < LEAVE_WITHIN_NS);
+                let works = self.alive.get(&slot).is_some_and(|(_, ready)| *ready)
+                    && (!slot.is_guest() || self.holder.get(&slot.role()) == Some(&incarnation));
+                assert!(
+                    covered || !works || !patient && seen.retreat_ns.is_some(),
+                    "{slot} goes, and nobody is left to do its work"
+                );
+                assert_eq!(self.alive.get(&slot).map(|(alive, _)| *alive), Some(incarnation), "dismissed somebody else");
+                self.dismissed.push((slot, incarnation));
+            }
+            Action::Told { stage: Stage::Trial, .. } => seen.trial_ns = Some(self.now_ns),
+            Action::Told { .. } => {}
+            Action::Adopt { role } => {
+                let trial_ns = seen.trial_ns.expect("adopted without a trial");
+                assert!(self.now_ns - trial_ns >= probation_ns(role), "adopted before the end of the probation");
+                assert!(seen.agreed || !is_replicated(role), "adopted without having agreed");
+                assert!(seen.retreat_ns.is_none() && !seen.adopted, "adopted twice, or in the retreat");
+                seen.adopted = true;
+            }
+            Action::Retreat { .. } => {
+                assert!(!seen.adopted && seen.retreat_ns.is_none(), "a retreat after the end, or twice");
+                seen.retreat_ns = Some(self.now_ns);
+            }
+            Action::EndSwap { promoted, .. } => {
+                assert_eq!((promoted, !promoted), (seen.adopted, seen.retreat_ns.is_some()), "it ends as it did not go");
+                assert!(!seen.slot.is_guest() || !self.alive.contains_key(&seen.slot), "a guest stays behind");
+                self.swap = None;
+            }
+            _ => unreachable!("no action of a swap"),
+        }
+    }
+
+    /// Whoever was dismissed dies; true if there was one.
+    fn bury_dismissed(&mut self, state: &mut State) -> bool {
+        let Some((slot, incarnation)) = self.dismissed.pop() else { return false };
+        if self.alive.get(&slot).is_some_and(|(alive, _)| *alive == incarnation) {
+            self.leaving.remove(&incarnation);
+            self.event(state, Event::Died { slot, incarnation, exit: Exit::Signal(9) });
+        }
+        true
+    }
+
+    /// One roll of the dice that concerns swaps.
+    pub fn play_swap(&mut self, state: &mut State, dice: &mut Dice, slot: Slot) {
+        let newcomer = self.swap.and_then(|seen| self.alive.get(&seen.slot)).map_or(0, |(alive, _)| *alive);
+        match dice.below(5) {
+            0 if state.may_swap(slot).is_ok() => {
+                assert!(self.swap.is_none(), "two swaps at a time");
+                self.swap = Some(Seen { slot, agreed: false, trial_ns: None, retreat_ns: None, adopted: false });
+                let incumbent = self.holder.get(&slot.role()).copied().unwrap_or(0);
+                self.event(state, Event::SwapAsked { slot, incumbent });
+            }
+            0 | 1 => {
+                if let Some(seen) = &mut self.swap {
+                    seen.agreed = true;
+                }
+                self.event(state, Event::Agreed { incarnation: newcomer });
+            }
+            2 => self.event(state, Event::Doubted { incarnation: newcomer, reason: "the dice".into() }),
+            _ => drop(self.bury_dismissed(state)),
+        }
+    }
+
+    /// Left alone, every swap ends.
+    pub fn end_swap(&mut self, state: &mut State) {
+        for _ in 0..400 {
+            if self.stopped || self.swap.is_none() {
+                return;
+            }
+            while !self.pending.is_empty() {
+                self.settle_pending(state, true);
+            }
+            while self.bury_dismissed(state) {}
+            let waiting: Vec<(Slot, u32)> =
+                self.alive.iter().filter(|(_, (_, ready))| !ready).map(|(slot, (alive, _))| (*slot, *alive)).collect();
+            for (slot, incarnation) in waiting {
+                self.alive.insert(slot, (incarnation, true));
+                self.event(state, Event::Ready { slot, incarnation });
+            }
+            self.now_ns += 1_000_000_000;
+            self.event(state, Event::Tick);
+        }
+        panic!("the swap never ends");
+    }
+}
+
+mod by_hand {
+    use super::*;
+    use hyst_messages::Role;
+    use hystation::policy::step;
+
+    fn tissues() -> [Slot; 3] {
+        [0, 1, 2].map(|index| Slot::new(Role::Tissue, index).unwrap())
+    }
+
+    /// A station whose tissue:0 (incarnation 1) holds the role; a newcomer (3) in the shadow.
+    fn shadowing() -> State {
+        let slots = tissues();
+        let mut state = State::new(&slots[..2]);
+        step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+        step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+        assert_eq!(step(1, Event::SwapAsked { slot: slots[2], incumbent: 1 }, &mut state), [Action::Spawn { slot: slots[2] }]);
+        step(2, Event::Spawned { slot: slots[2], incarnation: 3 }, &mut state);
+        let told = step(3, Event::Ready { slot: slots[2], incarnation: 3 }, &mut state);
+        assert_eq!(told, [Action::Told { role: Role::Tissue, stage: Stage::Shadow, incarnation: 3 }]);
+        state
+    }
+
+    fn on_probation() -> State {
+        let mut state = shadowing();
+        let told = step(4, Event::Agreed { incarnation: 3 }, &mut state);
+        assert_eq!(told, [Action::Told { role: Role::Tissue, stage: Stage::Trial, incarnation: 3 }]);
+        assert_eq!(step(5, Event::Holds { role: Role::Tissue, incarnation: 3 }, &mut state), []);
+        state
+    }
+
+    #[test]
+    fn a_newcomer_that_nobody_doubts_has_all_slots_in_the_end_and_its_guest_gives_the_role_back() {
+        let ([first, second, guest], role) = (tissues(), Role::Tissue);
+        let mut state = on_probation();
+        let mut now_ns = 5 + probation_ns(role);
+        assert_eq!(step(now_ns, Event::Tick, &mut state.clone()), [], "not before it was compared");
+        assert_eq!(step(now_ns - 1, Event::Agreed { incarnation: 3 }, &mut state), []);
+        assert_eq!(step(now_ns - 1, Event::Tick, &mut state), [], "still on probation");
+        let actions = step(now_ns, Event::Tick, &mut state);
+        let settled = Action::Told { role, stage: Stage::Settled, incarnation: 3 };
+        assert_eq!(
+            actions,
+            [Action::Adopt { role }, settled, Action::Dismiss { slot: second, incarnation: 2 }],
+            "the spare first"
+        );
+        for (slot, old, new, then) in [
+            (second, 2, 4, Action::Dismiss { slot: first, incarnation: 1 }),
+            (first, 1, 5, Action::HandOver { role, incarnation: 5 }),
+        ] {
+            now_ns += 1;
+            let actions = step(now_ns, Event::Died { slot, incarnation: old, exit: Exit::Signal(9) }, &mut state);
+            assert_eq!(
+                actions,
+                [Action::MarkDead { slot, incarnation: old }, Action::Spawn { slot }],
+                "at once, and no death is booked"
+            );
+            step(now_ns, Event::Spawned { slot, incarnation: new }, &mut state);
+            assert_eq!(step(now_ns, Event::Tick, &mut state), [], "not before it is ready");
+            step(now_ns, Event::Ready { slot, incarnation: new }, &mut state);
+            assert_eq!(step(now_ns, Event::Tick, &mut state), [then]);
+        }
+        step(now_ns, Event::Holds { role, incarnation: 5 }, &mut state);
+        assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Dismiss { slot: guest, incarnation: 3 }]);
+        let actions = step(now_ns, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(9) }, &mut state);
+        assert_eq!(actions, [Action::MarkDead { slot: guest, incarnation: 3 }, Action::EndSwap { role, promoted: true }]);
+        assert!(state.swap().is_none());
+    }
+
+    #[test]
+    fn one_that_is_doubted_gives_the_role_to_whom_it_had_it_from_and_goes() {
+        let ([_, _, guest], role) = (tissues(), Role::Tissue);
+        let mut state = on_probation();
+        let actions = step(6, Event::Doubted { incarnation: 3, reason: "off".into() }, &mut state);
+        let dismiss = Action::Dismiss { slot: guest, incarnation: 3 };
+        assert_eq!(
+            actions,
+            [Action::Retreat { role, to: 1, reason: "off".into() }, Action::HandOver { role, incarnation: 1 }, dismiss]
+        );
+        assert_eq!(step(7, Event::Doubted { incarnation: 3, reason: "again".into() }, &mut state), [], "told once");
+        let actions = step(8, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(9) }, &mut state);
+        assert_eq!(actions.last(), Some(&Action::EndSwap { role, promoted: false }));
+    }
+
+    #[test]
+    fn one_that_leaves_nothing_to_compare_is_undone_and_what_it_agreed_in_before_it_lost_the_role_does_not_count() {
+        let role = Role::Tissue;
+        let mut state = on_probation();
+        step(6, Event::Agreed { incarnation: 3 }, &mut state);
+        step(7, Event::Holds { role, incarnation: 1 }, &mut state);
+        step(8, Event::Holds { role, incarnation: 3 }, &mut state);
+        assert_eq!(step(8 + probation_ns(role), Event::Tick, &mut state), []);
+        let actions = step(9 + PROVE_WITHIN_NS, Event::Tick, &mut state);
+        assert!(matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.contains("compared")), "{actions:?}");
+    }
+
+    #[test]
+    fn one_that_dies_in_any_state_leaves_nothing_to_do_and_nobody_in_its_slot() {
+        let ([_, _, guest], role) = (tissues(), Role::Tissue);
+        for mut state in [shadowing(), on_probation()] {
+            let actions = step(6, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(11) }, &mut state);
+            let retreat = Action::Retreat { role, to: 1, reason: "it died".into() };
+            let expected = [Action::MarkDead { slot: guest, incarnation: 3 }, retreat, Action::EndSwap { role, promoted: false }];
+            assert_eq!(actions, expected);
+            for now_ns in [7, 1_000_000_000, 100_000_000_000] {
+                assert_eq!(step(now_ns, Event::Tick, &mut state), [], "nobody is started in the guest's slot");
+            }
+            assert_eq!(state.may_swap(guest), Ok(()), "the next one may come");
+        }
+    }
+
+    #[test]
+    fn one_that_takes_the_role_unasked_or_loses_it_again_and_again_is_undone() {
+        let role = Role::Tissue;
+        let mut state = shadowing();
+        let actions = step(4, Event::Holds { role, incarnation: 3 }, &mut state);
+        assert!(matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.contains("unasked")), "{actions:?}");
+        let mut state = on_probation();
+        let mut losses = 0;
+        loop {
+            let actions = step(10, Event::Holds { role, incarnation: 1 }, &mut state);
+            if let [Action::Retreat { reason, .. }, ..] = &actions[..] {
+                assert!(reason.contains("again and again"), "{reason}");
+                break;
+            }
+            losses += 1;
+            assert!(losses < 10, "it never ends");
+            step(11, Event::Holds { role, incarnation: 3 }, &mut state);
+        }
+        assert_eq!(losses, 3);
+    }
+
+    #[test]
+    fn what_a_dead_supervisor_left_is_finished_if_it_was_proven_and_undone_if_not() {
+        let ([first, second, guest], role) = (tissues(), Role::Tissue);
+        for proven in [false, true] {
+            let mut state = State::new(&[first, second]);
+            step(0, Event::Started { adopted: vec![(first, 1), (second, 4), (guest, 3)] }, &mut state);
+            step(0, Event::Holds { role, incarnation: 3 }, &mut state);
+            let old = vec![(first, 1)];
+            let left = hystation::policy::Left { slot: guest, incarnation: 3, incumbent: 1, proven, old };
+            let actions = step(1, Event::SwapLeft(left), &mut state);
+            let next = if proven {
+                Action::Dismiss { slot: first, incarnation: 1 }
+            } else {
+                Action::Dismiss { slot: guest, incarnation: 3 }
+            };
+            assert_eq!(actions.last(), Some(&next), "{actions:?}");
+            assert_eq!(actions.contains(&Action::HandOver { role, incarnation: 1 }), !proven);
+        }
+    }
+}

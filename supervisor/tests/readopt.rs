@@ -1,0 +1,232 @@
+//! Supervisor and guardian die, alone, together and in the middle of their work: the engines keep their pids and their ticks, and the station can
+//! be stopped afterwards.
+
+mod place;
+
+use place::{Place, kill, pid_of, text};
+use std::process::{Child, Stdio};
+
+/// Kills of each kind; `HYSTATION_KILLS=100` makes a hundred.
+fn kills() -> u64 {
+    std::env::var("HYSTATION_KILLS").ok().and_then(|count| count.parse().ok()).unwrap_or(20)
+}
+
+type Rows = Vec<(String, u64, String)>;
+
+fn is_keeper(name: &str) -> bool {
+    name == "supervisor" || name == "guardian"
+}
+
+/// The engines with their pids.
+fn engines(rows: &Rows) -> Vec<(String, u64)> {
+    rows.iter().filter(|(name, ..)| !is_keeper(name)).map(|(name, pid, _)| (name.clone(), *pid)).collect()
+}
+
+/// Steps of each engine so far, from its page.
+fn steps(place: &Place) -> Vec<u64> {
+    use hyst_messages::page::header;
+    let station = hyst_exchange::Station::named(&place.name).unwrap();
+    let page = station.open().unwrap();
+    let slots = (0..hyst_messages::SLOTS).filter_map(hyst_messages::Slot::from_number);
+    let page_of = |slot| station.read_slot(slot, page.incarnation(slot)).ok();
+    slots.filter_map(page_of).map(|page| page.load64(header::STEPS)).collect()
+}
+
+/// Kills those, and waits until others have taken their place.
+fn kill_and_wait(place: &Place, before: &Rows, victims: &[&str]) -> Rows {
+    let old: Vec<u64> = victims.iter().map(|name| pid_of(before, name)).collect();
+    for pid in &old {
+        kill(*pid);
+    }
+    let replaced = |rows: &[(String, u64, String)], name: &str, old: u64| {
+        rows.iter().any(|(known, pid, state)| known == name && *pid != old && state == "live")
+    };
+    place.wait(&format!("others for {victims:?}"), |rows| victims.iter().zip(&old).all(|(name, old)| replaced(rows, name, *old)))
+}
+
+/// Kills keepers again and again, and looks each time that no engine was touched and each goes on.
+fn kill_often(name: &str, victims: &[&str], mut revive: impl FnMut(&Place) -> Option<Child>) {
+    let place = Place::new(name);
+    let mut child = place.start(&[]);
+    let first = place.wait_ready();
+    let mut rows = first.clone();
+    let mut runs = Vec::new();
+    for round in 0..kills() {
+        let before = steps(&place);
+        for victim in victims {
+            kill(pid_of(&rows, victim));
+        }
+        victims.iter().for_each(|victim| place::ended(pid_of(&rows, victim))); // until then it has the station's name
+        runs.extend(revive(&place));
+        let old: Vec<u64> = victims.iter().map(|victim| pid_of(&rows, victim)).collect();
+        rows = place.wait(&format!("round {round}: others for {victims:?}"), |rows| {
+            let new = |(victim, old): (&&str, &u64)| {
+                rows.iter().any(|(name, pid, state)| name == victim && pid != old && state == "live")
+            };
+            victims.iter().zip(&old).all(new)
+        });
+        assert_eq!(engines(&rows), engines(&first), "round {round}: engines were touched");
+        let after = steps(&place);
+        assert!(before.iter().zip(&after).all(|(before, after)| after > before), "round {round}: {before:?} {after:?}");
+    }
+    let stopped = place.call(&["stop"]);
+    assert!(stopped.status.success(), "{}", text(&stopped.stderr));
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+    let _ = child.wait();
+    for mut run in runs {
+        let _ = run.wait();
+    }
+}
+
+#[test]
+fn a_supervisor_killed_again_and_again_costs_no_engine_a_step() {
+    kill_often("many-s", &["supervisor"], |_| None);
+}
+
+#[test]
+fn a_guardian_killed_again_and_again_has_stand_ins_and_the_station_can_be_stopped() {
+    kill_often("many-g", &["guardian"], |_| None);
+}
+
+#[test]
+fn both_killed_again_and_again_are_replaced_by_a_run_of_the_same_name() {
+    kill_often("many-b", &["guardian", "supervisor"], |place| Some(place.start(&[])));
+}
+
+#[test]
+fn a_run_of_the_same_settings_takes_over_from_a_stand_in_and_another_is_refused() {
+    let place = Place::new("attach");
+    let report = place.report();
+    let mut child = place.start(&[]);
+    let rows = kill_and_wait(&place, &place.wait_ready(), &["guardian"]);
+    child.wait().unwrap();
+    let other = place.call(&["run", "--headless", "--workers", "0", "--binaries", place.folder.to_str().unwrap()]);
+    assert_eq!(other.status.code(), Some(2));
+    assert!(text(&other.stderr).contains("with other settings"), "{}", text(&other.stderr));
+    let run = place.start(&["--report", report.to_str().unwrap()]);
+    let after = place.wait("the new run is the guardian", |rows| pid_of(rows, "guardian") == u64::from(run.id()));
+    assert_eq!(engines(&after), engines(&rows), "engines were touched");
+    assert!(place.call(&["stop"]).status.success());
+    let output = run.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(report.is_file(), "its report is written where the new run wants it");
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn a_stand_in_ends_the_run_in_time_and_writes_the_report() {
+    let place = Place::new("endure");
+    let report = place.report();
+    let mut child = place.start(&["--for", "3s", "--report", report.to_str().unwrap()]);
+    let rows = place.wait_ready();
+    kill(pid_of(&rows, "guardian"));
+    child.wait().unwrap();
+    let since = std::time::Instant::now();
+    // Whole: it is written when everything else is gone.
+    let whole = || -> Option<serde_json::Value> { serde_json::from_slice(&std::fs::read(&report).ok()?).ok() };
+    let report = loop {
+        match whole() {
+            Some(report) if place.leftovers().is_empty() => break report,
+            _ => assert!(since.elapsed() < place::PATIENCE, "no end: {:?}", place.leftovers()),
+        }
+        std::thread::yield_now();
+    };
+    assert_eq!(report["leftovers"], serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 }));
+}
+
+/// The supervisor is killed at a point of its work, at the start or when an engine is replaced that was killed.
+fn dies_at(point: &str, pass: u32) {
+    let place = Place::new(&format!("at-{pass}"));
+    let mut command = place.command(&["run", "--headless", "--test-mode", "--binaries", place.folder.to_str().unwrap()]);
+    command.env(hystation::intent::DIES_AT, format!("{point}:{pass}"));
+    let child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let rows = place.wait_ready();
+    let victim = pid_of(&rows, "fluid:1");
+    kill(victim);
+    let back = |rows: &[(String, u64, String)]| {
+        let well = |(_, _, state): &(String, u64, String)| state == "live" || state == "spare";
+        rows.len() == 13 && rows.iter().all(well) && rows.iter().all(|(_, pid, _)| *pid != victim)
+    };
+    let rows = place.wait(&format!("{point}:{pass}: whole again"), back);
+    let station = hyst_exchange::Station::named(&place.name).unwrap();
+    let page = station.open().unwrap();
+    assert!(page.page().load64(hyst_messages::page::station::SUPERVISOR_STARTS) >= 2, "{point}:{pass}: nobody died");
+    // No process, page or slot is left half-way.
+    let known: Vec<u64> = rows.iter().map(|(_, pid, _)| *pid).collect();
+    let strangers: Vec<u32> =
+        hystation::proc::of_station(&station).into_iter().filter(|pid| !known.contains(&u64::from(*pid))).collect();
+    let helper = |pid: &u32| match std::fs::read_to_string(format!("/proc/{pid}/cmdline")) {
+        Ok(words) => words.is_empty() || words.contains("clean"), // empty: it is ending
+        Err(_) => true,                                           // it has ended
+    };
+    assert!(strangers.iter().all(helper), "{point}:{pass}: {strangers:?}");
+    let pages = std::fs::read_dir(station.root().join("pages")).unwrap().flatten();
+    let of_slots = pages.filter(|page| page.file_name().to_string_lossy().starts_with(|c: char| c.is_ascii_digit())).count();
+    assert_eq!(of_slots, 11, "{point}:{pass}: a page for each life");
+    assert!(place.call(&["stop"]).status.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{point}:{pass}: {}", text(&output.stderr));
+    assert_eq!(place.leftovers(), Vec::<String>::new(), "{point}:{pass}");
+}
+
+#[test]
+fn a_supervisor_that_dies_in_the_middle_of_a_start_has_it_finished_or_undone() {
+    for point in ["spawn-declared", "spawn-paged", "spawn-served", "spawn-started", "spawn-entered"] {
+        dies_at(point, 3); // of the eleven starts of the station
+        dies_at(point, 12); // when an engine is replaced
+    }
+}
+
+#[test]
+fn a_supervisor_that_dies_in_the_middle_of_a_burial_has_it_finished() {
+    for point in ["reaped", "bury-declared", "bury-done"] {
+        dies_at(point, 1);
+    }
+}
+
+/// A swap is begun, and the supervisor dies at a point of it: the next one finishes what was proven and undoes the rest. The worker's predecessor is
+/// killed for its guest, and by nobody else than the supervisor: one that hangs is killed by the watch thread too, and is often dead before.
+#[test]
+fn a_supervisor_that_dies_in_the_middle_of_a_swap_has_it_finished_or_undone() {
+    for (point, role, proven) in [
+        ("swap-declared", "fluid", false),
+        ("swap-told", "fluid", false),
+        ("kill-declared", "collision-worker", false),
+        ("kill-done", "collision-worker", false),
+        ("swap-adopted", "collision-worker", true),
+    ] {
+        let place = Place::new(point);
+        let folder = place.folder.join("new");
+        std::fs::create_dir_all(&folder).unwrap();
+        let binary = folder.join(role);
+        std::fs::copy(std::fs::canonicalize(place.folder.join(role)).unwrap(), &binary).unwrap();
+        let mut command = place.command(&["run", "--headless", "--test-mode", "--binaries", place.folder.to_str().unwrap()]);
+        let child = command.env(hystation::intent::DIES_AT, point).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let before = place.wait_ready();
+        let swapped = place.call(&["swap", role, binary.to_str().unwrap()]);
+        let said = format!("{point}: {}{}", text(&swapped.stdout), text(&swapped.stderr));
+        assert_eq!(swapped.status.success(), proven, "{said}");
+        let rows = place.wait_ready(); // nobody in the guest's slot
+        let station = hyst_exchange::Station::named(&place.name).unwrap();
+        let starts = station.open().unwrap().page().load64(hyst_messages::page::station::SUPERVISOR_STARTS);
+        assert!(starts >= 2, "{said}: nobody died");
+        let runs_new = |pid: u64| std::fs::read_link(format!("/proc/{pid}/exe")).is_ok_and(|runs| runs == binary);
+        for (name, pid, _) in &rows {
+            assert_eq!(runs_new(*pid), proven && name.starts_with(role), "{said}: {name}");
+            let is_engine = !name.starts_with(role) && name != "supervisor";
+            assert!(!is_engine || pid_of(&before, name) == *pid, "{said}: {name} was touched");
+        }
+        assert!(place.call(&["stop"]).status.success());
+        assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0), "{said}");
+        assert_eq!(place.leftovers(), Vec::<String>::new(), "{said}");
+    }
+}
+
+#[test]
+fn outside_of_test_mode_nobody_can_make_the_supervisor_die() {
+    let place = Place::new("mortal");
+    let mut command = place.command(&["run", "--headless", "--binaries", place.folder.to_str().unwrap()]);
+    let output = command.env(hystation::intent::DIES_AT, "reaped").output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--test-mode"), "{}", text(&output.stderr));
+}

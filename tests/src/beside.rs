@@ -1,0 +1,81 @@
+//! Faults and quiet windows of the same length beside each other, as the ledger of the simulated hardware has them: what the host takes falls on
+//! both alike. For faults that the report cannot judge, because who would write it is what is killed.
+
+use crate::{Station, lower95_of_mean};
+
+/// Shortest window, ticks, and those after the recovery that still belong to it: as the report's own windows.
+const LEAST_TICKS: u64 = 200;
+const AFTER_TICKS: u64 = 20;
+/// Ticks between a fault's window and its control, in which whoever came back does its first work.
+const SETTLE_TICKS: u64 = 300;
+/// Share of a window that may be void: a stall of the host tells nothing of a fault, nor does a control of it.
+const MOST_VOID: f64 = 0.2;
+
+/// What the faults of one kind cost beyond their controls.
+#[derive(Debug, Default)]
+pub struct Beside {
+    /// Misses of each fault that counts, less those of as many ticks beside it.
+    pub excesses: Vec<f64>,
+    /// Faults that tell nothing.
+    pub void: usize,
+}
+
+/// A moment: the station's tick, and its ledger so far.
+fn mark(station: &Station) -> (u64, (u64, u64)) {
+    (station.clock().present_tick(), station.ledger())
+}
+
+/// What the ledger gained between two moments.
+struct Window {
+    ticks: u64,
+    counted: u64,
+    missed: u64,
+}
+
+impl Window {
+    fn since(station: &Station, (tick, before): (u64, (u64, u64))) -> Window {
+        let (end, after) = mark(station);
+        Window { ticks: end - tick, counted: after.0 - before.0, missed: after.1 - before.1 }
+    }
+
+    fn is_void(&self) -> bool {
+        (self.counted as f64) < (1.0 - MOST_VOID) * self.ticks as f64
+    }
+}
+
+impl Beside {
+    /// Runs a fault to its recovery and compares its window with as many ticks some time after it.
+    pub fn compare(&mut self, station: &mut Station, fault: impl FnOnce(&mut Station)) {
+        let begin = mark(station);
+        fault(station);
+        let lasted = station.clock().present_tick() - begin.0;
+        station.pass_ticks(AFTER_TICKS.max(LEAST_TICKS.saturating_sub(lasted)));
+        let window = Window::since(station, begin);
+        station.pass_ticks(SETTLE_TICKS);
+        let begin = mark(station);
+        station.pass_ticks(window.ticks);
+        let control = Window::since(station, begin);
+        if window.is_void() || control.is_void() {
+            self.void += 1;
+        } else {
+            // The two end where a look happens to be: not quite as long.
+            let scale = window.counted as f64 / control.counted.max(1) as f64;
+            self.excesses.push(window.missed as f64 - scale * control.missed as f64);
+        }
+    }
+
+    /// Mean of the excesses.
+    pub fn mean(&self) -> f64 {
+        self.excesses.iter().sum::<f64>() / self.excesses.len().max(1) as f64
+    }
+
+    /// What the mean is at least (95 %), whatever the host did.
+    pub fn lower95(&self) -> f64 {
+        lower95_of_mean(&self.excesses)
+    }
+
+    /// What the mean is at most (95 %).
+    pub fn upper95(&self) -> f64 {
+        2.0 * self.mean() - self.lower95()
+    }
+}

@@ -1,0 +1,199 @@
+//! An engine that somebody wrote badly, for swaps that must be rolled back. The name by which it is called says of which role it is and what is wrong
+//! with it: `bad.ROLE.KIND`, as a link to this program. It is the real engine but for one defect, which shows in the place that the kind names.
+
+use hyst_engine::{Failure, Life, Stateful, StepContext};
+use hyst_exchange::usher::{Arrival, Inbox, Wanted};
+use hyst_exchange::{Links, system};
+use hyst_messages::page::ProcessState;
+use hyst_messages::{Kind, Message, Role, StreamHeader, TICK_NS};
+use rustix::process::{Signal, getpid, kill_process};
+use std::process::ExitCode;
+
+/// Steps in the shadow, or of its tenure, after which the defect shows.
+const AFTER: u32 = 5;
+/// Time from its first step on after which an engine without a state of its own fails, ns.
+const AFTER_NS: u64 = 300_000_000;
+/// What a slow engine adds to a step, in periods.
+const PERIODS: u64 = 4;
+
+/// Sends a signal to the own process until it takes effect: the runtime's handler lets the first SIGSEGV that was sent go by, and one that is
+/// pending already is not sent again.
+fn die_of(signal: Signal) {
+    loop {
+        let _ = kill_process(getpid(), signal); // a failure leaves a process that hangs, which is bad as well
+        system::sleep_ns(TICK_NS);
+    }
+}
+
+/// Stands still until somebody continues it.
+fn stop() {
+    let _ = kill_process(getpid(), Signal::STOP); // the same
+}
+
+/// The real engine with one defect.
+struct Bad<S> {
+    engine: S,
+    kind: String,
+    shadowed: u32,
+    held: u32,
+}
+
+impl<S: Stateful> Bad<S> {
+    /// What is wrong with a step, before it is computed.
+    fn fail(&mut self, context: &StepContext) {
+        let in_shadow = self.kind.starts_with("shadow-") && self.shadowed > AFTER;
+        if !in_shadow && self.held <= AFTER {
+            return;
+        }
+        match self.kind.trim_start_matches("shadow-") {
+            "panic" => panic!("a broken invariant"),
+            "segfault" => die_of(Signal::SEGV),
+            "abort" => std::process::abort(),
+            "exit" => std::process::exit(0),
+            "spin" => loop {
+                std::hint::spin_loop();
+            },
+            "block" => loop {
+                system::sleep_ns(TICK_NS);
+            },
+            "stop" => stop(),
+            "slow" => system::sleep_ns(PERIODS * context.step_ticks * TICK_NS),
+            _ => {}
+        }
+    }
+
+    /// What is wrong with a state, after it was computed.
+    fn spoil(&self, now: &[u8], next: &mut [u8]) {
+        let (spoils_shadow, kind) = match self.kind.strip_prefix("shadow-") {
+            Some(kind) => (true, kind),
+            None => (false, self.kind.as_str()),
+        };
+        if (!spoils_shadow || self.shadowed <= AFTER) && self.held <= AFTER {
+            return;
+        }
+        let section = if self.engine.kind() == Kind::TissueState { 1 } else { 2 };
+        let Some((from, length)) = place(next, self.engine.kind(), section) else { return };
+        match kind {
+            "nan" => next[from..from + 4].copy_from_slice(&f32::NAN.to_ne_bytes()),
+            "off" => {
+                for number in next[from..from + length].chunks_exact_mut(4) {
+                    let value = f32::from_ne_bytes([number[0], number[1], number[2], number[3]]);
+                    number.copy_from_slice(&(value * 1.1 + 0.2).to_ne_bytes());
+                }
+            }
+            "frozen" => next.copy_from_slice(&now[..next.len()]),
+            "garbage" => next.fill(0xa5),
+            _ => {}
+        }
+    }
+}
+
+/// First byte and length of a section.
+fn place(bytes: &[u8], kind: Kind, section: usize) -> Option<(usize, usize)> {
+    let found = Message::parse(bytes, kind).ok()?.section::<u8>(section).ok()?;
+    Some((found.as_ptr() as usize - bytes.as_ptr() as usize, found.len()))
+}
+
+impl<S: Stateful> Stateful for Bad<S> {
+    fn kind(&self) -> Kind {
+        self.engine.kind()
+    }
+    fn message_bytes(&self) -> usize {
+        self.engine.message_bytes()
+    }
+    fn step_ticks(&self) -> u64 {
+        self.engine.step_ticks()
+    }
+    fn interests(&self) -> Vec<(Role, Wanted)> {
+        self.engine.interests()
+    }
+    fn open(&mut self, links: &Links) -> Result<(), Failure> {
+        self.engine.open(links)
+    }
+    fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
+        self.engine.initial(header, state)
+    }
+    fn accepts(&self, state: &[u8]) -> bool {
+        self.engine.accepts(state)
+    }
+    fn is_supplied(&mut self, tick: u64, next_tick: u64) -> bool {
+        self.engine.is_supplied(tick, next_tick)
+    }
+    fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
+        if context.holding {
+            self.held += 1;
+        } else {
+            self.shadowed += 1;
+        }
+        self.fail(context);
+        self.engine.step(context, now, next)?;
+        self.spoil(now, next);
+        Ok(())
+    }
+    fn finished(&mut self, context: &StepContext, state: &[u8]) {
+        self.engine.finished(context, state);
+    }
+    fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
+        self.engine.arrival(arrival, inbox);
+    }
+}
+
+fn stateful<S: Stateful>(life: &Life, engine: S, kind: &str) -> Result<(), Failure> {
+    hyst_engine::run_stateful(life, Bad { engine, kind: kind.to_string(), shadowed: 0, held: 0 })
+}
+
+/// A thread that makes the process fail some time after it is live.
+fn sabotage(life: &Life, kind: &str) -> Result<(), Failure> {
+    let (page, kind) = (life.station.read_slot(life.slot, life.incarnation)?, kind.to_string());
+    let body = move || {
+        while !page.state().is_ready() {
+            system::sleep_ns(TICK_NS);
+        }
+        system::sleep_ns(AFTER_NS);
+        match kind.as_str() {
+            "stop" => stop(),
+            "segfault" => die_of(Signal::SEGV),
+            "exit" => std::process::exit(0),
+            _ => std::process::abort(),
+        }
+    };
+    std::thread::Builder::new().name("sabotage".into()).spawn(body)?;
+    Ok(())
+}
+
+/// An engine that is not linked here: it beats, and that is all.
+fn beat(life: &Life) -> Result<(), Failure> {
+    life.page.set_state(ProcessState::Live);
+    while !life.clock.stop_requested() {
+        life.heartbeat();
+        system::sleep_ns(TICK_NS);
+    }
+    Ok(())
+}
+
+fn run(life: &Life, kind: &str) -> Result<(), Failure> {
+    match (life.slot.role(), kind) {
+        (_, "start") => Err(Failure::Broken("it cannot even start".into())),
+        (Role::Tissue, kind) => stateful(life, tissue::engine(life)?, kind),
+        (Role::Fluid, kind) => stateful(life, fluid::engine(life)?, kind),
+        (role, kind) => {
+            sabotage(life, kind)?;
+            match role {
+                Role::Haptic => haptic::run(life),
+                Role::CollisionWorker => collision_worker::run(life),
+                Role::Device => device::run(life),
+                _ => beat(life),
+            }
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    let name = std::env::args().next().unwrap_or_default();
+    let mut words = name.rsplit('/').next().unwrap_or_default().splitn(3, '.').skip(1);
+    let (Some(role), Some(kind)) = (words.next().and_then(Role::from_name), words.next()) else {
+        eprintln!("{name}: call this by a name such as bad.fluid.panic");
+        return ExitCode::from(2);
+    };
+    hyst_engine::run(role, |life| run(life, kind))
+}

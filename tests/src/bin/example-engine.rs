@@ -1,0 +1,98 @@
+//! How little an engine's author has to write: a Flow Engine that knows nothing of the tissue, so that its walls stand still. It steps the solver of
+//! `hyst-flow` from one state to the next; following, substituting, promotion, swap and rollback are `hyst_engine::run_stateful`.
+//! `hystation swap fluid target/release/example-engine` puts it in the place of the real one.
+
+use fluid::{Head, broken, inputs_of, load_scene, model_of};
+use hyst_engine::{Failure, Life, Stateful, StepContext};
+use hyst_exchange::ReadPage;
+use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
+use hyst_flow::{FlowInputs, Solver, StateView};
+use hyst_messages::page::{fluid as layout, hardware};
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
+
+struct Still<'a> {
+    life: &'a Life,
+    solver: Solver,
+    radius_m: f32,
+    period_ticks: u64,
+    hardware: Option<ReadPage>,
+    status: FluidStatus,
+}
+
+impl Still<'_> {
+    fn sections(&self) -> [usize; 3] {
+        [size_of::<Head>(), self.solver.state_bytes(), self.solver.model().grid.cell_count() * 4]
+    }
+
+    fn write(&self, header: StreamHeader, next: &mut [u8]) -> Result<(), Failure> {
+        let [head, block, density, ..] = MessageMut::format(next, Kind::FluidState, header, &self.sections())?.split();
+        self.solver.store(block).map_err(broken)?;
+        let view = StateView::new(block).map_err(broken)?;
+        let density: &mut [f32] = bytemuck::cast_slice_mut(density);
+        density.iter_mut().zip(view.density()).for_each(|(out, value)| *out = *value);
+        let grid = &self.solver.model().grid;
+        let cells = grid.cells().map(|count| count as u32);
+        let says = Head { status: self.status, origin_m: grid.origin_m(), spacing_m: grid.spacing_m(), cells, ..Head::default() };
+        head.copy_from_slice(bytemuck::bytes_of(&says));
+        Ok(())
+    }
+}
+
+impl Stateful for Still<'_> {
+    fn kind(&self) -> Kind {
+        Kind::FluidState
+    }
+    fn message_bytes(&self) -> usize {
+        message_bytes(&self.sections())
+    }
+    fn step_ticks(&self) -> u64 {
+        self.period_ticks
+    }
+    fn interests(&self) -> Vec<(Role, Wanted)> {
+        vec![(Role::Hardware, Wanted::Page)]
+    }
+    fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
+        self.write(header, state)
+    }
+    fn accepts(&self, state: &[u8]) -> bool {
+        let block = Message::parse(state, Kind::FluidState).and_then(|message| message.section::<u8>(1));
+        block.is_ok_and(|block| block.len() == self.solver.state_bytes() && StateView::new(block).is_ok())
+    }
+    fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
+        let message = Message::parse(now, Kind::FluidState)?;
+        self.solver.load(message.section(1)?).map_err(broken)?;
+        let dt_s = context.step_ticks as f32 * 1e-3;
+        let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
+        let still = FlowInputs { dt_s, ..FlowInputs::default() };
+        let report = self.solver.step_serial(&sample.map_or(still, |sample| inputs_of(&sample, self.radius_m, dt_s)));
+        let (report, (pump, _)) = (report.map_err(broken)?, self.solver.counters().map_err(broken)?);
+        self.status = fluid::status_of(&report, pump.deficit_ml(), pump.cavity_ml);
+        self.status.state_tick = context.next_tick;
+        self.write(*message.header(), next)
+    }
+    fn finished(&mut self, _context: &StepContext, _state: &[u8]) {
+        self.life.page.write(layout::STATUS, &self.status);
+    }
+    fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
+        let Port::Page(page) = arrival.port else { return };
+        if let Some(before) = self.hardware.replace(page) {
+            inbox.retire(Departure::Page(before));
+        }
+    }
+}
+
+fn run(life: &Life) -> Result<(), Failure> {
+    let scene = load_scene(life.settings.scene.as_deref())?;
+    let model = model_of(&scene, scene.fluid.grid.map(|count| count as usize)).map_err(broken)?;
+    let (solver, status) = (Solver::new(model, 1).map_err(broken)?, FluidStatus::default());
+    let radius_m = scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m);
+    hyst_engine::run_stateful(
+        life,
+        Still { life, solver, radius_m, period_ticks: scene.fluid.period_ticks(), hardware: None, status },
+    )
+}
+
+fn main() -> std::process::ExitCode {
+    hyst_engine::run(Role::Fluid, run)
+}

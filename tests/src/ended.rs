@@ -1,0 +1,99 @@
+//! How a station ended: its exit code, its report, its last words and its recording, and what holds of every one of them.
+
+use hyst_recording::Recording;
+use serde_json::Value;
+
+/// Of so many recorded ticks at most one may be lost: whoever makes them holds the last seconds, which a recorder's restart takes.
+const LOST_AT_MOST: u64 = 1_000;
+
+/// Share of a window that may be void: those ticks tell nothing of a fault.
+const MOST_VOID: f64 = 0.2;
+
+/// How a station ended.
+pub struct Ended {
+    /// Exit code of `hystation run`.
+    pub code: Option<i32>,
+    /// Its report.
+    pub report: Value,
+    /// What it said on stderr.
+    pub said: String,
+    /// What it recorded, or why that cannot be read.
+    pub recording: Result<Recording, String>,
+}
+
+impl Ended {
+    /// A number of the report by its path (`device.ticks`).
+    pub fn number(&self, path: &str) -> f64 {
+        let found = path.split('.').fold(&self.report, |value, key| &value[key]);
+        found.as_f64().unwrap_or_else(|| panic!("report has no number {path}: {found}"))
+    }
+
+    /// Misses of each fault of a target (`haptic:active` has `active` set) in its window less those in its control window. A fault of which a stall of the
+    /// host has voided a good part of either window tells nothing, and is left out.
+    pub fn excess(&self, role: &str, active: bool) -> Vec<f64> {
+        let of_role = |fault: &&Value| {
+            fault["target"].as_str().and_then(|name| name.split(':').next()) == Some(role) && fault["active"] == active
+        };
+        let missed = |window: &Value| -> Option<f64> {
+            let (ticks, voided) = (window["ticks"].as_f64()?, window["voided"].as_f64()?);
+            window["missed"].as_f64().filter(|_| voided <= MOST_VOID * (ticks + voided))
+        };
+        let excess = |fault: &Value| Some(missed(&fault["window"])? - missed(&fault["control"])?);
+        self.report["faults"].as_array().map(|all| all.iter().filter(of_role).filter_map(excess).collect()).unwrap_or_default()
+    }
+
+    /// The faults of a kind (`nan`), whoever they hit; `external` for those that came from outside.
+    pub fn faults(&self, kind: &str) -> Vec<&Value> {
+        let all = self.report["faults"].as_array().map(Vec::as_slice).unwrap_or_default();
+        all.iter().filter(|fault| fault["kind"] == kind).collect()
+    }
+
+    /// Processes that died by themselves, and not of a fault that was injected. One that hung and was killed is none of them: a busy machine makes some.
+    pub fn died_unasked(&self) -> Vec<&Value> {
+        self.faults("external").into_iter().filter(|fault| fault["detected_by"] == "pidfd").collect()
+    }
+
+    /// The recording holds each tick from its first to its last once, and what it has lost it names.
+    pub fn assert_recorded(&self) {
+        let recording = self.recording.as_ref().unwrap_or_else(|error| panic!("{error}\n{}", self.said));
+        assert!(recording.damage.is_empty(), "{:?}", recording.damage);
+        let ticks: Vec<u64> = recording.applied().iter().map(|record| record.tick).collect();
+        assert!(ticks.len() > 1_000, "only {} ticks were recorded\n{}", ticks.len(), self.said);
+        assert!(ticks.windows(2).all(|pair| pair[0] < pair[1]), "ticks come twice or out of order");
+        // A tick that is not there was never made, and the recorder says how many those are, or it is named as lost.
+        let is_named = |tick: &u64| recording.content.lost.iter().any(|range| (range.first..=range.last).contains(tick));
+        let absent = ticks.windows(2).flat_map(|pair| pair[0] + 1..pair[1]).filter(|tick| !is_named(tick)).count();
+        let unmade: usize =
+            recording.content.events.iter().filter(|event| event.kind == "skipped").map(|event| first_number(&event.text)).sum();
+        assert!(absent <= unmade, "{absent} ticks are not there, {unmade} were never made\n{}", self.said);
+        let lost: u64 = recording.content.lost.iter().map(|range| range.last - range.first + 1).sum();
+        assert!(lost <= ticks.len() as u64 / LOST_AT_MOST, "{lost} of {} ticks are lost\n{}", ticks.len(), self.said);
+    }
+
+    /// Nothing wrong was ever applied, nothing is left behind, and the exit code says what the report says.
+    pub fn assert_clean(&self) {
+        for path in ["invalid_applied", "stale_applied", "leftovers.processes", "leftovers.shared_memory", "leftovers.files"] {
+            assert_eq!(self.number(path), 0.0, "{path}\n{}", self.said);
+        }
+        let any = |key: &str| self.report[key].as_array().is_some_and(|all| !all.is_empty());
+        let faults = self.report["faults"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let missed = |fault: &Value, arm: &str| fault[arm]["missed"].as_f64();
+        let has_excess = |fault: &Value| fault["target"] != "device" && missed(fault, "window") > missed(fault, "control");
+        let is_right = match self.code {
+            Some(0) => !any("given_up") && !any("held"),
+            Some(1) => faults.iter().any(has_excess),
+            Some(3) => any("given_up") || any("held"),
+            _ => false,
+        };
+        assert!(
+            is_right,
+            "exit code {:?}: given up {}, held {}\n{}",
+            self.code, self.report["given_up"], self.report["held"], self.said
+        );
+    }
+}
+
+/// The first number in a text, 0 if there is none.
+fn first_number(text: &str) -> usize {
+    text.split(|c: char| !c.is_ascii_digit()).find(|digits| !digits.is_empty()).map_or(0, |digits| digits.parse().unwrap_or(0))
+}

@@ -1,0 +1,180 @@
+//! A campaign as a tester runs it: the plan is the same for the same seed, a batch goes on where the one before ended, the reports can be
+//! read by what reads such reports, one fault can be repeated, a promise that is broken ends with code 1, and what cannot be is refused.
+
+use serde_json::Value;
+use station_tests::{Folder, hystation, run, wait_for};
+use std::time::Duration;
+
+/// A kill of the device costs misses; a limit of 0 without the 20 ms that it may cost must break, for which the interval needs six faults. The
+/// others are judged in a pool that nothing can break.
+const CAMPAIGN: &str = r#"
+seed = 5
+gap_ticks = [450, 600]
+limit_upper95 = 1.0
+most_void = 1.0
+faults_per_station = 8
+
+[[pool]]
+name = "engines"
+limit_upper95 = 1.0
+
+[[cell]]
+kinds = ["kill"]
+targets = ["haptic:active", "collision-worker:0"]
+count = 3
+pool = "engines"
+
+[[cell]]
+kinds = ["kill"]
+targets = ["haptic:spare"]
+states = ["recovery"]
+count = 1
+pool = "engines"
+
+[[cell]]
+kinds = ["kill"]
+targets = ["device"]
+count = 8
+allowed_misses = 0
+limit_upper95 = 0.0
+"#;
+
+fn campaign(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let name = format!("campaign-{}", std::process::id());
+    run(hystation().args(["--name", &name, "fault", "campaign"]).args(arguments))
+}
+
+fn results(folder: &Folder) -> Vec<Value> {
+    folder.read("out/results.jsonl").lines().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect()
+}
+
+/// Nothing of a station of this name is left.
+fn assert_nothing_left() {
+    let mine = format!("campaign-{}", std::process::id());
+    let left = || {
+        let names = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+        names.map(|entry| entry.file_name().to_string_lossy().into_owned()).find(|name| name.contains(&mine))
+    };
+    assert_eq!(wait_for(Duration::from_secs(10), || left().is_none().then_some(())), Some(()), "left over: {:?}", left());
+}
+
+#[test]
+fn a_campaign_goes_on_in_batches_and_its_verdict_can_fail() {
+    let folder = Folder::new("campaign-batches");
+    let (file, out) = (folder.write("kills.toml", CAMPAIGN), folder.path("out"));
+
+    let (code, first, said) = campaign(&[&file, "--report", &out, "--batch", "5"]);
+    assert_eq!(results(&folder).len(), 5, "{first}\n{said}");
+    assert!(matches!(code, Some(0 | 1)), "{code:?}\n{first}\n{said}");
+    let (plan, _) = first.split_once("\n     0/15").unwrap_or_else(|| panic!("the plan comes first:\n{first}"));
+    assert!(plan.contains("15 faults in 2 stations"), "{plan}");
+
+    let (code, second, said) = campaign(&[&file, "--report", &out]);
+    assert!(second.starts_with(plan), "the same seed, the same plan:\n{second}");
+    let all = results(&folder);
+    let mut indices: Vec<u64> = all.iter().filter_map(|result| result["index"].as_u64()).collect();
+    indices.sort_unstable();
+    assert_eq!(indices, (0..15).collect::<Vec<u64>>(), "each fault once\n{second}\n{said}");
+    assert_eq!(code, Some(1), "the device's misses break a limit of 0\n{second}\n{said}");
+
+    let report: Value = serde_json::from_str(&folder.read("out/report.json")).expect("JSON");
+    let cell = |name: &str| {
+        let cells = report["cells"].as_array().expect("cells");
+        cells.iter().find(|cell| cell["name"] == name).unwrap_or_else(|| panic!("no cell {name}: {report:#}")).clone()
+    };
+    let device = cell("kill device");
+    assert_eq!(device["verdict"], "broken", "{device:#}");
+    assert!(device["injected"].as_u64() >= Some(6) && device["excess"]["lower95"].as_f64() > Some(0.0), "{device:#}");
+    let haptic = cell("kill haptic:active");
+    assert_eq!((haptic["injected"].as_u64(), haptic["manifested"].as_u64()), (Some(3), Some(3)), "{haptic:#}");
+    assert!(haptic["recovered_ms"].as_array().is_some_and(|times| times.len() == 3), "{haptic:#}");
+    let second_fault =
+        all.iter().find(|result| result["cell"] == "kill haptic:spare in recovery").expect("the fault in a recovery");
+    let (own, other) = (&second_fault["fault"], &second_fault["with"]);
+    assert!(own["injected_ns"].as_u64() > other["injected_ns"].as_u64(), "{second_fault:#}");
+    assert!(other["target"].as_str().is_some_and(|name| name.starts_with("tissue:")), "{other:#}");
+
+    let junit = folder.read("out/junit.xml");
+    assert_eq!(
+        junit.matches("<testcase ").count(),
+        report["cells"].as_array().map_or(0, Vec::len) + 2,
+        "cells, a pool, the stations"
+    );
+    assert!(junit.contains("<failure message="), "{junit}");
+    let page = folder.read("out/report.html");
+    assert!(page.matches("<svg").count() >= 5 && page.matches("<svg").count() == page.matches("</svg>").count());
+    assert!(!page.contains("NaN") && !page.contains("http"), "whole figures, and nothing from elsewhere");
+    assert!(folder.read("out/report.txt").contains("BROKEN"));
+
+    let (code, third, said) = campaign(&[&file, "--report", &out]);
+    assert_eq!((code, results(&folder).len()), (Some(1), 15), "what is through is only judged again\n{third}\n{said}");
+    let (code, _, said) = campaign(&[&file, "--report", &out, "--seed", "6"]);
+    assert!(code == Some(2) && said.contains("another seed"), "{code:?}: {said}");
+    assert_nothing_left();
+}
+
+#[test]
+fn one_fault_is_repeated_at_its_tick_and_phase() {
+    let folder = Folder::new("campaign-only");
+    let text = "gap_ticks = [450, 500]\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 2\n";
+    let (file, out) = (folder.write("one.toml", text), folder.path("out"));
+    let plan = |seed: &str| campaign(&[&file, "--plan", "--seed", seed]).1;
+    assert_eq!(plan("9"), plan("9"));
+    assert_ne!(plan("9"), plan("10"));
+    let (_, said, errors) = campaign(&[&file, "--seed", "9", "--report", &out, "--only", "1"]);
+    let outcome: Value =
+        serde_json::from_str(&folder.read("out/only-1.json")).unwrap_or_else(|e| panic!("{e}\n{said}\n{errors}"));
+    let drawn: Value = serde_json::from_str(&folder.read("out/plan.json")).expect("JSON");
+    assert_eq!(outcome["planned_tick"], drawn["faults"][1]["tick"]);
+    assert_eq!(outcome["fault"]["kind"], "kill", "{said}\n{errors}");
+    // Where it came is what the station's own record says; on a machine that was busy at that very moment it is later, never earlier.
+    let place = |tick: &Value, phase: &Value| 1_000 * tick.as_u64().unwrap_or(0) + phase.as_u64().unwrap_or(0);
+    let (wanted, was) =
+        (place(&outcome["planned_tick"], &outcome["phase_us"]), place(&outcome["tick"], &outcome["injected_phase_us"]));
+    assert!(was >= wanted, "at {was} us, wanted {wanted} us");
+    assert!(!folder.as_path().join("out/results.jsonl").exists(), "a repetition is no result of the campaign");
+    assert_nothing_left();
+}
+
+/// The station goes on without its guardian, or without both keepers, until the same command has taken it over; two that are hit at once are one fault.
+#[test]
+fn those_who_keep_the_station_and_two_at_once_are_hurt_too() {
+    let folder = Folder::new("campaign-keepers");
+    let text = "gap_ticks = [450, 500]\nlimit_upper95 = 1.0\nmost_void = 1.0\n\
+                [[cell]]\nkinds = [\"kill\"]\ntargets = [\"guardian\", \"supervisor+guardian\", \"supervisor\", \"tissue:both\"]\ncount = 1\n\
+                [[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"fluid\"]\nwhere = \"checkpoint\"\ncount = 1\n\
+                [[cell]]\nkinds = [\"crash-loop\"]\ntargets = [\"recorder\"]\ntimes = 1\ncount = 1\n";
+    let (file, out) = (folder.write("keepers.toml", text), folder.path("out"));
+    let (code, printed, said) = campaign(&[&file, "--report", &out]);
+    let all = results(&folder);
+    assert_eq!(all.len(), 6, "{code:?}\n{printed}\n{said}");
+    for result in &all {
+        assert_eq!(result["ending"], "closed", "{result:#}\n{said}");
+        let fault = &result["fault"];
+        assert!(fault["manifested"] == true && fault["recovered_us"].is_number(), "{result:#}\n{said}");
+        println!("{}: {} of {}, found by {}", result["cell"], fault["kind"], fault["target"], fault["detected_by"]);
+    }
+    let stations = folder.read("out/stations.jsonl");
+    assert_eq!(stations.lines().count(), 1, "one station had them all: {stations}\n{said}");
+    assert_nothing_left();
+}
+
+#[test]
+fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
+    let folder = Folder::new("campaign-refused");
+    for (text, words) in [
+        ("", "injects nothing"),
+        ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:7\"]\ncount = 1\n", "haptic:7"),
+        ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"collision-worker:9\"]\ncount = 1\n", "collision-worker:0"),
+        ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\nstates = [\"cutting\"]\ncount = 1\n", "does not cut"),
+        ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = -1\n", "count"),
+    ] {
+        let file = folder.write("bad.toml", text);
+        let (code, printed, said) = campaign(&[&file, "--report", &folder.path("out")]);
+        assert!(code == Some(2) && printed.is_empty() && said.contains(words), "{code:?} {printed}{said}");
+    }
+    assert!(!folder.as_path().join("out").exists(), "nothing was made");
+    let (code, _, said) = campaign(&[&folder.path("missing.toml")]);
+    assert!(code == Some(2) && said.contains("missing.toml"), "{code:?} {said}");
+    assert_nothing_left();
+}

@@ -1,0 +1,128 @@
+//! Bytes that flip in shared memory, segment by segment: they may cost the process that reads them, never a wrong force. What was seen is printed.
+
+use station_tests::{Ended, RECOVERY_LIMIT, Station, hystation, run, wait_for};
+
+/// Times that bytes are flipped in each place.
+const TIMES: usize = 2;
+
+/// Flips bytes at a place of each target, some times each, and lets the station recover each time: what is in a page or a message is written anew.
+fn flip(name: &str, place: &str, targets: &[&str], bytes: usize) -> Ended {
+    let station = Station::start(name, &["--hand", "script:press", "--test-mode"]);
+    for seed in 0..TIMES {
+        for target in targets {
+            station.run_ticks(300);
+            let (slot, _) = station.victim(target);
+            station.inject(&format!("corrupt {slot} --where {place} --bytes {bytes} --seed {}", seed + 1));
+            station.run_ticks(1_200);
+            station.recover();
+        }
+    }
+    let ended = station.stop();
+    seen(&ended, place, bytes);
+    ended
+}
+
+fn seen(ended: &Ended, place: &str, bytes: usize) {
+    for fault in ended.report["faults"].as_array().into_iter().flatten() {
+        println!(
+            "{place}, {bytes} bytes: {} {} found by {}, {}, missed {}, wrong {}",
+            fault["kind"],
+            fault["target"],
+            fault["detected_by"],
+            fault["exit"],
+            fault["window"]["missed"],
+            fault["window"]["wrong"]
+        );
+    }
+}
+
+fn assert_harmless(ended: &Ended, faults: usize) {
+    for path in ["invalid_applied", "stale_applied", "leftovers.processes", "leftovers.shared_memory", "leftovers.files"] {
+        assert_eq!(ended.number(path), 0.0, "{path}\n{}", ended.said);
+    }
+    let all = ended.faults("corrupt");
+    assert_eq!(all.len(), faults, "{}", ended.said);
+    assert!(all.iter().all(|fault| fault["manifested"] == true && fault["window"]["wrong"] == 0), "{all:?}");
+}
+
+#[test]
+fn bytes_that_flip_in_a_page_apply_no_wrong_force() {
+    let targets = ["haptic:active", "tissue:active", "fluid:active", "collision-worker:0", "device", "recorder"];
+    assert_harmless(&flip("flip-page", "page", &targets, 64), TIMES * targets.len());
+}
+
+#[test]
+fn bytes_that_flip_in_the_messages_of_a_stream_apply_no_wrong_force() {
+    let targets = ["haptic:active", "tissue:active", "fluid:active", "collision-worker:0"];
+    assert_harmless(&flip("flip-stream", "stream", &targets, 256), TIMES * targets.len());
+}
+
+/// What two processes keep of their connection is written by nobody anew while both live: whoever reads it may die of it, its successors too, until a
+/// role is given up. The device reads none of it.
+#[test]
+fn bytes_that_flip_in_the_connections_of_a_stream_apply_no_wrong_force() {
+    let station = Station::start("flip-link", &["--hand", "script:press", "--test-mode"]);
+    for target in ["haptic", "tissue", "fluid", "collision-worker"] {
+        let (device, missed) = (station.processes("device")[0]["pid"].clone(), station.ledger().1);
+        let fault = format!("{target}:0 --where link --bytes 64 --seed 1");
+        let (code, _, said) =
+            run(hystation().args(["--name", station.name(), "fault", "inject", "corrupt"]).args(fault.split(' ')));
+        assert!(code == Some(0) || said.contains("not alive") || said.contains("no segment"), "{code:?} {said}");
+        station.run_ticks(1_500);
+        println!("link of {target}: {code:?}, {} ticks missed", station.ledger().1 - missed);
+        assert_eq!(station.processes("device")[0]["pid"], device, "{}", station.said());
+    }
+    let ended = station.stop();
+    seen(&ended, "link", 64);
+    let injected = ended.faults("corrupt").len();
+    assert!(injected > 0, "{}", ended.said);
+    assert_harmless(&ended, injected);
+}
+
+/// A founder takes none of the damaged copies: the state after the death of both replicas is one that was, or the scene's first.
+#[test]
+fn a_damaged_checkpoint_is_not_gone_on_from() {
+    let station = Station::start("flip-check", &["--hand", "script:press", "--test-mode"]);
+    for seed in 0..TIMES {
+        for role in ["tissue", "fluid"] {
+            station.run_ticks(400);
+            for index in 0..2 {
+                station.inject(&format!("corrupt {role}:{index} --where checkpoint --bytes 4096 --seed {}", seed + 1));
+            }
+            station.inject(&format!("kill {role}:both"));
+            station.recover();
+        }
+    }
+    let ended = station.stop();
+    seen(&ended, "checkpoint", 4_096);
+    assert_harmless(&ended, 4 * TIMES);
+}
+
+#[test]
+fn a_roster_whose_bytes_flip_is_mended() {
+    assert_harmless(&flip("flip-roster", "roster", &["tissue:active"], 64), TIMES);
+}
+
+/// Everyone reads it, and nobody can say what it was: the station may not outlive it, and still no force is wrong and nothing is left.
+#[test]
+fn bytes_that_flip_in_the_stations_page_apply_no_wrong_force_and_the_station_can_be_stopped() {
+    for seed in 1..=TIMES {
+        let station = Station::start(&format!("flip-station{seed}"), &["--hand", "script:press", "--test-mode"]);
+        station.run_ticks(500);
+        station.inject(&format!("corrupt tissue --where station --bytes 16 --seed {seed}"));
+        // Its clock may be one of the bytes, so that its ticks tell nothing: the hardware's own count does.
+        let (ticks, _) = station.ledger();
+        let _ = wait_for(RECOVERY_LIMIT / 60, || (station.ledger().0 > ticks + 2_000).then_some(()));
+        let ended = station.stop();
+        println!("station's page, seed {seed}: exit code {:?}", ended.code);
+        seen(&ended, "station", 16);
+        for path in ["invalid_applied", "stale_applied", "leftovers.processes", "leftovers.shared_memory", "leftovers.files"] {
+            assert_eq!(
+                ended.report.pointer(&format!("/{}", path.replace('.', "/"))).and_then(serde_json::Value::as_f64).unwrap_or(0.0),
+                0.0,
+                "{path}\n{}",
+                ended.said
+            );
+        }
+    }
+}

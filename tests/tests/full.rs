@@ -1,0 +1,72 @@
+//! File systems without room: that of the recording, and /dev/shm. Each in a mount namespace of its own, so that nobody else's is full.
+
+use serde_json::Value;
+use station_tests::{Folder, binaries, run};
+use std::process::Command;
+
+/// Runs a station in a namespace with a small file system at a place; gives its report and what it said. `None` where this user may not.
+fn run_on_small(name: &str, folder: &Folder, mount: &str, record: &str, faults: &str) -> Option<(Value, String)> {
+    let (code, _, said) = run(Command::new("unshare").args(["-m", "true"]));
+    assert!(code == Some(0) || !rustix::process::geteuid().is_root(), "root may not unshare: {said}");
+    if code != Some(0) {
+        eprintln!("NOT TRIED: full file systems need the right to make a mount namespace ({})", said.trim());
+        return None;
+    }
+    let faults = folder.write("faults.toml", faults);
+    let report = folder.path("report.json");
+    let script = format!(
+        "{mount} && \"{}\" --name {name}-{} run --headless --for 12s --hand script:press --test-mode --faults {faults} --record {record} \
+         --report {report}; code=$?; cp {record} {} 2>/dev/null; ls $(dirname {record}) >&2; exit $code",
+        binaries().join("hystation").display(),
+        std::process::id(),
+        folder.path("copy.mcap"),
+    );
+    let (code, _, said) = run(Command::new("unshare").args(["-m", "sh", "-c", &script]));
+    assert!(matches!(code, Some(0 | 1 | 3)), "{code:?}: {said}");
+    let report = serde_json::from_str(&folder.read("report.json")).unwrap_or_else(|error| panic!("{error}\n{said}"));
+    Some((report, said))
+}
+
+/// The one fault of a kind: it came about, and was over when its time was.
+fn assert_over<'a>(report: &'a Value, kind: &str, said: &str) -> &'a Value {
+    let faults = report["faults"].as_array().expect("faults");
+    let of_kind: Vec<&Value> = faults.iter().filter(|fault| fault["kind"] == kind).collect();
+    assert_eq!(of_kind.len(), 1, "{said}");
+    let fault = of_kind[0];
+    println!("{kind}: missed {} and {} in the control", fault["window"]["missed"], fault["control"]["missed"]);
+    assert!(fault["manifested"] == true && fault["recovered_us"].is_number(), "{fault:#}\n{said}");
+    for key in ["invalid_applied", "stale_applied"] {
+        assert_eq!(report[key], 0, "{key}\n{said}");
+    }
+    assert_eq!(report["leftovers"], serde_json::json!({ "processes": 0, "shared_memory": 0, "files": 0 }), "{said}");
+    fault
+}
+
+#[test]
+fn a_disk_that_is_full_for_two_seconds_costs_the_recording_nothing() {
+    let folder = Folder::new("diskfull");
+    let small = folder.path("small");
+    std::fs::create_dir(&small).expect("a folder to mount on");
+    let mount = format!("mount -t tmpfs -o size=64m small {small}");
+    let fault = "[[fault]]\nkind = \"disk-full\"\ntarget = \"recorder\"\ntick = 5000\nfor = 2.0\n";
+    let Some((report, said)) = run_on_small("diskfull", &folder, &mount, &format!("{small}/session.mcap"), fault) else { return };
+    assert_over(&report, "disk-full", &said);
+    assert!(!said.contains("ballast"), "it is gone: {said}");
+    let recording = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");
+    assert!(recording.content.lost.is_empty(), "{:?}", recording.content.lost);
+    let log = recording.applied().len();
+    assert!(log > 8_000, "{log} ticks");
+}
+
+/// What has no room then is not there for a while: a successor is started again until it is.
+#[test]
+fn a_shared_memory_that_is_full_for_two_seconds_applies_no_wrong_force_and_who_died_in_it_comes_back() {
+    let folder = Folder::new("shmfull");
+    let mount = "mount -t tmpfs -o size=400m none /dev/shm";
+    let fault = "[[fault]]\nkind = \"shm-full\"\ntarget = \"recorder\"\ntick = 5000\nfor = 2.0\n\
+                 [[fault]]\nkind = \"kill\"\ntarget = \"fluid:active\"\ntick = 5500\n";
+    let Some((report, said)) = run_on_small("shmfull", &folder, mount, &folder.path("session.mcap"), fault) else { return };
+    assert_over(&report, "shm-full", &said);
+    let kill = report["faults"].as_array().and_then(|all| all.iter().find(|fault| fault["kind"] == "kill")).expect("the kill");
+    assert!(kill["recovered_us"].is_number(), "{kill:#}\n{said}");
+}

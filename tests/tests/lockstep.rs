@@ -1,0 +1,172 @@
+//! Lock-step: a run with faults leaves the same forces, the same tissue and the same deficit as one without, to the bit, whoever dies and
+//! whatever the number of collision workers. Everything here is compared with a run of the same station, so nothing depends on the machine.
+
+use serde_json::Value;
+use station_tests::{Folder, hystation, run};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+/// Virtual time of a run: the hand rests for 1 s, then presses into the wall and comes back.
+const FOR: &str = "2500ms";
+/// Ticks of a run.
+const TICKS: u64 = 2_500;
+/// Nothing else is needed for what is compared; the whole station is the business of the last test.
+const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker";
+
+/// What must be equal.
+#[derive(Debug, PartialEq)]
+struct Trace {
+    force: String,
+    tissue: String,
+    deficit_ml: u64,
+}
+
+/// Runs a station to its end and gives its report.
+fn report(name: &str, arguments: &[&str]) -> Value {
+    report_of(name, arguments, None)
+}
+
+/// The same with a supervisor that dies at this point of its work.
+fn report_of(name: &str, arguments: &[&str], supervisor_dies_at: Option<&str>) -> Value {
+    let folder = Folder::new(&format!("lockstep-{name}"));
+    let path = folder.as_path().join("report.json");
+    let station = format!("l{}-{name}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &station, "run", "--headless", "--lockstep", "--for", FOR, "--report"]).arg(&path).args(arguments);
+    command.envs(supervisor_dies_at.map(|point| ("HYSTATION_SUPERVISOR_DIES_AT", point)));
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{name}: {said}");
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    assert_eq!(report["device"]["ticks"], TICKS, "{name}: {said}");
+    // The first tick has no command yet; after it, no tick is lost to a fault.
+    assert_eq!(report["device"]["fresh"], TICKS - 1, "{name}: {said}");
+    for left in ["processes", "shared_memory", "files"] {
+        assert_eq!(report["leftovers"][left], 0, "{name}: {left}");
+    }
+    report
+}
+
+fn trace(report: &Value) -> Trace {
+    let word = |key: &str| report[key].as_str().expect("a hash").to_string();
+    let deficit_ml = report["fluid_deficit_ml"].as_f64().expect("a deficit").to_bits();
+    Trace { force: word("force_trace_hash"), tissue: word("state_hash"), deficit_ml }
+}
+
+/// The trace of a run without faults and with the default hand, made once for all tests.
+fn quiet() -> &'static Trace {
+    static QUIET: OnceLock<Trace> = OnceLock::new();
+    QUIET.get_or_init(|| trace_of("quiet", &[]))
+}
+
+fn trace_of(name: &str, arguments: &[&str]) -> Trace {
+    trace(&report(name, &[&["--roles", ROLES], arguments].concat()))
+}
+
+/// Each of what is promised: worker, tissue, fluid and servo, the active one and the spare, several at once, and one more in the tick after.
+/// All while the hand is in contact.
+const KILLS: [(u64, &str); 14] = [
+    (1_500, "collision-worker:0"),
+    (1_550, "fluid:active"),
+    (1_600, "fluid:spare"),
+    (1_650, "tissue:active"),
+    (1_700, "tissue:spare"),
+    (1_750, "haptic:active"),
+    (1_800, "haptic:spare"),
+    (1_900, "tissue:active"),
+    (1_900, "haptic:active"),
+    (1_900, "fluid:active"),
+    (1_900, "collision-worker:0"),
+    (1_901, "tissue:active"),
+    (1_902, "haptic:active"),
+    (1_903, "fluid:active"),
+];
+
+fn faults(kind: &str, kills: &[(u64, &str)]) -> String {
+    kills.iter().map(|(tick, target)| format!("[[fault]]\nkind = \"{kind}\"\ntarget = \"{target}\"\ntick = {tick}\n")).collect()
+}
+
+#[test]
+fn the_same_run_is_the_same_to_the_bit_and_another_hand_is_not() {
+    let first = quiet();
+    assert_eq!(trace_of("second", &[]), *first);
+    let other = trace_of("other", &["--hand", "script:explore"]);
+    assert!(
+        other.force != first.force && other.tissue != first.tissue,
+        "a hand that goes elsewhere leaves another trace: {other:?}"
+    );
+    let folder = Folder::new("lockstep-scene");
+    let scene = folder.as_path().join("uterus.toml");
+    let meshes = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets/meshes");
+    let text = std::fs::read_to_string(meshes.join("../scenes/default.toml")).unwrap();
+    let text =
+        text.replace("../meshes", meshes.to_str().unwrap()).replace("set_pressure_pa = 9333.0", "set_pressure_pa = 8000.0");
+    std::fs::write(&scene, text).unwrap();
+    let softer = trace_of("softer", &[scene.to_str().unwrap()]);
+    assert_ne!(softer.deficit_ml, first.deficit_ml, "another pressure leaves another deficit");
+}
+
+/// The Flow Engine's layers are computed by Synchronized Threads: as many as there may be, and none of them leaves a trace, nor does its death.
+#[test]
+fn one_and_three_threads_of_the_fluid_make_the_same_fluid() {
+    let folder = Folder::new("lockstep-threads");
+    let file = folder.as_path().join("kills.toml");
+    std::fs::write(&file, faults("kill", &[(1_550, "fluid:active"), (1_900, "fluid:active")])).unwrap();
+    for threads in [1, 3] {
+        let set = format!("fluid_threads={threads}");
+        let arguments = ["--set", &set, "--test-mode", "--faults", file.to_str().unwrap()];
+        assert_eq!(trace_of(&format!("threads-{threads}"), &arguments), *quiet(), "{threads} threads");
+    }
+}
+
+#[test]
+fn kills_leave_no_trace_for_1_2_3_and_8_workers() {
+    let folder = Folder::new("lockstep-kills");
+    let file = folder.as_path().join("kills.toml");
+    std::fs::write(&file, faults("kill", &KILLS)).unwrap();
+    for workers in ["1", "2", "3", "8"] {
+        let name = format!("kills-{workers}");
+        let arguments =
+            ["--roles", ROLES, "--workers", workers, "--hand", "script:press", "--test-mode", "--faults", file.to_str().unwrap()];
+        let report = report(&name, &arguments);
+        let injected = report["faults"].as_array().unwrap();
+        let died = injected.iter().filter(|fault| fault["kind"] == "kill" && fault["exit"] == "signal 9").count();
+        assert_eq!(died, KILLS.len(), "{workers} workers: {injected:?}");
+        for fault in injected {
+            let moved = fault["window"]["force_step_max_n"].as_f64().unwrap_or(0.0);
+            assert!(moved > 0.0, "the hand was not in contact: {fault}");
+        }
+        assert_eq!(trace(&report), *quiet(), "{workers} workers");
+    }
+}
+
+/// What hangs is found by its heartbeat, killed, and leaves no trace either; nor do the rendering and the recorder beside.
+#[test]
+fn what_hangs_leaves_no_trace() {
+    let folder = Folder::new("lockstep-hangs");
+    let (file, session) = (folder.as_path().join("hangs.toml"), folder.as_path().join("session.mcap"));
+    std::fs::write(&file, faults("stop", &[(1_600, "tissue:active"), (1_800, "haptic:active")])).unwrap();
+    let arguments = ["--test-mode", "--faults", file.to_str().unwrap(), "--record", session.to_str().unwrap()];
+    let report = report("hangs", &arguments);
+    let late = report["faults"].as_array().unwrap().iter().filter(|fault| fault["detected_by"] == "heartbeat").count();
+    assert_eq!(late, 2, "{}", report["faults"]);
+    assert_eq!(trace(&report), *quiet());
+}
+
+/// The supervisor lets the sequencer run on and injects the faults; it dies in the middle of that, and its successor goes on with both.
+#[test]
+fn a_supervisor_that_dies_between_two_faults_leaves_no_trace() {
+    let folder = Folder::new("lockstep-supervisor");
+    let file = folder.as_path().join("kills.toml");
+    std::fs::write(&file, faults("kill", &KILLS[..7])).unwrap();
+    let arguments = ["--roles", ROLES, "--test-mode", "--faults", file.to_str().unwrap()];
+    for (name, point) in [("reaped", "reaped:3"), ("started", "spawn-started:12")] {
+        let report = report_of(name, &arguments, Some(point));
+        let of = |kind: &str, target: &str| {
+            let all = report["faults"].as_array().unwrap().iter();
+            all.filter(|fault| fault["kind"] == kind && fault["target"].as_str().unwrap().starts_with(target)).count()
+        };
+        assert_eq!(of("external", "supervisor"), 1, "{point}: {}", report["faults"]);
+        assert_eq!(of("kill", ""), 7, "{point}: {}", report["faults"]);
+        assert_eq!(trace(&report), *quiet(), "{point}");
+    }
+}

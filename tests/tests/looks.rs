@@ -1,0 +1,82 @@
+//! What a scene says of looks, optic and light is what the pictures of its station show: rendering asks the tissue for it by rendezvous, and asks
+//! the successor of a tissue that died.
+
+use station_tests::{Folder, Station, wait_for};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// A software driver on a busy machine takes seconds for its first pictures.
+const PICTURE_LIMIT: Duration = Duration::from_secs(60);
+
+/// The mean colour of a picture's middle half.
+fn middle(path: &Path) -> Option<[f64; 3]> {
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).ok()?));
+    let mut reader = decoder.read_info().ok()?;
+    let mut pixels = vec![0; reader.output_buffer_size()?];
+    let info = reader.next_frame(&mut pixels).ok()?;
+    let (width, height) = (info.width as usize, info.height as usize);
+    let inside = |index: &usize| {
+        (width / 4..3 * width / 4).contains(&(index % width)) && (height / 4..3 * height / 4).contains(&(index / width))
+    };
+    let chosen: Vec<&[u8]> =
+        pixels.chunks_exact(4).enumerate().filter(|(index, _)| inside(index)).map(|(_, pixel)| pixel).collect();
+    Some([0, 1, 2].map(|channel| chosen.iter().map(|pixel| f64::from(pixel[channel])).sum::<f64>() / chosen.len() as f64))
+}
+
+fn newest(album: &Path) -> Option<PathBuf> {
+    std::fs::read_dir(album)
+        .ok()?
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|it| it == "png"))
+        .max()
+}
+
+/// Waits for a picture, taken after another one, whose middle is as it should be; says what it was last.
+fn wait_for_picture(station: &Station, album: &Path, what: &str, after: Option<PathBuf>, is_right: impl Fn([f64; 3]) -> bool) {
+    let mut last = None;
+    let found = wait_for(PICTURE_LIMIT, || {
+        let path = newest(album).filter(|path| Some(path) > after.as_ref())?;
+        last = middle(&path).or(last);
+        last.filter(|colour| is_right(*colour))
+    });
+    assert!(found.is_some(), "no picture is {what}; the middle of the last was {last:?}\n{}", station.said());
+}
+
+#[test]
+fn the_pictures_follow_the_scenes_looks_and_light_also_after_the_tissue_died() {
+    if std::env::var_os("HYSTATION_NO_GPU").is_some() {
+        eprintln!("not tried: HYSTATION_NO_GPU is set");
+        return;
+    }
+    let folder = Folder::new("looks");
+    let scene = |look: &str, view: &str| {
+        format!(
+            "version = 1\nname = \"x\"\n[[deformable]]\nname = \"organ\"\nmesh = \"builtin:uterus.msh\"\nscale_to_m = 0.001\n{look}\n\
+             [[rigid]]\nname = \"scope\"\n{view}\n"
+        )
+    };
+    let green = folder.write("green.toml", &scene("look = { colour = [0.05, 0.6, 0.05], roughness = 0.9 }", ""));
+    let dark = folder.write("dark.toml", &scene("", "[view]\nlight = 0.0"));
+    let usual = folder.write("usual.toml", &scene("", ""));
+    let is_green = |[red, green, blue]: [f64; 3]| green > red + 20.0 && green > blue + 20.0;
+    let is_red = |[red, green, blue]: [f64; 3]| red > green + 20.0 && red > blue + 20.0;
+    let is_dark = |colour: [f64; 3]| colour.iter().all(|channel| *channel < 12.0);
+    for (name, file, what, is_right) in [
+        ("usual", &usual, "red", &is_red as &dyn Fn([f64; 3]) -> bool),
+        ("green", &green, "green", &is_green),
+        ("dark", &dark, "dark", &is_dark),
+    ] {
+        let album = folder.as_path().join(name);
+        let shown = album.display().to_string();
+        let station =
+            Station::start(name, &[file.as_str(), "--hand", "idle", "--pictures", &shown, "--set", "picture_every_s=0.2"]);
+        wait_for_picture(&station, &album, what, None, is_right);
+        if name == "green" {
+            station.kill("tissue", true);
+            station.kill("rendering", true);
+            wait_for_picture(&station, &album, "green again", newest(&album), is_right);
+        }
+        station.stop().assert_clean();
+    }
+}

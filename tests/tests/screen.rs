@@ -1,0 +1,262 @@
+//! What the person at the station sees: the live table in a terminal, and the window under a display of its own.
+
+use station_tests::{Folder, RECOVERY_LIMIT, START_LIMIT, STOP_LIMIT, Station, binaries, hystation, run, wait_for};
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Command, Stdio};
+
+/// The columns of the table, in their order.
+const COLUMNS: [&str; 9] = ["process", "incarn", "pid", "state", "epoch", "rate/Hz", "p99 wake/us", "age/ms", "binary"];
+/// Colours by which a picture differs from an empty window.
+const COLOURS: usize = 100;
+
+/// A station in a terminal of its own: `script` makes the pseudo-terminal and keeps what is drawn there.
+struct Terminal {
+    name: String,
+    script: Child,
+    folder: Folder,
+}
+
+impl Terminal {
+    fn start(name: &str, arguments: &str) -> Terminal {
+        let folder = Folder::new(name);
+        let name = format!("{name}-{}", std::process::id());
+        let (program, session) = (binaries().join("hystation"), folder.path("session.mcap"));
+        // In place of the shell: one that waits for it would answer Ctrl-C with a status of its own (dash does, bash does not).
+        let run = format!("exec {} --name {name} run --headless --record {session} {arguments}", program.display());
+        let mut command = Command::new("script");
+        let script = command
+            .args(["-qefc", &run, &folder.path("drawn")])
+            .env("SHELL", "/bin/sh")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("script, of Debian's bsdutils");
+        Terminal { name, script, folder }
+    }
+
+    /// The screens that were drawn so far, whole ones, without the codes of the terminal.
+    fn screens(&self) -> Vec<String> {
+        let drawn = String::from_utf8_lossy(&std::fs::read(self.folder.path("drawn")).unwrap_or_default()).into_owned();
+        let whole = drawn.split("\x1b[H").skip(1).filter(|screen| screen.contains("\x1b[J"));
+        whole.map(|screen| screen.replace("\x1b[K", "").replace('\r', "")).collect()
+    }
+
+    /// Waits for a screen that has what is looked for.
+    fn wait<T>(&self, what: &str, found: impl Fn(&str) -> Option<T>) -> T {
+        let it = wait_for(START_LIMIT, || self.screens().iter().rev().find_map(|screen| found(screen)));
+        it.unwrap_or_else(|| panic!("no screen shows {what}; the last:\n{}", self.screens().last().cloned().unwrap_or_default()))
+    }
+}
+
+impl Drop for Terminal {
+    fn drop(&mut self) {
+        if !matches!(self.script.try_wait(), Ok(Some(_))) {
+            let _ = run(hystation().args(["--name", &self.name, "stop"]));
+            let _ = self.script.kill();
+            let _ = self.script.wait();
+        }
+    }
+}
+
+/// The fields of the table's row of a process.
+fn row<'a>(screen: &'a str, process: &str) -> Option<Vec<&'a str>> {
+    let fields = |line: &'a str| line.split_whitespace().collect::<Vec<_>>();
+    screen.lines().map(fields).find(|fields| fields.first() == Some(&process) && fields.len() == COLUMNS.len())
+}
+
+#[test]
+fn the_table_lives_says_who_died_and_ctrl_c_ends_it() {
+    let mut terminal = Terminal::start("table", "--hand script:press");
+    let names = ["hardware", "device", "haptic:0", "haptic:1", "tissue:0", "tissue:1", "fluid:0", "fluid:1"];
+    let others = ["collision-worker:0", "collision-worker:1", "rendering", "recorder", "supervisor"];
+    let is_whole = |screen: &str| {
+        let well = |name: &&str| row(screen, name).is_some_and(|row| row[3] == "live" || row[3] == "spare");
+        names.iter().chain(&others).all(well).then(|| screen.to_string())
+    };
+    let whole = terminal.wait("every process live or a spare", is_whole);
+    let head = whole.lines().find(|line| line.starts_with("process")).expect("a line of headings");
+    let places: Vec<Option<usize>> = COLUMNS.iter().map(|column| head.find(column)).collect();
+    assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{head}");
+    // What it says is what the station's pages say.
+    let says_the_same = || {
+        let (_, status, _) = run(hystation().args(["--name", &terminal.name, "status", "--json"]));
+        let status: serde_json::Value = serde_json::from_str(&status).ok()?;
+        let screen = terminal.screens().pop()?;
+        let agrees = |process: &serde_json::Value| {
+            let row = row(&screen, process["name"].as_str().unwrap_or_default());
+            let number = |key: &str| process[key].as_u64();
+            row.is_some_and(|row| row[1].parse().ok() == number("incarnation") && row[2].parse().ok() == number("pid"))
+        };
+        status["processes"].as_array().is_some_and(|all| all.len() > others.len() && all.iter().all(agrees)).then_some(())
+    };
+    let agrees = wait_for(RECOVERY_LIMIT, says_the_same);
+    assert!(agrees.is_some(), "the table says something else than the pages:\n{}", terminal.folder.read("drawn"));
+    // It is drawn anew, with new figures.
+    let ages = |screens: &[String]| -> BTreeSet<String> {
+        screens.iter().filter_map(|screen| Some(row(screen, "tissue:0")?[7].to_string())).collect()
+    };
+    let is_alive = wait_for(RECOVERY_LIMIT, || (ages(&terminal.screens()).len() >= 3).then_some(()));
+    assert!(is_alive.is_some(), "the age of the tissue's newest value is always {:?}", ages(&terminal.screens()));
+    let rate: f64 = terminal.wait("the device's rate", |screen| row(screen, "device")?[5].parse().ok());
+    assert!(rate > 100.0, "the device makes {rate} ticks a second");
+
+    let victim = terminal.wait("the recorder", |screen| Some(row(screen, "recorder")?[2].to_string()));
+    let pid = rustix::process::Pid::from_raw(victim.parse().expect("a process id")).expect("a process id");
+    rustix::process::kill_process(pid, rustix::process::Signal::KILL).expect("the process is ours");
+    let says_so =
+        |screen: &str| screen.lines().find(|line| line.contains("recorder") && line.contains("died")).map(str::to_string);
+    let line = terminal.wait("that the recorder died", says_so);
+    assert!(line.contains("signal 9"), "{line}");
+    terminal.wait("the recorder's successor", |screen| (row(screen, "recorder")?[2] != victim).then_some(()));
+
+    terminal.script.stdin.as_mut().expect("it is piped").write_all(b"\x03").expect("Ctrl-C is typed");
+    let ended = wait_for(STOP_LIMIT, || terminal.script.try_wait().ok().flatten());
+    // 1: the death of the recorder fell together with a stall of the host that cost ticks.
+    let code = ended.and_then(|status| status.code());
+    assert!(matches!(code, Some(0 | 1)), "{code:?}: {}", terminal.folder.read("drawn"));
+    assert!(terminal.folder.read("drawn").contains(" void; 1 fault"), "one line sums it up");
+    let place = hyst_exchange::Station::named(&terminal.name).expect("a name");
+    assert!(place.leftovers().is_empty(), "left: {:?}", place.leftovers());
+}
+
+/// A display without a screen.
+struct Display {
+    server: Child,
+    name: String,
+    folder: Folder,
+}
+
+impl Display {
+    /// `None`, and said, if this machine cannot show a window.
+    fn start() -> Option<Display> {
+        let has =
+            |program: &str| Command::new(program).arg("-version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok();
+        if std::env::var_os("HYSTATION_NO_GPU").is_some() || !has("Xvfb") || !has("xdotool") {
+            eprintln!(
+                "NOT TRIED: a window needs Vulkan, Xvfb and xdotool: sudo apt-get install mesa-vulkan-drivers xvfb xdotool"
+            );
+            return None;
+        }
+        let folder = Folder::new("display");
+        let mut command = Command::new("Xvfb");
+        let mut server = command
+            .args(["-displayfd", "1", "-screen", "0", "1024x768x24", "-nolisten", "tcp", "-fbdir", &folder.path("")])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("Xvfb");
+        let mut number = String::new();
+        BufReader::new(server.stdout.take().expect("it is piped")).read_line(&mut number).expect("the number of the display");
+        Some(Display { server, name: format!(":{}", number.trim()), folder })
+    }
+
+    /// Hands and eyes at the display.
+    fn xdotool(&self, words: &[&str]) -> Option<String> {
+        let (code, text, _) = run(Command::new("xdotool").args(words).env("DISPLAY", &self.name));
+        (code == Some(0)).then(|| text.trim().to_string())
+    }
+
+    /// The window of a station, focused, once it shows a picture.
+    fn window(&self, station: &Station) -> String {
+        let title = format!("hysteroscopy: {}", station.name());
+        let found = wait_for(START_LIMIT, || {
+            let window = self.xdotool(&["search", "--name", &title])?;
+            (self.colours() >= COLOURS).then_some(window)
+        });
+        let window = found.unwrap_or_else(|| panic!("no window with a picture: {} colours\n{}", self.colours(), station.said()));
+        assert!(self.xdotool(&["windowfocus", "--sync", &window]).is_some(), "the window takes no focus");
+        window
+    }
+
+    /// Different colours on the screen; the server keeps it as an XWD file.
+    fn colours(&self) -> usize {
+        let bytes = std::fs::read(self.folder.path("Xvfb_screen0")).unwrap_or_default();
+        let word = |index: usize| {
+            bytes.get(4 * index..4 * index + 4).map_or(0, |word| u32::from_be_bytes([word[0], word[1], word[2], word[3]]))
+        };
+        let begin = word(0) as usize + 12 * word(19) as usize; // the header, the colour map
+        bytes
+            .get(begin..)
+            .unwrap_or_default()
+            .chunks_exact(4)
+            .map(|pixel| [pixel[0], pixel[1], pixel[2]])
+            .collect::<BTreeSet<_>>()
+            .len()
+    }
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        let _ = self.server.kill();
+        let _ = self.server.wait();
+    }
+}
+
+/// Presses keys or the mouse again and again until the hand has gone where it is to go.
+fn until_moved(station: &Station, what: &str, press: impl Fn(), has_moved: impl Fn() -> bool) {
+    let moved = wait_for(RECOVERY_LIMIT, || {
+        press();
+        has_moved().then_some(())
+    });
+    assert!(moved.is_some(), "{what}: the hand did not move: {:?}\n{}", station.sample().pose, station.said());
+}
+
+#[test]
+fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor() {
+    let Some(display) = Display::start() else { return };
+    let station = Station::start_shown(&display.name, "window", &[]);
+    let window = display.window(&station);
+    let geometry = display.xdotool(&["getwindowgeometry", &window]).unwrap_or_default();
+    assert!(geometry.contains("640x480"), "{geometry}");
+    let pose = || station.sample().pose;
+    let far = |from: [f32; 3], to: [f32; 3]| from.iter().zip(to).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+
+    // Nobody has touched anything: the hand stands.
+    let began = pose();
+    station.run_ticks(300);
+    assert_eq!(pose().position_m, began.position_m, "the hand goes by itself");
+    let pull = || {
+        display.xdotool(&["keydown", "Next", "sleep", "0.3", "keyup", "Next"]);
+    };
+    until_moved(&station, "page down", pull, || far(began.position_m, pose().position_m) > 1e-3);
+    let turned = |from: [f32; 4], to: [f32; 4]| from.iter().zip(to).map(|(a, b)| a * b).sum::<f32>().abs() < 0.9998;
+    let before = pose();
+    let drag = || {
+        display.xdotool(&[
+            "mousemove",
+            "300",
+            "240",
+            "mousedown",
+            "1",
+            "sleep",
+            "0.1",
+            "mousemove",
+            "340",
+            "240",
+            "sleep",
+            "0.2",
+            "mouseup",
+            "1",
+        ]);
+    };
+    until_moved(&station, "left button", drag, || turned(before.orientation, pose().orientation));
+
+    station.kill("rendering", true);
+    let next = display.window(&station);
+    let before = pose();
+    let turn = || {
+        display.xdotool(&["keydown", "e", "sleep", "0.3", "keyup", "e"]);
+    };
+    until_moved(&station, "the key E in the second window", turn, || turned(before.orientation, pose().orientation));
+
+    // Who takes the window away gets no other; the station goes on.
+    assert!(display.xdotool(&["windowclose", &next]).is_some());
+    let gone = wait_for(RECOVERY_LIMIT, || display.xdotool(&["search", "--name", "hysteroscopy: "]).is_none().then_some(()));
+    assert!(gone.is_some(), "the window stays\n{}", station.said());
+    station.run_ticks(300);
+    station.recover();
+    station.stop().assert_clean();
+}

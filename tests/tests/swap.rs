@@ -1,0 +1,254 @@
+//! Engines that are swapped while the scripted hand presses on the tissue: every role for a build of its own, an engine of a stranger's making, bad
+//! ones of many kinds that are rolled back, files that are no engines, and a supervisor that dies in the middle. What a swap costs the hand is
+//! judged at the simulated hardware, against control windows of the same run.
+
+use rustix::process::Signal;
+use serde_json::Value;
+use station_tests::windows::Ticks;
+use station_tests::{RECOVERY_LIMIT, Station, binaries, hystation, run, wait_for};
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+/// Ticks of a control window.
+const CONTROL_TICKS: u64 = 1_500;
+/// Share of the ticks that a swap may cost more than the control windows lose: one that leaves the hand alone for a period loses all of them.
+const ALLOWED: f64 = 0.01;
+
+/// Swaps on one side, windows without one on the other.
+#[derive(Debug, Default)]
+struct Windows {
+    control: Ticks,
+    swap: Ticks,
+}
+
+impl Windows {
+    /// A control window, and then what is done.
+    fn around<T>(&mut self, station: &Station, done: impl FnOnce() -> T) -> T {
+        let before = station.ledger();
+        station.run_ticks(CONTROL_TICKS);
+        let middle = station.ledger();
+        self.control.add(before, middle);
+        let result = done();
+        self.swap.add(middle, station.ledger());
+        result
+    }
+
+    fn assert_no_excess(&self, station: &Station) {
+        println!("{self:?}");
+        assert!(self.control.0 > 0 && self.swap.0 > 0, "no ticks: {self:?}");
+        assert!(self.swap.share() - self.control.share() <= ALLOWED, "{self:?}\n{}", station.said());
+    }
+}
+
+/// Swaps; gives the exit code, and the record of what happened or what was said.
+fn swap(station: &Station, role: &str, binary: &Path) -> (Option<i32>, Value, String) {
+    let try_it = || {
+        let (code, out, said) = run(hystation().args(["--name", station.name(), "swap", role, "--json"]).arg(binary));
+        // On a busy machine a process is replaced now and then for another reason; nobody swaps while one of the role is missing.
+        let again = code == Some(2) && said.contains("is not ready now");
+        (!again).then(|| (code, serde_json::from_str(&out).unwrap_or(Value::Null), said))
+    };
+    wait_for(RECOVERY_LIMIT, try_it).unwrap_or_else(|| panic!("{role} does not become whole: {}", station.status()))
+}
+
+/// Tries of a good swap: on a busy machine a newcomer that gets no time is rolled back, which harms nobody.
+const TRIES: usize = 3;
+
+/// Why a newcomer is rolled back that got no time to show what it is.
+const NO_TIME: [&str; 4] = ["could not be compared", "did not take the role", "missed its steps", "has no answer"];
+
+fn swap_well(station: &Station, role: &str, binary: &Path) {
+    let mut tried = swap(station, role, binary);
+    for _ in 1..TRIES {
+        if tried.0 == Some(1) {
+            println!("{role} was rolled back: {}", tried.1["reason"]);
+            station.recover();
+            tried = swap(station, role, binary);
+        }
+    }
+    let (code, record, said) = tried;
+    assert_eq!(code, Some(0), "{role}: {record:#}\n{said}\n{}", station.said());
+    println!(
+        "{role}: {:.1} s",
+        record["steps"].as_array().and_then(|steps| steps.last()?["at_ms"].as_f64()).unwrap_or(0.0) * 1e-3
+    );
+    station.recover();
+    let runs: Vec<String> = station.processes(role).iter().map(|process| process["binary"].to_string()).collect();
+    assert!(!runs.is_empty() && runs.iter().all(|runs| *runs == format!("{:?}", binary)), "{role}: {runs:?}");
+}
+
+/// Swaps of each role, and rounds of bad engines; `HYSTATION_SWAPS=50` makes fifty.
+fn swaps() -> usize {
+    std::env::var("HYSTATION_SWAPS").ok().and_then(|count| count.parse().ok()).unwrap_or(1)
+}
+
+/// A copy of an engine under another name: another file, so that it can be told who runs it. The one of the round before is running.
+fn copy(station: &Station, role: &str, round: usize) -> PathBuf {
+    let copy = station.folder().join(format!("my-{role}-{}", round % 2));
+    std::fs::copy(binaries().join(role), &copy).expect("a copy of an engine");
+    copy
+}
+
+/// A bad engine of a kind.
+fn bad(station: &Station, role: &str, kind: &str) -> PathBuf {
+    let link = station.folder().join(format!("bad.{role}.{kind}"));
+    let _ = std::fs::remove_file(&link); // of the time before
+    std::os::unix::fs::symlink(binaries().join("bad-engine"), &link).expect("a link");
+    link
+}
+
+fn kill_supervisor(station: &Station) {
+    let pid = station.processes("supervisor")[0]["pid"].as_i64().expect("a supervisor") as i32;
+    station.signal(pid, Signal::KILL);
+    station.wait_until_gone(pid);
+}
+
+#[test]
+fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones() {
+    let station = Station::start("swap", &["--hand", "script:press", "--test-mode"]);
+    let mut windows = Windows::default();
+    let example = binaries().join("example-engine");
+    for round in 0..swaps() {
+        for role in ["tissue", "haptic", "collision-worker", "recorder"] {
+            let copy = copy(&station, role, round);
+            windows.around(&station, || swap_well(&station, role, &copy));
+        }
+        let fluid = if (swaps() - round) % 2 == 1 { example.clone() } else { binaries().join("fluid") };
+        windows.around(&station, || swap_well(&station, "fluid", &fluid));
+    }
+    windows.assert_no_excess(&station);
+    // Neither a restart of the supervisor nor one of the slot leads back to the old binary.
+    kill_supervisor(&station);
+    station.recover();
+    station.kill("fluid", true);
+    let runs = |process: &Value| process["binary"].as_str() == example.to_str();
+    assert!(station.processes("fluid").iter().all(runs), "{}", station.status());
+    // One that has no spare and that the hand waits for: ramped to zero, and back. Judged apart.
+    swap_well(&station, "device", &copy(&station, "device", 0));
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+}
+
+#[test]
+fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() {
+    let station = Station::start("bad", &["--hand", "script:press", "--test-mode"]);
+    let cases = [
+        ("tissue", "start", "died"),
+        ("tissue", "shadow-off", "out of tolerance"),
+        ("tissue", "shadow-segfault", "died"),
+        ("tissue", "panic", "died"),
+        ("tissue", "exit", "died"),
+        ("tissue", "spin", ""),
+        ("tissue", "slow", ""),
+        ("tissue", "nan", ""),
+        ("tissue", "off", ""),
+        ("fluid", "stop", ""),
+        ("fluid", "garbage", ""),
+        ("fluid", "off", "out of tolerance"),
+        ("haptic", "abort", "died"),
+        ("haptic", "stop", ""),
+        ("collision-worker", "segfault", "died"),
+        ("recorder", "exit", "died"),
+        ("device", "abort", "died"),
+    ];
+    let mut windows = Windows::default();
+    for (role, kind, reason) in std::iter::repeat_n(cases, swaps()).flatten() {
+        let path = bad(&station, role, kind);
+        let before = station.processes(role)[0]["binary"].clone();
+        let tried = || {
+            let mut tried = swap(&station, role, &path);
+            for _ in 1..TRIES {
+                let why = tried.1["reason"].as_str().unwrap_or_default();
+                if !NO_TIME.iter().any(|reason| why.contains(reason)) || why.contains(reason) {
+                    break;
+                }
+                station.recover();
+                tried = swap(&station, role, &path);
+            }
+            tried
+        };
+        let (code, record, said) = if role == "device" { tried() } else { windows.around(&station, tried) };
+        assert_eq!(code, Some(1), "{role} {kind}: {record:#}\n{said}\n{}", station.said());
+        let why = record["reason"].as_str().unwrap_or_default();
+        println!("{role} {kind}: {why}");
+        assert!(!why.is_empty() && why.contains(reason), "{role} {kind}: {record:#}\n{}", station.said());
+        station.recover();
+        assert!(station.processes(role).iter().all(|process| process["binary"] == before), "{}", station.status());
+    }
+    windows.assert_no_excess(&station);
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+}
+
+#[test]
+fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
+    let station = Station::start("refuse", &["--hand", "script:press"]);
+    let pids = station.pids();
+    let folder = station.folder().clone();
+    let script = folder.join("script");
+    std::fs::write(&script, "#!/bin/sh\necho '{}'\n").expect("a script");
+    let truncated = folder.join("truncated");
+    let whole = std::fs::read(binaries().join("fluid")).expect("an engine");
+    std::fs::write(&truncated, &whole[..whole.len() / 3]).expect("a part of it");
+    for file in [&script, &truncated] {
+        use std::os::unix::fs::PermissionsExt;
+        std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o755)).expect("its rights");
+    }
+    let cases = [
+        ("fluid", script, "no ELF file"),
+        ("fluid", truncated, "is truncated"),
+        ("fluid", folder.clone(), "is no file"),
+        ("fluid", folder.join("absent"), "No such file"),
+        ("fluid", binaries().join("tissue"), "is a tissue, not a fluid"),
+        ("fluid", binaries().join("hystation"), "is it an engine?"),
+        ("hardware", binaries().join("hardware"), "is no engine"),
+        ("supervisor", binaries().join("hystation"), "is no engine"),
+        ("liver", binaries().join("fluid"), "is no role"),
+    ];
+    for (role, binary, reason) in cases {
+        let (code, _, said) = swap(&station, role, &binary);
+        assert_eq!(code, Some(2), "{role} {}: {said}", binary.display());
+        assert!(said.contains(reason), "{role} {}: {said}", binary.display());
+    }
+    let nobody = run(hystation().args(["--name", "no-such-station", "swap", "fluid"]).arg(binaries().join("fluid")));
+    assert_eq!(nobody.0, Some(2), "{}", nobody.2);
+    assert_eq!(station.pids(), pids, "somebody was disturbed\n{}", station.said());
+    station.stop().assert_clean();
+}
+
+#[test]
+fn a_supervisor_or_a_holder_that_dies_in_the_middle_of_a_swap_leaves_the_station_whole() {
+    let station = Station::start("amid", &["--hand", "script:press", "--test-mode"]);
+    let copy = copy(&station, "fluid", 0);
+    let (old, in_shadow) = (station.processes("fluid")[0]["binary"].clone(), || {
+        let is_there = |process: &Value| matches!(process["state"].as_str(), Some("spare" | "live"));
+        station.processes("fluid").iter().any(|process| process["name"] == "fluid:2" && is_there(process))
+    });
+    let mut command = hystation();
+    command.args(["--name", station.name(), "swap", "fluid"]).arg(&copy).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut begun = command.spawn().expect("hystation");
+    assert!(wait_for(RECOVERY_LIMIT, || in_shadow().then_some(())).is_some(), "{}", station.status());
+    kill_supervisor(&station);
+    assert_eq!(begun.wait().expect("hystation").code(), Some(1), "{}", station.said());
+    station.recover();
+    assert!(station.processes("fluid").iter().all(|process| process["binary"] == old), "{}", station.status());
+    // The holder dies while the newcomer shadows it: its spare takes over, and the swap goes on.
+    let mut code = None;
+    for _ in 0..TRIES {
+        let holder = station.pid("fluid", true);
+        let mut begun = command.spawn().expect("hystation");
+        assert!(wait_for(RECOVERY_LIMIT, || in_shadow().then_some(())).is_some(), "{}", station.status());
+        station.signal_if_alive(holder, Signal::KILL);
+        code = begun.wait().expect("hystation").code();
+        station.recover();
+        if code != Some(1) {
+            break; // 1: it got no time, was rolled back, and harmed nobody
+        }
+    }
+    assert_eq!(code, Some(0), "{}", station.said());
+    station.recover();
+    assert!(station.processes("fluid").iter().all(|process| process["binary"].as_str() == copy.to_str()), "{}", station.status());
+    station.stop().assert_clean();
+}
