@@ -2,7 +2,7 @@
 //! read by what reads such reports, one fault can be repeated, a promise that is broken ends with code 1, and what cannot be is refused.
 
 use serde_json::Value;
-use station_tests::{Folder, hystation, run, wait_for};
+use station_tests::{Folder, binaries, hystation, run, wait_for};
 use std::time::Duration;
 
 /// A kill of the device costs misses; a limit of 0 without the 20 ms that it may cost must break, for which the interval needs six faults. The
@@ -159,6 +159,36 @@ fn those_who_keep_the_station_and_two_at_once_are_hurt_too() {
     assert_nothing_left();
 }
 
+/// Two arms side by side: the engines as they are, and the same with a fluid that takes the role without the state of the one before. No force and no
+/// process shows that; the millilitres that are not there any more do, and only in the arm with the defect.
+#[test]
+fn a_planted_defect_is_found_and_only_where_it_is() {
+    let folder = Folder::new("campaign-planted");
+    let planted = folder.as_path().join("bad.fluid.anew");
+    std::fs::create_dir(&planted).expect("a folder");
+    for engine in ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder"] {
+        let real = binaries().join(if engine == "fluid" { "bad-engine" } else { engine });
+        std::os::unix::fs::symlink(real, planted.join(engine)).expect("a link");
+    }
+    let text = "gap_ticks = [900, 1000]\nmost_void = 1.0\n\
+                [[arm]]\nname = \"as built\"\n[[arm]]\nname = \"planted\"\nbinaries = \"bad.fluid.anew\"\n\
+                [[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\ncount = 3\n";
+    let (file, out) = (folder.write("planted.toml", text), folder.path("out"));
+    let (code, printed, said) = campaign(&[&file, "--report", &out]);
+    assert_eq!(code, Some(1), "{printed}\n{said}");
+    let report: Value = serde_json::from_str(&folder.read("out/report.json")).expect("JSON");
+    println!("{}", report["broken"]);
+    let broken: Vec<&str> = report["broken"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    assert!(
+        !broken.is_empty()
+            && broken.iter().all(|text| text.starts_with("arm planted, run ") && text.contains("the deficit jumped")),
+        "{broken:?}\n{said}"
+    );
+    let cells = report["cells"].as_array().expect("cells");
+    assert!(cells.iter().all(|cell| cell["manifested"] == 3), "{cells:#?}");
+    assert_nothing_left();
+}
+
 #[test]
 fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
     let folder = Folder::new("campaign-refused");
@@ -168,6 +198,7 @@ fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"collision-worker:9\"]\ncount = 1\n", "collision-worker:0"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\nstates = [\"cutting\"]\ncount = 1\n", "does not cut"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = -1\n", "count"),
+        ("[station]\nbinaries = \".\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "no hardware there"),
     ] {
         let file = folder.write("bad.toml", text);
         let (code, printed, said) = campaign(&[&file, "--report", &folder.path("out")]);

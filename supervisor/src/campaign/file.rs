@@ -5,10 +5,12 @@
 
 use super::cell::{self, Cell};
 use crate::faultfile::MOST_FAULTS;
+use crate::plan;
 use crate::settings::{Refusal, check_set};
+use hyst_engine::Settings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Longest pause between two faults that may be asked for, ticks: a minute.
 const MOST_GAP_TICKS: u64 = 60_000;
@@ -47,7 +49,9 @@ pub struct Campaign {
 #[serde(deny_unknown_fields, default)]
 pub struct StationPart {
     /// Scene or mesh, relative to the campaign's file; the embedded scene if absent.
-    pub scene: Option<std::path::PathBuf>,
+    pub scene: Option<PathBuf>,
+    /// Folder of the engines' binaries, relative to the campaign's file; those beside this program if absent.
+    pub binaries: Option<PathBuf>,
     /// As for `run --hand`; default `script:press`.
     pub hand: Option<String>,
     /// As for `run --workers`.
@@ -67,6 +71,9 @@ pub struct Arm {
     /// Set in addition to the station's.
     #[serde(default)]
     pub set: BTreeMap<String, String>,
+    /// In place of the station's: another build of the engines beside the first.
+    #[serde(default)]
+    pub binaries: Option<PathBuf>,
     /// Share of each cell's count that is injected in this arm.
     #[serde(default = "one")]
     pub share: f64,
@@ -146,9 +153,19 @@ pub fn read(path: &Path) -> Result<Campaign, Refusal> {
     let text = std::fs::read_to_string(path).map_err(|e| refuse(format!("{e}; give the path of a readable text file")))?;
     let stem = path.file_stem().map_or_else(|| "campaign".into(), |stem| stem.to_string_lossy().into_owned());
     let mut campaign = parse(&stem, &text).map_err(refuse)?;
-    if let Some(scene) = &mut campaign.station.scene {
-        let beside = path.parent().unwrap_or(Path::new(".")).join(&*scene);
-        *scene = std::path::absolute(&beside).map_err(|e| refuse(format!("scene {}: {e}", beside.display())))?;
+    let beside = |place: &mut PathBuf| -> Result<(), Refusal> {
+        let joined = path.parent().unwrap_or(Path::new(".")).join(&*place);
+        *place = std::path::absolute(&joined).map_err(|e| refuse(format!("{}: {e}", joined.display())))?;
+        Ok(())
+    };
+    campaign.station.scene.iter_mut().try_for_each(beside)?;
+    let folders = campaign.station.binaries.iter_mut().chain(campaign.arms.iter_mut().filter_map(|arm| arm.binaries.as_mut()));
+    for folder in folders {
+        beside(folder)?;
+        let engines = plan::slots(&Settings::default(), true, None).into_iter().map(|slot| slot.role().name());
+        if let Some(absent) = engines.into_iter().find(|name| !folder.join(name).is_file()) {
+            return Err(refuse(format!("binaries {}: no {absent} there; a folder holds every engine", folder.display())));
+        }
     }
     Ok(campaign)
 }
@@ -199,7 +216,7 @@ pub fn parse(name: &str, text: &str) -> Result<Campaign, String> {
 }
 
 fn default_arm() -> Arm {
-    Arm { name: "station".into(), set: BTreeMap::new(), share: 1.0, judged: true }
+    Arm { name: "station".into(), set: BTreeMap::new(), binaries: None, share: 1.0, judged: true }
 }
 
 fn check(file: &File) -> Result<(), String> {
@@ -248,6 +265,10 @@ impl Campaign {
     /// Whether its stations record.
     pub fn records(&self) -> bool {
         self.station.record.unwrap_or(true)
+    }
+    /// Folder of the engines of an arm; none is that of this program.
+    pub fn binaries<'a>(&'a self, arm: &'a Arm) -> Option<&'a Path> {
+        arm.binaries.as_deref().or(self.station.binaries.as_deref())
     }
     /// What is set in an arm.
     pub fn set(&self, arm: &Arm) -> BTreeMap<String, String> {

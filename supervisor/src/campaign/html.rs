@@ -2,8 +2,9 @@
 
 use super::judge::{Figures, Judgement, Verdict};
 use super::junit::escape;
-use super::outcome::{Outcome, StationOutcome};
+use super::outcome::Outcome;
 use super::plots;
+use super::station::StationOutcome;
 use super::text::percentile;
 use std::fmt::Write;
 

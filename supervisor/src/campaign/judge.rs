@@ -9,7 +9,8 @@ use super::bounds::Excess;
 use super::cell::Cell;
 use super::draw::Plan;
 use super::file::{Arm, Campaign};
-use super::outcome::{Ending, Outcome, StationOutcome};
+use super::outcome::{Ending, Outcome};
+use super::station::StationOutcome;
 use crate::fault::{Fault, STEP_MARGIN_N};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -133,7 +134,7 @@ pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &
         }
     }
     let judged = |name: &str| campaign.arms.iter().any(|arm| arm.name == name && arm.judged);
-    let broken = stations.iter().filter(|station| judged(&station.arm)).flat_map(broken_station).collect();
+    let broken = stations.iter().filter(|station| judged(&station.arm)).flat_map(StationOutcome::broken).collect();
     let here: Vec<&Figures> = cells.iter().filter(|cell| judged(&cell.arm)).collect();
     let done: usize = here.iter().map(|cell| cell.done()).sum();
     let void_share = here.iter().map(|cell| cell.without_verdict).sum::<usize>() as f64 / done.max(1) as f64;
@@ -181,29 +182,6 @@ fn exit_code(judgement: &Judgement) -> u8 {
         () if any(Verdict::Unknown) || !judgement.unknown.is_empty() => 3,
         () => 0,
     }
-}
-
-fn broken_station(station: &StationOutcome) -> Vec<String> {
-    let mut found = Vec::new();
-    let mut note = |is: bool, text: String| {
-        if is {
-            found.push(format!("run {}: {text}", station.run));
-        }
-    };
-    let (trouble, suffered) = (&station.trouble, station.faults.len());
-    note(!trouble.is_empty() && suffered > 0, format!("after {suffered} faults: {trouble}"));
-    let code = station.exit_code.map_or("none, it had to be killed".into(), |code| code.to_string());
-    note(!matches!(station.exit_code, Some(0 | 1)), format!("its exit code is {code}"));
-    note(
-        station.stale_models > 0,
-        format!("{} ticks used a contact model older than that of the tick before", station.stale_models),
-    );
-    note(station.invalid_applied > 0, format!("{} invalid forces were applied", station.invalid_applied));
-    note(station.stale_applied > 0, format!("{} stale forces were applied", station.stale_applied));
-    note(station.leftovers > 0, format!("{} processes, segments or files were left over", station.leftovers));
-    note(!station.given_up.is_empty(), format!("{} did not come back", station.given_up.join(", ")));
-    note(!station.reported, "it left no report".into());
-    found
 }
 
 /// Ticks after a fault's window in which the recorder may still lose what lay in the device's ring.

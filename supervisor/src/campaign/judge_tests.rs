@@ -130,6 +130,7 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
         StationOutcome { exit_code: None, ..good.clone() },
         StationOutcome { exit_code: Some(3), ..good.clone() },
         StationOutcome { stale_models: 1, ..good.clone() },
+        StationOutcome { deficit_jump_ml: 1.0, ..good.clone() },
         StationOutcome { faults: vec![0], trouble: "the station ended by itself".into(), ..good.clone() },
         StationOutcome { given_up: vec!["fluid:0".into()], ..good.clone() },
         StationOutcome { faults: vec![0, 1], lost: vec![(outcomes[1].tick + 10, outcomes[1].tick + 14)], ..good.clone() },

@@ -14,6 +14,7 @@ pub mod junit;
 pub mod outcome;
 pub mod plots;
 pub mod session;
+pub mod station;
 pub mod store;
 pub mod text;
 
@@ -23,8 +24,9 @@ use draw::{Entry, Plan};
 use file::Campaign;
 use hyst_exchange::Station;
 use judge::Judgement;
-use outcome::{Outcome, StationOutcome};
+use outcome::Outcome;
 use session::{Session, Trouble};
+use station::StationOutcome;
 use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;

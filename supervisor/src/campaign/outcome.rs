@@ -1,11 +1,8 @@
-//! What came of one fault and of one station: the lines of `results.jsonl` and `stations.jsonl` in the folder of the results.
+//! What came of one fault: a line of `results.jsonl` in the folder of the results.
 
 use super::draw::Entry;
 use crate::fault::Fault;
-use hyst_recording::{Ending as FileEnding, Reader};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
-use std::path::Path;
 
 /// How the wait for a fault ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,7 +40,7 @@ pub struct Counters {
 }
 
 /// Fastest change of the deficit that is no loss of a counter, ml per tick: 1.5 l/min, twice what the pump can do.
-const MOST_DEFICIT_ML_PER_TICK: f64 = 0.025;
+pub(super) const MOST_DEFICIT_ML_PER_TICK: f64 = 0.025;
 
 impl Counters {
     /// What went back or jumped between two looks, in words: state and counters outlive every restart. A state that stands still is no loss:
@@ -124,94 +121,6 @@ impl Outcome {
             collateral: Vec::new(),
             before: Counters::default(),
             after: Counters::default(),
-        }
-    }
-}
-
-/// What came of one run of a station.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct StationOutcome {
-    /// Number of the run, from 0; its files are named by it.
-    pub run: usize,
-    /// Number of the station in the plan; more than once if it was started again to go on.
-    pub station: usize,
-    /// Arm.
-    pub arm: String,
-    /// Faults that it suffered, by their numbers.
-    pub faults: Vec<usize>,
-    /// Exit code of `hystation run`; none if it had to be killed.
-    pub exit_code: Option<i32>,
-    /// Why it ended before its faults were through.
-    pub trouble: String,
-    /// Ticks of the hardware.
-    pub ticks: u64,
-    /// Ticks in which the host itself stalled.
-    pub voided: u64,
-    /// Forces applied that were not finite or beyond any motor.
-    pub invalid_applied: u64,
-    /// Forces applied that were older than one applied before.
-    pub stale_applied: u64,
-    /// Ticks whose contact model was older than that of the tick before, as the recording has them.
-    #[serde(default)]
-    pub stale_models: u64,
-    /// Slots that were given up.
-    pub given_up: Vec<String>,
-    /// Processes, segments and files that were left.
-    pub leftovers: u64,
-    /// Whether there was a report.
-    pub reported: bool,
-    /// Largest force step in a control window, N.
-    pub control_step_max_n: f64,
-    /// Ticks in the recording.
-    pub recorded_ticks: u64,
-    /// Ticks that the recording says are lost: first and last.
-    pub lost: Vec<(u64, u64)>,
-    /// What is wrong with the recording itself.
-    pub damage: Vec<String>,
-}
-
-impl StationOutcome {
-    /// Takes what a station's report says.
-    pub fn read_report(&mut self, path: &Path) {
-        let text = std::fs::read_to_string(path).unwrap_or_default();
-        let report: Value = serde_json::from_str(&text).unwrap_or_default();
-        let number = |value: &Value| value.as_u64().unwrap_or(0);
-        self.reported = report["device"]["ticks"].is_u64();
-        self.ticks = number(&report["device"]["ticks"]);
-        self.voided = number(&report["device"]["voided"]);
-        self.invalid_applied = number(&report["invalid_applied"]);
-        self.stale_applied = number(&report["stale_applied"]);
-        self.control_step_max_n = report["device"]["force_step_max_control_n"].as_f64().unwrap_or(0.0);
-        let names = report["given_up"].as_array().into_iter().flatten();
-        self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
-        self.leftovers = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
-    }
-
-    /// Counts what the recording holds and what it says is lost.
-    pub fn read_recording(&mut self, path: &Path) {
-        let mut reader = match Reader::open(path) {
-            Ok(reader) => reader,
-            Err(error) => return self.damage.push(error.to_string()),
-        };
-        let mut newest = (0, 0);
-        loop {
-            match reader.next_block() {
-                Ok(Some(block)) => {
-                    self.recorded_ticks += block.applied.len() as u64;
-                    for applied in &block.applied {
-                        let model = (applied.model_epoch, applied.model_tick);
-                        self.stale_models += u64::from(model < newest && model != (0, 0));
-                        newest = newest.max(model);
-                    }
-                    self.lost.extend(block.lost.iter().map(|range| (range.first, range.last)));
-                }
-                Ok(None) => break,
-                Err(error) => return self.damage.push(error.to_string()),
-            }
-        }
-        self.damage.extend(reader.damage().iter().map(|damage| format!("byte {}: {}", damage.at, damage.reason)));
-        if !matches!(reader.ending(), Some(FileEnding::Complete)) {
-            self.damage.push("the recording was not closed by its writer".into());
         }
     }
 }

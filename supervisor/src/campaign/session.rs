@@ -370,6 +370,9 @@ fn command(campaign: &Campaign, arm: &Arm, entries: &[&Entry], station: &Station
     if let Some(workers) = campaign.station.workers {
         command.arg("--workers").arg(workers.to_string());
     }
+    if let Some(folder) = campaign.binaries(arm) {
+        command.arg("--binaries").arg(folder);
+    }
     for (key, value) in campaign.set(arm) {
         command.arg("--set").arg(format!("{key}={value}"));
     }

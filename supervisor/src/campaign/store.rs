@@ -2,7 +2,8 @@
 //! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed.
 
 use super::draw::Plan;
-use super::outcome::{Outcome, StationOutcome};
+use super::outcome::Outcome;
+use super::station::StationOutcome;
 use crate::plan::write_whole;
 use crate::settings::Refusal;
 use serde::Serialize;

@@ -1,5 +1,6 @@
-//! An engine that somebody wrote badly, for swaps that must be rolled back. The name by which it is called says of which role it is and what is wrong
-//! with it: `bad.ROLE.KIND`, as a link to this program. It is the real engine but for one defect, which shows in the place that the kind names.
+//! An engine that somebody wrote badly, for swaps that must be rolled back and for campaigns that must find it. The name by which it is called, or that
+//! of its folder, says of which role it is and what is wrong with it: `bad.ROLE.KIND`, as a link to this program. It is the real engine but for one
+//! defect, which shows in the place that the kind names.
 
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted};
@@ -36,6 +37,8 @@ struct Bad<S> {
     kind: String,
     shadowed: u32,
     held: u32,
+    /// Of one that begins `anew`: the state before its first step.
+    blank: Vec<u8>,
 }
 
 impl<S: Stateful> Bad<S> {
@@ -108,7 +111,12 @@ impl<S: Stateful> Stateful for Bad<S> {
         self.engine.interests()
     }
     fn open(&mut self, links: &Links) -> Result<(), Failure> {
-        self.engine.open(links)
+        self.engine.open(links)?;
+        if self.kind == "anew" {
+            self.blank = vec![0; self.engine.message_bytes()];
+            self.engine.initial(StreamHeader::default(), &mut self.blank)?;
+        }
+        Ok(())
     }
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
         self.engine.initial(header, state)
@@ -126,7 +134,9 @@ impl<S: Stateful> Stateful for Bad<S> {
             self.shadowed += 1;
         }
         self.fail(context);
-        self.engine.step(context, now, next)?;
+        // It takes the role as if nothing had been before.
+        let begins_anew = context.holding && self.held == 1 && !self.blank.is_empty();
+        self.engine.step(context, if begins_anew { &self.blank } else { now }, next)?;
         self.spoil(now, next);
         Ok(())
     }
@@ -139,7 +149,7 @@ impl<S: Stateful> Stateful for Bad<S> {
 }
 
 fn stateful<S: Stateful>(life: &Life, engine: S, kind: &str) -> Result<(), Failure> {
-    hyst_engine::run_stateful(life, Bad { engine, kind: kind.to_string(), shadowed: 0, held: 0 })
+    hyst_engine::run_stateful(life, Bad { engine, kind: kind.to_string(), shadowed: 0, held: 0, blank: Vec::new() })
 }
 
 /// A thread that makes the process fail some time after it is live.
@@ -190,7 +200,8 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
 
 fn main() -> ExitCode {
     let name = std::env::args().next().unwrap_or_default();
-    let mut words = name.rsplit('/').next().unwrap_or_default().splitn(3, '.').skip(1);
+    let own = name.rsplit('/').find(|part| part.starts_with("bad.")).unwrap_or_default();
+    let mut words = own.splitn(3, '.').skip(1);
     let (Some(role), Some(kind)) = (words.next().and_then(Role::from_name), words.next()) else {
         eprintln!("{name}: call this by a name such as bad.fluid.panic");
         return ExitCode::from(2);

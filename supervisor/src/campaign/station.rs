@@ -1,0 +1,175 @@
+//! What came of one run of a station: a line of `stations.jsonl` in the folder of the results, and what in it is a broken promise.
+
+use super::outcome::MOST_DEFICIT_ML_PER_TICK;
+use hyst_messages::FluidStatus;
+use hyst_recording::{Ending, Reader};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::Path;
+
+/// A jump of the deficit that is less than a drop is none, ml.
+const MOST_JUMP_ML: f64 = 0.05;
+
+/// Two statuses of the fluid that are so far apart may have seen flows between them which neither of them names, ticks.
+const NEAR_TICKS: u64 = 200;
+/// Rounding, and flows that change between two statuses, ml.
+const ROUNDING_ML: f64 = 0.02;
+
+/// How far the deficit went from one status to the next beyond what the larger of the net flows of both can have moved in that time, ml.
+fn unexplained_ml(before: &FluidStatus, after: &FluidStatus) -> f64 {
+    let ticks = (after.state_tick - before.state_tick) as f64;
+    let net_ml_per_tick = |status: &FluidStatus| f64::from(status.inflow_ml_min - status.outflow_ml_min).abs() / 60_000.0;
+    let named = net_ml_per_tick(before).max(net_ml_per_tick(after));
+    let most = if ticks > NEAR_TICKS as f64 { MOST_DEFICIT_ML_PER_TICK } else { named };
+    let jump_ml = (after.deficit_ml - before.deficit_ml).abs() - most * ticks - ROUNDING_ML;
+    if jump_ml.is_nan() { f64::INFINITY } else { jump_ml.max(0.0) }
+}
+
+/// What came of one run of a station.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StationOutcome {
+    /// Number of the run, from 0; its files are named by it.
+    pub run: usize,
+    /// Number of the station in the plan; more than once if it was started again to go on.
+    pub station: usize,
+    /// Arm.
+    pub arm: String,
+    /// Faults that it suffered, by their numbers.
+    pub faults: Vec<usize>,
+    /// Exit code of `hystation run`; none if it had to be killed.
+    pub exit_code: Option<i32>,
+    /// Why it ended before its faults were through.
+    pub trouble: String,
+    /// Ticks of the hardware.
+    pub ticks: u64,
+    /// Ticks in which the host itself stalled.
+    pub voided: u64,
+    /// Forces applied that were not finite or beyond any motor.
+    pub invalid_applied: u64,
+    /// Forces applied that were older than one applied before.
+    pub stale_applied: u64,
+    /// Ticks whose contact model was older than that of the tick before, as the recording has them.
+    #[serde(default)]
+    pub stale_models: u64,
+    /// Largest jump of the fluid's deficit that its own flows do not explain, ml, as the recording has it.
+    #[serde(default)]
+    pub deficit_jump_ml: f64,
+    /// Slots that were given up.
+    pub given_up: Vec<String>,
+    /// Processes, segments and files that were left.
+    pub leftovers: u64,
+    /// Whether there was a report.
+    pub reported: bool,
+    /// Largest force step in a control window, N.
+    pub control_step_max_n: f64,
+    /// Ticks in the recording.
+    pub recorded_ticks: u64,
+    /// Ticks that the recording says are lost: first and last.
+    pub lost: Vec<(u64, u64)>,
+    /// What is wrong with the recording itself.
+    pub damage: Vec<String>,
+}
+
+impl StationOutcome {
+    /// Takes what a station's report says.
+    pub fn read_report(&mut self, path: &Path) {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        let report: Value = serde_json::from_str(&text).unwrap_or_default();
+        let number = |value: &Value| value.as_u64().unwrap_or(0);
+        self.reported = report["device"]["ticks"].is_u64();
+        self.ticks = number(&report["device"]["ticks"]);
+        self.voided = number(&report["device"]["voided"]);
+        self.invalid_applied = number(&report["invalid_applied"]);
+        self.stale_applied = number(&report["stale_applied"]);
+        self.control_step_max_n = report["device"]["force_step_max_control_n"].as_f64().unwrap_or(0.0);
+        let names = report["given_up"].as_array().into_iter().flatten();
+        self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
+        self.leftovers = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
+    }
+
+    /// Counts what the recording holds and what it says is lost.
+    pub fn read_recording(&mut self, path: &Path) {
+        let mut reader = match Reader::open(path) {
+            Ok(reader) => reader,
+            Err(error) => return self.damage.push(error.to_string()),
+        };
+        let mut newest = (0, 0);
+        let mut fluid: Option<FluidStatus> = None;
+        loop {
+            match reader.next_block() {
+                Ok(Some(block)) => {
+                    self.recorded_ticks += block.applied.len() as u64;
+                    for applied in &block.applied {
+                        let model = (applied.model_epoch, applied.model_tick);
+                        self.stale_models += u64::from(model < newest && model != (0, 0));
+                        newest = newest.max(model);
+                    }
+                    for status in block.fluid {
+                        let before = fluid.filter(|before| before.state_tick < status.state_tick);
+                        let jump_ml = before.map_or(0.0, |before| unexplained_ml(&before, &status));
+                        self.deficit_jump_ml = self.deficit_jump_ml.max(jump_ml);
+                        if before.is_some() || fluid.is_none() {
+                            fluid = Some(status); // the two processes of the role lie in the file side by side: what is older tells nothing new
+                        }
+                    }
+                    self.lost.extend(block.lost.iter().map(|range| (range.first, range.last)));
+                }
+                Ok(None) => break,
+                Err(error) => return self.damage.push(error.to_string()),
+            }
+        }
+        self.damage.extend(reader.damage().iter().map(|damage| format!("byte {}: {}", damage.at, damage.reason)));
+        if !matches!(reader.ending(), Some(Ending::Complete)) {
+            self.damage.push("the recording was not closed by its writer".into());
+        }
+    }
+
+    /// What was broken in it as a whole, in words.
+    pub fn broken(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        let mut note = |is: bool, text: String| {
+            if is {
+                found.push(format!("arm {}, run {}: {text}", self.arm, self.run));
+            }
+        };
+        let (trouble, suffered) = (&self.trouble, self.faults.len());
+        note(!trouble.is_empty() && suffered > 0, format!("after {suffered} faults: {trouble}"));
+        let code = self.exit_code.map_or("none, it had to be killed".into(), |code| code.to_string());
+        note(!matches!(self.exit_code, Some(0 | 1)), format!("its exit code is {code}"));
+        note(
+            self.stale_models > 0,
+            format!("{} ticks used a contact model older than that of the tick before", self.stale_models),
+        );
+        let jump_ml = self.deficit_jump_ml;
+        note(jump_ml > MOST_JUMP_ML, format!("the deficit jumped by {jump_ml:.3} ml without a flow that explains it"));
+        note(self.invalid_applied > 0, format!("{} invalid forces were applied", self.invalid_applied));
+        note(self.stale_applied > 0, format!("{} stale forces were applied", self.stale_applied));
+        note(self.leftovers > 0, format!("{} processes, segments or files were left over", self.leftovers));
+        note(!self.given_up.is_empty(), format!("{} did not come back", self.given_up.join(", ")));
+        note(!self.reported, "it left no report".into());
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_deficit_moves_with_the_flows_or_is_named() {
+        let at = |state_tick, deficit_ml| FluidStatus {
+            state_tick,
+            deficit_ml,
+            inflow_ml_min: 120.0,
+            outflow_ml_min: 60.0,
+            ..FluidStatus::default()
+        };
+        let before = at(1_000, 40.0);
+        assert_eq!(unexplained_ml(&before, &at(1_033, 40.033)), 0.0);
+        assert!((unexplained_ml(&before, &at(1_033, 39.0)) - 0.947).abs() < 1e-6, "a millilitre less");
+        assert!(unexplained_ml(&before, &at(1_033, 0.0)) > 39.0);
+        assert_eq!(unexplained_ml(&before, &at(3_000, 80.0)), 0.0, "nobody saw what flowed in two seconds");
+        assert!(unexplained_ml(&before, &at(3_000, -40.0)) > 0.0);
+        assert_eq!(unexplained_ml(&before, &at(1_033, f64::NAN)), f64::INFINITY);
+    }
+}
