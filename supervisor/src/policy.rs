@@ -17,7 +17,7 @@ mod swap;
 
 pub use event::{Action, Event, Exit, Left};
 pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
-pub use limits::{Limits, is_replicated, is_stateful, limits};
+pub use limits::{Limits, is_replicated, is_stateful, limits, sources};
 pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};
 
 use hyst_messages::{Role, Slot};
@@ -50,6 +50,8 @@ struct Place {
     deaths_ns: VecDeque<u64>,
     /// The incarnation that hung and was killed for it.
     hung: u32,
+    /// The incarnation that is killed, and whose death is awaited.
+    killed: u32,
     /// The incarnation that is to be replaced, since when, and whether it was told.
     leaving: Option<(u32, u64, bool)>,
 }
@@ -67,7 +69,8 @@ impl State {
     /// The slots that must be occupied. Each role with a state has a guest's slot beside, which is closed but for a swap.
     pub fn new(slots: &[Slot]) -> State {
         let life = Life::Vacant { due_ns: 0 };
-        let vacant = Place { life, was_ready: false, short_lives: 0, deaths_ns: VecDeque::new(), hung: 0, leaving: None };
+        let vacant =
+            Place { life, was_ready: false, short_lives: 0, deaths_ns: VecDeque::new(), hung: 0, killed: 0, leaving: None };
         let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
         let ladders: BTreeMap<Role, Ladder> = ladders.collect();
         let guests = ladders.keys().filter_map(|role| Slot::guest(*role));
@@ -112,6 +115,10 @@ impl State {
             _ => None,
         }
     }
+    /// The incarnation in a slot that is ready, and stays.
+    fn lasting(&self, slot: Slot) -> Option<u32> {
+        self.ready(slot).filter(|incarnation| self.places[&slot].killed != *incarnation)
+    }
     /// The other slot of a role with a spare, if this station has it.
     fn sibling(&self, slot: Slot) -> Option<Slot> {
         let of_two = is_replicated(slot.role()) && !slot.is_guest();
@@ -122,6 +129,18 @@ impl State {
 
 /// Takes an event, changes the state, says what to do.
 pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
+    let actions = decide(now_ns, event, state);
+    for action in &actions {
+        if let Action::Kill { slot, incarnation } | Action::Dismiss { slot, incarnation } = action
+            && let Some(place) = state.places.get_mut(slot)
+        {
+            place.killed = *incarnation;
+        }
+    }
+    actions
+}
+
+fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
     match event {
         Event::Started { adopted } => {
             for (slot, incarnation) in adopted {
@@ -168,7 +187,7 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             actions.extend(relieve(now_ns, state));
             actions
         }
-        Event::Bloated { slot, incarnation } => bloated(now_ns, slot, incarnation, state),
+        Event::Unfit { slot, incarnation, reason } => unfit(now_ns, slot, incarnation, reason, state),
         Event::SwapAsked { slot, incumbent } => swap::begin(now_ns, slot, incumbent, state),
         Event::SwapLeft(left) => swap::resume(now_ns, &left, state),
         Event::Agreed { incarnation } => swap::agreed(now_ns, incarnation, state),
@@ -191,8 +210,8 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
     }
 }
 
-fn bloated(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Action> {
-    let undone = swap::doubted(now_ns, incarnation, "it grows and grows", state);
+fn unfit(now_ns: u64, slot: Slot, incarnation: u32, reason: &str, state: &mut State) -> Vec<Action> {
+    let undone = swap::doubted(now_ns, incarnation, reason, state);
     if !undone.is_empty() || slot.is_guest() {
         return undone;
     }
@@ -218,7 +237,8 @@ fn spawn_due(now_ns: u64, state: &mut State) -> Vec<Action> {
     actions
 }
 
-/// Lets those go that have grown too large, each as soon as somebody else can do its work, or after a bounded wait.
+/// Lets those go that are unfit, each as soon as somebody else can do its work, or after a bounded wait. Two replicas that are unfit at the same
+/// instant, as two that leak alike, go one after the other.
 fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
     if state.stopping {
         return Vec::new();
@@ -227,7 +247,7 @@ fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
     let leaving: Vec<(Slot, (u32, u64, bool))> = state.places.iter().filter_map(leaving).collect();
     let mut actions = Vec::new();
     for (slot, (incarnation, since_ns, told)) in leaving {
-        let other = state.sibling(slot).and_then(|sibling| state.ready(sibling));
+        let other = state.sibling(slot).and_then(|sibling| state.lasting(sibling));
         let is_holder = state.ladders.get(&slot.role()).is_some_and(|ladder| ladder.holder() == incarnation);
         let patient = is_replicated(slot.role()) && now_ns.saturating_sub(since_ns) < LEAVE_WITHIN_NS;
         let action = match other {
@@ -239,6 +259,7 @@ fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
         if let Some(place) = state.places.get_mut(&slot) {
             let is_handed = matches!(action, Action::HandOver { .. });
             place.leaving = is_handed.then_some((incarnation, since_ns, true));
+            place.killed = if is_handed { place.killed } else { incarnation };
         }
         actions.push(action);
     }
@@ -300,7 +321,7 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
 fn bereave(now_ns: u64, slot: Slot, settled: bool, state: &mut State) -> Vec<Action> {
     let limits = limits(slot.role());
     let sibling = state.sibling(slot);
-    let alone = sibling.is_some_and(|sibling| !state.is_ready(sibling));
+    let alone = sibling.is_some_and(|sibling| state.lasting(sibling).is_none());
     let Some(place) = state.places.get_mut(&slot) else {
         return Vec::new();
     };
@@ -316,14 +337,27 @@ fn bereave(now_ns: u64, slot: Slot, settled: bool, state: &mut State) -> Vec<Act
         let end = matches!(slot.role(), Role::Hardware | Role::Device).then_some(1);
         return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
     }
+    let mistrusts = !settled && place.short_lives == limits.mistrust_after();
     let wait_ns = if too_many { limits.most_wait_ns } else { limits.wait_ns(place.short_lives) };
     place.life = Life::Vacant { due_ns: now_ns + wait_ns };
-    let Some((slot, other)) = sibling.and_then(|sibling| Some((sibling, state.places.get_mut(&sibling)?))) else {
-        return Vec::new();
-    };
-    if other.life != Life::GivenUp {
-        return Vec::new();
+    let mut actions = if mistrusts { mistrust(slot, state) } else { Vec::new() };
+    if let Some((slot, other)) = sibling.and_then(|sibling| Some((sibling, state.places.get_mut(&sibling)?)))
+        && other.life == Life::GivenUp
+    {
+        other.life = Life::Vacant { due_ns: now_ns + limits.most_wait_ns };
+        actions.push(Action::TryAgain { slot });
     }
-    other.life = Life::Vacant { due_ns: now_ns + limits.most_wait_ns };
-    vec![Action::TryAgain { slot }]
+    actions
+}
+
+/// What one process after the other dies of in a slot may be what they read, and then a fresh one of those who wrote it helps: of a role with a
+/// state whoever holds it, of the others all. Not during a swap, which has its own judge.
+fn mistrust(reader: Slot, state: &State) -> Vec<Action> {
+    let of_source = |slot: &&Slot| limits::sources(reader.role()).contains(&slot.role()) && !slot.is_guest();
+    let suspect = |slot: &Slot| {
+        let incarnation = state.ready(*slot)?;
+        let writes = state.ladders.get(&slot.role()).is_none_or(|ladder| ladder.holder() == incarnation);
+        writes.then_some(Action::Mistrust { slot: *slot, incarnation, reader })
+    };
+    if state.swap.is_some() { Vec::new() } else { state.places.keys().filter(of_source).filter_map(suspect).collect() }
 }

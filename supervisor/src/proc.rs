@@ -2,7 +2,7 @@
 
 use crate::suspicion::Thread;
 use hyst_exchange::{Station, system};
-use hyst_messages::Slot;
+use hyst_messages::{Role, Slot};
 use rustix::process::{Pid, Signal};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -97,10 +97,13 @@ fn state_letter(stat: &File) -> Option<u8> {
     text.get(close + 2).copied()
 }
 
-/// Demotes all threads of a process to the idle class, so that its tear-down disturbs nobody, and kills it.
-pub fn demote_and_kill(process: u32) {
-    for thread in threads(process) {
-        system::demote(thread); // refused without rights: then it ends at its old priority
+/// Kills a process, of a role if that is known. Before that, all of its threads are demoted to the idle class, so that its tear-down disturbs nobody; not those of the
+/// device: nobody does its work until it is gone, and in the idle class that took up to a second on a busy machine.
+pub fn end(role: Option<Role>, process: u32) {
+    if role != Some(Role::Device) {
+        for thread in threads(process) {
+            system::demote(thread); // refused without rights: then it ends at its old priority
+        }
     }
     signal(process, Signal::KILL);
 }

@@ -255,7 +255,8 @@ impl Supervisor {
         if let Some(text) = self.growth.sample(slot, incarnation, used) {
             journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {text}"));
             self.faults.late(slot, incarnation, now_ns, now_ns, "growth");
-            let actions = policy::step(now_ns, Event::Bloated { slot, incarnation }, &mut self.policy);
+            let unfit = Event::Unfit { slot, incarnation, reason: "it grows and grows" };
+            let actions = policy::step(now_ns, unfit, &mut self.policy);
             self.act(actions);
         }
     }

@@ -271,7 +271,7 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
             ward.blamed = true;
             // The hardware stands for a thing outside of the station: it is reported, but not killed for being late.
             if slot.role() != Role::Hardware {
-                proc::demote_and_kill(ward.pid);
+                proc::end(Some(slot.role()), ward.pid);
             }
             tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns });
         }

@@ -34,27 +34,29 @@ pub enum Mischief {
     Replay = 12,
     /// An epoch that is over.
     Epoch = 13,
+    /// Messages of another layout.
+    Layout = 14,
     /// Its states are flawed from now on, and so is what follows from them: whoever else takes the role with one of them dies of it.
-    Poison = 14,
+    Poison = 15,
     /// Whoever holds the role dies in its next step, whatever state it goes on from.
-    Doom = 15,
+    Doom = 16,
     /// The process takes memory at a rate, and gives it back only at the end of the request.
-    LeakMemory = 16,
+    LeakMemory = 17,
     /// It opens files at a rate, and closes them only at the end of the request.
-    LeakFiles = 17,
+    LeakFiles = 18,
     /// It loans a block of its stream in each step and never sends it.
-    LeakLoans = 18,
+    LeakLoans = 19,
     /// It takes all the memory that it is allowed.
-    Exhaust = 19,
+    Exhaust = 20,
     /// Whoever comes after it in its slot hangs in its start.
-    HangStart = 20,
+    HangStart = 21,
     /// Whoever comes after it in its slot ends with code 1 in its start.
-    CrashStart = 21,
+    CrashStart = 22,
 }
 
 impl Mischief {
     /// All of them.
-    pub const ALL: [Mischief; 21] = [
+    pub const ALL: [Mischief; 22] = [
         Mischief::Spin,
         Mischief::Block,
         Mischief::Slow,
@@ -68,6 +70,7 @@ impl Mischief {
         Mischief::Stamp,
         Mischief::Replay,
         Mischief::Epoch,
+        Mischief::Layout,
         Mischief::Poison,
         Mischief::Doom,
         Mischief::LeakMemory,
@@ -80,7 +83,7 @@ impl Mischief {
 
     /// Whether it concerns what is published, and not the thread.
     pub fn is_lie(self) -> bool {
-        (Mischief::Nan as u8..=Mischief::Epoch as u8).contains(&(self as u8))
+        (Mischief::Nan as u8..=Mischief::Layout as u8).contains(&(self as u8))
     }
 
     /// Whether it concerns a role with a state, and so the successors of whom is asked.

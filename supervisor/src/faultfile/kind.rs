@@ -46,6 +46,8 @@ pub enum FaultKind {
     Replay,
     /// Publishes under an epoch that is over.
     Epoch,
+    /// Publishes messages of another layout.
+    Layout,
     /// Publishes states that kill whoever else takes the role with them.
     Poison,
     /// Each holder of its role dies in its next step.
@@ -76,7 +78,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// All kinds with what they do.
-    pub const ALL: [(FaultKind, &'static str, &'static str); 31] = [
+    pub const ALL: [(FaultKind, &'static str, &'static str); 32] = [
         (FaultKind::Kill, "kill", "SIGKILL: the process is gone at once"),
         (FaultKind::Stop, "stop", "SIGSTOP: it hangs; continued after --for, if it still lives (default: never)"),
         (FaultKind::Cont, "cont", "SIGCONT: a stopped process goes on as a zombie of its former self"),
@@ -99,6 +101,7 @@ impl FaultKind {
         (FaultKind::Stamp, "stamp", "its stamp stands still, while its output goes on"),
         (FaultKind::Replay, "replay", "it publishes an old output again and again, as it was"),
         (FaultKind::Epoch, "epoch", "it publishes under an epoch that is over"),
+        (FaultKind::Layout, "layout", "its messages say that they are of another layout, as those of another build would"),
         (
             FaultKind::Poison,
             "poison",
@@ -178,6 +181,7 @@ impl FaultKind {
             FaultKind::Stamp => Mischief::Stamp,
             FaultKind::Replay => Mischief::Replay,
             FaultKind::Epoch => Mischief::Epoch,
+            FaultKind::Layout => Mischief::Layout,
             FaultKind::Poison => Mischief::Poison,
             FaultKind::Doom => Mischief::Doom,
             FaultKind::LeakMemory => Mischief::LeakMemory,
@@ -220,6 +224,9 @@ impl FaultKind {
             Role::Rendering | Role::Recorder if what.is_lie() => Some("it publishes nothing that another process computes from"),
             _ if what.is_lasting() && !is_stateful(role) => Some("it has no state that a successor goes on from"),
             Role::Device | Role::Haptic if what == Mischief::Epoch => Some("its output has no epoch"),
+            Role::Device | Role::Haptic if what == Mischief::Layout => {
+                Some("its output lies in its page, whose layout is checked once, before anybody follows it")
+            }
             Role::Console => Some("it is not part of this build"),
             _ => None,
         }

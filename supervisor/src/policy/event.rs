@@ -75,12 +75,14 @@ pub enum Event {
         /// Who.
         incarnation: u32,
     },
-    /// An incarnation grows and grows: it is to be replaced before the system kills it.
-    Bloated {
+    /// An incarnation works and is to be replaced, as soon as another can do its work.
+    Unfit {
         /// Where.
         slot: Slot,
         /// Who.
         incarnation: u32,
+        /// Why.
+        reason: &'static str,
     },
     /// Somebody asked for a swap that begins in this slot: a guest's, or that of the first process to be replaced.
     SwapAsked {
@@ -182,6 +184,15 @@ pub enum Action {
         role: Role,
         /// Whether the newcomer has the role.
         promoted: bool,
+    },
+    /// Whoever reads this incarnation's messages dies again and again: it may be what they read, so it is unfit.
+    Mistrust {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+        /// Who dies.
+        reader: Slot,
     },
     /// Give the role to this incarnation, which is its warm spare.
     HandOver {

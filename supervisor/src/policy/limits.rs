@@ -51,7 +51,23 @@ pub const fn is_stateful(role: Role) -> bool {
     matches!(role, Role::Tissue | Role::Fluid)
 }
 
+/// Roles whose streams a role reads. Its own is left out: of two that follow each other the ladder and the last one's right to live decide.
+pub const fn sources(role: Role) -> &'static [Role] {
+    match role {
+        Role::Tissue => &[Role::CollisionWorker],
+        Role::CollisionWorker | Role::Fluid => &[Role::Tissue],
+        Role::Rendering => &[Role::Tissue, Role::Fluid],
+        Role::Recorder => &[Role::Haptic],
+        _ => &[],
+    }
+}
+
 impl Limits {
+    /// Short lives in a row after which those are replaced whose streams it reads: half of what it is given.
+    pub const fn mistrust_after(&self) -> u32 {
+        self.most_short_lives / 2
+    }
+
     /// The wait after so many short lives in a row.
     pub const fn wait_ns(&self, short_lives: u32) -> u64 {
         if short_lives == 0 {

@@ -34,17 +34,12 @@ impl Supervisor {
                     {
                         Intent { deed: Deed::Kill, slot, incarnation }.declare(&self.page);
                         self.spawner.mortality.pass("kill-declared");
-                        let pid = living.pid;
-                        if slot.role() == Role::Device {
-                            // Nobody does its work meanwhile: in the idle class its end took up to a second on a busy machine.
-                            crate::proc::signal(pid, Signal::KILL);
-                        } else {
-                            crate::proc::demote_and_kill(pid);
-                        }
+                        crate::proc::end(Some(slot.role()), living.pid);
                         self.spawner.mortality.pass("kill-done");
                         Intent::clear(&self.page);
                     }
                 }
+                Action::Mistrust { slot, incarnation, reader } => self.mistrust(slot, incarnation, reader),
                 Action::HandOver { role, incarnation } => self.hand_over_role(role, incarnation),
                 Action::GoBack { role, ground } => self.go_back(role, ground),
                 Action::TryAgain { slot } => {
@@ -73,6 +68,17 @@ impl Supervisor {
             }
         };
         let actions = policy::step(system::now_ns(), event, &mut self.policy);
+        self.act(actions);
+    }
+
+    /// Has a process replaced whose readers die: it counts as a fault of its own.
+    fn mistrust(&mut self, slot: Slot, incarnation: u32, reader: Slot) {
+        let text = format!("{slot} (incarnation {incarnation}) is replaced: {reader} reads it and dies again and again");
+        journal::say(&self.station, &text);
+        let now_ns = system::now_ns();
+        self.faults.late(slot, incarnation, now_ns, now_ns, "readers");
+        let reason = "who reads it dies again and again";
+        let actions = policy::step(now_ns, Event::Unfit { slot, incarnation, reason }, &mut self.policy);
         self.act(actions);
     }
 

@@ -47,7 +47,7 @@ impl Supervisor {
     fn end_strays(&self) {
         let known = |living: &crate::remains::Living| living.name != "unregistered";
         for living in crate::remains::living(&self.station).iter().filter(|living| !known(living)) {
-            crate::proc::demote_and_kill(living.pid);
+            crate::proc::end(None, living.pid);
             journal::say(&self.station, &format!("process {} belonged to no slot and was ended", living.pid));
         }
     }
@@ -70,7 +70,7 @@ impl Supervisor {
             },
             Deed::Kill => {
                 if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()).filter(|_| entered) {
-                    crate::proc::demote_and_kill(living.pid);
+                    crate::proc::end(Some(slot.role()), living.pid);
                 }
                 "its end is finished"
             }

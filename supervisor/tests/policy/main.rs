@@ -1,13 +1,14 @@
 //! The policy against a million random histories: a small world that starts, kills, hangs and bloats processes as the policy's actions and the
 //! dice say, and looks after each event whether a promise was broken. A history that breaks one is named by its seed.
 
+mod by_hand;
 mod swaps;
 
 use hyst_messages::{Role, Slot};
 use hystation::policy::{
-    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, MOST_DOOMED, State, is_replicated, is_stateful, limits, step,
+    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, MOST_DOOMED, State, is_replicated, is_stateful, limits, sources, step,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Histories that are played.
 const HISTORIES: u64 = 1_000_000;
@@ -47,6 +48,10 @@ struct World {
     held: Vec<Role>,
     /// Those that are to leave, since when.
     leaving: BTreeMap<u32, u64>,
+    /// Those that were killed and are not dead yet.
+    killed: BTreeSet<u32>,
+    /// What comes is the answer to a hang.
+    hangs: bool,
     swap: Option<swaps::Seen>,
     dismissed: Vec<(Slot, u32)>,
     stopped: bool,
@@ -56,14 +61,30 @@ struct World {
 impl World {
     fn event(&mut self, state: &mut State, event: Event) {
         self.events += 1;
+        self.hangs = matches!(event, Event::HeartbeatLate { .. });
         for action in step(self.now_ns, event, state) {
+            let unfit = if let Action::Mistrust { slot, incarnation, .. } = action { Some((slot, incarnation)) } else { None };
             let handed = if let Action::HandOver { role, incarnation } = action { Some((role, incarnation)) } else { None };
             self.check(action);
             // The roster's word is seen at once.
             if let Some((role, incarnation)) = handed {
                 self.event(state, Event::Holds { role, incarnation });
             }
+            if let Some((slot, incarnation)) = unfit {
+                self.leaving.entry(incarnation).or_insert(self.now_ns);
+                self.event(state, Event::Unfit { slot, incarnation, reason: "its readers die" });
+            }
         }
+    }
+
+    /// One that is replaced because it is unfit has another beside it that stays, unless it waited too long for that.
+    fn check_relieved(&self, slot: Slot, incarnation: u32) {
+        let is_late = self.leaving.get(&incarnation).is_none_or(|since_ns| self.now_ns - since_ns >= LEAVE_WITHIN_NS);
+        let stays = |(other, (alive, ready)): (&Slot, &(u32, bool))| {
+            other.role() == slot.role() && *other != slot && *ready && !self.killed.contains(alive)
+        };
+        let alone = !self.alive.iter().any(stays);
+        assert!(self.hangs || is_late || !is_replicated(slot.role()) || !alone, "{slot} is replaced while nobody else can work");
     }
 
     fn check(&mut self, action: Action) {
@@ -95,7 +116,15 @@ impl World {
             }
             Action::Kill { slot, incarnation } => {
                 assert_eq!(self.alive.get(&slot).map(|(alive, _)| *alive), Some(incarnation), "kill of somebody else");
-                self.leaving.remove(&incarnation);
+                self.check_relieved(slot, incarnation);
+                self.killed.insert(incarnation);
+                if !self.hangs {
+                    self.leaving.remove(&incarnation);
+                }
+            }
+            Action::Mistrust { slot, incarnation, reader } => {
+                assert_eq!(self.alive.get(&slot), Some(&(incarnation, true)), "mistrust of one that is not there");
+                assert!(sources(reader.role()).contains(&slot.role()), "{reader} does not read {slot}");
             }
             Action::HandOver { role, incarnation } => {
                 let spare = self.alive.iter().find(|(slot, (alive, _))| slot.role() == role && *alive == incarnation);
@@ -171,14 +200,14 @@ impl World {
             }
             (9, Some((incarnation, true))) => {
                 self.leaving.entry(incarnation).or_insert(self.now_ns);
-                self.event(state, Event::Bloated { slot, incarnation });
+                self.event(state, Event::Unfit { slot, incarnation, reason: "it grows" });
             }
             (10, _) => {
                 let stranger = living.map_or(0, |(incarnation, _)| incarnation) + 1_000;
                 self.event(state, Event::Died { slot, incarnation: stranger, exit: Exit::Unknown });
                 self.event(state, Event::HeartbeatLate { slot, incarnation: stranger });
                 self.event(state, Event::Ready { slot, incarnation: stranger });
-                self.event(state, Event::Bloated { slot, incarnation: stranger });
+                self.event(state, Event::Unfit { slot, incarnation: stranger, reason: "it grows" });
             }
             _ => self.event(state, Event::Tick),
         }
@@ -267,109 +296,4 @@ fn no_history_breaks_a_promise() {
     });
     println!("{HISTORIES} histories, {events} events, {:.1} s", began.elapsed().as_secs_f64());
     assert!(events > HISTORIES);
-}
-
-fn alive(slot: Slot) -> (World, State) {
-    let mut state = State::new(&[slot]);
-    let mut world = World::default();
-    world.event(&mut state, Event::Started { adopted: Vec::new() });
-    world.settle_pending(&mut state, true);
-    (world, state)
-}
-
-#[test]
-fn a_settled_process_comes_back_at_once_however_often_it_is_killed() {
-    let slot = Slot::first(Role::Haptic);
-    let (mut world, mut state) = alive(slot);
-    for _ in 0..200 {
-        let incarnation = world.alive[&slot].0;
-        world.event(&mut state, Event::Ready { slot, incarnation });
-        world.now_ns += 2 * limits(Role::Haptic).settled_ns;
-        world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(9) });
-        assert_eq!(world.pending, [slot], "respawned in the same event");
-        world.settle_pending(&mut state, true);
-    }
-}
-
-#[test]
-fn a_process_that_dies_of_its_input_waits_longer_each_time_and_is_given_up() {
-    let slot = Slot::first(Role::Rendering);
-    let (mut world, mut state) = alive(slot);
-    let mut waits_ns = Vec::new();
-    while world.given_up.is_empty() {
-        let died_ns = world.now_ns;
-        world.event(&mut state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Signal(11) });
-        while world.pending.is_empty() && world.given_up.is_empty() {
-            world.now_ns += 1_000_000;
-            world.event(&mut state, Event::Tick);
-        }
-        waits_ns.push(world.now_ns - died_ns);
-        world.settle_pending(&mut state, true);
-    }
-    let limits = limits(Role::Rendering);
-    assert_eq!(waits_ns.len(), limits.most_short_lives as usize);
-    let expected: Vec<u64> = (1..limits.most_short_lives).map(|lives| limits.wait_ns(lives)).collect();
-    assert_eq!(waits_ns[..waits_ns.len() - 1], expected);
-}
-
-#[test]
-fn an_engine_that_refuses_the_scene_ends_the_station_with_code_2_and_only_at_its_start() {
-    let slot = Slot::first(Role::Tissue);
-    let (mut world, mut state) = alive(slot);
-    let incarnation = world.alive[&slot].0;
-    let actions = step(0, Event::Died { slot, incarnation, exit: Exit::Code(2) }, &mut state);
-    assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::GiveUp { end: Some(2), .. }]), "{actions:?}");
-    let (mut later, mut state) = alive(slot);
-    later.event(&mut state, Event::Ready { slot, incarnation });
-    world.now_ns += limits(Role::Tissue).settled_ns;
-    let actions = step(world.now_ns, Event::Died { slot, incarnation, exit: Exit::Code(2) }, &mut state);
-    assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::Spawn { .. }]), "{actions:?}");
-}
-
-#[test]
-fn the_same_state_that_kills_every_holder_is_left_for_an_older_one_and_then_held() {
-    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
-    let mut state = State::new(&slots);
-    let mut world = World { now_ns: 100_000_000_000, ..World::default() };
-    world.event(&mut state, Event::Started { adopted: Vec::new() });
-    let mut tenures = 0;
-    while world.held.is_empty() {
-        while !world.pending.is_empty() {
-            world.settle_pending(&mut state, true);
-        }
-        let Some((slot, incarnation)) = world.alive.iter().map(|(slot, (incarnation, _))| (*slot, *incarnation)).next() else {
-            world.now_ns += 10_000_000;
-            world.event(&mut state, Event::Tick);
-            continue;
-        };
-        world.event(&mut state, Event::Holds { role: Role::Tissue, incarnation });
-        world.now_ns += 1_000_000;
-        world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(11) });
-        tenures += 1;
-        assert!(tenures < 100, "it never ends");
-    }
-    assert_eq!(
-        tenures,
-        3 * MOST_DOOMED + 2,
-        "three rungs, and of the last two the first holder was there before the ground was known"
-    );
-    assert_eq!(world.given_up, [], "the last of its role is not given up");
-}
-
-#[test]
-fn one_that_grows_too_large_hands_over_first_and_is_killed_then() {
-    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
-    let mut state = State::new(&slots);
-    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
-    step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
-    let actions = step(1, Event::Bloated { slot: slots[0], incarnation: 1 }, &mut state);
-    assert_eq!(actions, [Action::HandOver { role: Role::Tissue, incarnation: 2 }]);
-    assert_eq!(step(2, Event::Tick, &mut state), [], "it waits for the spare");
-    let actions = step(3, Event::Holds { role: Role::Tissue, incarnation: 2 }, &mut state);
-    assert_eq!(actions, [Action::Kill { slot: slots[0], incarnation: 1 }]);
-    // Alone, it waits for a spare, but not for ever.
-    step(4, Event::Died { slot: slots[0], incarnation: 1, exit: Exit::Signal(9) }, &mut state);
-    assert_eq!(step(5, Event::Bloated { slot: slots[1], incarnation: 2 }, &mut state), []);
-    let actions = step(5 + LEAVE_WITHIN_NS, Event::Tick, &mut state);
-    assert!(actions.contains(&Action::Kill { slot: slots[1], incarnation: 2 }), "{actions:?}");
 }

@@ -104,6 +104,7 @@ impl Lies {
             Mischief::Stamp => record.stamp_like(&old),
             Mischief::Replay => *record = old,
             Mischief::Epoch => record.go_back(),
+            Mischief::Layout => {} // that of a page is said once, when it is opened
             what => record.spoil(number_of(what)),
         }
     }
@@ -129,6 +130,8 @@ impl Lies {
             Mischief::Epoch => {
                 change_header(message, |header| *header = StreamHeader { epoch: now.epoch.saturating_sub(1), ..*header });
             }
+            // As an engine would send that was built from another source: everything else in it is right.
+            Mischief::Layout => change_header(message, |header| header.layout = !header.layout),
             what => spoil_sections(message, number_of(what)),
         }
     }
@@ -170,7 +173,7 @@ fn section_range(message: &[u8], index: usize) -> Option<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::stream::{Kind, Message, MessageMut, message_bytes};
+    use hyst_messages::stream::{Kind, Message, MessageMut, WireError, message_bytes};
 
     fn lies() -> Lies {
         Lies { old: Vec::with_capacity(4096), of: None }
@@ -205,6 +208,15 @@ mod tests {
         let mut model = ContactModel { epoch: 4, ..Default::default() };
         lies().tell_of(&request(Mischief::Epoch), &mut model);
         assert_eq!(model.epoch, 3);
+    }
+
+    #[test]
+    fn a_message_of_another_layout_is_one_that_nobody_reads() {
+        let mut memory = vec![0u64; message_bytes(&[8]) / 8];
+        MessageMut::format(bytemuck::cast_slice_mut(&mut memory), Kind::Contacts, StreamHeader::default(), &[8]).unwrap();
+        lies().tell_message_of(&request(Mischief::Layout), bytemuck::cast_slice_mut(&mut memory));
+        let refused = Message::parse(bytemuck::cast_slice(&memory), Kind::Contacts).unwrap_err();
+        assert!(matches!(refused, WireError::Layout(found, own) if found == !own), "{refused}");
     }
 
     #[test]

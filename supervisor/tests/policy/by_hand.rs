@@ -1,0 +1,148 @@
+//! Single histories whose end is known: who comes back when, who is given up, who goes first.
+
+use super::*;
+
+fn alive(slot: Slot) -> (World, State) {
+    let mut state = State::new(&[slot]);
+    let mut world = World::default();
+    world.event(&mut state, Event::Started { adopted: Vec::new() });
+    world.settle_pending(&mut state, true);
+    (world, state)
+}
+
+#[test]
+fn a_settled_process_comes_back_at_once_however_often_it_is_killed() {
+    let slot = Slot::first(Role::Haptic);
+    let (mut world, mut state) = alive(slot);
+    for _ in 0..200 {
+        let incarnation = world.alive[&slot].0;
+        world.event(&mut state, Event::Ready { slot, incarnation });
+        world.now_ns += 2 * limits(Role::Haptic).settled_ns;
+        world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(9) });
+        assert_eq!(world.pending, [slot], "respawned in the same event");
+        world.settle_pending(&mut state, true);
+    }
+}
+
+#[test]
+fn a_process_that_dies_of_its_input_waits_longer_each_time_and_is_given_up() {
+    let slot = Slot::first(Role::Rendering);
+    let (mut world, mut state) = alive(slot);
+    let mut waits_ns = Vec::new();
+    while world.given_up.is_empty() {
+        let died_ns = world.now_ns;
+        world.event(&mut state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Signal(11) });
+        while world.pending.is_empty() && world.given_up.is_empty() {
+            world.now_ns += 1_000_000;
+            world.event(&mut state, Event::Tick);
+        }
+        waits_ns.push(world.now_ns - died_ns);
+        world.settle_pending(&mut state, true);
+    }
+    let limits = limits(Role::Rendering);
+    assert_eq!(waits_ns.len(), limits.most_short_lives as usize);
+    let expected: Vec<u64> = (1..limits.most_short_lives).map(|lives| limits.wait_ns(lives)).collect();
+    assert_eq!(waits_ns[..waits_ns.len() - 1], expected);
+}
+
+#[test]
+fn an_engine_that_refuses_the_scene_ends_the_station_with_code_2_and_only_at_its_start() {
+    let slot = Slot::first(Role::Tissue);
+    let (mut world, mut state) = alive(slot);
+    let incarnation = world.alive[&slot].0;
+    let actions = step(0, Event::Died { slot, incarnation, exit: Exit::Code(2) }, &mut state);
+    assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::GiveUp { end: Some(2), .. }]), "{actions:?}");
+    let (mut later, mut state) = alive(slot);
+    later.event(&mut state, Event::Ready { slot, incarnation });
+    world.now_ns += limits(Role::Tissue).settled_ns;
+    let actions = step(world.now_ns, Event::Died { slot, incarnation, exit: Exit::Code(2) }, &mut state);
+    assert!(matches!(actions[..], [Action::MarkDead { .. }, Action::Spawn { .. }]), "{actions:?}");
+}
+
+#[test]
+fn the_same_state_that_kills_every_holder_is_left_for_an_older_one_and_then_held() {
+    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let mut state = State::new(&slots);
+    let mut world = World { now_ns: 100_000_000_000, ..World::default() };
+    world.event(&mut state, Event::Started { adopted: Vec::new() });
+    let mut tenures = 0;
+    while world.held.is_empty() {
+        while !world.pending.is_empty() {
+            world.settle_pending(&mut state, true);
+        }
+        let Some((slot, incarnation)) = world.alive.iter().map(|(slot, (incarnation, _))| (*slot, *incarnation)).next() else {
+            world.now_ns += 10_000_000;
+            world.event(&mut state, Event::Tick);
+            continue;
+        };
+        world.event(&mut state, Event::Holds { role: Role::Tissue, incarnation });
+        world.now_ns += 1_000_000;
+        world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(11) });
+        tenures += 1;
+        assert!(tenures < 100, "it never ends");
+    }
+    assert_eq!(
+        tenures,
+        3 * MOST_DOOMED + 2,
+        "three rungs, and of the last two the first holder was there before the ground was known"
+    );
+    assert_eq!(world.given_up, [], "the last of its role is not given up");
+}
+
+#[test]
+fn one_that_grows_too_large_hands_over_first_and_is_killed_then() {
+    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let mut state = State::new(&slots);
+    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+    step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+    let actions = step(1, Event::Unfit { slot: slots[0], incarnation: 1, reason: "it grows" }, &mut state);
+    assert_eq!(actions, [Action::HandOver { role: Role::Tissue, incarnation: 2 }]);
+    assert_eq!(step(2, Event::Tick, &mut state), [], "it waits for the spare");
+    let actions = step(3, Event::Holds { role: Role::Tissue, incarnation: 2 }, &mut state);
+    assert_eq!(actions, [Action::Kill { slot: slots[0], incarnation: 1 }]);
+    // Alone, it waits for a spare, but not for ever.
+    step(4, Event::Died { slot: slots[0], incarnation: 1, exit: Exit::Signal(9) }, &mut state);
+    assert_eq!(step(5, Event::Unfit { slot: slots[1], incarnation: 2, reason: "it grows" }, &mut state), []);
+    let actions = step(5 + LEAVE_WITHIN_NS, Event::Tick, &mut state);
+    assert!(actions.contains(&Action::Kill { slot: slots[1], incarnation: 2 }), "{actions:?}");
+}
+
+#[test]
+fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
+    let slots = [Slot::new(Role::Haptic, 0).unwrap(), Slot::new(Role::Haptic, 1).unwrap()];
+    let mut state = State::new(&slots);
+    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+    let grows = |slot, incarnation| Event::Unfit { slot, incarnation, reason: "it grows" };
+    let now_ns = 2 * limits(Role::Haptic).settled_ns;
+    assert_eq!(step(now_ns, grows(slots[0], 1), &mut state), [Action::Kill { slot: slots[0], incarnation: 1 }]);
+    assert_eq!(step(now_ns, grows(slots[1], 2), &mut state), [], "it is the last one");
+    let actions = step(now_ns, Event::Died { slot: slots[0], incarnation: 1, exit: Exit::Signal(9) }, &mut state);
+    assert!(actions.contains(&Action::Spawn { slot: slots[0] }), "{actions:?}");
+    step(now_ns, Event::Spawned { slot: slots[0], incarnation: 3 }, &mut state);
+    assert_eq!(step(now_ns, Event::Tick, &mut state), [], "its successor is not ready");
+    step(now_ns, Event::Ready { slot: slots[0], incarnation: 3 }, &mut state);
+    assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Kill { slot: slots[1], incarnation: 2 }]);
+}
+
+#[test]
+fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
+    let tissue = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let reader = Slot::first(Role::Fluid);
+    let mut state = State::new(&[tissue[0], tissue[1], reader]);
+    step(0, Event::Started { adopted: vec![(tissue[0], 1), (tissue[1], 2), (reader, 3)] }, &mut state);
+    step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+    let (mut now_ns, mut incarnation, mut mistrusted) = (0, 3, Vec::new());
+    for lives in 1..limits(Role::Fluid).most_short_lives {
+        let actions = step(now_ns, Event::Died { slot: reader, incarnation, exit: Exit::Signal(11) }, &mut state);
+        mistrusted.extend(actions.iter().any(|action| matches!(action, Action::Mistrust { .. })).then_some(lives));
+        if lives == limits(Role::Fluid).mistrust_after() {
+            assert!(actions.contains(&Action::Mistrust { slot: tissue[0], incarnation: 1, reader }), "{actions:?}");
+            assert!(!actions.iter().any(|action| matches!(action, Action::Mistrust { slot, .. } if *slot == tissue[1])));
+        }
+        now_ns += limits(Role::Fluid).most_wait_ns;
+        step(now_ns, Event::Tick, &mut state);
+        incarnation += 1;
+        step(now_ns, Event::Spawned { slot: reader, incarnation }, &mut state);
+    }
+    assert_eq!(mistrusted, [limits(Role::Fluid).mistrust_after()], "once in a row of short lives");
+}
