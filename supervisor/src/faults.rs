@@ -81,6 +81,11 @@ impl Faults {
         self.closed.iter().chain(&self.open.faults)
     }
 
+    /// Whether the death of an incarnation is known.
+    pub fn knows_dead(&self, slot: Slot, incarnation: u32) -> bool {
+        self.all().any(|fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, true))
+    }
+
     /// The incarnation that does the role's work, as it was last seen; 0 if none was.
     pub fn active_incarnation(&self, role: Role) -> u32 {
         self.active.active_at(u64::MAX, role)

@@ -158,7 +158,7 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             swap::spawned(now_ns, slot, incarnation, state)
         }
         Event::SpawnFailed { slot } => match state.places.get_mut(&slot).filter(|place| place.life == Life::Spawning) {
-            Some(_) => swap::spawn_failed(slot, state).unwrap_or_else(|| bereave(now_ns, slot, false, state)),
+            Some(_) => swap::spawn_failed(slot, state).unwrap_or_else(|| bereave(now_ns, slot, End::NotStarted, state)),
             None => Vec::new(),
         },
         Event::Ready { slot, incarnation } => {
@@ -312,20 +312,38 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         }
     }
     let settled = ready_ns.is_some_and(|ready_ns| now_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
-    actions.extend(bereave(now_ns, slot, settled, state));
+    let end = match (settled, by_itself) {
+        (true, _) => End::Settled,
+        (false, true) => End::OfItself,
+        (false, false) => End::Killed,
+    };
+    actions.extend(bereave(now_ns, slot, end, state));
     actions.extend(spawn_due(now_ns, state));
     actions
 }
 
+/// How a life ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// After it had served for long enough.
+    Settled,
+    /// Soon, by a crash or a hang.
+    OfItself,
+    /// Soon, by somebody else.
+    Killed,
+    /// It never began.
+    NotStarted,
+}
+
 /// Books a death and says when the next incarnation is due, or that there will be none.
-fn bereave(now_ns: u64, slot: Slot, settled: bool, state: &mut State) -> Vec<Action> {
+fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> {
     let limits = limits(slot.role());
     let sibling = state.sibling(slot);
     let alone = sibling.is_some_and(|sibling| state.lasting(sibling).is_none());
     let Some(place) = state.places.get_mut(&slot) else {
         return Vec::new();
     };
-    place.short_lives = if settled { 0 } else { (place.short_lives + 1).min(limits.most_short_lives) };
+    place.short_lives = if end == End::Settled { 0 } else { (place.short_lives + 1).min(limits.most_short_lives) };
     place.deaths_ns.push_back(now_ns);
     while place.deaths_ns.front().is_some_and(|death_ns| now_ns.saturating_sub(*death_ns) > limits.window_ns) {
         place.deaths_ns.pop_front();
@@ -337,7 +355,8 @@ fn bereave(now_ns: u64, slot: Slot, settled: bool, state: &mut State) -> Vec<Act
         let end = matches!(slot.role(), Role::Hardware | Role::Device).then_some(1);
         return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
     }
-    let mistrusts = !settled && place.short_lives == limits.mistrust_after();
+    // One that never was ready died of itself: of its driver, of its disk.
+    let mistrusts = end == End::OfItself && place.was_ready && place.short_lives == limits.mistrust_after();
     let wait_ns = if too_many { limits.most_wait_ns } else { limits.wait_ns(place.short_lives) };
     place.life = Life::Vacant { due_ns: now_ns + wait_ns };
     let mut actions = if mistrusts { mistrust(slot, state) } else { Vec::new() };

@@ -136,7 +136,7 @@ impl Spawner {
         let second = log.try_clone().map_err(|e| fail(&log_path, e))?;
         let spawned_ns = system::now_ns();
         // Without pre_exec the standard library uses posix_spawn, which does not copy this process.
-        let child = Command::new(&binary)
+        let mut child = Command::new(&binary)
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
             // The software rasterizer on one thread and no layers that search for devices: pictures give way to the engines.
             .envs([("LP_NUM_THREADS", "1"), ("NODEVICE_SELECT", "1")])
@@ -152,7 +152,11 @@ impl Spawner {
         self.mortality.pass("spawn-started");
         self.enter(slot, incarnation, child.id());
         self.mortality.pass("spawn-entered");
-        self.watch(slot, incarnation, child.id(), spawned_ns)
+        // Nobody would see it die, and its slot would be filled again.
+        self.watch(slot, incarnation, child.id(), spawned_ns).inspect_err(|_| {
+            let _ = child.kill().and_then(|()| child.wait()); // one that has ended already is as good
+            self.mark_dead(slot, incarnation);
+        })
     }
 
     /// Says in the station page who is in the slot.

@@ -9,7 +9,7 @@ use hyst_engine::realtime::WATCH_PRIORITY;
 use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::page::{ProcessState, header, station as layout};
 use hyst_messages::{Role, SLOTS, Slot, TICK_NS};
-use rustix::event::{EventfdFlags, Timespec, epoll};
+use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, epoll};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -40,6 +40,8 @@ pub struct Ward {
     /// Process id.
     pub pid: u32,
     pidfd: OwnedFd,
+    /// The set of descriptors does not have it: it is asked about at each look.
+    apart: bool,
     page: ReadPage,
     spawned_ns: u64,
     ready: bool,
@@ -56,7 +58,21 @@ impl Ward {
     pub fn new(slot: Slot, incarnation: u32, pid: u32, pidfd: OwnedFd, page: ReadPage, spawned_ns: u64) -> Ward {
         let gauge = Gauge::new(slot.role());
         let thread = ThreadFiles::open(pid);
-        Ward { slot, incarnation, pid, pidfd, page, spawned_ns, ready: false, blamed: false, gauge, thread, moved: 0, beat_ns: 0 }
+        Ward {
+            slot,
+            incarnation,
+            pid,
+            pidfd,
+            apart: false,
+            page,
+            spawned_ns,
+            ready: false,
+            blamed: false,
+            gauge,
+            thread,
+            moved: 0,
+            beat_ns: 0,
+        }
     }
 }
 
@@ -158,7 +174,8 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
         let now_ns = system::now_ns();
         // A dead one's descriptor leaves the set when it is closed with the ward.
         wards.retain(|ward| {
-            let is_dead = ready.iter().any(|event| event.data.u64() == ward.incarnation as u64);
+            let is_dead =
+                ready.iter().any(|event| event.data.u64() == ward.incarnation as u64) || ward.apart && has_ended(&ward.pidfd);
             if is_dead {
                 mark_dead(page, ward);
                 let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
@@ -176,14 +193,20 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
         }
         if ready.iter().any(|event| event.data.u64() == BELL) {
             let _ = rustix::io::read(bell, &mut [0u8; 8]);
-            for ward in arrivals.try_iter() {
-                // Refused only without memory: then its death is seen by its silence.
-                let _ = epoll::add(set, &ward.pidfd, epoll::EventData::new_u64(ward.incarnation as u64), epoll::EventFlags::IN);
+            for mut ward in arrivals.try_iter() {
+                let data = epoll::EventData::new_u64(ward.incarnation as u64);
+                ward.apart = epoll::add(set, &ward.pidfd, data, epoll::EventFlags::IN).is_err(); // without memory
                 mark_suspect(page, &ward, false); // a supervisor that died may have left its opinion
                 wards.push(ward);
             }
         }
     }
+}
+
+/// Whether a process has ended, by its descriptor.
+fn has_ended(pidfd: &OwnedFd) -> bool {
+    let mut asked = [PollFd::new(pidfd, PollFlags::IN)];
+    rustix::event::poll(&mut asked, Some(&Timespec::default())).is_ok_and(|count| count > 0)
 }
 
 /// Waits for a death, a newcomer or the time of the next look; `ready` has what happened.

@@ -156,8 +156,9 @@ impl Station {
         let Some(processes) = status["processes"].as_array() else { return false };
         let named = |name: &str| processes.iter().any(|process| process["name"] == name);
         let well = |process: &Value| matches!(process["state"].as_str(), Some("live" | "spare"));
-        ["device", "haptic:1", "tissue:1", "fluid:1", "rendering", "recorder"].into_iter().all(named)
-            && processes.iter().all(well)
+        let last = if self.words.iter().any(|word| word == "spares=off") { 0 } else { 1 };
+        let spares = ["haptic", "tissue", "fluid"].into_iter().all(|role| named(&format!("{role}:{last}")));
+        spares && ["device", "rendering", "recorder"].into_iter().all(named) && processes.iter().all(well)
     }
 
     /// Waits until the station is whole.

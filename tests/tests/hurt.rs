@@ -42,7 +42,7 @@ const STEP_MARGIN_N: f64 = 0.05;
 const TRIES: usize = 5;
 
 /// Outputs that are wrong, each in its own way.
-const KINDS: [&str; 8] = ["nan", "inf", "range", "stamp", "replay", "epoch", "frozen", "layout"];
+const KINDS: [&str; 9] = ["nan", "inf", "range", "stamp", "replay", "epoch", "frozen", "layout", "ahead"];
 
 fn excess(fault: &Value) -> Option<f64> {
     Some(fault["window"]["missed"].as_f64()? - fault["control"]["missed"].as_f64()?)
@@ -199,7 +199,7 @@ fn lie<'a>(station: &Station, kind: &'a str, target: &str) -> (&'a str, u64) {
     panic!("{kind} {target}: the role changes hands all the time\n{}", station.said());
 }
 
-/// NaN, infinity, out of range, an output that stands still, a stamp that stands still, an old output, an epoch that is over, another layout: never
+/// NaN, infinity, out of range, an output that stands still, a stamp that stands still, an old output, an epoch that is over or still to come, another layout: never
 /// applied, found by whoever reads it, its writer replaced, and the station whole again.
 #[test]
 fn wrong_output_is_refused_by_its_reader_and_never_applied() {

@@ -21,6 +21,8 @@ const ALLOWED_SHARE: f64 = 0.05;
 /// Ticks between two kills: room for a fault window and a control window.
 const BETWEEN_TICKS: u64 = 220;
 
+/// Force that is felt, N.
+const FELT_N: f64 = 0.2;
 /// Force step that a fault may make beyond its control's, N.
 const STEP_MARGIN_N: f64 = 0.05;
 /// Misses that the death of the device itself may cost beyond its control: the hardware holds and ramps for 20 ms.
@@ -182,6 +184,28 @@ fn assert_touched<T: PartialEq + std::fmt::Debug>(station: &Station, before: &[T
 }
 
 /// The supervisor dies and is started again; the engines keep their processes.
+/// Without spares a death is felt: the force fades by the age of the contact model, or for want of a servo. Each is back by itself all the same, and
+/// nothing wrong is applied meanwhile.
+#[test]
+fn without_spares_every_process_comes_back_too() {
+    let station = Station::start("alone", &["--hand", "script:press", "--set", "spares=off"]);
+    let killed = ["haptic", "tissue", "fluid", "collision-worker"];
+    for role in killed {
+        station.pass_ticks(2 * BETWEEN_TICKS);
+        let (name, pid) = station.victim(&format!("{role}:0"));
+        assert_eq!(station.processes(role).len(), if role == "collision-worker" { 2 } else { 1 }, "{name}: {}", station.status());
+        station.signal(pid, rustix::process::Signal::KILL);
+        station.wait_until_gone(pid);
+        station.recover();
+        let felt = wait_for(RECOVERY_LIMIT, || (station.force_n() > FELT_N).then_some(()));
+        assert!(felt.is_some(), "nothing is felt after the death of {name}\n{}", station.said());
+    }
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+    assert!(ended.died_unasked().len() >= killed.len(), "{}", ended.said);
+}
+
 #[test]
 fn the_supervisors_death_changes_nothing_for_the_engines() {
     let station = Station::start("supervisor", &["--hand", "script:press"]);

@@ -2,9 +2,10 @@
 //! whatever the number of collision workers. Everything here is compared with a run of the same station, so nothing depends on the machine.
 
 use serde_json::Value;
-use station_tests::{Folder, hystation, run};
+use station_tests::{Folder, hystation, run, wait_for};
 use std::path::PathBuf;
 use std::sync::OnceLock;
+use std::time::Duration;
 
 /// Virtual time of a run: the hand rests for 1 s, then presses into the wall and comes back.
 const FOR: &str = "2500ms";
@@ -12,6 +13,9 @@ const FOR: &str = "2500ms";
 const TICKS: u64 = 2_500;
 /// Nothing else is needed for what is compared; the whole station is the business of the last test.
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker";
+
+/// A run takes some seconds.
+const LIMIT: Duration = Duration::from_secs(180);
 
 /// What must be equal.
 #[derive(Debug, PartialEq)]
@@ -137,6 +141,48 @@ fn kills_leave_no_trace_for_1_2_3_and_8_workers() {
         }
         assert_eq!(trace(&report), *quiet(), "{workers} workers");
     }
+}
+
+/// The sequencer's own faults come while everybody rests. These come from outside, at any moment: in a step, before it is sent, while another is not
+/// back. One of a role at a time: what both replicas took with them is gone.
+#[test]
+fn kills_at_any_moment_leave_no_trace() {
+    let folder = Folder::new("lockstep-moments");
+    let path = folder.as_path().join("report.json");
+    let station = format!("l{}-moments", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &station, "run", "--headless", "--lockstep", "--roles", ROLES, "--for", FOR, "--report"]).arg(&path);
+    let log = std::fs::File::create(folder.as_path().join("said")).unwrap();
+    let mut child = command.stdout(std::process::Stdio::null()).stderr(log).spawn().unwrap();
+    let mut dice = 1_u64;
+    let code = wait_for(LIMIT, || {
+        dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let (_, status, _) = run(hystation().args(["--name", &station, "status", "--json"]));
+        let status: Value = serde_json::from_str(&status).unwrap_or_default();
+        let processes = status["processes"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let of = |process: &Value, role: &str| process["name"].as_str().is_some_and(|name| name.starts_with(role));
+        let role = ["collision-worker", "fluid", "tissue", "haptic"][(dice >> 33) as usize % 4];
+        let mut victims = processes.iter().filter(|process| of(process, role));
+        let whole = victims.clone().count() == 2 && victims.clone().all(|process| process["state"] != "dead" && is_well(process));
+        let at = (dice >> 40) as usize % 2;
+        if let Some(pid) =
+            victims.nth(at).filter(|_| whole).and_then(|victim| rustix::process::Pid::from_raw(victim["pid"].as_i64()? as i32))
+        {
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL); // gone is as good
+        }
+        child.try_wait().unwrap().map(|status| status.code())
+    });
+    let said = folder.read("said");
+    assert_eq!(code, Some(Some(0)), "{said}");
+    let report: Value = serde_json::from_str(&folder.read("report.json")).unwrap();
+    let died = report["faults"].as_array().unwrap().iter().filter(|fault| fault["exit"] == "signal 9").count();
+    println!("{died} were killed");
+    assert!(died >= 5, "{died} were killed\n{said}");
+    assert_eq!(trace(&report), *quiet(), "{said}");
+}
+
+fn is_well(process: &Value) -> bool {
+    matches!(process["state"].as_str(), Some("live" | "spare"))
 }
 
 /// What hangs is found by its heartbeat, killed, and leaves no trace either; nor do the rendering and the recorder beside.

@@ -3,10 +3,11 @@
 //! distrusted; what has a lower epoch than one seen before is fenced.
 
 use hyst_engine::Life;
+use hyst_exchange::roster::Roster;
 use hyst_exchange::{OwnedPage, ReadPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{ContactModel, FluidStatus, MAX_PLANES};
+use hyst_messages::{ContactModel, FluidStatus, MAX_PLANES, Role};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -38,8 +39,8 @@ struct Fluid {
 }
 
 /// Pages of the tissues and fluids, and what is in use of theirs.
-#[derive(Default)]
 pub struct Models {
+    roster: Option<Roster>,
     tissues: [Option<Tissue>; TISSUES],
     newest: ContactModel,
     fluids: [Option<Fluid>; FLUIDS],
@@ -48,6 +49,18 @@ pub struct Models {
 }
 
 impl Models {
+    /// No pages yet. Without a roster, which may be damaged when the device starts, epochs are only compared with each other.
+    pub fn new(roster: Option<Roster>) -> Models {
+        Models {
+            roster,
+            tissues: Default::default(),
+            newest: ContactModel::default(),
+            fluids: Default::default(),
+            pressure_pa: 0.0,
+            pressure_tick: 0,
+        }
+    }
+
     /// Takes the page of a new incarnation; gives back the one before.
     pub fn seat(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
         match self.tissues.get_mut(index) {
@@ -99,8 +112,13 @@ impl Models {
             let Some((number, model)) = tissue.page.cell(tissue::MODEL) else { continue };
             tissue.number = number;
             let key = (model.epoch, model.state_tick);
-            let risen = key > std::mem::replace(&mut tissue.key, key);
-            let verdict = if risen { judge_model(&model, &life.page, tick) } else { Err(Distrust::Still) };
+            // An epoch that nobody has won would shut out all that come after it.
+            let is_ahead = |roster: &Roster| roster.is_outrun_by(Role::Tissue, key, MOST_AHEAD_TICKS, &life.clock);
+            let verdict = match () {
+                () if self.roster.as_ref().is_some_and(is_ahead) => Err(Distrust::Invalid),
+                () if key <= std::mem::replace(&mut tissue.key, key) => Err(Distrust::Still),
+                () => judge_model(&model, &life.page, tick),
+            };
             if let Err(why) = verdict {
                 life.refuse(tissue.page.incarnation(), why);
             } else if model.epoch < self.newest.epoch {

@@ -8,6 +8,7 @@ use crate::cavity::Cavity;
 use crate::crew::Crew;
 use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
+use hyst_exchange::roster::Roster;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, ReadPage, Subscriber, system};
 use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport};
@@ -74,6 +75,7 @@ pub struct FlowEngine<'a> {
     state: Option<Held>,
     topology: Option<Held>,
     hardware: Option<ReadPage>,
+    roster: Roster,
     status: FluidStatus,
     lies: Lies,
 }
@@ -120,6 +122,7 @@ impl<'a> FlowEngine<'a> {
             state: None,
             topology: None,
             hardware: None,
+            roster: Roster::open(&life.station)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
         })
@@ -133,11 +136,13 @@ impl<'a> FlowEngine<'a> {
     /// Takes the tissue's newest state and topology.
     fn receive(&mut self) {
         let mut key = self.state.as_ref().and_then(key_of);
+        let (roster, clock) = (&self.roster, &self.life.clock);
+        let is_ahead = |found: (u32, u64)| roster.is_outrun_by(Role::Tissue, found, self.period_ticks, clock);
         for source in &self.sources {
             if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?)
                 && key_of(&held) > key
             {
-                if positions_are_sane(&held) {
+                if positions_are_sane(&held) && !key_of(&held).is_some_and(is_ahead) {
                     key = key_of(&held);
                     self.state = Some(held);
                 } else {

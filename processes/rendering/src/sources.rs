@@ -4,6 +4,8 @@
 
 use crate::looks::Looks;
 use hyst_engine::{Failure, Life};
+use hyst_exchange::roster::Roster;
+use hyst_exchange::station::StationPage;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Links, ReadPage, Subscriber};
 use hyst_messages::page::{fluid, hardware};
@@ -12,10 +14,15 @@ use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHead
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
 pub const REPLICAS: usize = 3;
 
+/// Longest step of a role with a state, ticks: the fluid's.
+const SLOWEST_STEP_TICKS: u64 = 64;
+
 /// The ports.
 #[derive(Debug)]
 pub struct Sources {
     inbox: Inbox,
+    roster: Roster,
+    clock: StationPage,
     states: [Option<Subscriber>; REPLICAS],
     topologies: [Option<Subscriber>; REPLICAS],
     fields: [Option<Subscriber>; REPLICAS],
@@ -26,15 +33,15 @@ pub struct Sources {
     pub looks: Looks,
 }
 
-/// The newest unread message over several streams, by epoch and tick.
-fn newest_of(streams: &[Option<Subscriber>], kind: Kind) -> Option<(StreamHeader, Held)> {
+/// The newest unread message over several streams, by epoch and tick; what `is_ahead` is no state of the role.
+fn newest_of(streams: &[Option<Subscriber>], kind: Kind, is_ahead: impl Fn((u32, u64)) -> bool) -> Option<(StreamHeader, Held)> {
     let mut newest: Option<(StreamHeader, Held)> = None;
     for stream in streams.iter().flatten() {
         // A stream that fails has lost its writer; its successor's comes through the usher.
         let Ok(Some(held)) = stream.newest() else { continue };
         let Ok(header) = Message::parse(held.bytes(), kind).map(|message| *message.header()) else { continue };
         let key = |header: &StreamHeader| (header.epoch, header.tick);
-        if header.is_shadow() {
+        if header.is_shadow() || is_ahead(key(&header)) {
             continue;
         }
         if newest.as_ref().is_none_or(|(before, _)| key(&header) > key(before)) {
@@ -57,6 +64,8 @@ impl Sources {
         ];
         Ok(Sources {
             inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
+            roster: Roster::open(&life.station)?,
+            clock: life.station.open()?,
             states: Default::default(),
             topologies: Default::default(),
             fields: Default::default(),
@@ -95,12 +104,17 @@ impl Sources {
 
     /// The newest tissue state that was not yet read.
     pub fn state(&self) -> Option<(StreamHeader, Held)> {
-        newest_of(&self.states, Kind::TissueState)
+        newest_of(&self.states, Kind::TissueState, self.ahead_of(Role::Tissue))
     }
 
     /// The newest state of the Flow Engine that was not yet read.
-    pub fn field(&self) -> Option<Held> {
-        newest_of(&self.fields, Kind::FluidState).map(|(_, held)| held)
+    pub fn field(&self) -> Option<(StreamHeader, Held)> {
+        newest_of(&self.fields, Kind::FluidState, self.ahead_of(Role::Fluid))
+    }
+
+    /// What no state of the role can be yet.
+    fn ahead_of(&self, role: Role) -> impl Fn((u32, u64)) -> bool + '_ {
+        move |key| self.roster.is_outrun_by(role, key, SLOWEST_STEP_TICKS, &self.clock)
     }
 
     /// The topology that states of this version belong to, from whichever tissue has sent it.

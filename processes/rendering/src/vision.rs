@@ -41,7 +41,9 @@ struct Vision<'a> {
     view: View,
     external: bool,
     strip: Strip,
+    /// Epoch and tick of the tissue's and the fluid's state that is shown.
     shown: Option<(u32, u64)>,
+    flowed: Option<(u32, u64)>,
     uploaded: u64,
     copied: u64,
 }
@@ -130,6 +132,7 @@ impl<'a> Vision<'a> {
             external,
             strip: Strip::default(),
             shown: None,
+            flowed: None,
             uploaded: 0,
             copied: 0,
         };
@@ -212,8 +215,14 @@ impl<'a> Vision<'a> {
                 self.life.say(&format!("a message is left out: {error}"));
             }
         }
-        if let Some(held) = sources.field() {
-            self.take_field(held.bytes())?;
+        if let Some((state, held)) = sources.field() {
+            let key = (state.epoch, state.tick);
+            if Some(key) > self.flowed {
+                self.flowed = Some(key);
+                self.take_field(held.bytes())?;
+            } else {
+                self.life.page.add64(header::STALE, 1); // of a fluid that was replaced, and goes on
+            }
         }
         if let Some((scope, records)) = sources.looks.poll(system::now_ns()) {
             self.scenery.dress(self.renderer.stage(), scope, &records)?;

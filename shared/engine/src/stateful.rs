@@ -15,7 +15,7 @@ use crate::life::{Failure, Life};
 use crate::mischief::Lies;
 use crate::pace::Pace;
 use crate::realtime;
-use chain::Chain;
+use chain::{Chain, Fence};
 use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted, usher};
@@ -176,10 +176,12 @@ impl<S: Stateful> Loop<'_, S> {
         let life = self.life;
         let blame = |incarnation, why| life.distrust(incarnation, why);
         let lives = |writer| life.is_alive(life.slot.role(), writer);
+        let (roster, role, step_ticks) = (&self.roster, self.role, engine.step_ticks());
+        let is_ahead = |key| roster.is_outrun_by(role, key, step_ticks, &life.clock);
         let counts = self.chain.receive(
             engine.kind(),
             &mut self.inbox,
-            self.roster.holder(self.role),
+            Fence { holder: self.roster.holder(self.role), is_ahead: &is_ahead },
             |state| engine.accepts(state),
             blame,
             lives,

@@ -77,11 +77,13 @@ impl CheckpointWriter {
         let generations = if lasted { INTERVAL_TICKS.len() } else { 1 };
         for (generation, interval_ticks) in INTERVAL_TICKS.into_iter().enumerate().take(generations) {
             let at = |copy: usize| start(generation, copy, self.bytes);
+            // A tick that is still to come is a bit that flipped: that copy is the next to be written.
             let written = |copy: usize| {
-                if self.page.load64(at(copy) + WRITTEN) == 1 { self.page.load64(at(copy) + TICK) } else { 0 }
+                let kept = self.page.load64(at(copy) + TICK);
+                if self.page.load64(at(copy) + WRITTEN) == 1 && kept <= tick { kept } else { 0 }
             };
             let (older, newer) = if written(0) <= written(1) { (0, 1) } else { (1, 0) };
-            if written(newer) == 0 || tick >= written(newer) + interval_ticks {
+            if written(newer) == 0 || tick - written(newer) >= interval_ticks {
                 self.write_copy(at(older), epoch, tick, message);
             }
         }
@@ -119,8 +121,15 @@ fn read(page: &ReadPage, at: usize, bytes: usize) -> Option<Checkpoint> {
     (checksum == page.load64(at + CHECKSUM)).then_some(Checkpoint { epoch: epoch as u32, tick, words })
 }
 
-/// The newest whole checkpoint of a role up to a tick, whose messages have at most `bytes`; and how many copies were damaged.
-pub fn newest(station: &Station, role: Role, bytes: usize, up_to_tick: u64) -> (Option<Checkpoint>, usize) {
+/// The newest whole checkpoint of a role up to a tick that is accepted, whose messages have at most `bytes`; and how many copies were damaged, or
+/// held what nobody can go on from.
+pub fn newest(
+    station: &Station,
+    role: Role,
+    bytes: usize,
+    up_to_tick: u64,
+    accepts: impl Fn(&Checkpoint) -> bool,
+) -> (Option<Checkpoint>, usize) {
     let (mut newest, mut damaged) = (None::<Checkpoint>, 0);
     for slot in (0..role.slots().1).filter_map(|index| Slot::new(role, index)) {
         let Ok(page) = ReadPage::open(&path(station, slot), words_for(bytes)) else { continue };
@@ -133,6 +142,7 @@ pub fn newest(station: &Station, role: Role, bytes: usize, up_to_tick: u64) -> (
             match read(&page, at, bytes) {
                 None => damaged += 1,
                 Some(found) if newest.as_ref().is_some_and(|known| (known.tick, known.epoch) >= (found.tick, found.epoch)) => {}
+                Some(found) if !accepts(&found) => damaged += 1,
                 Some(found) => newest = Some(found),
             }
         }
@@ -170,21 +180,44 @@ mod tests {
         let station = founded("check");
         let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
         let writers = slots.map(|slot| CheckpointWriter::open(&station, slot, 24).unwrap());
-        assert_eq!(newest(&station, Role::Tissue, 24, u64::MAX), (None, 0));
+        assert_eq!(newest(&station, Role::Tissue, 24, u64::MAX, |_| true), (None, 0));
         assert!(writers[0].write(1, 100, &[1; 20], true));
         assert!(writers[1].write(1, 200, &[2; 24], true));
         assert!(!writers[0].write(1, 300, &[3; 25], true), "too long");
-        let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX);
+        let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX, |_| true);
         assert_eq!((found.map(|found| (found.epoch, found.tick)), damaged), (Some((1, 200)), 0));
         // One bit of each copy of the newer state.
         for generation in 0..INTERVAL_TICKS.len() {
             let at = start(generation, 0, 24) + DATA + 1;
             writers[1].page.store64(at, writers[1].page.load64(at) ^ 1 << 17);
         }
-        let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX);
+        let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX, |_| true);
         let found = found.unwrap();
         assert_eq!((found.tick, bytemuck::cast_slice::<u64, u8>(&found.words)[..20].to_vec()), (100, vec![1; 20]));
         assert_eq!(damaged, INTERVAL_TICKS.len());
+        station.wipe();
+    }
+
+    /// A flipped bit must not make a copy the newest for ever, and a whole state that nobody can go on from must not hide the one before it.
+    #[test]
+    fn a_tick_from_the_future_is_written_over_and_what_is_not_accepted_gives_way_to_an_older_one() {
+        let station = founded("future");
+        let writer = CheckpointWriter::open(&station, Slot::first(Role::Fluid), 8).unwrap();
+        for tick in [100, 200] {
+            assert!(writer.write(1, tick, &tick.to_le_bytes(), true));
+        }
+        for copy in 0..COPIES {
+            for bit in [40, 63] {
+                let at = start(0, copy, 8) + TICK;
+                writer.page.store64(at, writer.page.load64(at) ^ 1 << bit);
+                assert!(writer.write(1, 300 + bit, &bit.to_le_bytes(), true));
+                assert!(writer.write(1, 301 + bit, &bit.to_le_bytes(), true));
+                let (found, damaged) = newest(&station, Role::Fluid, 8, u64::MAX, |_| true);
+                assert_eq!((found.unwrap().tick, damaged), (301 + bit, 0), "copy {copy}, bit {bit}");
+            }
+        }
+        let (found, refused) = newest(&station, Role::Fluid, 8, u64::MAX, |kept| kept.tick < 300);
+        assert_eq!((found.map(|found| found.tick), refused), (Some(100), 2));
         station.wipe();
     }
 
@@ -196,7 +229,7 @@ mod tests {
             assert!(writer.write(1, tick, &tick.to_le_bytes(), true));
             for (generation, back) in [(1, 1_000), (2, 10_000)] {
                 let Some(limit) = tick.checked_sub(back).filter(|limit| *limit > 100) else { continue };
-                let found = newest(&station, Role::Fluid, 8, limit).0.map_or(0, |found| found.tick);
+                let found = newest(&station, Role::Fluid, 8, limit, |_| true).0.map_or(0, |found| found.tick);
                 let oldest = tick.saturating_sub(2 * INTERVAL_TICKS[generation] + 100).max(100);
                 assert!((oldest..=limit).contains(&found), "at {tick}, {back} back: {found}");
             }
@@ -206,7 +239,7 @@ mod tests {
             assert!(writer.write(2, tick, &tick.to_le_bytes(), false));
         }
         for back in [1_000, 10_000] {
-            let found = newest(&station, Role::Fluid, 8, 59_900 - back).0.unwrap().tick;
+            let found = newest(&station, Role::Fluid, 8, 59_900 - back, |_| true).0.unwrap().tick;
             assert!((59_900 - 2 * back - 100..=59_900 - back).contains(&found), "{back} back: {found}");
         }
         for tick in [90_000, 90_100] {
@@ -215,9 +248,9 @@ mod tests {
         // A writer that dies in the middle of the newest copy leaves the one before.
         let newest_copy = (0..COPIES).max_by_key(|copy| writer.page.load64(start(0, *copy, 8) + TICK)).unwrap();
         writer.page.store64(start(0, newest_copy, 8) + WRITTEN, 0);
-        assert_eq!(newest(&station, Role::Fluid, 8, u64::MAX).0.unwrap().tick, 90_000);
+        assert_eq!(newest(&station, Role::Fluid, 8, u64::MAX, |_| true).0.unwrap().tick, 90_000);
         discard_after(&station, Role::Fluid, 8, 60_000);
-        let found = newest(&station, Role::Fluid, 8, u64::MAX).0.unwrap().tick;
+        let found = newest(&station, Role::Fluid, 8, u64::MAX, |_| true).0.unwrap().tick;
         assert!((57_900..=60_000).contains(&found), "what is younger is gone, what is older is not: {found}");
         station.wipe();
     }

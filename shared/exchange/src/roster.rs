@@ -2,7 +2,8 @@
 //! winner; read by everyone. A higher epoch fences a lower one, without co-operation of whom it fences.
 
 use crate::page::{OwnedPage, magic};
-use crate::station::{Station, StationError};
+use crate::station::{Station, StationError, StationPage};
+use crate::succession;
 use hyst_messages::Role;
 use hyst_messages::page::{header, roster as layout};
 
@@ -62,6 +63,12 @@ impl Roster {
     /// Who holds the role.
     pub fn holder(&self, role: Role) -> Tenure {
         Tenure::from_word(self.page.load64(layout::OWNER + role as usize))
+    }
+    /// Whether a state of the role, found before this is asked, is [ahead](succession::is_ahead) of roster and clock; `step` in ticks. Nothing is, while
+    /// the roster says what cannot be: the supervisor mends it.
+    pub fn is_outrun_by(&self, role: Role, found: succession::Key, step: u64, clock: &StationPage) -> bool {
+        let (holder, tick) = (self.holder(role), clock.present_tick());
+        holder.is_sound(clock.next_incarnation(), tick) && succession::is_ahead(found, holder.epoch, tick, step)
     }
     /// Puts a tenure in the place of one that is not sound, and mends the page's own header. The supervisor's work.
     pub fn mend(&self, role: Role, nonsense: Tenure, tenure: Tenure) -> Result<(), Tenure> {

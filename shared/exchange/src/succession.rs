@@ -28,6 +28,15 @@ pub fn supersedes(found: Key, newest: Option<Key>) -> bool {
     newest.is_none_or(|newest| found > newest)
 }
 
+/// How far a stamp may be ahead of the clock beyond two steps, ticks.
+const AHEAD_TICKS: u64 = 16;
+
+/// Whether a state is one that nobody can have made yet: of an epoch after the holder's, or of a tick that is far from being there. Who took it would
+/// take none that comes after it. The holder's epoch is read after the state was found, for a winner is entered before it sends.
+pub fn is_ahead(found: Key, holder_epoch: u32, present_tick: u64, step: u64) -> bool {
+    found.0 > holder_epoch || found.1 > present_tick.saturating_add(2 * step + AHEAD_TICKS)
+}
+
 /// What a process of the role does at a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
@@ -89,6 +98,13 @@ mod tests {
         assert_eq!(spare_turn(8, (2, 7), 2, 1, false, 1, 3), Turn::Promote);
         assert!(supersedes((1, 5), None) && supersedes((2, 4), Some((1, 5))));
         assert!(!supersedes((1, 5), Some((1, 5))) && !supersedes((1, 9), Some((2, 4))));
+    }
+
+    #[test]
+    fn what_nobody_can_have_made_is_ahead() {
+        assert!(!is_ahead((3, 101), 3, 100, 1) && !is_ahead((2, 101), 3, 100, 1) && !is_ahead((3, 182), 3, 100, 33));
+        assert!(is_ahead((4, 101), 3, 100, 1), "an epoch that nobody has won");
+        assert!(is_ahead((3, 119), 3, 100, 1) && is_ahead((3, 183), 3, 100, 33) && is_ahead((3, u64::MAX), 3, u64::MAX - 40, 1));
     }
 
     /// A holder and its spare on a clock of hundredths of a period. The holder's steps take as long as `step` says; it skips what it slept through.

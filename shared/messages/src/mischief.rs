@@ -36,27 +36,29 @@ pub enum Mischief {
     Epoch = 13,
     /// Messages of another layout.
     Layout = 14,
+    /// Stamps far ahead of their time: an epoch that nobody has won, a tick that is long to come.
+    Ahead = 15,
     /// Its states are flawed from now on, and so is what follows from them: whoever else takes the role with one of them dies of it.
-    Poison = 15,
+    Poison = 16,
     /// Whoever holds the role dies in its next step, whatever state it goes on from.
-    Doom = 16,
+    Doom = 17,
     /// The process takes memory at a rate, and gives it back only at the end of the request.
-    LeakMemory = 17,
+    LeakMemory = 18,
     /// It opens files at a rate, and closes them only at the end of the request.
-    LeakFiles = 18,
+    LeakFiles = 19,
     /// It loans a block of its stream in each step and never sends it.
-    LeakLoans = 19,
+    LeakLoans = 20,
     /// It takes all the memory that it is allowed.
-    Exhaust = 20,
+    Exhaust = 21,
     /// Whoever comes after it in its slot hangs in its start.
-    HangStart = 21,
+    HangStart = 22,
     /// Whoever comes after it in its slot ends with code 1 in its start.
-    CrashStart = 22,
+    CrashStart = 23,
 }
 
 impl Mischief {
     /// All of them.
-    pub const ALL: [Mischief; 22] = [
+    pub const ALL: [Mischief; 23] = [
         Mischief::Spin,
         Mischief::Block,
         Mischief::Slow,
@@ -71,6 +73,7 @@ impl Mischief {
         Mischief::Replay,
         Mischief::Epoch,
         Mischief::Layout,
+        Mischief::Ahead,
         Mischief::Poison,
         Mischief::Doom,
         Mischief::LeakMemory,
@@ -83,7 +86,7 @@ impl Mischief {
 
     /// Whether it concerns what is published, and not the thread.
     pub fn is_lie(self) -> bool {
-        (Mischief::Nan as u8..=Mischief::Layout as u8).contains(&(self as u8))
+        (Mischief::Nan as u8..=Mischief::Ahead as u8).contains(&(self as u8))
     }
 
     /// Whether it concerns a role with a state, and so the successors of whom is asked.
@@ -181,8 +184,9 @@ mod tests {
                 Request { what, incarnation: 7, until_ns: 9, factor_percent: 450, extra_us, jitter_percent: 50, rate_per_s };
             assert_eq!(Request::from_words(request.words(), 7), Some(request));
             assert_eq!(Request::from_words(request.words(), 8), None);
-            assert_eq!(Request::lasting(request.words()).is_some(), (14..=15).contains(&(what as u8)));
-            assert_eq!(what.is_lie(), (7..=13).contains(&(what as u8)));
+            assert_eq!(Request::lasting(request.words()).is_some(), matches!(what, Mischief::Poison | Mischief::Doom));
+            let first_and_last = [Mischief::Nan, Mischief::Ahead].map(|lie| lie as u8);
+            assert_eq!(what.is_lie(), (first_and_last[0]..=first_and_last[1]).contains(&(what as u8)));
             // What concerns a start is read by those who come after, and not by the one that was there.
             let after = [7, 8, 60].map(|incarnation| Request::of_start(request.words(), incarnation).is_some());
             assert_eq!(after, [false, what.is_of_start(), what.is_of_start()]);

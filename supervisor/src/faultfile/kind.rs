@@ -48,6 +48,8 @@ pub enum FaultKind {
     Epoch,
     /// Publishes messages of another layout.
     Layout,
+    /// Publishes under stamps that are far ahead.
+    Ahead,
     /// Publishes states that kill whoever else takes the role with them.
     Poison,
     /// Each holder of its role dies in its next step.
@@ -78,7 +80,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// All kinds with what they do.
-    pub const ALL: [(FaultKind, &'static str, &'static str); 32] = [
+    pub const ALL: [(FaultKind, &'static str, &'static str); 33] = [
         (FaultKind::Kill, "kill", "SIGKILL: the process is gone at once"),
         (FaultKind::Stop, "stop", "SIGSTOP: it hangs; continued after --for, if it still lives (default: never)"),
         (FaultKind::Cont, "cont", "SIGCONT: a stopped process goes on as a zombie of its former self"),
@@ -101,6 +103,7 @@ impl FaultKind {
         (FaultKind::Stamp, "stamp", "its stamp stands still, while its output goes on"),
         (FaultKind::Replay, "replay", "it publishes an old output again and again, as it was"),
         (FaultKind::Epoch, "epoch", "it publishes under an epoch that is over"),
+        (FaultKind::Ahead, "ahead", "it publishes under an epoch that nobody has won and a tick that is long to come"),
         (FaultKind::Layout, "layout", "its messages say that they are of another layout, as those of another build would"),
         (
             FaultKind::Poison,
@@ -182,6 +185,7 @@ impl FaultKind {
             FaultKind::Replay => Mischief::Replay,
             FaultKind::Epoch => Mischief::Epoch,
             FaultKind::Layout => Mischief::Layout,
+            FaultKind::Ahead => Mischief::Ahead,
             FaultKind::Poison => Mischief::Poison,
             FaultKind::Doom => Mischief::Doom,
             FaultKind::LeakMemory => Mischief::LeakMemory,

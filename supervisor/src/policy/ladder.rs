@@ -58,9 +58,10 @@ impl Default for Ladder {
 }
 
 impl Ladder {
-    /// One that has gone all the way down.
-    pub fn held_still() -> Ladder {
-        Ladder { rung: BACK_NS.len() + 1, ..Ladder::default() }
+    /// One that has gone all the way down, and holds the newest state from before a time, as a supervisor before this one said.
+    pub fn held_still(before_ns: u64) -> Ladder {
+        let rungs = BACK_NS.len();
+        Ladder { rung: rungs + 1, trouble_ns: before_ns + BACK_NS[rungs - 1], ..Ladder::default() }
     }
 
     /// One whose founders go on from before a time, as a supervisor before this one said.
@@ -195,6 +196,16 @@ mod tests {
             }
         }
         assert_eq!(ladder.wait(now_ns + TROUBLE_OVER_NS), Some(Ground::Newest));
+    }
+
+    #[test]
+    fn what_a_supervisor_before_this_one_held_is_tried_again_from_the_same_state() {
+        let mut ladder = Ladder::held_still(92 * S);
+        ladder.holds(200 * S, 7);
+        assert_eq!(ladder.wait(200 * S), None);
+        assert_eq!(ladder.wait(200 * S + FIRST_HOLD_NS), Some(Ground::Again(92 * S)));
+        ladder.holds(211 * S, 8);
+        assert_eq!(ladder.holder_died(211 * S + 1, true, true), Some(Ground::Hold(92 * S)));
     }
 
     #[test]

@@ -26,9 +26,15 @@ impl Supervisor {
                 self.spawner.bury(slot, incarnation);
                 self.spawner.vacate(slot);
             } else if incarnation != 0 && !adopted.contains(&(slot, incarnation)) {
-                // It died while nobody watched.
-                let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
-                self.mourn(slot, incarnation, Exit::Unknown, now_ns, beat_ns);
+                // One that lives and cannot be watched, since its page is damaged, must not go on beside its successor.
+                if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()) {
+                    crate::proc::end(Some(slot.role()), living.pid);
+                }
+                // It died while nobody watched, or waits for its successor since before.
+                if !self.faults.knows_dead(slot, incarnation) {
+                    let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+                    self.mourn(slot, incarnation, Exit::Unknown, now_ns, beat_ns);
+                }
                 self.spawner.mark_dead(slot, incarnation);
                 self.spawner.bury(slot, incarnation);
             }

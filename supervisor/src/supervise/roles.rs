@@ -37,10 +37,11 @@ impl Holders {
 pub fn resume(page: &OwnedPage, clock: &StationPage, state: &mut State) {
     for role in ROLES {
         let ground_tick = page.load64(layout::GROUND + role as usize);
+        let before_ns = clock.start_of(ground_tick);
         if page.load32(layout::HELD + role as usize) != 0 {
-            state.set_ladder(role, Ladder::held_still());
+            state.set_ladder(role, Ladder::held_still(before_ns));
         } else if ground_tick != 0 {
-            state.set_ladder(role, Ladder::gone_back(clock.start_of(ground_tick)));
+            state.set_ladder(role, Ladder::gone_back(before_ns));
         }
     }
 }

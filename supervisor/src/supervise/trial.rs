@@ -188,6 +188,10 @@ impl Supervisor {
         self.spawner.candidate = None;
         if let Some(guest) = Slot::guest(role) {
             self.spawner.vacate(guest);
+            if !promoted {
+                // States of a line that was left: nobody is to begin from them. Absent is as good.
+                let _ = std::fs::remove_file(hyst_exchange::checkpoint::path(&self.station, guest));
+            }
             // One that died is not missed: the fault is over with the swap.
             self.faults.ready(guest, u32::MAX, system::now_ns());
         }

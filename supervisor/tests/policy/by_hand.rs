@@ -146,3 +146,28 @@ fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
     }
     assert_eq!(mistrusted, [limits(Role::Fluid).mistrust_after()], "once in a row of short lives");
 }
+
+#[test]
+fn nobody_is_mistrusted_for_kills_from_outside_or_for_starts_that_fail() {
+    let tissue = Slot::first(Role::Tissue);
+    let reader = Slot::first(Role::CollisionWorker);
+    for killed in [true, false] {
+        let mut state = State::new(&[tissue, reader]);
+        step(0, Event::Started { adopted: vec![(tissue, 1), (reader, 2)] }, &mut state);
+        step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+        step(0, Event::Died { slot: reader, incarnation: 2, exit: Exit::Signal(9) }, &mut state);
+        for life in 1..2 * u64::from(limits(Role::CollisionWorker).most_short_lives) {
+            let (now_ns, incarnation) = (life * limits(Role::CollisionWorker).most_wait_ns, 2 + life as u32);
+            step(now_ns, Event::Tick, &mut state);
+            let end = if killed {
+                step(now_ns, Event::Spawned { slot: reader, incarnation }, &mut state);
+                Event::Died { slot: reader, incarnation, exit: Exit::Signal(9) }
+            } else {
+                Event::SpawnFailed { slot: reader }
+            };
+            let actions = step(now_ns, end, &mut state);
+            assert!(!actions.iter().any(|action| matches!(action, Action::Mistrust { .. })), "{actions:?}");
+        }
+        assert!(state.is_given_up(reader));
+    }
+}

@@ -7,6 +7,10 @@ use hyst_messages::stream::{change_header, kind_of};
 use hyst_messages::{ContactModel, FluidStatus, ForceCommand, ForceRecord, Message, StreamHeader};
 use std::ops::Range;
 
+/// How far stamps are ahead that are: within what roster and clock can reach one day.
+const EPOCHS_AHEAD: u32 = 1_000;
+const TICKS_AHEAD: u64 = 100_000;
+
 /// A record that a process publishes in its page.
 pub trait Output: Pod {
     /// Puts a number where it hurts.
@@ -15,6 +19,8 @@ pub trait Output: Pod {
     fn stamp_like(&mut self, other: &Self);
     /// Goes back to the epoch before, if it has one.
     fn go_back(&mut self) {}
+    /// Takes stamps that are far ahead.
+    fn run_ahead(&mut self);
 }
 
 impl Output for ForceRecord {
@@ -23,6 +29,9 @@ impl Output for ForceRecord {
     }
     fn stamp_like(&mut self, other: &Self) {
         (self.tick, self.input_hash, self.flags) = (other.tick, other.input_hash, other.flags);
+    }
+    fn run_ahead(&mut self) {
+        self.tick += TICKS_AHEAD;
     }
 }
 
@@ -33,6 +42,9 @@ impl Output for ForceCommand {
     fn stamp_like(&mut self, other: &Self) {
         let force_n = self.force_n;
         *self = ForceCommand { force_n, ..*other };
+    }
+    fn run_ahead(&mut self) {
+        self.tick += TICKS_AHEAD;
     }
 }
 
@@ -49,6 +61,9 @@ impl Output for ContactModel {
     fn go_back(&mut self) {
         self.epoch = self.epoch.saturating_sub(1);
     }
+    fn run_ahead(&mut self) {
+        (self.epoch, self.state_tick) = (self.epoch + EPOCHS_AHEAD, self.state_tick + TICKS_AHEAD);
+    }
 }
 
 impl Output for FluidStatus {
@@ -57,6 +72,9 @@ impl Output for FluidStatus {
     }
     fn stamp_like(&mut self, other: &Self) {
         self.state_tick = other.state_tick;
+    }
+    fn run_ahead(&mut self) {
+        self.state_tick += TICKS_AHEAD;
     }
 }
 
@@ -104,6 +122,7 @@ impl Lies {
             Mischief::Stamp => record.stamp_like(&old),
             Mischief::Replay => *record = old,
             Mischief::Epoch => record.go_back(),
+            Mischief::Ahead => record.run_ahead(),
             Mischief::Layout => {} // that of a page is said once, when it is opened
             what => record.spoil(number_of(what)),
         }
@@ -130,6 +149,9 @@ impl Lies {
             Mischief::Epoch => {
                 change_header(message, |header| *header = StreamHeader { epoch: now.epoch.saturating_sub(1), ..*header });
             }
+            Mischief::Ahead => change_header(message, |header| {
+                (header.epoch, header.tick) = (header.epoch + EPOCHS_AHEAD, header.tick + TICKS_AHEAD);
+            }),
             // As an engine would send that was built from another source: everything else in it is right.
             Mischief::Layout => change_header(message, |header| header.layout = !header.layout),
             what => spoil_sections(message, number_of(what)),
@@ -208,6 +230,8 @@ mod tests {
         let mut model = ContactModel { epoch: 4, ..Default::default() };
         lies().tell_of(&request(Mischief::Epoch), &mut model);
         assert_eq!(model.epoch, 3);
+        lies().tell_of(&request(Mischief::Ahead), &mut model);
+        assert_eq!((model.epoch, model.state_tick), (3 + EPOCHS_AHEAD, TICKS_AHEAD));
     }
 
     #[test]
@@ -242,6 +266,7 @@ mod tests {
         assert_eq!(tell(Mischief::Stamp), [(5, 3, 5.0, 5.0), (5, 3, 6.0, 6.0), (5, 3, 7.0, 7.0)]);
         assert_eq!(tell(Mischief::Replay), [(5, 3, 5.0, 5.0); 3]);
         assert_eq!(tell(Mischief::Epoch)[1], (6, 2, 6.0, 6.0));
+        assert_eq!(tell(Mischief::Ahead)[1], (6 + TICKS_AHEAD, 3 + EPOCHS_AHEAD, 6.0, 6.0));
         assert!(tell(Mischief::Nan).iter().all(|told| told.2.is_nan()));
         assert!(tell(Mischief::Range).iter().all(|told| told.2 > 1e6));
     }

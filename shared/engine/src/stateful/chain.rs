@@ -1,6 +1,6 @@
 //! The chain of states: the newest accepted one, held in place, whoever computed it.
 
-use hyst_exchange::succession::supersedes;
+use hyst_exchange::succession::{Key, supersedes};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
 use hyst_exchange::{Held, LinkError, Subscriber, Tenure};
 use hyst_messages::page::device::Distrust;
@@ -18,6 +18,14 @@ const BEHIND_IN_A_ROW: u32 = 3;
 pub struct Refused {
     pub stale: u64,
     pub invalid: u64,
+}
+
+/// What the states of the role can be.
+pub struct Fence<'a> {
+    /// Who holds it.
+    pub holder: Tenure,
+    /// What nobody can have made yet; asked after the state was found.
+    pub is_ahead: &'a dyn Fn(Key) -> bool,
 }
 
 struct Link {
@@ -86,7 +94,7 @@ impl Chain {
     }
 
     /// Takes the newest state of all streams: the highest (epoch, tick) that `accepts` agrees to. Who sends what is not, a stamp that does
-    /// not rise, or again and again an epoch before the one in which he is the `holder`, is blamed.
+    /// not rise or is ahead of its time, or again and again an epoch before the one in which he is the holder, is blamed.
     ///
     /// The state before is dropped here if its writer `lives`, as one of the same writer always is; the usher drops those of the dead, whose memory may
     /// be unmapped with them. It must not be asked for more: it is an ordinary thread that sleeps for 20 ms, a reader may hold four messages of a
@@ -96,7 +104,7 @@ impl Chain {
         &mut self,
         kind: Kind,
         inbox: &mut Inbox,
-        holder: Tenure,
+        fence: Fence,
         accepts: impl Fn(&[u8]) -> bool,
         blame: impl Fn(u32, Distrust),
         lives: impl Fn(u32) -> bool,
@@ -122,7 +130,13 @@ impl Chain {
                 continue;
             }
             let key = (header.epoch, header.tick);
-            if link.lags(&header, holder) || key <= link.last {
+            // One stamp that is too high would make everything after it old.
+            if (fence.is_ahead)(key) {
+                refused.invalid += 1;
+                blamed(Distrust::Invalid);
+                continue;
+            }
+            if link.lags(&header, fence.holder) || key <= link.last {
                 refused.stale += 1;
                 blamed(Distrust::Still);
                 continue;
@@ -248,6 +262,11 @@ mod tests {
         loan.send().unwrap();
     }
 
+    /// By a clock that is ahead of everything.
+    fn fence(holder: Tenure) -> Fence<'static> {
+        Fence { holder, is_ahead: &|_| false }
+    }
+
     /// Holder and spare substitute each other's steps faster than the usher looks.
     #[test]
     fn states_that_alternate_between_two_living_writers_are_all_received() {
@@ -255,7 +274,7 @@ mod tests {
             for tick in 1..=ROUNDS {
                 let writer = (tick % 2) as usize;
                 send(&writers[writer], tick, 1, writer as u32 + 1);
-                chain.receive(KIND, inbox, Tenure::default(), |_| true, |_, why| panic!("{why:?}"), |_| true);
+                chain.receive(KIND, inbox, fence(Tenure::default()), |_| true, |_, why| panic!("{why:?}"), |_| true);
                 assert_eq!(chain.key(), (1, tick));
             }
         });
@@ -271,7 +290,7 @@ mod tests {
                     let holder = Tenure { epoch: holds(tick), incarnation: 4 };
                     send(&writers[1], tick, told(tick), holder.incarnation);
                     let blame = |_, _| blamed.set([blamed.take(), vec![tick]].concat());
-                    chain.receive(KIND, inbox, holder, |_| true, blame, |_| true);
+                    chain.receive(KIND, inbox, fence(holder), |_| true, blame, |_| true);
                 }
                 blamed.take()
             };
@@ -284,6 +303,34 @@ mod tests {
                 "each of its states was on its way when it took the role again"
             );
             assert_eq!(blamed_at(&|_| 8, &|_| 40, 20..22), vec![20, 21], "a stamp that goes back");
+        });
+    }
+    /// One stamp far ahead, by a flipped bit: the states after it are taken as if it had never been.
+    #[test]
+    fn a_stamp_ahead_of_its_time_shuts_out_nothing_that_comes_after_it() {
+        on_a_chain(1, |chain, inbox, writers| {
+            for tick in 1..=ROUNDS {
+                let (epoch, stamp) = match tick % 5 {
+                    2 => (1 + (1 << 20), tick),
+                    4 => (1, tick + (1 << 40)),
+                    _ => (1, tick),
+                };
+                send(&writers[1], stamp, epoch, 2);
+                let blamed = std::cell::Cell::new(None);
+                let is_ahead = |key| hyst_exchange::succession::is_ahead(key, 1, tick, 1);
+                let blame = |_, why| blamed.set(Some(why));
+                let refused = chain.receive(
+                    KIND,
+                    inbox,
+                    Fence { holder: Tenure { epoch: 1, incarnation: 2 }, is_ahead: &is_ahead },
+                    |_| true,
+                    blame,
+                    |_| true,
+                );
+                let is_honest = (epoch, stamp) == (1, tick);
+                assert_eq!((refused.invalid, blamed.get()), if is_honest { (0, None) } else { (1, Some(Distrust::Invalid)) });
+                assert_eq!(chain.key() == (1, tick), is_honest, "{tick}");
+            }
         });
     }
 }

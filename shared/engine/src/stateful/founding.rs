@@ -70,17 +70,17 @@ impl<S: Stateful> Loop<'_, S> {
         let bytes = self.engine.message_bytes();
         let mut loan = self.publisher.loan(bytes)?;
         let ground_tick = self.life.clock.ground_tick(self.role);
-        let (kept, damaged) = checkpoint::newest(&self.life.station, self.role, bytes, ground_tick);
+        let accepts = |kept: &checkpoint::Checkpoint| {
+            let state: &[u8] = hyst_messages::stream::bytes_of_words(&kept.words);
+            state.len() >= bytes && self.engine.accepts(&state[..bytes])
+        };
+        let (kept, damaged) = checkpoint::newest(&self.life.station, self.role, bytes, ground_tick, accepts);
         if ground_tick < u64::MAX {
             checkpoint::discard_after(&self.life.station, self.role, bytes, ground_tick);
         }
         if damaged > 0 {
             self.life.say(&format!("{damaged} checkpoints are damaged and are not used"));
         }
-        let kept = kept.filter(|kept| {
-            let state: &[u8] = hyst_messages::stream::bytes_of_words(&kept.words);
-            state.len() >= bytes && self.engine.accepts(&state[..bytes])
-        });
         // No earlier than anything that is out in the name of the role.
         let tick = self.life.tick() + if tenure.epoch > 1 { self.engine.step_ticks() } else { 0 };
         match kept {

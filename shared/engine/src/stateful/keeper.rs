@@ -5,7 +5,7 @@
 
 use crate::life::{Failure, Life};
 use hyst_exchange::checkpoint::CheckpointWriter;
-use hyst_exchange::{Subscriber, system};
+use hyst_exchange::{Roster, Subscriber, system};
 use hyst_messages::Message;
 use hyst_messages::stream::kind_of;
 use std::sync::Arc;
@@ -37,7 +37,8 @@ pub fn keep(life: &Life, stream: Subscriber, bytes: usize) -> Result<Keeper, Fai
     let writer = CheckpointWriter::open(&life.station, life.slot, bytes)?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
-    let (clock, role) = (life.station.open()?, life.slot.role());
+    let (clock, roster) = (life.station.open()?, Roster::open(&life.station)?);
+    let (role, incarnation) = (life.slot.role(), life.incarnation);
     let mut kept = 0;
     let body = move || {
         while !stopped.load(Ordering::Acquire) {
@@ -46,6 +47,10 @@ pub fn keep(life: &Life, stream: Subscriber, bytes: usize) -> Result<Keeper, Fai
             if clock.is_held(role) {
                 kept = 0;
                 continue;
+            }
+            // Its substitutes are no tenure of its own.
+            if roster.holder(role).incarnation != incarnation {
+                kept = 0;
             }
             let Some(kind) = kind_of(held.bytes()) else { continue };
             // What is computed beside the role is no state to begin from.

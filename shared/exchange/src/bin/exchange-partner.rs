@@ -132,7 +132,7 @@ fn cells(part: &Part) -> Result<(), Failure> {
 fn checkpoint(part: &Part) -> Result<(), Failure> {
     let slot = Slot::first(Role::Tissue);
     let writer = CheckpointWriter::open(&part.station, slot, CHECKPOINT_BYTES)?;
-    let before = newest(&part.station, Role::Tissue, CHECKPOINT_BYTES, u64::MAX).0.map_or(0, |found| found.tick);
+    let before = newest(&part.station, Role::Tissue, CHECKPOINT_BYTES, u64::MAX, |_| true).0.map_or(0, |found| found.tick);
     let mut words = [0u64; CHECKPOINT_BYTES / 8];
     for tick in (before + CHECKPOINT_TICKS..).step_by(CHECKPOINT_TICKS as usize) {
         words.fill(tick);

@@ -22,7 +22,7 @@ fn a_writer_killed_a_hundred_times_leaves_a_whole_newest_checkpoint_and_older_on
             let end_ns = system::now_ns() + seeded.below(LONGEST_LIFE_NS);
             until(|| (system::now_ns() >= end_ns).then_some(()));
             writer.kill();
-            let (found, damaged) = newest(station, Role::Tissue, BYTES, u64::MAX);
+            let (found, damaged) = newest(station, Role::Tissue, BYTES, u64::MAX, |_| true);
             let found = found.unwrap_or_else(|| panic!("life {life}: nothing is left"));
             assert!(found.words.len() == BYTES / 8 && found.words.iter().all(|word| *word == found.tick), "life {life}: torn");
             assert!(found.tick > last, "life {life}: from {last} to {}", found.tick);
@@ -30,7 +30,7 @@ fn a_writer_killed_a_hundred_times_leaves_a_whole_newest_checkpoint_and_older_on
             last = found.tick;
             // An older one, for the case that the newest kills whoever goes on from it.
             if last > 2_500 {
-                let (older, _) = newest(station, Role::Tissue, BYTES, last - 1);
+                let (older, _) = newest(station, Role::Tissue, BYTES, last - 1, |_| true);
                 let is_whole = older.is_some_and(|older| older.tick < last && older.words.iter().all(|word| *word == older.tick));
                 assert!(is_whole, "life {life}: nothing is older than the newest");
                 checked += 1;
