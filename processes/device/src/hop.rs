@@ -8,9 +8,8 @@ use crate::models::Models;
 use crate::replicas::Replicas;
 use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
-use hyst_exchange::roster::Roster;
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
-use hyst_exchange::{ReadPage, system};
+use hyst_exchange::{Horizon, ReadPage, system};
 use hyst_messages::page::{ProcessState, device as layout, hardware, header, station};
 use hyst_messages::{Applied, AppliedRecord, ContactModel, ForceCommand, HardwareSample, InputRecord, Role};
 
@@ -34,7 +33,7 @@ struct Hop<'a> {
 /// The whole life of the device.
 pub fn run(life: &Life) -> Result<(), Failure> {
     let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid])?;
-    let mut models = Models::new(Roster::open(&life.station).ok());
+    let mut models = Models::new(Horizon::open(&life.station, Role::Tissue).ok());
     let mut replicas = Replicas::default();
     let patience_ns = system::now_ns() + PATIENCE_NS;
     let hardware = loop {

@@ -3,11 +3,10 @@
 //! distrusted; what has a lower epoch than one seen before is fenced.
 
 use hyst_engine::Life;
-use hyst_exchange::roster::Roster;
-use hyst_exchange::{OwnedPage, ReadPage};
+use hyst_exchange::{Horizon, OwnedPage, ReadPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{ContactModel, FluidStatus, MAX_PLANES, Role};
+use hyst_messages::{ContactModel, FluidStatus, MAX_PLANES};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -40,7 +39,7 @@ struct Fluid {
 
 /// Pages of the tissues and fluids, and what is in use of theirs.
 pub struct Models {
-    roster: Option<Roster>,
+    horizon: Option<Horizon>,
     tissues: [Option<Tissue>; TISSUES],
     newest: ContactModel,
     fluids: [Option<Fluid>; FLUIDS],
@@ -50,9 +49,9 @@ pub struct Models {
 
 impl Models {
     /// No pages yet. Without a roster, which may be damaged when the device starts, epochs are only compared with each other.
-    pub fn new(roster: Option<Roster>) -> Models {
+    pub fn new(horizon: Option<Horizon>) -> Models {
         Models {
-            roster,
+            horizon,
             tissues: Default::default(),
             newest: ContactModel::default(),
             fluids: Default::default(),
@@ -113,9 +112,9 @@ impl Models {
             tissue.number = number;
             let key = (model.epoch, model.state_tick);
             // An epoch that nobody has won would shut out all that come after it.
-            let is_ahead = |roster: &Roster| roster.is_outrun_by(Role::Tissue, key, MOST_AHEAD_TICKS, &life.clock);
+            let is_ahead = |horizon: &Horizon| horizon.is_passed_by(key, MOST_AHEAD_TICKS, &life.clock);
             let verdict = match () {
-                () if self.roster.as_ref().is_some_and(is_ahead) => Err(Distrust::Invalid),
+                () if self.horizon.as_ref().is_some_and(is_ahead) => Err(Distrust::Invalid),
                 () if key <= std::mem::replace(&mut tissue.key, key) => Err(Distrust::Still),
                 () => judge_model(&model, &life.page, tick),
             };

@@ -8,9 +8,8 @@ use crate::cavity::Cavity;
 use crate::crew::Crew;
 use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
-use hyst_exchange::roster::Roster;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_exchange::{Held, ReadPage, Subscriber, system};
+use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
 use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
@@ -75,7 +74,8 @@ pub struct FlowEngine<'a> {
     state: Option<Held>,
     topology: Option<Held>,
     hardware: Option<ReadPage>,
-    roster: Roster,
+    /// Of the tissue.
+    horizon: Horizon,
     status: FluidStatus,
     lies: Lies,
 }
@@ -122,7 +122,7 @@ impl<'a> FlowEngine<'a> {
             state: None,
             topology: None,
             hardware: None,
-            roster: Roster::open(&life.station)?,
+            horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
         })
@@ -136,8 +136,8 @@ impl<'a> FlowEngine<'a> {
     /// Takes the tissue's newest state and topology.
     fn receive(&mut self) {
         let mut key = self.state.as_ref().and_then(key_of);
-        let (roster, clock) = (&self.roster, &self.life.clock);
-        let is_ahead = |found: (u32, u64)| roster.is_outrun_by(Role::Tissue, found, self.period_ticks, clock);
+        let (horizon, clock) = (&self.horizon, &self.life.clock);
+        let is_ahead = |found: (u32, u64)| horizon.is_passed_by(found, self.period_ticks, clock);
         for source in &self.sources {
             if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?)
                 && key_of(&held) > key

@@ -4,10 +4,8 @@
 
 use crate::looks::Looks;
 use hyst_engine::{Failure, Life};
-use hyst_exchange::roster::Roster;
-use hyst_exchange::station::StationPage;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
-use hyst_exchange::{Held, Links, ReadPage, Subscriber};
+use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
 use hyst_messages::page::{fluid, hardware};
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHeader};
 
@@ -21,7 +19,8 @@ const SLOWEST_STEP_TICKS: u64 = 64;
 #[derive(Debug)]
 pub struct Sources {
     inbox: Inbox,
-    roster: Roster,
+    /// Of tissue and fluid.
+    horizons: [Horizon; 2],
     clock: StationPage,
     states: [Option<Subscriber>; REPLICAS],
     topologies: [Option<Subscriber>; REPLICAS],
@@ -64,7 +63,7 @@ impl Sources {
         ];
         Ok(Sources {
             inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
-            roster: Roster::open(&life.station)?,
+            horizons: [Horizon::open(&life.station, Role::Tissue)?, Horizon::open(&life.station, Role::Fluid)?],
             clock: life.station.open()?,
             states: Default::default(),
             topologies: Default::default(),
@@ -104,17 +103,17 @@ impl Sources {
 
     /// The newest tissue state that was not yet read.
     pub fn state(&self) -> Option<(StreamHeader, Held)> {
-        newest_of(&self.states, Kind::TissueState, self.ahead_of(Role::Tissue))
+        newest_of(&self.states, Kind::TissueState, self.ahead_of(0))
     }
 
     /// The newest state of the Flow Engine that was not yet read.
     pub fn field(&self) -> Option<(StreamHeader, Held)> {
-        newest_of(&self.fields, Kind::FluidState, self.ahead_of(Role::Fluid))
+        newest_of(&self.fields, Kind::FluidState, self.ahead_of(1))
     }
 
-    /// What no state of the role can be yet.
-    fn ahead_of(&self, role: Role) -> impl Fn((u32, u64)) -> bool + '_ {
-        move |key| self.roster.is_outrun_by(role, key, SLOWEST_STEP_TICKS, &self.clock)
+    /// What no state of tissue or fluid can be yet.
+    fn ahead_of(&self, index: usize) -> impl Fn((u32, u64)) -> bool + '_ {
+        move |key| self.horizons[index].is_passed_by(key, SLOWEST_STEP_TICKS, &self.clock)
     }
 
     /// The topology that states of this version belong to, from whichever tissue has sent it.

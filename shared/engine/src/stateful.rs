@@ -19,7 +19,7 @@ use chain::{Chain, Fence};
 use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted, usher};
-use hyst_exchange::{Links, Publisher, system};
+use hyst_exchange::{Horizon, Links, Publisher, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Kind, Message, Role, Slot, StreamHeader, TICK_NS};
@@ -90,6 +90,7 @@ struct Loop<'a, S: Stateful> {
     engine: S,
     role: Role,
     roster: Roster,
+    horizon: Horizon,
     publisher: Publisher,
     chain: Chain,
     inbox: Inbox,
@@ -112,11 +113,24 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     let mut interests = engine.interests();
     interests.push((role, Wanted::Stream(engine.kind())));
     let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
-    let roster = Roster::open(&life.station)?;
+    let (roster, horizon) = (Roster::open(&life.station)?, Horizon::open(&life.station, role)?);
     let lies = Lies::new(life, bytes);
     let trial = trial::Trial::default();
-    let mut this =
-        Loop { life, engine, role, roster, publisher, chain, inbox, lies, misses: 0, held: false, founded: false, trial };
+    let mut this = Loop {
+        life,
+        engine,
+        role,
+        roster,
+        horizon,
+        publisher,
+        chain,
+        inbox,
+        lies,
+        misses: 0,
+        held: false,
+        founded: false,
+        trial,
+    };
     this.warm()?;
     realtime::go(life)?;
     this.stand_apart();
@@ -176,8 +190,8 @@ impl<S: Stateful> Loop<'_, S> {
         let life = self.life;
         let blame = |incarnation, why| life.distrust(incarnation, why);
         let lives = |writer| life.is_alive(life.slot.role(), writer);
-        let (roster, role, step_ticks) = (&self.roster, self.role, engine.step_ticks());
-        let is_ahead = |key| roster.is_outrun_by(role, key, step_ticks, &life.clock);
+        let (horizon, step_ticks) = (&self.horizon, engine.step_ticks());
+        let is_ahead = |key| horizon.is_passed_by(key, step_ticks, &life.clock);
         let counts = self.chain.receive(
             engine.kind(),
             &mut self.inbox,

@@ -23,6 +23,6 @@ pub mod usher;
 
 pub use loan::Loan;
 pub use page::{Access, OwnedPage, PageError, ReadPage};
-pub use roster::{Roster, Tenure};
+pub use roster::{Horizon, Roster, Tenure};
 pub use station::{Station, StationError, StationPage};
 pub use stream::{Held, LinkError, Links, Publisher, Subscriber};

@@ -6,6 +6,7 @@ use crate::station::{Station, StationError, StationPage};
 use crate::succession;
 use hyst_messages::Role;
 use hyst_messages::page::{header, roster as layout};
+use std::cell::Cell;
 
 /// Epochs of a station: one promotion in each millisecond for three weeks.
 pub const MOST_EPOCHS: u32 = 1 << 31;
@@ -64,12 +65,6 @@ impl Roster {
     pub fn holder(&self, role: Role) -> Tenure {
         Tenure::from_word(self.page.load64(layout::OWNER + role as usize))
     }
-    /// Whether a state of the role, found before this is asked, is [ahead](succession::is_ahead) of roster and clock; `step` in ticks. Nothing is, while
-    /// the roster says what cannot be: the supervisor mends it.
-    pub fn is_outrun_by(&self, role: Role, found: succession::Key, step: u64, clock: &StationPage) -> bool {
-        let (holder, tick) = (self.holder(role), clock.present_tick());
-        holder.is_sound(clock.next_incarnation(), tick) && succession::is_ahead(found, holder.epoch, tick, step)
-    }
     /// Puts a tenure in the place of one that is not sound, and mends the page's own header. The supervisor's work.
     pub fn mend(&self, role: Role, nonsense: Tenure, tenure: Tenure) -> Result<(), Tenure> {
         self.mend_header();
@@ -93,9 +88,60 @@ impl Roster {
     }
 }
 
+/// How far the states of a role can have come, as one reader knows: the highest epoch that the roster said so far, and the clock. A roster that says
+/// less than before, or what cannot be, is nonsense that the supervisor mends, and changes nothing here.
+#[derive(Debug)]
+pub struct Horizon {
+    roster: Roster,
+    role: Role,
+    epoch: Cell<u32>,
+}
+
+impl Horizon {
+    /// Of a role.
+    pub fn open(station: &Station, role: Role) -> Result<Horizon, StationError> {
+        Ok(Horizon { roster: Roster::open(station)?, role, epoch: Cell::new(0) })
+    }
+
+    /// Whether a state, found before this is asked, is one that [nobody can have made yet](succession::is_ahead); `step` in ticks.
+    pub fn is_passed_by(&self, found: succession::Key, step: u64, clock: &StationPage) -> bool {
+        let (holder, tick) = (self.roster.holder(self.role), clock.present_tick());
+        if holder.is_sound(clock.next_incarnation(), tick) {
+            self.epoch.set(self.epoch.get().max(holder.epoch));
+        }
+        self.epoch.get() > 0 && succession::is_ahead(found, self.epoch.get(), tick, step)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_state_is_bounded_by_the_highest_epoch_that_was_won_whatever_the_roster_says_later() {
+        let station = Station::named(&format!("t{}-horizon", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (keeping, clock) = (station.open_for_keeping().unwrap(), station.open().unwrap());
+        keeping.store64(hyst_messages::page::station::NEXT_INCARNATION, 9);
+        let (roster, horizon) = (Roster::open(&station).unwrap(), Horizon::open(&station, Role::Tissue).unwrap());
+        let tick = clock.present_tick();
+        let is_passed = |epoch: u32, ahead: u64| horizon.is_passed_by((epoch, tick + ahead), 1, &clock);
+        assert!(!is_passed(77, 0), "nobody has held the role yet");
+        for epoch in 0..3 {
+            roster.promote(Role::Tissue, roster.holder(Role::Tissue), 4 + epoch).unwrap();
+        }
+        assert!(!is_passed(3, 0) && !is_passed(1, 0) && is_passed(4, 0) && is_passed(3, 1 << 40));
+        let word =
+            |epoch: u64, incarnation: u64| roster.page.store64(layout::OWNER + Role::Tissue as usize, epoch << 32 | incarnation);
+        word(1, 6);
+        assert!(!is_passed(3, 0) && is_passed(4, 0), "a word that goes back is nonsense");
+        word(5, 7_000);
+        assert!(!is_passed(3, 0) && is_passed(4, 0), "a holder that was never born");
+        word(5, 8);
+        assert!(!is_passed(5, 0) && is_passed(6, 0));
+        station.wipe();
+    }
 
     #[test]
     fn of_many_who_promote_themselves_at_once_one_wins_each_epoch() {

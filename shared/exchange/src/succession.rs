@@ -1,7 +1,8 @@
 //! The rules by which the states of a role follow each other, whoever computes them: each decision as a function of what was read, taken by
 //! the engines (`engine::stateful`) and by the model in `tests/model` alike.
 //!
-//! Promise: two states of one epoch and tick are the same state. For within an epoch every state is computed from the one a step before
+//! Promise: two states of one epoch and tick follow from the same state, and are the same if their makers read the same inputs, which lock-step
+//! sees to; of two, either may be gone on from. For within an epoch every state is computed from the one a step before
 //! it, by holder or spare; only its first may come from anywhere, and that has one writer, the winner of the compare-and-swap that
 //! raised the epoch. So a holder that has fallen behind and leaps over ticks promotes itself anew, and a spare that finds more missing
 //! than one step does not leap. Who begins an epoch looks at the streams and at the clock again after it was won: it may have stood for long
