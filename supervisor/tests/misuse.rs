@@ -246,3 +246,24 @@ fn systemd_is_told_when_the_station_is_ready_that_it_lives_and_that_it_stops() {
     wait("STOPPING=1\n", 1);
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
 }
+
+/// By systemd's own reader, where there is one: an unknown key or a wrong unit of time would be ignored at run time, with the watchdog.
+#[test]
+fn the_units_file_is_one_that_systemd_takes_as_it_is() {
+    let folder = std::env::temp_dir().join(format!("unit-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let unit = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/systemd/hystation.service")).unwrap();
+    assert!(unit.contains("ExecStart=/opt/hystation/bin/hystation "), "{unit}");
+    let path = folder.join("hystation.service");
+    std::fs::write(&path, unit.replace("/opt/hystation/bin/hystation", env!("CARGO_BIN_EXE_hystation"))).unwrap();
+    let verified = std::process::Command::new("systemd-analyze").args(["verify", "--man=no"]).arg(&path).output();
+    std::fs::remove_dir_all(&folder).unwrap();
+    match verified {
+        Ok(output) => {
+            // Without a running systemd it may speak of other units of the machine; of this one it has nothing to say.
+            let said = format!("{}{}", text(&output.stdout), text(&output.stderr));
+            assert!(!said.contains("hystation.service"), "{said}");
+        }
+        Err(error) => println!("NOT TRIED: systemd-analyze: {error}"),
+    }
+}

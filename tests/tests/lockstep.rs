@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 use station_tests::{Folder, hystation, run, wait_for};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -154,7 +155,7 @@ fn kills_at_any_moment_leave_no_trace() {
     command.args(["--name", &station, "run", "--headless", "--lockstep", "--roles", ROLES, "--for", FOR, "--report"]).arg(&path);
     let log = std::fs::File::create(folder.as_path().join("said")).unwrap();
     let mut child = command.stdout(std::process::Stdio::null()).stderr(log).spawn().unwrap();
-    let mut dice = 1_u64;
+    let (mut dice, mut killed) = (1_u64, BTreeSet::new());
     let code = wait_for(LIMIT, || {
         dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let (_, status, _) = run(hystation().args(["--name", &station, "status", "--json"]));
@@ -162,13 +163,14 @@ fn kills_at_any_moment_leave_no_trace() {
         let processes = status["processes"].as_array().map(Vec::as_slice).unwrap_or_default();
         let of = |process: &Value, role: &str| process["name"].as_str().is_some_and(|name| name.starts_with(role));
         let role = ["collision-worker", "fluid", "tissue", "haptic"][(dice >> 33) as usize % 4];
-        let mut victims = processes.iter().filter(|process| of(process, role));
-        let whole = victims.clone().count() == 2 && victims.clone().all(|process| process["state"] != "dead" && is_well(process));
-        let at = (dice >> 40) as usize % 2;
-        if let Some(pid) =
-            victims.nth(at).filter(|_| whole).and_then(|victim| rustix::process::Pid::from_raw(victim["pid"].as_i64()? as i32))
-        {
-            let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL); // gone is as good
+        let victims: Vec<&Value> = processes.iter().filter(|process| of(process, role)).collect();
+        // Whom this test has killed may still be listed as living: then nobody has seen it yet.
+        let pid = |process: &Value| process["pid"].as_i64().unwrap_or(0) as i32;
+        let whole = victims.len() == 2 && victims.iter().all(|process| is_well(process) && !killed.contains(&pid(process)));
+        let victim = rustix::process::Pid::from_raw(victims.get((dice >> 40) as usize % 2).map_or(0, |process| pid(process)));
+        if let Some(victim) = victim.filter(|_| whole) {
+            let _ = rustix::process::kill_process(victim, rustix::process::Signal::KILL); // gone is as good
+            killed.insert(victim.as_raw_nonzero().get());
         }
         child.try_wait().unwrap().map(|status| status.code())
     });
