@@ -332,7 +332,7 @@ fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan) -> u
 }
 
 fn all_ready(viewer: &mut Viewer, plan: &Plan) -> bool {
-    plan.slots().into_iter().all(|slot| viewer.slot_page(slot).is_some_and(|page| page.state().is_ready()))
+    plan.slots().into_iter().all(|slot| viewer.says_ready(slot))
 }
 
 /// Events that are shown under the table.

@@ -49,8 +49,5 @@ impl Permit {
 
 /// Whether every slot has a living process that is warm or live. Rendering steps with nobody, and is ready only once there is a picture.
 fn is_whole(slots: &[Slot], viewer: &mut Viewer) -> bool {
-    slots.iter().filter(|slot| slot.role() != Role::Rendering).all(|slot| {
-        let is_ready = viewer.slot_page(*slot).is_some_and(|page| page.state().is_ready());
-        is_ready && !viewer.page().is_dead(*slot)
-    })
+    slots.iter().filter(|slot| slot.role() != Role::Rendering).all(|slot| viewer.is_well(*slot))
 }

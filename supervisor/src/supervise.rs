@@ -347,10 +347,7 @@ impl Supervisor {
     /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.
     fn has_another_servo(&mut self, dead: Slot) -> bool {
         let slots = (0..Role::Haptic.slots().1).filter_map(|index| Slot::new(Role::Haptic, index));
-        slots.filter(|slot| *slot != dead).any(|slot| {
-            let lives = self.viewer.page().pid(slot) != 0 && !self.viewer.page().is_dead(slot);
-            lives && self.viewer.slot_page(slot).is_some_and(|page| page.state().is_ready())
-        })
+        slots.filter(|slot| *slot != dead).any(|slot| self.viewer.is_well(slot))
     }
 
     fn answer(&mut self, request: &Request) -> String {

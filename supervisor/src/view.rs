@@ -128,6 +128,14 @@ impl Viewer {
         self.pages.get(&slot).map(|(_, page)| page)
     }
 
+    /// Whether the page of a slot's process says that it is warm or live.
+    pub fn says_ready(&mut self, slot: Slot) -> bool {
+        self.slot_page(slot).is_some_and(|page| page.state().is_ready())
+    }
+    /// Whether a slot has a living process that is warm or live.
+    pub fn is_well(&mut self, slot: Slot) -> bool {
+        self.page.pid(slot) != 0 && !self.page.is_dead(slot) && self.says_ready(slot)
+    }
     /// Looks.
     pub fn look(&mut self) -> StationView {
         let mut processes = Vec::new();

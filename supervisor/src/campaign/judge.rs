@@ -113,7 +113,8 @@ const MOST_REASONS: usize = 8;
 
 /// Judges what there is so far.
 pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &[StationOutcome]) -> Judgement {
-    let lost = lost_by(outcomes, &stations.iter().collect::<Vec<_>>());
+    let judged = |name: &str| campaign.arms.iter().any(|arm| arm.name == name && arm.judged);
+    let lost = lost_by(outcomes, stations, &judged);
     let mut cells = Vec::new();
     let mut pools = Vec::new();
     for arm in &campaign.arms {
@@ -133,13 +134,12 @@ pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &
             }
         }
     }
-    let judged = |name: &str| campaign.arms.iter().any(|arm| arm.name == name && arm.judged);
     let broken = stations.iter().filter(|station| judged(&station.arm)).flat_map(StationOutcome::broken).collect();
     let here: Vec<&Figures> = cells.iter().filter(|cell| judged(&cell.arm)).collect();
     let done: usize = here.iter().map(|cell| cell.done()).sum();
     let void_share = here.iter().map(|cell| cell.without_verdict).sum::<usize>() as f64 / done.max(1) as f64;
     let stations: Vec<&StationOutcome> = stations.iter().filter(|station| judged(&station.arm)).collect();
-    let lost_elsewhere = lost_by(outcomes, &stations).get(&None).copied().unwrap_or(0);
+    let lost_elsewhere = lost.get(&None).copied().unwrap_or(0);
     let unknown = unknown(campaign, &stations, void_share, lost_elsewhere);
     let mut judgement = Judgement {
         campaign: campaign.name.clone(),
@@ -188,8 +188,8 @@ fn exit_code(judgement: &Judgement) -> u8 {
 const RING_TICKS: u64 = 4_096;
 
 /// Ticks that the recordings lost, by the fault in whose window they lie; those outside of every window are no fault's doing and have no
-/// number.
-fn lost_by(outcomes: &[Outcome], stations: &[&StationOutcome]) -> BTreeMap<Option<usize>, u64> {
+/// number, and count in arms that are judged.
+fn lost_by(outcomes: &[Outcome], stations: &[StationOutcome], judged: &dyn Fn(&str) -> bool) -> BTreeMap<Option<usize>, u64> {
     let mut lost = BTreeMap::new();
     for station in stations {
         let here: Vec<&Outcome> = outcomes.iter().filter(|outcome| station.faults.contains(&outcome.index)).collect();
@@ -200,7 +200,9 @@ fn lost_by(outcomes: &[Outcome], stations: &[&StationOutcome]) -> BTreeMap<Optio
                 *last >= outcome.tick && *first < to_tick
             };
             let by = here.iter().filter(overlaps).max_by_key(|outcome| outcome.tick).map(|outcome| outcome.index);
-            *lost.entry(by).or_default() += last.saturating_sub(*first) + 1;
+            if by.is_some() || judged(&station.arm) {
+                *lost.entry(by).or_default() += last.saturating_sub(*first) + 1;
+            }
         }
     }
     lost

@@ -157,11 +157,7 @@ impl Session {
         let Some(viewer) = &mut self.viewer else { return false };
         let lives = |role| remains::slot_alive(viewer.page(), Slot::first(role).number()).is_some();
         let supervised = lives(Role::Supervisor) && lives(Role::Guardian);
-        let well = |slot: &Slot| {
-            let present = viewer.page().pid(*slot) != 0 && !viewer.page().is_dead(*slot);
-            present && viewer.slot_page(*slot).is_some_and(|page| page.state().is_ready())
-        };
-        let whole = supervised && !self.slots.is_empty() && self.slots.iter().all(well);
+        let whole = supervised && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
         self.whole_since_tick = if whole { Some(self.whole_since_tick.unwrap_or(tick)) } else { None };
         whole
     }

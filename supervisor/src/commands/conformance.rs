@@ -115,7 +115,7 @@ fn swap_in(role: Role, binary: &Path, station: &Station) -> Result<Vec<Check>, R
     let whole = || {
         let plan = crate::plan::Plan::read(station).ok()?;
         let mut viewer = crate::view::Viewer::open(station).ok()?;
-        plan.slots().into_iter().all(|slot| viewer.slot_page(slot).is_some_and(|page| page.state().is_ready())).then_some(())
+        plan.slots().into_iter().all(|slot| viewer.says_ready(slot)).then_some(())
     };
     while whole().is_none() {
         if system::now_ns() >= deadline_ns {

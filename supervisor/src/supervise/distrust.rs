@@ -113,15 +113,9 @@ impl Supervisor {
             }
             Role::Tissue | Role::Fluid => {
                 let others = (0..slot.role().slots().1).filter_map(|index| Slot::new(slot.role(), index));
-                others.filter(|other| *other != slot && !other.is_guest()).any(|other| self.is_ready_to_work(other))
+                others.filter(|other| *other != slot && !other.is_guest()).any(|other| self.viewer.is_well(other))
             }
             _ => false,
         }
-    }
-
-    fn is_ready_to_work(&mut self, slot: Slot) -> bool {
-        let alive = self.viewer.page().pid(slot) != 0 && !self.viewer.page().is_dead(slot);
-        let page = self.viewer.slot_page(slot);
-        alive && page.is_some_and(|page| page.state().is_ready())
     }
 }

@@ -5,6 +5,7 @@ mod by_hand;
 mod swaps;
 
 use hyst_messages::{Role, Slot};
+use hystation::campaign::draw::Draw;
 use hystation::policy::{
     Action, Event, Exit, Ground, LEAVE_WITHIN_NS, MOST_DOOMED, State, is_replicated, is_stateful, limits, sources, step,
 };
@@ -21,18 +22,12 @@ fn slots() -> Vec<Slot> {
     slots.into_iter().chain([(Role::Rendering, 0)]).filter_map(|(role, index)| Slot::new(role, index)).collect()
 }
 
-/// splitmix64 (Steele, Lea and Flood 2014): a seed names a history.
-struct Dice(u64);
+/// A campaign's generator: a seed names a history.
+struct Dice(Draw);
 
 impl Dice {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
     fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
+        self.0.bits() % bound
     }
 }
 
@@ -248,7 +243,7 @@ impl World {
 
 /// Plays the history of a seed; gives the number of its events.
 fn history(seed: u64, slots: &[Slot]) -> u64 {
-    let mut dice = Dice(seed);
+    let mut dice = Dice(Draw::new(seed));
     let mut state = State::new(slots);
     let mut world = World { next_incarnation: 10, now_ns: 20_000_000_000, ..World::default() };
     let mut adopted = Vec::new();

@@ -185,11 +185,7 @@ impl Drop for Running {
 
 /// Who is not ready yet; `None` if everyone is and the hand moves.
 fn unready(viewer: &mut Viewer, slots: &[Slot]) -> Option<String> {
-    let names: Vec<String> = slots
-        .iter()
-        .filter(|slot| !viewer.slot_page(**slot).is_some_and(|page| page.state().is_ready()))
-        .map(Slot::to_string)
-        .collect();
+    let names: Vec<String> = slots.iter().filter(|slot| !viewer.says_ready(**slot)).map(Slot::to_string).collect();
     let hand = viewer.slot_page(Slot::first(Role::Hardware)).map_or(0, |page| page.load64(header::TICK));
     match names.is_empty() {
         true if hand >= FIRST_TICK => None,
