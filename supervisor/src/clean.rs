@@ -50,14 +50,10 @@ impl Cleaner {
 
 fn start(station: &Station) -> Option<u32> {
     let program = std::env::current_exe().ok()?;
-    let child = Command::new(program)
-        .args(["clean", "--station", station.name()])
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .process_group(0)
-        .spawn();
-    child.ok().map(|child| child.id())
+    let mut command = Command::new(program);
+    command.args(["clean", "--station", station.name()]).process_group(0);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    crate::proc::start(&mut command, false).ok().map(|child| child.id())
 }
 
 fn is_over(pid: u32) -> bool {

@@ -7,7 +7,7 @@ use rustix::process::{Pid, Signal};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
-use std::process::{Child, ExitStatus};
+use std::process::{Child, Command, ExitStatus};
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;
@@ -24,6 +24,17 @@ const BETWEEN_LOOKS_NS: u64 = 5_000_000;
 /// The process id as the system-call crate wants it; `None` for 0 and for what is no id.
 pub fn pid(number: u32) -> Option<Pid> {
     i32::try_from(number).ok().and_then(Pid::from_raw)
+}
+
+/// Starts a process without waiting for the processor time that ordinary ones must wait for. From its own program on it is an ordinary one, unless it
+/// is in a hurry: then it stays in the class of who started it.
+pub fn start(command: &mut Command, in_a_hurry: bool) -> std::io::Result<Child> {
+    let (child, lent) = system::start_in_own_class(|| command.spawn());
+    let child = child?;
+    if lent && !in_a_hurry {
+        system::calm(child.id());
+    }
+    Ok(child)
 }
 
 /// Threads of a process.

@@ -9,7 +9,6 @@ use crate::plan::{Plan, PlanError};
 use crate::policy::Exit;
 use crate::proc;
 use crate::watch::Ward;
-use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::page::PageError;
 use hyst_exchange::rendezvous::HeldRendezvous;
 use hyst_exchange::stream::HeldService;
@@ -60,14 +59,10 @@ enum Service {
 /// supervisor for its guardian, the stand-in of the guardian for the supervisor. Gives its process id; whoever starts it reaps it.
 pub fn start_own(station: &Station, subcommand: &str, role: Role) -> std::io::Result<u32> {
     let log = std::fs::OpenOptions::new().append(true).create(true).open(station.log(Slot::first(role)))?;
-    let child = Command::new(std::env::current_exe()?)
-        .args([subcommand, "--station", station.name()])
-        .stdin(Stdio::null())
-        .stdout(log.try_clone()?)
-        .stderr(log)
-        .process_group(0)
-        .spawn()?;
-    Ok(child.id())
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args([subcommand, "--station", station.name()]).process_group(0);
+    command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log);
+    Ok(proc::start(&mut command, false)?.id())
 }
 
 /// Starts and buries incarnations.
@@ -80,17 +75,16 @@ pub struct Spawner {
     held: BTreeMap<(Slot, u32), Vec<Service>>,
     /// The slot that starts from another binary than its role's, while a swap tries that.
     pub candidate: Option<(Slot, PathBuf)>,
-    real_time: bool,
     /// Where this supervisor is to die, if a test wants that.
     pub mortality: Mortality,
 }
 
 impl Spawner {
     /// Joins the station's link domain.
-    pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan, real_time: bool) -> Result<Spawner, LinkError> {
+    pub fn new(station: &Station, page: Arc<OwnedPage>, plan: Plan) -> Result<Spawner, LinkError> {
         let links = Links::join(station, "supervisor")?;
         let mortality = Mortality::of(station);
-        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new(), candidate: None, real_time, mortality })
+        Ok(Spawner { station: station.clone(), page, links, plan, held: BTreeMap::new(), candidate: None, mortality })
     }
 
     /// Starts a new incarnation in a slot whose last owner was reaped.
@@ -136,19 +130,18 @@ impl Spawner {
         let second = log.try_clone().map_err(|e| fail(&log_path, e))?;
         let spawned_ns = system::now_ns();
         // Without pre_exec the standard library uses posix_spawn, which does not copy this process.
-        let mut child = Command::new(&binary)
+        let mut command = Command::new(&binary);
+        command
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
             // The software rasterizer on one thread and no layers that search for devices: pictures give way to the engines.
             .envs([("LP_NUM_THREADS", "1"), ("NODEVICE_SELECT", "1")])
             .stdin(Stdio::null())
             .stdout(log)
             .stderr(second)
-            .process_group(0)
-            .spawn()
-            .map_err(|e| fail(&binary, e))?;
-        if self.real_time && slot.role() == Role::Device {
-            system::hurry(child.id(), SUPERVISOR_PRIORITY); // refused without rights: then it starts as others do
-        }
+            .process_group(0);
+        // Without these two the hand has nothing, or nobody who stands in.
+        let in_a_hurry = [Role::Device, Role::Haptic].contains(&slot.role());
+        let mut child = proc::start(&mut command, in_a_hurry).map_err(|e| fail(&binary, e))?;
         self.mortality.pass("spawn-started");
         self.enter(slot, incarnation, child.id());
         self.mortality.pass("spawn-entered");

@@ -136,7 +136,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),
-        spawner: Spawner::new(station, Arc::clone(&page), plan.clone(), real_time)?,
+        spawner: Spawner::new(station, Arc::clone(&page), plan.clone())?,
         policy,
         watch,
         cleaner: Cleaner::default(),
@@ -191,7 +191,9 @@ pub fn register(page: &OwnedPage, role: Role) {
 impl Supervisor {
     fn run(&mut self, inbox: &Receiver<Input>) -> u8 {
         if self.real_time {
-            system::become_fifo(SUPERVISOR_PRIORITY); // refused without rights: then whoever died is replaced when there is time for it
+            // Refused without rights: then whoever died is replaced when there is time for it, and when its own pages are there.
+            system::become_fifo(SUPERVISOR_PRIORITY);
+            system::lock_touched_memory();
         }
         let mut stop_since_ns = None;
         loop {
@@ -334,8 +336,9 @@ impl Supervisor {
     fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64, beat_ns: u64) {
         let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
         let words = if words.is_empty() { String::new() } else { format!(": {words}") };
+        let was_last = slot.role() == Role::Haptic && !self.has_another_servo(slot);
         journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) died, {exit}{words}"));
-        if slot.role() == Role::Haptic && !self.has_another_servo(slot) {
+        if was_last {
             journal::say(&self.station, "no servo is left: the force fades, and comes back with the next one");
         }
         self.sample(at_ns, slot, None);

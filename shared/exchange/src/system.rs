@@ -76,6 +76,14 @@ pub fn lock_memory() -> bool {
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok()
 }
 
+/// Locks what the process has mapped, and of what is to come whatever it touches: for one that must not wait for a disk, and has no loop in which a
+/// first touch costs too much. False where RLIMIT_MEMLOCK forbids it.
+pub fn lock_touched_memory() -> bool {
+    use rustix::mm::{MlockAllFlags, mlockall};
+    mlockall(MlockAllFlags::CURRENT).is_ok()
+        && mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).is_ok()
+}
+
 /// Makes the calling thread SCHED_FIFO with this priority; children go back to the ordinary class. False where it is refused.
 pub fn become_fifo(priority: i32) -> bool {
     schedule(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority)
@@ -87,10 +95,30 @@ pub fn become_ordinary() -> bool {
     be_nice(-40) && schedule(0, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0)
 }
 
-/// Makes the first thread of a process that has just begun SCHED_FIFO with this priority, and with it the threads that it starts. False where it
-/// is refused.
-pub fn hurry(process: u32, priority: i32) -> bool {
-    i32::try_from(process).is_ok_and(|thread_id| schedule(thread_id, libc::SCHED_FIFO, priority))
+/// Makes the first thread of a process that has just begun an ordinary one. False where it is refused.
+pub fn calm(process: u32) -> bool {
+    i32::try_from(process).is_ok_and(|thread_id| schedule(thread_id, libc::SCHED_OTHER, 0))
+}
+
+/// Starts a process in the class of the calling thread, if that is SCHED_FIFO: whoever starts a process waits until it has its own program, and an
+/// ordinary one would have to wait for all others before that. Says whether the process has that class now.
+pub fn start_in_own_class<T>(start: impl FnOnce() -> T) -> (T, bool) {
+    let priority = own_priority();
+    let lent = priority > 0 && schedule(0, libc::SCHED_FIFO, priority);
+    let started = start();
+    if lent {
+        schedule(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority);
+    }
+    (started, lent)
+}
+
+/// SCHED_FIFO priority of the calling thread, 0 for an ordinary one.
+#[allow(unsafe_code)] // rustix has no scheduler class; one call, proof below
+fn own_priority() -> i32 {
+    let mut parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: the pointer is to a live sched_param, which the call fills; thread id 0 is the calling thread.
+    let result = unsafe { libc::sched_getparam(0, &mut parameters) };
+    if result == 0 { parameters.sched_priority } else { 0 }
 }
 
 /// Moves a whole thread by id to the idle class, so that its tear-down disturbs nobody. False where it is refused.
@@ -156,6 +184,15 @@ mod tests {
         let until = now_ns() + 2_000_000;
         sleep_until_ns(until);
         assert!(now_ns() >= until);
+    }
+
+    #[test]
+    fn a_process_is_started_in_the_class_of_who_starts_it_and_that_goes_back() {
+        let fifo = become_fifo(2); // refused without rights: then nothing is lent
+        let (inside, lent) = start_in_own_class(|| std::thread::spawn(own_priority).join().unwrap_or(-1));
+        assert_eq!((inside, lent), if fifo { (2, true) } else { (0, false) });
+        assert_eq!(std::thread::spawn(own_priority).join().unwrap_or(-1), 0);
+        assert_eq!(own_priority(), if fifo { 2 } else { 0 });
     }
 
     #[test]

@@ -369,14 +369,10 @@ pub fn binary_of(pid: u32) -> Option<PathBuf> {
 
 fn start_judge(station: &Station, role: Role, guest: u32, tell: Sender<Input>) -> Option<Child> {
     let program = std::env::current_exe().ok()?;
-    let mut child = Command::new(program)
-        .args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()])
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .process_group(0)
-        .spawn()
-        .ok()?;
+    let mut command = Command::new(program);
+    command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut child = crate::proc::start(&mut command, false).ok()?;
     let lines = BufReader::new(child.stdout.take()?).lines();
     // Ends with the judge.
     let read = move || {
