@@ -8,8 +8,8 @@ use hyst_messages::{Applied, LedgerEntry};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Ticks that are kept: a window is judged seconds after its end.
-pub const HISTORY_TICKS: usize = 120_000;
+/// Ticks that are kept: a control lies up to 8 s from its fault, and is judged seconds after its end.
+pub const HISTORY_TICKS: usize = 40_000;
 /// Ticks after the first fresh one that are still start-up.
 pub const SETTLING_TICKS: u64 = 500;
 /// No motor of such a device makes more, N; more was never meant to be applied.

@@ -37,6 +37,16 @@ pub fn start(command: &mut Command, in_a_hurry: bool) -> std::io::Result<Child> 
     Ok(child)
 }
 
+/// A broken invariant ends the process, whichever thread found it, and the guardian starts another: one that had lost its watching thread would beat
+/// on, and see nobody die.
+pub fn end_on_panic() {
+    let default = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |info| {
+        default(info);
+        std::process::exit(1);
+    }));
+}
+
 /// Threads of a process.
 pub fn threads(process: u32) -> Vec<i32> {
     std::fs::read_dir(format!("/proc/{process}/task"))
@@ -246,6 +256,26 @@ mod tests {
             println!("here");
             std::io::stdin().read_line(&mut String::new()).unwrap();
         }
+    }
+
+    /// The same: one thread of it panics, the first one waits for a line that nobody writes.
+    #[test]
+    fn a_panicking_thread() {
+        if std::env::var_os("HYSTATION_TEST_PANIC").is_some() {
+            end_on_panic();
+            std::thread::spawn(|| panic!("an invariant is broken"));
+            std::io::stdin().read_line(&mut String::new()).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_thread_that_panics_ends_the_whole_process() {
+        let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+        command.args(["--exact", "proc::tests::a_panicking_thread", "--nocapture"]).env("HYSTATION_TEST_PANIC", "1");
+        let mut child = command.stdin(std::process::Stdio::piped()).stdout(std::process::Stdio::null()).spawn().unwrap();
+        let _open = child.stdin.take(); // without it the first thread would read the end of its input, and go on
+        let status = wait_within(&mut child, 60_000_000_000).expect("it lives on");
+        assert_eq!(status.code(), Some(1));
     }
 
     #[test]

@@ -114,7 +114,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let Some(_name) = name::take(station, Holder::Supervisor).map_err(system_error)? else {
         return Ok(0); // there is one
     };
-    end_on_panic();
+    crate::proc::end_on_panic();
     let page = Arc::new(station.open_for_keeping()?);
     register(&page, Role::Supervisor);
     page.fetch_add64(layout::SUPERVISOR_STARTS, 1);
@@ -164,16 +164,6 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     roles::resume(&supervisor.page, supervisor.viewer.page(), &mut supervisor.policy);
     supervisor.start();
     Ok(supervisor.run(&inbox))
-}
-
-/// A broken invariant ends the process, whichever thread found it, and the guardian starts another: one that had lost its watching thread would beat
-/// on, and see nobody die.
-fn end_on_panic() {
-    let default = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |info| {
-        default(info);
-        std::process::exit(1);
-    }));
 }
 
 /// Says in the station page who this process is.

@@ -143,10 +143,13 @@ fn a_state_that_kills_every_successor_is_left_for_an_older_one_and_what_no_state
 /// What no state survives stays so to the end of the run: it is said in the report, and the run ends with code 3 (or 1, if a promise was broken too).
 #[test]
 fn a_run_that_ends_with_a_tissue_held_still_says_so() {
-    let station = Station::start("held", &["--hand", "script:press", "--test-mode"]);
+    // The supervisor dies in the middle of the third decision, which is to hold it still: the next one comes to it by itself.
+    let mortal = ["env", "HYSTATION_SUPERVISOR_DIES_AT=ground-laid:3"];
+    let station = Station::start_under(&mortal, "held", &["--hand", "script:press", "--test-mode"]);
     let (victim, _) = station.victim("tissue:active");
     station.inject(&format!("doom {victim}"));
     wait_until(&station, "it is held still", || station.status()["held"] == json!(["tissue"]) && station.is_whole());
+    assert!(station.supervisor_starts() >= 2, "the supervisor did not die: {}", station.said());
     station.kill("supervisor", true);
     let ended = station.stop();
     ended.assert_clean();

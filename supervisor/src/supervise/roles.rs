@@ -139,6 +139,7 @@ impl Supervisor {
             Ground::Again(time_ns) => (tick_at(time_ns), 0, format!("{name} was held still and is tried again")),
         };
         self.page.store64(layout::GROUND + role as usize, tick);
+        self.spawner.mortality.pass("ground-laid");
         self.page.store32(layout::HELD + role as usize, held);
         journal::say(&self.station, &text);
         // Whoever took the role before this may have started from the ground of before; a founder reads the ground after it took the role.
@@ -154,6 +155,7 @@ impl Supervisor {
         self.note_holders(system::now_ns()); // nobody is promoted from nonsense
         let holder = self.holders.roster.holder(role);
         if self.holders.roster.promote(role, holder, incarnation).is_ok() {
+            self.spawner.mortality.pass("role-promoted");
             journal::say(
                 &self.station,
                 &format!("{} is handed over from incarnation {} to {incarnation}", role.name(), holder.incarnation),
