@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Makes the meshes of `assets/meshes` from published dimensions: a uterus with a distended cavity, and a polyp in it.
+"""Makes the meshes of `assets/meshes` from published dimensions: a uterus with a distended cavity, a polyp and a myoma in it.
 
-Promise: the same versions of gmsh and numpy write the same bytes. Every size and every count is a parameter (see `--help`), so that
+Promise: the same versions of gmsh and numpy write the same bytes. Every count is a parameter (see `--help`), so that
 finer organs for a benchmark cost one command. Where each dimension comes from stands in SOURCES.md.
 
 Frame: millimetres, origin at the pivot in the cervix, +z along the canal towards the fundus, +y anterior, +x to the patient's left.
 
     python3 -m venv /tmp/meshing && /tmp/meshing/bin/pip install gmsh==4.15.2 numpy==2.4.*
-    /tmp/meshing/bin/python assets/make_meshes.py            # writes assets/meshes and prints what it made
+    /tmp/meshing/bin/python assets/make_meshes.py                   # writes assets/meshes and prints what it made
+    /tmp/meshing/bin/python assets/make_meshes.py uterus:20000      # a finer one: uterus-20000.msh
 """
 import argparse
 import pathlib
@@ -34,6 +35,9 @@ POLYP_AXIS = (-0.10, -0.03, -1.0)        # hangs towards the internal os
 POLYP_STALK_RADIUS, POLYP_LENGTH = 1.9, 13.6
 POLYP_HEAD_CENTRE, POLYP_HEAD_HALF_LENGTH = 8.9, 4.7
 POLYP_HEAD_RADII = (3.9, 3.4)            # flattened as the cavity is
+# --- the myoma: submucous, more than half of it in the cavity ----------------------------------------------------------------
+MYOMA_CENTRE = (-6.0, 4.2, 38.0)         # in the anterior wall, on the patient's right
+MYOMA_RADIUS = 6.0
 
 RIM_Z = -9.0            # below it the rim of the external os is meshed finely, so that its edge stays round
 RING = 72               # points on each ring of the fine surface that gmsh meshes anew
@@ -95,6 +99,12 @@ def polyp_rings(grow):
         rings.append((s, a * grow, b * grow, 2.0))
     rings[0], rings[-1] = (-0.3 * (grow - 1), 0.0, 0.0, 2.0), (POLYP_LENGTH + 4 * (grow - 1), 0.0, 0.0, 2.0)
     return rings
+
+
+def myoma_rings(grow):
+    """Rings of a ball about the origin, from pole to pole."""
+    radius = MYOMA_RADIUS * grow
+    return [(-radius * np.cos(t), radius * np.sin(t), radius * np.sin(t), 2.0) for t in np.linspace(0.0, np.pi, 40)]
 
 
 def skin(rings):
@@ -229,40 +239,68 @@ def write_obj(path, points, triangles, name):
     path.write_text("\n".join(lines))
 
 
-def uterus(counts, tolerance):
-    shape = skin(uterus_rings(0.35))
-    tets = closest(lambda f: mesh(*shape, uterus_size(f, 2.9 * f), True), counts[0], 3.4 * (3198 / counts[0]) ** (1 / 3), tolerance)
-    shape = skin(uterus_rings(0.0))
-    return tets, closest(lambda f: mesh(*shape, uterus_size(f, 2.9 * f), False), counts[1], 2.4 * (1646 / counts[1]) ** 0.5, tolerance)
+# Each gives the closed surface to mesh, for tets or for the eye, the size function of a factor, and the factor at which the search starts.
+def uterus(solid, count):
+    start = 3.4 * (3198 / count) ** (1 / 3) if solid else 2.4 * (1646 / count) ** 0.5
+    return skin(uterus_rings(0.35 if solid else 0.0)), lambda f: uterus_size(f, 2.9 * f), start
 
 
-def polyp(counts, tolerance):
-    points, triangles = skin(polyp_rings(1.1))
-    shape = place_polyp(points), triangles
-    tets = closest(lambda f: mesh(*shape, lambda *_: f, True), counts[0], 3.0 * (206 / counts[0]) ** (1 / 3), tolerance)
-    points, triangles = skin(polyp_rings(1.0))
-    fine = place_polyp(points), triangles
-    return tets, closest(lambda f: mesh(*fine, lambda *_: f, False), counts[1], 0.7 * (1336 / counts[1]) ** 0.5, tolerance)
+def polyp(solid, count):
+    points, triangles = skin(polyp_rings(1.1 if solid else 1.0))
+    start = 3.0 * (206 / count) ** (1 / 3) if solid else 0.7 * (1336 / count) ** 0.5
+    return (place_polyp(points), triangles), lambda f: lambda *_: f, start
+
+
+def myoma(solid, count):
+    points, triangles = skin(myoma_rings(1.06 if solid else 1.0))
+    start = 3.0 * (391 / count) ** (1 / 3) if solid else 0.95 * (1100 / count) ** 0.5
+    return (points + np.array(MYOMA_CENTRE), triangles), lambda f: lambda *_: f, start
+
+
+# File, shape, tets, triangles (None: the surface of the same shape serves).
+SETS = {
+    "uterus": (uterus, 3198, 1646),
+    "polyp": (polyp, 206, 1336),
+    "myoma": (myoma, 391, 1100),
+    "uterus-medium": (uterus, 5392, None),
+    "uterus-fine": (uterus, 9780, None),
+}
+
+
+def wanted(text):
+    """A set by its name, or SHAPE:TETS[:TRIANGLES] for other counts."""
+    if text in SETS:
+        return text, *SETS[text]
+    shape, *counts = text.split(":")
+    numbers = [int(count) for count in counts if count.isdecimal()]
+    if shape not in ("uterus", "polyp", "myoma") or len(numbers) != len(counts) or len(numbers) not in (1, 2) or 0 in numbers:
+        raise argparse.ArgumentTypeError(f"{text} is neither one of {', '.join(SETS)} nor SHAPE:TETS[:TRIANGLES]")
+    return f"{shape}-{numbers[0]}", SETS[shape][0], numbers[0], numbers[1] if len(numbers) == 2 else None
+
+
+def made(build, solid, count):
+    """The mesh whose count is within 1 of the wanted one, of a large one within a hundredth, or as near as the search comes."""
+    shape, size, start = build(solid, count)
+    return closest(lambda f: mesh(*shape, size(f), solid), count, start, count // 100 if count > 4000 else 1)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sets", nargs="*", type=wanted, metavar="SET", help="a name, or SHAPE:TETS[:TRIANGLES]; default: " + ", ".join(SETS))
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path(__file__).parent / "meshes")
-    parser.add_argument("--uterus", type=int, nargs=2, default=(3198, 1646), metavar=("TETS", "TRIANGLES"))
-    parser.add_argument("--polyp", type=int, nargs=2, default=(206, 1336), metavar=("TETS", "TRIANGLES"))
-    parser.add_argument("--tolerance", type=int, default=1, help="counts nearer than this end the search")
-    parser.add_argument("--suffix", default="", help="added to the file names, for finer sets")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     gmsh.initialize()
-    for name, make, counts in (("uterus", uterus, arguments.uterus), ("polyp", polyp, arguments.polyp)):
-        ((points, tets), solid_size), ((vertices, triangles), skin_size) = make(counts, arguments.tolerance)
-        write_msh(arguments.out / f"{name}{arguments.suffix}.msh", points, tets, name)
-        write_obj(arguments.out / f"{name}{arguments.suffix}-surface.obj", vertices, triangles, name)
+    for name, build, tet_count, triangle_count in arguments.sets or map(wanted, SETS):
+        (points, tets), size = made(build, True, tet_count)
+        write_msh(arguments.out / f"{name}.msh", points, tets, name)
         quality = qualities(points, tets)
         print(f"{name}: {len(points)} nodes, {len(tets)} tets, volume {volumes(points, tets).sum() / 1000:.2f} ml, quality min "
-              f"{quality.min():.3f} mean {quality.mean():.3f}, size {solid_size:.3f} mm; surface {len(vertices)} vertices, "
-              f"{len(triangles)} triangles, size {skin_size:.3f} mm")
+              f"{quality.min():.3f} mean {quality.mean():.3f}, size {size:.3f} mm", flush=True)
+        if triangle_count:
+            (vertices, triangles), size = made(build, False, triangle_count)
+            write_obj(arguments.out / f"{name}-surface.obj", vertices, triangles, name)
+            print(f"{name}: surface of {len(vertices)} vertices, {len(triangles)} triangles, size {size:.3f} mm", flush=True)
     gmsh.finalize()
     return 0
 

@@ -22,6 +22,8 @@ const EXPLORE_PERIOD_S: f64 = 12.0;
 const POLYP_PERIOD_S: f64 = 6.0;
 /// The approach to a pathology is straight up to this share of the way; tilting earlier would meet the narrow of the cervix.
 const APPROACH_SHARE: f32 = 0.5;
+/// Where the way to a pathology's middle meets the wall, aims nearer to the axis are tried: these shares of the middle's distance from it.
+const AIM_SHARES: [f32; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];
 /// A sweep never goes further than this, and stays this share of its way clear of the wall.
 const SWEEP_RAD: f32 = 0.2;
 const SWEEP_SHARE: f32 = 0.7;
@@ -100,12 +102,15 @@ pub(crate) fn find(
     let explore = explore(probe);
     let rest = explore.way[0];
     let mut found = vec![Some(explore), press(probe, objects[0].hollow)];
-    if let Some(target) = objects.iter().position(|object| object.kind == DeformableKind::Pathology) {
+    let is_pathology = |target: &usize| objects[*target].kind == DeformableKind::Pathology;
+    let targets: Vec<usize> = (0..objects.len()).filter(is_pathology).collect();
+    found.push(targets.iter().find_map(|&target| {
         let (low, high) = bounds(&objects[target].mesh.positions_m);
-        found.push(polyp(probe, target, ((low + high) / 2.0).to_array()));
-        if found[2].is_none() {
-            notes.push(format!("{}: out of the instrument's reach; there is no hand `polyp`", objects[target].name));
-        }
+        polyp(probe, target, ((low + high) / 2.0).to_array())
+    }));
+    if found[2].is_none() && !targets.is_empty() {
+        let names: Vec<&str> = targets.iter().map(|&target| objects[target].name.as_str()).collect();
+        notes.push(format!("{}: out of the instrument's reach; there is no hand `polyp`", names.join(", ")));
     }
     if found[1].is_none() {
         notes.push("the instrument touches nothing within its limits; there is no hand `press`".to_owned());
@@ -158,10 +163,15 @@ fn explore(probe: &Probe<'_>) -> LoadedHand {
     LoadedHand { name: "explore".to_owned(), way, period_s: EXPLORE_PERIOD_S, target: None }
 }
 
-/// The hand that goes to a pathology and presses on it: straight in, aim at its middle, touch. `None` if it is out of reach.
+/// The hand that goes to a pathology and presses on it: straight in, aim at its middle or nearer to the axis, touch. `None` if it is out of reach.
 fn polyp(probe: &Probe<'_>, target: usize, middle_m: [f32; 3]) -> Option<LoadedHand> {
-    let aim = Pose::aim(probe.pivot_m, middle_m)?;
-    let (insertion_m, _) = probe.reach(&aim, aim.insertion_m * APPROACH_SHARE).filter(|&(_, object)| object == target)?;
+    let [pivot_x, pivot_y, _] = probe.pivot_m;
+    let (aim, insertion_m) = AIM_SHARES.iter().find_map(|share| {
+        let aside = |middle: f32, pivot: f32| pivot + (middle - pivot) * share;
+        let aim = Pose::aim(probe.pivot_m, [aside(middle_m[0], pivot_x), aside(middle_m[1], pivot_y), middle_m[2]])?;
+        let reached = probe.reach(&aim, aim.insertion_m * APPROACH_SHARE);
+        reached.filter(|&(_, object)| object == target).map(|(insertion_m, _)| (aim, insertion_m))
+    })?;
     let at = |by_m: f32| probe.clamp(Pose { insertion_m: insertion_m + by_m, ..aim });
     let way =
         vec![probe.clamp(Pose::straight(insertion_m * APPROACH_SHARE)), at(-2.0 * PRESS_CLEARANCE_M), at(PRESS_DEPTH_M * 0.5)];

@@ -1,11 +1,28 @@
-//! The default scene: what it holds, that it can be run, that binary and folder give the same.
+//! The scenes that come with the station: what they hold, that they can be run, and that binary and folder give the same.
 #![allow(missing_docs)]
 
 use hyst_scene::{DeformableKind, LoadedScene, Pose, load, load_embedded};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 fn scene() -> LoadedScene {
     load_embedded().unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes")
+}
+
+/// All scenes of the assets, by their file names.
+fn scenes() -> Vec<(String, LoadedScene)> {
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    assert!(paths.len() >= 4, "{paths:?}");
+    let stem = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
+    paths.iter().map(|path| (stem(path), load(path).unwrap_or_else(|error| panic!("{error}")))).collect()
+}
+
+fn touched(scene: &LoadedScene, pose: &Pose) -> Vec<usize> {
+    (0..scene.objects.len()).filter(|&object| touches(scene, pose, object)).collect()
 }
 
 /// Whether any collision point of the instrument lies in a tet of an object: brute force, the oracle of the loader's own search.
@@ -35,9 +52,22 @@ fn the_counts_are_those_of_the_2006_framework() {
     assert_eq!(scene.notes, Vec::<String>::new(), "the default scene needs no repair and no assumption");
 }
 
+/// Table 2 of the paper: one myoma, one polyp, three polyps, each in a uterus.
+#[test]
+fn the_three_cases_of_the_2006_framework_have_their_sizes_and_need_no_repair_and_no_assumption() {
+    let all = scenes();
+    for (name, tets, pathologies) in [("myoma", 3_589, 1), ("polyp-medium", 5_598, 1), ("three-polyps", 10_398, 3)] {
+        let (_, scene) = all.iter().find(|(found, _)| found == name).unwrap_or_else(|| panic!("no {name}"));
+        let count: usize = scene.objects.iter().map(|object| object.mesh.tets.len()).sum();
+        assert!((count as f64 / f64::from(tets) - 1.0).abs() < 0.05, "{name}: {count} tets");
+        assert_eq!(scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology).count(), pathologies, "{name}");
+        assert_eq!(scene.notes, Vec::<String>::new(), "{name}");
+    }
+}
+
 #[test]
 fn every_surface_vertex_follows_its_tets_and_the_surface_is_closed() {
-    for object in scene().objects {
+    for object in scenes().into_iter().flat_map(|(_, scene)| scene.objects) {
         assert_eq!(object.bindings.len(), object.surface.positions_m.len());
         let mut bound_m = vec![[0.0; 3]; object.bindings.len()];
         hyst_mesh::evaluate(&object.bindings, &object.mesh.tets, &object.mesh.positions_m, &mut bound_m);
@@ -93,41 +123,43 @@ fn a_straight_scope_passes_freely_to_50_mm() {
 
 #[test]
 fn the_press_starts_free_and_ends_in_the_posterior_wall() {
-    let scene = scene();
-    let press = scene.hand("press").unwrap();
-    let (from, into) = (press.pose_at(0.0), press.pose_at(press.period_s / 2.0));
-    assert_eq!(press.target, Some(0));
-    assert!(!touches(&scene, &from, 0) && !touches(&scene, &from, 1), "{from:?}");
-    assert!(touches(&scene, &into, 0) && !touches(&scene, &into, 1), "{into:?}");
-    assert!(into.tip_m([0.0; 3])[1] < -0.003, "{into:?}");
+    for (name, scene) in scenes() {
+        let press = scene.hand("press").unwrap();
+        let (from, into) = (press.pose_at(0.0), press.pose_at(press.period_s / 2.0));
+        assert_eq!(press.target, Some(0), "{name}");
+        assert_eq!(touched(&scene, &from), Vec::<usize>::new(), "{name}: {from:?}");
+        assert_eq!(touched(&scene, &into), vec![0], "{name}: {into:?}");
+        assert!(into.tip_m([0.0; 3])[1] < -0.003, "{name}: {into:?}");
+    }
 }
 
 #[test]
-fn the_polyp_is_reached_without_touching_the_wall() {
-    let scene = scene();
-    let hand = scene.hand("polyp").unwrap();
-    assert_eq!(hand.target, Some(1));
-    for step in 0..=50 {
-        let pose = hand.pose_at(hand.period_s * f64::from(step) / 100.0);
-        assert!(!touches(&scene, &pose, 0), "{pose:?}");
+fn a_pathology_is_reached_without_touching_the_wall() {
+    for (name, scene) in scenes() {
+        let hand = scene.hand("polyp").unwrap_or_else(|| panic!("{name}: no hand reaches it"));
+        assert_eq!(hand.target, Some(1), "{name}");
+        for step in 0..=50 {
+            let pose = hand.pose_at(hand.period_s * f64::from(step) / 100.0);
+            assert!(touched(&scene, &pose).iter().all(|object| *object == 1), "{name}: {pose:?}");
+        }
+        assert!(!touches(&scene, &hand.way[0], 1) && touches(&scene, hand.way.last().unwrap(), 1), "{name}");
     }
-    assert!(!touches(&scene, &hand.way[0], 1) && touches(&scene, hand.way.last().unwrap(), 1));
 }
 
 #[test]
 fn exploring_touches_nothing() {
-    let scene = scene();
-    let hand = scene.hand("explore").unwrap();
-    for step in 0..=100 {
-        let pose = hand.pose_at(hand.period_s * f64::from(step) / 200.0);
-        assert!(!touches(&scene, &pose, 0) && !touches(&scene, &pose, 1), "{pose:?}");
+    for (name, scene) in scenes() {
+        let hand = scene.hand("explore").unwrap();
+        for step in 0..=100 {
+            let pose = hand.pose_at(hand.period_s * f64::from(step) / 200.0);
+            assert_eq!(touched(&scene, &pose), Vec::<usize>::new(), "{name}: {pose:?}");
+        }
     }
 }
 
 #[test]
 fn the_binary_and_the_folder_give_the_same_content() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes/default.toml");
-    let from_disk = load(&path).unwrap_or_else(|error| panic!("{error}"));
+    let from_disk = load(&folder().join("default.toml")).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(from_disk.hash, scene().hash);
     assert_eq!(from_disk.objects, scene().objects);
 }
