@@ -181,9 +181,7 @@ pub fn register(page: &OwnedPage, role: Role) {
 impl Supervisor {
     fn run(&mut self, inbox: &Receiver<Input>) -> u8 {
         if self.real_time {
-            // Refused without rights: then whoever died is replaced when there is time for it, and when its own pages are there.
-            system::become_fifo(SUPERVISOR_PRIORITY);
-            system::lock_touched_memory();
+            system::become_fifo(SUPERVISOR_PRIORITY); // refused without rights: then whoever died is replaced when there is time for it
         }
         let mut stop_since_ns = None;
         loop {

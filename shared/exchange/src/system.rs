@@ -76,14 +76,6 @@ pub fn lock_memory() -> bool {
     mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok()
 }
 
-/// Locks what the process has mapped, and of what is to come whatever it touches: for one that must not wait for a disk, and has no loop in which a
-/// first touch costs too much. False where RLIMIT_MEMLOCK forbids it.
-pub fn lock_touched_memory() -> bool {
-    use rustix::mm::{MlockAllFlags, mlockall};
-    mlockall(MlockAllFlags::CURRENT).is_ok()
-        && mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).is_ok()
-}
-
 /// Makes the calling thread SCHED_FIFO with this priority; children go back to the ordinary class. False where it is refused.
 pub fn become_fifo(priority: i32) -> bool {
     schedule(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority)
