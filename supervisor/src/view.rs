@@ -1,6 +1,6 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
-use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, system};
+use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
 use hyst_messages::page::{header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
 use serde::Serialize;
@@ -187,7 +187,7 @@ impl Viewer {
         };
         let now_ns = system::now_ns();
         view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
-        view.epoch = page.load64(header::EPOCH) as u32;
+        view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
         if alive {
             view.state = page.state().name();

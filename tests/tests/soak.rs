@@ -5,15 +5,17 @@
 //! for each of them adds up. Their companions die in turn, each tissue and fluid while it holds the role. Of what there is one alone dies seldom,
 //! so that its lives are as long as the run allows. Each life is compared with itself, by medians of some samples: after its warm-up, and in the end.
 
+#[path = "soak/holdings.rs"]
+mod holdings;
 #[path = "soak/lives.rs"]
 mod lives;
 
+use holdings::Holdings;
 use hyst_exchange::Roster;
 use hyst_messages::Role;
 use lives::Lives;
 use rustix::process::Signal;
 use station_tests::{RECOVERY_LIMIT, Station, wait_for};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// How long it takes; `HYSTATION_SOAK=30m` (or a number of seconds) makes it longer.
@@ -33,45 +35,6 @@ const WARM_UP: Duration = Duration::from_secs(20);
 const SETTLED_TICKS: u64 = 400;
 /// Part of the run that somebody of each kept slot must have lived through.
 const KEPT_SHARE: f64 = 1.0 / 3.0;
-/// What the whole station may have more at the end than when everybody had died once: files, MiB of shared memory.
-const ALLOWED_STATION: (f64, f64) = (0.0, 2.0);
-/// What logs, journal and the list of faults may grow by for each death, KiB: a dozen lines, and the fault's own.
-const ALLOWED_LOG_KIB: f64 = 4.0;
-/// How long the clean-up may take that follows a death.
-const CLEAN: Duration = Duration::from_secs(30);
-
-/// Files below a folder and what they take, MiB; and beside them what logs, journal and list of faults hold, KiB.
-fn files_below(folder: &Path, is_log: bool) -> [f64; 3] {
-    use std::os::unix::fs::MetadataExt;
-    let mut sum = [0.0; 3];
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let Ok(data) = entry.metadata() else { continue };
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let is_log = is_log || name == "logs" || name.ends_with(".log") || name.ends_with(".jsonl");
-        let own = match (data.is_dir(), is_log) {
-            (true, _) => files_below(&entry.path(), is_log),
-            (false, true) => [0.0, 0.0, data.len() as f64 / 1024.0],
-            (false, false) => [1.0, data.blocks() as f64 * 512.0 / f64::from(1 << 20), 0.0],
-        };
-        sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
-    }
-    sum
-}
-
-/// Files, shared memory and logs of a station.
-fn station_use(station: &Station) -> [f64; 3] {
-    use std::os::unix::fs::MetadataExt;
-    let root = station.place();
-    let mut sum = files_below(root.root(), false);
-    for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if entry.path() != root.root() && name.contains(station.name()) {
-            sum[0] += 1.0;
-            sum[1] += entry.metadata().map_or(0.0, |data| data.blocks() as f64 * 512.0 / f64::from(1 << 20));
-        }
-    }
-    sum
-}
 
 /// The length of the run.
 fn length() -> Duration {
@@ -97,36 +60,44 @@ fn hand_over(station: &Station, name: &str, role: Role) {
     assert!(taken.is_some(), "nobody has taken over from {holder}\n{}", station.said());
 }
 
+/// What was seen of a station.
+struct Seen {
+    lives: Lives,
+    /// After each death.
+    holdings: Vec<Holdings>,
+}
+
 /// Kills one, waits until the station is whole again, and looks at everybody.
-fn kill(station: &Station, name: &str, lives: &mut Lives) {
+fn kill(station: &Station, name: &str, seen: &mut Seen) {
     let (_, pid) = station.victim(name);
     station.signal_if_alive(pid, Signal::KILL);
     station.wait_until_gone(pid);
     station.recover();
     station.pass_ticks(SETTLED_TICKS);
-    lives.sample(station);
+    seen.lives.sample(station);
+    seen.holdings.push(Holdings::of(station));
 }
 
-fn kill_round(station: &Station, lives: &mut Lives) -> usize {
+fn kill_round(station: &Station, seen: &mut Seen) -> usize {
     for (name, role) in OFTEN {
         if let Some(role) = role {
             hand_over(station, name, role);
         }
-        kill(station, name, lives);
+        kill(station, name, seen);
     }
     OFTEN.len()
 }
 
 /// Kills until the end; gives the number of deaths.
-fn run(station: &Station, begin: Instant, end: Instant, lives: &mut Lives) -> usize {
+fn run(station: &Station, begin: Instant, end: Instant, seen: &mut Seen) -> usize {
     let mut deaths = 0;
     let moments = SELDOM.len() * SELDOM_TIMES;
     let mut due =
         (1..=moments).map(|n| begin + (end - begin) * n as u32 / (moments as u32 + 1)).zip(SELDOM.iter().cycle()).peekable();
     while Instant::now() < end {
-        deaths += kill_round(station, lives);
+        deaths += kill_round(station, seen);
         while let Some((_, name)) = due.next_if(|(at, _)| Instant::now() >= *at && Instant::now() < end) {
-            kill(station, name, lives);
+            kill(station, name, seen);
             deaths += 1;
         }
     }
@@ -137,44 +108,30 @@ fn run(station: &Station, begin: Instant, end: Instant, lives: &mut Lives) -> us
 fn nothing_grows_while_everybody_is_replaced_again_and_again() {
     let began = Instant::now();
     let mut station = Station::start("soak", &["--hand", "script:press"]);
-    let mut lives = Lives::new();
-    let mut warmed = 0;
-    while warmed == 0 || began.elapsed() < WARM_UP {
-        warmed += kill_round(&station, &mut lives);
-        for name in SELDOM.iter().filter(|_| warmed == OFTEN.len()) {
-            kill(&station, name, &mut lives);
+    let mut seen = Seen { lives: Lives::new(), holdings: Vec::new() };
+    while seen.holdings.is_empty() || began.elapsed() < WARM_UP {
+        kill_round(&station, &mut seen);
+        let seldom = if seen.holdings.len() == OFTEN.len() { &SELDOM[..] } else { &[] };
+        for name in seldom {
+            kill(&station, name, &mut seen);
         }
     }
-    warmed += SELDOM.len();
-    let before = station_use(&station);
-    let begin = lives.begin();
-    let deaths = run(&station, begin, began + length().max(2 * (begin - began)), &mut lives);
+    let warmed = seen.holdings.len();
+    let begin = seen.lives.begin();
+    let deaths = run(&station, begin, began + length().max(2 * (begin - began)), &mut seen);
     let minutes = begin.elapsed().as_secs_f64() / 60.0;
-    let mut later = [0.0; 3];
-    let flat = wait_for(CLEAN, || {
-        later = station_use(&station);
-        (later[0] <= before[0] + ALLOWED_STATION.0 && later[1] <= before[1] + ALLOWED_STATION.1).then_some(())
-    });
-    println!(
-        "files, MiB of shared memory, KiB of logs after {warmed} deaths: {before:.1?}; after {deaths} more in {minutes:.1} min: {later:.1?}"
-    );
-    let mut wrong = lives.verdicts();
-    for name in KEPT.iter().filter(|name| lives.longest_min(name) < KEPT_SHARE * minutes) {
+    let mut wrong = seen.lives.verdicts();
+    for name in KEPT.iter().filter(|name| seen.lives.longest_min(name) < KEPT_SHARE * minutes) {
         wrong.push(format!("no {name} has lived for a good part of the run: nothing is known of it"));
     }
-    if flat.is_none() {
-        wrong.push(format!("the station grew from {before:.1?} to {later:.1?} (files, MiB)"));
-    }
-    let log_kib = (later[2] - before[2]) / deaths as f64;
-    println!("logs, journal and list of faults: {log_kib:.2} KiB for each death");
-    if log_kib > ALLOWED_LOG_KIB {
-        wrong.push(format!("logs grow by {log_kib:.2} KiB for each death"));
-    }
+    println!("{warmed} deaths to warm up, {deaths} more in {minutes:.1} min");
+    wrong.extend(holdings::verdict(&seen.holdings[warmed - 1..]));
     if station.keeper(Role::Guardian).map(|guardian| guardian.pid) != Some(station.own_pid()) {
         station.run_again();
     }
     let ended = station.stop();
     ended.assert_clean();
     ended.assert_recorded();
+    assert!(!ended.said.contains("which cannot be"), "nobody wrote nonsense into the roster\n{}", ended.said);
     assert!(wrong.is_empty(), "{wrong:#?}\n{}", ended.said);
 }

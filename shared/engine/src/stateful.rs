@@ -257,12 +257,16 @@ impl<S: Stateful> Loop<'_, S> {
     /// Says in the page who holds the role, and orders the priorities: the spare stands above the holder. What the roster cannot say is not said.
     fn note_role(&mut self, holder: Tenure) {
         let holding = holder.incarnation == self.me();
-        if holding == self.held && self.life.page.load64(header::EPOCH) != 0 || !self.is_sound(holder) {
+        if !self.is_sound(holder) {
+            return;
+        }
+        let said = self.life.page.load64(header::TENURE);
+        self.life.page.store64(header::TENURE, holder.word());
+        if holding == self.held && said != 0 {
             return;
         }
         self.held = holding;
         self.misses = 0;
-        self.life.page.store64(header::EPOCH, holder.epoch as u64);
         self.life.page.set_state(if holding { ProcessState::Live } else { ProcessState::Warm });
         if self.life.page.load64(header::REAL_TIME) & 1 != 0
             && let Some(priority) = realtime::priority(self.role)
@@ -286,15 +290,14 @@ impl<S: Stateful> Loop<'_, S> {
         let tenure = self.roster.promote(self.role, from, self.me()).ok()?;
         if from.incarnation != self.me() {
             self.life.page.add64(header::PROMOTIONS, 1);
-            self.note_role(tenure);
         }
+        self.note_role(tenure);
         Some(tenure)
     }
 
     /// Takes the role from whom was seen to hold it, and computes the first state of the epoch. Nothing to do if another was faster.
     fn begin_epoch(&mut self, tick: u64, from: Tenure) -> Result<(), Failure> {
         let Some(tenure) = self.take_role(from) else { return Ok(()) };
-        self.life.page.store64(header::EPOCH, tenure.epoch as u64);
         // This thread may have stood since it woke: what it knew then may be old by now, the clock too.
         self.receive_states();
         let step_ticks = self.engine.step_ticks();

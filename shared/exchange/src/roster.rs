@@ -24,10 +24,12 @@ pub struct Tenure {
 }
 
 impl Tenure {
-    fn word(self) -> u64 {
+    /// As one word, as the roster and the page of each process of the role have it.
+    pub fn word(self) -> u64 {
         (self.epoch as u64) << 32 | self.incarnation as u64
     }
-    fn from_word(word: u64) -> Tenure {
+    /// The tenure of a word.
+    pub fn from_word(word: u64) -> Tenure {
         Tenure { epoch: (word >> 32) as u32, incarnation: word as u32 }
     }
     /// Whether this can be: a holder that was born, in an epoch that the station can have reached by this tick. What cannot is neither followed nor

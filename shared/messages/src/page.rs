@@ -95,8 +95,9 @@ pub mod header {
     pub const OVERRUNS: usize = 7;
     /// When the owner's newest value was written, ns.
     pub const VALUE_NS: usize = 8;
-    /// Epoch of the owner.
-    pub const EPOCH: usize = 9;
+    /// Who holds the owner's role as far as it knows, as the roster has it: `epoch << 32 | incarnation`; 0 before it has looked. One word, so that no
+    /// reader pairs the epoch of one holder with another's name.
+    pub const TENURE: usize = 9;
     /// Values refused because they were not valid.
     pub const INVALID: usize = 10;
     /// Values refused because they were stale or fenced.

@@ -5,7 +5,7 @@ use crate::journal::{self, Seldom};
 use crate::policy::{self, Event, Ground, Ladder, State};
 use hyst_exchange::system;
 use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, Tenure};
-use hyst_messages::page::{ProcessState, header, station as layout};
+use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Role, Slot};
 use std::sync::atomic::{Ordering, fence};
 
@@ -88,8 +88,8 @@ impl Supervisor {
         let living: Vec<Slot> = slots.filter(|slot| !self.viewer.page().is_dead(*slot)).collect();
         let said = living.into_iter().filter_map(|slot| {
             let incarnation = self.viewer.page().incarnation(slot);
-            let page = self.viewer.slot_page(slot).filter(|page| page.state() == ProcessState::Live)?;
-            Some(Tenure { epoch: page.load64(header::EPOCH) as u32, incarnation })
+            let tenure = Tenure::from_word(self.viewer.slot_page(slot)?.load64(header::TENURE));
+            (tenure.incarnation == incarnation).then_some(tenure)
         });
         let said: Vec<Tenure> = said.collect();
         said.into_iter().filter(|tenure| tenure.epoch > 0 && self.is_sound(*tenure)).collect()

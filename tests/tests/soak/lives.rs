@@ -49,7 +49,7 @@ fn use_of(pid: i32) -> Option<Use> {
 /// minutes, 2-core VM with other work, 2026-11-22).
 const ONCE: [f64; 3] = [2.0, 8.0, 4.0];
 const EACH_MINUTE: [f64; 3] = [0.0, 0.1, 0.05];
-/// The supervisor keeps two minutes of the hardware's ledger, which a new one has not got, and all faults of the run, MiB.
+/// The supervisor keeps 40 s of the hardware's ledger, which a new one has not got, and all faults of the run, MiB.
 const HISTORY_MIB: f64 = 4.0;
 
 fn most(name: &str, minutes: f64) -> [f64; 3] {
