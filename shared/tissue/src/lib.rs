@@ -15,6 +15,7 @@
 mod bound;
 mod build;
 mod check;
+mod cut;
 mod forces;
 mod isa;
 mod kernel;
@@ -30,6 +31,7 @@ mod spectrum;
 mod state;
 mod step;
 
+pub use cut::{CutError, CutOptions, CutReport, Cuttable, cut};
 pub use forces::{gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, PlaneSpring};

@@ -1,0 +1,260 @@
+//! Cutting with a wire: what it sweeps from one tick to the next opens the mesh.
+//!
+//! Hybrid after Steinemann, Harders, Gross and Székely, "Hybrid cutting of deformable solids" (IEEE VR 2006): an edge that the sheet crosses near
+//! one of its ends has that end snapped to the sheet, which makes no element at all; every other crossed edge is bisected, with all the tets
+//! around it, so that the mesh stays conforming. Then each tet lies on one side of the sheet, and the faces between the two sides are opened: a
+//! node is copied for each part of its star that hangs together by faces. Nodes on the sheet are *marked* until the stroke ends, so that the sheet
+//! of the next tick goes on where this one ended.
+//!
+//! Promises, each a property test (`tests/cutting`): the volume is kept, but for pieces that were burnt away; every tet keeps a positive volume at
+//! rest and a quality above a bound; the boundary stays a 2-manifold, for faces that would spoil it stay closed; mass and momentum are kept; same
+//! tissue, same sweep: same bits. Everything that a later tick needs is in the [`Cuttable`], which is plain data: whoever holds it continues.
+
+mod fans;
+mod refine;
+mod separate;
+mod sheet;
+
+use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
+use refine::Work;
+use sheet::Sheet;
+
+pub(crate) use glam::{DMat3, DVec3};
+
+/// A tissue as it can be cut: its mesh at rest, where it is now, and where the stroke runs that is under way.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Cuttable {
+    /// The shape at rest. Nodes that no tet uses stay in it.
+    pub rest: TetMesh,
+    /// Where each node is now, m.
+    pub position_m: Vec<[f32; 3]>,
+    /// Velocity of each node, m/s.
+    pub velocity_m_s: Vec<[f32; 3]>,
+    /// Whether a node is held in its place; a node on an edge between two held ones is held.
+    pub fixed: Vec<bool>,
+    /// Unit normal of the sheet, in the shape at rest, at each node that it runs through; 0 at all others.
+    pub marks: Vec<[f32; 3]>,
+}
+
+/// How a cut is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CutOptions {
+    /// Up to which share of an edge from its end the end is snapped to the sheet, 0 to 0.5.
+    pub snap_share: f64,
+    /// No bisection makes a tet of a lower quality (1 is regular): it snaps instead.
+    pub min_quality: f64,
+    /// No edge shorter than twice this is bisected, m.
+    pub min_edge_m: f64,
+    /// Pieces that are smaller are burnt by the wire, m³.
+    pub min_piece_m3: f64,
+    /// Nodes that there is room for. When they are used up, edges are snapped only.
+    pub max_nodes: usize,
+    /// Tets that there is room for.
+    pub max_tets: usize,
+}
+
+impl Default for CutOptions {
+    /// Snaps up to a fifth of an edge; quality 0.03, edges of 0.5 mm, pieces of 0.5 mm³; room for 50 000 tets.
+    fn default() -> Self {
+        CutOptions {
+            snap_share: 0.2,
+            min_quality: 0.03,
+            min_edge_m: 0.5e-3,
+            min_piece_m3: 0.5e-9,
+            max_nodes: 20_000,
+            max_tets: 50_000,
+        }
+    }
+}
+
+/// What one sweep did.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct CutReport {
+    /// Edges that were bisected: a new node each.
+    pub split_edges: usize,
+    /// Nodes that were snapped to the sheet, and those of them that were moved onto it.
+    pub snapped_nodes: usize,
+    /// Nodes moved.
+    pub moved_nodes: usize,
+    /// Faces between the two sides that are open now: triangles on each side.
+    pub opened_faces: usize,
+    /// Faces between the two sides that stay closed, for open they would leave a boundary that is none.
+    pub closed_faces: usize,
+    /// Nodes copied for it.
+    pub copied_nodes: usize,
+    /// Parts that share no node, after this sweep; 0 if it changed nothing.
+    pub parts: usize,
+    /// Tets that were burnt, and their volume at rest, m³.
+    pub burnt_tets: usize,
+    /// Volume burnt, m³.
+    pub burnt_m3: f64,
+    /// Edges that were snapped because there was no room for another node or tet.
+    pub out_of_room: usize,
+}
+
+impl CutReport {
+    /// Whether the mesh is another one than before. (A node that was marked only changes nothing but the marks.)
+    pub fn has_changed_mesh(&self) -> bool {
+        self.split_edges + self.moved_nodes + self.copied_nodes + self.burnt_tets > 0
+    }
+}
+
+/// Why nothing was cut. The tissue is as before.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CutError {
+    /// A list of another length.
+    #[error("{what}: {found} entries for {expected}; give one for each")]
+    Length {
+        /// Name of the list.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// What it belongs to has so many.
+        expected: usize,
+    },
+    /// A tet that names a node that is not there.
+    #[error("tet {tet} names node {node}, but there are {nodes}; repair the mesh (hyst-mesh `repair`)")]
+    NodeIndex {
+        /// The tet.
+        tet: usize,
+        /// What it names.
+        node: u32,
+        /// Number of nodes.
+        nodes: usize,
+    },
+    /// The wire has a point that is not finite.
+    #[error("point {point} of the wire is not finite; sweep it again when the tool's pose is known")]
+    Wire {
+        /// The point.
+        point: usize,
+    },
+    /// An option outside its range.
+    #[error("option {name} is {value}: give a value {range}")]
+    Option {
+        /// Name of the field.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// The range as words.
+        range: &'static str,
+    },
+}
+
+impl Cuttable {
+    /// A mesh at rest in its own place, without fixed nodes.
+    pub fn at_rest(rest: TetMesh) -> Cuttable {
+        let nodes = rest.positions_m.len();
+        Cuttable {
+            position_m: rest.positions_m.clone(),
+            velocity_m_s: vec![[0.0; 3]; nodes],
+            fixed: vec![false; nodes],
+            marks: vec![[0.0; 3]; nodes],
+            rest,
+        }
+    }
+
+    /// The wire has left the tissue or burns no more: the next sweep begins a sheet of its own.
+    pub fn end_stroke(&mut self) {
+        self.marks.fill([0.0; 3]);
+    }
+
+    /// Volume at rest, m³.
+    pub fn volume_m3(&self) -> f64 {
+        self.rest.tets.iter().map(|tet| signed_volume(corners(&self.rest.positions_m, *tet))).sum()
+    }
+
+    fn check(&self) -> Result<(), CutError> {
+        let nodes = self.rest.positions_m.len();
+        let lists = [
+            ("position_m", self.position_m.len(), nodes),
+            ("velocity_m_s", self.velocity_m_s.len(), nodes),
+            ("fixed", self.fixed.len(), nodes),
+            ("marks", self.marks.len(), nodes),
+            ("regions", self.rest.regions.len(), self.rest.tets.len()),
+        ];
+        if let Some((what, found, expected)) = lists.into_iter().find(|(_, found, expected)| found != expected) {
+            return Err(CutError::Length { what, found, expected });
+        }
+        let names =
+            |(tet, names): (usize, &[u32; 4])| names.iter().find(|node| **node as usize >= nodes).map(|node| (tet, *node));
+        match self.rest.tets.iter().enumerate().find_map(names) {
+            Some((tet, node)) => Err(CutError::NodeIndex { tet, node, nodes }),
+            None => Ok(()),
+        }
+    }
+}
+
+impl CutOptions {
+    fn check(&self) -> Result<(), CutError> {
+        let ranges = [
+            ("snap_share", self.snap_share, 0.0..=0.5, "from 0 to 0.5"),
+            ("min_quality", self.min_quality, 0.0..=0.5, "from 0 to 0.5"),
+            ("min_edge_m", self.min_edge_m, 0.0..=f64::MAX, "of 0 or more"),
+            ("min_piece_m3", self.min_piece_m3, 0.0..=f64::MAX, "of 0 or more"),
+        ];
+        match ranges.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
+            Some((name, value, _, range)) => Err(CutError::Option { name, value, range }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Cuts with what a wire sweeps: `before` and `now` are its points one tick apart, in the frame of [`Cuttable::position_m`], m. A wire of another
+/// number of points before and now, or of less than two, sweeps nothing.
+///
+/// Errors: lists that do not fit, a wire that is not finite, options out of range; then nothing has changed.
+pub fn cut(tissue: &mut Cuttable, before: &[[f32; 3]], now: &[[f32; 3]], options: &CutOptions) -> Result<CutReport, CutError> {
+    tissue.check()?;
+    options.check()?;
+    let is_bad = |point: &[f32; 3]| point.iter().any(|coordinate| !coordinate.is_finite());
+    if let Some(point) = before.iter().chain(now).position(is_bad) {
+        return Err(CutError::Wire { point: point % before.len().max(1) });
+    }
+    let mut report = CutReport::default();
+    let sheet = Sheet::of(before, now);
+    if !sheet.touches(tissue) {
+        return Ok(report);
+    }
+    let mut work = Work::new(tissue, options);
+    work.refine(&sheet, &mut report);
+    work.open(&mut report);
+    if report.copied_nodes > 0 {
+        burn(tissue, options, &mut report);
+    }
+    if report.has_changed_mesh() {
+        report.parts = component_of_each_tet(&tissue.rest).iter().max().map_or(0, |last| *last as usize + 1);
+    }
+    Ok(report)
+}
+
+/// Takes pieces away that are too small to be objects, unless they are all that there is.
+fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
+    let part = component_of_each_tet(&tissue.rest);
+    let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
+    let mut volume_m3 = vec![0.0; parts];
+    for (tet, part) in tissue.rest.tets.iter().zip(&part) {
+        volume_m3[*part as usize] += signed_volume(corners(&tissue.rest.positions_m, *tet));
+    }
+    let most = volume_m3.iter().copied().fold(0.0, f64::max);
+    let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= options.min_piece_m3.min(most)).collect();
+    report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
+    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < options.min_piece_m3.min(most)).sum();
+    let mut kept = is_kept.iter().copied();
+    tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
+    let mut kept = is_kept.into_iter();
+    tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
+}
+
+/// A point in double precision.
+fn at(positions_m: &[[f32; 3]], node: u32) -> DVec3 {
+    DVec3::from_array(positions_m[node as usize].map(f64::from))
+}
+
+/// The corners of a tet.
+fn corners(positions_m: &[[f32; 3]], tet: [u32; 4]) -> [DVec3; 4] {
+    tet.map(|node| at(positions_m, node))
+}
+
+fn to_single(point: DVec3) -> [f32; 3] {
+    point.to_array().map(|coordinate| coordinate as f32)
+}

@@ -1,0 +1,55 @@
+//! Whether the boundary at a node is a surface.
+
+use super::refine::Work;
+
+/// What the boundary is at a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fan {
+    /// The node is inside.
+    None,
+    /// One closed fan of triangles.
+    One,
+    /// Anything else: no 2-manifold.
+    Bad,
+}
+
+/// The other two nodes of each face at `node`, sorted, with the tet.
+pub fn faces_at(work: &Work, node: u32) -> Vec<([u32; 2], u32)> {
+    let mut faces = Vec::with_capacity(3 * work.star[node as usize].len());
+    for tet in &work.star[node as usize] {
+        let nodes = work.tissue.rest.tets[*tet as usize];
+        let mut others = nodes.iter().copied().filter(|other| *other != node);
+        let (Some(a), Some(b), Some(c)) = (others.next(), others.next(), others.next()) else { continue };
+        faces.extend([[a, b], [b, c], [a, c]].map(|[a, b]| ([a.min(b), a.max(b)], *tet)));
+    }
+    faces.sort_unstable();
+    faces
+}
+
+/// The boundary at a node.
+pub fn fan(work: &Work, node: u32) -> Fan {
+    let faces = faces_at(work, node);
+    let single = faces.chunk_by(|left, right| left.0 == right.0).filter(|same| same.len() == 1);
+    let edges: Vec<[u32; 2]> = single.map(|same| same[0].0).collect();
+    let Some(first) = edges.first() else { return Fan::None };
+    // Round the fan: from each edge to the other one at its second end, until the first comes again.
+    let (mut edge, mut end, mut steps) = (*first, first[1], 0);
+    loop {
+        let mut others = edges.iter().filter(|other| **other != edge && other.contains(&end));
+        let (Some(next), None) = (others.next(), others.next()) else { return Fan::Bad };
+        (edge, end, steps) = (*next, if next[0] == end { next[1] } else { next[0] }, steps + 1);
+        if edge == *first || steps > edges.len() {
+            return if steps == edges.len() { Fan::One } else { Fan::Bad };
+        }
+    }
+}
+
+impl Work<'_> {
+    /// Whether a node is inside the tissue and of one region.
+    pub fn is_inner(&self, node: u32) -> bool {
+        let regions = &self.tissue.rest.regions;
+        let mut of_star = self.star[node as usize].iter().map(|tet| regions[*tet as usize]);
+        let first = of_star.next();
+        fan(self, node) == Fan::None && first.is_some() && of_star.all(|region| Some(region) == first)
+    }
+}

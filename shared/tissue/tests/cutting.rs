@@ -1,0 +1,310 @@
+//! Cutting: whatever is swept through whatever mesh, what must hold afterwards holds.
+
+mod common;
+
+use common::block;
+use glam::{DVec3, Vec3};
+use hyst_mesh::{TetMesh, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
+use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, cut};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use std::path::Path;
+
+fn shipped(name: &str) -> TetMesh {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes").join(name);
+    let mut mesh = read_tets(name, &std::fs::read(&path).unwrap()).unwrap();
+    if check(&mesh).max_m.iter().any(|coordinate| *coordinate > 1.0) {
+        mesh.scale_to_m(1e-3);
+    }
+    repair(mesh).unwrap().mesh
+}
+
+fn corners(mesh: &TetMesh, tet: &[u32; 4]) -> [DVec3; 4] {
+    tet.map(|node| DVec3::from_array(mesh.positions_m[node as usize].map(f64::from)))
+}
+
+/// Volume of each tet in m³ and the least quality.
+fn shape(mesh: &TetMesh) -> (Vec<f64>, f64) {
+    let volumes = mesh.tets.iter().map(|tet| signed_volume(corners(mesh, tet))).collect();
+    (volumes, mesh.tets.iter().map(|tet| quality(corners(mesh, tet))).fold(1.0, f64::min))
+}
+
+/// Momentum over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.
+fn momentum(tissue: &Cuttable) -> DVec3 {
+    let (volumes, _) = shape(&tissue.rest);
+    let velocity = |node: u32| DVec3::from_array(tissue.velocity_m_s[node as usize].map(f64::from));
+    tissue.rest.tets.iter().zip(volumes).map(|(tet, volume)| tet.map(velocity).iter().sum::<DVec3>() * (volume / 4.0)).sum()
+}
+
+fn parts(mesh: &TetMesh) -> usize {
+    component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1)
+}
+
+/// What must hold after each sweep, whatever it was.
+fn assert_sound(before: &Cuttable, after: &Cuttable, report: &CutReport, options: &CutOptions) {
+    let ((old_volumes, old_quality), (volumes, least_quality)) = (shape(&before.rest), shape(&after.rest));
+    let (old, new): (f64, f64) = (old_volumes.iter().sum(), volumes.iter().sum());
+    assert!((new + report.burnt_m3 - old).abs() <= 2e-6 * old, "volume {old} became {new}, burnt {}", report.burnt_m3);
+    assert!(volumes.iter().all(|volume| *volume > 0.0), "an inverted tet");
+    assert!(least_quality >= options.min_quality.min(old_quality) * 0.999, "quality {old_quality} became {least_quality}");
+    let nodes = after.rest.positions_m.len();
+    for (what, length) in [
+        ("position", after.position_m.len()),
+        ("velocity", after.velocity_m_s.len()),
+        ("fixed", after.fixed.len()),
+        ("marks", after.marks.len()),
+    ] {
+        assert_eq!(length, nodes, "{what}");
+    }
+    assert!(
+        nodes <= options.max_nodes.max(before.rest.positions_m.len())
+            && after.rest.tets.len() <= options.max_tets.max(before.rest.tets.len())
+    );
+    let all = [&after.rest.positions_m, &after.position_m, &after.velocity_m_s, &after.marks];
+    assert!(all.into_iter().flatten().flatten().all(|coordinate| coordinate.is_finite()));
+    if report.burnt_tets == 0 {
+        let (old, new) = (momentum(before), momentum(after));
+        assert!(old.distance(new) <= 1e-5 * shape(&before.rest).0.iter().sum::<f64>(), "momentum {old} became {new}");
+    }
+    let found = check(&after.rest);
+    assert_eq!((found.open_edges, found.crowded_faces), (0, 0), "{found}");
+    assert_eq!((found.non_manifold_edges, found.non_manifold_vertices), (0, 0), "{report:?}\n{found}");
+    assert!(!report.has_changed_mesh() || report.parts == parts(&after.rest), "{report:?}");
+    if !report.has_changed_mesh() {
+        assert_eq!((&before.rest, &before.position_m), (&after.rest, &after.position_m));
+    }
+}
+
+/// Sweeps a wire along its places and asserts after each.
+fn sweep(tissue: &mut Cuttable, places: &[Vec<[f32; 3]>], options: &CutOptions) -> Vec<CutReport> {
+    let mut reports = Vec::new();
+    for pair in places.windows(2) {
+        let before = tissue.clone();
+        let report = cut(tissue, &pair[0], &pair[1], options).unwrap();
+        assert_sound(&before, tissue, &report, options);
+        reports.push(report);
+    }
+    reports
+}
+
+/// A straight wire from `from` to `to` at each of `steps + 1` places along `way`.
+fn straight(from: Vec3, to: Vec3, way: Vec3, steps: u32) -> Vec<Vec<[f32; 3]>> {
+    let at = |step: u32| way * (step as f32 / steps as f32);
+    (0..=steps).map(|step| [from, from.lerp(to, 0.5), to].map(|point| (point + at(step)).to_array()).to_vec()).collect()
+}
+
+/// A bar of 36 × 12 × 12 mm in tets of 3 mm.
+fn bar() -> Cuttable {
+    Cuttable::at_rest(block([12, 4, 4], 0.003))
+}
+
+#[test]
+fn a_wire_drawn_through_a_bar_leaves_two_pieces_of_the_volumes_that_the_plane_says() {
+    for (x, steps) in [(0.0105, 1), (0.0121, 1), (0.0170, 7), (0.0170, 60), (0.018, 13)] {
+        let mut tissue = bar();
+        let places = straight(Vec3::new(x, -0.002, -0.002), Vec3::new(x, 0.014, -0.002), Vec3::Z * 0.016, steps);
+        let reports = sweep(&mut tissue, &places, &CutOptions::default());
+        assert_eq!(parts(&tissue.rest), 2, "x {x}, {steps} steps: {:#?}", reports.last());
+        let part = component_of_each_tet(&tissue.rest);
+        let volumes = shape(&tissue.rest).0;
+        let of_first: f64 =
+            volumes.iter().zip(&part).filter(|(_, part)| **part == part_at_origin(&tissue)).map(|(volume, _)| volume).sum();
+        let expected = f64::from(x) * 0.012 * 0.012;
+        // A node at the border lends its name within a fifth of an edge of at most 5.2 mm; inner ones move onto the plane.
+        assert!((of_first - expected).abs() < 0.04 * 0.036 * 0.012 * 0.012, "x {x}, {steps} steps: {of_first} m³ for {expected}");
+    }
+}
+
+fn part_at_origin(tissue: &Cuttable) -> u32 {
+    let origin = tissue.rest.positions_m.iter().position(|p| *p == [0.0; 3]).unwrap() as u32;
+    let tet = tissue.rest.tets.iter().position(|tet| tet.contains(&origin)).unwrap();
+    component_of_each_tet(&tissue.rest)[tet]
+}
+
+#[test]
+fn a_cut_that_ends_half_way_opens_the_tissue_and_does_not_part_it_and_a_killed_tissue_goes_on_with_it() {
+    let places = straight(Vec3::new(0.017, -0.002, -0.002), Vec3::new(0.017, 0.014, -0.002), Vec3::Z * 0.016, 16);
+    let mut tissue = bar();
+    let before = check(&tissue.rest).boundary_triangles;
+    sweep(&mut tissue, &places[..9], &CutOptions::default());
+    assert_eq!(parts(&tissue.rest), 1);
+    assert!(check(&tissue.rest).boundary_triangles > before + 8, "nothing is open");
+    // The whole state is plain data: whoever has a copy of it computes the same.
+    let mut successor = tissue.clone();
+    sweep(&mut tissue, &places[8..], &CutOptions::default());
+    sweep(&mut successor, &places[8..], &CutOptions::default());
+    assert_eq!(tissue, successor);
+    assert_eq!(parts(&tissue.rest), 2);
+}
+
+/// A loop of 8 mm as a wire: a half circle that hangs down from `top`.
+fn hanging_loop(top: Vec3, radius: f32) -> Vec<[f32; 3]> {
+    let point = |index: u32| {
+        let angle = std::f32::consts::PI * index as f32 / 12.0;
+        (top + radius * Vec3::new(0.0, -angle.cos(), -angle.sin())).to_array()
+    };
+    (0..=12).map(point).collect()
+}
+
+#[test]
+fn a_loop_drawn_along_the_surface_takes_a_chip_off_and_again_and_again() {
+    // a slab of 30 × 20 × 10 mm in tets of 2 mm, the loop's upper ends above it
+    let mut tissue = Cuttable::at_rest(block([15, 10, 5], 0.002));
+    let whole = tissue.volume_m3();
+    for (stroke, y) in [0.005_f32, 0.010, 0.015].into_iter().enumerate() {
+        let places: Vec<_> =
+            (0..=20).map(|step| hanging_loop(Vec3::new(-0.002 + 0.0017 * step as f32, y, 0.0105), 0.004)).collect();
+        let reports = sweep(&mut tissue, &places, &CutOptions::default());
+        tissue.end_stroke();
+        assert!(parts(&tissue.rest) >= stroke + 2, "stroke {stroke}: {} parts, {:?}", parts(&tissue.rest), reports.last());
+    }
+    // Three chips, each a channel of at most π/2 · (4 mm)² over 30 mm; the first of them is whole.
+    let part = component_of_each_tet(&tissue.rest);
+    let mut of_part = vec![0.0; parts(&tissue.rest)];
+    shape(&tissue.rest).0.iter().zip(&part).for_each(|(volume, part)| of_part[*part as usize] += volume);
+    of_part.sort_by(|left, right| right.total_cmp(left));
+    let channel = 0.5 * std::f64::consts::PI * 0.004_f64.powi(2) * 0.030;
+    assert!(of_part[1] > 0.5 * channel && of_part[1] < 1.3 * channel, "{of_part:?}, a channel has {channel}");
+    assert!(of_part.iter().sum::<f64>() <= whole * 1.000_001);
+}
+
+#[test]
+fn what_moves_and_is_bent_is_cut_where_it_is_now() {
+    let mut tissue = bar();
+    // bent up by 90° around the y axis and on its way
+    for (now, velocity) in tissue.position_m.iter_mut().zip(&mut tissue.velocity_m_s) {
+        let [x, y, z] = *now;
+        let (radius, angle) = (0.023 + z, x / 0.023);
+        *now = [radius * angle.sin(), y, -radius * angle.cos()];
+        *velocity = [0.1, 10.0 * z, -0.2];
+    }
+    // the wire goes through the middle, across the bar there: from outside towards the centre of the bend
+    let angle = 0.018_f32 / 0.023;
+    let out = Vec3::new(angle.sin(), 0.0, -angle.cos());
+    let places = straight(out * 0.038 - Vec3::Y * 0.002, out * 0.038 + Vec3::Y * 0.014, -out * 0.020, 5);
+    sweep(&mut tissue, &places, &CutOptions::default());
+    assert_eq!(parts(&tissue.rest), 2);
+    let first = part_at_origin(&tissue);
+    let part = component_of_each_tet(&tissue.rest);
+    let volumes = shape(&tissue.rest).0;
+    let half: f64 = volumes.iter().zip(&part).filter(|(_, part)| **part == first).map(|(volume, _)| volume).sum();
+    assert!((half / volumes.iter().sum::<f64>() - 0.5).abs() < 0.04, "{half}");
+}
+
+#[test]
+fn without_room_it_still_cuts_along_what_is_there_and_says_so() {
+    let mut tissue = bar();
+    let options = CutOptions {
+        max_tets: tissue.rest.tets.len() + 12,
+        max_nodes: tissue.rest.positions_m.len() + 300,
+        ..CutOptions::default()
+    };
+    let places = straight(Vec3::new(0.0170, -0.002, -0.002), Vec3::new(0.0170, 0.014, -0.002), Vec3::Z * 0.016, 8);
+    let reports = sweep(&mut tissue, &places, &options);
+    assert!(reports.iter().map(|report| report.out_of_room).sum::<usize>() > 0);
+    assert_eq!(parts(&tissue.rest), 2);
+    // No node is left at all: nothing opens, nothing breaks.
+    let mut tissue = bar();
+    let options = CutOptions { max_nodes: 0, max_tets: 0, ..CutOptions::default() };
+    let reports = sweep(&mut tissue, &places, &options);
+    assert!(reports.iter().any(|report| report.out_of_room > 0) && parts(&tissue.rest) == 1);
+}
+
+#[test]
+fn what_is_no_cut_changes_nothing() {
+    let (fresh, options) = (bar(), CutOptions::default());
+    let wire = [[0.01, 0.001, 0.001], [0.01, 0.011, 0.001]];
+    let mut tissue = fresh.clone();
+    // outside, standing still, of one point, of different points
+    let outside = straight(Vec3::new(0.1, 0.0, 0.0), Vec3::new(0.1, 0.01, 0.0), Vec3::Z * 0.02, 2);
+    assert!(sweep(&mut tissue, &outside, &options).iter().all(|report| *report == CutReport::default()));
+    for (before, now) in [(&wire[..], &wire[..]), (&wire[..1], &wire[..1]), (&wire[..], &wire[..1]), (&[], &[])] {
+        assert_eq!(cut(&mut tissue, before, now, &options), Ok(CutReport::default()));
+    }
+    // not finite
+    for bad in [f32::NAN, f32::INFINITY] {
+        let moved = [[0.01, 0.001, 0.005], [0.01, bad, 0.005]];
+        assert_eq!(cut(&mut tissue, &wire, &moved, &options), Err(CutError::Wire { point: 1 }));
+        assert_eq!(cut(&mut tissue, &moved, &wire, &options), Err(CutError::Wire { point: 1 }));
+    }
+    // options, lists and tets that do not fit
+    let moved = [[0.01, 0.001, 0.005], [0.01, 0.011, 0.005]];
+    let odd = CutOptions { snap_share: f64::NAN, ..options };
+    assert!(matches!(cut(&mut tissue, &wire, &moved, &odd), Err(CutError::Option { name: "snap_share", .. })));
+    assert_eq!(tissue, fresh);
+    tissue.marks.pop();
+    assert!(matches!(cut(&mut tissue, &wire, &moved, &options), Err(CutError::Length { what: "marks", .. })));
+    let mut tissue = fresh.clone();
+    tissue.rest.tets[7][2] = 1_000_000;
+    assert!(matches!(cut(&mut tissue, &wire, &moved, &options), Err(CutError::NodeIndex { tet: 7, node: 1_000_000, .. })));
+}
+
+#[test]
+fn positions_that_are_not_finite_neither_panic_nor_spread() {
+    let mut tissue = bar();
+    tissue.position_m[40] = [f32::NAN, 0.0, f32::INFINITY];
+    tissue.velocity_m_s[41] = [f32::NAN; 3];
+    let rest = tissue.rest.positions_m.clone();
+    let places = straight(Vec3::new(0.017, -0.002, -0.002), Vec3::new(0.017, 0.014, -0.002), Vec3::Z * 0.016, 4);
+    for pair in places.windows(2) {
+        cut(&mut tissue, &pair[0], &pair[1], &CutOptions::default()).unwrap();
+    }
+    assert!(tissue.rest.positions_m.iter().flatten().all(|coordinate| coordinate.is_finite()));
+    assert_eq!(tissue.rest.positions_m[..40], rest[..40]);
+}
+
+/// Random strokes: where, which way, how bent the wire is, in how many ticks.
+fn stroke() -> impl Strategy<Value = (Vec3, Vec3, Vec3, f32, u32)> {
+    let unit = || [-1.0_f32..1.0, -1.0_f32..1.0, -1.0_f32..1.0].prop_map(Vec3::from_array);
+    (unit(), unit(), unit(), -0.5_f32..0.5, 1..9_u32)
+}
+
+/// The wire's places for a stroke through a mesh: around `middle`, of the mesh's `size`.
+fn places(middle: Vec3, size: Vec3, (offset, wire, way, bend, steps): (Vec3, Vec3, Vec3, f32, u32)) -> Vec<Vec<[f32; 3]>> {
+    let reach = size.max_element();
+    let (wire, way) = (wire.normalize_or(Vec3::X) * 0.5 * reach, way.normalize_or(Vec3::Z) * 1.5 * reach);
+    let centre = middle + 0.3 * offset * size - 0.5 * way;
+    let side = wire.cross(way).normalize_or(Vec3::Y) * bend * reach;
+    let point = |step: u32, index: i32| {
+        let along = index as f32 / 4.0;
+        (centre + way * (step as f32 / steps as f32) + wire * along + side * (1.0 - along * along)).to_array()
+    };
+    (0..=steps).map(|step| (-4..=4).map(|index| point(step, index)).collect()).collect()
+}
+
+fn random_strokes(mesh: TetMesh, cases: u32, seed: u64) {
+    let found = check(&mesh);
+    let (low, high) = (Vec3::from_array(found.min_m), Vec3::from_array(found.max_m));
+    let fresh = Cuttable::at_rest(mesh);
+    let config = ProptestConfig { cases, rng_seed: RngSeed::Fixed(seed), failure_persistence: None, ..ProptestConfig::default() };
+    proptest!(config, |(strokes in prop::collection::vec(stroke(), 1..4))| {
+        let mut tissue = fresh.clone();
+        for (node, velocity) in tissue.velocity_m_s.iter_mut().enumerate() {
+            *velocity = [0.01 * (node % 7) as f32, 0.02, -0.01 * (node % 3) as f32];
+        }
+        for stroke in strokes {
+            sweep(&mut tissue, &places(0.5 * (low + high), high - low, stroke), &CutOptions::default());
+            tissue.end_stroke();
+        }
+    });
+}
+
+#[test]
+fn random_strokes_through_a_block() {
+    random_strokes(block([6, 5, 4], 0.003), 300, 1);
+}
+
+#[test]
+fn random_strokes_through_the_polyp() {
+    random_strokes(shipped("polyp.msh"), 300, 2);
+}
+
+#[test]
+fn random_strokes_through_the_myoma() {
+    random_strokes(shipped("myoma.msh"), 300, 3);
+}
+
+#[test]
+fn random_strokes_through_the_uterus() {
+    random_strokes(shipped("uterus.msh"), 12, 4);
+}
