@@ -4,7 +4,7 @@
 //! one of its ends has that end snapped to the sheet, which makes no element at all; every other crossed edge is bisected, with all the tets
 //! around it, so that the mesh stays conforming. Then each tet lies on one side of the sheet, and the faces between the two sides are opened: a
 //! node is copied for each part of its star that hangs together by faces. Nodes on the sheet are *marked* until the stroke ends, so that the sheet
-//! of the next tick goes on where this one ended.
+//! of the next tick goes on where this one ended; and so that it begins there although the tissue has moved, the wire is kept by the tets it was in.
 //!
 //! Promises, each a property test (`tests/cutting`): the volume is kept, but for pieces that were burnt away; every tet keeps a positive volume at
 //! rest and a quality above a bound; the boundary stays a 2-manifold, for faces that would spoil it stay closed; mass and momentum are kept; same
@@ -14,10 +14,13 @@ mod fans;
 mod refine;
 mod separate;
 mod sheet;
+mod wire;
 
 use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
 use refine::Work;
 use sheet::Sheet;
+
+pub use wire::Seat;
 
 pub(crate) use glam::{DMat3, DVec3};
 
@@ -34,6 +37,8 @@ pub struct Cuttable {
     pub fixed: Vec<bool>,
     /// Unit normal of the sheet, in the shape at rest, at each node that it runs through; 0 at all others.
     pub marks: Vec<[f32; 3]>,
+    /// Where the wire was last in this stroke; empty before it begins.
+    pub wire: Vec<Seat>,
 }
 
 /// How a cut is made.
@@ -149,6 +154,7 @@ impl Cuttable {
             velocity_m_s: vec![[0.0; 3]; nodes],
             fixed: vec![false; nodes],
             marks: vec![[0.0; 3]; nodes],
+            wire: Vec::new(),
             rest,
         }
     }
@@ -156,6 +162,7 @@ impl Cuttable {
     /// The wire has left the tissue or burns no more: the next sweep begins a sheet of its own.
     pub fn end_stroke(&mut self) {
         self.marks.fill([0.0; 3]);
+        self.wire.clear();
     }
 
     /// Volume at rest, m³.
@@ -199,31 +206,31 @@ impl CutOptions {
     }
 }
 
-/// Cuts with what a wire sweeps: `before` and `now` are its points one tick apart, in the frame of [`Cuttable::position_m`], m. A wire of another
-/// number of points before and now, or of less than two, sweeps nothing.
+/// Cuts with what a wire has swept since it was last seen in this stroke, in the tissue, which has moved too. `wire`: its points, in the frame of
+/// [`Cuttable::position_m`], m. The first wire of a stroke, and one of another number of points, begins a sheet and cuts nothing.
 ///
 /// Errors: lists that do not fit, a wire that is not finite, options out of range; then nothing has changed.
-pub fn cut(tissue: &mut Cuttable, before: &[[f32; 3]], now: &[[f32; 3]], options: &CutOptions) -> Result<CutReport, CutError> {
+pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Result<CutReport, CutError> {
     tissue.check()?;
     options.check()?;
     let is_bad = |point: &[f32; 3]| point.iter().any(|coordinate| !coordinate.is_finite());
-    if let Some(point) = before.iter().chain(now).position(is_bad) {
-        return Err(CutError::Wire { point: point % before.len().max(1) });
+    if let Some(point) = wire.iter().position(is_bad) {
+        return Err(CutError::Wire { point });
     }
     let mut report = CutReport::default();
-    let sheet = Sheet::of(before, now);
-    if !sheet.touches(tissue) {
-        return Ok(report);
+    let sheet = Sheet::of(&tissue.carried_wire(), wire);
+    if sheet.touches(tissue) {
+        let mut work = Work::new(tissue, options);
+        work.refine(&sheet, &mut report);
+        work.open(&mut report);
     }
-    let mut work = Work::new(tissue, options);
-    work.refine(&sheet, &mut report);
-    work.open(&mut report);
     if report.copied_nodes > 0 {
         burn(tissue, options, &mut report);
     }
     if report.has_changed_mesh() {
         report.parts = component_of_each_tet(&tissue.rest).iter().max().map_or(0, |last| *last as usize + 1);
     }
+    tissue.seat_wire(wire);
     Ok(report)
 }
 

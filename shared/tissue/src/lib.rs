@@ -31,7 +31,7 @@ mod spectrum;
 mod state;
 mod step;
 
-pub use cut::{CutError, CutOptions, CutReport, Cuttable, cut};
+pub use cut::{CutError, CutOptions, CutReport, Cuttable, Seat, cut};
 pub use forces::{gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, PlaneSpring};
