@@ -1,9 +1,10 @@
 //! `tissue bench tissue|contact [--mesh FILE] [--json]`: times the parts of a Main Loop step on one core, outside of any station.
 //!
-//! `tissue` gives a row for each instruction set, `contact` one for the scene's tool and one for a tool of 1 000 points. `limit_ratio` is
+//! `tissue` gives a row for each instruction set and one for a cut, `contact` one for the scene's tool and one for a tool of 1 000 points. `limit_ratio` is
 //! the time over that of reading every tet's corners once for each time that the method has to (once for a test, once a substep for the
 //! deformation). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
+mod knife;
 mod press;
 
 use hyst_engine::bench::{finish, quantile_ns, request, spread};
@@ -56,7 +57,34 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
         }
         rows.push(row);
     }
+    rows.push(knife(scene)?);
     Ok(rows)
+}
+
+/// A row for a cut: the step is a tick in which the wire moves.
+fn knife(scene: &LoadedScene) -> Result<Value, String> {
+    let mut knife = knife::draw(scene, Isa::detect())?;
+    let all_ns = |times: &[u64]| times.iter().sum::<u64>() as f64;
+    let (cut_ns, model_ns, topology_ns) = (all_ns(&knife.cut_ns), all_ns(&knife.model_ns), all_ns(&knife.topology_ns));
+    let sum_ns = (cut_ns + model_ns + topology_ns).max(1.0);
+    let (ticks, changes, tets) = (knife.cut_ns.len(), knife.model_ns.len(), knife.tets[0]);
+    Ok(json!({
+        "scene": scene.scene.name,
+        "method": "a wire drawn through the pathology at 0.2 m/s",
+        "tets": tets,
+        "tets_after": knife.tets[1],
+        "parts": knife.parts,
+        "steps": ticks,
+        "changes": changes,
+        "step_us": spread(&mut knife.cut_ns, US),
+        "ns_per_tet": cut_ns / (ticks * tets).max(1) as f64,
+        "model_us": spread(&mut knife.model_ns, US),
+        "topology_us": spread(&mut knife.topology_ns, US),
+        "share": { "cut": cut_ns / sum_ns, "model": model_ns / sum_ns, "topology": topology_ns / sum_ns },
+        "speedup": { "1": 1.0 },
+        "peers": {},
+        "peers_note": NO_PEERS,
+    }))
 }
 
 fn contact(mut scene: LoadedScene) -> Result<Vec<Value>, String> {

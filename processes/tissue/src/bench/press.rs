@@ -93,7 +93,8 @@ pub struct Press {
     surface_m: Vec<[f32; 3]>,
 }
 
-fn text(error: impl std::fmt::Display) -> String {
+/// An error as a bench says it.
+pub fn text(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
 

@@ -42,8 +42,8 @@ impl Cuttable {
             low.cmple(point).all() && high.cmpge(point).all()
         };
         let near = self.rest.tets.iter().enumerate().filter(|(_, tet)| around(tet));
-        let inside = near.filter_map(|(index, tet)| Some((index, weights_in(corners(&self.position_m, *tet), point)?)));
-        match inside.last() {
+        let mut inside = near.filter_map(|(index, tet)| Some((index, weights_in(corners(&self.position_m, *tet), point)?)));
+        match inside.next() {
             Some((tet, weights)) => Seat { tet: tet as u32, weights, point_m },
             None => Seat { tet: OUTSIDE, weights: [0.0; 4], point_m },
         }
