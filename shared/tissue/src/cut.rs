@@ -2,7 +2,7 @@
 //!
 //! Hybrid after Steinemann, Harders, Gross and Székely, "Hybrid cutting of deformable solids" (IEEE VR 2006): an edge that the sheet crosses near
 //! one of its ends has that end snapped to the sheet, which makes no element at all; every other crossed edge is bisected, with all the tets
-//! around it, so that the mesh stays conforming. Then each tet lies on one side of the sheet, and the faces between the two sides are opened: a
+//! around it, so that the mesh stays conforming. Then each tet counts to one side of the sheet, and the faces between the two sides are opened: a
 //! node is copied for each part of its star that hangs together by faces. Nodes on the sheet are *marked* until the stroke ends, so that the sheet
 //! of the next tick goes on where this one ended; and so that it begins there although the tissue has moved, the wire is kept by the tets it was in.
 //!
@@ -48,11 +48,11 @@ pub struct CutOptions {
     pub snap_share: f64,
     /// No bisection makes a tet of a lower quality (1 is regular): it snaps instead.
     pub min_quality: f64,
-    /// No edge shorter than twice this is bisected, m.
+    /// No edge shorter than twice this is bisected, m; the shorter half of one may be shorter, by the share to which ends are snapped.
     pub min_edge_m: f64,
-    /// Pieces that are smaller are burnt by the wire, m³.
+    /// Pieces that are smaller are burnt by the wire, m³; never the greatest.
     pub min_piece_m3: f64,
-    /// Nodes that there is room for. When they are used up, edges are snapped only.
+    /// Nodes that there is room for, those that no tet uses included: they are used again. When all are, edges are snapped only.
     pub max_nodes: usize,
     /// Tets that there is room for.
     pub max_tets: usize,
@@ -77,13 +77,14 @@ impl Default for CutOptions {
 pub struct CutReport {
     /// Edges that were bisected: a new node each.
     pub split_edges: usize,
-    /// Nodes that were snapped to the sheet, and those of them that were moved onto it.
+    /// Times that a node was snapped to the sheet.
     pub snapped_nodes: usize,
-    /// Nodes moved.
+    /// Nodes that were moved onto it for that.
     pub moved_nodes: usize,
     /// Faces between the two sides that are open now: triangles on each side.
     pub opened_faces: usize,
-    /// Faces between the two sides that stay closed, for open they would leave a boundary that is none.
+    /// Faces between the two sides that stay closed: at the front of the cut, where open they would leave a boundary that is no surface, and where
+    /// there is no room for copies of their nodes.
     pub closed_faces: usize,
     /// Nodes copied for it.
     pub copied_nodes: usize,
@@ -93,7 +94,7 @@ pub struct CutReport {
     pub burnt_tets: usize,
     /// Volume burnt, m³.
     pub burnt_m3: f64,
-    /// Edges that were snapped because there was no room for another node or tet.
+    /// Edges that were snapped because there was no room for another node or tet, and one more if nothing could be opened for that reason.
     pub out_of_room: usize,
 }
 
@@ -127,6 +128,26 @@ pub enum CutError {
         /// Number of nodes.
         nodes: usize,
     },
+    /// A number that is none, or a mesh that is not fit to be cut.
+    #[error("node {node} has {what} that is not finite; repair the mesh, or go on from another state")]
+    NotFinite {
+        /// Name of the list.
+        what: &'static str,
+        /// The node.
+        node: usize,
+    },
+    /// A tet that has no positive volume at rest.
+    #[error("tet {tet} is inverted or flat at rest; repair the mesh (hyst-mesh `repair`)")]
+    BadTet {
+        /// The tet.
+        tet: usize,
+    },
+    /// A wire of too many points.
+    #[error("the wire has {found} points, more than {MAX_WIRE_POINTS}; give it fewer")]
+    LongWire {
+        /// Its points.
+        found: usize,
+    },
     /// The wire has a point that is not finite.
     #[error("point {point} of the wire is not finite; sweep it again when the tool's pose is known")]
     Wire {
@@ -144,6 +165,9 @@ pub enum CutError {
         range: &'static str,
     },
 }
+
+/// Most points of a wire: each edge of the mesh near the sheet is tried against each piece of it.
+pub const MAX_WIRE_POINTS: usize = 256;
 
 impl Cuttable {
     /// A mesh at rest in its own place, without fixed nodes.
@@ -189,6 +213,18 @@ impl Cuttable {
             None => Ok(()),
         }
     }
+
+    /// What a cut would make worse.
+    fn check_shape(&self) -> Result<(), CutError> {
+        let is_bad = |point: &[f32; 3]| point.iter().any(|coordinate| !coordinate.is_finite());
+        for (what, points) in [("a place at rest", &self.rest.positions_m), ("a mark", &self.marks)] {
+            if let Some(node) = points.iter().position(is_bad) {
+                return Err(CutError::NotFinite { what, node });
+            }
+        }
+        let is_flat = |tet: &[u32; 4]| signed_volume(corners(&self.rest.positions_m, *tet)) <= 0.0;
+        self.rest.tets.iter().position(is_flat).map_or(Ok(()), |tet| Err(CutError::BadTet { tet }))
+    }
 }
 
 impl CutOptions {
@@ -213,13 +249,18 @@ impl CutOptions {
 pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Result<CutReport, CutError> {
     tissue.check()?;
     options.check()?;
+    if wire.len() > MAX_WIRE_POINTS {
+        return Err(CutError::LongWire { found: wire.len() });
+    }
     let is_bad = |point: &[f32; 3]| point.iter().any(|coordinate| !coordinate.is_finite());
     if let Some(point) = wire.iter().position(is_bad) {
         return Err(CutError::Wire { point });
     }
     let mut report = CutReport::default();
-    let sheet = Sheet::of(&tissue.carried_wire(), wire);
+    let motion = tissue.motion(wire);
+    let sheet = Sheet::of(&motion);
     if sheet.touches(tissue) {
+        tissue.check_shape()?;
         let mut work = Work::new(tissue, options);
         work.refine(&sheet, &mut report);
         work.open(&mut report);
@@ -230,7 +271,7 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     if report.has_changed_mesh() {
         report.parts = component_of_each_tet(&tissue.rest).iter().max().map_or(0, |last| *last as usize + 1);
     }
-    tissue.seat_wire(wire);
+    tissue.seat_wire(&motion);
     Ok(report)
 }
 
@@ -243,9 +284,10 @@ fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
         volume_m3[*part as usize] += signed_volume(corners(&tissue.rest.positions_m, *tet));
     }
     let most = volume_m3.iter().copied().fold(0.0, f64::max);
-    let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= options.min_piece_m3.min(most)).collect();
+    let least = options.min_piece_m3.min(most);
+    let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
     report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
-    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < options.min_piece_m3.min(most)).sum();
+    report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
     let mut kept = is_kept.iter().copied();
     tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
     let mut kept = is_kept.into_iter();

@@ -32,7 +32,7 @@ mod spectrum;
 mod state;
 mod step;
 
-pub use cut::{CutError, CutOptions, CutReport, Cuttable, Seat, cut};
+pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, cut};
 pub use forces::{gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, PlaneSpring};

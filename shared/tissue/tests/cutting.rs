@@ -3,100 +3,12 @@
 mod common;
 
 use common::block;
-use glam::{DVec3, Vec3};
-use hyst_mesh::{TetMesh, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
-use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, cut};
+use common::cuts::{bar, parts, shape, shipped, straight, sweep};
+use glam::Vec3;
+use hyst_mesh::{TetMesh, check, component_of_each_tet};
+use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, cut};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use std::path::Path;
-
-fn shipped(name: &str) -> TetMesh {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes").join(name);
-    let mut mesh = read_tets(name, &std::fs::read(&path).unwrap()).unwrap();
-    if check(&mesh).max_m.iter().any(|coordinate| *coordinate > 1.0) {
-        mesh.scale_to_m(1e-3);
-    }
-    repair(mesh).unwrap().mesh
-}
-
-fn corners(mesh: &TetMesh, tet: &[u32; 4]) -> [DVec3; 4] {
-    tet.map(|node| DVec3::from_array(mesh.positions_m[node as usize].map(f64::from)))
-}
-
-/// Volume of each tet in m³ and the least quality.
-fn shape(mesh: &TetMesh) -> (Vec<f64>, f64) {
-    let volumes = mesh.tets.iter().map(|tet| signed_volume(corners(mesh, tet))).collect();
-    (volumes, mesh.tets.iter().map(|tet| quality(corners(mesh, tet))).fold(1.0, f64::min))
-}
-
-/// Momentum over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.
-fn momentum(tissue: &Cuttable) -> DVec3 {
-    let (volumes, _) = shape(&tissue.rest);
-    let velocity = |node: u32| DVec3::from_array(tissue.velocity_m_s[node as usize].map(f64::from));
-    tissue.rest.tets.iter().zip(volumes).map(|(tet, volume)| tet.map(velocity).iter().sum::<DVec3>() * (volume / 4.0)).sum()
-}
-
-fn parts(mesh: &TetMesh) -> usize {
-    component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1)
-}
-
-/// What must hold after each sweep, whatever it was.
-fn assert_sound(before: &Cuttable, after: &Cuttable, report: &CutReport, options: &CutOptions) {
-    let ((old_volumes, old_quality), (volumes, least_quality)) = (shape(&before.rest), shape(&after.rest));
-    let (old, new): (f64, f64) = (old_volumes.iter().sum(), volumes.iter().sum());
-    assert!((new + report.burnt_m3 - old).abs() <= 2e-6 * old, "volume {old} became {new}, burnt {}", report.burnt_m3);
-    assert!(volumes.iter().all(|volume| *volume > 0.0), "an inverted tet");
-    assert!(least_quality >= options.min_quality.min(old_quality) * 0.999, "quality {old_quality} became {least_quality}");
-    let nodes = after.rest.positions_m.len();
-    for (what, length) in [
-        ("position", after.position_m.len()),
-        ("velocity", after.velocity_m_s.len()),
-        ("fixed", after.fixed.len()),
-        ("marks", after.marks.len()),
-    ] {
-        assert_eq!(length, nodes, "{what}");
-    }
-    assert!(
-        nodes <= options.max_nodes.max(before.rest.positions_m.len())
-            && after.rest.tets.len() <= options.max_tets.max(before.rest.tets.len())
-    );
-    let all = [&after.rest.positions_m, &after.position_m, &after.velocity_m_s, &after.marks];
-    assert!(all.into_iter().flatten().flatten().all(|coordinate| coordinate.is_finite()));
-    if report.burnt_tets == 0 {
-        let (old, new) = (momentum(before), momentum(after));
-        assert!(old.distance(new) <= 1e-5 * shape(&before.rest).0.iter().sum::<f64>(), "momentum {old} became {new}");
-    }
-    let found = check(&after.rest);
-    assert_eq!((found.open_edges, found.crowded_faces), (0, 0), "{found}");
-    assert_eq!((found.non_manifold_edges, found.non_manifold_vertices), (0, 0), "{report:?}\n{found}");
-    assert!(!report.has_changed_mesh() || report.parts == parts(&after.rest), "{report:?}");
-    if !report.has_changed_mesh() {
-        assert_eq!((&before.rest, &before.position_m), (&after.rest, &after.position_m));
-    }
-}
-
-/// Sweeps a wire along its places and asserts after each.
-fn sweep(tissue: &mut Cuttable, places: &[Vec<[f32; 3]>], options: &CutOptions) -> Vec<CutReport> {
-    let mut reports = Vec::new();
-    for wire in places {
-        let before = tissue.clone();
-        let report = cut(tissue, wire, options).unwrap();
-        assert_sound(&before, tissue, &report, options);
-        reports.push(report);
-    }
-    reports
-}
-
-/// A straight wire from `from` to `to` at each of `steps + 1` places along `way`.
-fn straight(from: Vec3, to: Vec3, way: Vec3, steps: u32) -> Vec<Vec<[f32; 3]>> {
-    let at = |step: u32| way * (step as f32 / steps as f32);
-    (0..=steps).map(|step| [from, from.lerp(to, 0.5), to].map(|point| (point + at(step)).to_array()).to_vec()).collect()
-}
-
-/// A bar of 36 × 12 × 12 mm in tets of 3 mm.
-fn bar() -> Cuttable {
-    Cuttable::at_rest(block([12, 4, 4], 0.003))
-}
 
 #[test]
 fn a_wire_drawn_through_a_bar_leaves_two_pieces_of_the_volumes_that_the_plane_says() {
@@ -228,6 +140,8 @@ fn what_is_no_cut_changes_nothing() {
         let moved = [[0.01, 0.001, 0.005], [0.01, bad, 0.005]];
         assert_eq!(cut(&mut tissue, &moved, &options), Err(CutError::Wire { point: 1 }));
     }
+    let long = vec![[0.01, 0.0, 0.0]; MAX_WIRE_POINTS + 1];
+    assert_eq!(cut(&mut tissue, &long, &options), Err(CutError::LongWire { found: MAX_WIRE_POINTS + 1 }));
     // options, lists and tets that do not fit
     let moved = [[0.01, 0.001, 0.005], [0.01, 0.011, 0.005]];
     let odd = CutOptions { snap_share: f64::NAN, ..options };
@@ -238,10 +152,22 @@ fn what_is_no_cut_changes_nothing() {
     let mut tissue = fresh.clone();
     tissue.rest.tets[7][2] = 1_000_000;
     assert!(matches!(cut(&mut tissue, &moved, &options), Err(CutError::NodeIndex { tet: 7, node: 1_000_000, .. })));
+    // a mesh that is not fit: nothing is burnt for it
+    let broken = |breaks: fn(&mut Cuttable)| {
+        let mut tissue = seated.clone();
+        breaks(&mut tissue);
+        let before = tissue.rest.tets.len();
+        let error = cut(&mut tissue, &moved, &options).unwrap_err();
+        assert_eq!(tissue.rest.tets.len(), before);
+        error
+    };
+    assert!(matches!(broken(|tissue| tissue.rest.positions_m[40][1] = f32::NAN), CutError::NotFinite { node: 40, .. }));
+    assert!(matches!(broken(|tissue| tissue.marks[40][1] = f32::INFINITY), CutError::NotFinite { node: 40, .. }));
+    assert_eq!(broken(|tissue| tissue.rest.tets[9].swap(0, 1)), CutError::BadTet { tet: 9 });
 }
 
 #[test]
-fn positions_that_are_not_finite_neither_panic_nor_spread() {
+fn positions_that_are_not_finite_do_not_reach_the_shape_at_rest() {
     let mut tissue = bar();
     tissue.position_m[40] = [f32::NAN, 0.0, f32::INFINITY];
     tissue.velocity_m_s[41] = [f32::NAN; 3];

@@ -6,7 +6,7 @@ use hyst_mesh::{quality, signed_volume};
 
 /// An edge may cross a sheet so often that is bent (a loop twice): each round finds the first crossing of each edge that is left.
 const ROUNDS: usize = 4;
-/// A node that is marked lies on the sheet where it crosses if the two normals have this cosine at least: a loop's other side is another place.
+/// A node that is marked lies on the sheet that crosses an edge of it if the two normals have this cosine at least: a loop's other side is another place.
 const SAME_SHEET: f64 = 0.5;
 
 /// A tissue while it is cut.
@@ -15,6 +15,8 @@ pub struct Work<'a> {
     pub options: &'a CutOptions,
     /// Tets of each node.
     pub star: Vec<Vec<u32>>,
+    /// Nodes that no tet uses, the lowest last: they are used again.
+    pub free: Vec<u32>,
 }
 
 /// An edge that crosses the sheet: its ends, the lower node first.
@@ -26,7 +28,8 @@ impl<'a> Work<'a> {
         for (tet, nodes) in tissue.rest.tets.iter().enumerate() {
             nodes.iter().for_each(|node| star[*node as usize].push(tet as u32));
         }
-        Work { tissue, options, star }
+        let free = (0..star.len()).rev().filter(|node| star[*node].is_empty()).map(|node| node as u32).collect();
+        Work { tissue, options, star, free }
     }
 
     /// Tets that have both nodes.
@@ -36,7 +39,7 @@ impl<'a> Work<'a> {
     }
 
     pub fn mark(&self, node: u32) -> DVec3 {
-        at(&self.tissue.marks, node)
+        at(&self.tissue.marks, node).normalize_or_zero()
     }
 
     pub fn is_marked(&self, node: u32) -> bool {
@@ -86,9 +89,9 @@ impl<'a> Work<'a> {
         sum.try_normalize().unwrap_or(normal)
     }
 
-    /// Whether a node lies on the sheet where that has this normal.
+    /// Whether a node lies on the sheet that crosses an edge of it.
     fn is_on(&self, node: u32, material_normal: DVec3) -> bool {
-        self.is_marked(node) && self.mark(node).dot(material_normal) >= SAME_SHEET
+        self.mark(node).dot(material_normal) >= SAME_SHEET
     }
 
     fn put_mark(&mut self, node: u32, material_normal: DVec3) {
@@ -117,12 +120,11 @@ impl<'a> Work<'a> {
     fn divide(&mut self, edge: [u32; 2], crossing: Crossing, report: &mut CutReport) -> bool {
         let around = self.around(edge);
         let normal = self.material_normal(&around, crossing.normal);
-        if around.is_empty() || edge.iter().any(|end| self.is_on(*end, normal)) {
+        if around.is_empty() || edge.into_iter().any(|end| self.is_on(end, normal)) {
             return false;
         }
         let options = self.options;
-        let has_room = self.tissue.rest.positions_m.len() < options.max_nodes
-            && self.tissue.rest.tets.len() + around.len() <= options.max_tets;
+        let has_room = self.room() > 0 && self.tissue.rest.tets.len() + around.len() <= options.max_tets;
         if has_room && self.may_bisect(edge, &around, crossing.share) {
             let node = self.bisect(edge, &around, crossing.share);
             self.put_mark(node, normal);
@@ -177,18 +179,42 @@ impl<'a> Work<'a> {
         middle
     }
 
-    fn add_node(&mut self, [a, b]: [u32; 2], share: f64) -> u32 {
-        let between = |points: &[[f32; 3]]| to_single(at(points, a).lerp(at(points, b), share));
+    /// Nodes that can still be added.
+    pub fn room(&self) -> usize {
+        self.free.len() + self.options.max_nodes.saturating_sub(self.star.len())
+    }
+
+    /// A node that no tet uses, as another one is; the caller has seen that there is room.
+    pub fn copy_node(&mut self, node: u32) -> u32 {
+        let copy = self.free.pop().unwrap_or(self.star.len() as u32);
         let tissue = &mut *self.tissue;
-        let (rest, now, velocity) =
-            (between(&tissue.rest.positions_m), between(&tissue.position_m), between(&tissue.velocity_m_s));
-        tissue.rest.positions_m.push(rest);
-        tissue.position_m.push(now);
-        tissue.velocity_m_s.push(velocity);
-        tissue.fixed.push(tissue.fixed[a as usize] && tissue.fixed[b as usize]);
-        tissue.marks.push([0.0; 3]);
-        self.star.push(Vec::new());
-        (tissue.rest.positions_m.len() - 1) as u32
+        for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s, &mut tissue.marks] {
+            let point = points[node as usize];
+            match points.get_mut(copy as usize) {
+                Some(old) => *old = point,
+                None => points.push(point),
+            }
+        }
+        let fixed = tissue.fixed[node as usize];
+        match tissue.fixed.get_mut(copy as usize) {
+            Some(old) => *old = fixed,
+            None => tissue.fixed.push(fixed),
+        }
+        if copy as usize == self.star.len() {
+            self.star.push(Vec::new());
+        }
+        copy
+    }
+
+    fn add_node(&mut self, [a, b]: [u32; 2], share: f64) -> u32 {
+        let node = self.copy_node(a);
+        let tissue = &mut *self.tissue;
+        for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s] {
+            points[node as usize] = to_single(at(points, a).lerp(at(points, b), share));
+        }
+        tissue.fixed[node as usize] = tissue.fixed[a as usize] && tissue.fixed[b as usize];
+        tissue.marks[node as usize] = [0.0; 3];
+        node
     }
 
     /// Moves an inner node along an edge onto the sheet, if all its tets stay good; the others only lend it their name.
@@ -197,55 +223,59 @@ impl<'a> Work<'a> {
             return false;
         }
         let between = |points: &[[f32; 3]]| to_single(at(points, a).lerp(at(points, b), share));
-        let rest = between(&self.tissue.rest.positions_m);
-        let place = at(&[rest], 0);
-        let star = &self.star[node as usize];
+        let [rest, now] = [&self.tissue.rest.positions_m, &self.tissue.position_m].map(|points| between(points));
+        let velocity = between(&self.tissue.velocity_m_s);
+        // At rest it keeps its quality, and where it is now it turns no tet inside out.
         let stays_good = |tet: &u32| {
             let nodes = self.tissue.rest.tets[*tet as usize];
-            self.is_good(nodes.map(|other| if other == node { place } else { at(&self.tissue.rest.positions_m, other) }))
+            let with = |points: &[[f32; 3]], moved: [f32; 3]| {
+                nodes.map(|other| if other == node { at(&[moved], 0) } else { at(points, other) })
+            };
+            self.is_good(with(&self.tissue.rest.positions_m, rest))
+                && (signed_volume(with(&self.tissue.position_m, now)) > 0.0
+                    || signed_volume(corners(&self.tissue.position_m, nodes)) <= 0.0)
         };
-        if !star.iter().all(stays_good) {
+        if !self.star[node as usize].iter().all(stays_good) {
             return false;
         }
-        let (now, velocity) = (between(&self.tissue.position_m), between(&self.tissue.velocity_m_s));
         let before = self.momentum_of_star(node);
         let tissue = &mut *self.tissue;
         tissue.rest.positions_m[node as usize] = rest;
         tissue.position_m[node as usize] = now;
         tissue.velocity_m_s[node as usize] = velocity;
-        let after = self.momentum_of_star(node);
-        self.push_star(node, (before.0 - after.0) / after.1);
+        let lost = before - self.momentum_of_star(node);
+        self.push_star(node, lost);
         true
     }
 
-    /// Momentum of the tets around a node in units of the density, m⁴/s, and their volume: a quarter of each tet belongs to each of its nodes.
-    fn momentum_of_star(&self, node: u32) -> (DVec3, f64) {
-        let mut sum = (DVec3::ZERO, 0.0);
-        for tet in &self.star[node as usize] {
+    /// Momentum of the tets around a node over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.
+    fn momentum_of_star(&self, node: u32) -> DVec3 {
+        let of_tet = |tet: &u32| {
             let nodes = self.tissue.rest.tets[*tet as usize];
             let volume = signed_volume(corners(&self.tissue.rest.positions_m, nodes));
-            sum.0 += nodes.iter().map(|node| at(&self.tissue.velocity_m_s, *node)).sum::<DVec3>() * (volume / 4.0);
-            sum.1 += volume;
-        }
-        sum
+            nodes.iter().map(|node| at(&self.tissue.velocity_m_s, *node)).sum::<DVec3>() * (volume / 4.0)
+        };
+        self.star[node as usize].iter().map(of_tet).sum()
     }
 
-    /// Gives the tets around a node a velocity more. A node of the star's border belongs to it with a part of its mass only, and gets that part.
-    fn push_star(&mut self, node: u32, more_m_s: DVec3) {
+    /// Gives the free nodes around a node so much momentum over the density, m⁴/s, each by the mass that it has in the star.
+    fn push_star(&mut self, node: u32, momentum: DVec3) {
         let rest = &self.tissue.rest;
         let volume = |tet: &u32| signed_volume(corners(&rest.positions_m, rest.tets[*tet as usize]));
         let mut others: Vec<u32> = self.star[node as usize].iter().flat_map(|tet| rest.tets[*tet as usize]).collect();
         others.sort_unstable();
         others.dedup();
-        let pushes: Vec<(u32, DVec3)> = others
-            .into_iter()
-            .map(|other| {
-                let all: f64 = self.star[other as usize].iter().map(volume).sum();
-                let in_star = |tet: &&u32| rest.tets[**tet as usize].contains(&node);
-                let own: f64 = self.star[other as usize].iter().filter(in_star).map(volume).sum();
-                (other, more_m_s * (own / all))
-            })
-            .collect();
+        others.retain(|other| !self.tissue.fixed[*other as usize]);
+        let in_star = |tet: &&u32| rest.tets[**tet as usize].contains(&node);
+        // A node's volume is a quarter of its tets': of all of them, and of those in the star.
+        let volumes = others.iter().map(|other| {
+            let star = &self.star[*other as usize];
+            (star.iter().map(volume).sum::<f64>() / 4.0, star.iter().filter(in_star).map(volume).sum::<f64>() / 4.0)
+        });
+        let volumes: Vec<(f64, f64)> = volumes.collect();
+        let in_all: f64 = volumes.iter().map(|(_, own)| own).sum();
+        let pushes: Vec<(u32, DVec3)> =
+            others.iter().zip(&volumes).map(|(other, (all, own))| (*other, momentum * (own / (all * in_all)))).collect();
         for (other, push) in pushes.into_iter().filter(|(_, push)| push.is_finite()) {
             self.tissue.velocity_m_s[other as usize] = to_single(at(&self.tissue.velocity_m_s, other) + push);
         }

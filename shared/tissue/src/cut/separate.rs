@@ -4,8 +4,6 @@ use super::fans::{Fan, faces_at, fan};
 use super::refine::Work;
 use super::{CutReport, DVec3, at};
 
-/// Least cosine between a face and the sheet: a face whose three nodes lie on a bent sheet may lie across it.
-const ALONG_SHEET: f64 = 0.3;
 /// Times that faces are taken back because of what they would make of the boundary; after these none is opened.
 const ROUNDS: usize = 12;
 
@@ -19,10 +17,9 @@ impl Work<'_> {
     pub fn open(&mut self, report: &mut CutReport) {
         let mut faces = self.faces_on_sheet();
         let wanted = faces.len();
-        let nodes = self.tissue.rest.positions_m.len();
         for round in 0..ROUNDS {
             let partings: Vec<Parting> = nodes_of(&faces).into_iter().filter_map(|node| self.parting(node, &faces)).collect();
-            let has_room = nodes + partings.iter().map(|(_, parts)| parts.len()).sum::<usize>() <= self.options.max_nodes;
+            let has_room = partings.iter().map(|(_, parts)| parts.len()).sum::<usize>() <= self.room();
             if partings.is_empty() || !has_room || round + 1 == ROUNDS {
                 report.out_of_room += usize::from(!has_room);
                 report.closed_faces = wanted;
@@ -37,7 +34,7 @@ impl Work<'_> {
                 report.closed_faces = wanted - report.opened_faces;
                 return;
             }
-            self.join_again(&partings, nodes);
+            self.join_again(&partings, &copies);
             faces = self.without(faces, &bad);
         }
     }
@@ -45,11 +42,12 @@ impl Work<'_> {
     /// Faces between two tets on different sides whose nodes all lie on the sheet.
     fn faces_on_sheet(&self) -> Vec<Face> {
         let mut faces = Vec::new();
+        let sides = self.sides();
         for node in (0..self.star.len() as u32).filter(|node| self.is_marked(*node)) {
             for same in faces_at(self, node).chunk_by(|left, right| left.0 == right.0) {
                 let [([a, b], first), (_, second)] = same else { continue };
                 // Each face is met at each of its nodes.
-                if node < *a && self.is_marked(*a) && self.is_marked(*b) && self.is_between([node, *a, *b], [*first, *second]) {
+                if node < *a && self.is_marked(*a) && self.is_marked(*b) && sides[*first as usize] != sides[*second as usize] {
                     faces.push([node, *a, *b]);
                 }
             }
@@ -58,26 +56,57 @@ impl Work<'_> {
         faces
     }
 
-    fn is_between(&self, face: Face, tets: [u32; 2]) -> bool {
-        let rest_m = &self.tissue.rest.positions_m;
-        let [a, b, c] = face.map(|node| at(rest_m, node));
-        let sheet = face.iter().map(|node| self.mark(*node)).sum::<DVec3>().normalize_or_zero();
-        let across = (b - a).cross(c - a).normalize_or_zero();
-        let [first, second] = tets.map(|tet| self.is_above(tet));
-        sheet.dot(across).abs() >= ALONG_SHEET && first != second
+    /// On which side of the sheet each tet is that has a face on it. A tet that lies in the sheet with all its nodes is where most of its faces'
+    /// area leads to.
+    fn sides(&self) -> Vec<bool> {
+        let tets = &self.tissue.rest.tets;
+        let marked = |tet: &[u32; 4]| tet.iter().filter(|node| self.is_marked(**node)).count();
+        let side = |(index, tet): (usize, &[u32; 4])| (marked(tet) < 4).then(|| marked(tet) == 3 && self.is_above(index as u32));
+        let mut sides: Vec<Option<bool>> = tets.iter().enumerate().map(side).collect();
+        let mut unknown: Vec<u32> = (0..tets.len() as u32).filter(|tet| sides[*tet as usize].is_none()).collect();
+        // Each round finds at least one.
+        while !unknown.is_empty() {
+            let found: Vec<(u32, Option<bool>)> =
+                unknown.iter().map(|tet| (*tet, self.side_by_neighbours(*tet, &sides))).collect();
+            let nothing_new = found.iter().all(|(_, side)| side.is_none());
+            for (tet, side) in found {
+                sides[tet as usize] = if nothing_new { Some(true) } else { side };
+            }
+            unknown.retain(|tet| sides[*tet as usize].is_none());
+        }
+        sides.into_iter().map(|side| side.unwrap_or(true)).collect()
     }
 
-    /// On which side of the sheet a tet is that has a face on it. One that lies in the sheet with all its nodes is above.
+    /// The side that most of a tet's faces lead to, by area; `None` while none of its neighbours is known.
+    fn side_by_neighbours(&self, tet: u32, sides: &[Option<bool>]) -> Option<bool> {
+        let nodes = self.tissue.rest.tets[tet as usize];
+        let mut above = 0.0;
+        let mut is_known = false;
+        for apex in nodes {
+            let mut face = nodes.into_iter().filter(|node| *node != apex);
+            let (Some(a), Some(b), Some(c)) = (face.next(), face.next(), face.next()) else { continue };
+            let has_face = |other: &&u32| {
+                **other != tet && [a, b, c].iter().all(|node| self.tissue.rest.tets[**other as usize].contains(node))
+            };
+            let Some(side) = self.star[a as usize].iter().find(has_face).and_then(|other| sides[*other as usize]) else {
+                continue;
+            };
+            let [a, b, c] = [a, b, c].map(|node| at(&self.tissue.rest.positions_m, node));
+            let area = (b - a).cross(c - a).length();
+            above += if side { area } else { -area };
+            is_known = true;
+        }
+        is_known.then_some(above >= 0.0)
+    }
+
+    /// On which side of the sheet a tet is that has three nodes on it.
     fn is_above(&self, tet: u32) -> bool {
         let nodes = self.tissue.rest.tets[tet as usize];
         let rest_m = &self.tissue.rest.positions_m;
-        let (mut on, mut off, mut normal) = ((DVec3::ZERO, 0.0), (DVec3::ZERO, 0.0), DVec3::ZERO);
-        for node in nodes {
-            let sum = if self.is_marked(node) { &mut on } else { &mut off };
-            *sum = (sum.0 + at(rest_m, node), sum.1 + 1.0);
-            normal += self.mark(node);
-        }
-        off.1 == 0.0 || normal.dot(off.0 / off.1 - on.0 / on.1) >= 0.0
+        let (on, off): (Vec<u32>, Vec<u32>) = nodes.into_iter().partition(|node| self.is_marked(*node));
+        let middle = |nodes: &[u32]| nodes.iter().map(|node| at(rest_m, *node)).sum::<DVec3>() / nodes.len().max(1) as f64;
+        let normal = on.iter().map(|node| self.mark(*node)).sum::<DVec3>();
+        normal.dot(middle(&off) - middle(&on)) >= 0.0
     }
 
     /// The parts of a node's star that hang together by faces other than these, without the first; `None` if there is one part only.
@@ -121,35 +150,29 @@ impl Work<'_> {
         copies
     }
 
-    /// Undoes [`Work::part`]: there are so many nodes again.
-    fn join_again(&mut self, partings: &[Parting], nodes: usize) {
-        let mut copy = nodes as u32;
-        for (node, parts) in partings {
-            for part in parts {
-                for tet in part {
-                    self.rename(*tet, copy, *node);
-                }
-                self.star[*node as usize].extend(part);
-                self.star[*node as usize].sort_unstable();
-                copy += 1;
+    /// Undoes [`Work::part`]: all is as before, but that copies which are the last nodes are gone.
+    fn join_again(&mut self, partings: &[Parting], copies: &[[u32; 2]]) {
+        let parts = partings.iter().flat_map(|(_, parts)| parts);
+        for ([copy, node], part) in copies.iter().zip(parts) {
+            for tet in part {
+                self.rename(*tet, *copy, *node);
             }
+            self.star[*node as usize].extend(part);
+            self.star[*node as usize].sort_unstable();
+            self.star[*copy as usize].clear();
         }
-        let tissue = &mut *self.tissue;
-        for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s, &mut tissue.marks] {
-            points.truncate(nodes);
+        for [copy, _] in copies.iter().rev() {
+            if *copy as usize + 1 < self.star.len() {
+                self.free.push(*copy);
+                continue;
+            }
+            let tissue = &mut *self.tissue;
+            for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s, &mut tissue.marks] {
+                points.pop();
+            }
+            tissue.fixed.pop();
+            self.star.pop();
         }
-        tissue.fixed.truncate(nodes);
-        self.star.truncate(nodes);
-    }
-
-    fn copy_node(&mut self, node: u32) -> u32 {
-        let tissue = &mut *self.tissue;
-        for points in [&mut tissue.rest.positions_m, &mut tissue.position_m, &mut tissue.velocity_m_s, &mut tissue.marks] {
-            points.push(points[node as usize]);
-        }
-        tissue.fixed.push(tissue.fixed[node as usize]);
-        self.star.push(Vec::new());
-        (self.star.len() - 1) as u32
     }
 
     fn rename(&mut self, tet: u32, from: u32, to: u32) {

@@ -1,14 +1,17 @@
 //! What a wire sweeps in one tick, and where an edge goes through it.
 
+use super::wire::Motion;
 use super::{Cuttable, DVec3, at};
 
-/// Triangles of a smaller share of the sheet's own size squared have no normal.
-const FLAT_SHARE: f64 = 1e-12;
+/// A triangle has no normal if its area is a smaller share than this of its longest edge squared: 1 µm of way for 1 m of wire.
+const FLAT_SHARE: f64 = 1e-6;
 
-/// The swept triangles: two for each piece of the wire. Their normals all point to the same side.
+/// The swept triangles: two for each piece of the wire. Their normals all point to the same side, also while the wire goes back.
 #[derive(Debug)]
 pub struct Sheet {
     triangles_m: Vec<[DVec3; 3]>,
+    /// Lowest and highest corner of the box around each.
+    boxes_m: Vec<[DVec3; 2]>,
     low_m: DVec3,
     high_m: DVec3,
 }
@@ -23,23 +26,22 @@ pub struct Crossing {
 }
 
 impl Sheet {
-    /// The sheet between two places of the wire.
-    pub fn of(before: &[[f32; 3]], now: &[[f32; 3]]) -> Sheet {
-        let point = |wire: &[[f32; 3]], index: u32| at(wire, index);
-        let pieces = if before.len() == now.len() { before.len().saturating_sub(1) as u32 } else { 0 };
-        let mut triangles_m = Vec::with_capacity(2 * pieces as usize);
-        for piece in 0..pieces {
-            let [a, b] = [piece, piece + 1].map(|index| point(before, index));
-            let [c, d] = [piece, piece + 1].map(|index| point(now, index));
-            triangles_m.push([a, b, d]);
-            triangles_m.push([a, d, c]);
+    /// What a wire sweeps.
+    pub fn of(motion: &Motion) -> Sheet {
+        let mut triangles_m = Vec::with_capacity(2 * motion.to_m.len());
+        for ((from, to), ways) in motion.from_m.windows(2).zip(motion.to_m.windows(2)).zip(motion.ways.windows(2)) {
+            let ([a, b], [c, d]) = ([from[0], from[1]], [to[0], to[1]]);
+            let goes_back = (c - a + d - b).dot(ways[0] + ways[1]) < 0.0;
+            triangles_m.extend(if goes_back { [[a, d, b], [a, c, d]] } else { [[a, b, d], [a, d, c]] });
         }
-        let all = || triangles_m.iter().flatten().copied();
-        let low_m = all().fold(DVec3::MAX, DVec3::min);
-        let high_m = all().fold(DVec3::MIN, DVec3::max);
-        let least = FLAT_SHARE * (high_m - low_m).length_squared().powi(2);
-        triangles_m.retain(|[a, b, c]| (b - a).cross(c - a).length_squared() > least);
-        Sheet { triangles_m, low_m, high_m }
+        triangles_m.retain(|[a, b, c]| {
+            let longest = [b - a, c - a, c - b].map(DVec3::length_squared).into_iter().fold(0.0, f64::max);
+            (b - a).cross(c - a).length() > FLAT_SHARE * longest
+        });
+        let boxes_m: Vec<[DVec3; 2]> = triangles_m.iter().map(|[a, b, c]| [a.min(*b).min(*c), a.max(*b).max(*c)]).collect();
+        let low_m = boxes_m.iter().fold(DVec3::MAX, |low, [other, _]| low.min(*other));
+        let high_m = boxes_m.iter().fold(DVec3::MIN, |high, [_, other]| high.max(*other));
+        Sheet { triangles_m, boxes_m, low_m, high_m }
     }
 
     /// Whether the box around some points touches the sheet's own.
@@ -61,7 +63,10 @@ impl Sheet {
         if !self.is_near(&[from, to]) {
             return None;
         }
-        let crossings = self.triangles_m.iter().filter_map(|triangle| through(triangle, from, to));
+        let (low, high) = (from.min(to), from.max(to));
+        let is_near = |[other_low, other_high]: &[DVec3; 2]| low.cmple(*other_high).all() && high.cmpge(*other_low).all();
+        let near = self.triangles_m.iter().zip(&self.boxes_m).filter(|(_, around)| is_near(around));
+        let crossings = near.filter_map(|(triangle, _)| through(triangle, from, to));
         crossings.min_by(|left, right| left.share.total_cmp(&right.share))
     }
 }
@@ -88,7 +93,8 @@ mod tests {
 
     /// A wire along y from 0 to 2 that moves along x from 0 to 1.
     fn sheet() -> Sheet {
-        Sheet::of(&[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]], &[[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 2.0, 0.0]])
+        let wire = |x: f64| (0..3).map(|y| DVec3::new(x, f64::from(y), 0.0)).collect();
+        Sheet::of(&Motion { from_m: wire(0.0), to_m: wire(1.0), ways: vec![DVec3::X; 3] })
     }
 
     #[test]
@@ -113,10 +119,16 @@ mod tests {
     }
 
     #[test]
-    fn a_wire_that_stands_still_sweeps_nothing() {
-        let wire = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        assert!(Sheet::of(&wire, &wire).triangles_m.is_empty());
-        assert!(Sheet::of(&wire, &wire[..1]).triangles_m.is_empty());
-        assert!(Sheet::of(&[], &[]).triangles_m.is_empty());
+    fn a_wire_that_stands_still_sweeps_nothing_and_one_that_goes_back_has_the_same_sides() {
+        let wire = vec![DVec3::ZERO, DVec3::Y];
+        let still = Motion { from_m: wire.clone(), to_m: wire.clone(), ways: vec![DVec3::ZERO; 2] };
+        assert!(Sheet::of(&still).triangles_m.is_empty());
+        let points = |points: &[DVec3]| Motion { from_m: points.to_vec(), to_m: points.to_vec(), ways: points.to_vec() };
+        assert!(Sheet::of(&points(&wire[..1])).triangles_m.is_empty() && Sheet::of(&points(&[])).triangles_m.is_empty());
+        let ahead: Vec<DVec3> = wire.iter().map(|point| point + DVec3::X).collect();
+        let (low, high) = (DVec3::new(0.5, 0.5, -1.0), DVec3::new(0.5, 0.5, 1.0));
+        let forth = Sheet::of(&Motion { from_m: wire.clone(), to_m: ahead.clone(), ways: vec![DVec3::X; 2] }).crossing(low, high);
+        let back = Sheet::of(&Motion { from_m: ahead, to_m: wire, ways: vec![DVec3::X; 2] }).crossing(low, high);
+        assert!(forth.is_some() && forth == back, "{forth:?} {back:?}");
     }
 }

@@ -1,5 +1,5 @@
 //! Where the wire was in the tissue. Between two ticks both move: what the wire has cut through is what it was swept past in the tissue, so each
-//! of its points is kept by the tet that it was in, and carried along.
+//! of its points is kept by the tet that it was in, or by the nearest node, and carried along.
 
 use super::{Cuttable, DMat3, DVec3, at, corners, to_single};
 
@@ -10,32 +10,69 @@ pub struct Seat {
     pub tet: u32,
     /// Weights of the tet's corners.
     pub weights: [f32; 4],
-    /// Where it was, m: outside of the tissue it stays there.
-    pub point_m: [f32; 3],
+    /// The node that was nearest: outside of the tissue it moves along with that. `u32::MAX` where there is none.
+    pub node: u32,
+    /// Where it was from that node, m; from the origin without one.
+    pub offset_m: [f32; 3],
+    /// The line along which it last moved in the tissue, a unit vector; its sign is kept when the wire goes back. 0 before it moves.
+    pub way: [f32; 3],
 }
 
-/// No tet.
-const OUTSIDE: u32 = u32::MAX;
+/// What a wire does from one tick to the next.
+#[derive(Debug)]
+pub struct Motion {
+    /// Where its points were in the tissue, which is somewhere else now, and a little behind that, m.
+    pub from_m: Vec<DVec3>,
+    /// Where they are, m.
+    pub to_m: Vec<DVec3>,
+    /// The lines along which they move, unit vectors.
+    pub ways: Vec<DVec3>,
+}
+
+/// A sheet begins behind where the one before has ended, by this share of its step: what is carried is rounded, and no edge may slip between the two.
+const OVERLAP: f64 = 0.01;
+/// No tet, no node.
+const NONE: u32 = u32::MAX;
 
 impl Cuttable {
+    /// What a wire does in the tissue; nothing if it has another number of points than before.
+    pub(super) fn motion(&self, wire: &[[f32; 3]]) -> Motion {
+        let to_m: Vec<DVec3> = wire.iter().map(|point| at(&[*point], 0)).collect();
+        let from_m = if self.wire.len() == wire.len() { self.carried_wire() } else { to_m.clone() };
+        let steps: Vec<DVec3> = to_m.iter().zip(&from_m).map(|(to, from)| to - from).collect();
+        let before: Vec<DVec3> = self.wire.iter().map(|seat| at(&[seat.way], 0)).collect();
+        // What moves for the first time has the sign of what moves most: a wire that turns about its middle sweeps one sheet.
+        let first = steps.iter().copied().fold(DVec3::ZERO, |most, step| if step.length() > most.length() { step } else { most });
+        let way = |(index, step): (usize, &DVec3)| {
+            let before = before.get(index).copied().unwrap_or_default();
+            let sign = if before == DVec3::ZERO { step.dot(first) } else { step.dot(before) };
+            step.try_normalize().map_or(before, |way| if sign < 0.0 { -way } else { way })
+        };
+        let ways = steps.iter().enumerate().map(way).collect();
+        let from_m = from_m.into_iter().zip(&steps).map(|(from, step)| from - OVERLAP * step).collect();
+        Motion { from_m, to_m, ways }
+    }
+
     /// Where the points of the wire are now that the tissue has moved, m.
-    pub(super) fn carried_wire(&self) -> Vec<[f32; 3]> {
-        let carried = |seat: &Seat| {
+    fn carried_wire(&self) -> Vec<DVec3> {
+        let in_tet = |seat: &Seat| {
             let tet = self.rest.tets.get(seat.tet as usize)?;
             let parts = corners(&self.position_m, *tet).into_iter().zip(seat.weights);
-            let point = parts.map(|(corner, weight)| corner * f64::from(weight)).sum::<DVec3>();
-            point.is_finite().then(|| to_single(point))
+            Some(parts.map(|(corner, weight)| corner * f64::from(weight)).sum::<DVec3>())
         };
-        self.wire.iter().map(|seat| carried(seat).unwrap_or(seat.point_m)).collect()
+        let beside_node = |seat: &Seat| {
+            let node = self.position_m.get(seat.node as usize).map_or(DVec3::ZERO, |_| at(&self.position_m, seat.node));
+            node + at(&[seat.offset_m], 0)
+        };
+        self.wire.iter().map(|seat| in_tet(seat).unwrap_or_else(|| beside_node(seat))).collect()
     }
 
     /// Remembers where the wire is.
-    pub(super) fn seat_wire(&mut self, wire: &[[f32; 3]]) {
-        self.wire = wire.iter().map(|point| self.seat(*point)).collect();
+    pub(super) fn seat_wire(&mut self, motion: &Motion) {
+        self.wire = motion.to_m.iter().zip(&motion.ways).map(|(point, way)| self.seat(*point, *way)).collect();
     }
 
-    fn seat(&self, point_m: [f32; 3]) -> Seat {
-        let point = at(&[point_m], 0);
+    fn seat(&self, point: DVec3, way: DVec3) -> Seat {
         let around = |tet: &[u32; 4]| {
             let low = tet.iter().map(|node| at(&self.position_m, *node)).fold(DVec3::MAX, DVec3::min);
             let high = tet.iter().map(|node| at(&self.position_m, *node)).fold(DVec3::MIN, DVec3::max);
@@ -43,10 +80,13 @@ impl Cuttable {
         };
         let near = self.rest.tets.iter().enumerate().filter(|(_, tet)| around(tet));
         let mut inside = near.filter_map(|(index, tet)| Some((index, weights_in(corners(&self.position_m, *tet), point)?)));
-        match inside.next() {
-            Some((tet, weights)) => Seat { tet: tet as u32, weights, point_m },
-            None => Seat { tet: OUTSIDE, weights: [0.0; 4], point_m },
-        }
+        let (tet, weights) = inside.next().map_or((NONE, [0.0; 4]), |(tet, weights)| (tet as u32, weights));
+        let nodes = self.rest.tets.iter().flatten().filter(|_| tet == NONE);
+        let distances = nodes.map(|node| (*node, at(&self.position_m, *node).distance_squared(point)));
+        let nearest = distances.filter(|(_, distance)| distance.is_finite()).min_by(|left, right| left.1.total_cmp(&right.1));
+        let node = nearest.map_or(NONE, |(node, _)| node);
+        let offset = nearest.map_or(point, |(node, _)| point - at(&self.position_m, node));
+        Seat { tet, weights, node, offset_m: to_single(offset), way: to_single(way) }
     }
 }
 

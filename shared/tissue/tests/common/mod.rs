@@ -1,6 +1,8 @@
 //! Meshes and helpers that the tests and the bench share.
 #![allow(dead_code, missing_docs)]
 
+pub mod cuts;
+
 use hyst_mesh::TetMesh;
 use hyst_tissue::{Model, Options, Scratch, StateMut, StateRef, StepInput, StepReport, step};
 

@@ -1,0 +1,95 @@
+//! What must hold after each cut, and wires to make them.
+
+use super::block;
+use glam::{DVec3, Vec3};
+use hyst_mesh::{TetMesh, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
+use hyst_tissue::{CutOptions, CutReport, Cuttable, cut};
+use std::path::Path;
+
+pub fn shipped(name: &str) -> TetMesh {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes").join(name);
+    let mut mesh = read_tets(name, &std::fs::read(&path).unwrap()).unwrap();
+    if check(&mesh).max_m.iter().any(|coordinate| *coordinate > 1.0) {
+        mesh.scale_to_m(1e-3);
+    }
+    repair(mesh).unwrap().mesh
+}
+
+pub fn corners(mesh: &TetMesh, tet: &[u32; 4]) -> [DVec3; 4] {
+    tet.map(|node| DVec3::from_array(mesh.positions_m[node as usize].map(f64::from)))
+}
+
+/// Volume of each tet in m³ and the least quality.
+pub fn shape(mesh: &TetMesh) -> (Vec<f64>, f64) {
+    let volumes = mesh.tets.iter().map(|tet| signed_volume(corners(mesh, tet))).collect();
+    (volumes, mesh.tets.iter().map(|tet| quality(corners(mesh, tet))).fold(1.0, f64::min))
+}
+
+/// Momentum over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.
+pub fn momentum(tissue: &Cuttable) -> DVec3 {
+    let (volumes, _) = shape(&tissue.rest);
+    let velocity = |node: u32| DVec3::from_array(tissue.velocity_m_s[node as usize].map(f64::from));
+    tissue.rest.tets.iter().zip(volumes).map(|(tet, volume)| tet.map(velocity).iter().sum::<DVec3>() * (volume / 4.0)).sum()
+}
+
+pub fn parts(mesh: &TetMesh) -> usize {
+    component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1)
+}
+
+/// What must hold after each sweep, whatever it was.
+pub fn assert_sound(before: &Cuttable, after: &Cuttable, report: &CutReport, options: &CutOptions) {
+    let ((old_volumes, old_quality), (volumes, least_quality)) = (shape(&before.rest), shape(&after.rest));
+    let (old, new): (f64, f64) = (old_volumes.iter().sum(), volumes.iter().sum());
+    assert!((new + report.burnt_m3 - old).abs() <= 2e-6 * old, "volume {old} became {new}, burnt {}", report.burnt_m3);
+    assert!(volumes.iter().all(|volume| *volume > 0.0), "an inverted tet");
+    assert!(least_quality >= options.min_quality.min(old_quality) * 0.999, "quality {old_quality} became {least_quality}");
+    let nodes = after.rest.positions_m.len();
+    for (what, length) in [
+        ("position", after.position_m.len()),
+        ("velocity", after.velocity_m_s.len()),
+        ("fixed", after.fixed.len()),
+        ("marks", after.marks.len()),
+    ] {
+        assert_eq!(length, nodes, "{what}");
+    }
+    assert!(
+        nodes <= options.max_nodes.max(before.rest.positions_m.len())
+            && after.rest.tets.len() <= options.max_tets.max(before.rest.tets.len())
+    );
+    let all = [&after.rest.positions_m, &after.position_m, &after.velocity_m_s, &after.marks];
+    assert!(all.into_iter().flatten().flatten().all(|coordinate| coordinate.is_finite()));
+    if report.burnt_tets == 0 {
+        let (old, new) = (momentum(before), momentum(after));
+        assert!(old.distance(new) <= 2e-5 * old.length().max(1e-12), "momentum {old} became {new}");
+    }
+    let found = check(&after.rest);
+    assert_eq!((found.open_edges, found.crowded_faces), (0, 0), "{found}");
+    assert_eq!((found.non_manifold_edges, found.non_manifold_vertices), (0, 0), "{report:?}\n{found}");
+    assert!(!report.has_changed_mesh() || report.parts == parts(&after.rest), "{report:?}");
+    if !report.has_changed_mesh() {
+        assert_eq!((&before.rest, &before.position_m), (&after.rest, &after.position_m));
+    }
+}
+
+/// Sweeps a wire along its places and asserts after each.
+pub fn sweep(tissue: &mut Cuttable, places: &[Vec<[f32; 3]>], options: &CutOptions) -> Vec<CutReport> {
+    let mut reports = Vec::new();
+    for wire in places {
+        let before = tissue.clone();
+        let report = cut(tissue, wire, options).unwrap();
+        assert_sound(&before, tissue, &report, options);
+        reports.push(report);
+    }
+    reports
+}
+
+/// A straight wire from `from` to `to` at each of `steps + 1` places along `way`.
+pub fn straight(from: Vec3, to: Vec3, way: Vec3, steps: u32) -> Vec<Vec<[f32; 3]>> {
+    let at = |step: u32| way * (step as f32 / steps as f32);
+    (0..=steps).map(|step| [from, from.lerp(to, 0.5), to].map(|point| (point + at(step)).to_array()).to_vec()).collect()
+}
+
+/// A bar of 36 × 12 × 12 mm in tets of 3 mm.
+pub fn bar() -> Cuttable {
+    Cuttable::at_rest(block([12, 4, 4], 0.003))
+}
