@@ -98,7 +98,8 @@ pub(crate) fn build(
     let stiffness = better_bound(stiffness, &mass, &held, options.contact_stiffness_n_m);
     let (added_mass_kg, scaled_nodes) = fit_step(&mut mass, &stiffness, own_mass_kg, &options)?;
     let omega_max_per_s = bound::omega_per_s(&mass, &stiffness);
-    let omega_rest_per_s = omega_rest_per_s(mesh, &rest, &mass, &held, &options).min(omega_max_per_s);
+    let found_per_s = || omega_rest_per_s(mesh, &rest, &mass, &held, &options);
+    let omega_rest_per_s = options.omega_rest_per_s.unwrap_or_else(found_per_s).min(omega_max_per_s);
     let mut report = ModelReport {
         nodes,
         tets: mesh.tets.len(),

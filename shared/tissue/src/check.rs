@@ -12,6 +12,7 @@ pub(crate) fn options(options: &Options) -> Result<(), ModelError> {
     check("max_substeps", f64::from(options.max_substeps), 1.0, f64::from(SUBSTEPS_MAX), "from 1 to 256")?;
     check("max_added_mass_ratio", options.max_added_mass_ratio, 0.0, 1e6, "from 0 to 1e6")?;
     check("contact_stiffness_n_m", options.contact_stiffness_n_m, 0.0, 1e9, "from 0 to 1e9")?;
+    check("omega_rest_per_s", options.omega_rest_per_s.unwrap_or(0.0), 0.0, 1e9, "from 0 to 1e9")?;
     check("velocity_cap_m_s", options.velocity_cap_m_s, 1e-3, 1e3, "from 0.001 to 1000")?;
     if options.isa.available() { Ok(()) } else { Err(ModelError::Isa(options.isa)) }
 }

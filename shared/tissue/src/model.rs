@@ -30,6 +30,9 @@ pub struct Options {
     /// Stiffness that [`PlaneSpring`](crate::PlaneSpring)s and [`Attachment`](crate::Attachment)s may add up to at any free
     /// node, N/m.
     pub contact_stiffness_n_m: f64,
+    /// Largest angular frequency at rest, 1/s, where it is known well enough, as that of the mesh before a cut; `None`: it is looked for, which takes
+    /// most of the time that making a model takes. Stability does not depend on it.
+    pub omega_rest_per_s: Option<f64>,
     /// Largest velocity per axis, m/s: a watchdog, far above what a hand does.
     pub velocity_cap_m_s: f64,
     /// Instruction set of the kernels.
@@ -44,6 +47,7 @@ impl Default for Options {
             max_substeps: 8,
             max_added_mass_ratio: 0.5,
             contact_stiffness_n_m: 0.0,
+            omega_rest_per_s: None,
             velocity_cap_m_s: 10.0,
             isa: Isa::detect(),
         }
@@ -73,7 +77,7 @@ pub struct ModelReport {
     pub softened_volume_m3: f64,
     /// Shortest edge, m.
     pub shortest_edge_m: f64,
-    /// Largest angular frequency at rest, 1/s.
+    /// Largest angular frequency at rest, 1/s, found or told.
     pub omega_rest_per_s: f64,
     /// Bound on the largest angular frequency in any state, 1/s.
     pub omega_max_per_s: f64,

@@ -4,15 +4,17 @@ mod common;
 
 use common::{Body, block, options};
 use hyst_mesh::component_of_each_tet;
-use hyst_tissue::{CutOptions, Cuttable, Material, Model, cut};
+use hyst_tissue::{CutOptions, Cuttable, Material, Model, ModelReport, Options, cut};
 
 /// A bar of 36 × 12 × 12 mm, soft as tissue.
-fn body_of(tissue: &Cuttable) -> Body {
+fn body_of(tissue: &Cuttable, omega_rest_per_s: Option<f64>) -> (Body, ModelReport) {
     let material = Material::new(10_000.0, 0.45, 1000.0, 20.0).unwrap();
-    let mut body = Body::new(Model::new(&tissue.rest, &tissue.fixed, &material, options()).unwrap().0);
+    let options = Options { omega_rest_per_s, ..options() };
+    let (model, report) = Model::new(&tissue.rest, &tissue.fixed, &material, options).unwrap();
+    let mut body = Body::new(model);
     body.position_m.clone_from(&tissue.position_m);
     body.velocity_m_s.clone_from(&tissue.velocity_m_s);
-    body
+    (body, report)
 }
 
 /// The width of the gap in the middle of the bar at rest, m: how far the nearest nodes of the two parts are apart along x.
@@ -36,7 +38,7 @@ fn a_stretched_bar_is_cut_tick_by_tick_and_its_halves_go_apart() {
     let mut tissue = Cuttable::at_rest(block([12, 4, 4], 0.003));
     tissue.fixed = tissue.rest.positions_m.iter().map(|p| p[0] == 0.0 || p[0] > 0.0359).collect();
     tissue.position_m.iter_mut().for_each(|p| p[0] *= STRETCH);
-    let mut body = body_of(&tissue);
+    let (mut body, whole) = body_of(&tissue, None);
     for _ in 0..200 {
         body.step();
     }
@@ -53,7 +55,8 @@ fn a_stretched_bar_is_cut_tick_by_tick_and_its_halves_go_apart() {
         let report = cut(&mut tissue, &place(tick), &CutOptions::default()).unwrap();
         if report.has_changed_mesh() {
             changes += 1;
-            body = body_of(&tissue);
+            // The frequency is that of the whole bar: the cut ones are made without looking for theirs.
+            body = body_of(&tissue, Some(whole.omega_rest_per_s)).0;
             let after_j = body.energy_j();
             // A node that moves along an edge takes the shape at rest along: the strain is sampled anew.
             assert!(after_j <= before_j + 0.03 * stretched_j, "tick {tick}: {before_j} J became {after_j}: {report:?}");
@@ -90,7 +93,7 @@ fn many_cuts_leave_a_mesh_that_a_model_can_be_made_of() {
         }
         tissue.end_stroke();
     }
-    let mut body = body_of(&tissue);
+    let (mut body, report) = body_of(&tissue, None);
     body.velocity_m_s.iter_mut().zip(&tissue.fixed).filter(|(_, fixed)| !**fixed).for_each(|(v, _)| *v = [0.3, 0.0, 0.1]);
     let started_j = body.energy_j();
     for tick in 0..2000 {
@@ -98,4 +101,9 @@ fn many_cuts_leave_a_mesh_that_a_model_can_be_made_of() {
         assert_eq!(report.recovered_nodes, 0, "tick {tick}");
     }
     assert!(body.energy_j() < 0.02 * started_j, "{} J of {started_j} J are left", body.energy_j());
+    // What is told is what is used; what would be looked for is never above the bound that keeps the step stable.
+    let told = body_of(&tissue, Some(report.omega_rest_per_s));
+    assert_eq!(told.1, report);
+    let far_above = body_of(&tissue, Some(1e9)).1;
+    assert_eq!(far_above.omega_rest_per_s, report.omega_max_per_s);
 }

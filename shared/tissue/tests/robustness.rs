@@ -208,6 +208,27 @@ fn bad_meshes_are_typed_errors() {
     }
 }
 
+#[test]
+fn options_out_of_range_are_refused_by_their_name() {
+    type Change = fn(&mut Options, f64);
+    let ranges: [(&str, Change, [f64; 3]); 5] = [
+        ("step_s", |options, value| options.step_s = value, [0.0, 1.0, f64::NAN]),
+        ("max_added_mass_ratio", |options, value| options.max_added_mass_ratio = value, [-1.0, 1e7, f64::NAN]),
+        ("contact_stiffness_n_m", |options, value| options.contact_stiffness_n_m = value, [-1.0, f64::INFINITY, f64::NAN]),
+        ("omega_rest_per_s", |options, value| options.omega_rest_per_s = Some(value), [-1.0, f64::INFINITY, f64::NAN]),
+        ("velocity_cap_m_s", |options, value| options.velocity_cap_m_s = value, [0.0, 1e4, f64::NAN]),
+    ];
+    let (mesh, material) = (block([2, 2, 2], 0.003), Material::new(10_000.0, 0.45, 1000.0, 5.0).unwrap());
+    for (name, change, values) in ranges {
+        for value in values {
+            let mut options = options();
+            change(&mut options, value);
+            let refused = Model::new(&mesh, &[false; 27], &material, options);
+            assert!(matches!(&refused, Err(ModelError::Option { name: found, .. }) if *found == name), "{name} {value}");
+        }
+    }
+}
+
 /// Splits every `nth` tet at a node that lies `height` of the way from its first face to the opposite corner: the tet on that face is flat.
 fn with_flat_tets(mut mesh: TetMesh, nth: usize, height: f32) -> TetMesh {
     for tet in (0..mesh.tets.len()).step_by(nth) {

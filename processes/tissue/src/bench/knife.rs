@@ -63,6 +63,8 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let material = material.map_err(text)?;
     let parts = |mesh: &TetMesh| hyst_mesh::component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1);
     let options = Options { max_substeps: 64, max_added_mass_ratio: 2.0, isa, ..Options::default() };
+    let (_, whole) = Model::new(&tissue.rest, &tissue.fixed, &material, options).map_err(text)?;
+    let options = Options { omega_rest_per_s: Some(whole.omega_rest_per_s), ..options };
     let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [parts(&tissue.rest); 2], ..Knife::default() };
     for tick in 0..MAX_TICKS {
         let z = low[2] - WAY_M + tick as f32 * WAY_M;
