@@ -1,4 +1,4 @@
-//! Convergence to the theory of elasticity: a beam, a thick-walled sphere under pressure. Each is solved at several resolutions with the solver of the
+//! Convergence to the theory of elasticity: a beam, a thick-walled sphere under pressure, the dent of a ball. Each is solved at several resolutions with the solver of the
 //! station; the error against the formula shrinks, and at the finest it is small.
 
 mod common;
@@ -147,4 +147,105 @@ fn a_thick_walled_sphere_under_pressure_converges_to_lame() {
         assert!(errors[1].abs() < errors[0].abs() && errors[2].abs() < 0.6 * errors[1].abs(), "ν = {nu}: {errors:?}");
         assert!(errors[2].abs() < most, "ν = {nu}: {errors:?}");
     }
+}
+
+/// A block whose cubes are small in the middle of the face z = 0 and grow away from there: 2 × `cells` across, `cells` deep; m.
+fn graded_block(cells: u32, half_m: f32, power: f32) -> TetMesh {
+    let mut mesh = block([2 * cells, 2 * cells, cells], 1.0);
+    let stretch = |x: f32| half_m * x.signum() * (x.abs() / cells as f32).powf(power);
+    for p in &mut mesh.positions_m {
+        *p = [stretch(p[0] - cells as f32), stretch(p[1] - cells as f32), stretch(p[2])];
+    }
+    mesh
+}
+
+/// The forces of a pressure on the face z = 0 at its nodes, N, and their sum: each triangle by the middles of 256 parts.
+fn face_forces_n(mesh: &TetMesh, pressure_pa: impl Fn(f64) -> f64) -> (Vec<[f64; 3]>, f64) {
+    const PARTS: u32 = 16;
+    let mut forces = vec![[0.0; 3]; mesh.positions_m.len()];
+    let mut sum_n = 0.0;
+    for triangle in hyst_mesh::boundary(mesh).triangles {
+        let [a, b, c] = triangle.map(|node| glam::DVec3::from(mesh.positions_m[node as usize].map(f64::from)));
+        if [a, b, c].iter().any(|p| p.z != 0.0) {
+            continue;
+        }
+        let part_m2 = (b - a).cross(c - a).length() / 2.0 / f64::from(PARTS * PARTS);
+        for (i, j) in (0..PARTS).flat_map(|i| (0..PARTS).map(move |j| (i, j))) {
+            // a parallelogram of parts, folded over its diagonal
+            let (mut s, mut t) = ((f64::from(i) + 0.5) / f64::from(PARTS), (f64::from(j) + 0.5) / f64::from(PARTS));
+            if s + t > 1.0 {
+                (s, t) = (1.0 - s, 1.0 - t);
+            }
+            let point = a + (b - a) * s + (c - a) * t;
+            let force_n = pressure_pa(point.truncate().length()) * part_m2;
+            for (node, weight) in triangle.into_iter().zip([1.0 - s - t, s, t]) {
+                forces[node as usize][2] += force_n * weight;
+            }
+            sum_n += force_n;
+        }
+    }
+    (forces, sum_n)
+}
+
+/// Displacement of a half-space at a point under a force at the origin along z, into it, m (Boussinesq 1885; Johnson, section 3.2).
+fn boussinesq_m(point: [f32; 3], force_n: f64, young_pa: f64, nu: f64) -> glam::DVec3 {
+    let point = glam::DVec3::from(point.map(f64::from));
+    let (far, across, z) = (point.length(), point.truncate(), point.z);
+    let outward = across * (z / far.powi(3) - (1.0 - 2.0 * nu) / (far * (far + z)));
+    outward.extend(z * z / far.powi(3) + 2.0 * (1.0 - nu) / far)
+        * (force_n * (1.0 + nu) / (2.0 * std::f64::consts::PI * young_pa))
+}
+
+#[test]
+fn the_pressure_of_a_ball_makes_the_dent_of_hertz() {
+    // Hertz (1882): a ball of radius R that goes d deep touches a circle of radius √(R d) with the pressure p₀ √(1 − r²/a²), and the surface there
+    // goes down as the ball is round: (1 − ν²)/E · π p₀/(4a) · (2a² − r²) (Johnson, "Contact Mechanics", 1985, section 3.4).
+    let (radius_m, depth_m, young_pa, nu) = (0.008_f64, 0.0005_f64, 30_000.0, 0.3);
+    let circle_m = (radius_m * depth_m).sqrt();
+    let peak_pa = 2.0 / std::f64::consts::PI * young_pa / (1.0 - nu * nu) * circle_m / radius_m;
+    let hertz_n = 4.0 / 3.0 * young_pa / (1.0 - nu * nu) * radius_m.sqrt() * depth_m.powf(1.5);
+    // A tenth of the dent: so small that the theory of small strains holds, as that of the material does.
+    const SHARE: f64 = 0.1;
+    /// Half the block's width, m, five times the circle: on its other faces it is as far from home as a half-space under the same force is.
+    const HALF_M: f32 = 0.010;
+    let material = Material::new(young_pa, nu, 1000.0, 150.0).unwrap();
+    let error = |cells: u32| {
+        let mesh = graded_block(cells, HALF_M, 1.5);
+        let is_far = |p: &[f32; 3]| p[2].max(p[0].abs()).max(p[1].abs()) > 0.999 * HALF_M;
+        let fixed: Vec<bool> = mesh.positions_m.iter().map(is_far).collect();
+        // What is at rest does not know its mass.
+        let options = Options { max_substeps: 24, max_added_mass_ratio: 1e4, ..Options::default() };
+        let mut body = Body::new(Model::new(&mesh, &fixed, &material, options).unwrap().0);
+        let pressure = |r: f64| peak_pa * (1.0 - (r / circle_m).powi(2)).max(0.0).sqrt();
+        let (forces, sum_n) = face_forces_n(&mesh, pressure);
+        assert!((sum_n / hertz_n - 1.0).abs() < 0.02, "{cells} cells: the pressure adds up to {sum_n} N, Hertz {hertz_n} N");
+        for (force, own) in body.force_n.iter_mut().zip(forces) {
+            *force = own.map(|n| (n * SHARE * hertz_n / sum_n) as f32);
+        }
+        for (place, rest) in body.position_m.iter_mut().zip(&mesh.positions_m).filter(|(_, rest)| is_far(rest)) {
+            *place = (glam::DVec3::from(rest.map(f64::from)) + boussinesq_m(*rest, SHARE * hertz_n, young_pa, nu))
+                .as_vec3()
+                .to_array();
+        }
+        let centre = mesh.positions_m.iter().position(|p| *p == [0.0; 3]).unwrap();
+        for _ in 0..600 {
+            body.step();
+        }
+        // In the middle, and at the node on the axis that is the last inside the circle: there it is 1 − r²/2a² as deep.
+        let on_axis = |p: &[f32; 3]| p[1] == 0.0 && p[2] == 0.0 && f64::from(p[0]) < circle_m;
+        let nodes = mesh.positions_m.iter().enumerate().filter(|(_, p)| on_axis(p));
+        let last = nodes.max_by(|left, right| left.1[0].total_cmp(&right.1[0])).map_or(0, |(node, _)| node);
+        [centre, last].map(|node| {
+            let r = f64::from(mesh.positions_m[node][0]);
+            let expected_m = depth_m * (1.0 - r * r / (2.0 * circle_m * circle_m));
+            f64::from(body.position_m[node][2]) / SHARE / expected_m - 1.0
+        })
+    };
+    let errors = [error(6), error(8), error(10)];
+    println!("the dent of a ball with 6, 8, 10 cubes from its middle to the block's side: {errors:?}");
+    let [coarse, middle, fine] = errors.map(|[in_the_middle, _]| in_the_middle);
+    assert!(coarse < middle && middle < fine && fine < 0.0, "linear tets are too stiff, ever less: {errors:?}");
+    assert!(fine > -0.08 && errors[2][1].abs() < 0.08, "{errors:?}");
+    let limit = fine + (fine - middle) / ((10.0_f64 / 8.0).powi(2) - 1.0);
+    assert!(limit.abs() < 0.03, "extrapolated to {limit} off: {errors:?}");
 }
