@@ -63,6 +63,7 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
 
 /// A row for a cut: the step is a tick in which the wire moves.
 fn knife(scene: &LoadedScene) -> Result<Value, String> {
+    let pass_ns = Press::new(scene, Isa::detect(), 1)?.pass_ns();
     let mut knife = knife::draw(scene, Isa::detect())?;
     let all_ns = |times: &[u64]| times.iter().sum::<u64>() as f64;
     let (cut_ns, model_ns, topology_ns) = (all_ns(&knife.cut_ns), all_ns(&knife.model_ns), all_ns(&knife.topology_ns));
@@ -78,6 +79,7 @@ fn knife(scene: &LoadedScene) -> Result<Value, String> {
         "changes": changes,
         "step_us": spread(&mut knife.cut_ns, US),
         "ns_per_tet": cut_ns / (ticks * tets).max(1) as f64,
+        "limit_ratio": cut_ns / ticks.max(1) as f64 / pass_ns as f64,
         "model_us": spread(&mut knife.model_ns, US),
         "topology_us": spread(&mut knife.topology_ns, US),
         "share": { "cut": cut_ns / sum_ns, "model": model_ns / sum_ns, "topology": topology_ns / sum_ns },

@@ -259,23 +259,21 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     let mut report = CutReport::default();
     let motion = tissue.motion(wire);
     let sheet = Sheet::of(&motion);
-    if sheet.touches(tissue) {
+    let near = sheet.near(tissue);
+    if !near.is_empty() {
         tissue.check_shape()?;
-        let mut work = Work::new(tissue, options);
+        let mut work = Work::new(tissue, options, near);
         work.refine(&sheet, &mut report);
         work.open(&mut report);
     }
-    if report.copied_nodes > 0 {
-        burn(tissue, options, &mut report);
-    }
     if report.has_changed_mesh() {
-        report.parts = component_of_each_tet(&tissue.rest).iter().max().map_or(0, |last| *last as usize + 1);
+        burn(tissue, options, &mut report);
     }
     tissue.seat_wire(&motion);
     Ok(report)
 }
 
-/// Takes pieces away that are too small to be objects, unless they are all that there is.
+/// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
 fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
     let part = component_of_each_tet(&tissue.rest);
     let parts = part.iter().max().map_or(0, |last| *last as usize + 1);
@@ -284,7 +282,8 @@ fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
         volume_m3[*part as usize] += signed_volume(corners(&tissue.rest.positions_m, *tet));
     }
     let most = volume_m3.iter().copied().fold(0.0, f64::max);
-    let least = options.min_piece_m3.min(most);
+    let least = if report.copied_nodes > 0 { options.min_piece_m3.min(most) } else { 0.0 };
+    report.parts = volume_m3.iter().filter(|volume| **volume >= least).count();
     let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
     report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
     report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();

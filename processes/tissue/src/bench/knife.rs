@@ -62,7 +62,8 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
         Material::new(stuff.youngs_modulus_pa, stuff.poisson_ratio.min(0.45), stuff.density_kg_m3, stuff.damping_per_s);
     let material = material.map_err(text)?;
     let parts = |mesh: &TetMesh| hyst_mesh::component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1);
-    let options = Options { max_substeps: 64, max_added_mass_ratio: 2.0, isa, ..Options::default() };
+    // What it takes to make a model is measured, not whether it is fast enough.
+    let options = Options { max_substeps: 256, max_added_mass_ratio: 1e6, isa, ..Options::default() };
     let (_, whole) = Model::new(&tissue.rest, &tissue.fixed, &material, options).map_err(text)?;
     let options = Options { omega_rest_per_s: Some(whole.omega_rest_per_s), ..options };
     let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [parts(&tissue.rest); 2], ..Knife::default() };
@@ -82,4 +83,17 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     knife.tets[1] = tissue.rest.tets.len();
     knife.parts[1] = parts(&tissue.rest);
     Ok(knife)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_wire_parts_the_pathology_of_the_embedded_scene() {
+        let scene = crate::world::load_scene(None).unwrap();
+        let knife = draw(&scene, Isa::detect()).unwrap();
+        assert_eq!(knife.parts[1], knife.parts[0] + 1);
+        assert!(knife.tets[1] > knife.tets[0] && knife.model_ns.len() > 5 && knife.cut_ns.len() > knife.model_ns.len());
+    }
 }

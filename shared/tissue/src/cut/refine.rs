@@ -17,19 +17,24 @@ pub struct Work<'a> {
     pub star: Vec<Vec<u32>>,
     /// Nodes that no tet uses, the lowest last: they are used again.
     pub free: Vec<u32>,
+    /// Tets that may touch the sheet, each once.
+    near: Vec<u32>,
 }
 
 /// An edge that crosses the sheet: its ends, the lower node first.
 type Crossed = ([u32; 2], Crossing);
 
 impl<'a> Work<'a> {
-    pub fn new(tissue: &'a mut Cuttable, options: &'a CutOptions) -> Work<'a> {
-        let mut star = vec![Vec::new(); tissue.rest.positions_m.len()];
+    /// `near`: the tets that may touch the sheet.
+    pub fn new(tissue: &'a mut Cuttable, options: &'a CutOptions, near: Vec<u32>) -> Work<'a> {
+        let mut tets_at = vec![0; tissue.rest.positions_m.len()];
+        tissue.rest.tets.iter().flatten().for_each(|node| tets_at[*node as usize] += 1);
+        let mut star: Vec<Vec<u32>> = tets_at.into_iter().map(Vec::with_capacity).collect();
         for (tet, nodes) in tissue.rest.tets.iter().enumerate() {
             nodes.iter().for_each(|node| star[*node as usize].push(tet as u32));
         }
         let free = (0..star.len()).rev().filter(|node| star[*node].is_empty()).map(|node| node as u32).collect();
-        Work { tissue, options, star, free }
+        Work { tissue, options, star, free, near }
     }
 
     /// Tets that have both nodes.
@@ -50,7 +55,7 @@ impl<'a> Work<'a> {
     fn crossings(&self, sheet: &Sheet) -> Vec<Crossed> {
         const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
         let place = |node: u32| at(&self.tissue.position_m, node);
-        let near = self.tissue.rest.tets.iter().filter(|tet| sheet.is_near(&tet.map(place)));
+        let near = self.near.iter().map(|tet| self.tissue.rest.tets[*tet as usize]).filter(|tet| sheet.is_near(&tet.map(place)));
         let ends = near.flat_map(|tet| EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]));
         let mut edges: Vec<[u32; 2]> = ends.collect();
         edges.sort_unstable();
@@ -112,6 +117,10 @@ impl<'a> Work<'a> {
         report.snapped_nodes += 1;
         if !self.is_marked(near) && self.move_along(near, edge, crossing.share) {
             report.moved_nodes += 1;
+            // It takes along tets that were clear of the sheet.
+            self.near.extend(&self.star[near as usize]);
+            self.near.sort_unstable();
+            self.near.dedup();
         }
         self.put_mark(near, normal);
     }
@@ -172,6 +181,7 @@ impl<'a> Work<'a> {
             self.tissue.rest.tets[*tet as usize] = first;
             self.tissue.rest.tets.push(second);
             self.tissue.rest.regions.push(self.tissue.rest.regions[*tet as usize]);
+            self.near.push(new);
             self.star[edge[1] as usize].retain(|other| other != tet);
             second.iter().for_each(|node| self.star[*node as usize].push(new));
             self.star[middle as usize].push(*tet);

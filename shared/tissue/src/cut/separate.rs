@@ -59,11 +59,18 @@ impl Work<'_> {
     /// On which side of the sheet each tet is that has a face on it. A tet that lies in the sheet with all its nodes is where most of its faces'
     /// area leads to.
     fn sides(&self) -> Vec<bool> {
-        let tets = &self.tissue.rest.tets;
-        let marked = |tet: &[u32; 4]| tet.iter().filter(|node| self.is_marked(**node)).count();
-        let side = |(index, tet): (usize, &[u32; 4])| (marked(tet) < 4).then(|| marked(tet) == 3 && self.is_above(index as u32));
-        let mut sides: Vec<Option<bool>> = tets.iter().enumerate().map(side).collect();
-        let mut unknown: Vec<u32> = (0..tets.len() as u32).filter(|tet| sides[*tet as usize].is_none()).collect();
+        let mut sides = vec![Some(false); self.tissue.rest.tets.len()];
+        let mut unknown = Vec::new();
+        for (tet, nodes) in self.tissue.rest.tets.iter().enumerate() {
+            match nodes.iter().filter(|node| self.is_marked(**node)).count() {
+                3 => sides[tet] = Some(self.is_above(tet as u32)),
+                4 => {
+                    sides[tet] = None;
+                    unknown.push(tet as u32);
+                }
+                _ => {}
+            }
+        }
         // Each round finds at least one.
         while !unknown.is_empty() {
             let found: Vec<(u32, Option<bool>)> =

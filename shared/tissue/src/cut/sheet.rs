@@ -51,10 +51,13 @@ impl Sheet {
         low.cmple(self.high_m).all() && high.cmpge(self.low_m).all()
     }
 
-    /// Whether any tet's box touches the sheet's.
-    pub fn touches(&self, tissue: &Cuttable) -> bool {
-        !self.triangles_m.is_empty()
-            && tissue.rest.tets.iter().any(|tet| self.is_near(&tet.map(|node| at(&tissue.position_m, node))))
+    /// The tets whose boxes touch the sheet's.
+    pub fn near(&self, tissue: &Cuttable) -> Vec<u32> {
+        if self.triangles_m.is_empty() {
+            return Vec::new();
+        }
+        let is_near = |tet: &[u32; 4]| self.is_near(&tet.map(|node| at(&tissue.position_m, node)));
+        (0..tissue.rest.tets.len() as u32).filter(|tet| is_near(&tissue.rest.tets[*tet as usize])).collect()
     }
 
     /// Where the edge from `from` to `to` crosses the sheet first. Edges of the mesh that go through an edge between two triangles cross: the products

@@ -69,20 +69,30 @@ impl Cuttable {
 
     /// Remembers where the wire is.
     pub(super) fn seat_wire(&mut self, motion: &Motion) {
-        self.wire = motion.to_m.iter().zip(&motion.ways).map(|(point, way)| self.seat(*point, *way)).collect();
+        let mut is_used = vec![false; self.position_m.len()];
+        self.rest.tets.iter().flatten().for_each(|node| is_used[*node as usize] = true);
+        let low_m = motion.to_m.iter().copied().fold(DVec3::MAX, DVec3::min);
+        let high_m = motion.to_m.iter().copied().fold(DVec3::MIN, DVec3::max);
+        let tets = 0..self.rest.tets.len() as u32;
+        let near: Vec<u32> = tets.filter(|tet| self.is_in_box(*tet, low_m, high_m)).collect();
+        let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &is_used);
+        self.wire = motion.to_m.iter().zip(&motion.ways).map(seat).collect();
     }
 
-    fn seat(&self, point: DVec3, way: DVec3) -> Seat {
-        let around = |tet: &[u32; 4]| {
-            let low = tet.iter().map(|node| at(&self.position_m, *node)).fold(DVec3::MAX, DVec3::min);
-            let high = tet.iter().map(|node| at(&self.position_m, *node)).fold(DVec3::MIN, DVec3::max);
-            low.cmple(point).all() && high.cmpge(point).all()
-        };
-        let near = self.rest.tets.iter().enumerate().filter(|(_, tet)| around(tet));
-        let mut inside = near.filter_map(|(index, tet)| Some((index, weights_in(corners(&self.position_m, *tet), point)?)));
-        let (tet, weights) = inside.next().map_or((NONE, [0.0; 4]), |(tet, weights)| (tet as u32, weights));
-        let nodes = self.rest.tets.iter().flatten().filter(|_| tet == NONE);
-        let distances = nodes.map(|node| (*node, at(&self.position_m, *node).distance_squared(point)));
+    /// Whether the box around a tet touches another one.
+    fn is_in_box(&self, tet: u32, low_m: DVec3, high_m: DVec3) -> bool {
+        let corners = corners(&self.position_m, self.rest.tets[tet as usize]);
+        let low = corners.into_iter().fold(DVec3::MAX, DVec3::min);
+        let high = corners.into_iter().fold(DVec3::MIN, DVec3::max);
+        low.cmple(high_m).all() && high.cmpge(low_m).all()
+    }
+
+    fn seat(&self, point: DVec3, way: DVec3, near: &[u32], is_used: &[bool]) -> Seat {
+        let mut around = near.iter().filter(|tet| self.is_in_box(**tet, point, point));
+        let weights = |tet: &u32| Some((*tet, weights_in(corners(&self.position_m, self.rest.tets[*tet as usize]), point)?));
+        let (tet, weights) = around.find_map(weights).unwrap_or((NONE, [0.0; 4]));
+        let nodes = (0..self.position_m.len() as u32).filter(|node| tet == NONE && is_used[*node as usize]);
+        let distances = nodes.map(|node| (node, at(&self.position_m, node).distance_squared(point)));
         let nearest = distances.filter(|(_, distance)| distance.is_finite()).min_by(|left, right| left.1.total_cmp(&right.1));
         let node = nearest.map_or(NONE, |(node, _)| node);
         let offset = nearest.map_or(point, |(node, _)| point - at(&self.position_m, node));
