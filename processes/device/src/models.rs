@@ -91,7 +91,8 @@ impl Models {
             let Some((number, status)) = fluid.page.cell(fluid::STATUS) else { continue };
             let before = std::mem::replace(&mut fluid.status, status);
             let first = std::mem::replace(&mut fluid.number, number) == 0;
-            let verdict = judge_status(&status, (!first).then_some(&before), tick);
+            // This thread may have stood since its tick began: what others have made meanwhile is not ahead of its time.
+            let verdict = judge_status(&status, (!first).then_some(&before), tick.max(life.clock.present_tick()));
             if let Err(why) = verdict {
                 life.refuse(fluid.page.incarnation(), why);
             } else if status.state_tick > self.pressure_tick {
@@ -116,7 +117,7 @@ impl Models {
             let verdict = match () {
                 () if self.horizon.as_ref().is_some_and(is_ahead) => Err(Distrust::Invalid),
                 () if key <= std::mem::replace(&mut tissue.key, key) => Err(Distrust::Still),
-                () => judge_model(&model, &life.page, tick),
+                () => judge_model(&model, &life.page, tick.max(life.clock.present_tick())),
             };
             if let Err(why) = verdict {
                 life.refuse(tissue.page.incarnation(), why);

@@ -101,7 +101,7 @@ impl Supervisor {
     }
 
     /// Whether somebody else does the work: the servo that the device follows, a warm spare, the coordinator of the workers, or the hardware's
-    /// own ramp.
+    /// own ramp. One that is itself about to be ended for what it said does nobody's work, although it may live on for a while.
     fn is_covered(&mut self, slot: Slot, by: Slot) -> bool {
         match slot.role() {
             Role::Device => by.role() == Role::Hardware,
@@ -109,11 +109,13 @@ impl Supervisor {
             Role::Haptic => {
                 let page = self.viewer.slot_page(Slot::first(Role::Device));
                 let followed = page.map_or(0, |page| page.load64(device::SELECTED_INCARNATION) as u32);
-                followed != 0 && followed != self.viewer.page().incarnation(slot)
+                followed != 0 && followed != self.viewer.page().incarnation(slot) && !self.heeded.contains(&followed)
             }
             Role::Tissue | Role::Fluid => {
                 let others = (0..slot.role().slots().1).filter_map(|index| Slot::new(slot.role(), index));
-                others.filter(|other| *other != slot && !other.is_guest()).any(|other| self.viewer.is_well(other))
+                let stays = |other: &Slot| !other.is_guest() && !self.heeded.contains(&self.viewer.page().incarnation(*other));
+                let others: Vec<Slot> = others.filter(|other| *other != slot).filter(stays).collect();
+                others.into_iter().any(|other| self.viewer.is_well(other))
             }
             _ => false,
         }

@@ -49,11 +49,14 @@ fn use_of(pid: i32) -> Option<Use> {
 /// minutes, 2-core VM with other work, 2026-11-22).
 const ONCE: [f64; 3] = [2.0, 8.0, 4.0];
 const EACH_MINUTE: [f64; 3] = [0.0, 0.1, 0.05];
+/// Rendering keeps the last topology of a tissue that died until it has another one: the files of that writer's service.
+const TOPOLOGY_FILES: f64 = 5.0;
 /// The supervisor keeps 40 s of the hardware's ledger, which a new one has not got, and all faults of the run, MiB.
 const HISTORY_MIB: f64 = 4.0;
 
 fn most(name: &str, minutes: f64) -> [f64; 3] {
     let mut most = [0, 1, 2].map(|figure| ONCE[figure] + EACH_MINUTE[figure] * minutes);
+    most[0] += if name == "rendering" { TOPOLOGY_FILES } else { 0.0 };
     most[2] += if name == "supervisor" { HISTORY_MIB } else { 0.0 };
     most
 }
