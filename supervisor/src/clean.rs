@@ -6,28 +6,68 @@ use hyst_exchange::{Links, Station};
 use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::process::{PidfdFlags, Signal};
 use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 /// A clean-up that takes longer is killed.
 pub const WATCHDOG_NS: u64 = 5_000_000_000;
 /// Between a death and the clean-up: the successor comes first, and deaths that come together are cleaned together.
 pub const PAUSE_NS: u64 = 300_000_000;
+/// Between two looks for segments that the dead have left without a size: a living maker gives one its size at once, and is not taken for a dead one
+/// unless it stands for so long.
+const UNBORN_NS: u64 = 1_000_000_000;
+/// Looks after a death.
+const UNBORN_LOOKS: u32 = 4;
 
 /// At most one clean-up at a time.
 #[derive(Debug, Default)]
 pub struct Cleaner {
     due_ns: Option<u64>,
     running: Option<(u32, u64)>,
+    unborn: Unborn,
+}
+
+/// Segments that had no size at the last look. Whoever opens one waits for its size, without a bound: a tissue that founded its role anew stood for 28 s.
+#[derive(Debug, Default)]
+struct Unborn {
+    looks: u32,
+    due_ns: u64,
+    seen: Vec<PathBuf>,
+}
+
+impl Unborn {
+    fn ask(&mut self, now_ns: u64) {
+        (self.looks, self.due_ns) = (UNBORN_LOOKS, self.due_ns.max(now_ns + PAUSE_NS));
+    }
+
+    /// Removes those that had no size at the look before either; gives their number.
+    fn tend(&mut self, station: &Station, now_ns: u64) -> usize {
+        if self.looks == 0 || now_ns < self.due_ns {
+            return 0;
+        }
+        let found = station.unborn_segments();
+        let (old, new): (Vec<PathBuf>, Vec<PathBuf>) = found.into_iter().partition(|path| self.seen.contains(path));
+        let removed = old.iter().filter(|path| std::fs::remove_file(path).is_ok()).count();
+        self.due_ns = now_ns + UNBORN_NS;
+        self.looks = if new.is_empty() { self.looks - 1 } else { UNBORN_LOOKS };
+        self.seen = new;
+        removed
+    }
 }
 
 impl Cleaner {
     /// Somebody died.
     pub fn ask(&mut self, now_ns: u64) {
         self.due_ns = Some(now_ns + PAUSE_NS);
+        self.unborn.ask(now_ns);
     }
 
     /// Starts, ends or kills the helper, as is due; never waits.
     pub fn tend(&mut self, station: &Station, now_ns: u64) {
+        let removed = self.unborn.tend(station, now_ns);
+        if removed > 0 {
+            crate::journal::say(station, &format!("{removed} segments that the dead had left without a size were removed"));
+        }
         if let Some((pid, since_ns)) = self.running {
             if is_over(pid) {
                 self.running = None;
@@ -77,4 +117,39 @@ pub fn clean(station: &Station) -> Result<(), hyst_exchange::LinkError> {
     links.clean_up_dead();
     drop(links);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_segment_without_a_size_is_removed_at_the_second_look_and_no_other() {
+        let station = Station::named(&format!("t{}-unborn", std::process::id())).unwrap();
+        let path = |name: &str| PathBuf::from(format!("/dev/shm/{}{name}.connection", station.prefix()));
+        let [dead, slow, whole, late] = ["dead", "slow", "whole", "late"].map(path);
+        for (path, content) in [(&dead, ""), (&slow, ""), (&whole, "something")] {
+            std::fs::write(path, content).unwrap();
+        }
+        let mut unborn = Unborn::default();
+        assert_eq!(unborn.tend(&station, 0), 0, "nobody has died");
+        unborn.ask(0);
+        assert_eq!(unborn.tend(&station, PAUSE_NS - 1), 0);
+        assert_eq!(unborn.tend(&station, PAUSE_NS), 0, "one look is not enough");
+        std::fs::write(&slow, "now").unwrap();
+        std::fs::write(&late, "").unwrap();
+        assert_eq!(unborn.tend(&station, PAUSE_NS + UNBORN_NS - 1), 0);
+        assert_eq!(unborn.tend(&station, PAUSE_NS + UNBORN_NS), 1);
+        assert_eq!([&dead, &slow, &whole, &late].map(|path| path.exists()), [false, true, true, true]);
+        let mut now_ns = PAUSE_NS + UNBORN_NS;
+        let looks: Vec<usize> = (0..=UNBORN_LOOKS)
+            .map(|_| {
+                now_ns += UNBORN_NS;
+                unborn.tend(&station, now_ns)
+            })
+            .collect();
+        assert_eq!(looks.iter().sum::<usize>(), 1, "the one that came late, and nothing twice: {looks:?}");
+        assert_eq!(unborn.looks, 0, "it goes on looking although nobody has died");
+        station.wipe();
+    }
 }

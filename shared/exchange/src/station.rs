@@ -115,16 +115,23 @@ impl Station {
         )
     }
 
+    /// The segments in /dev/shm.
+    fn segments(&self) -> impl Iterator<Item = std::fs::DirEntry> {
+        let prefix = self.prefix();
+        let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        entries.filter(move |entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+    }
+
+    /// Segments without a size: being made at this moment, or left so by a maker that died between the two calls that make one. Who opens such a segment
+    /// (iceoryx2 0.10, a sender its connection to a receiver) waits for its size without a bound, so somebody has to remove those of the dead.
+    pub fn unborn_segments(&self) -> Vec<PathBuf> {
+        let is_empty = |entry: &std::fs::DirEntry| entry.metadata().is_ok_and(|data| data.is_file() && data.len() == 0);
+        self.segments().filter(is_empty).map(|entry| entry.path()).collect()
+    }
+
     /// Segments, files and folders that exist of this station.
     pub fn leftovers(&self) -> Vec<PathBuf> {
-        let prefix = self.prefix();
-        let mut found: Vec<PathBuf> = std::fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten()
-            .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
-            .map(|entry| entry.path())
-            .collect();
+        let mut found: Vec<PathBuf> = self.segments().map(|entry| entry.path()).collect();
         if self.root.exists() {
             found.push(self.root.clone());
         }
