@@ -22,7 +22,7 @@ use sheet::Sheet;
 
 pub use wire::Seat;
 
-pub(crate) use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// A tissue as it can be cut: its mesh at rest, where it is now, and where the stroke runs that is under way.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -291,6 +291,25 @@ fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
     tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
     let mut kept = is_kept.into_iter();
     tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
+}
+
+/// The box around some points; around none, one that touches nothing.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low_m: DVec3,
+    high_m: DVec3,
+}
+
+impl Bounds {
+    fn around(points_m: impl IntoIterator<Item = DVec3>) -> Bounds {
+        let none = Bounds { low_m: DVec3::MAX, high_m: DVec3::MIN };
+        let with = |around: Bounds, point: DVec3| Bounds { low_m: around.low_m.min(point), high_m: around.high_m.max(point) };
+        points_m.into_iter().fold(none, with)
+    }
+
+    fn touches(&self, other: &Bounds) -> bool {
+        self.low_m.cmple(other.high_m).all() && self.high_m.cmpge(other.low_m).all()
+    }
 }
 
 /// A point in double precision.

@@ -113,9 +113,8 @@ impl Supervisor {
             }
             Role::Tissue | Role::Fluid => {
                 let others = (0..slot.role().slots().1).filter_map(|index| Slot::new(slot.role(), index));
-                let stays = |other: &Slot| !other.is_guest() && !self.heeded.contains(&self.viewer.page().incarnation(*other));
-                let others: Vec<Slot> = others.filter(|other| *other != slot).filter(stays).collect();
-                others.into_iter().any(|other| self.viewer.is_well(other))
+                let mut others = others.filter(|other| *other != slot && !other.is_guest());
+                others.any(|other| !self.heeded.contains(&self.viewer.page().incarnation(other)) && self.viewer.is_well(other))
             }
             _ => false,
         }

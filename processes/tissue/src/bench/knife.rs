@@ -2,12 +2,12 @@
 //! made anew after each tick in which the mesh changed.
 
 use super::press::text;
-use crate::world::World;
+use crate::world::{World, materials};
 use hyst_contact::Topology;
 use hyst_exchange::system;
-use hyst_mesh::TetMesh;
+use hyst_mesh::{TetMesh, check};
 use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::{CutOptions, Cuttable, Isa, Material, Model, Options, cut};
+use hyst_tissue::{CutOptions, Cuttable, Isa, Model, Options, cut};
 
 /// Way of the wire in a tick of 1 ms, m: 0.2 m/s, faster than a hand cuts.
 const WAY_M: f32 = 2e-4;
@@ -53,20 +53,16 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let mut tissue = cuttable(&world);
     let first = scene.objects.iter().position(|object| object.kind == DeformableKind::Pathology).unwrap_or(0);
     let object = scene.objects.get(first).ok_or("the scene has no deformable object")?;
-    let found = hyst_mesh::check(&object.mesh);
+    let found = check(&object.mesh);
     let (low, high) = (found.min_m, found.max_m);
     let x = 0.5 * (low[0] + high[0]);
     let margin = 0.5 * (high[1] - low[1]);
-    let stuff = &object.material;
-    let material =
-        Material::new(stuff.youngs_modulus_pa, stuff.poisson_ratio.min(0.45), stuff.density_kg_m3, stuff.damping_per_s);
-    let material = material.map_err(text)?;
-    let parts = |mesh: &TetMesh| hyst_mesh::component_of_each_tet(mesh).iter().max().map_or(0, |last| *last as usize + 1);
+    let materials = materials(scene).map_err(text)?;
     // What it takes to make a model is measured, not whether it is fast enough.
     let options = Options { max_substeps: 256, max_added_mass_ratio: 1e6, isa, ..Options::default() };
-    let (_, whole) = Model::new(&tissue.rest, &tissue.fixed, &material, options).map_err(text)?;
+    let (_, whole) = Model::with_materials(&tissue.rest, &tissue.fixed, &materials, options).map_err(text)?;
     let options = Options { omega_rest_per_s: Some(whole.omega_rest_per_s), ..options };
-    let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [parts(&tissue.rest); 2], ..Knife::default() };
+    let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
     for tick in 0..MAX_TICKS {
         let z = low[2] - WAY_M + tick as f32 * WAY_M;
         if z > high[2] + WAY_M {
@@ -75,13 +71,14 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
         let wire = [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]];
         let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &CutOptions::default())).map_err(text)?;
         if report.has_changed_mesh() {
-            timed(&mut knife.model_ns, || Model::new(&tissue.rest, &tissue.fixed, &material, options)).map_err(text)?;
+            timed(&mut knife.model_ns, || Model::with_materials(&tissue.rest, &tissue.fixed, &materials, options))
+                .map_err(text)?;
             timed(&mut knife.topology_ns, || Topology::new(&tissue.rest.tets, &tissue.rest.regions, &tissue.rest.positions_m))
                 .map_err(text)?;
         }
     }
     knife.tets[1] = tissue.rest.tets.len();
-    knife.parts[1] = parts(&tissue.rest);
+    knife.parts[1] = check(&tissue.rest).components;
     Ok(knife)
 }
 

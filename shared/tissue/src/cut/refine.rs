@@ -1,7 +1,8 @@
 //! Makes the mesh fit the sheet: snaps nodes to it and bisects edges, until no edge leads from one side to the other.
 
 use super::sheet::{Crossing, Sheet};
-use super::{CutOptions, CutReport, Cuttable, DMat3, DVec3, at, corners, to_single};
+use super::{CutOptions, CutReport, Cuttable, at, corners, to_single};
+use glam::{DMat3, DVec3};
 use hyst_mesh::{quality, signed_volume};
 
 /// An edge may cross a sheet so often that is bent (a loop twice): each round finds the first crossing of each edge that is left.
@@ -55,7 +56,7 @@ impl<'a> Work<'a> {
     fn crossings(&self, sheet: &Sheet) -> Vec<Crossed> {
         const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
         let place = |node: u32| at(&self.tissue.position_m, node);
-        let near = self.near.iter().map(|tet| self.tissue.rest.tets[*tet as usize]).filter(|tet| sheet.is_near(&tet.map(place)));
+        let near = self.near.iter().map(|tet| self.tissue.rest.tets[*tet as usize]).filter(|tet| sheet.is_near(tet.map(place)));
         let ends = near.flat_map(|tet| EDGES.map(|[a, b]| [tet[a].min(tet[b]), tet[a].max(tet[b])]));
         let mut edges: Vec<[u32; 2]> = ends.collect();
         edges.sort_unstable();

@@ -2,7 +2,8 @@
 
 use super::fans::{Fan, faces_at, fan};
 use super::refine::Work;
-use super::{CutReport, DVec3, at};
+use super::{CutReport, at};
+use glam::DVec3;
 
 /// Times that faces are taken back because of what they would make of the boundary; after these none is opened.
 const ROUNDS: usize = 12;

@@ -1,7 +1,8 @@
 //! What a wire sweeps in one tick, and where an edge goes through it.
 
 use super::wire::Motion;
-use super::{Cuttable, DVec3, at};
+use super::{Bounds, Cuttable, corners};
+use glam::DVec3;
 
 /// A triangle has no normal if its area is a smaller share than this of its longest edge squared: 1 µm of way for 1 m of wire.
 const FLAT_SHARE: f64 = 1e-6;
@@ -10,10 +11,9 @@ const FLAT_SHARE: f64 = 1e-6;
 #[derive(Debug)]
 pub struct Sheet {
     triangles_m: Vec<[DVec3; 3]>,
-    /// Lowest and highest corner of the box around each.
-    boxes_m: Vec<[DVec3; 2]>,
-    low_m: DVec3,
-    high_m: DVec3,
+    /// Around each.
+    bounds: Vec<Bounds>,
+    around_all: Bounds,
 }
 
 /// Where an edge crosses the sheet.
@@ -38,17 +38,14 @@ impl Sheet {
             let longest = [b - a, c - a, c - b].map(DVec3::length_squared).into_iter().fold(0.0, f64::max);
             (b - a).cross(c - a).length() > FLAT_SHARE * longest
         });
-        let boxes_m: Vec<[DVec3; 2]> = triangles_m.iter().map(|[a, b, c]| [a.min(*b).min(*c), a.max(*b).max(*c)]).collect();
-        let low_m = boxes_m.iter().fold(DVec3::MAX, |low, [other, _]| low.min(*other));
-        let high_m = boxes_m.iter().fold(DVec3::MIN, |high, [_, other]| high.max(*other));
-        Sheet { triangles_m, boxes_m, low_m, high_m }
+        let bounds = triangles_m.iter().map(|triangle| Bounds::around(*triangle)).collect();
+        let around_all = Bounds::around(triangles_m.iter().flatten().copied());
+        Sheet { triangles_m, bounds, around_all }
     }
 
     /// Whether the box around some points touches the sheet's own.
-    pub fn is_near(&self, points_m: &[DVec3]) -> bool {
-        let low = points_m.iter().copied().fold(DVec3::MAX, DVec3::min);
-        let high = points_m.iter().copied().fold(DVec3::MIN, DVec3::max);
-        low.cmple(self.high_m).all() && high.cmpge(self.low_m).all()
+    pub fn is_near(&self, points_m: impl IntoIterator<Item = DVec3>) -> bool {
+        Bounds::around(points_m).touches(&self.around_all)
     }
 
     /// The tets whose boxes touch the sheet's.
@@ -56,19 +53,18 @@ impl Sheet {
         if self.triangles_m.is_empty() {
             return Vec::new();
         }
-        let is_near = |tet: &[u32; 4]| self.is_near(&tet.map(|node| at(&tissue.position_m, node)));
+        let is_near = |tet: &[u32; 4]| self.is_near(corners(&tissue.position_m, *tet));
         (0..tissue.rest.tets.len() as u32).filter(|tet| is_near(&tissue.rest.tets[*tet as usize])).collect()
     }
 
     /// Where the edge from `from` to `to` crosses the sheet first. Edges of the mesh that go through an edge between two triangles cross: the products
     /// that decide are the same for both but for the sign.
     pub fn crossing(&self, from: DVec3, to: DVec3) -> Option<Crossing> {
-        if !self.is_near(&[from, to]) {
+        let edge = Bounds::around([from, to]);
+        if !edge.touches(&self.around_all) {
             return None;
         }
-        let (low, high) = (from.min(to), from.max(to));
-        let is_near = |[other_low, other_high]: &[DVec3; 2]| low.cmple(*other_high).all() && high.cmpge(*other_low).all();
-        let near = self.triangles_m.iter().zip(&self.boxes_m).filter(|(_, around)| is_near(around));
+        let near = self.triangles_m.iter().zip(&self.bounds).filter(|(_, around)| edge.touches(around));
         let crossings = near.filter_map(|(triangle, _)| through(triangle, from, to));
         crossings.min_by(|left, right| left.share.total_cmp(&right.share))
     }

@@ -1,7 +1,8 @@
 //! Where the wire was in the tissue. Between two ticks both move: what the wire has cut through is what it was swept past in the tissue, so each
 //! of its points is kept by the tet that it was in, or by the nearest node, and carried along.
 
-use super::{Cuttable, DMat3, DVec3, at, corners, to_single};
+use super::{Bounds, Cuttable, at, corners, to_single};
+use glam::{DMat3, DVec3};
 
 /// A point of the wire, as the tissue saw it last.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,24 +72,20 @@ impl Cuttable {
     pub(super) fn seat_wire(&mut self, motion: &Motion) {
         let mut is_used = vec![false; self.position_m.len()];
         self.rest.tets.iter().flatten().for_each(|node| is_used[*node as usize] = true);
-        let low_m = motion.to_m.iter().copied().fold(DVec3::MAX, DVec3::min);
-        let high_m = motion.to_m.iter().copied().fold(DVec3::MIN, DVec3::max);
+        let wire = Bounds::around(motion.to_m.iter().copied());
         let tets = 0..self.rest.tets.len() as u32;
-        let near: Vec<u32> = tets.filter(|tet| self.is_in_box(*tet, low_m, high_m)).collect();
+        let near: Vec<u32> = tets.filter(|tet| self.bounds(*tet).touches(&wire)).collect();
         let seat = |(point, way): (&DVec3, &DVec3)| self.seat(*point, *way, &near, &is_used);
         self.wire = motion.to_m.iter().zip(&motion.ways).map(seat).collect();
     }
 
-    /// Whether the box around a tet touches another one.
-    fn is_in_box(&self, tet: u32, low_m: DVec3, high_m: DVec3) -> bool {
-        let corners = corners(&self.position_m, self.rest.tets[tet as usize]);
-        let low = corners.into_iter().fold(DVec3::MAX, DVec3::min);
-        let high = corners.into_iter().fold(DVec3::MIN, DVec3::max);
-        low.cmple(high_m).all() && high.cmpge(low_m).all()
+    fn bounds(&self, tet: u32) -> Bounds {
+        Bounds::around(corners(&self.position_m, self.rest.tets[tet as usize]))
     }
 
     fn seat(&self, point: DVec3, way: DVec3, near: &[u32], is_used: &[bool]) -> Seat {
-        let mut around = near.iter().filter(|tet| self.is_in_box(**tet, point, point));
+        let here = Bounds::around([point]);
+        let mut around = near.iter().filter(|tet| self.bounds(**tet).touches(&here));
         let weights = |tet: &u32| Some((*tet, weights_in(corners(&self.position_m, self.rest.tets[*tet as usize]), point)?));
         let (tet, weights) = around.find_map(weights).unwrap_or((NONE, [0.0; 4]));
         let nodes = (0..self.position_m.len() as u32).filter(|node| tet == NONE && is_used[*node as usize]);
