@@ -3,7 +3,7 @@
 //! Promise: the first record repeats where the scope is, so that a restarted window does not move it; a target stays within reach of the
 //! scope, so that nothing is wound up while the tissue or the workspace holds it.
 
-use hyst_messages::{Controls, PointerRecord, Pose};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Pose};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
 
@@ -15,9 +15,6 @@ const BOUNDS: [(f32, f32); 4] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2)
 const SET_PRESSURE_PA: f32 = 9_333.0;
 /// Opening of the outflow valve, share.
 const OUTFLOW: f32 = 0.3;
-/// Bits of the buttons.
-const ENERGIZED: u32 = 1;
-const LOOP_OUT: u32 = 2;
 
 /// Adds up what the hand does.
 #[derive(Debug)]
@@ -63,9 +60,9 @@ impl Hand {
         controls.inflow_valve = turned(Key::Inflow, controls.inflow_valve, 1.0, 0.0);
         controls.outflow_valve = turned(Key::Outflow, controls.outflow_valve, OUTFLOW, 0.0);
         controls.light = turned(Key::Light, controls.light, 1.0, 0.3);
-        controls.buttons &= !ENERGIZED;
-        controls.buttons |= if input.is_held(Key::Energize) { ENERGIZED } else { 0 };
-        controls.buttons ^= if input.was_pressed(Key::LoopOut) { LOOP_OUT } else { 0 };
+        controls.buttons &= !BUTTON_ENERGIZED;
+        controls.buttons |= if input.is_held(Key::Energize) { BUTTON_ENERGIZED } else { 0 };
+        controls.buttons ^= if input.was_pressed(Key::LoopOut) { BUTTON_EXTENDED } else { 0 };
         self.record.sequence += 1;
         self.record
     }
@@ -113,8 +110,8 @@ mod tests {
         let press = |key: Key| PointerInput { pressed: key.bit(), held: key.bit(), ..PointerInput::default() };
         assert_eq!(hand.follow(&press(Key::Inflow), &scope()).controls.inflow_valve, 0.0);
         assert_eq!(hand.follow(&press(Key::Inflow), &scope()).controls.inflow_valve, 1.0);
-        assert_eq!(hand.follow(&press(Key::LoopOut), &scope()).controls.buttons, LOOP_OUT);
-        assert_eq!(hand.follow(&press(Key::Energize), &scope()).controls.buttons, LOOP_OUT | ENERGIZED);
-        assert_eq!(hand.follow(&PointerInput::default(), &scope()).controls.buttons, LOOP_OUT);
+        assert_eq!(hand.follow(&press(Key::LoopOut), &scope()).controls.buttons, BUTTON_EXTENDED);
+        assert_eq!(hand.follow(&press(Key::Energize), &scope()).controls.buttons, BUTTON_EXTENDED | BUTTON_ENERGIZED);
+        assert_eq!(hand.follow(&PointerInput::default(), &scope()).controls.buttons, BUTTON_EXTENDED);
     }
 }

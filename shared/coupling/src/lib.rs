@@ -15,7 +15,7 @@
 //!   can be put into a shared page as they are, and a corrupt one is repaired, never trusted.
 //!
 //! The way of one tick, from hand to hand:
-//! `hand_pose` → `hand_dynamics` → (input record) → `servo_step` × 2 replicas → `valid_force`, `watch_step` → `choose` →
+//! `hand_pose` or `hand_along` → `hand_dynamics` → (input record) → `servo_step` × 2 replicas → `valid_force`, `watch_step` → `choose` →
 //! `last_hop_step` → `hardware_step` → `hand_dynamics`.
 //!
 //! Sources: Zilles and Salisbury 1995 (god-object), Colgate and Schenkel 1997 (passivity of the sampled wall), Hannaford
@@ -39,7 +39,7 @@ pub use hand::{HandModel, HandState, hand_dynamics};
 pub use hardware::{HardwareParams, HardwareState, hardware_step};
 pub use lasthop::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
 pub use pose::{DofLimits, Pose4, dof_from_pose, pose_from_dof};
-pub use script::{BUTTON_ENERGIZE, BUTTON_EXTEND, Hand, HandPose, HandScript, hand_pose};
+pub use script::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Hand, HandPose, HandScript, Leg, hand_along, hand_pose};
 pub use servo::{ServoInput, ServoOutput, ServoParams, ServoState, servo_step};
 pub use validity::{
     ForceFault, ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, input_digest, valid_force, watch_step,

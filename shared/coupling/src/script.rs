@@ -6,10 +6,10 @@
 
 use crate::pose::Pose4;
 
-/// Button bit of [`HandPose::buttons`]: the loop electrode is extended while it is set.
-pub const BUTTON_EXTEND: u32 = 1;
 /// Button bit of [`HandPose::buttons`]: the electrode is energized while it is set.
-pub const BUTTON_ENERGIZE: u32 = 1 << 1;
+pub const BUTTON_ENERGIZED: u32 = 1;
+/// Button bit of [`HandPose::buttons`]: the loop electrode is extended while it is set.
+pub const BUTTON_EXTENDED: u32 = 1 << 1;
 
 /// The scripts that always exist.
 #[repr(u32)]
@@ -21,7 +21,8 @@ pub enum Hand {
     Press = 1,
     /// A tour round the cavity: Lissajous of pitch and yaw, slow roll, insertion between `rest` and `into`.
     Explore = 2,
-    /// Approach, extend the loop, touch the polyp at `into`, energize, sweep, release, retract.
+    /// Approach, extend the loop, touch the polyp at `into`, energize, sweep, release, retract. For where there is no room to draw the loop along the
+    /// polyp, which takes [`hand_along`].
     Polyp = 3,
 }
 
@@ -86,6 +87,39 @@ pub fn hand_pose(script: &HandScript, t_s: f64) -> HandPose {
     }
 }
 
+/// A part of what a hand does: it goes from where it rests to a pose, and rests there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg {
+    /// Where it ends.
+    pub to: Pose4,
+    /// Time that it takes, s; what is not above 0 counts as 0, and what is not a number.
+    pub time_s: f64,
+    /// `BUTTON_…` bits during it.
+    pub buttons: u32,
+}
+
+/// The hand at `t_s` seconds since the start: along the legs one after the other, from where the last one ends, again and again. Time that is negative
+/// or not a number counts as 0; without a leg that takes time the hand rests where the last one ends.
+pub fn hand_along(legs: &[Leg], t_s: f64) -> HandPose {
+    let Some(last) = legs.last() else { return HandPose { pose: Pose4::default(), buttons: 0 } };
+    let time_s = |leg: &Leg| if leg.time_s.is_finite() { leg.time_s.max(0.0) } else { 0.0 };
+    let period_s: f64 = legs.iter().map(time_s).sum();
+    let resting = HandPose { pose: last.to, buttons: 0 };
+    if period_s <= 0.0 {
+        return resting;
+    }
+    let mut left_s = if t_s.is_finite() { t_s.max(0.0) % period_s } else { 0.0 };
+    let mut from = last.to;
+    for leg in legs {
+        let leg_s = time_s(leg);
+        if left_s < leg_s {
+            return HandPose { pose: from.blend(&leg.to, least_jerk(left_s / leg_s)), buttons: leg.buttons };
+        }
+        (left_s, from) = (left_s - leg_s, leg.to);
+    }
+    resting
+}
+
 /// The period that suits a script, s.
 fn default_period_s(hand: Hand) -> f32 {
     match hand {
@@ -97,19 +131,19 @@ fn default_period_s(hand: Hand) -> f32 {
 
 /// One removal of a polyp.
 fn polyp(script: &HandScript, u: f64) -> HandPose {
-    const CUT: u32 = BUTTON_EXTEND | BUTTON_ENERGIZE;
+    const CUT: u32 = BUTTON_EXTENDED | BUTTON_ENERGIZED;
     let (rest, into, sweep) = (script.rest, script.into, &script.sweep);
     let near = rest.blend(&into, 0.8);
     let keys = [
         (0.05, rest, 0),
         (0.20, near, 0),
-        (0.25, near, BUTTON_EXTEND),
-        (0.38, into, BUTTON_EXTEND),
+        (0.25, near, BUTTON_EXTENDED),
+        (0.38, into, BUTTON_EXTENDED),
         (0.42, into, CUT),
         (0.54, into.shifted(sweep, 1.0), CUT),
         (0.72, into.shifted(sweep, -1.0), CUT),
         (0.80, into, CUT),
-        (0.84, into, BUTTON_EXTEND),
+        (0.84, into, BUTTON_EXTENDED),
         (0.90, near, 0),
         (1.00, rest, 0),
     ];
@@ -166,24 +200,72 @@ mod tests {
         [pose.pitch_rad, pose.yaw_rad, pose.roll_rad, pose.insertion_m].map(f64::from)
     }
 
+    fn legs() -> [Leg; 5] {
+        let pose = |pitch_rad, yaw_rad, roll_rad, insertion_m| Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m };
+        let leg = |to, time_s, buttons| Leg { to, time_s, buttons };
+        const CUT: u32 = BUTTON_EXTENDED | BUTTON_ENERGIZED;
+        [
+            leg(pose(0.0, 0.0, 0.0, 0.02), 0.5, 0),
+            leg(pose(0.02, 0.1, -0.9, 0.03), 2.0, BUTTON_EXTENDED),
+            leg(pose(0.02, 0.14, -0.9, 0.03), 0.8, CUT),
+            leg(pose(0.02, 0.14, -0.9, 0.02), 1.7, CUT),
+            leg(pose(0.0, 0.0, 0.0, 0.02), 2.0, 0),
+        ]
+    }
+
+    /// A kink in position, speed or acceleration of size s shows as s/h², s/h or s in the second difference of step h; a smooth one changes it
+    /// by jerk · h between neighbours.
+    fn assert_smooth(name: &str, pose: impl Fn(f64) -> Pose4) {
+        let h = 0.004;
+        let second = |n: i32| {
+            let at = |k: i32| dofs(pose(f64::from(n + k) * h));
+            let (a, b, c) = (at(-1), at(0), at(1));
+            std::array::from_fn::<f64, 4, _>(|d| (a[d] - 2.0 * b[d] + c[d]) / (h * h))
+        };
+        for n in 1..6000 {
+            let (now, next) = (second(n), second(n + 1));
+            let change = (0..4).map(|d| (now[d] - next[d]).abs()).fold(0.0, f64::max);
+            assert!(change < 0.35, "{name} at {} s: acceleration changes by {change}", f64::from(n) * h);
+        }
+    }
+
     #[test]
     fn every_script_is_twice_continuously_differentiable() {
-        // A kink in position, speed or acceleration of size s shows as s/h², s/h or s in the second difference of step h;
-        // a smooth one changes it by jerk · h between neighbours.
         for (name, hand) in Hand::NAMES {
-            let script = script(hand);
-            let h = 0.004;
-            let second = |n: i32| {
-                let at = |k: i32| dofs(hand_pose(&script, f64::from(n + k) * h).pose);
-                let (a, b, c) = (at(-1), at(0), at(1));
-                std::array::from_fn::<f64, 4, _>(|d| (a[d] - 2.0 * b[d] + c[d]) / (h * h))
-            };
-            for n in 1..6000 {
-                let (now, next) = (second(n), second(n + 1));
-                let change = (0..4).map(|d| (now[d] - next[d]).abs()).fold(0.0, f64::max);
-                assert!(change < 0.35, "{name} at {} s: acceleration changes by {change}", f64::from(n) * h);
+            assert_smooth(name, |t_s| hand_pose(&script(hand), t_s).pose);
+        }
+        assert_smooth("legs", |t_s| hand_along(&legs(), t_s).pose);
+    }
+
+    #[test]
+    fn legs_end_at_their_poses_with_their_buttons_and_begin_anew_where_the_last_one_ended() {
+        let (legs, mut end_s) = (legs(), 0.0);
+        for (index, leg) in legs.iter().enumerate() {
+            let middle = hand_along(&legs, end_s + leg.time_s / 2.0);
+            end_s += leg.time_s;
+            let end = hand_along(&legs, end_s - 1e-9);
+            assert_eq!((middle.buttons, end.buttons), (leg.buttons, leg.buttons), "leg {index}");
+            for (a, b) in dofs(end.pose).into_iter().zip(dofs(leg.to)) {
+                assert!((a - b).abs() < 1e-7, "leg {index}: {end:?}");
             }
         }
+        assert_eq!(hand_along(&legs, 0.0).pose, legs[4].to);
+        assert_eq!(hand_along(&legs, 3.0 + 8.0 * end_s).buttons, hand_along(&legs, 3.0).buttons);
+    }
+
+    #[test]
+    fn legs_without_time_or_with_time_that_is_none_are_rested_at() {
+        let resting = HandPose { pose: legs()[4].to, buttons: 0 };
+        for time_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let timeless = legs().map(|leg| Leg { time_s, ..leg });
+            assert_eq!(hand_along(&timeless, 2.0), resting, "{time_s}");
+            let mut one = legs();
+            one[2].time_s = time_s;
+            let expected = one[2].to.blend(&one[3].to, least_jerk(0.1 / 1.7));
+            assert!((hand_along(&one, 2.6).pose.insertion_m - expected.insertion_m).abs() < 1e-7, "{time_s}");
+        }
+        assert_eq!(hand_along(&legs(), f64::NAN), hand_along(&legs(), 0.0));
+        assert_eq!(hand_along(&[], 1.0), HandPose { pose: Pose4::default(), buttons: 0 });
     }
 
     #[test]
@@ -212,8 +294,8 @@ mod tests {
         let (mut cut_ticks, mut swept) = (0, 0.0f32);
         for ms in 0..10_000 {
             let hand = hand_pose(&script, f64::from(ms) * 1e-3);
-            if hand.buttons & BUTTON_ENERGIZE != 0 {
-                assert_ne!(hand.buttons & BUTTON_EXTEND, 0);
+            if hand.buttons & BUTTON_ENERGIZED != 0 {
+                assert_ne!(hand.buttons & BUTTON_EXTENDED, 0);
                 assert!((hand.pose.insertion_m - script.into.insertion_m).abs() < 0.003);
                 cut_ticks += 1;
                 swept = swept.max((hand.pose.yaw_rad - script.into.yaw_rad).abs());

@@ -36,11 +36,16 @@ impl Pose {
     }
 }
 
+/// Bit of [`Controls::buttons`]: the hand wants current in the loop electrode.
+pub const BUTTON_ENERGIZED: u32 = 1;
+/// Bit of [`Controls::buttons`]: the hand wants the loop electrode out; [`Controls::loop_extension_m`] says how far it is.
+pub const BUTTON_EXTENDED: u32 = 2;
+
 /// What the hand sets beside the pose.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Controls {
-    /// Bit 0: loop energized; bit 1: loop extended.
+    /// [`BUTTON_ENERGIZED`] and [`BUTTON_EXTENDED`].
     pub buttons: u32,
     /// Inflow valve, 0 shut … 1 open.
     pub inflow_valve: f32,
