@@ -202,6 +202,29 @@ pub struct Rigid {
     /// Number of collision points, 16 to 5 000. Default: 400.
     #[serde(default = "points")]
     pub points: u32,
+    /// The loop electrode. Default: one that fits the shaft.
+    #[serde(default, rename = "loop")]
+    pub electrode: Electrode,
+}
+
+/// A loop electrode: a half ring of wire on two arms, which goes out before the tip. It stands across the shaft, its middle to the side to which a
+/// fore-oblique optic looks (the instrument's +y).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Electrode {
+    /// Radius of the half ring, to the middle of the wire, from the wire's diameter to 20 mm. Default: the shaft's radius less the wire's diameter; a shaft
+    /// that is too thin for that has no loop.
+    pub radius_m: Option<f64>,
+    /// Diameter of the wire, 0.05 to 2 mm. Default: 0.3 mm.
+    pub wire_m: f64,
+    /// How far it goes out before the tip, 0 (there is no loop) to 50 mm. Default: 12 mm.
+    pub reach_m: f64,
+}
+
+impl Default for Electrode {
+    fn default() -> Self {
+        Electrode { radius_m: None, wire_m: 0.000_3, reach_m: 0.012 }
+    }
 }
 
 fn diameter_m() -> f64 {

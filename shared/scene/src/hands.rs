@@ -3,10 +3,12 @@
 //! Everything is found by trying poses against the tets at rest, with the instrument's own collision points: what touches here,
 //! touches in the simulation.
 
+use crate::electrode::LoadedLoop;
 use crate::file::{DeformableKind, Scene};
 use crate::loaded::LoadedDeformable;
 use crate::locate::{Locator, bounds};
 use crate::pose::{LoadedHand, Pose};
+use crate::resection::resection;
 
 /// Steps in which the hand is moved to find a touch.
 const STEP_M: f32 = 0.0005;
@@ -21,7 +23,7 @@ const PRESS_PERIOD_S: f64 = 2.0;
 const EXPLORE_PERIOD_S: f64 = 12.0;
 const POLYP_PERIOD_S: f64 = 6.0;
 /// The approach to a pathology is straight up to this share of the way; tilting earlier would meet the narrow of the cervix.
-const APPROACH_SHARE: f32 = 0.5;
+pub(crate) const APPROACH_SHARE: f32 = 0.5;
 /// Where the way to a pathology's middle meets the wall, aims nearer to the axis are tried: these shares of the middle's distance from it.
 const AIM_SHARES: [f32; 6] = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0];
 /// A sweep never goes further than this, and stays this share of its way clear of the wall.
@@ -34,17 +36,20 @@ pub(crate) struct Probe<'a> {
     pub(crate) objects: &'a [Locator],
     /// The held instrument's collision points.
     pub(crate) points_m: &'a [[f32; 3]],
+    /// Its loop electrode.
+    pub(crate) electrode: Option<&'a LoadedLoop>,
     pub(crate) pivot_m: [f32; 3],
-    /// Lowest and highest pitch, yaw (radians) and insertion.
+    /// Lowest and highest pitch, yaw, roll (radians) and insertion.
     pub(crate) pitch_rad: [f32; 2],
     pub(crate) yaw_rad: [f32; 2],
+    pub(crate) roll_rad: [f32; 2],
     pub(crate) insertion_m: [f32; 2],
 }
 
 impl Probe<'_> {
     /// The first object that the instrument touches in this pose.
-    fn touched(&self, pose: &Pose) -> Option<usize> {
-        let placed: Vec<[f32; 3]> = self.points_m.iter().map(|&point| pose.place(self.pivot_m, point)).collect();
+    pub(crate) fn touched(&self, pose: &Pose) -> Option<usize> {
+        let placed: Vec<[f32; 3]> = self.points_m.iter().copied().map(pose.placer(self.pivot_m)).collect();
         self.objects.iter().position(|object| placed.iter().any(|&point| object.find(point).is_some()))
     }
 
@@ -72,12 +77,12 @@ impl Probe<'_> {
         self.first_touch(steps, at).map(|(step, object)| (step as f32 * STEP_RAD, object))
     }
 
-    fn clamp(&self, pose: Pose) -> Pose {
+    pub(crate) fn clamp(&self, pose: Pose) -> Pose {
         Pose {
             pitch_rad: pose.pitch_rad.clamp(self.pitch_rad[0], self.pitch_rad[1]),
             yaw_rad: pose.yaw_rad.clamp(self.yaw_rad[0], self.yaw_rad[1]),
+            roll_rad: pose.roll_rad.clamp(self.roll_rad[0], self.roll_rad[1]),
             insertion_m: pose.insertion_m.clamp(self.insertion_m[0], self.insertion_m[1]),
-            ..pose
         }
     }
 }
@@ -104,14 +109,7 @@ pub(crate) fn find(
     let mut found = vec![Some(explore), press(probe, objects[0].hollow)];
     let is_pathology = |target: &usize| objects[*target].kind == DeformableKind::Pathology;
     let targets: Vec<usize> = (0..objects.len()).filter(is_pathology).collect();
-    found.push(targets.iter().find_map(|&target| {
-        let (low, high) = bounds(&objects[target].mesh.positions_m);
-        polyp(probe, target, ((low + high) / 2.0).to_array())
-    }));
-    if found[2].is_none() && !targets.is_empty() {
-        let names: Vec<&str> = targets.iter().map(|&target| objects[target].name.as_str()).collect();
-        notes.push(format!("{}: out of the instrument's reach; there is no hand `polyp`", names.join(", ")));
-    }
+    found.push(polyp(probe, objects, &targets, notes));
     if found[1].is_none() {
         notes.push("the instrument touches nothing within its limits; there is no hand `press`".to_owned());
     }
@@ -146,7 +144,8 @@ fn press(probe: &Probe<'_>, hollow: bool) -> Option<LoadedHand> {
         }
         _ => return None,
     };
-    Some(LoadedHand { name: "press".to_owned(), way: vec![from, into], period_s: PRESS_PERIOD_S, target: Some(target) })
+    let way = vec![from, into];
+    Some(LoadedHand { name: "press".to_owned(), way, legs: Vec::new(), period_s: PRESS_PERIOD_S, target: Some(target) })
 }
 
 /// The hand that looks around: in, right, up, left, down, in again, and back, without touching.
@@ -160,11 +159,36 @@ fn explore(probe: &Probe<'_>) -> LoadedHand {
         probe.clamp(tilted(&middle, pitch, yaw, free_rad.min(SWEEP_RAD)))
     };
     let way = vec![at(0.2), middle, sweep(0.0, -1.0), sweep(-1.0, 0.0), sweep(0.0, 1.0), sweep(1.0, 0.0), middle, at(0.92)];
-    LoadedHand { name: "explore".to_owned(), way, period_s: EXPLORE_PERIOD_S, target: None }
+    LoadedHand { name: "explore".to_owned(), way, legs: Vec::new(), period_s: EXPLORE_PERIOD_S, target: None }
+}
+
+/// The hand that goes to the first pathology of which it can cut a chip with the loop; where there is none, to the first that it can press on.
+fn polyp(probe: &Probe<'_>, objects: &[LoadedDeformable], targets: &[usize], notes: &mut Vec<String>) -> Option<LoadedHand> {
+    let points_m = |target: usize| &objects[target].mesh.positions_m;
+    let name_all = || targets.iter().map(|&target| objects[target].name.as_str()).collect::<Vec<_>>().join(", ");
+    if let Some(found) = targets.iter().find_map(|&target| resection(probe, target, points_m(target))) {
+        return Some(found);
+    }
+    let found = targets.iter().find_map(|&target| {
+        let (low, high) = bounds(points_m(target));
+        touch(probe, target, ((low + high) / 2.0).to_array())
+    });
+    match &found {
+        Some(hand) if probe.electrode.is_some() => notes.push(format!(
+            "{}: there is no room to draw the loop along it; the hand `polyp` only touches {}",
+            name_all(),
+            objects[hand.target.unwrap_or(0)].name
+        )),
+        None if !targets.is_empty() => {
+            notes.push(format!("{}: out of the instrument's reach; there is no hand `polyp`", name_all()));
+        }
+        _ => {}
+    }
+    found
 }
 
 /// The hand that goes to a pathology and presses on it: straight in, aim at its middle or nearer to the axis, touch. `None` if it is out of reach.
-fn polyp(probe: &Probe<'_>, target: usize, middle_m: [f32; 3]) -> Option<LoadedHand> {
+fn touch(probe: &Probe<'_>, target: usize, middle_m: [f32; 3]) -> Option<LoadedHand> {
     let [pivot_x, pivot_y, _] = probe.pivot_m;
     let (aim, insertion_m) = AIM_SHARES.iter().find_map(|share| {
         let aside = |middle: f32, pivot: f32| pivot + (middle - pivot) * share;
@@ -175,5 +199,5 @@ fn polyp(probe: &Probe<'_>, target: usize, middle_m: [f32; 3]) -> Option<LoadedH
     let at = |by_m: f32| probe.clamp(Pose { insertion_m: insertion_m + by_m, ..aim });
     let way =
         vec![probe.clamp(Pose::straight(insertion_m * APPROACH_SHARE)), at(-2.0 * PRESS_CLEARANCE_M), at(PRESS_DEPTH_M * 0.5)];
-    Some(LoadedHand { name: "polyp".to_owned(), way, period_s: POLYP_PERIOD_S, target: Some(target) })
+    Some(LoadedHand { name: "polyp".to_owned(), way, legs: Vec::new(), period_s: POLYP_PERIOD_S, target: Some(target) })
 }

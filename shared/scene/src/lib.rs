@@ -12,6 +12,7 @@
 //! instrument follows Tuchschmid et al., “A Flexible Framework for Highly-Modular Surgical Simulation Systems” (ISBMS 2006).
 #![deny(unsafe_code)]
 
+mod electrode;
 mod embedded;
 mod error;
 mod file;
@@ -27,21 +28,23 @@ mod parse;
 mod place;
 mod pose;
 mod report;
+mod resection;
 mod rigid;
 mod source;
 mod validate;
 mod wrap;
 
+pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{
-    Deformable, DeformableKind, Fixed, Fluid, Hand, HandPose, Look, Material, Medium, Place, Rigid, RigidKind, Scene, Tip, View,
-    Workspace,
+    Deformable, DeformableKind, Electrode, Fixed, Fluid, Hand, HandPose, Look, Material, Medium, Place, Rigid, RigidKind, Scene,
+    Tip, View, Workspace,
 };
 pub use load::{load, load_embedded, load_or_embedded};
 pub use loaded::{Attach, AttachedNode, LoadedDeformable, LoadedFluid, LoadedScene, LoadedWorkspace};
 pub use object::{MAX_TETS, MAX_TRIANGLES};
 pub use parse::MAX_SCENE_BYTES;
-pub use pose::{LoadedHand, Pose};
+pub use pose::{HandLeg, LoadedHand, Pose};
 pub use report::{CheckReport, ObjectReport, check};
 pub use rigid::{LoadedRigid, collision_points};
 pub use source::MAX_MESH_BYTES;

@@ -1,5 +1,6 @@
 //! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
 
+use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Rigid, Scene};
 use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
@@ -99,9 +100,11 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, 
     let probe = Probe {
         objects: &locators,
         points_m: &rigid[0].points_m,
+        electrode: rigid[0].electrode.as_ref(),
         pivot_m: workspace.pivot_m,
         pitch_rad: workspace.pitch_rad,
         yaw_rad: workspace.yaw_rad,
+        roll_rad: workspace.roll_rad,
         insertion_m: workspace.insertion_m,
     };
     let (hands, rest) = hands::find(&scene, &objects, &probe, &mut notes);
@@ -209,6 +212,7 @@ fn load_rigid(rigid: &Rigid) -> LoadedRigid {
         length_m: rigid.length_m as f32,
         collision_length_m: rigid.collision_length_m as f32,
         points_m: collision_points(rigid),
+        electrode: electrode(rigid),
     }
 }
 
@@ -274,6 +278,10 @@ fn content_hash(loaded: &LoadedScene) -> u64 {
     }
     for rigid in &loaded.rigid {
         hash.floats(&rigid.points_m);
+        if let Some(electrode) = &rigid.electrode {
+            hash.floats(&electrode.wire_m);
+            hash.floats(&[[electrode.wire_radius_m, electrode.reach_m]]);
+        }
     }
     hash.finish()
 }

@@ -42,8 +42,13 @@ impl Pose {
 
     /// A point of the instrument's frame (tip at the origin, shaft along −z) in the scene's frame.
     pub fn place(&self, pivot_m: [f32; 3], point_m: [f32; 3]) -> [f32; 3] {
-        let local = Vec3::from(point_m) + Vec3::Z * self.insertion_m;
-        (Vec3::from(pivot_m) + self.quat() * local).to_array()
+        self.placer(pivot_m)(point_m)
+    }
+
+    /// [`Pose::place`] for many points.
+    pub fn placer(&self, pivot_m: [f32; 3]) -> impl Fn([f32; 3]) -> [f32; 3] + use<> {
+        let (turn, insertion_m) = (self.quat(), self.insertion_m);
+        move |point_m| (Vec3::from(pivot_m) + turn * (Vec3::from(point_m) + Vec3::Z * insertion_m)).to_array()
     }
 
     /// The pose, without roll, whose axis passes through a point, the tip in that point. `None` if the point is at the pivot.
@@ -55,6 +60,13 @@ impl Pose {
         }
         let axis = away / insertion_m;
         Some(Pose { pitch_rad: (-axis.y).clamp(-1.0, 1.0).asin(), yaw_rad: axis.x.atan2(axis.z), roll_rad: 0.0, insertion_m })
+    }
+
+    /// The pose rolled so that the instrument's +y points to the side to which a direction does.
+    pub fn facing(&self, direction: [f32; 3]) -> Pose {
+        let turn = Pose { roll_rad: 0.0, ..*self }.quat();
+        let along = |side: Vec3| (turn * side).dot(direction.into());
+        Pose { roll_rad: (-along(Vec3::X)).atan2(along(Vec3::Y)), ..*self }
     }
 
     /// On the straight line, in the four coordinates, from this pose (0) to another (1).
@@ -84,6 +96,19 @@ impl From<&HandPose> for Pose {
     }
 }
 
+/// A part of what a hand does: it goes from where it rests to a pose, and rests there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandLeg {
+    /// Where it ends.
+    pub to: Pose,
+    /// Time that it takes.
+    pub time_s: f64,
+    /// Whether the loop electrode is to be out.
+    pub is_extended: bool,
+    /// Whether there is to be current in it.
+    pub is_energized: bool,
+}
+
 /// A scripted hand, ready to be followed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadedHand {
@@ -91,7 +116,9 @@ pub struct LoadedHand {
     pub name: String,
     /// Where it starts, what it passes, where it turns: at least two poses.
     pub way: Vec<Pose>,
-    /// Time there and back.
+    /// What it does with the loop, from `way[0]` and back to it, once per period; empty for a hand that goes there and back along its way.
+    pub legs: Vec<HandLeg>,
+    /// Time there and back, or that of all legs.
     pub period_s: f64,
     /// Index of the object that it is meant to touch.
     pub target: Option<usize>,
@@ -101,11 +128,11 @@ impl LoadedHand {
     pub(crate) fn from_file(name: &str, hand: &Hand, target: Option<usize>) -> LoadedHand {
         let middle = hand.through.iter().map(Pose::from);
         let way = std::iter::once(Pose::from(&hand.from)).chain(middle).chain([Pose::from(&hand.into)]).collect();
-        LoadedHand { name: name.to_owned(), way, period_s: hand.period_s, target }
+        LoadedHand { name: name.to_owned(), way, legs: Vec::new(), period_s: hand.period_s, target }
     }
 
     /// The pose at a time: there and back along the way, once per period, at rest at both ends. A pure function of the time; a time
-    /// that is not finite counts as 0.
+    /// that is not finite counts as 0. (Legs are followed by hyst-coupling's `hand_along`.)
     pub fn pose_at(&self, time_s: f64) -> Pose {
         let phase = if time_s.is_finite() { (time_s / self.period_s).rem_euclid(1.0) } else { 0.0 };
         let along = 0.5 - 0.5 * (phase * std::f64::consts::TAU).cos();
@@ -143,9 +170,19 @@ mod tests {
     }
 
     #[test]
+    fn a_pose_that_faces_a_direction_has_its_y_axis_there() {
+        for direction in [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [-0.6, 0.8, 0.0], [0.0, 1.0, 0.5]] {
+            let pose = Pose { pitch_rad: 0.2, yaw_rad: -0.4, roll_rad: 1.0, insertion_m: 0.05 }.facing(direction);
+            let y = Vec3::from(pose.place([0.0; 3], [0.0, 1.0, 0.0])) - Vec3::from(pose.tip_m([0.0; 3]));
+            let across = Vec3::from(direction).reject_from_normalized(pose.axis().into());
+            assert!(y.distance(across.normalize()) < 1e-5, "{direction:?}: {y}");
+        }
+    }
+
+    #[test]
     fn a_hand_goes_there_and_back_and_repeats_exactly() {
         let way = vec![Pose::straight(0.01), Pose::straight(0.02), Pose::straight(0.05)];
-        let hand = LoadedHand { name: "x".to_owned(), way, period_s: 2.0, target: None };
+        let hand = LoadedHand { name: "x".to_owned(), way, legs: Vec::new(), period_s: 2.0, target: None };
         assert_eq!(hand.pose_at(0.0), Pose::straight(0.01));
         assert_eq!(hand.pose_at(1.0), Pose::straight(0.05));
         assert_eq!(hand.pose_at(0.5), Pose::straight(0.02));

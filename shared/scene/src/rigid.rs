@@ -1,5 +1,6 @@
 //! The instrument's collision points. Its own frame: tip at the origin, shaft along −z.
 
+use crate::electrode::LoadedLoop;
 use crate::file::{Rigid, RigidKind, Tip};
 
 /// Share of the points that lie on the tip: it touches first and most often, so it is sampled about ten times as densely as the shaft.
@@ -24,6 +25,8 @@ pub struct LoadedRigid {
     pub collision_length_m: f32,
     /// Collision points, the foremost one at the origin.
     pub points_m: Vec<[f32; 3]>,
+    /// The loop electrode, if it has one.
+    pub electrode: Option<LoadedLoop>,
 }
 
 /// The collision points of an instrument: `points` of them, the same for the same table.

@@ -123,7 +123,11 @@ fn rigid(object: &Rigid, key: &str) -> Checked {
     range(format!("{key}.diameter_m"), object.diameter_m, 0.0005, 0.02, "m")?;
     range(format!("{key}.collision_length_m"), object.collision_length_m, object.diameter_m, 0.5, "m")?;
     range(format!("{key}.length_m"), object.length_m, object.collision_length_m, 1.0, "m")?;
-    range(format!("{key}.points"), f64::from(object.points), 16.0, 5_000.0, "points")
+    range(format!("{key}.points"), f64::from(object.points), 16.0, 5_000.0, "points")?;
+    let electrode = &object.electrode;
+    range(format!("{key}.loop.wire_m"), electrode.wire_m, 0.000_05, 0.002, "m")?;
+    range(format!("{key}.loop.reach_m"), electrode.reach_m, 0.0, 0.05, "m")?;
+    electrode.radius_m.map_or(Ok(()), |radius_m| range(format!("{key}.loop.radius_m"), radius_m, electrode.wire_m, 0.02, "m"))
 }
 
 fn workspace(limits: &Workspace) -> Checked {

@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 }
 
 /// Replacement in the good scene, and the kind, the line (0 for none) and the key of the error that it must give.
-const CASES: [(&str, &str, Kind, usize, &str); 32] = [
+const CASES: [(&str, &str, Kind, usize, &str); 37] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
@@ -55,6 +55,11 @@ const CASES: [(&str, &str, Kind, usize, &str); 32] = [
     ("name = \"scope\"", "name = \"organ\"", Kind::Name, 10, "rigid[0].name"),
     ("name = \"scope\"", "name = \"\"", Kind::Name, 10, "rigid[0].name"),
     ("name = \"scope\"", "name = \"s\"\npoints = 1000000", Kind::Range, 11, "rigid[0].points"),
+    ("name = \"scope\"", "name = \"s\"\nloop = { reach_m = -0.1 }", Kind::Range, 11, "rigid[0].loop.reach_m"),
+    ("name = \"scope\"", "name = \"s\"\nloop = { wire_m = 0.0 }", Kind::Range, 11, "rigid[0].loop.wire_m"),
+    ("name = \"scope\"", "name = \"s\"\n[rigid.loop]\nradius_m = 0.0001", Kind::Range, 12, "rigid[0].loop.radius_m"),
+    ("name = \"scope\"", "name = \"s\"\nloop = { radius_m = inf }", Kind::Range, 11, "rigid[0].loop.radius_m"),
+    ("name = \"scope\"", "name = \"s\"\nloop = { size_m = 0.002 }", Kind::UnknownKey, 11, "rigid[0].loop.size_m"),
     ("insertion_m = [0.0, 0.06]", "insertion_m = [0.06, 0.0]", Kind::Range, 12, "workspace.insertion_m"),
     ("grid = [32, 32, 18]", "grid = [0, 32, 18]", Kind::Range, 14, "fluid.grid"),
     ("grid = [32, 32, 18]", "grid = [1000000000, 32, 18]", Kind::Range, 14, "fluid.grid"),

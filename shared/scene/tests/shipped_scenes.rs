@@ -27,9 +27,17 @@ fn touched(scene: &LoadedScene, pose: &Pose) -> Vec<usize> {
 
 /// Whether any collision point of the instrument lies in a tet of an object: brute force, the oracle of the loader's own search.
 fn touches(scene: &LoadedScene, pose: &Pose, object: usize) -> bool {
+    is_any_in(scene, pose, object, scene.rigid[0].points_m.iter().copied())
+}
+
+/// Whether the ring of the loop does, so far out.
+fn ring_touches(scene: &LoadedScene, pose: &Pose, extension_m: f32, object: usize) -> bool {
+    scene.rigid[0].electrode.as_ref().is_some_and(|electrode| is_any_in(scene, pose, object, electrode.wire_at(extension_m)))
+}
+
+fn is_any_in(scene: &LoadedScene, pose: &Pose, object: usize, points_m: impl Iterator<Item = [f32; 3]>) -> bool {
     let mesh = &scene.objects[object].mesh;
-    let points: Vec<glam::Vec3> =
-        scene.rigid[0].points_m.iter().map(|&point| pose.place(scene.workspace.pivot_m, point).into()).collect();
+    let points: Vec<glam::Vec3> = points_m.map(|point| pose.place(scene.workspace.pivot_m, point).into()).collect();
     mesh.tets.iter().any(|tet| {
         let [a, b, c, d] = tet.map(|node| glam::Vec3::from(mesh.positions_m[node as usize]));
         let inverse = glam::Mat3::from_cols(b - a, c - a, d - a).inverse();
@@ -134,16 +142,67 @@ fn the_press_starts_free_and_ends_in_the_posterior_wall() {
 }
 
 #[test]
-fn a_pathology_is_reached_without_touching_the_wall() {
+fn the_loop_cuts_into_a_pathology_and_neither_it_nor_the_shaft_touches_anything_else() {
     for (name, scene) in scenes() {
         let hand = scene.hand("polyp").unwrap_or_else(|| panic!("{name}: no hand reaches it"));
+        let reach_m = scene.rigid[0].electrode.as_ref().unwrap().reach_m;
         assert_eq!(hand.target, Some(1), "{name}");
+        let (mut cutting, mut from) = (0, hand.way[0]);
+        for (index, leg) in hand.legs.iter().enumerate() {
+            for step in 0..=20u8 {
+                let share = f32::from(step) / 20.0;
+                let pose = from.towards(&leg.to, share);
+                assert_eq!(touched(&scene, &pose), Vec::<usize>::new(), "{name}, leg {index}: the shaft touches at {pose:?}");
+                // While the hand rests the loop may be anywhere on its way out or in.
+                let extension_m = match (leg.is_extended, from == leg.to) {
+                    (_, true) => share * reach_m,
+                    (true, false) => reach_m,
+                    (false, false) => 0.0,
+                };
+                let objects = 0..scene.objects.len();
+                let ringed: Vec<usize> = objects.filter(|&object| ring_touches(&scene, &pose, extension_m, object)).collect();
+                assert!(ringed.is_empty() || (ringed == [1] && leg.is_energized), "{name}, leg {index}: {ringed:?} at {pose:?}");
+                cutting += ringed.len();
+            }
+            from = leg.to;
+        }
+        assert!(cutting > 10 && from == hand.way[0], "{name}: the ring is in the pathology in {cutting} poses");
+    }
+}
+
+/// A scene of the assets with another loop.
+fn with_loop(name: &str, electrode: &str) -> LoadedScene {
+    let text = std::fs::read_to_string(folder().join(format!("{name}.toml"))).unwrap();
+    let meshes = format!("\"{}", folder().join("../meshes").display());
+    let text = text.replace("\"../meshes", &meshes).replace("points = 400", &format!("loop = {{ {electrode} }}"));
+    let path = std::env::temp_dir().join(format!("hyst-scene-{}-{name}-{}.toml", std::process::id(), electrode.len()));
+    std::fs::write(&path, text).unwrap();
+    let scene = load(&path).unwrap_or_else(|error| panic!("{error}"));
+    std::fs::remove_file(&path).unwrap();
+    scene
+}
+
+#[test]
+fn without_a_loop_a_pathology_is_reached_without_touching_the_wall() {
+    for (name, _) in scenes() {
+        let scene = with_loop(&name, "reach_m = 0.0");
+        assert_eq!(scene.notes, Vec::<String>::new(), "{name}");
+        let hand = scene.hand("polyp").unwrap_or_else(|| panic!("{name}: no hand reaches it"));
+        assert_eq!((hand.target, hand.legs.len()), (Some(1), 0), "{name}");
         for step in 0..=50 {
             let pose = hand.pose_at(hand.period_s * f64::from(step) / 100.0);
             assert!(touched(&scene, &pose).iter().all(|object| *object == 1), "{name}: {pose:?}");
         }
         assert!(!touches(&scene, &hand.way[0], 1) && touches(&scene, hand.way.last().unwrap(), 1), "{name}");
     }
+}
+
+#[test]
+fn where_there_is_no_room_to_draw_the_loop_the_hand_does_what_it_does_without_one_and_a_note_says_so() {
+    let (roomless, without) = (with_loop("default", "radius_m = 0.015"), with_loop("default", "reach_m = 0.0"));
+    assert_eq!(roomless.hand("polyp"), without.hand("polyp"));
+    assert!(roomless.notes.len() == 1 && roomless.notes[0].contains("no room to draw the loop"), "{:?}", roomless.notes);
+    assert_ne!(roomless.hash, without.hash);
 }
 
 #[test]
