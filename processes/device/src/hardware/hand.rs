@@ -1,17 +1,24 @@
 //! The hand that holds the simulated device: it follows a script, or the pointer in the window, and gives way to the force like a hand.
 
-use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Pose4, hand_dynamics, hand_pose};
+use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
-use hyst_messages::{Controls, PointerRecord, Pose};
-use hyst_scene::{LoadedHand, LoadedScene};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Pose};
+use hyst_scene::{HandLeg, LoadedHand, LoadedScene};
 
 /// Time that the hand rests before a script begins, s: the station is warm by then.
 const REST_S: f64 = 1.0;
+/// Time of a tick, s.
+const TICK_S: f32 = 1e-3;
+/// Speed of the loop electrode, m/s: a thumb pushes the working element of a resectoscope to its end in less than half a second.
+const LOOP_SPEED_M_S: f32 = 0.030;
+// The scripts' bits go into the records as they are.
+const _: () = assert!(hyst_coupling::BUTTON_ENERGIZED == BUTTON_ENERGIZED && hyst_coupling::BUTTON_EXTENDED == BUTTON_EXTENDED);
 
 enum Will {
     Idle,
     Pointer,
     Way(LoadedHand),
+    Legs(Vec<Leg>),
     Script(HandScript),
 }
 
@@ -24,6 +31,9 @@ pub struct Hand {
     model: HandModel,
     state: HandState,
     controls: Controls,
+    /// How far the loop electrode goes out, and how far it is, m.
+    loop_reach_m: f32,
+    loop_extension_m: f32,
 }
 
 /// The hand at one tick.
@@ -40,6 +50,12 @@ fn pose4(pose: &hyst_scene::Pose) -> Pose4 {
     Pose4 { pitch_rad: pose.pitch_rad, yaw_rad: pose.yaw_rad, roll_rad: pose.roll_rad, insertion_m: pose.insertion_m }
 }
 
+fn leg(leg: &HandLeg) -> Leg {
+    let button = |is_pressed: bool, bit: u32| if is_pressed { bit } else { 0 };
+    let buttons = button(leg.is_energized, BUTTON_ENERGIZED) | button(leg.is_extended, BUTTON_EXTENDED);
+    Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons }
+}
+
 fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
     let names = || scene.hands.iter().map(|hand| hand.name.as_str()).collect::<Vec<_>>().join(", ");
     match hand {
@@ -50,6 +66,9 @@ fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
                 .strip_prefix("script:")
                 .ok_or_else(|| Failure::Input(format!("--hand {other}: use script:NAME, mouse or idle")))?;
             let found = scene.hand(name).ok_or_else(|| Failure::Input(format!("--hand {other}: this scene has {}", names())))?;
+            if !found.legs.is_empty() {
+                return Ok(Will::Legs(found.legs.iter().map(leg).collect()));
+            }
             match (name, hyst_coupling::Hand::by_name(name), found.way.first(), found.way.last()) {
                 ("polyp", Some(script), Some(from), Some(into)) => {
                     Ok(Will::Script(HandScript::new(script, pose4(from), pose4(into))))
@@ -66,6 +85,11 @@ impl Hand {
         let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
         life.admit_scene(scene.hash)?;
+        Hand::in_scene(&scene, &life.settings.hand)
+    }
+
+    /// A hand by its name, as the settings give it, in a scene.
+    fn in_scene(scene: &LoadedScene, name: &str) -> Result<Hand, Failure> {
         let space = &scene.workspace;
         let tilt_rad = space.pitch_rad.iter().chain(&space.yaw_rad).fold(0.0f32, |most, angle| most.max(angle.abs()));
         let model = HandModel {
@@ -78,9 +102,10 @@ impl Hand {
             },
             ..HandModel::default()
         };
-        let will = will(&scene, &life.settings.hand)?;
+        let will = will(scene, name)?;
         let rest = match &will {
             Will::Way(hand) => pose4(hand.way.first().unwrap_or(&scene.rest)),
+            Will::Legs(legs) => legs.last().map_or(pose4(&scene.rest), |leg| leg.to),
             Will::Script(script) => script.rest,
             Will::Idle | Will::Pointer => pose4(&scene.rest),
         };
@@ -91,7 +116,17 @@ impl Hand {
             light: 1.0,
             ..Controls::default()
         };
-        Ok(Hand { will, rest, pointed: None, state: HandState::at_rest(&model, &rest), model, controls })
+        let electrode = scene.rigid.first().and_then(|rigid| rigid.electrode.as_ref());
+        Ok(Hand {
+            will,
+            rest,
+            pointed: None,
+            state: HandState::at_rest(&model, &rest),
+            model,
+            controls,
+            loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
+            loop_extension_m: 0.0,
+        })
     }
 
     /// One tick of the hand, pushed by the force of the motors, N.
@@ -101,6 +136,11 @@ impl Hand {
         let target = match &self.will {
             Will::Idle => self.rest,
             Will::Way(hand) => pose4(&hand.pose_at(time_s)),
+            Will::Legs(legs) => {
+                let wanted = hand_along(legs, time_s);
+                buttons = wanted.buttons;
+                wanted.pose
+            }
             Will::Script(script) => {
                 let wanted = hand_pose(script, time_s);
                 buttons = wanted.buttons;
@@ -116,8 +156,11 @@ impl Hand {
                 None => self.pointed.unwrap_or(self.rest),
             },
         };
-        self.state = hand_dynamics(&self.model, &self.state, &target, force_n, 1e-3);
-        self.controls.buttons = buttons;
+        self.state = hand_dynamics(&self.model, &self.state, &target, force_n, TICK_S);
+        let out_m = if buttons & BUTTON_EXTENDED != 0 { self.loop_reach_m } else { 0.0 };
+        let most_m = LOOP_SPEED_M_S * TICK_S;
+        self.loop_extension_m += (out_m - self.loop_extension_m).clamp(-most_m, most_m);
+        self.controls = Controls { buttons, loop_extension_m: self.loop_extension_m, ..self.controls };
         let pose = &self.state.pose;
         Held {
             pose: Pose {
@@ -148,5 +191,60 @@ mod tests {
         }
         let dot: f32 = orientation.iter().zip(pose.orientation()).map(|(a, b)| a * b).sum();
         assert!(dot.abs() > 0.999_99, "{orientation:?} {:?}", pose.orientation());
+    }
+
+    /// The controls of each tick of a hand that meets no force.
+    fn controls(hand: &mut Hand, ticks: u64, pointer: Option<&PointerRecord>) -> Vec<Controls> {
+        (0..ticks).map(|tick| hand.step(tick, [0.0; 3], pointer).controls).collect()
+    }
+
+    #[test]
+    fn the_scripts_bits_are_not_taken_for_each_other() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let found = scene.hand("polyp").unwrap();
+        assert!(!found.legs.is_empty(), "{found:?}");
+        let pressing = LoadedHand { legs: Vec::new(), ..found.clone() };
+        let scenes = [scene.clone(), LoadedScene { hands: vec![pressing], ..scene }];
+        for (what, scene) in ["legs", "script"].into_iter().zip(scenes) {
+            let mut hand = Hand::in_scene(&scene, "script:polyp").unwrap();
+            let reach_m = scene.rigid[0].electrode.as_ref().unwrap().reach_m;
+            let all = controls(&mut hand, 25_000, None);
+            let cutting: Vec<_> = all.iter().filter(|controls| controls.buttons & BUTTON_ENERGIZED != 0).collect();
+            assert!(cutting.len() > 1_000, "{what}: {} ticks", cutting.len());
+            for controls in cutting {
+                assert!(controls.buttons & BUTTON_EXTENDED != 0, "{what}: current in a loop that is to be in");
+                assert_eq!(controls.loop_extension_m, reach_m, "{what}");
+            }
+            assert!(all.iter().any(|controls| controls.buttons == BUTTON_EXTENDED), "{what}: it goes out cold");
+        }
+    }
+
+    #[test]
+    fn the_loop_goes_out_and_in_as_fast_as_a_thumb_and_no_farther_than_it_reaches() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let mut hand = Hand::in_scene(&scene, "mouse").unwrap();
+        let pressed = |buttons: u32| PointerRecord {
+            sequence: 1,
+            controls: Controls { buttons, ..Controls::default() },
+            ..PointerRecord::default()
+        };
+        let mut before_m = 0.0;
+        for (buttons, ticks, end_m) in
+            [(BUTTON_EXTENDED, 200, 0.006), (BUTTON_EXTENDED, 300, 0.012), (BUTTON_ENERGIZED, 500, 0.0)]
+        {
+            for controls in controls(&mut hand, ticks, Some(&pressed(buttons))) {
+                assert!((controls.loop_extension_m - before_m).abs() <= 30.1e-6, "{controls:?}");
+                before_m = controls.loop_extension_m;
+            }
+            assert!((before_m - end_m).abs() < 1e-6, "{before_m}");
+        }
+    }
+
+    #[test]
+    fn an_instrument_without_a_loop_extends_none() {
+        let mut scene = hyst_scene::load_embedded().unwrap();
+        scene.rigid[0].electrode = None;
+        let mut hand = Hand::in_scene(&scene, "script:polyp").unwrap();
+        assert!(controls(&mut hand, 8_000, None).iter().all(|controls| controls.loop_extension_m == 0.0));
     }
 }
