@@ -12,7 +12,11 @@ use rendering::{
 const ORGAN: u64 = 1;
 const POLYP: u64 = 2;
 const SCOPE: u64 = 3;
-const LOOP: u64 = 4;
+const RING: u64 = 4;
+const ARMS: u64 = 5;
+/// From the tip back to the lens, and forward to the loop's ring, m.
+const LENS_M: f32 = 0.004;
+const RING_M: f32 = 0.012;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -45,7 +49,7 @@ struct Still {
     camera: Camera,
 }
 
-fn stills() -> [Still; 5] {
+fn stills() -> [Still; 7] {
     let straight = Camera::Endoscope(Endoscope { oblique_rad: 0.0, ..Endoscope::default() });
     let held = |head_rad| Camera::Endoscope(Endoscope { head_rad, ..Endoscope::default() });
     let open = External::default();
@@ -55,6 +59,8 @@ fn stills() -> [Still; 5] {
         still("entry", 0.010, [0.0, 0.0, 0.0], straight),
         still("cavity", 0.024, [-0.10, -0.10, -1.0], held(1.0)),
         still("polyp", 0.032, [0.0, -0.02, -1.4], held(1.4)),
+        still("loop", 0.036, [0.0, 0.0598, -1.555], held(0.0)),
+        still("loop-external", 0.036, [0.0, 0.0598, -1.555], Camera::External(open)),
         still("external", 0.032, [-0.02, 0.08, 0.0], Camera::External(open)),
         still("glass", 0.032, [-0.02, 0.08, 0.0], glass),
     ]
@@ -66,8 +72,9 @@ fn set_stage(renderer: &mut Renderer) -> Result<(), rendering::RenderError> {
     let growth = read_obj(&assets.join("polyp-surface.obj")).unwrap_or_else(|| shapes::ball([0.004, 0.0, 0.042], 0.004, 24, 32));
     put(renderer, ORGAN, &organ, Material::MucosaTissue)?;
     put(renderer, POLYP, &growth, Material::Polyp)?;
-    put(renderer, SCOPE, &shapes::scope(0.0020, 0.30, 0.5), Material::Metal)?;
-    put(renderer, LOOP, &shapes::loop_electrode(0.0025, 0.0002, 0.012), Material::Metal)?;
+    put(renderer, SCOPE, &shapes::scope(0.0025, 0.30, 0.5), Material::Metal)?;
+    put(renderer, RING, &shapes::loop_ring(0.0022, 0.000_15), Material::Metal)?;
+    put(renderer, ARMS, &shapes::loop_arms(0.0022, 0.000_15, 0.06), Material::Metal)?;
     let metal = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
     renderer.stage().set_appearance(SCOPE, metal)
 }
@@ -76,12 +83,15 @@ fn aim(renderer: &mut Renderer, still: Still) -> Result<View, rendering::RenderE
     let [pitch, yaw, roll] = still.turn_rad;
     let q = Quat::from_rotation_y(yaw) * Quat::from_rotation_x(-pitch) * Quat::from_rotation_z(roll);
     let tip = q * Vec3::Z * still.insertion_m;
-    let ahead = tip + q * Vec3::new(0.0, 0.0005, 0.008);
+    let ring = tip + q * Vec3::Z * RING_M;
     renderer.stage().set_pose(SCOPE, tip.to_array(), q.to_array())?;
-    renderer.stage().set_pose(LOOP, ahead.to_array(), q.to_array())?;
+    renderer.stage().set_pose(RING, ring.to_array(), q.to_array())?;
+    renderer.stage().set_pose(ARMS, ring.to_array(), q.to_array())?;
+    let glow = if still.name.starts_with("loop") { 1.0 } else { 0.0 };
+    renderer.stage().set_appearance(RING, Appearance { glow, ..Appearance::of(Material::Metal) })?;
     let mut view = View::new(still.camera);
     if let Camera::Endoscope(scope) = &mut view.camera {
-        (scope.tip_m, scope.rotation) = (tip.to_array(), q.to_array());
+        (scope.tip_m, scope.rotation) = ((tip - q * Vec3::Z * LENS_M).to_array(), q.to_array());
     }
     let lines = ["P  62 mmHg", "Q 210 ml/min", "D  85 ml", "T 00:04:12"].map(String::from).to_vec();
     view.overlay = Overlay { lines, sign: if still.name == "polyp" { "tissue replaced".into() } else { String::new() } };

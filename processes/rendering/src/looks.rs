@@ -39,6 +39,8 @@ fn is_sound(scope: &ScopeRecord) -> bool {
         && within(scope.light, 0.0, 10.0)
         && within(scope.shaft_radius_m, 1e-4, 0.02)
         && within(scope.shaft_length_m, 1e-3, 1.0)
+        && within(scope.loop_radius_m, 0.0, 0.02)
+        && within(scope.loop_wire_radius_m, 0.0, 0.001)
 }
 
 /// Coefficients of the radial polynomial r·(1 + k₁r² + k₂r⁴) with which the rim stands at `periphery_ratio` of the middle's size: the slope at the rim
@@ -118,6 +120,8 @@ mod tests {
             light: 1.0,
             shaft_radius_m: 0.0025,
             shaft_length_m: 0.3,
+            loop_radius_m: 0.0022,
+            loop_wire_radius_m: 0.000_15,
         };
         let head = bytemuck::bytes_of(&scope);
         let bytes = [head, bytemuck::cast_slice(&[record, record])].concat();
@@ -127,7 +131,8 @@ mod tests {
         assert_eq!(records(head), Some((scope, Vec::new())));
         assert_eq!(records(&[]), None);
         let blind = ScopeRecord { field_of_view_rad: f32::NAN, ..scope };
-        assert_eq!(records(bytemuck::bytes_of(&blind)), None);
+        let huge = ScopeRecord { loop_radius_m: 1.0, ..scope };
+        assert_eq!([blind, huge].map(|scope| records(bytemuck::bytes_of(&scope))), [None, None]);
     }
 
     #[test]

@@ -58,36 +58,37 @@ pub fn scope(radius_m: f32, length_m: f32, oblique_rad: f32) -> Shape {
     shape
 }
 
-/// A loop electrode at the origin: a half ring in the x-y plane that opens towards -y, with its two arms back along -z.
-pub fn loop_electrode(radius_m: f32, wire_m: f32, arm_m: f32) -> Shape {
-    const AROUND: u32 = 8;
-    const BEND: u32 = 24;
-    let half = std::f32::consts::PI;
-    let centre = |i: u32| -> ([f32; 3], [f32; 3]) {
-        if i == 0 {
-            ([radius_m, 0.0, -arm_m], [1.0, 0.0, 0.0])
-        } else if i == BEND + 2 {
-            ([-radius_m, 0.0, -arm_m], [-1.0, 0.0, 0.0])
-        } else {
-            let a = half * (i - 1) as f32 / BEND as f32;
-            ([radius_m * a.cos(), radius_m * a.sin(), 0.0], [a.cos(), a.sin(), 0.0])
-        }
-    };
+/// The ring of a loop electrode at the origin: a half ring of wire, of radius `wire_m`, in the x-y plane that opens towards -y.
+pub fn loop_ring(radius_m: f32, wire_m: f32) -> Shape {
     let mut shape = Shape::default();
-    shape.wrap(BEND + 3, AROUND, |row, column| {
-        let (c, out) = centre(row);
-        let a = -TAU * column as f32 / AROUND as f32;
-        let (u, w) = (wire_m * a.cos(), wire_m * a.sin());
-        let straight = row == 0 || row == BEND + 2;
-        // across the wire: outwards and along z in the bend, outwards and along y on the arms
-        if straight {
-            let y = if row == 0 { w } else { -w };
-            [c[0] + out[0] * u, c[1] - y, c[2]]
-        } else {
-            [c[0] + out[0] * u, c[1] + out[1] * u, c[2] + w]
-        }
-    });
+    shape.wrap(BEND + 1, AROUND, |row, column| ring_point(radius_m, wire_m, row, column));
     shape
+}
+
+/// Its two arms, back along -z from where the ring ends.
+pub fn loop_arms(radius_m: f32, wire_m: f32, arm_m: f32) -> Shape {
+    let mut shape = Shape::default();
+    for (ring_row, first) in [(0, 0), (BEND, 1)] {
+        shape.wrap(2, AROUND, |row, column| {
+            let [x, y, z] = ring_point(radius_m, wire_m, ring_row, column);
+            // The first arm comes to the ring, the second goes from it.
+            if row == first { [x, y, -arm_m] } else { [x, y, z] }
+        });
+    }
+    shape
+}
+
+/// Points around the wire, and pieces of the half ring.
+const AROUND: u32 = 8;
+const BEND: u32 = 24;
+
+/// A point of the ring's skin. Its last sections are mitred: there the wire turns by a right angle into the arms.
+fn ring_point(radius_m: f32, wire_m: f32, row: u32, column: u32) -> [f32; 3] {
+    let (sin, cos) = (std::f32::consts::PI * row as f32 / BEND as f32).sin_cos();
+    let around = -TAU * column as f32 / AROUND as f32;
+    let (out_m, front_m) = (wire_m * around.cos(), wire_m * around.sin());
+    let mitre_m = if row == 0 || row == BEND { front_m } else { 0.0 };
+    [(radius_m + out_m) * cos, (radius_m + out_m) * sin - mitre_m, front_m]
 }
 
 /// A cavity seen from inside: a flattened, tapering sack of `length_m` along +z from the origin, normals inwards, with folds.
@@ -135,7 +136,26 @@ mod tests {
         let exact = 8.0 * std::f32::consts::PI * 0.005_f32.powi(3);
         assert!((volume6(&ball) / exact - 1.0).abs() < 0.05, "{}", volume6(&ball) / exact);
         assert!(volume6(&scope(0.0025, 0.3, 0.5)) > 0.0);
-        assert!(volume6(&loop_electrode(0.003, 0.0003, 0.01)) > 0.0);
         assert!(volume6(&cavity(0.045, 40, 48)) < 0.0, "a cavity is seen from inside");
+    }
+
+    #[test]
+    fn the_wire_of_a_loop_is_as_thick_in_ring_and_arms_and_none_of_it_is_turned_inside_out() {
+        let (ring, arms) = (loop_ring(0.003, 0.0003), loop_arms(0.003, 0.0003, 0.01));
+        let axis = |p: Vec3| Vec3::new(p.x, p.y.max(0.0), 0.0).normalize_or(Vec3::X * p.x.signum()) * 0.003;
+        for (what, shape) in [("ring", &ring), ("arms", &arms)] {
+            for corners in &shape.triangles {
+                let [a, b, c] = corners.map(|i| Vec3::from(shape.positions_m[i as usize]));
+                let middle = (a + b + c) / 3.0;
+                let wire = if what == "ring" { axis(middle) } else { Vec3::new(0.003 * middle.x.signum(), 0.0, middle.z) };
+                assert!((b - a).cross(c - a).dot(middle - wire) > 0.0, "{what}: {middle}");
+            }
+        }
+        for arm in arms.positions_m.iter().filter(|p| p[2] < -0.009) {
+            assert!(((arm[0].abs() - 0.003).hypot(arm[1]) - 0.0003).abs() < 1e-7, "{arm:?}");
+        }
+        for [x, y, z] in ring.positions_m.iter().filter(|p| p[1] > 0.0004) {
+            assert!(((x.hypot(*y) - 0.003).hypot(*z) - 0.0003).abs() < 1e-7, "{x} {y} {z}");
+        }
     }
 }

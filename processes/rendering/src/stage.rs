@@ -40,6 +40,8 @@ pub struct Appearance {
     pub roughness: f32,
     /// drawn by the external camera alone: the scope does not see its own shaft
     pub external_only: bool,
+    /// light that metal gives itself, 0..=1: a wire with current in it
+    pub glow: f32,
 }
 
 impl Appearance {
@@ -51,7 +53,7 @@ impl Appearance {
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
         };
-        Self { base_colour, material, roughness, external_only: false }
+        Self { base_colour, material, roughness, external_only: false, glow: 0.0 }
     }
 }
 
@@ -196,12 +198,13 @@ impl Stage {
         };
         let [r, g, b] = look.base_colour.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.5 });
         let roughness = if look.roughness.is_finite() { look.roughness.clamp(0.0, 1.0) } else { 0.5 };
+        let glow = if look.glow.is_finite() { look.glow.clamp(0.0, 1.0) } else { 0.0 };
         let whole = if look.material == Material::MucosaTissue { 0.0 } else { 1.0 };
         let uniform = ObjectUniform {
             model: object.pose.to_cols_array_2d(),
             colour: [r, g, b, alpha],
             surface: [roughness, frequency, vessels, bump],
-            extra: [whole, object.char_level, 0.0, 0.0],
+            extra: [whole, object.char_level, glow, 0.0],
         };
         self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }

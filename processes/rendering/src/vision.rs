@@ -261,7 +261,7 @@ impl<'a> Vision<'a> {
     fn aim(&mut self, sample: Option<&HardwareSample>) {
         if let Some(sample) = sample {
             // The tool is on the stage from the start.
-            let _ = self.scenery.hold_tool(self.renderer.stage(), &sample.pose);
+            let _ = self.scenery.hold_tool(self.renderer.stage(), sample);
             self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.scope.light;
         }
         let optic = &self.scenery.scope;

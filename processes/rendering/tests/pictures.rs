@@ -64,6 +64,31 @@ fn a_scope_does_not_see_its_own_shaft() {
 }
 
 #[test]
+fn a_loop_before_the_lens_is_seen_and_glows_with_current_in_it() {
+    let Some((mut r, _)) = in_cavity() else {
+        return;
+    };
+    let without = picture(&mut r, &through_scope());
+    put(&mut r, TOOL, &shapes::loop_ring(0.0022, 0.000_15), Material::Metal);
+    r.stage().set_pose(TOOL, [0.0, 0.0, 0.031], [0.0, 0.0, 0.0, 1.0]).unwrap();
+    let cold = picture(&mut r, &through_scope());
+    let seen = changed(&without, &cold);
+    assert!((50..4_000).contains(&seen), "{seen} pixels");
+    let glowing = |glow: f32| Appearance { glow, ..Appearance::of(Material::Metal) };
+    r.stage().set_appearance(TOOL, glowing(1.0)).unwrap();
+    let hot = picture(&mut r, &through_scope());
+    let is_wire = |x: u32, y: u32| (0..3).any(|c| pixel(&without, x, y)[c].abs_diff(pixel(&cold, x, y)[c]) > 12);
+    let wire: Vec<(u32, u32)> =
+        (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y))).filter(|&(x, y)| is_wire(x, y)).collect();
+    let mean =
+        |shot: &[u8], channel: usize| wire.iter().map(|&(x, y)| pixel(shot, x, y)[channel]).sum::<i32>() / wire.len() as i32;
+    let [[red, blue], [hot_red, hot_blue]] = [&cold, &hot].map(|shot| [0, 2].map(|channel| mean(shot, channel)));
+    assert!(hot_red > red + 30 && hot_red - hot_blue > red - blue + 30, "red {red} to {hot_red}, blue {blue} to {hot_blue}");
+    r.stage().set_appearance(TOOL, glowing(f32::NAN)).unwrap();
+    assert_eq!(changed(&cold, &picture(&mut r, &through_scope())), 0);
+}
+
+#[test]
 fn tissue_that_moves_shows_and_texture_sticks_to_it() {
     let Some((mut r, cavity)) = in_cavity() else {
         return;

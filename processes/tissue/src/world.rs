@@ -138,6 +138,8 @@ fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
         light: view.light as f32,
         shaft_radius_m: rigid.radius_m,
         shaft_length_m: rigid.length_m,
+        loop_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.radius_m),
+        loop_wire_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.wire_radius_m),
     }
 }
 

@@ -18,6 +18,10 @@ pub struct ScopeRecord {
     pub shaft_radius_m: f32,
     /// Length of the shaft that is drawn, m.
     pub shaft_length_m: f32,
+    /// Radius of the loop electrode's half ring, to the middle of its wire, m; 0 if the instrument has none.
+    pub loop_radius_m: f32,
+    /// Radius of its wire, m; 0 if the instrument has none.
+    pub loop_wire_radius_m: f32,
 }
 
 /// One object's appearance, in the answer to a rendezvous.

@@ -18,7 +18,7 @@ struct Object {
     model: mat4x4<f32>,
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
-    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1
 };
 @group(0) @binding(0) var<uniform> g: Globals;
 @group(0) @binding(1) var noise: texture_3d<f32>;
@@ -105,7 +105,8 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     return c;
 }
 
-// Brushed steel in a pink room: no diffuse light to speak of, a bright band where the room's light part mirrors.
+// Brushed steel in a pink room: no diffuse light to speak of, a bright band where the room's light part mirrors. With current in it a wire glows
+// in the orange of sodium, as it does in saline.
 fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
     let r = reflect(-v, n);
     let band = 0.30 + 0.70 * smoothstep(-0.25, 0.35, r.y) * (1.0 - 0.55 * smoothstep(0.45, 0.9, r.y));
@@ -116,7 +117,8 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
     let fresnel = 0.65 + 0.35 * pow(1.0 - max(dot(n, v), 0.0), 5.0);
     let lit = min(e, 1.5);
     let facing = max(dot(n, l), 0.0);
-    return o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + g.cone.z) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
+    let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + g.cone.z) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
+    return steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z;
 }
 
 // Blood between the lens and a point: extinction along the ray in eight steps, and the light that it scatters back.
