@@ -12,7 +12,7 @@ pub const NONE: u32 = u32::MAX;
 pub(crate) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// Faces and neighbours of a set of tets (of all objects together).
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Topology {
     /// For each tet and corner the tet behind the face opposite to the corner, or [`NONE`] on the boundary.
     pub neighbours: Vec<[u32; 4]>,
@@ -32,26 +32,14 @@ impl Topology {
     /// [`ContactError::Length`] if there is not one owner for each tet.
     pub fn new(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Result<Topology, ContactError> {
         same_length("owners of tets", tets.len(), tet_owner.len())?;
-        let mut faces = Vec::with_capacity(tets.len() * 4);
-        for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| tet.iter().all(|&n| (n as usize) < rest_m.len())) {
-            for (f, corners) in FACES.iter().enumerate() {
-                let mut key = corners.map(|c| tet[c]);
-                key.sort_unstable();
-                faces.push((tet_owner[t], key, t as u32, f as u32));
+        let neighbours = neighbours(tets, tet_owner, rest_m.len());
+        let (mut boundary, mut boundary_owner) = (Vec::new(), Vec::new());
+        for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, rest_m.len())) {
+            for face in (0..4).filter(|&face| neighbours[t][face] == NONE) {
+                boundary.push(outward(tet, face, rest_m));
+                boundary_owner.push(tet_owner[t]);
             }
         }
-        faces.sort_unstable();
-        let mut neighbours = vec![[NONE; 4]; tets.len()];
-        for group in faces.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            if let [a, b, ..] = group {
-                neighbours[a.2 as usize][a.3 as usize] = b.2;
-                neighbours[b.2 as usize][b.3 as usize] = a.2;
-            }
-        }
-        faces.sort_unstable_by_key(|f| (f.2, f.3));
-        faces.retain(|f| neighbours[f.2 as usize][f.3 as usize] == NONE);
-        let boundary = faces.iter().map(|f| outward(&tets[f.2 as usize], f.3 as usize, rest_m)).collect();
-        let boundary_owner = faces.iter().map(|f| f.0).collect();
         Ok(Topology { neighbours, boundary, boundary_owner, nodes: rest_m.len() })
     }
 
@@ -76,6 +64,82 @@ impl Topology {
             }
         }
     }
+}
+
+fn exists(tet: &[u32; 4], nodes: usize) -> bool {
+    tet.iter().all(|&node| (node as usize) < nodes)
+}
+
+/// A tet's nodes in ascending order, each with its corner in the lowest two bits.
+fn ascending(tet: &[u32; 4]) -> [u64; 4] {
+    let mut nodes = [0, 1, 2, 3].map(|corner| u64::from(tet[corner]) << 2 | corner as u64);
+    for (i, j) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
+        (nodes[i], nodes[j]) = (nodes[i].min(nodes[j]), nodes[i].max(nodes[j]));
+    }
+    nodes
+}
+
+/// A face of a tet.
+struct Face {
+    /// Ascending, and the owner of the tet.
+    nodes_and_owner: [u32; 4],
+    tet: u32,
+    /// The corner that it lies opposite to.
+    corner: u32,
+}
+
+/// Faces by a hash of their nodes. They are asked for in the order of the tets, so that the hash decides about nothing but time.
+struct Faces {
+    /// Places in `known`, or [`NONE`]; a third of them is free at least.
+    slots: Vec<u32>,
+    known: Vec<Face>,
+}
+
+impl Faces {
+    /// With room for those of so many tets.
+    fn new(tets: usize) -> Faces {
+        Faces { slots: vec![NONE; (6 * tets).next_power_of_two().max(2)], known: Vec::with_capacity(4 * tets) }
+    }
+
+    /// The face with the same nodes and owner that came first; `None` if it is this one.
+    fn first(&mut self, face: Face) -> Option<&Face> {
+        let [a, b, c, _] = face.nodes_and_owner.map(u64::from);
+        let mixed = (a.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ b).wrapping_mul(0xD1B5_4A32_D192_ED03) ^ c;
+        let mut slot = (mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - self.slots.len().trailing_zeros())) as usize;
+        // There are fewer faces than slots.
+        while self.slots[slot] != NONE {
+            let place = self.slots[slot] as usize;
+            if self.known[place].nodes_and_owner == face.nodes_and_owner {
+                return Some(&self.known[place]);
+            }
+            slot = (slot + 1) % self.slots.len();
+        }
+        self.slots[slot] = self.known.len() as u32;
+        self.known.push(face);
+        None
+    }
+}
+
+/// The tet behind each face.
+fn neighbours(tets: &[[u32; 4]], tet_owner: &[u32], nodes: usize) -> Vec<[u32; 4]> {
+    let mut neighbours = vec![[NONE; 4]; tets.len()];
+    let mut faces = Faces::new(tets.len());
+    for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, nodes)) {
+        let sorted = ascending(tet);
+        for (opposite, [a, b, c]) in [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]].into_iter().enumerate() {
+            let [a, b, c] = [a, b, c].map(|other: usize| (sorted[other] >> 2) as u32);
+            let corner = (sorted[opposite] & 3) as u32;
+            let face = Face { nodes_and_owner: [a, b, c, tet_owner[t]], tet: t as u32, corner };
+            if let Some(first) = faces.first(face) {
+                let behind = &mut neighbours[first.tet as usize][first.corner as usize];
+                if *behind == NONE {
+                    *behind = t as u32;
+                    neighbours[t][corner as usize] = first.tet;
+                }
+            }
+        }
+    }
+    neighbours
 }
 
 /// A face's nodes, turned so that they are outward in the rest shape.
@@ -125,5 +189,57 @@ impl PointGraph {
     pub fn joined(&self, point: u32) -> &[u32] {
         let at = |i: usize| self.starts.get(i).map_or(0, |&s| s as usize);
         self.joined.get(at(point as usize)..at(point as usize + 1)).unwrap_or(&[])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
+
+    /// The definition: of an owner's faces with the same nodes the first two are joined.
+    fn plain(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Topology {
+        let mut faces = Vec::new();
+        for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, rest_m.len())) {
+            for (f, corners) in FACES.iter().enumerate() {
+                let mut key = corners.map(|c| tet[c]);
+                key.sort_unstable();
+                faces.push((tet_owner[t], key, t, f));
+            }
+        }
+        let mut neighbours = vec![[NONE; 4]; tets.len()];
+        for face in &faces {
+            let same: Vec<_> = faces.iter().filter(|other| (other.0, other.1) == (face.0, face.1)).collect();
+            if let [a, b, ..] = same[..] {
+                neighbours[a.2][a.3] = b.2 as u32;
+                neighbours[b.2][b.3] = a.2 as u32;
+            }
+        }
+        faces.retain(|face| neighbours[face.2][face.3] == NONE);
+        let boundary = faces.iter().map(|face| outward(&tets[face.2], face.3, rest_m)).collect();
+        Topology { neighbours, boundary, boundary_owner: faces.iter().map(|face| face.0).collect(), nodes: rest_m.len() }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 400,
+            rng_seed: RngSeed::Fixed(5),
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        })]
+
+        /// Few nodes, so that faces meet: two, three and more tets at one, tets with a node twice or with one that does not exist, several owners.
+        #[test]
+        fn looking_faces_up_finds_what_comparing_every_face_with_every_other_finds(
+            tets in vec([0..9u32, 0..9u32, 0..9u32, 0..9u32], 0..60),
+            owners in 1..3u32,
+            nodes in 6..9usize,
+        ) {
+            let rest_m: Vec<[f32; 3]> = (0..nodes).map(|node| [node as f32, (node * node) as f32, (node % 3) as f32]).collect();
+            let tet_owner: Vec<u32> = (0..tets.len() as u32).map(|tet| tet / 7 % owners).collect();
+            prop_assert_eq!(Topology::new(&tets, &tet_owner, &rest_m), Ok(plain(&tets, &tet_owner, &rest_m)));
+        }
     }
 }

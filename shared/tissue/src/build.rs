@@ -1,105 +1,121 @@
 //! Making a model: checks, rest data in double precision, masses, bound, blocks.
 //!
-//! Promise: the result depends on the arguments alone; every fault of the input is a typed error.
+//! Promise: the result depends on the mesh, its fixed nodes, the materials and the options alone, not on what was made before; every fault of the input
+//! is a typed error.
 
+mod blocks;
+mod rest;
 mod soften;
 
 use hyst_mesh::TetMesh;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use crate::bound::{self, Spread};
+use crate::bound;
 use crate::check;
-use crate::layout::{self, Block, LANES, RestBlock, Row};
 use crate::material::Material;
 use crate::model::{Model, ModelError, ModelReport, Options, omega_allowed_per_s, substeps_stable};
 use crate::spectrum::{self, Element};
+use blocks::node_rows;
+use rest::{Kept, Rest, Shape};
 
-/// A tet flatter than this (volume over the cube of its longest edge) has no usable inverse in single precision.
-const FLATNESS_MIN: f64 = 1e-7;
 /// How far a node may stray, in diameters of the object at rest: room for a piece that floats away, and finite forces.
 const REACH_DIAMETERS: f64 = 100.0;
-/// Largest number that a product in a step may reach: far below the end of single precision.
-const FORCE_MAX_N: f64 = 1e30;
 
-/// One tet at rest.
-struct Rest {
-    inv_edges: Matrix3<f64>,
-    volume_m3: f64,
-    gradients: [Vector3<f64>; 4],
-    material: Material,
+/// The material of each region.
+pub(crate) enum Materials {
+    /// The same for all.
+    Same(Material),
+    /// Pairs of region and material.
+    Each(Vec<(u32, Material)>),
 }
 
-impl Rest {
-    /// Its share of the bound at its four corners.
-    fn corner_stiffness_n_m(&self, spread: Spread) -> [f64; 4] {
-        let (mu, lambda) = (self.material.shear_modulus_pa(), self.material.lame_lambda_pa());
-        bound::corner_stiffness_n_m(&self.gradients, self.volume_m3, mu, lambda, spread)
-    }
-}
-
-/// What tets add up to at their nodes.
-struct NodeSums {
-    mass: Vec<f64>,
-    /// Mass times damping, kg/s.
-    drag: Vec<f64>,
-    /// The bound by each way of spreading, N/m.
-    stiffness: [Vec<f64>; 2],
-}
-
-impl NodeSums {
-    fn new(nodes: usize) -> Self {
-        let zeros = || vec![0.0; nodes];
-        NodeSums { mass: zeros(), drag: zeros(), stiffness: [zeros(), zeros()] }
-    }
-
-    fn add_stiffness(&mut self, tet: &[u32; 4], data: &Rest) {
-        for (spread, sum) in Spread::BOTH.into_iter().zip(&mut self.stiffness) {
-            let corners = data.corner_stiffness_n_m(spread);
-            tet.iter().zip(corners).for_each(|(&node, share)| sum[node as usize] += share);
-        }
-    }
-
-    fn add_mass(&mut self, tet: &[u32; 4], data: &Rest) {
-        let material = &data.material;
-        let share_kg = material.density_kg_m3() * data.volume_m3 / 4.0;
-        for &node in tet {
-            self.mass[node as usize] += share_kg;
-            self.drag[node as usize] += share_kg * material.damping_per_s();
+impl Materials {
+    fn of(&self, region: u32) -> Option<Material> {
+        match self {
+            Materials::Same(material) => Some(*material),
+            Materials::Each(pairs) => pairs.iter().find(|(of, _)| *of == region).map(|(_, material)| *material),
         }
     }
 }
 
-pub(crate) fn build(
+/// Makes one model after the other of a mesh that is cut: what it knows of a tet it keeps for as long as the tet has the same index and region, and
+/// its corners the same places at rest, to the bit. Each model has the bits of the one that [`Model::with_materials`] makes of the same mesh.
+pub struct ModelMaker {
+    /// How the next model is made. After the first, [`Options::omega_rest_per_s`] is set to what its report says: looking for it takes far longer than
+    /// all else.
+    pub options: Options,
+    materials: Materials,
+    kept: Kept,
+}
+
+impl ModelMaker {
+    /// With a material per region of the mesh: pairs of region and material, one for every region in use.
+    pub fn new(materials: &[(u32, Material)], options: Options) -> ModelMaker {
+        ModelMaker::of(Materials::Each(materials.to_vec()), options)
+    }
+
+    pub(crate) fn of(materials: Materials, options: Options) -> ModelMaker {
+        ModelMaker { options, materials, kept: Kept::default() }
+    }
+
+    /// Makes the model of `mesh`. `fixed`: one per node; fixed nodes follow their targets.
+    ///
+    /// Errors: those of [`Model::with_materials`]; the next model is made as if there had been none.
+    pub fn make(&mut self, mesh: &TetMesh, fixed: &[bool]) -> Result<(Model, ModelReport), ModelError> {
+        check::options(&self.options)?;
+        check::mesh(mesh, fixed)?;
+        let reach_m = reach_m(mesh);
+        self.kept.renew(mesh, &self.materials, reach_m)?;
+        let sums = add_to_nodes(mesh, &self.kept.rest, |rest| [rest.corner_mass; 4]);
+        let mass: Vec<f64> = sums.iter().map(|[mass, _]| *mass).collect();
+        let mut softened = soften::flat_tets(mesh, &self.kept.rest, &mass, fixed, &self.materials, &self.options)?;
+        // What is kept is not softened: how much a tet gives way depends on its neighbours.
+        let mut swap = |rest: &mut [Rest]| softened.iter_mut().for_each(|(tet, other)| std::mem::swap(&mut rest[*tet], other));
+        swap(&mut self.kept.rest);
+        let made = assemble(mesh, fixed, &self.kept.rest, sums, &self.options, reach_m);
+        swap(&mut self.kept.rest);
+        let (model, mut report) = made?;
+        report.softened_tets = softened.len();
+        report.softened_volume_m3 = softened.iter().map(|(_, rest)| rest.volume_m3).fold(0.0, |sum, volume| sum + volume);
+        Ok((model, report))
+    }
+}
+
+/// What the tets give their corners, two numbers each, added up at the nodes in the order of the tets.
+fn add_to_nodes(mesh: &TetMesh, rest: &[Rest], shares: impl Fn(&Rest) -> [[f64; 2]; 4]) -> Vec<[f64; 2]> {
+    let mut sums = vec![[0.0; 2]; mesh.positions_m.len()];
+    for (tet, data) in mesh.tets.iter().zip(rest) {
+        for (&node, share) in tet.iter().zip(shares(data)) {
+            let sum = &mut sums[node as usize];
+            *sum = [sum[0] + share[0], sum[1] + share[1]];
+        }
+    }
+    sums
+}
+
+/// The model of tets that may have been softened. `sums`: own mass of each node, kg, and mass times damping, kg/s.
+fn assemble(
     mesh: &TetMesh,
     fixed: &[bool],
-    material_of: &dyn Fn(u32) -> Option<Material>,
-    options: Options,
+    rest: &[Rest],
+    sums: Vec<[f64; 2]>,
+    options: &Options,
+    reach_m: f64,
 ) -> Result<(Model, ModelReport), ModelError> {
-    check::options(&options)?;
-    check::mesh(mesh, fixed)?;
-    let nodes = mesh.positions_m.len();
-    let reach_m = reach_m(mesh);
-    let mut sums = NodeSums::new(nodes);
-    let mut rest = Vec::with_capacity(mesh.tets.len());
-    for (index, tet) in mesh.tets.iter().enumerate() {
-        let region = mesh.regions.get(index).copied();
-        let material = region.and_then(material_of).ok_or(ModelError::Region { tet: index, region })?;
-        let data = rest_of(mesh, index, reach_m, material)?;
-        sums.add_mass(tet, &data);
-        rest.push(data);
-    }
-    let softened = soften::flat_tets(mesh, &mut rest, &sums.mass, fixed, &options);
-    mesh.tets.iter().zip(&rest).for_each(|(tet, data)| sums.add_stiffness(tet, data));
-    let NodeSums { mass: own_mass, drag, stiffness } = sums;
-    let mut mass = own_mass.clone();
+    let nodes = sums.len();
+    let mut mass: Vec<f64> = sums.iter().map(|[mass, _]| *mass).collect();
     let held: Vec<bool> = fixed.iter().zip(&mass).map(|(&fixed, &mass)| fixed || mass == 0.0).collect();
     let own_mass_kg: f64 = mass.iter().sum();
     let unused_nodes = mass.iter().filter(|&&mass| mass == 0.0).count();
+    let stiffness = add_to_nodes(mesh, rest, |rest| rest.corner_stiffness_n_m);
     let stiffness = better_bound(stiffness, &mass, &held, options.contact_stiffness_n_m);
-    let (added_mass_kg, scaled_nodes) = fit_step(&mut mass, &stiffness, own_mass_kg, &options)?;
+    let (added_mass_kg, scaled_nodes) = fit_step(&mut mass, &stiffness, own_mass_kg, options)?;
     let omega_max_per_s = bound::omega_per_s(&mass, &stiffness);
-    let found_per_s = || omega_rest_per_s(mesh, &rest, &mass, &held, &options);
-    let omega_rest_per_s = options.omega_rest_per_s.unwrap_or_else(found_per_s).min(omega_max_per_s);
+    let omega_rest_per_s = match options.omega_rest_per_s {
+        Some(told_per_s) => told_per_s,
+        None => omega_rest_per_s(mesh, rest, &mass, &held, options)?,
+    };
+    let omega_rest_per_s = omega_rest_per_s.min(omega_max_per_s);
     let mut report = ModelReport {
         nodes,
         tets: mesh.tets.len(),
@@ -108,24 +124,24 @@ pub(crate) fn build(
         mass_kg: own_mass_kg,
         added_mass_kg,
         scaled_nodes,
-        softened_tets: softened.tets,
-        softened_volume_m3: softened.volume_m3,
-        shortest_edge_m: shortest_edge_m(mesh),
+        softened_tets: 0,
+        softened_volume_m3: 0.0,
+        shortest_edge_m: rest.iter().map(|tet| tet.shortest_edge_m).fold(f64::INFINITY, f64::min),
         omega_rest_per_s,
         omega_max_per_s,
         substeps: 0,
     };
-    let order = layout::pack(&mesh.tets, nodes);
+    let (blocks, rest_blocks) = blocks::of_tets(mesh, rest);
     let model = Model {
         rest_m: mesh.positions_m.clone(),
         tets: mesh.tets.clone(),
         inv_mass: node_rows(nodes, |node| if held[node] { 0.0 } else { 1.0 / mass[node] }),
-        damping_per_s: node_rows(nodes, |node| if held[node] { 0.0 } else { drag[node] / own_mass[node] }),
-        blocks: order.chunks_exact(LANES).map(|lanes| block_of(lanes, mesh, &rest)).collect(),
-        rest_blocks: order.chunks_exact(LANES).map(|lanes| rest_block_of(lanes, &rest)).collect(),
+        damping_per_s: node_rows(nodes, |node| if held[node] { 0.0 } else { sums[node][1] / sums[node][0] }),
+        blocks,
+        rest_blocks,
         mass_kg: mass.iter().map(|&mass| mass as f32).collect(),
         held,
-        options,
+        options: *options,
         omega_rest_per_s,
         omega_max_per_s,
         reach_m: reach_m as f32,
@@ -134,43 +150,24 @@ pub(crate) fn build(
     Ok((model, report))
 }
 
-fn position(mesh: &TetMesh, node: u32) -> Vector3<f64> {
-    Vector3::from(mesh.positions_m[node as usize].map(f64::from))
-}
-
+/// The box is that of the nodes in use.
 fn reach_m(mesh: &TetMesh) -> f64 {
-    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    for &node in mesh.tets.iter().flatten() {
-        low = low.inf(&position(mesh, node));
-        high = high.sup(&position(mesh, node));
+    let mut is_used = vec![false; mesh.positions_m.len()];
+    mesh.tets.iter().flatten().for_each(|&node| is_used[node as usize] = true);
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for (place, _) in mesh.positions_m.iter().zip(is_used).filter(|(_, is_used)| *is_used) {
+        low = [0, 1, 2].map(|axis| low[axis].min(place[axis]));
+        high = [0, 1, 2].map(|axis| high[axis].max(place[axis]));
     }
+    let [low, high] = [low, high].map(|corner| Vector3::from(corner.map(f64::from)));
     REACH_DIAMETERS * (high - low).norm()
 }
 
-fn rest_of(mesh: &TetMesh, tet: usize, reach_m: f64, material: Material) -> Result<Rest, ModelError> {
-    let [a, b, c, d] = mesh.tets[tet].map(|node| position(mesh, node));
-    let edges = Matrix3::from_columns(&[b - a, c - a, d - a]);
-    let volume_m3 = edges.determinant() / 6.0;
-    let longest = [b - a, c - a, d - a, c - b, d - b, d - c].iter().map(|edge| edge.norm()).fold(0.0, f64::max);
-    let bad = ModelError::BadTet { tet, volume_m3 };
-    if volume_m3 <= FLATNESS_MIN * longest.powi(3) || !(1e-30..=1e30).contains(&volume_m3) {
-        return Err(bad);
-    }
-    let inv_edges = edges.try_inverse().ok_or(bad.clone())?;
-    let row = |i: usize| inv_edges.row(i).transpose();
-    let stiffest_pa = material.shear_modulus_pa().max(material.lame_lambda_pa());
-    if stiffest_pa * volume_m3 * inv_edges.norm_squared() * reach_m > FORCE_MAX_N {
-        return Err(bad);
-    }
-    let gradients = [-(row(0) + row(1) + row(2)), row(0), row(1), row(2)];
-    Ok(Rest { inv_edges, volume_m3, gradients, material })
-}
-
 /// The one of the two bounds that asks for the smaller frequency, with contact added; 0 at held nodes, which do not move freely.
-fn better_bound(bounds: [Vec<f64>; 2], mass: &[f64], held: &[bool], contact_n_m: f64) -> Vec<f64> {
-    let [equal, by_gradient] = bounds.map(|bound| {
-        let free = |(share, &held): (f64, &bool)| if held { 0.0 } else { share + contact_n_m };
-        bound.into_iter().zip(held).map(free).collect::<Vec<f64>>()
+fn better_bound(bounds: Vec<[f64; 2]>, mass: &[f64], held: &[bool], contact_n_m: f64) -> Vec<f64> {
+    let [equal, by_gradient] = [0, 1].map(|spread| {
+        let free = |(shares, &held): (&[f64; 2], &bool)| if held { 0.0 } else { shares[spread] + contact_n_m };
+        bounds.iter().zip(held).map(free).collect::<Vec<f64>>()
     });
     let worst = |bound: &[f64]| {
         let ratio = bound.iter().zip(mass).filter(|(_, mass)| **mass > 0.0).map(|(share, mass)| share / mass);
@@ -192,70 +189,11 @@ fn fit_step(mass: &mut [f64], stiffness: &[f64], own_mass_kg: f64, options: &Opt
     Ok((added_kg, before.iter().zip(mass.iter()).filter(|(before, after)| before != after).count()))
 }
 
-fn omega_rest_per_s(mesh: &TetMesh, rest: &[Rest], mass: &[f64], held: &[bool], options: &Options) -> f64 {
-    let elements: Vec<Element<'_>> = mesh
-        .tets
-        .iter()
-        .zip(rest)
-        .map(|(nodes, data)| Element {
-            nodes,
-            gradients: &data.gradients,
-            volume_m3: data.volume_m3,
-            mu_pa: data.material.shear_modulus_pa(),
-            lambda_pa: data.material.lame_lambda_pa(),
-        })
-        .collect();
-    spectrum::omega_per_s(&elements, mass, held, options.contact_stiffness_n_m)
-}
-
-fn shortest_edge_m(mesh: &TetMesh) -> f64 {
-    let mut shortest = f64::INFINITY;
-    for tet in &mesh.tets {
-        for (first, second) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
-            shortest = shortest.min((position(mesh, tet[first]) - position(mesh, tet[second])).norm());
-        }
-    }
-    shortest
-}
-
-/// Rows of (v, v, v, 0) for each node, 0 for the spare ones.
-fn node_rows(nodes: usize, value: impl Fn(usize) -> f64) -> Vec<Row> {
-    let mut rows = vec![Row::ZERO; layout::node_rows(nodes)];
-    for node in 0..nodes {
-        rows[node / 4].0[4 * (node % 4)..][..3].fill(value(node) as f32);
-    }
-    rows
-}
-
-fn block_of(lanes: &[u32], mesh: &TetMesh, rest: &[Rest]) -> Block {
-    let spare = mesh.positions_m.len() as u32;
-    let mut block =
-        Block { nodes: [[spare; LANES]; 4], metric: [Row::ZERO; 6], inv_volume: Row::ZERO, lambda: Row::ZERO, two_mu: Row::ZERO };
-    for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
-        let data = &rest[tet as usize];
-        for (corner, &node) in mesh.tets[tet as usize].iter().enumerate() {
-            block.nodes[corner][lane] = node;
-        }
-        let two_mu_pa = 2.0 * data.material.shear_modulus_pa();
-        let metric = data.inv_edges * data.inv_edges.transpose() * (two_mu_pa * data.volume_m3);
-        for (row, (i, j)) in block.metric.iter_mut().zip([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]) {
-            row.0[lane] = metric[(i, j)] as f32;
-        }
-        block.lambda.0[lane] = data.material.lame_lambda_pa() as f32;
-        block.two_mu.0[lane] = two_mu_pa as f32;
-        block.inv_volume.0[lane] = (1.0 / data.volume_m3) as f32;
-    }
-    block
-}
-
-fn rest_block_of(lanes: &[u32], rest: &[Rest]) -> RestBlock {
-    let mut block = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO };
-    for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
-        let data = &rest[tet as usize];
-        for (index, row) in block.inv_edges.iter_mut().enumerate() {
-            row.0[lane] = data.inv_edges[(index / 3, index % 3)] as f32;
-        }
-        block.volume.0[lane] = data.volume_m3 as f32;
-    }
-    block
+fn omega_rest_per_s(mesh: &TetMesh, rest: &[Rest], mass: &[f64], held: &[bool], options: &Options) -> Result<f64, ModelError> {
+    let element = |(tet, data): (usize, &Rest)| {
+        let (nodes, Rest { volume_m3, mu_pa, lambda_pa, .. }) = (&mesh.tets[tet], *data);
+        Shape::of(mesh, tet).map(|Shape { gradients, .. }| Element { nodes, gradients, volume_m3, mu_pa, lambda_pa })
+    };
+    let elements: Vec<Element<'_>> = rest.iter().enumerate().map(element).collect::<Result<_, _>>()?;
+    Ok(spectrum::omega_per_s(&elements, mass, held, options.contact_stiffness_n_m))
 }

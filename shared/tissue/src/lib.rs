@@ -11,7 +11,7 @@
 //! (after Müller and Gross, "Interactive Virtual Materials", 2004) and found as the global maximiser of tr(RᵀF) (Horn 1987),
 //! which is a rotation for inverted and flat elements too. The pressure is clamped, so that the stiffness of an element never
 //! exceeds its bound. Objects that hold each other ([`Attachment`]) are joined into one model ([`join`]).
-//! Cutting is a function of the same kind: [`cut()`] changes a [`Cuttable`], from which a new model is made.
+//! Cutting is a function of the same kind: [`cut()`] changes a [`Cuttable`], from which a [`ModelMaker`] makes a new model.
 
 mod bound;
 mod build;
@@ -32,6 +32,7 @@ mod spectrum;
 mod state;
 mod step;
 
+pub use build::ModelMaker;
 pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, cut};
 pub use forces::{gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;

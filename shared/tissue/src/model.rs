@@ -3,7 +3,7 @@
 //! Promise: every index in a model is in range, every mass positive, every constant finite in single precision, and the
 //! substeps that it asks for keep explicit integration stable (see `bound`).
 
-use crate::build;
+use crate::build::{Materials, ModelMaker};
 use crate::isa::Isa;
 use crate::layout::{Block, RestBlock, Row};
 use crate::material::Material;
@@ -31,7 +31,8 @@ pub struct Options {
     /// node, N/m.
     pub contact_stiffness_n_m: f64,
     /// Largest angular frequency at rest, 1/s, where it is known well enough, as that of the mesh before a cut; `None`: it is looked for, which takes
-    /// most of the time that making a model takes. Stability does not depend on it.
+    /// most of the time that making a model takes. Stability does not depend on it. Who cuts looks once: the first model is made with `None`, all later
+    /// ones with [`ModelReport::omega_rest_per_s`] of the first.
     pub omega_rest_per_s: Option<f64>,
     /// Largest velocity per axis, m/s: a watchdog, far above what a hand does.
     pub velocity_cap_m_s: f64,
@@ -168,7 +169,7 @@ pub enum ModelError {
 }
 
 /// One deformable object: rest shape, masses, and tet data in blocks of 16.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Model {
     pub(crate) rest_m: Vec<[f32; 3]>,
     pub(crate) tets: Vec<[u32; 4]>,
@@ -198,18 +199,18 @@ impl Model {
         material: &Material,
         options: Options,
     ) -> Result<(Model, ModelReport), ModelError> {
-        build::build(mesh, fixed, &|_| Some(*material), options)
+        ModelMaker::of(Materials::Same(*material), options).make(mesh, fixed)
     }
 
-    /// As [`Model::new`], with a material per region of the mesh: pairs of region and material, one for every region in use.
+    /// As [`Model::new`], with a material per region of the mesh: pairs of region and material, one for every region in use. Who makes many
+    /// models of a mesh that is cut keeps a [`ModelMaker`].
     pub fn with_materials(
         mesh: &TetMesh,
         fixed: &[bool],
         materials: &[(u32, Material)],
         options: Options,
     ) -> Result<(Model, ModelReport), ModelError> {
-        let find = |region| materials.iter().find(|(of, _)| *of == region).map(|(_, material)| *material);
-        build::build(mesh, fixed, &find, options)
+        ModelMaker::new(materials, options).make(mesh, fixed)
     }
 
     /// Number of nodes: the length of every array of a state.

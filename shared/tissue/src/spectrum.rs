@@ -17,7 +17,7 @@ const WINDOW: usize = 20;
 /// What the iteration reads of a tet.
 pub(crate) struct Element<'a> {
     pub nodes: &'a [u32; 4],
-    pub gradients: &'a [Vector3<f64>; 4],
+    pub gradients: [Vector3<f64>; 4],
     pub volume_m3: f64,
     pub mu_pa: f64,
     pub lambda_pa: f64,
@@ -70,12 +70,12 @@ fn start(held: &[bool]) -> Vec<Vector3<f64>> {
 /// Adds the element's frozen stiffness times `shape`.
 fn add_image(element: &Element<'_>, shape: &[Vector3<f64>], image: &mut [Vector3<f64>]) {
     let mut gradient = Matrix3::zeros();
-    for (&node, slope) in element.nodes.iter().zip(element.gradients) {
+    for (&node, slope) in element.nodes.iter().zip(&element.gradients) {
         gradient += shape[node as usize] * slope.transpose();
     }
     let pressure = element.lambda_pa * gradient.trace();
     let stress = gradient * (2.0 * element.mu_pa) + Matrix3::from_diagonal_element(pressure);
-    for (&node, slope) in element.nodes.iter().zip(element.gradients) {
+    for (&node, slope) in element.nodes.iter().zip(&element.gradients) {
         image[node as usize] += stress * slope * element.volume_m3;
     }
 }

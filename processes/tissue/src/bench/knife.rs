@@ -7,7 +7,7 @@ use hyst_contact::Topology;
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
 use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::{CutOptions, Cuttable, Isa, Model, Options, cut};
+use hyst_tissue::{CutOptions, Cuttable, Isa, ModelMaker, Options, cut};
 
 /// Way of the wire in a tick of 1 ms, m: 0.2 m/s, faster than a hand cuts.
 const WAY_M: f32 = 2e-4;
@@ -19,7 +19,7 @@ const MAX_TICKS: usize = 1_000;
 pub struct Knife {
     /// Each tick in which the wire was near.
     pub cut_ns: Vec<u64>,
-    /// Making the model of the new mesh, each time that it changed.
+    /// Making the model of the new mesh from what is known of the old one, each time that it changed.
     pub model_ns: Vec<u64>,
     /// Making its faces and neighbours.
     pub topology_ns: Vec<u64>,
@@ -60,8 +60,9 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let materials = materials(scene).map_err(text)?;
     // What it takes to make a model is measured, not whether it is fast enough.
     let options = Options { max_substeps: 256, max_added_mass_ratio: 1e6, isa, ..Options::default() };
-    let (_, whole) = Model::with_materials(&tissue.rest, &tissue.fixed, &materials, options).map_err(text)?;
-    let options = Options { omega_rest_per_s: Some(whole.omega_rest_per_s), ..options };
+    let mut maker = ModelMaker::new(&materials, options);
+    let (_, whole) = maker.make(&tissue.rest, &tissue.fixed).map_err(text)?;
+    maker.options.omega_rest_per_s = Some(whole.omega_rest_per_s);
     let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
     for tick in 0..MAX_TICKS {
         let z = low[2] - WAY_M + tick as f32 * WAY_M;
@@ -71,8 +72,7 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
         let wire = [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]];
         let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &CutOptions::default())).map_err(text)?;
         if report.has_changed_mesh() {
-            timed(&mut knife.model_ns, || Model::with_materials(&tissue.rest, &tissue.fixed, &materials, options))
-                .map_err(text)?;
+            timed(&mut knife.model_ns, || maker.make(&tissue.rest, &tissue.fixed)).map_err(text)?;
             timed(&mut knife.topology_ns, || Topology::new(&tissue.rest.tets, &tissue.rest.regions, &tissue.rest.positions_m))
                 .map_err(text)?;
         }

@@ -4,50 +4,44 @@
 //!
 //! Promise: only tets below [`hyst_mesh::FLAT_QUALITY`] are changed, and only those whose stiffness the step does not allow.
 
-use super::Rest;
-use crate::bound::Spread;
-use crate::model::{Options, omega_allowed_per_s};
-use hyst_mesh::{FLAT_QUALITY, TetMesh, quality};
+use super::Materials;
+use super::rest::{Rest, Shape};
+use crate::model::{ModelError, Options, omega_allowed_per_s};
+use hyst_mesh::TetMesh;
 
 /// What flat tets may take of the stiffness that a node may bear; the rest is for its sound tets and for contact.
 const FLAT_SHARE: f64 = 0.5;
 
-/// What was softened.
-#[derive(Debug, Default)]
-pub(super) struct Softened {
-    pub tets: usize,
-    pub volume_m3: f64,
-}
+/// Tets, and what they are to be instead.
+pub(super) type Softened = Vec<(usize, Rest)>;
 
-/// Softens the flat tets. `mass_kg` is that of each node.
-pub(super) fn flat_tets(mesh: &TetMesh, rest: &mut [Rest], mass_kg: &[f64], fixed: &[bool], options: &Options) -> Softened {
-    let flat: Vec<usize> = (0..rest.len()).filter(|&tet| is_flat(mesh, tet)).collect();
+/// The flat tets that have to be softer. `mass_kg` is that of each node.
+pub(super) fn flat_tets(
+    mesh: &TetMesh,
+    rest: &[Rest],
+    mass_kg: &[f64],
+    fixed: &[bool],
+    materials: &Materials,
+    options: &Options,
+) -> Result<Softened, ModelError> {
+    let flat: Vec<usize> = (0..rest.len()).filter(|&tet| rest[tet].is_flat).collect();
     let mut flat_at = vec![0u32; mass_kg.len()];
     for &tet in &flat {
         mesh.tets[tet].iter().for_each(|&node| flat_at[node as usize] += 1);
     }
     let allowed_per_s = omega_allowed_per_s(options.step_s, options.max_substeps);
-    let mut softened = Softened::default();
+    let mut softened = Softened::new();
     for tet in flat {
-        let data = &mut rest[tet];
-        let of_corner = |(&node, stiffness): (&u32, f64)| {
+        let of_corner = |(&node, stiffness): (&u32, &[f64; 2])| {
             let node = node as usize;
             let allowed_n_m = FLAT_SHARE * allowed_per_s.powi(2) * mass_kg[node] / f64::from(flat_at[node]);
-            if fixed[node] { f64::INFINITY } else { allowed_n_m / stiffness }
+            if fixed[node] { f64::INFINITY } else { (allowed_n_m / stiffness[0]).min(allowed_n_m / stiffness[1]) }
         };
-        let share = Spread::BOTH
-            .into_iter()
-            .flat_map(|spread| mesh.tets[tet].iter().zip(data.corner_stiffness_n_m(spread)).map(of_corner).collect::<Vec<_>>())
-            .fold(f64::INFINITY, f64::min);
-        if share < 1.0 {
-            data.material = data.material.softened(share);
-            softened.tets += 1;
-            softened.volume_m3 += data.volume_m3;
+        let share = mesh.tets[tet].iter().zip(&rest[tet].corner_stiffness_n_m).map(of_corner).fold(f64::INFINITY, f64::min);
+        let material = mesh.regions.get(tet).and_then(|region| materials.of(*region)).filter(|_| share < 1.0);
+        if let Some(material) = material {
+            softened.push((tet, Rest::of(&Shape::of(mesh, tet)?, &material.softened(share))));
         }
     }
-    softened
-}
-
-fn is_flat(mesh: &TetMesh, tet: usize) -> bool {
-    quality(mesh.tets[tet].map(|node| mesh.positions_m[node as usize].map(f64::from).into())) < FLAT_QUALITY
+    Ok(softened)
 }

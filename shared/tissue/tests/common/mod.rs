@@ -43,6 +43,22 @@ pub fn block(cells: [u32; 3], edge_m: f32) -> TetMesh {
     mesh
 }
 
+/// Splits every `nth` tet at a node that lies `height` of the way from its first face to the opposite corner: the tet on that face is flat.
+pub fn with_flat_tets(mut mesh: TetMesh, nth: usize, height: f32) -> TetMesh {
+    for tet in (0..mesh.tets.len()).step_by(nth) {
+        let corners = mesh.tets[tet];
+        let [a, b, c, d] = corners.map(|node| mesh.positions_m[node as usize]);
+        let node = mesh.positions_m.len() as u32;
+        let within = |axis: usize| (1.0 - height) * (a[axis] + b[axis] + c[axis]) / 3.0 + height * d[axis];
+        mesh.positions_m.push([within(0), within(1), within(2)]);
+        let part = |corner: usize| std::array::from_fn(|at| if at == corner { node } else { corners[at] });
+        mesh.tets[tet] = part(0);
+        mesh.tets.extend([part(1), part(2), part(3)]);
+        mesh.regions.extend([mesh.regions[tet]; 3]);
+    }
+    mesh
+}
+
 /// A model with its state, stepped in place.
 pub struct Body {
     pub model: Model,

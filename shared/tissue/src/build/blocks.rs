@@ -1,0 +1,49 @@
+//! Nodes and tets as the kernels read them: rows of 4 nodes, blocks of 16 tets.
+
+use super::rest::Rest;
+use crate::layout::{self, Block, LANES, RestBlock, Row};
+use hyst_mesh::TetMesh;
+
+/// Rows of (v, v, v, 0) for each node, 0 for the spare ones.
+pub(super) fn node_rows(nodes: usize, value: impl Fn(usize) -> f64) -> Vec<Row> {
+    let mut rows = vec![Row::ZERO; layout::node_rows(nodes)];
+    for node in 0..nodes {
+        rows[node / 4].0[4 * (node % 4)..][..3].fill(value(node) as f32);
+    }
+    rows
+}
+
+/// The blocks of the tets in an order that is good for the kernels.
+pub(super) fn of_tets(mesh: &TetMesh, rest: &[Rest]) -> (Vec<Block>, Vec<RestBlock>) {
+    let order = layout::pack(&mesh.tets, mesh.positions_m.len());
+    let (orders, _) = order.as_chunks::<LANES>();
+    let blocks = orders.iter().map(|lanes| block_of(lanes, mesh, rest)).collect();
+    (blocks, orders.iter().map(|lanes| rest_block_of(lanes, rest)).collect())
+}
+
+fn block_of(lanes: &[u32; LANES], mesh: &TetMesh, rest: &[Rest]) -> Block {
+    let spare = mesh.positions_m.len() as u32;
+    let mut block =
+        Block { nodes: [[spare; LANES]; 4], metric: [Row::ZERO; 6], inv_volume: Row::ZERO, lambda: Row::ZERO, two_mu: Row::ZERO };
+    for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
+        let data = &rest[tet as usize].lane;
+        for (corner, &node) in mesh.tets[tet as usize].iter().enumerate() {
+            block.nodes[corner][lane] = node;
+        }
+        block.metric.iter_mut().zip(data.metric).for_each(|(row, value)| row.0[lane] = value);
+        block.inv_volume.0[lane] = data.inv_volume;
+        block.lambda.0[lane] = data.lambda;
+        block.two_mu.0[lane] = data.two_mu;
+    }
+    block
+}
+
+fn rest_block_of(lanes: &[u32; LANES], rest: &[Rest]) -> RestBlock {
+    let mut block = RestBlock { inv_edges: [Row::ZERO; 9], volume: Row::ZERO };
+    for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
+        let data = &rest[tet as usize].lane;
+        block.inv_edges.iter_mut().zip(data.inv_edges).for_each(|(row, value)| row.0[lane] = value);
+        block.volume.0[lane] = data.volume;
+    }
+    block
+}
