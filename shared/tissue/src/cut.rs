@@ -14,12 +14,14 @@ mod fans;
 mod refine;
 mod separate;
 mod sheet;
+mod skin;
 mod wire;
 
 use hyst_mesh::{TetMesh, component_of_each_tet, signed_volume};
 use refine::Work;
 use sheet::Sheet;
 
+pub use skin::Skin;
 pub use wire::Seat;
 
 use glam::DVec3;
@@ -39,6 +41,8 @@ pub struct Cuttable {
     pub marks: Vec<[f32; 3]>,
     /// Where the wire was last in this stroke; empty before it begins.
     pub wire: Vec<Seat>,
+    /// The surface for the eye; may be empty.
+    pub skin: Skin,
 }
 
 /// How a cut is made.
@@ -56,6 +60,10 @@ pub struct CutOptions {
     pub max_nodes: usize,
     /// Tets that there is room for.
     pub max_tets: usize,
+    /// Vertices of the surface for the eye that there is room for.
+    pub max_vertices: usize,
+    /// Its triangles.
+    pub max_triangles: usize,
 }
 
 impl Default for CutOptions {
@@ -68,6 +76,8 @@ impl Default for CutOptions {
             min_piece_m3: 0.5e-9,
             max_nodes: 20_000,
             max_tets: 50_000,
+            max_vertices: 50_000,
+            max_triangles: 100_000,
         }
     }
 }
@@ -94,7 +104,8 @@ pub struct CutReport {
     pub burnt_tets: usize,
     /// Volume burnt, m³.
     pub burnt_m3: f64,
-    /// Edges that were snapped because there was no room for another node or tet, and one more if nothing could be opened for that reason.
+    /// Edges that were snapped because there was no room for another node or tet, one more if nothing could be opened for that reason, and what of the
+    /// surface for the eye could not be divided.
     pub out_of_room: usize,
 }
 
@@ -154,6 +165,12 @@ pub enum CutError {
         /// The point.
         point: usize,
     },
+    /// The surface for the eye belongs to another mesh.
+    #[error("the surface does not fit the {tets} tets; bind it to this mesh (hyst-mesh `bind`)")]
+    Skin {
+        /// Number of tets.
+        tets: usize,
+    },
     /// An option outside its range.
     #[error("option {name} is {value}: give a value {range}")]
     Option {
@@ -179,6 +196,7 @@ impl Cuttable {
             fixed: vec![false; nodes],
             marks: vec![[0.0; 3]; nodes],
             wire: Vec::new(),
+            skin: Skin::default(),
             rest,
         }
     }
@@ -210,7 +228,8 @@ impl Cuttable {
             |(tet, names): (usize, &[u32; 4])| names.iter().find(|node| **node as usize >= nodes).map(|node| (tet, *node));
         match self.rest.tets.iter().enumerate().find_map(names) {
             Some((tet, node)) => Err(CutError::NodeIndex { tet, node, nodes }),
-            None => Ok(()),
+            None if self.skin.is_sound(self.rest.tets.len()) => Ok(()),
+            None => Err(CutError::Skin { tets: self.rest.tets.len() }),
         }
     }
 
@@ -262,15 +281,32 @@ pub fn cut(tissue: &mut Cuttable, wire: &[[f32; 3]], options: &CutOptions) -> Re
     let near = sheet.near(tissue);
     if !near.is_empty() {
         tissue.check_shape()?;
+        let before = tissue.rest.clone();
+        let mut skin = std::mem::take(&mut tissue.skin);
+        report.out_of_room += skin.divide(tissue, &sheet, options);
         let mut work = Work::new(tissue, options, near);
         work.refine(&sheet, &mut report);
-        work.open(&mut report);
+        let opened = work.open(&mut report);
+        let changed = changed(&before, &tissue.rest);
+        report.out_of_room += skin.bind_again(&tissue.rest, &changed, options);
+        report.out_of_room += skin.add_wound(&tissue.rest, &opened, options);
+        tissue.skin = skin;
     }
     if report.has_changed_mesh() {
         burn(tissue, options, &mut report);
     }
     tissue.seat_wire(&motion);
     Ok(report)
+}
+
+/// The tets that are not what they were.
+fn changed(before: &TetMesh, after: &TetMesh) -> Vec<u32> {
+    let is_same = |tet: &u32| {
+        let nodes = after.tets[*tet as usize];
+        let stays = |node: &u32| before.positions_m.get(*node as usize) == Some(&after.positions_m[*node as usize]);
+        before.tets.get(*tet as usize) == Some(&nodes) && nodes.iter().all(stays)
+    };
+    (0..after.tets.len() as u32).filter(|tet| !is_same(tet)).collect()
 }
 
 /// Counts the parts, and takes those away that are too small to be objects, if any has come free, and unless they are all that there is.
@@ -287,10 +323,15 @@ fn burn(tissue: &mut Cuttable, options: &CutOptions, report: &mut CutReport) {
     let is_kept: Vec<bool> = part.iter().map(|part| volume_m3[*part as usize] >= least).collect();
     report.burnt_tets = is_kept.iter().filter(|kept| !**kept).count();
     report.burnt_m3 = volume_m3.iter().filter(|volume| **volume < least).sum();
-    let mut kept = is_kept.iter().copied();
-    tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
-    let mut kept = is_kept.into_iter();
-    tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
+    if report.burnt_tets > 0 {
+        let mut next = 0..;
+        let number: Vec<Option<u32>> = is_kept.iter().map(|kept| kept.then(|| next.next()).flatten()).collect();
+        tissue.skin.without_tets(&number);
+        let mut kept = is_kept.iter().copied();
+        tissue.rest.tets.retain(|_| kept.next().unwrap_or(true));
+        let mut kept = is_kept.into_iter();
+        tissue.rest.regions.retain(|_| kept.next().unwrap_or(true));
+    }
 }
 
 /// The box around some points; around none, one that touches nothing.
@@ -305,6 +346,15 @@ impl Bounds {
         let none = Bounds { low_m: DVec3::MAX, high_m: DVec3::MIN };
         let with = |around: Bounds, point: DVec3| Bounds { low_m: around.low_m.min(point), high_m: around.high_m.max(point) };
         points_m.into_iter().fold(none, with)
+    }
+
+    fn with(self, other: Bounds) -> Bounds {
+        Bounds { low_m: self.low_m.min(other.low_m), high_m: self.high_m.max(other.high_m) }
+    }
+
+    /// The longest side, m.
+    fn extent_m(&self) -> f64 {
+        (self.high_m - self.low_m).max_element()
     }
 
     fn touches(&self, other: &Bounds) -> bool {

@@ -33,7 +33,7 @@ mod state;
 mod step;
 
 pub use build::ModelMaker;
-pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, cut};
+pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
 pub use forces::{gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, PlaneSpring};

@@ -14,8 +14,8 @@ type Face = [u32; 3];
 type Parting = (u32, Vec<Vec<u32>>);
 
 impl Work<'_> {
-    /// Opens what can be opened of the faces on the sheet.
-    pub fn open(&mut self, report: &mut CutReport) {
+    /// Opens what can be opened of the faces on the sheet; gives the two tets of each that is open now.
+    pub fn open(&mut self, report: &mut CutReport) -> Vec<[u32; 2]> {
         let mut faces = self.faces_on_sheet();
         let wanted = faces.len();
         for round in 0..ROUNDS {
@@ -24,20 +24,24 @@ impl Work<'_> {
             if partings.is_empty() || !has_room || round + 1 == ROUNDS {
                 report.out_of_room += usize::from(!has_room);
                 report.closed_faces = wanted;
-                return;
+                break;
             }
+            let tets: Vec<Option<[u32; 2]>> = faces.iter().map(|face| self.tets_at(face)).collect();
             let bad_before = self.bad_nodes(&partings, &[]);
             let copies = self.part(&partings);
             let bad: Vec<u32> = self.bad_nodes(&partings, &copies).into_iter().filter(|bad| !bad_before.contains(bad)).collect();
             if bad.is_empty() {
                 report.copied_nodes = copies.len();
-                report.opened_faces = faces.iter().filter(|face| !self.is_closed(face)).count();
+                let opened = faces.iter().zip(tets).filter(|(face, _)| !self.is_closed(face));
+                let opened: Vec<[u32; 2]> = opened.filter_map(|(_, tets)| tets).collect();
+                report.opened_faces = opened.len();
                 report.closed_faces = wanted - report.opened_faces;
-                return;
+                return opened;
             }
             self.join_again(&partings, &copies);
             faces = self.without(faces, &bad);
         }
+        Vec::new()
     }
 
     /// Faces between two tets on different sides whose nodes all lie on the sheet.
@@ -219,10 +223,16 @@ impl Work<'_> {
         if kept.len() < faces.len() { kept } else { Vec::new() }
     }
 
+    /// The two tets that have a face in common.
+    fn tets_at(&self, face: &Face) -> Option<[u32; 2]> {
+        let has = |tet: &&u32| face.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
+        let mut both = self.star[face[0] as usize].iter().filter(has);
+        Some([*both.next()?, *both.next()?])
+    }
+
     /// Whether the two tets of a face still have the same three nodes.
     fn is_closed(&self, face: &Face) -> bool {
-        let has = |tet: &&u32| face.iter().all(|node| self.tissue.rest.tets[**tet as usize].contains(node));
-        self.star[face[0] as usize].iter().filter(has).count() == 2
+        self.tets_at(face).is_some()
     }
 }
 

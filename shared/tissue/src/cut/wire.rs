@@ -5,7 +5,8 @@ use super::{Bounds, Cuttable, at, corners, to_single};
 use glam::{DMat3, DVec3};
 
 /// A point of the wire, as the tissue saw it last.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Seat {
     /// The tet that it was in; `u32::MAX` for none.
     pub tet: u32,
@@ -17,6 +18,13 @@ pub struct Seat {
     pub offset_m: [f32; 3],
     /// The line along which it last moved in the tissue, a unit vector; its sign is kept when the wire goes back. 0 before it moves.
     pub way: [f32; 3],
+}
+
+impl Seat {
+    /// Whether all its numbers are.
+    pub fn is_finite(&self) -> bool {
+        self.weights.iter().chain(&self.offset_m).chain(&self.way).all(|value| value.is_finite())
+    }
 }
 
 /// What a wire does from one tick to the next.
@@ -52,6 +60,24 @@ impl Cuttable {
         let ways = steps.iter().enumerate().map(way).collect();
         let from_m = from_m.into_iter().zip(&steps).map(|(from, step)| from - OVERLAP * step).collect();
         Motion { from_m, to_m, ways }
+    }
+
+    /// How far a wire has come in the tissue since it was last seen in this stroke, m: the longest way of its points; infinite for the first of a
+    /// stroke, and where a seat or the tissue is not finite.
+    pub fn swept_m(&self, wire: &[[f32; 3]]) -> f64 {
+        if self.wire.len() != wire.len() {
+            return f64::INFINITY;
+        }
+        let ways = self.carried_wire().into_iter().zip(wire).map(|(from, to)| at(&[*to], 0).distance(from));
+        ways.fold(0.0, |most, way| {
+            if way <= most {
+                most
+            } else if way.is_finite() {
+                way
+            } else {
+                f64::INFINITY
+            }
+        })
     }
 
     /// Where the points of the wire are now that the tissue has moved, m.

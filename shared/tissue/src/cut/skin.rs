@@ -1,0 +1,341 @@
+//! The surface for the eye is cut with the volume: its triangles are divided where the sheet goes through them, each is then taken along by the tet
+//! that it lies at, and two triangles come apart where no way leads through tets from one to the other. The faces of the wound become
+//! triangles of their own.
+//!
+//! Promise: every vertex is bound to a tet that is there, with finite weights; no triangle has a vertex twice; what is far from the cut stays as it
+//! was; without room nothing is divided, and the wound stays bare.
+
+use super::sheet::Sheet;
+use super::{Bounds, CutOptions, Cuttable, at, to_single};
+use glam::{DMat3, DVec3};
+use hyst_mesh::{Binding, TetMesh};
+use std::collections::BTreeMap;
+
+/// No edge of the surface is divided nearer to its end than this, m: a pixel or two of the picture.
+const SHORTEST_M: f64 = 0.1e-3;
+/// How far outside of a tet a point counts as inside, as a share of the tet's height: rounding.
+const HAIR: f64 = 1e-4;
+/// How far under a triangle its tet is looked for, as a share of its size: a triangle of a wound lies between two tets.
+const UNDER_SHARE: f64 = 0.05;
+
+/// The surface for the eye, in the shape at rest.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Skin {
+    /// Its vertices at rest, m.
+    pub rest_m: Vec<[f32; 3]>,
+    /// Its triangles, outward by the right-hand rule.
+    pub triangles: Vec<[u32; 3]>,
+    /// The tet that each vertex follows.
+    pub bindings: Vec<Binding>,
+}
+
+impl Skin {
+    /// Where its vertices are when the nodes of the tets are there, m. A vertex that is bound to nothing stays at rest.
+    pub fn place(&self, tets: &[[u32; 4]], position_m: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        let one = |(binding, rest): (&Binding, &[f32; 3])| {
+            let Some(nodes) = tets.get(binding.tet as usize) else { return *rest };
+            to_single(nodes.iter().zip(binding.weights).map(|(node, weight)| at(position_m, *node) * f64::from(weight)).sum())
+        };
+        self.bindings.iter().zip(&self.rest_m).map(one).collect()
+    }
+
+    /// Whether the lists fit each other and the tets.
+    pub(super) fn is_sound(&self, tets: usize) -> bool {
+        let vertices = self.rest_m.len();
+        self.bindings.len() == vertices
+            && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && binding.weights.iter().all(|w| w.is_finite()))
+            && self.triangles.iter().flatten().all(|vertex| (*vertex as usize) < vertices)
+            && self.rest_m.iter().flatten().all(|coordinate| coordinate.is_finite())
+    }
+
+    fn add(&mut self, rest_m: [f32; 3], binding: Binding) -> u32 {
+        self.rest_m.push(rest_m);
+        self.bindings.push(binding);
+        self.rest_m.len() as u32 - 1
+    }
+
+    /// Divides the triangles that the sheet goes through. Tells how many edges found no room.
+    pub(super) fn divide(&mut self, tissue: &Cuttable, sheet: &Sheet, options: &CutOptions) -> usize {
+        let now_m = &self.place(&tissue.rest.tets, &tissue.position_m)[..];
+        let is_near = |triangle: &&[u32; 3]| sheet.is_near(triangle.map(|vertex| at(now_m, vertex)));
+        let mut edges: Vec<[u32; 2]> = self.triangles.iter().filter(is_near).flat_map(edges_of).collect();
+        edges.sort_unstable();
+        edges.dedup();
+        let (mut middles, mut out_of_room) = (BTreeMap::new(), 0);
+        for [a, b] in edges {
+            let (from, to) = (at(now_m, a), at(now_m, b));
+            let Some(crossing) = sheet.crossing(from, to) else { continue };
+            let nearest_m = crossing.share.min(1.0 - crossing.share) * from.distance(to);
+            if nearest_m < SHORTEST_M {
+                continue;
+            }
+            // Each division makes at most two triangles more.
+            let has_room =
+                self.rest_m.len() < options.max_vertices && self.triangles.len() + 2 * middles.len() + 2 < options.max_triangles;
+            if !has_room {
+                out_of_room = 1;
+                break;
+            }
+            let point = at(&self.rest_m, a).lerp(at(&self.rest_m, b), crossing.share);
+            let tet = self.bindings[a as usize].tet;
+            let binding = Binding { tet, weights: weights(&tissue.rest, tet, point) };
+            middles.insert([a, b], self.add(to_single(point), binding));
+        }
+        if middles.is_empty() {
+            return out_of_room;
+        }
+        let whole = std::mem::take(&mut self.triangles);
+        self.triangles.reserve(whole.len() + 2 * middles.len());
+        whole.iter().for_each(|triangle| divided(*triangle, &middles, |part| self.triangles.push(part)));
+        out_of_room
+    }
+
+    /// Binds anew what lies at the tets that have changed, and lets come apart what no way through tets joins. Tells how many vertices found no room.
+    pub(super) fn bind_again(&mut self, rest: &TetMesh, changed: &[u32], options: &CutOptions) -> usize {
+        let around = |tet: u32| Bounds::around(rest.tets[tet as usize].map(|node| at(&rest.positions_m, node)));
+        let box_of_change = changed.iter().map(|tet| around(*tet)).reduce(Bounds::with);
+        let Some(box_of_change) = box_of_change.filter(|_| !self.triangles.is_empty()) else { return 0 };
+        let mut is_changed = vec![false; rest.tets.len()];
+        changed.iter().for_each(|tet| is_changed[*tet as usize] = true);
+        let is_loose = |vertex: u32| {
+            let here = Bounds::around([at(&self.rest_m, vertex)]);
+            is_changed[self.bindings[vertex as usize].tet as usize] || here.touches(&box_of_change)
+        };
+        let at_change: Vec<bool> = (0..self.rest_m.len() as u32).map(is_loose).collect();
+        let has = |triangle: &[u32; 3], of: &[bool]| triangle.iter().any(|vertex| of[*vertex as usize]);
+        // And their neighbours: a vertex outside of all tets may have followed one on the other side.
+        let mut loose = at_change.clone();
+        for triangle in self.triangles.iter().filter(|triangle| has(triangle, &at_change)) {
+            triangle.iter().for_each(|vertex| loose[*vertex as usize] = true);
+        }
+        let near: Vec<u32> = (0..self.triangles.len() as u32).filter(|one| has(&self.triangles[*one as usize], &loose)).collect();
+        let points = near.iter().flat_map(|one| self.triangles[*one as usize]).map(|vertex| at(&self.rest_m, vertex));
+        let reach = Bounds::around(points).with(box_of_change);
+        let candidates: Vec<u32> = (0..rest.tets.len() as u32).filter(|tet| around(*tet).touches(&reach)).collect();
+        let place = Neighbourhood::new(rest, candidates);
+        let mut at_vertex: BTreeMap<u32, Vec<Hosted>> = BTreeMap::new();
+        for triangle in near {
+            let Some(hosted) = self.host(&place, triangle) else { continue };
+            for vertex in self.triangles[triangle as usize].into_iter().filter(|vertex| loose[*vertex as usize]) {
+                at_vertex.entry(vertex).or_default().push(hosted);
+            }
+        }
+        at_vertex.into_iter().map(|(vertex, triangles)| self.part(&place, vertex, &triangles, options)).sum()
+    }
+
+    /// The tet that a triangle lies at: the one around a point just under its middle, or the nearest; of the object that it was bound to.
+    fn host(&self, place: &Neighbourhood<'_>, triangle: u32) -> Option<Hosted> {
+        let names = self.triangles[triangle as usize];
+        let [a, b, c] = names.map(|vertex| at(&self.rest_m, vertex));
+        let (middle, outward) = ((a + b + c) / 3.0, (b - a).cross(c - a).normalize_or_zero());
+        let under = middle - outward * (UNDER_SHARE * middle.distance(a));
+        let region = place.rest.regions[self.bindings[names[0] as usize].tet as usize];
+        let home = place.nearest(under, place.all().filter(|index| place.region(*index) == region))?;
+        Some(Hosted { triangle, home, middle })
+    }
+
+    /// Gives each part of the triangles at a vertex a vertex of its own, bound to the nearest tet of that part. Tells how many found no room.
+    fn part(&mut self, place: &Neighbourhood<'_>, vertex: u32, triangles: &[Hosted], options: &CutOptions) -> usize {
+        let point = at(&self.rest_m, vertex);
+        // Ways no longer than to the triangles' middles, and what the vertex lies outside of all.
+        let outside_m = triangles.iter().map(|one| -place.depth_m(one.home, point)).fold(0.0, f64::max);
+        let radius_m = outside_m + triangles.iter().map(|one| one.middle.distance(point)).fold(0.0, f64::max);
+        let parts = place.parts_around(point, radius_m, triangles);
+        let mut out_of_room = 0;
+        for (number, part) in parts.iter().enumerate() {
+            let Some(nearest) = place.nearest(point, part.iter().copied()) else { continue };
+            let tet = place.tets[nearest as usize];
+            let binding = Binding { tet, weights: weights(place.rest, tet, point) };
+            if number == 0 {
+                self.bindings[vertex as usize] = binding;
+                continue;
+            }
+            if self.rest_m.len() >= options.max_vertices {
+                out_of_room += 1;
+                continue;
+            }
+            let name = self.add(self.rest_m[vertex as usize], binding);
+            for one in triangles.iter().filter(|one| part.contains(&one.home)) {
+                let corners = &mut self.triangles[one.triangle as usize];
+                *corners = corners.map(|corner| if corner == vertex { name } else { corner });
+            }
+        }
+        out_of_room
+    }
+
+    /// The faces that were opened, on both sides. `opened`: the tets that had each in common.
+    /// Tells how many found no room.
+    pub(super) fn add_wound(&mut self, rest: &TetMesh, opened: &[[u32; 2]], options: &CutOptions) -> usize {
+        let mut own: BTreeMap<u32, u32> = BTreeMap::new();
+        let mut out_of_room = 0;
+        for (tet, other) in opened.iter().flat_map(|[a, b]| [(*a, *b), (*b, *a)]) {
+            if self.rest_m.len() + 3 > options.max_vertices || self.triangles.len() >= options.max_triangles {
+                out_of_room += 1;
+                continue;
+            }
+            let Some(face) = face_beside(rest, tet, other) else { continue };
+            let corners = face.map(|place| {
+                let node = rest.tets[tet as usize][place];
+                let mut weights = [0.0; 4];
+                weights[place] = 1.0;
+                *own.entry(node).or_insert_with(|| self.add(rest.positions_m[node as usize], Binding { tet, weights }))
+            });
+            self.triangles.push(corners);
+        }
+        out_of_room
+    }
+
+    /// Leaves out what was bound to tets that are gone, and the vertices that no triangle has. `number`: the new number of each tet that is left.
+    pub(super) fn without_tets(&mut self, number: &[Option<u32>]) {
+        let is_there = |vertex: &u32| number[self.bindings[*vertex as usize].tet as usize].is_some();
+        let kept: Vec<[u32; 3]> = self.triangles.iter().filter(|triangle| triangle.iter().all(is_there)).copied().collect();
+        let mut is_used = vec![false; self.rest_m.len()];
+        kept.iter().flatten().for_each(|vertex| is_used[*vertex as usize] = true);
+        let mut new_number = vec![0; self.rest_m.len()];
+        let mut left = Skin::default();
+        for vertex in (0..self.rest_m.len()).filter(|vertex| is_used[*vertex]) {
+            let binding = self.bindings[vertex];
+            if let Some(tet) = number[binding.tet as usize] {
+                new_number[vertex] = left.add(self.rest_m[vertex], Binding { tet, ..binding });
+            }
+        }
+        left.triangles = kept.into_iter().map(|triangle| triangle.map(|vertex| new_number[vertex as usize])).collect();
+        *self = left;
+    }
+}
+
+fn edges_of(triangle: &[u32; 3]) -> [[u32; 2]; 3] {
+    let [a, b, c] = *triangle;
+    [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)])
+}
+
+/// The parts of a triangle whose edges have these middles.
+fn divided(triangle: [u32; 3], middles: &BTreeMap<[u32; 2], u32>, mut take: impl FnMut([u32; 3])) {
+    let [a, b, c] = triangle;
+    let middle = |from: u32, to: u32| middles.get(&[from.min(to), from.max(to)]).copied();
+    match (middle(a, b), middle(b, c), middle(c, a)) {
+        (None, None, None) => take(triangle),
+        (Some(ab), None, None) => [[a, ab, c], [ab, b, c]].into_iter().for_each(take),
+        (None, Some(bc), None) => [[b, bc, a], [bc, c, a]].into_iter().for_each(take),
+        (None, None, Some(ca)) => [[c, ca, b], [ca, a, b]].into_iter().for_each(take),
+        (Some(ab), Some(bc), None) => [[ab, b, bc], [a, ab, bc], [a, bc, c]].into_iter().for_each(take),
+        (None, Some(bc), Some(ca)) => [[bc, c, ca], [b, bc, ca], [b, ca, a]].into_iter().for_each(take),
+        (Some(ab), None, Some(ca)) => [[ca, a, ab], [c, ca, ab], [c, ab, b]].into_iter().for_each(take),
+        (Some(ab), Some(bc), Some(ca)) => [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]].into_iter().for_each(take),
+    }
+}
+
+/// Weights of the corners of a tet for a point, in the shape at rest.
+fn weights(rest: &TetMesh, tet: u32, point: DVec3) -> [f32; 4] {
+    let [a, b, c, d] = rest.tets[tet as usize].map(|node| at(&rest.positions_m, node));
+    let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (point - a);
+    let all = [1.0 - others.element_sum(), others.x, others.y, others.z].map(|weight| weight as f32);
+    if all.iter().all(|weight| weight.is_finite()) { all } else { [0.25; 4] }
+}
+
+/// Corners of the face opposite to each corner, outward by the right-hand rule.
+const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+
+/// The face of a tet that another one had in common with it: its nodes lie at the same places at rest.
+fn face_beside(rest: &TetMesh, tet: u32, other: u32) -> Option<[usize; 3]> {
+    let [own, others] = [tet, other].map(|tet| rest.tets[tet as usize].map(|node| rest.positions_m[node as usize]));
+    FACES.into_iter().find(|face| face.iter().all(|place| others.contains(&own[*place])))
+}
+
+/// A triangle with the tet that it lies at, by its index in the neighbourhood, and its middle at rest.
+#[derive(Clone, Copy)]
+struct Hosted {
+    triangle: u32,
+    home: u32,
+    middle: DVec3,
+}
+
+/// The tets near a change, with what joins them. Tets are named by their index in it.
+struct Neighbourhood<'a> {
+    rest: &'a TetMesh,
+    tets: Vec<u32>,
+    bounds: Vec<Bounds>,
+    /// Planes of the four faces of each, inwards: normal and distance from the origin.
+    planes: Vec<[(DVec3, f64); 4]>,
+    joined: Vec<Vec<u32>>,
+}
+
+impl<'a> Neighbourhood<'a> {
+    fn new(rest: &'a TetMesh, tets: Vec<u32>) -> Neighbourhood<'a> {
+        let mut faces = Vec::with_capacity(4 * tets.len());
+        let (mut bounds, mut planes) = (Vec::with_capacity(tets.len()), Vec::with_capacity(tets.len()));
+        for (index, tet) in tets.iter().enumerate() {
+            let nodes = rest.tets[*tet as usize];
+            let corners = nodes.map(|node| at(&rest.positions_m, node));
+            bounds.push(Bounds::around(corners));
+            planes.push(FACES.map(|face| {
+                let [a, b, c] = face.map(|place| corners[place]);
+                let inward = (c - a).cross(b - a).normalize_or_zero();
+                (inward, inward.dot(a))
+            }));
+            for face in FACES {
+                let mut key = face.map(|place| nodes[place]);
+                key.sort_unstable();
+                faces.push((key, index as u32));
+            }
+        }
+        faces.sort_unstable();
+        let mut joined = vec![Vec::new(); tets.len()];
+        for same in faces.chunk_by(|left, right| left.0 == right.0) {
+            let [(_, a), (_, b)] = same else { continue };
+            joined[*a as usize].push(*b);
+            joined[*b as usize].push(*a);
+        }
+        Neighbourhood { rest, tets, bounds, planes, joined }
+    }
+
+    fn all(&self) -> impl Iterator<Item = u32> + '_ {
+        0..self.tets.len() as u32
+    }
+
+    fn region(&self, index: u32) -> u32 {
+        self.rest.regions[self.tets[index as usize] as usize]
+    }
+
+    /// How far a point is inside of the face that it is least inside of, m.
+    fn depth_m(&self, index: u32, point: DVec3) -> f64 {
+        self.planes[index as usize].iter().map(|(normal, offset)| normal.dot(point) - offset).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The tet around a point, or the one that it is least outside of; the first of equals.
+    fn nearest(&self, point: DVec3, among: impl Iterator<Item = u32>) -> Option<u32> {
+        let mut best: Option<(f64, u32)> = None;
+        for index in among {
+            let depth_m = self.depth_m(index, point);
+            if depth_m > HAIR * self.bounds[index as usize].extent_m() {
+                return Some(index);
+            }
+            if best.is_none_or(|(deepest_m, _)| depth_m > deepest_m) {
+                best = Some((depth_m, index));
+            }
+        }
+        best.map(|(_, index)| index)
+    }
+
+    /// The parts that the triangles' tets fall into when only ways through faces, and through tets near a point, count.
+    fn parts_around(&self, point: DVec3, radius_m: f64, triangles: &[Hosted]) -> Vec<Vec<u32>> {
+        let mut parts: Vec<Vec<u32>> = Vec::new();
+        for Hosted { home, .. } in triangles {
+            if parts.iter().any(|part| part.contains(home)) {
+                continue;
+            }
+            let mut part = vec![*home];
+            let mut next = 0;
+            while let Some(index) = part.get(next).copied() {
+                next += 1;
+                for other in &self.joined[index as usize] {
+                    if !part.contains(other) && self.depth_m(*other, point) >= -radius_m {
+                        part.push(*other);
+                    }
+                }
+            }
+            parts.push(part);
+        }
+        parts
+    }
+}

@@ -1,0 +1,182 @@
+//! Promises of the surface for the eye: it is cut where the volume is, its parts go with the parts of the volume, and with the faces of the wound it is
+//! closed again.
+
+mod common;
+
+use common::cuts::{assert_sound, bar, corners, parts, shipped, straight};
+use glam::{DVec3, Vec3};
+use hyst_mesh::{TriangleMesh, bind, boundary, component_of_each_tet, read_triangles, signed_volume};
+use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, Skin, cut};
+use std::path::Path;
+
+/// Binds a surface.
+fn dressed(mut tissue: Cuttable, surface: &TriangleMesh) -> Cuttable {
+    let (bindings, _) = bind(surface, &tissue.rest).unwrap();
+    tissue.skin = Skin { rest_m: surface.positions_m.clone(), triangles: surface.triangles.clone(), bindings };
+    tissue
+}
+
+/// Under its own boundary.
+fn in_its_boundary(tissue: Cuttable) -> Cuttable {
+    let (surface, _) = boundary(&tissue.rest).to_mesh(&tissue.rest.positions_m);
+    dressed(tissue, &surface)
+}
+
+/// The default scene's polyp with its finer surface.
+fn polyp() -> Cuttable {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/meshes/polyp-surface.obj");
+    let mut surface = read_triangles("polyp-surface.obj", &std::fs::read(path).unwrap()).unwrap();
+    surface.scale_to_m(1e-3);
+    dressed(Cuttable::at_rest(shipped("polyp.msh")), &surface)
+}
+
+fn point(points: &[[f32; 3]], index: u32) -> DVec3 {
+    DVec3::from_array(points[index as usize].map(f64::from))
+}
+
+/// What must hold after each sweep.
+fn assert_skin(tissue: &Cuttable) {
+    let (skin, tets) = (&tissue.skin, tissue.rest.tets.len());
+    assert_eq!(skin.rest_m.len(), skin.bindings.len());
+    for binding in &skin.bindings {
+        assert!((binding.tet as usize) < tets, "bound to a tet that is not there");
+        let sum: f32 = binding.weights.iter().sum();
+        assert!((sum - 1.0).abs() < 1e-3, "weights {:?}", binding.weights);
+    }
+    for triangle in &skin.triangles {
+        let [a, b, c] = *triangle;
+        assert!(a != b && b != c && c != a, "a triangle has a vertex twice");
+        assert!(triangle.iter().all(|vertex| (*vertex as usize) < skin.rest_m.len()));
+    }
+    // Where the tissue is at rest the surface is where it was bound.
+    let placed = skin.place(&tissue.rest.tets, &tissue.rest.positions_m);
+    for (vertex, rest) in placed.iter().zip(&skin.rest_m) {
+        assert!(Vec3::from(*vertex).distance(Vec3::from(*rest)) < 2e-5, "{vertex:?} is not at {rest:?}");
+    }
+}
+
+/// The volume that the triangles of each part of the tissue enclose at rest, beside the part's own; and triangles between two parts.
+fn volumes(tissue: &Cuttable) -> (Vec<[f64; 2]>, usize) {
+    let part = component_of_each_tet(&tissue.rest);
+    let mut volumes = vec![[0.0; 2]; parts(&tissue.rest)];
+    for (tet, part) in tissue.rest.tets.iter().zip(&part) {
+        volumes[*part as usize][1] += signed_volume(corners(&tissue.rest, tet));
+    }
+    let skin = &tissue.skin;
+    let of_vertex = |vertex: u32| part[skin.bindings[vertex as usize].tet as usize];
+    let mut between = 0;
+    for triangle in &skin.triangles {
+        let [a, b, c] = triangle.map(|vertex| point(&skin.rest_m, vertex));
+        volumes[of_vertex(triangle[0]) as usize][0] += a.cross(b).dot(c) / 6.0;
+        between += usize::from(triangle.iter().any(|vertex| of_vertex(*vertex) != of_vertex(triangle[0])));
+    }
+    (volumes, between)
+}
+
+fn sweep(tissue: &mut Cuttable, places: &[Vec<[f32; 3]>], options: &CutOptions) -> Vec<CutReport> {
+    let mut reports = Vec::new();
+    for wire in places {
+        let before = tissue.clone();
+        let report = cut(tissue, wire, options).unwrap();
+        assert_sound(&before, tissue, &report, options);
+        assert_skin(tissue);
+        reports.push(report);
+    }
+    reports
+}
+
+#[test]
+fn a_bar_that_is_cut_through_has_two_closed_surfaces() {
+    for (angle, steps) in [(0.0f32, 4), (0.35, 7), (-0.6, 12)] {
+        let mut tissue = in_its_boundary(bar());
+        let (before, _) = volumes(&tissue);
+        assert!((before[0][0] / before[0][1] - 1.0).abs() < 1e-5, "{before:?}");
+        let middle = Vec3::new(0.0181, 0.006, -0.002);
+        let across = Vec3::new(angle.sin(), angle.cos(), 0.0) * 0.02;
+        let reports =
+            sweep(&mut tissue, &straight(middle - across, middle + across, Vec3::Z * 0.016, steps), &CutOptions::default());
+        assert_eq!(reports.iter().map(|report| report.parts).max(), Some(2), "{angle}");
+        let (after, between) = volumes(&tissue);
+        assert_eq!(between, 0, "triangles join the two halves ({angle})");
+        for [skin, tets] in after {
+            assert!((skin / tets - 1.0).abs() < 0.03, "the surface encloses {skin} m³, the tets fill {tets} ({angle})");
+        }
+    }
+}
+
+#[test]
+fn the_surface_is_divided_along_the_wire_and_comes_apart_there_alone() {
+    let mut tissue = in_its_boundary(bar());
+    let before = tissue.skin.clone();
+    let middle = Vec3::new(0.0181, 0.006, -0.002);
+    let half = straight(middle - Vec3::Y * 0.02, middle + Vec3::Y * 0.02, Vec3::Z * 0.008, 6);
+    sweep(&mut tissue, &half, &CutOptions::default());
+    // Pulled apart about the cut, no triangle of the upper side bridges the mouth of the wound.
+    let mut side = vec![0.0; tissue.rest.positions_m.len()];
+    for tet in &tissue.rest.tets {
+        let middle: f32 = tet.iter().map(|node| tissue.rest.positions_m[*node as usize][0] - 0.0181).sum();
+        tet.iter().for_each(|node| side[*node as usize] += middle);
+    }
+    let away = |(place, side): (&[f32; 3], &f32)| [place[0] + if *side > 0.0 { 0.01 } else { 0.0 }, place[1], place[2]];
+    let pulled: Vec<[f32; 3]> = tissue.rest.positions_m.iter().zip(&side).map(away).collect();
+    let placed = tissue.skin.place(&tissue.rest.tets, &pulled);
+    let longest = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(|vertex| Vec3::from(placed[vertex as usize]));
+        a.distance(b).max(b.distance(c)).max(c.distance(a))
+    };
+    let bottom = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| tissue.skin.rest_m[*vertex as usize][2] < 1e-4);
+    let mouth = tissue.skin.triangles.iter().filter(bottom).map(longest).fold(0.0, f32::max);
+    assert!(mouth < 0.008, "a triangle of {mouth} m bridges the wound");
+    // Far from the cut everything is as it was.
+    let far = |skin: &Skin| {
+        let is_far =
+            |triangle: &&[u32; 3]| triangle.iter().all(|vertex| (skin.rest_m[*vertex as usize][0] - 0.0181).abs() > 0.008);
+        skin.triangles
+            .iter()
+            .filter(is_far)
+            .map(|triangle| triangle.map(|vertex| skin.rest_m[vertex as usize]))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(far(&before), far(&tissue.skin));
+}
+
+#[test]
+fn the_polyps_fine_surface_goes_with_its_parts() {
+    let whole = polyp();
+    let (least, most) = whole
+        .rest
+        .positions_m
+        .iter()
+        .fold((Vec3::MAX, Vec3::MIN), |(low, high), place| (low.min(Vec3::from(*place)), high.max(Vec3::from(*place))));
+    for (axis, along) in [(Vec3::Z, Vec3::X), (Vec3::Y, Vec3::X), (Vec3::X, Vec3::Y)] {
+        let (middle, size) = ((least + most) / 2.0, most - least);
+        let way = Vec3::ONE - axis - along;
+        let start = middle - way * size * 0.7;
+        let places = straight(start - along * 0.02, start + along * 0.02, way * size * 1.4, 10);
+        let mut tissue = whole.clone();
+        let reports = sweep(&mut tissue, &places, &CutOptions::default());
+        assert!(reports.iter().any(|report| report.parts >= 2), "not cut through across {axis}");
+        let (after, between) = volumes(&tissue);
+        assert_eq!(between, 0, "triangles join two parts, cut across {axis}");
+        let enclosed: f64 = after.iter().map(|[skin, _]| skin).sum();
+        let (before, _) = volumes(&whole);
+        assert!((enclosed / before[0][0] - 1.0).abs() < 0.05, "{enclosed} m³ of {} across {axis}", before[0][0]);
+    }
+}
+
+#[test]
+fn without_room_nothing_is_divided_and_a_surface_of_another_mesh_is_refused() {
+    let mut tissue = in_its_boundary(bar());
+    let (vertices, triangles) = (tissue.skin.rest_m.len(), tissue.skin.triangles.len());
+    let options = CutOptions { max_vertices: vertices, max_triangles: triangles, ..CutOptions::default() };
+    let middle = Vec3::new(0.0181, 0.006, -0.002);
+    let places = straight(middle - Vec3::Y * 0.02, middle + Vec3::Y * 0.02, Vec3::Z * 0.016, 5);
+    let reports = sweep(&mut tissue, &places, &options);
+    assert!(reports.iter().any(|report| report.out_of_room > 0));
+    assert_eq!((tissue.skin.rest_m.len(), tissue.skin.triangles.len()), (vertices, triangles));
+    let mut other = in_its_boundary(bar());
+    other.skin.bindings[3].tet = 1_000_000;
+    let before = other.clone();
+    assert!(matches!(cut(&mut other, &places[0], &CutOptions::default()), Err(CutError::Skin { .. })));
+    assert_eq!(other, before);
+}
