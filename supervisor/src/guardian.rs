@@ -47,14 +47,15 @@ const SUPERVISOR_LATE_NS: u64 = 3_000_000_000;
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
 const STOP_NS: u64 = 4_000_000_000;
-/// What a station needs in /dev/shm. The default scene's streams are 94 MiB if every message of every segment has been used (47 MiB were in use
-/// after 15 s, `du -c /dev/shm/*NAME*`, 2-core EPYC VM, 2026-11-21); while a fluid and a tissue are replaced, 28 and 11 MiB more.
-pub const NEEDED_BYTES: u64 = 144 << 20;
-/// Bytes of the default scene's tissue state.
+/// What a station needs in /dev/shm. The default scene's streams are 240 MiB if every message of every segment has been used and as much has been cut
+/// as there is room for (176 MiB were in use after 15 s, `du -c /dev/shm/*NAME*` beside `ls -l`, 2-core EPYC VM, 2026-11-22); while a fluid and a tissue
+/// are replaced, 28 and 76 MiB more.
+pub const NEEDED_BYTES: u64 = 344 << 20;
+/// Bytes of the nodes and the surface in a state of the default scene.
 const DEFAULT_STATE_BYTES: u64 = 41_000;
-/// What each further byte of a tissue's state takes: 15 MiB more were in use for 33 kB more (a block of 9 720 tets beside the default scene, `du -c`
-/// after 12 s, 2-core EPYC VM, 2026-11-21); and as much again, for what had not been used by then.
-const EACH_STATE_BYTE: u64 = 1_000;
+/// What each further byte of a tissue's nodes and surface takes: 142 MiB more for 40 kB more (`three-polyps.toml` beside the default scene, in the same
+/// way); and a third of it again while a tissue is replaced.
+const EACH_STATE_BYTE: u64 = 5_000;
 
 /// What a station whose tissue has a state of this length needs in /dev/shm.
 pub fn needed_bytes(state_bytes: u64) -> u64 {

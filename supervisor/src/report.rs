@@ -89,6 +89,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "state_hash": hash(status.state_hash),
         "fluid_deficit_ml": status.deficit_ml,
         "removed_volume_ml": status.removed_volume_ml,
+        "cuts": status.cuts,
         "rss_mib": accounts.slots.values().map(|account| account.resident_mib).sum::<f64>(),
         "pss_mib": accounts.slots.values().map(|account| account.proportional_mib).sum::<f64>(),
         "copies": copies(accounts, &status),
@@ -256,6 +257,7 @@ pub fn has_lost(report: &Value) -> bool {
 struct Statuses {
     state_hash: u64,
     removed_volume_ml: f64,
+    cuts: u32,
     deficit_ml: f64,
     copied_per_frame: Option<u64>,
 }
@@ -269,7 +271,8 @@ impl Statuses {
             let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= tissue_tick) {
                 tissue_tick = status.state_tick;
-                (found.state_hash, found.removed_volume_ml) = (status.state_hash, status.removed_volume_ml);
+                found.state_hash = status.state_hash;
+                (found.removed_volume_ml, found.cuts) = (status.removed_volume_ml, status.cuts);
             }
             let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= fluid_tick) {

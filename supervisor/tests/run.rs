@@ -41,6 +41,7 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
         "state_hash",
         "fluid_deficit_ml",
         "removed_volume_ml",
+        "cuts",
     ] {
         assert!(!report[key].is_null(), "{key}");
     }

@@ -8,7 +8,7 @@ mod keepers;
 pub mod windows;
 
 use hyst_exchange::ReadPage;
-use hyst_messages::{HardwareSample, Role, Slot};
+use hyst_messages::{HardwareSample, Role, Slot, TissueStatus};
 use hyst_recording::Recording;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -292,6 +292,15 @@ impl Station {
             Some((status.deficit_ml, status.state_tick))
         });
         statuses.max_by_key(|status| status.1).unwrap_or_default()
+    }
+
+    /// What the tissue says of its newest state, whoever made it.
+    pub fn tissue_status(&self) -> TissueStatus {
+        let (station, clock) = (self.place(), self.clock());
+        let statuses = clock.occupied(Role::Tissue).filter_map(|(slot, incarnation)| {
+            Some(station.read_slot(slot, incarnation).ok()?.cell(hyst_messages::page::tissue::STATUS)?.1)
+        });
+        statuses.max_by_key(|status| status.state_tick).unwrap_or_default()
     }
 
     /// Totals of the hardware's ledger so far: non-void ticks, and those of them without a fresh force.

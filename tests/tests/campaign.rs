@@ -196,7 +196,7 @@ fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
         ("", "injects nothing"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:7\"]\ncount = 1\n", "haptic:7"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"collision-worker:9\"]\ncount = 1\n", "collision-worker:0"),
-        ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\nstates = [\"cutting\"]\ncount = 1\n", "does not cut"),
+        ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\nstates = [\"cutting\"]\ncount = 1\n", "cuts nothing"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = -1\n", "count"),
         ("[station]\nbinaries = \".\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "no hardware there"),
     ] {

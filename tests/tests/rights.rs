@@ -54,7 +54,7 @@ fn a_full_shared_memory_is_one_error_and_leaves_nothing() {
     let folder = Folder::new("full");
     let large = folder.write("large.msh", &block(14));
     // The last one has room for a station, but not for one of this organ.
-    for (size, scene) in [("16m", ""), ("96m", ""), ("160m", large.as_str())] {
+    for (size, scene) in [("16m", ""), ("96m", ""), ("360m", large.as_str())] {
         let program = binaries().join("hystation");
         let script = format!(
             "mount -t tmpfs -o size={size} full /dev/shm && \

@@ -30,7 +30,9 @@ struct Source {
     states: Option<Subscriber>,
     jobs: Option<Subscriber>,
     state: Option<Held>,
-    topology: Option<Subscriber>,
+    topologies: Option<Subscriber>,
+    /// Its newest topology: that of a state comes from whoever made it, or made one of it.
+    topology: Option<Held>,
 }
 
 struct Worker<'a> {
@@ -41,7 +43,6 @@ struct Worker<'a> {
     sources: [Source; TISSUES],
     /// The source whose page the member has.
     followed: Option<usize>,
-    topology: Option<Held>,
     hits: Vec<Hit>,
     lies: Lies,
 }
@@ -63,13 +64,12 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         roster,
         sources: Default::default(),
         followed: None,
-        topology: None,
         hits: vec![Hit::default(); MAX_HITS],
         lies: Lies::new(life, bytes),
     };
     let mut member = ProcessMember::new(Arc::clone(&life.page));
     life.ports_are_open();
-    while worker.topology.is_none() && !life.clock.stop_requested() {
+    while worker.sources.iter().all(|source| source.topology.is_none()) && !life.clock.stop_requested() {
         worker.receive(&mut member);
         life.heartbeat();
         system::sleep_ns(TICK_NS);
@@ -129,8 +129,8 @@ impl Worker<'_> {
         }
         for source in &mut self.sources {
             // Whose it was may be dead, and the last message of a stream is unmapped with it: not on this thread.
-            if let Some(held) = source.topology.as_ref().and_then(|stream| stream.newest().ok()?)
-                && let Some(before) = self.topology.replace(held)
+            if let Some(held) = source.topologies.as_ref().and_then(|stream| stream.newest().ok()?)
+                && let Some(before) = source.topology.replace(held)
             {
                 self.inbox.retire(Departure::Message(before));
             }
@@ -152,7 +152,7 @@ impl Worker<'_> {
             Port::Page(page) => source.page.replace(page).map(Departure::Page),
             Port::Stream(Kind::TissueState, stream) => source.states.replace(stream).map(Departure::Stream),
             Port::Stream(Kind::CollisionJob, stream) => source.jobs.replace(stream).map(Departure::Stream),
-            Port::Stream(Kind::Topology, stream) => source.topology.replace(stream).map(Departure::Stream),
+            Port::Stream(Kind::Topology, stream) => source.topologies.replace(stream).map(Departure::Stream),
             _ => None,
         };
         if let Some(before) = before {
@@ -179,10 +179,10 @@ impl Worker<'_> {
         };
         let state = self.sources.iter().filter_map(|source| source.state.as_ref()).find(about)?;
         let state = Message::parse(state.bytes(), Kind::TissueState).ok()?;
-        let topology = Message::parse(self.topology.as_ref()?.bytes(), Kind::Topology).ok()?;
-        if topology.header().topology_version != state.header().topology_version {
-            return None;
-        }
+        let version = state.header().topology_version;
+        let topologies = self.sources.iter().filter_map(|source| source.topology.as_ref());
+        let mut topologies = topologies.filter_map(|held| Message::parse(held.bytes(), Kind::Topology).ok());
+        let topology = topologies.find(|topology| topology.header().topology_version == version)?;
         let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
         let tissue =
             Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };

@@ -57,7 +57,9 @@ impl Head {
 #[derive(Default)]
 struct TissueSource {
     states: Option<Subscriber>,
-    topology: Option<Subscriber>,
+    topologies: Option<Subscriber>,
+    /// Its newest topology.
+    topology: Option<Held>,
 }
 
 /// The engine.
@@ -72,7 +74,6 @@ pub struct FlowEngine<'a> {
     holds: Option<(u32, u64)>,
     sources: [TissueSource; TISSUES],
     state: Option<Held>,
-    topology: Option<Held>,
     hardware: Option<ReadPage>,
     /// Of the tissue.
     horizon: Horizon,
@@ -120,7 +121,6 @@ impl<'a> FlowEngine<'a> {
             holds: None,
             sources: Default::default(),
             state: None,
-            topology: None,
             hardware: None,
             horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
@@ -138,7 +138,7 @@ impl<'a> FlowEngine<'a> {
         let mut key = self.state.as_ref().and_then(key_of);
         let (horizon, clock) = (&self.horizon, &self.life.clock);
         let is_ahead = |found: (u32, u64)| horizon.is_passed_by(found, self.period_ticks, clock);
-        for source in &self.sources {
+        for source in &mut self.sources {
             if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?)
                 && key_of(&held) > key
             {
@@ -149,19 +149,25 @@ impl<'a> FlowEngine<'a> {
                     self.life.page.add64(header::INVALID, 1);
                 }
             }
-            if let Some(held) = source.topology.as_ref().and_then(|stream| stream.newest().ok()?) {
-                self.topology = Some(held);
+            if let Some(held) = source.topologies.as_ref().and_then(|stream| stream.newest().ok()?) {
+                source.topology = Some(held);
             }
         }
     }
 
-    /// Makes the mask from the tissue's newest state; without one the mask stays as it is.
+    fn has_walls_of(&self, state: &Held) -> bool {
+        let state = Message::parse(state.bytes(), Kind::TissueState);
+        state.is_ok_and(|state| topology_of(&self.sources, &state).is_some())
+    }
+
+    /// Makes the mask from the tissue's newest state; without one, and until its topology is there, the mask stays as it is.
     fn update_walls(&mut self) -> Result<u64, Failure> {
         self.receive();
-        let (Some(state), Some(topology)) = (&self.state, &self.topology) else { return Ok(0) };
+        let Some(state) = &self.state else { return Ok(0) };
         let state = Message::parse(state.bytes(), Kind::TissueState)?;
-        let topology = Message::parse(topology.bytes(), Kind::Topology)?;
-        if self.cavity.update(state.section(1)?, topology.section(1)?, self.seed_m) {
+        let Some(topology) = topology_of(&self.sources, &state) else { return Ok(0) };
+        let tets = topology.section(1)?;
+        if self.cavity.update(state.section(1)?, tets, self.seed_m) {
             self.crew.solver().set_mask(self.cavity.mask()).map_err(|error| Failure::Broken(error.to_string()))?;
         }
         Ok(state.header().tick)
@@ -187,6 +193,14 @@ impl<'a> FlowEngine<'a> {
         self.status = status;
         Ok(())
     }
+}
+
+/// The topology that a state of the tissue is of, from whichever tissue has sent it.
+fn topology_of<'a>(sources: &'a [TissueSource], state: &Message<'_>) -> Option<Message<'a>> {
+    let version = state.header().topology_version;
+    let all = sources.iter().filter_map(|source| source.topology.as_ref());
+    let mut all = all.filter_map(|held| Message::parse(held.bytes(), Kind::Topology).ok());
+    all.find(|topology| topology.header().topology_version == version)
 }
 
 /// Whether a tissue's nodes are where an organ can be; the walls stay as they are until they are again.
@@ -299,7 +313,7 @@ impl Stateful for FlowEngine<'_> {
         self.receive();
         let tissue_tick = self.life.clock.page().load64(station::TISSUE_TICK);
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE));
-        self.topology.is_some()
+        self.state.as_ref().is_some_and(|state| self.has_walls_of(state))
             && self.state.as_ref().and_then(key_of).is_some_and(|(_, tick)| tick >= tissue_tick)
             && sample.is_some_and(|(_, sample)| sample.hardware_tick == next_tick)
     }
@@ -337,7 +351,7 @@ impl Stateful for FlowEngine<'_> {
         let before = match (arrival.slot.role(), arrival.port) {
             (Role::Hardware, UsherPort::Page(page)) => self.hardware.replace(page).map(Departure::Page),
             (Role::Tissue, UsherPort::Stream(kind, stream)) => self.sources.get_mut(index).and_then(|source| {
-                let place = if kind == Kind::TissueState { &mut source.states } else { &mut source.topology };
+                let place = if kind == Kind::TissueState { &mut source.states } else { &mut source.topologies };
                 place.replace(stream).map(Departure::Stream)
             }),
             _ => None,

@@ -51,7 +51,7 @@ pub fn affordable_step(world: &World) -> Result<u64, Failure> {
         step(&world.model, &mut scratch, now, &input, next).map_err(|error| Failure::Input(error.to_string()))?;
         Ok(system::thread_ns() - begun_ns)
     };
-    let tets = world.tet_owner.len();
+    let tets = world.body.rest.tets.len();
     first_affordable(&mut trial, || system::sleep_ns(PAUSE_NS))?.map_err(|least_ns| {
         let (longest, least_ms) = (LONGEST_STEP, least_ns as f64 * 1e-6);
         let room = tets as f64 * SHARE_OF_PERIOD * longest as f64 / least_ms;

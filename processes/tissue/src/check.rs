@@ -3,7 +3,7 @@
 //! anything starts.
 
 use crate::afford::affordable_step;
-use crate::world::{World, isa, load_scene};
+use crate::world::{Workshop, isa, load_scene};
 use hyst_engine::{Failure, Settings};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -40,7 +40,7 @@ fn notes(mut arguments: impl Iterator<Item = String>) -> Result<Vec<String>, Fai
         }
     }
     let scene = load_scene(settings.scene.as_deref())?;
-    let mut world = World::of(&scene, isa(&settings)?)?;
+    let (_, mut world) = Workshop::open(&scene, isa(&settings)?)?;
     if timed {
         world.notes.push(format!("on this machine the tissue takes steps of {} ms", affordable_step(&world)?));
     }

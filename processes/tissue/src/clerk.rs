@@ -1,8 +1,9 @@
 //! The clerk: an ordinary thread that sends the topology on change and to every newcomer, and answers those who ask for the objects'
 //! appearance by rendezvous. The Main Loop never waits for either.
 
-use crate::site::ObjectKind;
+use crate::site::{MAX_OBJECTS, ObjectKind};
 use crate::world::World;
+use crossbeam::queue::ArrayQueue;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::rendezvous::Server;
 use hyst_exchange::{Links, Publisher, system};
@@ -12,14 +13,17 @@ use hyst_scene::Look;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How often newcomers are looked for and requests answered, ns.
-const INTERVAL_NS: u64 = 10_000_000;
+/// How often newcomers are looked for, requests answered and changes sent, ns.
+const INTERVAL_NS: u64 = 2_000_000;
+/// Worlds that wait to be sent; of more the oldest is left out, because only the newest counts.
+const WAITING: usize = 4;
 
 /// Sections of a topology: objects, tets, owner of each tet, triangles, surface vertices at rest, wall triangles.
 pub const SECTIONS: usize = 6;
 
 /// Ends the clerk's thread when dropped.
 pub struct Clerk {
+    changes: Arc<ArrayQueue<Arc<World>>>,
     stop: Arc<AtomicBool>,
     handle: Option<std::thread::JoinHandle<()>>,
 }
@@ -35,40 +39,41 @@ impl Drop for Clerk {
 
 /// The answer to whoever asks how the scene looks: the scope, then each object as the scene or else its kind says.
 fn answer(world: &World) -> Vec<u8> {
-    let objects = appearance(world.site.objects(), &world.looks);
-    [bytemuck::bytes_of(&world.scope), bytemuck::cast_slice(&objects)].concat()
+    let look = |object: &ObjectRecord| {
+        let origin = world.body.origin.get(object.id as usize)?;
+        world.case.looks.get(*origin as usize).copied().flatten()
+    };
+    let objects = appearance(&world.objects, look);
+    [bytemuck::bytes_of(&world.case.scope), bytemuck::cast_slice(&objects)].concat()
 }
 
-fn appearance(objects: &[ObjectRecord], looks: &[Option<Look>]) -> Vec<AppearanceRecord> {
-    let one = |(index, object): (usize, &ObjectRecord)| {
+fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<Look>) -> Vec<AppearanceRecord> {
+    let one = |object: &ObjectRecord| {
         let (material, colour, roughness) = match object.kind {
-            kind if kind == ObjectKind::Pathology as u32 => (1, [0.62, 0.16, 0.13], 0.30),
+            kind if kind == ObjectKind::Pathology as u32 || kind == ObjectKind::FreePiece as u32 => (1, [0.62, 0.16, 0.13], 0.30),
             kind if kind == ObjectKind::Tool as u32 => (3, [0.70, 0.71, 0.73], 0.25),
             _ => (0, [0.78, 0.34, 0.30], 0.35),
         };
-        let look = looks.get(index).copied().flatten();
         let (colour, roughness) =
-            look.map_or((colour, roughness), |look| (look.colour.map(|share| share as f32), look.roughness as f32));
+            look(object).map_or((colour, roughness), |look| (look.colour.map(|share| share as f32), look.roughness as f32));
         AppearanceRecord { id: object.id, material, colour, roughness, cut_age_ticks: 0, reserved: 0 }
     };
-    objects.iter().enumerate().map(one).collect()
+    objects.iter().map(one).collect()
 }
 
 fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Result<(), Failure> {
-    let model = &world.model;
-    let mut rest = vec![[0.0; 3]; world.bindings.len()];
-    hyst_tissue::surface_update(&world.bindings, model.tets(), model.rest_m(), &mut rest);
+    let (model, skin) = (&world.model, &world.body.skin);
     let parts: [&[u8]; SECTIONS] = [
-        bytemuck::cast_slice(world.site.objects()),
+        bytemuck::cast_slice(&world.objects),
         bytemuck::cast_slice(model.tets()),
-        bytemuck::cast_slice(&world.tet_owner),
-        bytemuck::cast_slice(&world.triangles),
-        bytemuck::cast_slice(&rest),
+        bytemuck::cast_slice(&world.body.rest.regions),
+        bytemuck::cast_slice(&skin.triangles),
+        bytemuck::cast_slice(&skin.rest_m),
         bytemuck::cast_slice(&world.wall),
     ];
     let lengths = parts.map(<[u8]>::len);
     let mut loan = publisher.loan(message_bytes(&lengths))?;
-    let header = StreamHeader { incarnation, topology_version: world.site.version(), ..Default::default() };
+    let header = StreamHeader { incarnation, topology_version: world.version, ..Default::default() };
     let places = MessageMut::format(loan.bytes_mut(), Kind::Topology, header, &lengths)?.split();
     for (place, part) in places.into_iter().zip(parts) {
         place.copy_from_slice(part);
@@ -77,32 +82,46 @@ fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Resu
     Ok(())
 }
 
+/// Bytes of the greatest topology that can come of a world.
+fn most_bytes(world: &World) -> usize {
+    let room = &world.case.room;
+    let objects = MAX_OBJECTS * size_of::<ObjectRecord>();
+    // A body of tets has hardly more boundary faces than tets; twice as many are room for crumbs.
+    message_bytes(&[objects, room.tets * 16, room.tets * 4, room.triangles * 12, room.vertices * 12, room.tets * 24])
+}
+
 impl Clerk {
     /// Sends the topology and begins to answer.
-    pub fn start(life: &Life, links: &Links, world: &World) -> Result<Clerk, Failure> {
-        let bytes = [
-            size_of_val(world.site.objects()),
-            size_of_val(world.model.tets()),
-            world.tet_owner.len() * 4,
-            world.triangles.len() * 12,
-            world.bindings.len() * 12,
-            world.wall.len() * 12,
-        ];
-        let publisher = links.publisher(Role::Tissue, life.incarnation, Kind::Topology, message_bytes(&bytes))?;
-        send_topology(&publisher, world, life.incarnation)?;
+    pub fn start(life: &Life, links: &Links, world: Arc<World>) -> Result<Clerk, Failure> {
+        let publisher = links.publisher(Role::Tissue, life.incarnation, Kind::Topology, most_bytes(&world))?;
+        let incarnation = life.incarnation;
+        send_topology(&publisher, &world, incarnation)?;
         let mut server = links.server(Role::Tissue, life.incarnation, Kind::Appearance)?;
-        let answer = answer(world);
+        let changes: Arc<ArrayQueue<Arc<World>>> = Arc::new(ArrayQueue::new(WAITING));
+        let changed = Arc::clone(&changes);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = Arc::clone(&stop);
         let body = move || {
+            let (mut sent, mut last) = (Arc::clone(&world), answer(&world));
             while !stopped.load(Ordering::Acquire) {
                 // A link that fails here fails for newcomers alone; their next look asks again.
                 let _ = publisher.announce();
-                let _ = server.serve(&mut |_request| answer.clone());
+                let _ = server.serve(&mut |_request| last.clone());
+                if let Some(newest) = std::iter::from_fn(|| changed.pop()).last() {
+                    let _ = send_topology(&publisher, &newest, incarnation);
+                    last = answer(&newest);
+                    // The one before is freed here, and not by the Main Loop.
+                    drop(std::mem::replace(&mut sent, newest));
+                }
                 system::sleep_ns(INTERVAL_NS);
             }
         };
         let handle = std::thread::Builder::new().name("clerk".into()).spawn(body)?;
-        Ok(Clerk { stop, handle: Some(handle) })
+        Ok(Clerk { changes, stop, handle: Some(handle) })
+    }
+
+    /// Hands over a world whose topology is to be sent.
+    pub fn tell(&self, world: &Arc<World>) {
+        self.changes.force_push(Arc::clone(world));
     }
 }

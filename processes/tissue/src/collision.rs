@@ -69,7 +69,7 @@ impl Collision {
 impl Collision {
     /// For the workers of the station.
     pub fn new(life: &Life, world: &World) -> Collision {
-        let sizes = HashSizes::for_points(world.tool.points_m.len());
+        let sizes = HashSizes::for_points(world.case.tool.points_m.len());
         let workers = life.settings.workers.min(MAX_WORKERS);
         let room = contacts::max_hits(world);
         Collision {

@@ -1,5 +1,6 @@
 //! From hits to springs for the deformation, forces on the tool, and planes for the servo.
 
+use crate::site::MAX_OBJECTS;
 use crate::world::World;
 use hyst_contact::{
     ContactForce, Gap, HashRef, Hit, Memory, Motion, Penetration, PenetrationInput, PenetrationParams, PlaneInput, PlaneParams,
@@ -58,19 +59,19 @@ pub struct ToolMotion<'a> {
 
 /// Tissue as the contact crate sees it.
 pub fn tissue<'a>(world: &'a World, positions_m: &'a [[f32; 3]]) -> Tissue<'a> {
-    Tissue { positions_m, tets: world.model.tets(), tet_owner: &world.tet_owner }
+    Tissue { positions_m, tets: world.model.tets(), tet_owner: &world.body.rest.regions }
 }
 
 impl Contacts {
     /// Buffers for a world.
     pub fn new(world: &World) -> Contacts {
-        let points = world.tool.points_m.len();
+        let points = world.case.tool.points_m.len();
         let hits = max_hits(world);
-        let tool_id = world.site.objects().len() as u32; // a number that no tet has
+        let tool_id = MAX_OBJECTS as u32; // a number that no tet has, also when pieces come free
         Contacts {
             work: Workspace::new(points, hits, world.model.node_count()),
             owner: vec![tool_id; points],
-            area_m2: world.tool.area_m2.clone(),
+            area_m2: world.case.tool.area_m2.clone(),
             velocity_m_s: vec![[0.0; 3]; points],
             found: vec![Penetration::default(); hits],
             forces: vec![ContactForce::default(); hits],
@@ -104,7 +105,7 @@ impl Contacts {
             hits,
             points_m: tool.points_m,
             points,
-            graph: &world.tool.graph,
+            graph: &world.case.tool.graph,
             tissue,
             topology: &world.topology,
         };
@@ -212,5 +213,5 @@ impl Contacts {
 
 /// Room for hits: each tool point in at most two objects.
 pub fn max_hits(world: &World) -> usize {
-    2 * world.tool.points_m.len()
+    2 * world.case.tool.points_m.len()
 }

@@ -2,12 +2,15 @@
 
 mod afford;
 mod bench;
+mod body;
 mod check;
 mod clerk;
 mod collision;
 mod contacts;
+mod knife;
 mod main_loop;
 mod site;
+mod state;
 mod tool;
 mod world;
 
@@ -18,8 +21,8 @@ use hyst_engine::{Failure, Life, Stateful};
 
 /// The Main Loop, for who puts something around it.
 pub fn engine(life: &Life) -> Result<impl Stateful + '_, Failure> {
-    let world = world::World::load(life)?;
-    main_loop::MainLoop::new(life, world)
+    let (workshop, world) = world::Workshop::load(life)?;
+    main_loop::MainLoop::new(life, workshop, world)
 }
 
 /// The whole life of a Main Loop.

@@ -5,6 +5,7 @@
 //! A step depends on the state of t and on the input record that the device published for the tick before t, and on nothing else; so a
 //! substitute computes the same bits.
 
+mod cutting;
 #[cfg(test)]
 mod tests;
 
@@ -12,8 +13,10 @@ use crate::afford::{LONGEST_STEP, affordable_step};
 use crate::clerk::Clerk;
 use crate::collision::Collision;
 use crate::contacts::{Contacts, ToolMotion};
-use crate::world::World;
-use bytemuck::{Pod, Zeroable};
+use crate::knife::{Knife, wire_m};
+use crate::site::SiteManager;
+use crate::state::{Core, hash, is_sound, most_bytes, sections};
+use crate::world::{Workshop, World};
 use hyst_contact::{Memory, PlaneSet};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
@@ -21,46 +24,37 @@ use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
-    ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus, fnv_words,
+    BUTTON_ENERGIZED, ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus,
 };
 use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
 use std::cell::Cell;
+use std::sync::Arc;
 
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
 /// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
 /// wall would need the stress-free shape, which no mesh of a distended cavity holds.
 const MAX_DISTENSION_PA: f32 = 2_000.0;
-/// No node of a patient's organ is farther from the pivot, m.
-const FARTHEST_M: f32 = 10.0;
-/// And none is faster, m/s.
-const MOST_M_S: f32 = 1_000.0;
-
-/// First section of a tissue state.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct Core {
-    /// The tool in the step that made the state.
-    pub pose: Pose,
-    /// Velocity of its tip, m/s.
-    pub velocity_m_s: [f32; 3],
-    /// Force of the tissue on it, N.
-    pub force_n: [f32; 3],
-    /// Removed so far, ml.
-    pub removed_volume_ml: f64,
+/// What a step takes from its input.
+struct Hand {
+    input_tick: u64,
+    pose: Pose,
+    velocity_m_s: [f32; 3],
+    /// Where the wire is, m, if it cuts.
+    wire_m: Option<Vec<[f32; 3]>>,
     /// Pressure in the cavity to be used by the next step, Pa.
-    pub pressure_pa: f32,
-    /// Contacts in the step.
-    pub contact_count: u32,
+    next_pressure_pa: f32,
 }
-
-/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points.
-pub const SECTIONS: usize = 5;
 
 /// The engine.
 pub struct MainLoop<'a> {
     life: &'a Life,
-    world: World,
+    workshop: Workshop,
+    world: Arc<World>,
+    site: SiteManager,
+    knife: Knife,
+    /// Whether a cut was refused, which is said once.
+    has_refused: bool,
     scratch: Scratch,
     contacts: Contacts,
     collision: Collision,
@@ -76,10 +70,10 @@ pub struct MainLoop<'a> {
 }
 
 impl<'a> MainLoop<'a> {
-    /// An engine for a world.
-    pub fn new(life: &'a Life, world: World) -> Result<MainLoop<'a>, Failure> {
+    /// An engine for the world of a scene, and for those that cuts make of it.
+    pub fn new(life: &'a Life, workshop: Workshop, world: World) -> Result<MainLoop<'a>, Failure> {
         let contacts = Contacts::new(&world);
-        let points = world.tool.points_m.len();
+        let points = world.case.tool.points_m.len();
         let owner = contacts.points().owner.to_vec();
         // In lock-step the step must not depend on the machine.
         let default = if life.is_lockstep() { 1.0 } else { 0.0 };
@@ -87,8 +81,14 @@ impl<'a> MainLoop<'a> {
         if asked == 3 {
             return Err(Failure::Input("--set tissue_step_ticks=3: expected 1, 2 or 4".into()));
         }
+        let mut site = SiteManager::default();
+        site.register_objects(&world.objects);
         let engine = MainLoop {
             life,
+            workshop,
+            site,
+            knife: Knife::default(),
+            has_refused: false,
             scratch: Scratch::new(&world.model),
             collision: Collision::new(life, &world),
             contacts,
@@ -101,7 +101,7 @@ impl<'a> MainLoop<'a> {
             planes: PlaneSet::default(),
             status: TissueStatus::default(),
             lies: Lies::new(life, size_of::<ContactModel>()),
-            world,
+            world: Arc::new(world),
         };
         if asked == 0 {
             let has_begun = Roster::open(&life.station)?.holder(Role::Tissue).epoch > 0;
@@ -113,21 +113,38 @@ impl<'a> MainLoop<'a> {
         Ok(engine)
     }
 
-    fn sections(&self) -> [usize; SECTIONS] {
-        let nodes = self.world.model.node_count();
-        [
-            size_of::<Core>(),
-            nodes * 12,
-            nodes * 12,
-            self.world.bindings.len() * 12,
-            self.world.tool.points_m.len() * size_of::<Memory>(),
-        ]
-    }
-
     /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
     fn input(&self, tick: u64) -> Option<InputRecord> {
         let page = self.device.as_ref()?;
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
+    }
+
+    /// What the hand does in the step from `tick`; without an input it stays where it was, and the wire cuts nothing. What the next step uses of
+    /// the pressure is part of this state, so that a substitute for it uses the same.
+    fn hand(&self, tick: u64, before: &Core) -> Hand {
+        let pressure_pa = before.pressure_pa;
+        let Some(input) = self.input(tick) else {
+            return Hand {
+                input_tick: 0,
+                pose: before.pose,
+                velocity_m_s: [0.0; 3],
+                wire_m: None,
+                next_pressure_pa: pressure_pa,
+            };
+        };
+        let sample = &input.sample;
+        Hand {
+            input_tick: input.tick,
+            pose: sample.pose,
+            velocity_m_s: sample.velocity_m_s,
+            wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
+            next_pressure_pa: if input.pressure_pa > 0.0 { input.pressure_pa } else { pressure_pa },
+        }
+    }
+
+    /// The input for the step from a state.
+    fn input_of(&self, now: &[u8]) -> Option<InputRecord> {
+        self.input(Message::parse(now, Kind::TissueState).ok()?.header().tick)
     }
 
     /// Whether a state was computed from the input that it names: one that stands still while its stamp goes on was not. What is older than
@@ -140,15 +157,15 @@ impl<'a> MainLoop<'a> {
     }
 
     fn first_core(&self) -> Core {
-        let rest = &self.world.rest;
+        let (rest, case) = (&self.world.case.rest, &self.world.case);
         Core {
             pose: Pose {
-                position_m: rest.tip_m(self.world.pivot_m),
+                position_m: rest.tip_m(case.pivot_m),
                 orientation: rest.orientation(),
                 insertion_m: rest.insertion_m,
                 ..Pose::default()
             },
-            pressure_pa: self.world.rest_pressure_pa,
+            pressure_pa: case.rest_pressure_pa,
             ..Core::default()
         }
     }
@@ -160,7 +177,15 @@ impl Stateful for MainLoop<'_> {
     }
 
     fn message_bytes(&self) -> usize {
-        message_bytes(&self.sections())
+        most_bytes(&self.world)
+    }
+
+    /// As many as the state before has, unless something may be cut.
+    fn next_bytes(&self, now: &[u8]) -> usize {
+        let energized = self.input_of(now).is_some_and(|input| input.sample.controls.buttons & BUTTON_ENERGIZED != 0);
+        let is_of_world =
+            Message::parse(now, Kind::TissueState).is_ok_and(|now| now.header().topology_version == self.world.version);
+        if energized || !is_of_world { self.message_bytes() } else { message_bytes(&sections(&self.world, 0)) }
     }
 
     fn step_ticks(&self) -> u64 {
@@ -184,37 +209,28 @@ impl Stateful for MainLoop<'_> {
 
     fn open(&mut self, links: &Links) -> Result<(), Failure> {
         self.collision.open(self.life, links, self.points_m.len())?;
-        self.clerk = Some(Clerk::start(self.life, links, &self.world)?);
+        self.clerk = Some(Clerk::start(self.life, links, Arc::clone(&self.world))?);
         Ok(())
     }
 
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
-        let sections = self.sections();
-        let header = StreamHeader { topology_version: self.world.site.version(), ..header };
-        let parts = MessageMut::format(state, Kind::TissueState, header, &sections)?.split();
-        let [core, positions, velocities, surface, memory, ..] = parts;
+        let world = &self.world;
+        let header = StreamHeader { topology_version: world.version, ..header };
+        let parts = MessageMut::format(state, Kind::TissueState, header, &sections(world, 0))?.split();
+        let [core, positions, velocities, surface, memory, body, ..] = parts;
         core.copy_from_slice(bytemuck::bytes_of(&self.first_core()));
         let positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(positions);
-        positions.copy_from_slice(self.world.model.rest_m());
+        positions.copy_from_slice(world.model.rest_m());
         velocities.fill(0);
         memory.fill(0);
-        surface_update(&self.world.bindings, self.world.model.tets(), positions, bytemuck::cast_slice_mut(surface));
+        body.copy_from_slice(bytemuck::cast_slice(&world.words));
+        surface_update(&world.body.skin.bindings, world.model.tets(), positions, bytemuck::cast_slice_mut(surface));
         Ok(())
     }
 
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
-        let sections = self.sections();
-        let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
-        if !(0..SECTIONS).all(fits) || message.header().topology_version != self.world.site.version() {
-            return false;
-        }
-        // Without an early end, so that it is a few instructions for each line of memory.
-        let within = |index: usize, most: f32| {
-            let numbers: &[f32] = message.section(index).unwrap_or(&[]);
-            numbers.iter().fold(true, |all, value| all & (value.abs() <= most))
-        };
-        if !within(1, FARTHEST_M) || !within(2, MOST_M_S) || !self.is_of_its_input(&message) {
+        if !is_sound(&message, &self.world) || !self.is_of_its_input(&message) {
             return false;
         }
         if let step @ (1 | 2 | 4) = message.header().step_ticks {
@@ -230,43 +246,46 @@ impl Stateful for MainLoop<'_> {
         made < wanted || self.device.as_ref().is_some_and(|page| page.ring(device::INPUTS, wanted).is_some())
     }
 
+    fn prepare(&mut self, newest: &[u8]) -> Result<(), Failure> {
+        self.adopt(&Message::parse(newest, Kind::TissueState)?)
+    }
+
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         let begun_ns = system::now_ns();
         let message = Message::parse(now, Kind::TissueState)?;
+        self.adopt(&message)?;
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
-        let input = self.input(context.tick);
-        // What the next step uses is part of this state, so that a substitute for it uses the same.
-        let told_pa = input.map_or(0.0, |input| input.pressure_pa);
-        let next_pressure_pa = if told_pa > 0.0 { told_pa } else { before.pressure_pa };
-        let (pose, velocity_m_s) = input.map_or((before.pose, [0.0; 3]), |input| (input.sample.pose, input.sample.velocity_m_s));
-        let sections = self.sections();
-        let mut header = *message.header();
-        header.input_tick = input.map_or(0, |input| input.tick);
-        let [core, next_positions, next_velocities, surface, memory, ..] =
+        let Hand { input_tick, pose, velocity_m_s, wire_m, next_pressure_pa } = self.hand(context.tick, &before);
+
+        // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
+        let (is_cut, removed_ml) = self.cut(&message, wire_m.as_deref(), (positions, velocities))?;
+        let context = &StepContext { holding: context.holding && !is_cut, ..*context };
+        let (positions, velocities) = if is_cut { self.knife.moved() } else { (positions, velocities) };
+        let world = &*self.world;
+        let header = StreamHeader { input_tick, topology_version: world.version, ..*message.header() };
+        let sections = sections(world, self.knife.stroke_bytes());
+        let [core, next_positions, next_velocities, surface, memory, body, next_stroke, ..] =
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
+        body.copy_from_slice(bytemuck::cast_slice(&world.words));
+        self.knife.write_stroke(next_stroke);
         memory.copy_from_slice(message.section::<u8>(4)?);
         let memory: &mut [Memory] = bytemuck::cast_slice_mut(memory);
 
         // Rigid objects and their points, then the intersection test.
-        self.world.tool.place(&pose, &mut self.points_m);
-        let job = self.collision.hash(context, &self.points_m, &self.owner, self.world.cell_m)?;
+        world.case.tool.place(&pose, &mut self.points_m);
+        let job = self.collision.hash(context, &self.points_m, &self.owner, world.cell_m)?;
         let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
-        self.collision.test(self.life, context, job, (&self.points_m, &points), &self.world, positions)?;
+        self.collision.test(self.life, context, job, (&self.points_m, &points), world, positions)?;
         let tested_ns = system::now_ns();
 
         // Response: springs for the deformation, friction and the fluid's pressure as forces.
-        let pivot = self.world.pivot_m;
-        let tool = ToolMotion {
-            points_m: &self.points_m,
-            velocity_m_s,
-            tip_m: pose.position_m,
-            back: std::array::from_fn(|axis| pivot[axis] - pose.position_m[axis]),
-        };
-        self.contacts.meet(&self.world, self.collision.hits(), &tool, positions, velocities, memory)?;
-        let distension_pa = before.pressure_pa - self.world.rest_pressure_pa;
+        let back = std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]);
+        let tool = ToolMotion { points_m: &self.points_m, velocity_m_s, tip_m: pose.position_m, back };
+        self.contacts.meet(world, self.collision.hits(), &tool, positions, velocities, memory)?;
+        let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
         self.pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
-        pressure_forces(&self.world.wall, positions, &self.pressure_pa, self.contacts.node_force_n());
+        pressure_forces(&world.wall, positions, &self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
@@ -276,24 +295,26 @@ impl Stateful for MainLoop<'_> {
             external_force_n: self.contacts.forces_n(),
             targets_m: &[],
             springs: self.contacts.springs(),
-            attachments: &self.world.attachments,
+            attachments: &world.attachments,
             dt_s: context.step_ticks as f32 * 1e-3,
         };
         let from = StateRef { position_m: positions, velocity_m_s: velocities };
-        step(&self.world.model, &mut self.scratch, from, &input, state).map_err(|error| Failure::Broken(error.to_string()))?;
+        step(&world.model, &mut self.scratch, from, &input, state).map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
-        surface_update(&self.world.bindings, self.world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
+        surface_update(&world.body.skin.bindings, world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
 
         // Forces to the device.
-        let (planes, force_n) = self.contacts.planes(&self.world, &self.collision.table()?, &tool, next_positions)?;
+        let (planes, force_n) = self.contacts.planes(world, &self.collision.table()?, &tool, next_positions)?;
         self.planes = planes;
         let core_now = Core {
             pose,
             velocity_m_s,
             force_n,
-            removed_volume_ml: before.removed_volume_ml,
+            removed_volume_ml: before.removed_volume_ml + removed_ml,
             pressure_pa: next_pressure_pa,
             contact_count: self.contacts.count() as u32,
+            cuts: before.cuts + u32::from(is_cut),
+            is_cutting: u32::from(wire_m.is_some()),
         };
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
@@ -324,16 +345,17 @@ impl Stateful for MainLoop<'_> {
         let page = &self.life.page;
         page.write(tissue::MODEL, &model);
         self.status.state_tick = context.next_tick;
-        self.status.state_hash = state_hash(&message);
+        self.status.state_hash = hash(&message);
         self.status.step_ticks = context.step_ticks as u32;
+        self.status.topology_version = message.header().topology_version;
         page.write(tissue::STATUS, &self.status);
         page.store64(header::COPIED_BYTES, page.load64(header::COPIED_BYTES) + self.collision.copied_bytes());
     }
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
-        let is_registered = self.world.site.register_engine(arrival.slot, arrival.incarnation);
-        self.status.objects = self.world.site.objects().len() as u32;
-        self.status.engines = self.world.site.engines();
+        let is_registered = self.site.register_engine(arrival.slot, arrival.incarnation);
+        self.status.objects = self.site.objects().len() as u32;
+        self.status.engines = self.site.engines();
         // At once: a spare makes no step that could say whom it knows.
         self.life.page.write(tissue::STATUS, &self.status);
         match (arrival.slot.role(), arrival.port) {
@@ -366,6 +388,8 @@ fn status_of(
     let us = |part: usize| (times_ns[part + 1] - times_ns[part]) as f32 * 1e-3;
     TissueStatus {
         removed_volume_ml: core.removed_volume_ml,
+        cuts: core.cuts,
+        is_cutting: core.is_cutting,
         cavity_pressure_pa,
         contact_count: core.contact_count,
         tool_force_n: core.force_n,
@@ -373,10 +397,4 @@ fn status_of(
         phase_us: [us(2), us(0), us(1), us(3)],
         ..before
     }
-}
-
-/// Hash of what the next step depends on: positions and velocities.
-fn state_hash(message: &Message<'_>) -> u64 {
-    let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
-    fnv_words(message.header().tick, words(1).chain(words(2)))
 }

@@ -16,21 +16,10 @@ pub enum ObjectKind {
     Organ = 0,
     /// It is to be removed.
     Pathology = 1,
+    /// It has come free and floats.
+    FreePiece = 2,
     /// An instrument.
     Tool = 3,
-}
-
-/// Sizes of an object that registers.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Extent {
-    /// Nodes.
-    pub nodes: usize,
-    /// Tets.
-    pub tets: usize,
-    /// Vertices of the surface for the eye.
-    pub vertices: usize,
-    /// Triangles of the surface for the eye.
-    pub triangles: usize,
 }
 
 /// The register.
@@ -39,33 +28,22 @@ pub struct SiteManager {
     objects: Vec<ObjectRecord>,
     /// Incarnation that is registered for each slot, 0 if none is.
     engines: [u32; SLOTS],
-    version: u32,
+}
+
+/// An object that registers behind those that are there: its place in the common arrays is not known yet.
+pub fn object(name: &str, kind: ObjectKind, id: u32) -> ObjectRecord {
+    let mut label = [0u8; 32];
+    let bytes = name.as_bytes();
+    let length = bytes.len().min(31);
+    label[..length].copy_from_slice(&bytes[..length]);
+    ObjectRecord { name: label, kind: kind as u32, id, ..ObjectRecord::default() }
 }
 
 impl SiteManager {
-    /// Registers an object behind those that are there; `None` if the scene is full.
-    pub fn register_object(&mut self, name: &str, kind: ObjectKind, extent: Extent) -> Option<u32> {
-        if self.objects.len() >= MAX_OBJECTS {
-            return None;
-        }
-        let end = |pair: fn(&ObjectRecord) -> [u32; 2]| self.objects.last().map_or(0, |last| pair(last)[0] + pair(last)[1]);
-        let mut label = [0u8; 32];
-        let bytes = name.as_bytes();
-        let length = bytes.len().min(31);
-        label[..length].copy_from_slice(&bytes[..length]);
-        let id = self.objects.len() as u32;
-        let record = ObjectRecord {
-            name: label,
-            kind: kind as u32,
-            id,
-            nodes: [end(|o| o.nodes), extent.nodes as u32],
-            tets: [end(|o| o.tets), extent.tets as u32],
-            vertices: [end(|o| o.vertices), extent.vertices as u32],
-            triangles: [end(|o| o.triangles), extent.triangles as u32],
-        };
-        self.objects.push(record);
-        self.version += 1;
-        Some(id)
+    /// Registers the objects as they are now: those of the scene, what has come free of them, the instruments.
+    pub fn register_objects(&mut self, objects: &[ObjectRecord]) {
+        self.objects.clear();
+        self.objects.extend_from_slice(objects);
     }
 
     /// Registers an engine, or its successor in the same slot; false if a later life of the engine is registered already, so that what this one
@@ -87,32 +65,12 @@ impl SiteManager {
     pub fn objects(&self) -> &[ObjectRecord] {
         &self.objects
     }
-
-    /// Grows with each object that comes or goes.
-    pub fn version(&self) -> u32 {
-        self.version
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use hyst_messages::Role;
-
-    #[test]
-    fn objects_lie_one_behind_the_other_and_a_full_scene_says_so() {
-        let mut site = SiteManager::default();
-        let extent = Extent { nodes: 10, tets: 20, vertices: 30, triangles: 40 };
-        assert_eq!(site.register_object("uterus", ObjectKind::Organ, extent), Some(0));
-        assert_eq!(site.register_object("polyp", ObjectKind::Pathology, extent), Some(1));
-        let polyp = site.objects()[1];
-        assert_eq!((polyp.nodes, polyp.tets, polyp.vertices, polyp.triangles), ([10, 10], [20, 20], [30, 30], [40, 40]));
-        for _ in 2..MAX_OBJECTS {
-            assert!(site.register_object("piece", ObjectKind::Pathology, extent).is_some());
-        }
-        assert_eq!(site.register_object("one too many", ObjectKind::Pathology, extent), None);
-        assert_eq!(site.version() as usize, MAX_OBJECTS);
-    }
 
     #[test]
     fn a_successor_takes_its_predecessors_entry_and_a_predecessor_is_refused() {

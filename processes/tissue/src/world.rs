@@ -1,14 +1,17 @@
-//! The model of everything that the Main Loop computes: made once from the scene, never changed by a step.
+//! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
-use crate::site::{Extent, ObjectKind, SiteManager};
+use crate::body::{Body, Room, version_of};
+use crate::site::{MAX_OBJECTS, ObjectKind, object};
 use crate::tool::Tool;
 use hyst_contact::Topology;
 use hyst_engine::{Failure, Life, Settings};
 use hyst_mesh::{Binding, TetMesh};
-use hyst_messages::stream::ScopeRecord;
-use hyst_scene::{DeformableKind, LoadedRigid, LoadedScene, Look};
-use hyst_tissue::{Attachment, Isa, Material, Model, ModelError, ModelReport, Options, join};
+use hyst_messages::stream::{ObjectRecord, ScopeRecord};
+use hyst_scene::{DeformableKind, LoadedLoop, LoadedRigid, LoadedScene, Look};
+use hyst_tissue::{Attachment, Isa, Material, Model, ModelError, ModelMaker, ModelReport, Options, Skin, join};
+use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Stiffness that contacts and attachments may add up to at a node, N/m: a tip of 20 mm² in [`crate::contacts::STIFFNESS_N_M3`].
 pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
@@ -20,40 +23,65 @@ const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 /// Most mass that may be added, as a share of the tissue's own: a swing takes at most √2 times as long, what the hand feels at rest is the same.
 const MAX_ADDED_MASS_RATIO: f64 = 1.0;
 
-/// All objects as one model: objects that hold each other belong together.
-pub struct World {
-    /// The deformable objects.
-    pub model: Model,
-    /// Faces and neighbours.
-    pub topology: Topology,
-    /// Object of each tet.
-    pub tet_owner: Vec<u32>,
-    /// What holds a pathology in its host.
-    pub attachments: Vec<Attachment>,
-    /// Triangles of the cavity's wall: boundary triangles of hollow organs without fixed nodes.
-    pub wall: Vec<[u32; 3]>,
-    /// Surfaces for the eye, one behind the other: tet and weights of each vertex.
-    pub bindings: Vec<Binding>,
-    /// Their triangles, in the numbering of all vertices.
-    pub triangles: Vec<[u32; 3]>,
+/// What a scene says and no cut changes.
+pub struct Case {
+    /// Name and kind of each object of the scene.
+    objects: Vec<(String, ObjectKind)>,
+    /// Whether an object of the scene has a cavity.
+    hollow: Vec<bool>,
+    /// Instruments by name.
+    rigid: Vec<String>,
+    /// What holds a pathology in its host: the object and the place at rest of the node that is held, and how.
+    roots: BTreeMap<(u32, [u32; 3]), Attachment>,
+    cell_m: f32,
+    /// What there is room for.
+    pub room: Room,
     /// The instrument.
     pub tool: Tool,
-    /// The register.
-    pub site: SiteManager,
-    /// How each deformable object looks, where the scene says so.
+    /// Its electrode at extension 0, in its own frame, and how far that goes out, m.
+    pub electrode: Option<LoadedLoop>,
+    /// How each object looks, where the scene says so.
     pub looks: Vec<Option<Look>>,
     /// How the instrument sees, and what is drawn of it.
     pub scope: ScopeRecord,
-    /// Mean edge of the tets: the cell of the spatial hash, m.
-    pub cell_m: f32,
     /// Where the hand rests at first.
     pub rest: hyst_scene::Pose,
     /// The pivot of the hand, m.
     pub pivot_m: [f32; 3],
-    /// What making the model took, one sentence each.
-    pub notes: Vec<String>,
     /// Pressure at which the organ has its rest shape, Pa.
     pub rest_pressure_pa: f32,
+}
+
+/// The model of everything that the Main Loop computes, made of a body: never changed by a step that cuts nothing.
+pub struct World {
+    /// What no cut changes.
+    pub case: Arc<Case>,
+    /// The body that it is made of.
+    pub body: Body,
+    /// The body as words, and their version.
+    pub words: Vec<u32>,
+    /// Names the body.
+    pub version: u32,
+    /// All objects as one model: objects that hold each other belong together.
+    pub model: Model,
+    /// Faces and neighbours.
+    pub topology: Topology,
+    /// What holds a pathology in its host.
+    pub attachments: Vec<Attachment>,
+    /// Triangles of the cavity's wall: boundary triangles of hollow organs without fixed nodes.
+    pub wall: Vec<[u32; 3]>,
+    /// All objects, instruments too.
+    pub objects: Vec<ObjectRecord>,
+    /// Mean edge of the scene's tets: the cell of the spatial hash, m.
+    pub cell_m: f32,
+    /// What making the model took, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// Where worlds are made: what was computed for one serves for the next.
+pub struct Workshop {
+    case: Arc<Case>,
+    maker: ModelMaker,
 }
 
 /// The scene of the settings.
@@ -68,58 +96,108 @@ pub fn isa(settings: &Settings) -> Result<Isa, Failure> {
     found.ok_or_else(|| Failure::Input(format!("--set isa={name}: this machine has up to {}", Isa::detect().name())))
 }
 
-impl World {
-    /// Loads the settings' scene and makes the model.
-    pub fn load(life: &Life) -> Result<World, Failure> {
+impl Workshop {
+    /// Loads the settings' scene and makes its world.
+    pub fn load(life: &Life) -> Result<(Workshop, World), Failure> {
         let scene = load_scene(life.settings.scene.as_deref())?;
         life.admit_scene(scene.hash)?;
         for note in &scene.notes {
             life.say(note);
         }
-        let world = World::of(&scene, isa(&life.settings)?)?;
+        let (workshop, world) = Workshop::open(&scene, isa(&life.settings)?)?;
         for note in &world.notes {
             life.say(note);
         }
-        Ok(world)
+        Ok((workshop, world))
     }
 
-    /// Makes the model of a scene.
-    pub fn of(scene: &LoadedScene, isa: Isa) -> Result<World, Failure> {
-        let input = |text: String| Failure::Input(text);
+    /// The world of a scene, and where others are made of it.
+    pub fn open(scene: &LoadedScene, isa: Isa) -> Result<(Workshop, World), Failure> {
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
-        let (mut mesh, starts) = join(&meshes).ok_or_else(|| input("the scene has too many nodes".into()))?;
-        let mut tet_owner = Vec::with_capacity(mesh.tets.len());
-        for (index, object) in scene.objects.iter().enumerate() {
-            tet_owner.extend(std::iter::repeat_n(index as u32, object.mesh.tets.len()));
+        let (rest, starts) = join(&meshes).ok_or_else(|| Failure::Input("the scene has too many nodes".into()))?;
+        let body = Body::of(scene, rest)?;
+        let options = Options {
+            max_added_mass_ratio: MAX_ADDED_MASS_RATIO,
+            contact_stiffness_n_m: CONTACT_STIFFNESS_N_M,
+            isa,
+            ..Options::default()
+        };
+        let case = Arc::new(Case::of(scene, &body, &starts)?);
+        let mut workshop = Workshop { case, maker: ModelMaker::new(&materials(scene)?, options) };
+        let (model, report) = workshop.model(&body)?;
+        // Cuts make no stiffer tissue, and looking for the frequency takes longer than all else.
+        workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
+        let mut world = World::with(&workshop.case, body, model)?;
+        world.notes = notes(&report);
+        Ok((workshop, world))
+    }
+
+    /// The world of a body of the same scene: the same whoever makes it, and whatever was made before.
+    pub fn make(&mut self, body: Body) -> Result<World, Failure> {
+        let (model, _) = self.model(&body)?;
+        World::with(&self.case, body, model)
+    }
+
+    /// The model of a body: it is made of what the scene's objects are made of, whatever its parts are now.
+    fn model(&mut self, body: &Body) -> Result<(Model, ModelReport), Failure> {
+        let regions = body.rest.regions.iter().map(|region| self.case.origin(body, *region) as u32).collect();
+        let mesh = TetMesh { regions, ..body.rest.clone() };
+        let mut with = |max_substeps| {
+            self.maker.options.max_substeps = max_substeps;
+            self.maker.make(&mesh, &body.fixed)
+        };
+        let mut last = with(MAX_SUBSTEPS[0]);
+        for max_substeps in &MAX_SUBSTEPS[1..] {
+            if !matches!(last, Err(ModelError::TooStiff { .. })) {
+                break;
+            }
+            last = with(*max_substeps);
         }
-        mesh.regions.clone_from(&tet_owner);
-        let fixed: Vec<bool> = scene.objects.iter().flat_map(|object| object.fixed.iter().copied()).collect();
-        let materials = materials(scene)?;
-        let (model, report) = model(&mesh, &fixed, &materials, isa).map_err(|error| input(error.to_string()))?;
-        let topology = Topology::new(&mesh.tets, &tet_owner, &mesh.positions_m).map_err(|error| input(error.to_string()))?;
-        let hollow = |owner: u32| scene.objects.get(owner as usize).is_some_and(|object| object.hollow);
-        let is_wall = |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !fixed[*node as usize]);
-        let wall = topology
-            .boundary
-            .iter()
-            .zip(&topology.boundary_owner)
-            .filter(|pair| is_wall((pair.0, pair.1)))
-            .map(|pair| *pair.0)
-            .collect();
-        let (bindings, triangles, site) = surfaces(scene)?;
-        let rigid = scene.rigid.first().ok_or_else(|| input("the scene has no rigid object".into()))?;
-        Ok(World {
-            attachments: attachments(scene, &starts, &mesh.tets),
-            cell_m: mean_edge_m(&mesh.tets, &mesh.positions_m),
-            notes: notes(&report),
-            model,
-            topology,
-            tet_owner,
-            wall,
-            bindings,
-            triangles,
+        last.map_err(|error| Failure::Input(error.to_string()))
+    }
+}
+
+impl Body {
+    /// The objects of a scene, in their places.
+    fn of(scene: &LoadedScene, mut rest: TetMesh) -> Result<Body, Failure> {
+        if scene.objects.len() + scene.rigid.len() > MAX_OBJECTS {
+            return Err(Failure::Input(format!("a scene has at most {MAX_OBJECTS} objects")));
+        }
+        let (mut skin, mut regions) = (Skin::default(), Vec::with_capacity(rest.tets.len()));
+        for (index, object) in scene.objects.iter().enumerate() {
+            let (first_vertex, first_tet) = (skin.rest_m.len() as u32, regions.len() as u32);
+            skin.rest_m.extend_from_slice(&object.surface.positions_m);
+            skin.bindings.extend(object.bindings.iter().map(|binding| Binding { tet: binding.tet + first_tet, ..*binding }));
+            skin.triangles.extend(object.surface.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first_vertex)));
+            regions.extend(std::iter::repeat_n(index as u32, object.mesh.tets.len()));
+        }
+        rest.regions = regions;
+        let fixed = scene.objects.iter().flat_map(|object| object.fixed.iter().copied()).collect();
+        Ok(Body { rest, fixed, skin, origin: (0..scene.objects.len() as u32).collect() })
+    }
+}
+
+/// A place at rest, to the bit.
+fn bits(point: [f32; 3]) -> [u32; 3] {
+    point.map(f32::to_bits)
+}
+
+impl Case {
+    fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
+        let rigid = scene.rigid.first().ok_or_else(|| Failure::Input("the scene has no rigid object".into()))?;
+        let kind = |kind| match kind {
+            DeformableKind::Organ => ObjectKind::Organ,
+            DeformableKind::Pathology => ObjectKind::Pathology,
+        };
+        Ok(Case {
+            objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
+            hollow: scene.objects.iter().map(|object| object.hollow).collect(),
+            rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
+            roots: roots(scene, body, starts),
+            cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
+            room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
             tool: Tool::new(rigid.points_m.clone()),
-            site,
+            electrode: rigid.electrode.clone(),
             looks: scene.objects.iter().map(|object| object.look).collect(),
             scope: scope(scene, rigid),
             rest: scene.rest,
@@ -127,6 +205,88 @@ impl World {
             rest_pressure_pa: scene.fluid.set_pressure_pa,
         })
     }
+
+    /// The object of the scene that an object is, or was a part of.
+    pub fn origin(&self, body: &Body, object: u32) -> usize {
+        body.origin.get(object as usize).map_or(0, |origin| *origin as usize)
+    }
+
+    /// Whether an object is, or was a part of, what is to be removed.
+    pub fn is_pathology(&self, body: &Body, object: u32) -> bool {
+        self.objects.get(self.origin(body, object)).is_some_and(|(_, kind)| *kind == ObjectKind::Pathology)
+    }
+
+    /// What holds the nodes of a body. A node that was copied is held as its original is; one whose host is gone is not held.
+    pub fn attachments(&self, body: &Body) -> Vec<Attachment> {
+        let owner = body.owners();
+        let is_used = |node: &u32| owner.get(*node as usize).is_some_and(Option::is_some);
+        let held = |(node, owner): (usize, &Option<u32>)| {
+            let origin = self.origin(body, (*owner)?) as u32;
+            let root = self.roots.get(&(origin, bits(body.rest.positions_m[node])))?;
+            root.tet.iter().all(is_used).then_some(Attachment { node: node as u32, ..*root })
+        };
+        owner.iter().enumerate().filter_map(held).collect()
+    }
+}
+
+impl World {
+    fn with(case: &Arc<Case>, body: Body, model: Model) -> Result<World, Failure> {
+        let (rest, words) = (&body.rest, body.pack());
+        let topology =
+            Topology::new(&rest.tets, &rest.regions, &rest.positions_m).map_err(|error| Failure::Input(error.to_string()))?;
+        let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
+        let is_wall =
+            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !body.fixed[*node as usize]);
+        let faces = topology.boundary.iter().zip(&topology.boundary_owner);
+        let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
+        let attachments = case.attachments(&body);
+        Ok(World {
+            case: Arc::clone(case),
+            objects: objects(case, &body, &attachments),
+            version: version_of(&words),
+            cell_m: case.cell_m,
+            notes: Vec::new(),
+            model,
+            topology,
+            attachments,
+            wall,
+            words,
+            body,
+        })
+    }
+}
+
+/// The records of all objects of a body, and of the instruments.
+fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRecord> {
+    let mut is_rooted = body.fixed.clone();
+    attachments.iter().for_each(|held| is_rooted[held.node as usize] = true);
+    let count = body.origin.len();
+    let mut held = vec![false; count];
+    let mut counts = vec![[[0u32; 2]; 4]; count];
+    let mut note = |object: u32, what: usize, index: usize| {
+        let [first, number] = &mut counts[object as usize][what];
+        *first = if *number == 0 { index as u32 } else { *first };
+        *number += 1;
+    };
+    for (index, (tet, object)) in body.rest.tets.iter().zip(&body.rest.regions).enumerate() {
+        note(*object, 0, index);
+        held[*object as usize] |= tet.iter().any(|node| is_rooted[*node as usize]);
+    }
+    let of_node = body.owners();
+    of_node.iter().enumerate().filter_map(|(node, owner)| Some((node, (*owner)?))).for_each(|(node, owner)| note(owner, 3, node));
+    let of_vertex = |vertex: usize| body.rest.regions[body.skin.bindings[vertex].tet as usize];
+    (0..body.skin.rest_m.len()).for_each(|vertex| note(of_vertex(vertex), 1, vertex));
+    body.skin.triangles.iter().enumerate().for_each(|(index, triangle)| note(of_vertex(triangle[0] as usize), 2, index));
+    let deformable = (0..count).map(|index| {
+        let (name, kind) = &case.objects[body.origin[index] as usize];
+        let is_of_scene = index < case.objects.len();
+        let name = if is_of_scene { name.clone() } else { format!("{name}, piece {}", index + 1 - case.objects.len()) };
+        let kind = if is_of_scene || held[index] { *kind } else { ObjectKind::FreePiece };
+        let [tets, vertices, triangles, nodes] = counts[index];
+        ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }
+    });
+    let rigid = case.rigid.iter().enumerate().map(|(index, name)| object(name, ObjectKind::Tool, (count + index) as u32));
+    deformable.chain(rigid).collect()
 }
 
 fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
@@ -141,27 +301,6 @@ fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
         loop_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.radius_m),
         loop_wire_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.wire_radius_m),
     }
-}
-
-fn model(mesh: &TetMesh, fixed: &[bool], materials: &[(u32, Material)], isa: Isa) -> Result<(Model, ModelReport), ModelError> {
-    let with = |max_substeps| {
-        let options = Options {
-            max_substeps,
-            max_added_mass_ratio: MAX_ADDED_MASS_RATIO,
-            contact_stiffness_n_m: CONTACT_STIFFNESS_N_M,
-            isa,
-            ..Options::default()
-        };
-        Model::with_materials(mesh, fixed, materials, options)
-    };
-    let mut last = with(MAX_SUBSTEPS[0]);
-    for max_substeps in &MAX_SUBSTEPS[1..] {
-        if !matches!(last, Err(ModelError::TooStiff { .. })) {
-            break;
-        }
-        last = with(*max_substeps);
-    }
-    last
 }
 
 fn notes(report: &ModelReport) -> Vec<String> {
@@ -193,56 +332,21 @@ pub fn materials(scene: &LoadedScene) -> Result<Vec<(u32, Material)>, Failure> {
     made.collect()
 }
 
-fn attachments(scene: &LoadedScene, starts: &[usize], tets: &[[u32; 4]]) -> Vec<Attachment> {
+fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [u32; 3]), Attachment> {
     let mut first_tet = vec![0usize];
     for object in &scene.objects {
         first_tet.push(first_tet.last().copied().unwrap_or(0) + object.mesh.tets.len());
     }
-    let mut all = Vec::new();
+    let mut all = BTreeMap::new();
     for (index, object) in scene.objects.iter().enumerate() {
-        let Some(attach) = &object.attach else { continue };
-        for held in &attach.nodes {
-            all.push(Attachment {
-                node: starts[index] as u32 + held.node,
-                tet: tets[first_tet[attach.host] + held.tet as usize],
-                weights: held.weights,
-                stiffness_n_m: ATTACHMENT_N_M,
-            });
+        for (host, held) in object.attach.iter().flat_map(|attach| attach.nodes.iter().map(|node| (attach.host, node))) {
+            let node = starts[index] as u32 + held.node;
+            let tet = body.rest.tets[first_tet[host] + held.tet as usize];
+            let root = Attachment { node, tet, weights: held.weights, stiffness_n_m: ATTACHMENT_N_M };
+            all.insert((index as u32, bits(body.rest.positions_m[node as usize])), root);
         }
     }
     all
-}
-
-/// Bindings and triangles of all surfaces, and the register of all objects.
-type Surfaces = (Vec<Binding>, Vec<[u32; 3]>, SiteManager);
-
-fn surfaces(scene: &LoadedScene) -> Result<Surfaces, Failure> {
-    let (mut bindings, mut triangles, mut site) = (Vec::new(), Vec::new(), SiteManager::default());
-    let mut first_tet = 0u32;
-    for object in &scene.objects {
-        let first_vertex = bindings.len() as u32;
-        bindings.extend(object.bindings.iter().map(|binding| Binding { tet: binding.tet + first_tet, ..*binding }));
-        triangles.extend(object.surface.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first_vertex)));
-        first_tet += object.mesh.tets.len() as u32;
-        let kind = match object.kind {
-            DeformableKind::Organ => ObjectKind::Organ,
-            DeformableKind::Pathology => ObjectKind::Pathology,
-        };
-        let extent = Extent {
-            nodes: object.mesh.positions_m.len(),
-            tets: object.mesh.tets.len(),
-            vertices: object.bindings.len(),
-            triangles: object.surface.triangles.len(),
-        };
-        let full = || Failure::Input(format!("{}: a scene has at most {} objects", object.name, crate::site::MAX_OBJECTS));
-        site.register_object(&object.name, kind, extent).ok_or_else(full)?;
-    }
-    for rigid in &scene.rigid {
-        let extent = Extent::default();
-        let full = || Failure::Input(format!("{}: a scene has at most {} objects", rigid.name, crate::site::MAX_OBJECTS));
-        site.register_object(&rigid.name, ObjectKind::Tool, extent).ok_or_else(full)?;
-    }
-    Ok((bindings, triangles, site))
 }
 
 fn mean_edge_m(tets: &[[u32; 4]], positions_m: &[[f32; 3]]) -> f32 {

@@ -54,8 +54,12 @@ pub struct StepContext {
 pub trait Stateful {
     /// Kind of the state's message.
     fn kind(&self) -> Kind;
-    /// Length of the state's message in bytes.
+    /// Most bytes of a state's message.
     fn message_bytes(&self) -> usize;
+    /// Bytes that the state after this one needs at most.
+    fn next_bytes(&self, _now: &[u8]) -> usize {
+        self.message_bytes()
+    }
     /// Step in ticks.
     fn step_ticks(&self) -> u64;
     /// Steps that a holder which was late makes up for; what is older is skipped, and its time lost.
@@ -77,7 +81,11 @@ pub trait Stateful {
     fn is_supplied(&mut self, _tick: u64, _next_tick: u64) -> bool {
         true
     }
-    /// Reads the state of t, writes the state of t + step. Allocates nothing.
+    /// Makes itself ready to go on from a state that another wrote: called by who follows, before it may be his turn.
+    fn prepare(&mut self, _newest: &[u8]) -> Result<(), Failure> {
+        Ok(())
+    }
+    /// Reads the state of t, writes the state of t + step. Allocates nothing, unless something is cut.
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure>;
     /// Says what follows from a finished state (cells in the page).
     fn finished(&mut self, context: &StepContext, state: &[u8]);
@@ -312,11 +320,6 @@ impl<S: Stateful> Loop<'_, S> {
     fn make(&mut self, next_tick: u64, holder: Tenure) -> Result<(), Failure> {
         let mut context = self.context(next_tick, holder.incarnation == self.me(), holder);
         let begun_ns = system::now_ns();
-        let bytes = self.engine.message_bytes();
-        if self.life.loses_a_loan() {
-            self.publisher.lose(bytes);
-        }
-        let mut loan = self.publisher.loan(bytes)?;
         // Who takes the role back from a newcomer on trial goes on from the line that it kept.
         let now = match self.chain.returning().filter(|_| context.holding) {
             Some(line) => {
@@ -329,12 +332,17 @@ impl<S: Stateful> Loop<'_, S> {
             },
         };
         let held = self.is_held();
+        let bytes = if held { now.bytes().len() } else { self.engine.next_bytes(now.bytes()) };
+        if self.life.loses_a_loan() {
+            self.publisher.lose(bytes);
+        }
+        let mut loan = self.publisher.loan(bytes)?;
         let before = *Message::parse(now.bytes(), self.engine.kind())?.header();
         if context.holding && !held {
             self.life.succumb(&before);
         }
         if held {
-            loan.bytes_mut().copy_from_slice(&now.bytes()[..bytes]);
+            loan.bytes_mut().copy_from_slice(now.bytes());
         } else {
             self.engine.step(&context, now.bytes(), loan.bytes_mut())?;
         }
@@ -364,9 +372,8 @@ impl<S: Stateful> Loop<'_, S> {
 
     /// The spare's part of a tick.
     fn follow(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
-        if self.chain.newest().is_none() {
-            return Ok(());
-        }
+        let Some(state) = self.chain.newest() else { return Ok(()) };
+        self.engine.prepare(state.bytes())?;
         let newest = self.chain.key();
         self.misses = if newest.1 >= tick { 0 } else { self.misses + 1 };
         if self.misses > 0 {

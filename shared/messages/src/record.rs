@@ -252,8 +252,12 @@ pub struct TissueStatus {
     pub engines: u32,
     /// Length of a step, ticks.
     pub step_ticks: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Sweeps of the electrode that changed the mesh, so far.
+    pub cuts: u32,
+    /// 1 while a stroke is under way.
+    pub is_cutting: u32,
+    /// Version of the mesh.
+    pub topology_version: u32,
 }
 
 /// What fluid says of itself each step.

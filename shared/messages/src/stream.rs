@@ -77,7 +77,7 @@ pub struct StreamHeader {
     pub tick: u64,
     /// Tick of the newest input that it was computed from.
     pub input_tick: u64,
-    /// Version of the topology that it belongs to.
+    /// Names the topology that it belongs to: equal versions, equal meshes.
     pub topology_version: u32,
     /// Step of the writer in ticks.
     pub step_ticks: u32,
@@ -299,9 +299,9 @@ pub struct ObjectRecord {
     pub kind: u32,
     /// Registration number with the Site Manager.
     pub id: u32,
-    /// First node and number of nodes.
+    /// Lowest node and number of nodes, which lie together as long as nothing has been cut.
     pub nodes: [u32; 2],
-    /// First tet and number of tets.
+    /// Lowest tet and number of tets, likewise.
     pub tets: [u32; 2],
     /// First surface vertex and number of surface vertices.
     pub vertices: [u32; 2],

@@ -89,7 +89,8 @@ impl Channel {
             Channel::Tissue => {
                 let phases = vector_schema(&["deformation", "collision", "response", "surface"]);
                 let mut fields = json!({"tool_force_n": xyz, "phase_us": phases, "state_hash": {"type": "string"}});
-                add(&mut fields, "integer", &["tick", "contact_count", "shares_missing", "objects", "engines", "step_ticks"]);
+                let counts = ["contact_count", "shares_missing", "objects", "engines", "step_ticks"];
+                add(&mut fields, "integer", &[&["tick", "cuts", "is_cutting", "topology_version"], &counts[..]].concat());
                 add(&mut fields, "number", &["removed_volume_ml", "cavity_pressure_pa"]);
                 fields
             }

@@ -268,6 +268,12 @@ pub(crate) struct Tissue {
     engines: u32,
     #[serde(default)]
     step_ticks: u32,
+    #[serde(default)]
+    cuts: u32,
+    #[serde(default)]
+    is_cutting: u32,
+    #[serde(default)]
+    topology_version: u32,
 }
 
 impl Tissue {
@@ -285,6 +291,9 @@ impl Tissue {
             objects: status.objects,
             engines: status.engines,
             step_ticks: status.step_ticks,
+            cuts: status.cuts,
+            is_cutting: status.is_cutting,
+            topology_version: status.topology_version,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -301,7 +310,9 @@ impl Tissue {
             objects: self.objects,
             engines: self.engines,
             step_ticks: self.step_ticks,
-            reserved: 0,
+            cuts: self.cuts,
+            is_cutting: self.is_cutting,
+            topology_version: self.topology_version,
         }
     }
 }

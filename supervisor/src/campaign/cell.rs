@@ -19,6 +19,8 @@ pub enum State {
     Idle,
     /// Whole, and the tool touches tissue.
     Contact,
+    /// Whole, and the electrode cuts.
+    Cutting,
     /// Another fault's recovery is under way.
     Recovery,
     /// A swap is under way.
@@ -32,9 +34,9 @@ impl State {
             "idle" => Ok(State::Idle),
             "contact" => Ok(State::Contact),
             "recovery" => Ok(State::Recovery),
-            "cutting" => Err("state \"cutting\": this build does not cut; take contact, idle, recovery, swap or any".into()),
+            "cutting" => Ok(State::Cutting),
             "swap" => Ok(State::Swap),
-            _ => Err(format!("state {text:?}: there are any, idle, contact, recovery and swap")),
+            _ => Err(format!("state {text:?}: there are any, idle, contact, cutting, recovery and swap")),
         }
     }
     fn suffix(self) -> &'static str {
@@ -42,6 +44,7 @@ impl State {
             State::Any => "",
             State::Idle => " idle",
             State::Contact => " in contact",
+            State::Cutting => " cutting",
             State::Recovery => " in recovery",
             State::Swap => " in a swap of",
         }
@@ -230,6 +233,9 @@ impl Cell {
         let hand = campaign.station.hand.as_deref().unwrap_or("script:press");
         if self.state == State::Contact && (hand == "idle" || hand == "script:idle") {
             return Err(format!("state contact: the hand {hand:?} never touches; take script:press"));
+        }
+        if self.state == State::Cutting && hand != "script:polyp" {
+            return Err(format!("state cutting: the hand {hand:?} cuts nothing; take script:polyp"));
         }
         let workers = campaign.station.workers.unwrap_or(Settings::default().workers);
         if workers > MAX_WORKERS {

@@ -47,7 +47,7 @@ fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
         ("[\"kill\", \"stop\"]", "[\"melt\"]", "segfault"),
         ("[\"kill\", \"stop\"]", "[\"cont\"]", "for = SECONDS"),
         ("[\"kill\", \"stop\"]", "[]", "empty"),
-        ("[\"idle\", \"contact\"]", "[\"cutting\"]", "does not cut"),
+        ("[\"idle\", \"contact\"]", "[\"cutting\"]", "cuts nothing"),
         ("[\"idle\", \"contact\"]", "[\"swap\"]\nswap = \"device\"", "no spare"),
         ("[\"idle\", \"contact\"]", "[\"asleep\"]", "idle, contact"),
         ("count = 15", "count = 0", "0"),

@@ -34,6 +34,12 @@ pub struct Counters {
     pub deficit_ml: f64,
     /// Volume removed, ml.
     pub removed_volume_ml: f64,
+    /// Sweeps that changed the mesh.
+    #[serde(default)]
+    pub cuts: u32,
+    /// Whether a stroke of the electrode is under way.
+    #[serde(default)]
+    pub is_cutting: bool,
     /// Tick at which a state of tissue or fluid last began anew, from a checkpoint or from the scene.
     #[serde(default)]
     pub founded_tick: u64,
@@ -59,6 +65,7 @@ impl Counters {
                 Some(format!("a state began anew at tick {}, and not from its predecessor", after.founded_tick))
             }
             () if after.removed_volume_ml < self.removed_volume_ml => Some("the removed volume went back".into()),
+            () if after.cuts < self.cuts => Some(format!("of {} cuts {} are left", self.cuts, after.cuts)),
             () if jump_ml.is_nan() || jump_ml > MOST_DEFICIT_ML_PER_TICK * ticks + 0.1 => {
                 Some(format!("the deficit went from {:.3} ml to {:.3} ml in {ticks} ticks", self.deficit_ml, after.deficit_ml))
             }
@@ -137,6 +144,8 @@ mod tests {
             fluid_tick: 990,
             deficit_ml: 5.0,
             removed_volume_ml: 1.0,
+            cuts: 7,
+            is_cutting: true,
             contacts: 0,
             founded_tick: 1,
         };
@@ -146,6 +155,8 @@ mod tests {
             fluid_tick: 1_990,
             deficit_ml: 12.0,
             removed_volume_ml: 1.0,
+            cuts: 9,
+            is_cutting: false,
             contacts: 3,
             founded_tick: 1,
         };
@@ -154,6 +165,7 @@ mod tests {
             (Counters { tissue_tick: 998, ..good }, "tissue"),
             (Counters { fluid_tick: 33, ..good }, "fluid"),
             (Counters { removed_volume_ml: 0.0, ..good }, "removed"),
+            (Counters { cuts: 6, ..good }, "of 7 cuts 6"),
             (Counters { deficit_ml: 31.0, ..good }, "deficit"),
             (Counters { founded_tick: 1_500, ..good }, "began anew"),
             (Counters { deficit_ml: f64::NAN, ..good }, "deficit"),

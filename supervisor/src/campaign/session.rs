@@ -178,6 +178,7 @@ impl Session {
             if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= found.tissue_tick) {
                 found.tissue_tick = status.state_tick;
                 (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
+                (found.cuts, found.is_cutting) = (status.cuts, status.is_cutting != 0);
             }
             for role in [Role::Tissue, Role::Fluid] {
                 let founded = Slot::new(role, index)
@@ -251,6 +252,7 @@ impl Session {
             State::Any | State::Recovery | State::Swap => true,
             State::Idle => self.counters().contacts == 0,
             State::Contact => self.counters().contacts > 0,
+            State::Cutting => self.counters().is_cutting,
         }
     }
 

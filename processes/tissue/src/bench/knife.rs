@@ -2,7 +2,7 @@
 //! made anew after each tick in which the mesh changed.
 
 use super::press::text;
-use crate::world::{World, materials};
+use crate::world::{Workshop, World, materials};
 use hyst_contact::Topology;
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
@@ -41,7 +41,7 @@ fn cuttable(world: &World) -> Cuttable {
     let rest = TetMesh {
         positions_m: world.model.rest_m().to_vec(),
         tets: world.model.tets().to_vec(),
-        regions: world.tet_owner.clone(),
+        regions: world.body.rest.regions.clone(),
     };
     let fixed = (0..rest.positions_m.len()).map(|node| world.model.is_held(node)).collect();
     Cuttable { fixed, ..Cuttable::at_rest(rest) }
@@ -49,7 +49,7 @@ fn cuttable(world: &World) -> Cuttable {
 
 /// Draws the wire.
 pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
-    let world = World::of(scene, isa).map_err(text)?;
+    let (_, world) = Workshop::open(scene, isa).map_err(text)?;
     let mut tissue = cuttable(&world);
     let first = scene.objects.iter().position(|object| object.kind == DeformableKind::Pathology).unwrap_or(0);
     let object = scene.objects.get(first).ok_or("the scene has no deformable object")?;

@@ -2,7 +2,7 @@
 //! and comes out again. Only the carriers differ: own memory instead of the exchange, threads instead of collision workers.
 
 use crate::contacts::{self, Contacts, ToolMotion};
-use crate::world::World;
+use crate::world::{Workshop, World};
 use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
 use hyst_exchange::system;
@@ -101,8 +101,8 @@ pub fn text(error: impl std::fmt::Display) -> String {
 impl Press {
     /// At rest; the intersection test is shared among `threads` threads, the caller's included.
     pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
-        let world = World::of(scene, isa).map_err(text)?;
-        let (points, nodes) = (world.tool.points_m.len(), world.model.node_count());
+        let (_, world) = Workshop::open(scene, isa).map_err(text)?;
+        let (points, nodes) = (world.case.tool.points_m.len(), world.model.node_count());
         let contacts = Contacts::new(&world);
         let room = contacts::max_hits(&world);
         let sizes = HashSizes::for_points(points);
@@ -126,7 +126,7 @@ impl Press {
             velocities_m_s: vec![[0.0; 3]; nodes],
             next_m: vec![[0.0; 3]; nodes],
             next_m_s: vec![[0.0; 3]; nodes],
-            surface_m: vec![[0.0; 3]; shared.world.bindings.len()],
+            surface_m: vec![[0.0; 3]; shared.world.body.skin.bindings.len()],
             shared,
         })
     }
@@ -148,8 +148,8 @@ impl Press {
 
     fn pose(&self, tick: usize) -> Pose {
         let world = &self.shared.world;
-        let pose = self.hand.as_ref().map_or(world.rest, |hand| hand.pose_at(tick as f64 * f64::from(DT_S)));
-        let position_m = pose.tip_m(world.pivot_m);
+        let pose = self.hand.as_ref().map_or(world.case.rest, |hand| hand.pose_at(tick as f64 * f64::from(DT_S)));
+        let position_m = pose.tip_m(world.case.pivot_m);
         Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() }
     }
 
@@ -177,7 +177,7 @@ impl Press {
         let (pose, before) = (self.pose(tick), self.pose(tick.saturating_sub(1)));
         let mut laps = Laps { last_ns: system::now_ns(), phase: 0, record };
 
-        world.tool.place(&pose, &mut self.points_m);
+        world.case.tool.place(&pose, &mut self.points_m);
         {
             let mut input = shared.input.write();
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
@@ -194,7 +194,7 @@ impl Press {
             points_m: &self.points_m,
             velocity_m_s: std::array::from_fn(|axis| (pose.position_m[axis] - before.position_m[axis]) / DT_S),
             tip_m: pose.position_m,
-            back: std::array::from_fn(|axis| world.pivot_m[axis] - pose.position_m[axis]),
+            back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
         };
         let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
         self.contacts.meet(world, &self.hits[..found], &tool, positions_m, velocities_m_s, &mut self.memory).map_err(text)?;
@@ -213,7 +213,7 @@ impl Press {
         let report = step(&world.model, &mut self.scratch, from, &forces, to).map_err(text)?;
         laps.lap();
 
-        surface_update(&world.bindings, world.model.tets(), &self.next_m, &mut self.surface_m);
+        surface_update(&world.body.skin.bindings, world.model.tets(), &self.next_m, &mut self.surface_m);
         laps.lap();
 
         let table = HashRef::in_words(&input.table).map_err(text)?;

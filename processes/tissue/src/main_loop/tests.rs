@@ -47,7 +47,8 @@ fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
     let links = Links::join(&station, "loans").unwrap();
     let _service = links.create_service(Role::Tissue, 1, Kind::CollisionJob).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
-    let mut main = MainLoop::new(&life, World::load(&life).unwrap()).unwrap();
+    let (workshop, world) = Workshop::load(&life).unwrap();
+    let mut main = MainLoop::new(&life, workshop, world).unwrap();
     main.arrival(page_of(device), &mut inbox);
     let bytes = main.message_bytes();
 
@@ -73,5 +74,97 @@ fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
     let jobs = LEFT.map(|left| job(&mut main, left));
     assert!(jobs[0] == jobs[1] && jobs[0] == jobs[2], "a job depends on what lay in the loan");
     drop((main, links, inbox));
+    station.wipe();
+}
+
+/// Bits of a state that the next step depends on.
+fn parts_of(state: &[u64]) -> (StreamHeader, Vec<u32>, usize) {
+    let message = Message::parse(bytemuck::cast_slice(state), Kind::TissueState).unwrap();
+    let words: &[u32] = message.section(crate::state::BODY).unwrap();
+    (*message.header(), words.to_vec(), message.section::<u8>(crate::state::STROKE).unwrap().len())
+}
+
+/// Steps of the hand that puts the ring through the polyp.
+const SWEEP: u64 = 80;
+
+/// The ring goes upwards through the middle of the polyp, with the current on.
+fn sweeping(world: &crate::world::World, tick: u64) -> InputRecord {
+    const CUTS: u32 = hyst_messages::BUTTON_ENERGIZED | hyst_messages::BUTTON_EXTENDED;
+    let (skin, electrode) = (&world.body.skin, world.case.electrode.as_ref().expect("the default instrument has a loop"));
+    let is_polyp =
+        |vertex: &usize| world.case.is_pathology(&world.body, world.body.rest.regions[skin.bindings[*vertex].tet as usize]);
+    let polyp = (0..skin.rest_m.len()).filter(is_polyp).map(|vertex| skin.rest_m[vertex]);
+    let bounds = |pick: fn(f32, f32) -> f32, start: f32| {
+        polyp.clone().fold([start; 3], |so_far, place| std::array::from_fn(|axis| pick(so_far[axis], place[axis])))
+    };
+    let (low, high) = (bounds(f32::min, f32::MAX), bounds(f32::max, f32::MIN));
+    let y = low[1] - electrode.radius_m - 1e-3 + tick as f32 / SWEEP as f32 * (high[1] - low[1] + 2e-3);
+    let tip = [(low[0] + high[0]) / 2.0, y, (low[2] + high[2]) / 2.0 - electrode.reach_m];
+    let mut record = InputRecord { tick, ..InputRecord::default() };
+    record.sample.pose = Pose { position_m: tip, orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+    record.sample.controls.buttons = CUTS;
+    record.sample.controls.loop_extension_m = electrode.reach_m;
+    record
+}
+
+/// A successor goes on from a state: to the same bits; and it takes no body of which a bit has flipped.
+fn succeeds(successor: &mut MainLoop<'_>, tick: u64, before: &[u8], now: &[u64]) {
+    assert!(successor.accepts(before), "the state before {tick}");
+    let mut next = vec![0u64; now.len()];
+    successor.step(&context(tick + 1), before, bytemuck::cast_slice_mut(&mut next)).unwrap();
+    assert!(next == now, "the successor's state {tick} is another one");
+    assert_eq!(successor.world.words, parts_of(now).1);
+    let body: &[u8] = Message::parse(before, Kind::TissueState).unwrap().section(crate::state::BODY).unwrap();
+    let mut spoilt = before.to_vec();
+    spoilt[body.as_ptr() as usize - before.as_ptr() as usize + 400] ^= 1;
+    assert!(!successor.accepts(&spoilt), "a bit of the body flipped at {tick}");
+}
+
+#[test]
+fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
+    let station = Station::named(&format!("t{}-tissue-cut", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    std::fs::write(station.settings(), "workers = 0\n[set]\ntissue_step_ticks = \"1\"\n").unwrap();
+    let [tissue, device] = [Role::Tissue, Role::Device].map(Slot::first);
+    let pages = [tissue, device].map(|slot| station.create_slot(slot, 1).unwrap());
+    let life = Life::begin(station.name(), tissue, 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let engine = |inbox: &mut Inbox| {
+        let (workshop, world) = Workshop::load(&life).unwrap();
+        let mut main = MainLoop::new(&life, workshop, world).unwrap();
+        let page = Port::Page(station.read_slot(device, 1).unwrap());
+        main.arrival(Arrival { slot: device, incarnation: 1, port: page }, inbox);
+        main
+    };
+    let (mut holder, mut successor) = (engine(&mut inbox), engine(&mut inbox));
+    let whole = Arc::clone(&holder.world);
+    let mut now = vec![0u64; holder.message_bytes() / 8];
+    holder.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let (mut versions, mut strokes) = (vec![parts_of(&now).0.topology_version], 0);
+    for tick in 1..=SWEEP {
+        pages[1].push(device::INPUTS, tick, &sweeping(&whole, tick));
+        let before: Vec<u64> = now.clone();
+        let before: &[u8] = bytemuck::cast_slice(&before);
+        let bytes = holder.next_bytes(before).max(before.len());
+        now = written(bytes, &format!("state {tick}"), |block| holder.step(&context(tick + 1), before, block).unwrap());
+        let (header, _, stroke) = parts_of(&now);
+        strokes += usize::from(stroke > 0);
+        if header.topology_version != versions[versions.len() - 1] {
+            versions.push(header.topology_version);
+        }
+        // One that has seen nothing since some ticks ago.
+        if tick % 7 == 0 {
+            succeeds(&mut successor, tick, before, &now);
+        }
+    }
+    assert!(versions.len() > 4, "the polyp was cut {} times", versions.len() - 1);
+    assert!(strokes > 40, "a stroke was in {strokes} states");
+    // The current ends: so does the stroke.
+    pages[1].push(device::INPUTS, SWEEP + 1, &InputRecord { tick: SWEEP + 1, ..InputRecord::default() });
+    let mut next = vec![0u64; holder.message_bytes() / 8];
+    holder.step(&context(SWEEP + 2), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+    assert_eq!(parts_of(&next).2, 0);
+    drop((holder, successor));
     station.wipe();
 }

@@ -68,12 +68,8 @@ impl<S: Stateful> Loop<'_, S> {
         // The supervisor writes the ground and then looks who holds the role: one of the two sees what the other one wrote.
         fence(Ordering::SeqCst);
         let bytes = self.engine.message_bytes();
-        let mut loan = self.publisher.loan(bytes)?;
         let ground_tick = self.life.clock.ground_tick(self.role);
-        let accepts = |kept: &checkpoint::Checkpoint| {
-            let state: &[u8] = hyst_messages::stream::bytes_of_words(&kept.words);
-            state.len() >= bytes && self.engine.accepts(&state[..bytes])
-        };
+        let accepts = |kept: &checkpoint::Checkpoint| self.engine.accepts(hyst_messages::stream::bytes_of_words(&kept.words));
         let (kept, damaged) = checkpoint::newest(&self.life.station, self.role, bytes, ground_tick, accepts);
         if ground_tick < u64::MAX {
             checkpoint::discard_after(&self.life.station, self.role, bytes, ground_tick);
@@ -83,9 +79,11 @@ impl<S: Stateful> Loop<'_, S> {
         }
         // No earlier than anything that is out in the name of the role.
         let tick = self.life.tick() + if tenure.epoch > 1 { self.engine.step_ticks() } else { 0 };
+        let kept_bytes = kept.as_ref().map_or(bytes, |kept| 8 * kept.words.len());
+        let mut loan = self.publisher.loan(kept_bytes)?;
         match kept {
             Some(kept) => {
-                loan.bytes_mut().copy_from_slice(&hyst_messages::stream::bytes_of_words(&kept.words)[..bytes]);
+                loan.bytes_mut().copy_from_slice(hyst_messages::stream::bytes_of_words(&kept.words));
                 self.life.say(&format!("goes on from the checkpoint of tick {} in epoch {}", kept.tick, tenure.epoch));
             }
             None => {

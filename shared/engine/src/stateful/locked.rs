@@ -38,10 +38,9 @@ impl<S: Stateful> Loop<'_, S> {
 
     /// Sends the newest state again under the own epoch: while the sequencer holds nobody steps, and a newcomer waits for a state.
     fn send_again(&mut self, tenure: Tenure) -> Result<(), Failure> {
-        let bytes = self.engine.message_bytes();
-        let mut loan = self.publisher.loan(bytes)?;
         let Some(newest) = self.chain.newest() else { return Ok(()) };
-        loan.bytes_mut().copy_from_slice(&newest.bytes()[..bytes]);
+        let mut loan = self.publisher.loan(newest.bytes().len())?;
+        loan.bytes_mut().copy_from_slice(newest.bytes());
         hyst_messages::stream::change_header(loan.bytes_mut(), |header| {
             header.epoch = tenure.epoch;
             header.incarnation = self.life.incarnation;

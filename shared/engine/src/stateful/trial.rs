@@ -156,10 +156,10 @@ impl<S: Stateful> Loop<'_, S> {
     /// Computes a state beside the role, from the line or from the role's newest, and sends it under no epoch.
     fn make_beside(&mut self, next_tick: u64, holder: Tenure, from_line: bool) -> Result<(), Failure> {
         let mut context = self.context(next_tick, false, holder);
-        let bytes = self.engine.message_bytes();
-        let mut loan = self.publisher.loan(bytes)?;
         let base = if from_line { self.chain.line() } else { self.chain.newest() };
         let Some(now) = base else { return Ok(()) };
+        let bytes = self.engine.next_bytes(now.bytes());
+        let mut loan = self.publisher.loan(bytes)?;
         context.tick = next_tick - self.engine.step_ticks();
         self.engine.step(&context, now.bytes(), loan.bytes_mut())?;
         hyst_messages::stream::change_header(loan.bytes_mut(), |header| {

@@ -1,0 +1,282 @@
+//! What of a state names the mesh: the shape at rest, the tets and whose they are, the surface for the eye. It changes when something is cut, and so
+//! it is part of the state: whoever holds a state makes his model of it, and goes on where the cut was.
+//!
+//! Promise: a body that is unpacked has indices in range and finite numbers, whatever the words were; equal bodies have equal words, equal words the
+//! same version.
+
+use hyst_mesh::{Binding, TetMesh, component_of_each_tet, signed_volume};
+use hyst_messages::fnv_words;
+use hyst_tissue::Skin;
+use std::collections::BTreeMap;
+
+/// What there is room for: a state has a greatest size, said before the first one is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Room {
+    /// Nodes.
+    pub nodes: usize,
+    /// Tets.
+    pub tets: usize,
+    /// Vertices of the surface for the eye.
+    pub vertices: usize,
+    /// Its triangles.
+    pub triangles: usize,
+    /// Objects of tissue.
+    pub objects: usize,
+}
+
+impl Room {
+    /// Half as much again as the scene has, and what a few strokes through a coarse mesh need.
+    pub fn for_body(body: &Body, objects: usize) -> Room {
+        let more = |count: usize, least: usize| count + (count / 2).max(least);
+        Room {
+            nodes: more(body.rest.positions_m.len(), 768),
+            tets: more(body.rest.tets.len(), 2_048),
+            vertices: more(body.skin.rest_m.len(), 2_048),
+            triangles: more(body.skin.triangles.len(), 4_096),
+            objects,
+        }
+    }
+
+    /// Words of the greatest body.
+    pub fn words(&self) -> usize {
+        words_of(&[self.nodes, self.tets, self.vertices, self.triangles, self.objects])
+    }
+}
+
+/// Counts at the beginning of the words.
+const COUNTS: usize = 5;
+
+fn words_of(&[nodes, tets, vertices, triangles, objects]: &[usize; COUNTS]) -> usize {
+    COUNTS + 4 * nodes + 5 * tets + 8 * vertices + 3 * triangles + objects
+}
+
+/// All objects of tissue as one mesh.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Body {
+    /// The shape at rest; the region of a tet is its object.
+    pub rest: TetMesh,
+    /// Whether a node is held.
+    pub fixed: Vec<bool>,
+    /// The surface for the eye: vertices and triangles of an object lie together, in the order of the objects.
+    pub skin: Skin,
+    /// For each object the one of the scene that it is, or was a part of.
+    pub origin: Vec<u32>,
+}
+
+/// A part that became an object of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Piece {
+    /// Its object.
+    pub object: u32,
+    /// Its volume at rest, m³.
+    pub volume_m3: f64,
+    /// Whether anything holds it.
+    pub is_held: bool,
+}
+
+impl Body {
+    /// As words, which are what a state carries.
+    pub fn pack(&self) -> Vec<u32> {
+        let counts = [
+            self.rest.positions_m.len(),
+            self.rest.tets.len(),
+            self.skin.rest_m.len(),
+            self.skin.triangles.len(),
+            self.origin.len(),
+        ];
+        let mut words = Vec::with_capacity(words_of(&counts));
+        words.extend(counts.map(|count| count as u32));
+        words.extend_from_slice(bytemuck::cast_slice(&self.rest.positions_m));
+        words.extend(self.fixed.iter().map(|fixed| u32::from(*fixed)));
+        words.extend_from_slice(self.rest.tets.as_flattened());
+        words.extend_from_slice(&self.rest.regions);
+        words.extend_from_slice(bytemuck::cast_slice(&self.skin.rest_m));
+        words.extend_from_slice(bytemuck::cast_slice(&self.skin.bindings));
+        words.extend_from_slice(self.skin.triangles.as_flattened());
+        words.extend_from_slice(&self.origin);
+        words
+    }
+
+    /// From words of another process; `None` if they are no body, or one that there is no room for.
+    pub fn unpack(words: &[u32], room: &Room) -> Option<Body> {
+        let (counts, mut rest) = words.split_at_checked(COUNTS)?;
+        let counts: [usize; COUNTS] = std::array::from_fn(|index| counts[index] as usize);
+        let [nodes, tets, vertices, triangles, objects] = counts;
+        let most = [room.nodes, room.tets, room.vertices, room.triangles, room.objects];
+        if counts.iter().zip(most).any(|(count, most)| *count > most) || words.len() != words_of(&counts) {
+            return None;
+        }
+        let mut take = |count: usize| {
+            let (part, left) = rest.split_at(count);
+            rest = left;
+            part
+        };
+        let positions_m: &[[f32; 3]] = bytemuck::cast_slice(take(3 * nodes));
+        let fixed = take(nodes).iter().map(|word| *word != 0).collect();
+        let corners: &[[u32; 4]] = bytemuck::cast_slice(take(4 * tets));
+        let regions = take(tets);
+        let skin_m: &[[f32; 3]] = bytemuck::cast_slice(take(3 * vertices));
+        let bindings: &[Binding] = bytemuck::cast_slice(take(5 * vertices));
+        let faces: &[[u32; 3]] = bytemuck::cast_slice(take(3 * triangles));
+        let origin = take(objects);
+        let in_range = |indices: &[u32], count: usize| indices.iter().all(|index| (*index as usize) < count);
+        let is_finite = |points: &[[f32; 3]]| points.as_flattened().iter().all(|value| value.is_finite());
+        let is_bound =
+            |binding: &Binding| (binding.tet as usize) < tets && binding.weights.iter().all(|weight| weight.is_finite());
+        let is_sound = in_range(corners.as_flattened(), nodes)
+            && in_range(regions, objects)
+            && in_range(faces.as_flattened(), vertices)
+            && in_range(origin, objects)
+            && is_finite(positions_m)
+            && is_finite(skin_m)
+            && bindings.iter().all(is_bound);
+        is_sound.then(|| Body {
+            rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions: regions.to_vec() },
+            fixed,
+            skin: Skin { rest_m: skin_m.to_vec(), triangles: faces.to_vec(), bindings: bindings.to_vec() },
+            origin: origin.to_vec(),
+        })
+    }
+
+    /// The object of each node, `None` for those that no tet uses.
+    pub fn owners(&self) -> Vec<Option<u32>> {
+        let mut owner = vec![None; self.rest.positions_m.len()];
+        for (tet, object) in self.rest.tets.iter().zip(&self.rest.regions) {
+            tet.iter().for_each(|node| owner[*node as usize] = Some(*object));
+        }
+        owner
+    }
+
+    /// Makes an object of each part that has come free: the greatest part that something holds stays what it was, or the greatest of all. Without room
+    /// for another object a part stays with its own.
+    pub fn register_parts(&mut self, is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
+        let part_of_tet = component_of_each_tet(&self.rest);
+        let parts = part_of_tet.iter().max().map_or(0, |last| *last as usize + 1);
+        let mut of_part = vec![Piece { object: 0, volume_m3: 0.0, is_held: false }; parts];
+        for ((nodes, region), part) in self.rest.tets.iter().zip(&self.rest.regions).zip(&part_of_tet) {
+            let piece = &mut of_part[*part as usize];
+            piece.object = *region;
+            piece.volume_m3 += self.volume_m3(*nodes);
+            piece.is_held |= nodes.iter().any(|node| is_held(*node));
+        }
+        let mut greatest: BTreeMap<u32, usize> = BTreeMap::new();
+        for (part, piece) in of_part.iter().enumerate() {
+            let place = greatest.entry(piece.object).or_insert(part);
+            let before = &of_part[*place];
+            if (piece.is_held, piece.volume_m3) > (before.is_held, before.volume_m3) {
+                *place = part;
+            }
+        }
+        let mut new = Vec::new();
+        for (part, piece) in of_part.iter_mut().enumerate() {
+            if greatest.get(&piece.object) == Some(&part) || self.origin.len() >= room.objects {
+                continue;
+            }
+            self.origin.push(self.origin[piece.object as usize]);
+            piece.object = self.origin.len() as u32 - 1;
+            new.push(*piece);
+        }
+        for (region, part) in self.rest.regions.iter_mut().zip(&part_of_tet) {
+            *region = of_part[*part as usize].object;
+        }
+        self.sort_skin();
+        new
+    }
+
+    fn volume_m3(&self, tet: [u32; 4]) -> f64 {
+        signed_volume(tet.map(|node| self.rest.positions_m[node as usize].map(f64::from).into()))
+    }
+
+    /// Puts the surface's vertices and triangles into the order of the objects. A triangle between two objects is left out.
+    fn sort_skin(&mut self) {
+        let skin = &self.skin;
+        let object = |vertex: &u32| self.rest.regions[skin.bindings[*vertex as usize].tet as usize];
+        let mut order: Vec<u32> = (0..skin.rest_m.len() as u32).collect();
+        order.sort_by_key(object);
+        let mut number = vec![0u32; order.len()];
+        order.iter().enumerate().for_each(|(new, old)| number[*old as usize] = new as u32);
+        let is_of_one = |triangle: &&[u32; 3]| triangle.iter().all(|vertex| object(vertex) == object(&triangle[0]));
+        let mut triangles: Vec<[u32; 3]> = skin.triangles.iter().filter(is_of_one).copied().collect();
+        triangles.sort_by_key(|triangle| object(&triangle[0]));
+        let triangles = triangles.into_iter().map(|triangle| triangle.map(|vertex| number[vertex as usize])).collect();
+        let rest_m = order.iter().map(|old| skin.rest_m[*old as usize]).collect();
+        let bindings = order.iter().map(|old| skin.bindings[*old as usize]).collect();
+        self.skin = Skin { rest_m, triangles, bindings };
+    }
+}
+
+/// The version of a body's words; never 0.
+pub fn version_of(words: &[u32]) -> u32 {
+    let hash = fnv_words(0, words.iter().map(|word| u64::from(*word)));
+    ((hash ^ (hash >> 32)) as u32).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two tets of object 0 that share a face, one of object 1; a triangle on each object.
+    fn body() -> Body {
+        let corner = |x: f32| [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0], [x, 0.0, 1.0]];
+        let positions_m = [corner(0.0), corner(5.0)].concat().into_iter().chain([[1.0, 1.0, 1.0]]).collect();
+        let rest = TetMesh { positions_m, tets: vec![[0, 1, 2, 3], [1, 2, 3, 8], [4, 5, 6, 7]], regions: vec![0, 0, 1] };
+        let bound = |tet: u32| Binding { tet, weights: [1.0, 0.0, 0.0, 0.0] };
+        let skin = Skin {
+            rest_m: vec![[0.0; 3], [1.0; 3], [2.0; 3], [3.0; 3], [4.0; 3], [5.0; 3]],
+            triangles: vec![[0, 1, 2], [3, 4, 5]],
+            bindings: [0, 1, 1, 2, 2, 2].map(bound).to_vec(),
+        };
+        Body { rest, fixed: vec![false; 9], skin, origin: vec![0, 1] }
+    }
+
+    fn room() -> Room {
+        Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4 }
+    }
+
+    #[test]
+    fn what_is_packed_is_unpacked_and_no_other_words_are() {
+        let body = body();
+        let words = body.pack();
+        assert_eq!(Body::unpack(&words, &room()).as_ref(), Some(&body));
+        assert!(words.len() <= room().words());
+        assert_ne!(version_of(&words), version_of(&words[1..]));
+        for length in 0..words.len() {
+            assert!(Body::unpack(&words[..length], &room()).is_none(), "{length} words");
+        }
+        let refused = |index: usize, word: u32| {
+            let mut other = words.clone();
+            other[index] = word;
+            Body::unpack(&other, &room()).is_none()
+        };
+        let nodes = COUNTS + 4 * 9;
+        assert!(refused(0, 8) && refused(4, u32::MAX), "counts");
+        assert!(refused(COUNTS, f32::NAN.to_bits()), "a place");
+        assert!(refused(nodes, 9), "a tet's node");
+        assert!(refused(nodes + 12, 2), "a tet's object");
+        assert!(refused(words.len() - 1, 2), "an object's origin");
+        assert!(Body::unpack(&words, &Room { nodes: 8, ..room() }).is_none(), "no room");
+    }
+
+    #[test]
+    fn a_part_that_comes_free_is_an_object_and_takes_its_surface_along() {
+        let mut body = body();
+        assert!(body.register_parts(|_| false, &room()).is_empty(), "nothing is cut");
+        assert_eq!(body, self::body());
+        // The second tet gets nodes of its own; the first is held.
+        body.rest.positions_m.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        body.fixed.extend([false; 3]);
+        body.rest.tets[1] = [9, 10, 11, 8];
+        body.skin.bindings[0].tet = 1;
+        let new = body.register_parts(|node| node == 0, &room());
+        assert_eq!((new.len(), new[0].object, new[0].is_held), (1, 2, false));
+        assert!((new[0].volume_m3 - 1.0 / 3.0).abs() < 1e-6, "{new:?}");
+        assert_eq!((&body.rest.regions[..], &body.origin[..]), (&[0, 2, 1][..], &[0, 1, 0][..]));
+        assert_eq!(body.skin.triangles, [[0, 1, 2], [3, 4, 5]], "the second object's triangle comes first now");
+        assert_eq!(body.skin.bindings.iter().map(|binding| binding.tet).collect::<Vec<_>>(), [2, 2, 2, 1, 1, 1]);
+        let full = Room { objects: 2, ..room() };
+        let mut body = self::body();
+        body.rest.tets[1] = [9, 10, 11, 8];
+        body.rest.positions_m.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        assert!(body.register_parts(|_| false, &full).is_empty() && body.origin.len() == 2, "no room for another object");
+    }
+}

@@ -1,0 +1,146 @@
+//! The electrode in the Main Loop: where the wire is, what it has swept since it last cut, and what that leaves.
+//!
+//! What a stroke needs to go on is in the state (its sixth section): the wire as the tissue saw it last, and the nodes on the sheet. So a tissue that is
+//! killed in the middle of a cut is followed by one that goes on with it. A stroke that has swept less than [`STEP_M`] since its last cut waits:
+//! that decides by the state alone, too.
+
+use crate::body::{Body, Piece, Room};
+use crate::world::{Case, World};
+use glam::{Quat, Vec3};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, Pose};
+use hyst_scene::LoadedLoop;
+use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, Seat, cut};
+
+/// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
+/// loop is drawn at some 20 mm/s.
+const STEP_M: f64 = 0.5e-3;
+/// Below this the loop is in its sheath, m.
+const LEAST_EXTENSION_M: f32 = 1e-3;
+
+/// Where the wire is, m, if it cuts.
+pub fn wire_m(electrode: Option<&LoadedLoop>, pose: &Pose, controls: &Controls) -> Option<Vec<[f32; 3]>> {
+    const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
+    let electrode = electrode.filter(|_| controls.buttons & CUTS == CUTS)?;
+    let out_m = Some(controls.loop_extension_m).filter(|out_m| out_m.is_finite())?.min(electrode.reach_m);
+    let (tip, turn) = (Vec3::from(pose.position_m), Quat::from_array(pose.orientation));
+    let place = |point: &[f32; 3]| (tip + turn * (Vec3::from(*point) + Vec3::Z * out_m)).to_array();
+    (out_m >= LEAST_EXTENSION_M).then(|| electrode.wire_m.iter().map(place).collect())
+}
+
+/// Longest stroke section of a state, bytes.
+pub fn most_stroke_bytes(room: &Room) -> usize {
+    hyst_tissue::MAX_WIRE_POINTS * size_of::<Seat>() + room.nodes * 12
+}
+
+/// What a step of the wire did.
+#[derive(Debug, Default)]
+pub enum Stroke {
+    /// There is none.
+    #[default]
+    None,
+    /// It goes on, and the mesh is what it was.
+    GoesOn,
+    /// The mesh is another one: the body, and what has come free.
+    Cut(Box<Body>, Vec<Piece>, CutReport),
+}
+
+/// The tissue as it is cut, kept for its buffers.
+#[derive(Default)]
+pub struct Knife {
+    tissue: Cuttable,
+}
+
+impl Knife {
+    /// Ends the stroke: the next one begins a sheet of its own.
+    pub fn end(&mut self) {
+        self.tissue.wire.clear();
+    }
+
+    /// Where the nodes are after a cut, m, and how fast, m/s.
+    pub fn moved(&self) -> (&[[f32; 3]], &[[f32; 3]]) {
+        (&self.tissue.position_m, &self.tissue.velocity_m_s)
+    }
+
+    /// Bytes of the stroke as a section of the state; none without one.
+    pub fn stroke_bytes(&self) -> usize {
+        let marks = if self.tissue.wire.is_empty() { 0 } else { self.tissue.marks.len() };
+        self.tissue.wire.len() * size_of::<Seat>() + marks * 12
+    }
+
+    /// Writes the stroke into its section.
+    pub fn write_stroke(&self, section: &mut [u8]) {
+        let (seats, marks) = section.split_at_mut(self.tissue.wire.len() * size_of::<Seat>());
+        seats.copy_from_slice(bytemuck::cast_slice(&self.tissue.wire));
+        if !marks.is_empty() {
+            marks.copy_from_slice(bytemuck::cast_slice(&self.tissue.marks));
+        }
+    }
+
+    /// Goes on with a stroke, or begins one, or ends it. `stroke` is the section of the state that is read.
+    ///
+    /// # Errors
+    /// What the cut refuses; the tissue is as before then, and the stroke is over.
+    pub fn sweep(
+        &mut self,
+        world: &World,
+        wire_m: Option<&[[f32; 3]]>,
+        stroke: &[u8],
+        (position_m, velocity_m_s): (&[[f32; 3]], &[[f32; 3]]),
+    ) -> Result<Stroke, CutError> {
+        self.tissue.wire.clear();
+        let Some(wire_m) = wire_m else { return Ok(Stroke::None) };
+        let nodes = position_m.len();
+        let (wire, marks) = stroke.split_at(stroke.len().saturating_sub(nodes * 12));
+        self.tissue.marks.clear();
+        match (bytemuck::try_cast_slice::<u8, Seat>(wire), bytemuck::try_cast_slice::<u8, [f32; 3]>(marks)) {
+            // A bit that flipped ends the stroke.
+            (Ok(wire), Ok(marks)) if marks.len() == nodes && wire.iter().all(Seat::is_finite) => {
+                self.tissue.wire.extend_from_slice(wire);
+                self.tissue.marks.extend_from_slice(marks);
+            }
+            _ => self.tissue.marks.resize(nodes, [0.0; 3]),
+        }
+        self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
+        self.tissue.rest.tets.clone_from(&world.body.rest.tets);
+        self.tissue.rest.regions.clone_from(&world.body.rest.regions);
+        self.tissue.fixed.clone_from(&world.body.fixed);
+        self.tissue.position_m.clear();
+        self.tissue.position_m.extend_from_slice(position_m);
+        self.tissue.velocity_m_s.clear();
+        self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
+        if self.tissue.swept_m(wire_m) < STEP_M {
+            return Ok(Stroke::GoesOn);
+        }
+        self.tissue.skin.clone_from(&world.body.skin);
+        let report = cut(&mut self.tissue, wire_m, &options(&world.case.room)).inspect_err(|_| self.tissue.wire.clear())?;
+        if !report.has_changed_mesh() {
+            return Ok(Stroke::GoesOn);
+        }
+        let mut body = Body {
+            rest: self.tissue.rest.clone(),
+            fixed: self.tissue.fixed.clone(),
+            skin: self.tissue.skin.clone(),
+            origin: world.body.origin.clone(),
+        };
+        let mut is_held = body.fixed.clone();
+        world.case.attachments(&body).iter().for_each(|held| is_held[held.node as usize] = true);
+        let pieces = body.register_parts(|node| is_held[node as usize], &world.case.room);
+        Ok(Stroke::Cut(Box::new(body), pieces, report))
+    }
+}
+
+fn options(room: &Room) -> CutOptions {
+    CutOptions {
+        max_nodes: room.nodes,
+        max_tets: room.tets,
+        max_vertices: room.vertices,
+        max_triangles: room.triangles,
+        ..CutOptions::default()
+    }
+}
+
+/// What a cut has removed, m³: pathology that nothing holds any more, and what was burnt.
+pub fn removed_m3(case: &Case, body: &Body, pieces: &[Piece], report: &CutReport) -> f64 {
+    let is_removed = |piece: &&Piece| !piece.is_held && case.is_pathology(body, piece.object);
+    report.burnt_m3 + pieces.iter().filter(is_removed).map(|piece| piece.volume_m3).sum::<f64>()
+}

@@ -1,0 +1,90 @@
+//! What a tissue state holds, and what a sound one is.
+
+use crate::body::{Body, version_of};
+use crate::knife::most_stroke_bytes;
+use crate::world::World;
+use bytemuck::{Pod, Zeroable};
+use hyst_contact::Memory;
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{Message, Pose, fnv_words};
+use hyst_tissue::Seat;
+
+/// No node of a patient's organ is farther from the pivot, m.
+const FARTHEST_M: f32 = 10.0;
+/// And none is faster, m/s.
+const MOST_M_S: f32 = 1_000.0;
+
+/// First section of a tissue state.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Core {
+    /// The tool in the step that made the state.
+    pub pose: Pose,
+    /// Velocity of its tip, m/s.
+    pub velocity_m_s: [f32; 3],
+    /// Force of the tissue on it, N.
+    pub force_n: [f32; 3],
+    /// Removed so far, ml.
+    pub removed_volume_ml: f64,
+    /// Pressure in the cavity to be used by the next step, Pa.
+    pub pressure_pa: f32,
+    /// Contacts in the step.
+    pub contact_count: u32,
+    /// Sweeps of the electrode that changed the mesh, so far.
+    pub cuts: u32,
+    /// 1 while a stroke is under way.
+    pub is_cutting: u32,
+}
+
+/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke.
+pub const SECTIONS: usize = 7;
+/// The body's.
+pub const BODY: usize = 5;
+/// The stroke's.
+pub const STROKE: usize = 6;
+
+/// Bytes of each section of a state of a world.
+pub fn sections(world: &World, stroke: usize) -> [usize; SECTIONS] {
+    let (nodes, vertices) = (world.model.node_count(), world.body.skin.rest_m.len());
+    of_counts(world, nodes, vertices, world.words.len(), stroke)
+}
+
+fn of_counts(world: &World, nodes: usize, vertices: usize, words: usize, stroke: usize) -> [usize; SECTIONS] {
+    let memory = world.case.tool.points_m.len() * size_of::<Memory>();
+    [size_of::<Core>(), nodes * 12, nodes * 12, vertices * 12, memory, words * 4, stroke]
+}
+
+/// Bytes of the greatest state that can come of a world.
+pub fn most_bytes(world: &World) -> usize {
+    let room = &world.case.room;
+    message_bytes(&of_counts(world, room.nodes, room.vertices, room.words(), most_stroke_bytes(room)))
+}
+
+/// Whether all sections are there and fit each other, the body is that of the world or else one that a world can be made of, and the numbers are
+/// those of an organ.
+pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
+    let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else { return false };
+    let version = message.header().topology_version;
+    let is_known = version == world.version && words == &world.words[..];
+    let is_other = || version != world.version && version_of(words) == version && Body::unpack(words, &world.case.room).is_some();
+    if !is_known && !is_other() {
+        return false;
+    }
+    let (nodes, vertices) = (words[0] as usize, words[2] as usize);
+    let sizes = of_counts(world, nodes, vertices, words.len(), stroke.len());
+    let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sizes[index]);
+    let is_stroke = stroke.is_empty() || stroke.len().checked_sub(nodes * 12).is_some_and(|seats| seats % size_of::<Seat>() == 0);
+    // Without an early end, so that it is a few instructions for each line of memory.
+    let within = |index: usize, most: f32| {
+        let numbers: &[f32] = message.section(index).unwrap_or(&[]);
+        numbers.iter().fold(true, |all, value| all & (value.abs() <= most))
+    };
+    (0..SECTIONS).all(fits) && is_stroke && within(1, FARTHEST_M) && within(2, MOST_M_S)
+}
+
+/// Hash of what the next step depends on: positions and velocities, and of what they are the nodes.
+pub fn hash(message: &Message<'_>) -> u64 {
+    let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
+    let version = u64::from(message.header().topology_version);
+    fnv_words(message.header().tick, words(1).chain(words(2)).chain([version]))
+}
