@@ -257,7 +257,6 @@ impl Stateful for MainLoop<'_> {
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
         let Hand { input_tick, pose, velocity_m_s, wire_m, next_pressure_pa } = self.hand(context.tick, &before);
-
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
         let (is_cut, removed_ml) = self.cut(&message, wire_m.as_deref(), (positions, velocities))?;
         let context = &StepContext { holding: context.holding && !is_cut, ..*context };
