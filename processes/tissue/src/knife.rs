@@ -23,8 +23,8 @@ pub fn wire_m(electrode: Option<&LoadedLoop>, pose: &Pose, controls: &Controls) 
     let electrode = electrode.filter(|_| controls.buttons & CUTS == CUTS)?;
     let out_m = Some(controls.loop_extension_m).filter(|out_m| out_m.is_finite())?.min(electrode.reach_m);
     let (tip, turn) = (Vec3::from(pose.position_m), Quat::from_array(pose.orientation));
-    let place = |point: &[f32; 3]| (tip + turn * (Vec3::from(*point) + Vec3::Z * out_m)).to_array();
-    (out_m >= LEAST_EXTENSION_M).then(|| electrode.wire_m.iter().map(place).collect())
+    let place = |point: [f32; 3]| (tip + turn * Vec3::from(point)).to_array();
+    (out_m >= LEAST_EXTENSION_M).then(|| electrode.wire_at(out_m).map(place).collect())
 }
 
 /// Longest stroke section of a state, bytes.
@@ -33,10 +33,9 @@ pub fn most_stroke_bytes(room: &Room) -> usize {
 }
 
 /// What a step of the wire did.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub enum Stroke {
     /// There is none.
-    #[default]
     None,
     /// It goes on, and the mesh is what it was.
     GoesOn,
@@ -100,17 +99,18 @@ impl Knife {
             }
             _ => self.tissue.marks.resize(nodes, [0.0; 3]),
         }
-        self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
+        // How far the wire has come is asked in each step of a stroke, the rest only where it cuts.
         self.tissue.rest.tets.clone_from(&world.body.rest.tets);
-        self.tissue.rest.regions.clone_from(&world.body.rest.regions);
-        self.tissue.fixed.clone_from(&world.body.fixed);
         self.tissue.position_m.clear();
         self.tissue.position_m.extend_from_slice(position_m);
-        self.tissue.velocity_m_s.clear();
-        self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
         if self.tissue.swept_m(wire_m) < STEP_M {
             return Ok(Stroke::GoesOn);
         }
+        self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
+        self.tissue.rest.regions.clone_from(&world.body.rest.regions);
+        self.tissue.fixed.clone_from(&world.body.fixed);
+        self.tissue.velocity_m_s.clear();
+        self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
         self.tissue.skin.clone_from(&world.body.skin);
         let report = cut(&mut self.tissue, wire_m, &options(&world.case.room)).inspect_err(|_| self.tissue.wire.clear())?;
         if !report.has_changed_mesh() {

@@ -273,7 +273,7 @@ impl Stateful for MainLoop<'_> {
 
         // Rigid objects and their points, then the intersection test.
         world.case.tool.place(&pose, &mut self.points_m);
-        let job = self.collision.hash(context, &self.points_m, &self.owner, world.cell_m)?;
+        let job = self.collision.hash(context, &self.points_m, &self.owner, world.case.cell_m)?;
         let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
         self.collision.test(self.life, context, job, (&self.points_m, &points), world, positions)?;
         let tested_ns = system::now_ns();

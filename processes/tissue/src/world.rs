@@ -33,7 +33,8 @@ pub struct Case {
     rigid: Vec<String>,
     /// What holds a pathology in its host: the object and the place at rest of the node that is held, and how.
     roots: BTreeMap<(u32, [u32; 3]), Attachment>,
-    cell_m: f32,
+    /// Mean edge of the scene's tets: the cell of the spatial hash, m.
+    pub cell_m: f32,
     /// What there is room for.
     pub room: Room,
     /// The instrument.
@@ -72,8 +73,6 @@ pub struct World {
     pub wall: Vec<[u32; 3]>,
     /// All objects, instruments too.
     pub objects: Vec<ObjectRecord>,
-    /// Mean edge of the scene's tets: the cell of the spatial hash, m.
-    pub cell_m: f32,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -244,7 +243,6 @@ impl World {
             case: Arc::clone(case),
             objects: objects(case, &body, &attachments),
             version: version_of(&words),
-            cell_m: case.cell_m,
             notes: Vec::new(),
             model,
             topology,

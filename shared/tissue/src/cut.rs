@@ -24,7 +24,7 @@ use sheet::Sheet;
 pub use skin::Skin;
 pub use wire::Seat;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// A tissue as it can be cut: its mesh at rest, where it is now, and where the stroke runs that is under way.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -370,6 +370,12 @@ fn at(positions_m: &[[f32; 3]], node: u32) -> DVec3 {
 /// The corners of a tet.
 fn corners(positions_m: &[[f32; 3]], tet: [u32; 4]) -> [DVec3; 4] {
     tet.map(|node| at(positions_m, node))
+}
+
+/// Weights of the corners of a tet for a point; not finite where the tet has no volume.
+fn barycentric([a, b, c, d]: [DVec3; 4], point: DVec3) -> [f64; 4] {
+    let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (point - a);
+    [1.0 - others.element_sum(), others.x, others.y, others.z]
 }
 
 fn to_single(point: DVec3) -> [f32; 3] {

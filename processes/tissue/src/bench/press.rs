@@ -181,7 +181,7 @@ impl Press {
         {
             let mut input = shared.input.write();
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
-            hash.build(&self.points_m, world.cell_m, Layout::Auto).map_err(text)?;
+            hash.build(&self.points_m, world.case.cell_m, Layout::Auto).map_err(text)?;
         }
         laps.lap();
 

@@ -29,7 +29,7 @@ fn context(tick: u64) -> StepContext {
 fn job(main: &mut MainLoop<'_>, left: u64) -> Vec<u8> {
     let fill = |bytes: &mut [u8]| bytes.fill(left as u8);
     main.collision.fill_loans(main.points_m.len(), fill);
-    let (points_m, owner, cell_m) = (main.points_m.clone(), main.owner.clone(), main.world.cell_m);
+    let (points_m, owner, cell_m) = (main.points_m.clone(), main.owner.clone(), main.world.case.cell_m);
     let job = main.collision.hash(&context(1), &points_m, &owner, cell_m).unwrap();
     job.bytes().expect("a job for the worker that is seated").to_vec()
 }

@@ -6,8 +6,8 @@
 //! was; without room nothing is divided, and the wound stays bare.
 
 use super::sheet::Sheet;
-use super::{Bounds, CutOptions, Cuttable, at, to_single};
-use glam::{DMat3, DVec3};
+use super::{Bounds, CutOptions, Cuttable, at, barycentric, corners, to_single};
+use glam::DVec3;
 use hyst_mesh::{Binding, TetMesh};
 use std::collections::BTreeMap;
 
@@ -227,9 +227,7 @@ fn divided(triangle: [u32; 3], middles: &BTreeMap<[u32; 2], u32>, mut take: impl
 
 /// Weights of the corners of a tet for a point, in the shape at rest.
 fn weights(rest: &TetMesh, tet: u32, point: DVec3) -> [f32; 4] {
-    let [a, b, c, d] = rest.tets[tet as usize].map(|node| at(&rest.positions_m, node));
-    let others = DMat3::from_cols(b - a, c - a, d - a).inverse() * (point - a);
-    let all = [1.0 - others.element_sum(), others.x, others.y, others.z].map(|weight| weight as f32);
+    let all = barycentric(corners(&rest.positions_m, rest.tets[tet as usize]), point).map(|weight| weight as f32);
     if all.iter().all(|weight| weight.is_finite()) { all } else { [0.25; 4] }
 }
 

@@ -1,8 +1,8 @@
 //! Where the wire was in the tissue. Between two ticks both move: what the wire has cut through is what it was swept past in the tissue, so each
 //! of its points is kept by the tet that it was in, or by the nearest node, and carried along.
 
-use super::{Bounds, Cuttable, at, corners, to_single};
-use glam::{DMat3, DVec3};
+use super::{Bounds, Cuttable, at, barycentric, corners, to_single};
+use glam::DVec3;
 
 /// A point of the wire, as the tissue saw it last.
 #[repr(C)]
@@ -124,9 +124,7 @@ impl Cuttable {
 }
 
 /// The weights of the corners, if the point is inside.
-fn weights_in([a, b, c, d]: [DVec3; 4], point: DVec3) -> Option<[f32; 4]> {
-    let weights = DMat3::from_cols(b - a, c - a, d - a).inverse() * (point - a);
-    let first = 1.0 - weights.element_sum();
-    let all = [first, weights.x, weights.y, weights.z];
+fn weights_in(corners: [DVec3; 4], point: DVec3) -> Option<[f32; 4]> {
+    let all = barycentric(corners, point);
     all.iter().all(|weight| *weight >= 0.0).then(|| all.map(|weight| weight as f32))
 }
