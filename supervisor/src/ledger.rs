@@ -1,4 +1,4 @@
-//! The hardware's ledger as the supervisor keeps it: the last two minutes, tick by tick, and what was found in windows of it.
+//! The hardware's ledger as the supervisor keeps it: the last 40 s, tick by tick, and what was found in windows of it.
 //!
 //! A *miss* is a tick at which the hardware did not get a fresh force, unless the canaries saw the host itself stall (void).
 
@@ -20,7 +20,7 @@ const LIMIT_N: f32 = 50.0;
 struct Tick {
     station_tick: u64,
     force_n: [f32; 3],
-    missed: bool,
+    late: bool,
     void: bool,
     wrong: bool,
 }
@@ -36,6 +36,9 @@ pub struct Window {
     pub ticks: u64,
     /// Ticks without a fresh force.
     pub missed: u64,
+    /// The same with those of the ticks that do not count.
+    #[serde(default)]
+    pub late: u64,
     /// Ticks that do not count because the host stalled.
     pub voided: u64,
     /// Ticks whose force was not finite, beyond any motor, or an old one.
@@ -133,7 +136,7 @@ impl Ledger {
         self.ticks.push_back(Tick {
             station_tick,
             force_n: entry.force_n,
-            missed: !fresh && entry.void == 0,
+            late: !fresh,
             void: entry.void != 0,
             wrong: invalid || stale,
         });
@@ -163,7 +166,8 @@ impl Ledger {
         for tick in self.ticks.range(first..end) {
             window.voided += u64::from(tick.void);
             window.ticks += u64::from(!tick.void);
-            window.missed += u64::from(tick.missed);
+            window.missed += u64::from(tick.late && !tick.void);
+            window.late += u64::from(tick.late);
             window.wrong += u64::from(tick.wrong);
             if let Some(before) = before.filter(|before| !before.void && !tick.void) {
                 window.force_step_max_n = window.force_step_max_n.max(distance(before.force_n, tick.force_n) as f64);
@@ -236,7 +240,7 @@ mod tests {
     fn misses_are_counted_and_void_ticks_count_in_neither() {
         let ledger = ledger(2_000, &[1_000, 1_001, 1_500], &[1_001, 1_002]);
         let window = ledger.window(990, 1_010);
-        assert_eq!((window.ticks, window.missed, window.voided), (18, 1, 2));
+        assert_eq!((window.ticks, window.missed, window.late, window.voided), (18, 1, 2, 2));
         assert_eq!(ledger.window(990, 1_001).force_step_max_n, 1.0, "the force falls from 1 N to 0 at tick 1000");
         assert_eq!(ledger.window(1_100, 1_200).force_step_max_n, 0.0);
         assert_eq!(ledger.window(5_000, 6_000).ticks, 0);

@@ -6,12 +6,15 @@
 
 use super::cell::Cell;
 use super::file::Campaign;
+use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
 /// First tick at which a fresh station may be hurt: it is whole after some 2 s, and the ledger's start-up is over.
 const FIRST_TICK: u64 = 6_000;
-/// Longest wait between the other fault and the one that falls into its recovery, ticks: the quickest recovery took 56 (haptic).
+/// Longest wait between the other fault and the one that falls into its recovery, ticks.
 const MOST_WITH_TICKS: u64 = 40;
+/// The same if the other is a servo's, whose successor is warm after 12 ticks where it takes the least; one that comes late has no verdict.
+const MOST_WITH_SERVO_TICKS: u64 = 8;
 
 /// One fault of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,12 +105,18 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
                 cell: cell.name.clone(),
                 tick,
                 phase_us: draw.between(0, 999) as u32,
-                with_ticks: draw.between(1, MOST_WITH_TICKS),
+                with_ticks: draw.between(1, most_with_ticks(cell)),
             });
             tick += room_ticks(cell);
         }
     }
     Plan { campaign: campaign.name.clone(), seed, file_hash: format!("{:016x}", campaign.hash), faults }
+}
+
+/// Longest wait for a fault in the recovery of another.
+fn most_with_ticks(cell: &Cell) -> u64 {
+    let is_servos = cell.with.as_ref().is_some_and(|with| with.target.split(':').next() == Some(Role::Haptic.name()));
+    if is_servos { MOST_WITH_SERVO_TICKS } else { MOST_WITH_TICKS }
 }
 
 /// Ticks that the recovery from a fault takes beyond the gap, about: a fault whose tick has passed comes as soon as the station is whole.

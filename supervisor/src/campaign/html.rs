@@ -93,7 +93,7 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
-         <th>recovered ms<br>median / largest</th><th>worse / better</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
+         <th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
          <th>largest force step N<br>fault / control</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>others<br>hit</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {
@@ -111,9 +111,10 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         _ => "–".into(),
     };
     let found: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{} {count}", escape(by))).collect();
+    let with_void = figures.excess_with_void.map_or(String::new(), |excess| format!(" ({} / {})", excess.worse, excess.better));
     let excess = figures.excess.map_or(["–".to_string(), "–".into(), "–".into()], |excess| {
         [
-            format!("{} / {}", excess.worse, excess.better),
+            format!("{} / {}{with_void}", excess.worse, excess.better),
             format!("{:.4}", excess.mean),
             format!("{:.4} … {:.4}", excess.lower95, excess.upper95),
         ]

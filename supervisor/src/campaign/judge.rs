@@ -1,6 +1,6 @@
 //! From the outcomes of a campaign to figures and verdicts: per cell, per pool, per station.
 //!
-//! A promise is *broken* only beyond doubt: the lower end of the interval of the excess lies above the limit, or something happened that
+//! A promise is *broken* only beyond doubt: the lower end of the interval of the excess lies above the limit, with the void ticks or without, or something happened that
 //! never may (a station that did not go on, a process that did not recover, one that died of another's fault, a force step that no fault-free
 //! tick makes + 0.05 N, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over). It is *held* when the upper end is within the limit. Between the two, or when too many faults have no
 //! verdict because the host stalled, nothing can be said, and the campaign says so.
@@ -11,7 +11,7 @@ use super::draw::Plan;
 use super::file::{Arm, Campaign};
 use super::outcome::{Ending, Outcome};
 use super::station::StationOutcome;
-use crate::fault::{Fault, STEP_MARGIN_N};
+use crate::fault::Fault;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -63,6 +63,9 @@ pub struct Figures {
     pub missed: [u64; 2],
     /// Faults with excess misses, per fault.
     pub excess: Option<Excess>,
+    /// The same with the ticks that do not count: whatever stalled, the fault's own doing in the kernel too. It is broader, and no promise is held by it,
+    /// but one can be broken.
+    pub excess_with_void: Option<Excess>,
     /// Excess misses of each judged fault, in the plan's order.
     pub excess_misses: Vec<i64>,
     /// Their mean: one stall of the host that falls into a window weighs there as much as it is long.
@@ -220,7 +223,7 @@ fn gather(
     let cell_of = |name: &str| cells.iter().find(|cell| cell.name == name);
     let planned = plan.faults.iter().filter(|entry| entry.arm == arm.name && cell_of(&entry.cell).is_some()).count();
     let mut figures = Figures { arm: arm.name.clone(), name: name.into(), planned, ..Figures::default() };
-    let (mut worse, mut better) = (0, 0);
+    let (mut missed, mut late) = (Sides::default(), Sides::default());
     for outcome in outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
         figures.data_lost_ticks += lost.get(&Some(outcome.index)).copied().unwrap_or(0);
@@ -235,9 +238,9 @@ fn gather(
         };
         match excess {
             None => figures.without_verdict += 1,
-            Some(excess) => {
-                worse += usize::from(excess > 0);
-                better += usize::from(excess < 0);
+            Some([excess, with_void]) => {
+                missed.add(excess);
+                late.add(with_void);
                 figures.excess_misses.push(excess);
             }
         }
@@ -247,12 +250,32 @@ fn gather(
     }
     if !figures.excess_misses.is_empty() {
         figures.mean_excess_misses = Some(figures.excess_misses.iter().sum::<i64>() as f64 / figures.excess_misses.len() as f64);
-        figures.excess = Some(Excess::of(figures.excess_misses.len(), worse, better));
+        figures.excess = Some(missed.excess());
+        figures.excess_with_void = Some(late.excess());
     }
     if figures.data_lost_ticks > 0 {
         figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
     }
     figures
+}
+
+/// Faults by the sign of their excess.
+#[derive(Default)]
+struct Sides {
+    faults: usize,
+    worse: usize,
+    better: usize,
+}
+
+impl Sides {
+    fn add(&mut self, excess: i64) {
+        self.faults += 1;
+        self.worse += usize::from(excess > 0);
+        self.better += usize::from(excess < 0);
+    }
+    fn excess(&self) -> Excess {
+        Excess::of(self.faults, self.worse, self.better)
+    }
 }
 
 impl Figures {
@@ -261,8 +284,8 @@ impl Figures {
         self.without_verdict + self.excess_misses.len()
     }
 
-    /// Adds a fault; gives its excess misses beyond what it may cost, if it can be judged.
-    fn take(&mut self, fault: &Fault, cell: &Cell, step_n: f64, outcome: &Outcome) -> Option<i64> {
+    /// Adds a fault; gives its excess misses beyond what it may cost, without and with void ticks, if it can be judged.
+    fn take(&mut self, fault: &Fault, cell: &Cell, step_n: f64, outcome: &Outcome) -> Option<[i64; 2]> {
         let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
         self.injected += 1;
         self.manifested += usize::from(fault.manifested);
@@ -291,7 +314,7 @@ impl Figures {
         self.missed[0] += window.missed;
         self.missed[1] += control.missed;
         self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
-        if window.force_step_max_n > step_n + STEP_MARGIN_N && fault.promise_held != Some(true) {
+        if window.force_step_max_n > fault.most_step_n(step_n) && fault.promise_held != Some(true) {
             let text = format!(
                 "fault {}: a force step of {:.3} N, {step_n:.3} N without a fault",
                 outcome.index, window.force_step_max_n
@@ -309,14 +332,12 @@ impl Figures {
         if !fault.manifested || is_astray || is_late || is_void(window) || is_void(control) {
             return None;
         }
-        let excess = window.missed as i64 - control.missed as i64;
-        Some(if excess > 0 {
-            (excess - cell.allowed_misses as i64).max(0)
-        } else if cell.allowed_misses > 0 {
-            0
-        } else {
-            excess
-        })
+        let beyond = |excess: i64| match excess {
+            1.. => (excess - cell.allowed_misses as i64).max(0),
+            _ if cell.allowed_misses > 0 => 0,
+            _ => excess,
+        };
+        Some([window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64].map(beyond))
     }
 }
 
@@ -357,6 +378,7 @@ fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, 
         _ if is_wrong => Verdict::Broken,
         (None, _) => Verdict::Figures,
         (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
+        (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
         _ if is_void => Verdict::Unknown,
         (Some(limit), Some(excess)) if excess.upper95 <= limit => Verdict::Held,
         _ => Verdict::Unknown,
@@ -368,6 +390,10 @@ fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, 
             "excess misses per fault: {:.4}, 95 %: {:.4} to {:.4}, limit {limit}",
             excess.mean, excess.lower95, excess.upper95
         ));
+        figures.reasons.extend(figures.excess_with_void.map(|excess| {
+            let (mean, lower, upper) = (excess.mean, excess.lower95, excess.upper95);
+            format!("with void ticks: {mean:.4}, 95 %: {lower:.4} to {upper:.4}")
+        }));
     }
     figures.reasons.truncate(MOST_REASONS);
     figures

@@ -92,6 +92,19 @@ fn misses_beyond_doubt_break_the_promise_and_so_does_a_limit_that_cannot_be_met(
 }
 
 #[test]
+fn what_a_fault_does_to_the_kernel_is_no_excuse() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    for number in 0..30 {
+        window(&mut outcomes, "kill haptic:active", number).late = 3;
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)]);
+    let haptic = &judgement.cells[0];
+    assert_eq!((haptic.excess.unwrap().worse, haptic.excess_with_void.unwrap().worse), (0, 30));
+    assert_eq!((haptic.verdict, judgement.pools[0].verdict), (Verdict::Broken, Verdict::Held));
+    assert!(haptic.reasons.iter().any(|reason| reason.contains("with void ticks")), "{:?}", haptic.reasons);
+}
+
+#[test]
 fn what_never_may_happen_breaks_a_promise_at_once() {
     type Harm = fn(&mut [Outcome]);
     let harms: [(Harm, &str); 5] = [

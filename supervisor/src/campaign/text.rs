@@ -1,5 +1,6 @@
 //! A campaign's report as plain text.
 
+use super::bounds::Excess;
 use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::{Ending, Outcome};
 use std::fmt::Write;
@@ -50,6 +51,11 @@ fn word(verdict: Verdict) -> &'static str {
     }
 }
 
+/// Faults that missed more and fewer ticks than their controls.
+fn sides(excess: &Excess) -> String {
+    format!("{}-{}", excess.worse, excess.better)
+}
+
 fn row(figures: &Figures) -> String {
     let times = |list: &[f64]| match (percentile(list, 0.5), percentile(list, 1.0)) {
         (Some(middle), Some(most)) => format!("{middle:.1}/{most:.1}"),
@@ -57,12 +63,14 @@ fn row(figures: &Figures) -> String {
     };
     let found: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
     let excess = figures.excess.map_or(("-".into(), "-".into(), "-".into()), |excess| {
-        (format!("{}-{}", excess.worse, excess.better), format!("{:.4}", excess.mean), format!("{:.4}", excess.upper95))
+        (sides(&excess), format!("{:.4}", excess.mean), format!("{:.4}", excess.upper95))
     });
+    let with_void = figures.excess_with_void.map_or("-".into(), |excess| sides(&excess));
+    let void = |[ticks, voided]: [u64; 2]| format!("{:.1}", 100.0 * voided as f64 / (ticks + voided).max(1) as f64);
     let [step, control_step] = figures.step_max_n;
     let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
     format!(
-        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>12} {:>5}  {:<8} {}\n",
+        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5}  {:<8} {}\n",
         figures.name,
         figures.injected,
         figures.planned,
@@ -76,6 +84,8 @@ fn row(figures: &Figures) -> String {
         excess.2,
         limit,
         figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}")),
+        with_void,
+        format!("{}/{}", void(figures.window_ticks), void(figures.control_ticks)),
         format!("{step:.3}/{control_step:.3}"),
         figures.data_lost_ticks,
         word(figures.verdict),
@@ -98,11 +108,11 @@ pub fn text(judgement: &Judgement) -> String {
     for arm in arms {
         let _ = write!(
             text,
-            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>12} {:>5}  {:<8} found by\n",
-            "cell: times are median/largest in ms",
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5}  {:<8} found by\n",
+            "cell: times are median/largest in ms; none: no verdict",
             "injected",
             "shown",
-            "void",
+            "none",
             "found",
             "contained",
             "recovered",
@@ -111,6 +121,8 @@ pub fn text(judgement: &Judgement) -> String {
             "upper95",
             "limit",
             "misses",
+            "+/- void",
+            "void %",
             "step/N",
             "lost",
             "verdict"

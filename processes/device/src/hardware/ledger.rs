@@ -124,7 +124,9 @@ impl Ledger {
     }
 
     fn commit(&self, mut entry: LedgerEntry) {
-        entry.void = u32::from(self.canaries.stalled(entry.time_ns.saturating_sub(TICK_NS), entry.time_ns + TICK_NS));
+        // The force of a tick goes back to a pose of the tick before the last.
+        let (from_ns, to_ns) = (entry.time_ns.saturating_sub(2 * TICK_NS), entry.time_ns + TICK_NS);
+        entry.void = u32::from(self.canaries.stalled(from_ns, to_ns));
         self.total(Total::Ticks, 1);
         let total = match entry.kind {
             _ if entry.void != 0 => Total::Void,
