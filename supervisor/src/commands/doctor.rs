@@ -24,7 +24,8 @@ fn finding(what: &'static str, found: String, good: bool, is_optional: bool, cur
 
 /// Looks at the machine; exit code 1 if a station cannot run on it.
 pub fn doctor() -> Result<u8, Refusal> {
-    let findings = [cores(), real_time(), locked_memory(), shared_memory(), throttling(), pictures(), display(), leftovers()];
+    let findings =
+        [cores(), real_time(), preemption(), locked_memory(), shared_memory(), throttling(), pictures(), display(), leftovers()];
     for finding in &findings {
         let mark = match (&finding.cure, finding.is_optional) {
             (None, _) => "good",
@@ -52,6 +53,30 @@ fn real_time() -> Finding {
     let cure = "run as root, or put `@users - rtprio 95` into /etc/security/limits.d/hystation.conf and log in again, or give docker \
                 --cap-add SYS_NICE";
     finding("real time", found.into(), granted, true, cure)
+}
+
+/// Whether the kernel lets go of a core while it works for somebody: the start and the end of a large process keep it busy for up to a millisecond.
+fn preemption() -> Finding {
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    let [version, command_line, switch] = ["/proc/version", "/proc/cmdline", "/sys/kernel/debug/sched/preempt"].map(read);
+    let mode = mode_of_preemption(&version, &command_line, &switch);
+    let good = mode.is_some_and(|mode| matches!(mode, "rt" | "full" | "lazy"));
+    let found = mode.map_or("not to be seen (/sys/kernel/debug/sched/preempt)".to_string(), str::to_string);
+    let cure = "add `preempt=full` to the kernel's command line: else the start and the end of a large process (rendering) hold a core for up to 1 ms, and \
+                single ticks come late";
+    finding("preemption", found, good, true, cure)
+}
+
+/// How the kernel is preempted, as far as its version, its command line or its switch say it.
+fn mode_of_preemption<'a>(version: &str, command_line: &'a str, switch: &'a str) -> Option<&'a str> {
+    if version.contains("PREEMPT_RT") {
+        return Some("rt");
+    }
+    // `none (voluntary) full lazy`: the one in brackets is in force.
+    let in_force = switch.split_whitespace().find_map(|word| word.strip_prefix('(')?.strip_suffix(')'));
+    let asked = command_line.split_whitespace().filter_map(|word| word.strip_prefix("preempt=")).next_back();
+    let built_in = (version.contains("PREEMPT") && !version.contains("PREEMPT_DYNAMIC")).then_some("full");
+    in_force.or(asked).or(built_in)
 }
 
 fn locked_memory() -> Finding {
@@ -140,4 +165,20 @@ fn leftovers() -> Finding {
         dead.first().map_or("NAME", String::as_str)
     );
     finding("leftovers", found, dead.is_empty(), true, &cure)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::mode_of_preemption;
+
+    #[test]
+    fn the_mode_of_preemption_is_read_from_whatever_says_it() {
+        let dynamic = "Linux version 6.18 #1 SMP PREEMPT_DYNAMIC";
+        assert_eq!(mode_of_preemption("Linux version 6.1 #1 SMP PREEMPT_RT", "", ""), Some("rt"));
+        assert_eq!(mode_of_preemption(dynamic, "quiet preempt=none", "none voluntary (full) lazy\n"), Some("full"));
+        assert_eq!(mode_of_preemption(dynamic, "preempt=full quiet preempt=none", ""), Some("none"));
+        assert_eq!(mode_of_preemption("Linux version 6.1 #1 SMP PREEMPT", "quiet", ""), Some("full"));
+        assert_eq!(mode_of_preemption(dynamic, "quiet", ""), None);
+        assert_eq!(mode_of_preemption("Linux version 6.1 #1 SMP", "quiet", ""), None);
+    }
 }

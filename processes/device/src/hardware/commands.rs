@@ -8,6 +8,9 @@ use hyst_messages::page::device;
 use hyst_messages::page::device::Distrust;
 use hyst_messages::{Applied, ForceCommand};
 
+/// Most ticks by which a command may be ahead of the clock: one that were taken would shut out all that come before its time.
+const MOST_AHEAD_TICKS: u64 = 2;
+
 /// The newest command that was taken, and what was seen of its device.
 #[derive(Default)]
 pub struct Commands {
@@ -30,7 +33,7 @@ impl Commands {
             self.watch = WatchState::default();
         }
         self.seen = (incarnation, number);
-        let verdict = self.judge(&command, tip_m, max_force_n);
+        let verdict = self.judge(&command, life.clock.present_tick(), tip_m, max_force_n);
         let Err(why) = verdict else {
             self.newest = command;
             return Some(command);
@@ -39,9 +42,10 @@ impl Commands {
         None
     }
 
-    fn judge(&mut self, command: &ForceCommand, tip_m: [f32; 3], max_force_n: f32) -> Result<(), Distrust> {
+    fn judge(&mut self, command: &ForceCommand, present_tick: u64, tip_m: [f32; 3], max_force_n: f32) -> Result<(), Distrust> {
         let limits = ForceLimits { max_force_n, max_age_ticks: 0 };
-        if valid_force(command.tick, command.tick, command.force_n, &limits).is_err() {
+        let is_ahead = command.tick > present_tick + MOST_AHEAD_TICKS || command.force_tick > command.tick;
+        if is_ahead || valid_force(command.tick, command.tick, command.force_n, &limits).is_err() {
             return Err(Distrust::Invalid);
         }
         if command.tick <= self.newest.tick {
@@ -72,7 +76,7 @@ mod tests {
     }
 
     fn judged(commands: &mut Commands, command: ForceCommand, y_m: f32) -> Result<(), Distrust> {
-        let verdict = commands.judge(&command, [0.0, y_m, 0.0], LIMIT_N);
+        let verdict = commands.judge(&command, 10, [0.0, y_m, 0.0], LIMIT_N);
         if verdict.is_ok() {
             commands.newest = command;
         }
@@ -88,7 +92,11 @@ mod tests {
         assert_eq!(judged(&mut commands, command(6, 50.0), 0.0), Err(Distrust::Invalid));
         assert_eq!(judged(&mut commands, command(5, 1.1), 0.0), Err(Distrust::Still));
         assert_eq!(judged(&mut commands, command(4, 0.9), 0.0), Err(Distrust::Still));
-        assert_eq!(judged(&mut commands, command(6, 1.1), 0.0), Ok(()));
+        assert_eq!(judged(&mut commands, command(10 + MOST_AHEAD_TICKS + 1, 1.1), 0.0), Err(Distrust::Invalid));
+        assert_eq!(judged(&mut commands, command(u64::MAX, 1.1), 0.0), Err(Distrust::Invalid));
+        let of_later = ForceCommand { force_tick: 7, ..command(6, 1.1) };
+        assert_eq!(judged(&mut commands, of_later, 0.0), Err(Distrust::Invalid));
+        assert_eq!(judged(&mut commands, command(6, 1.1), 0.0), Ok(()), "nobody was shut out");
     }
 
     #[test]
