@@ -18,7 +18,7 @@ use crate::settings::{Refusal, prepare};
 use crate::supervise::register;
 use crate::view::{StationView, Viewer, table};
 use found::{Ground, settle, take_name};
-use hyst_exchange::{OwnedPage, Station, system};
+use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
 use order::Order;
@@ -91,7 +91,7 @@ enum End {
 pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
     let (settings, plan) = prepare(args)?;
-    let stop = catch_signals()?;
+    let signals = Signals::catch()?;
     let report =
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
     let order = Order { report, for_s: args.for_s, ..Order::default() };
@@ -99,14 +99,14 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let ground = settle(&station, &settings, &plan, order)?;
     let draw = std::io::stdout().is_terminal() && !args.quiet;
     let mut guardian = Guardian::new(station, name, ground, draw);
-    guardian.keep(&plan, &stop);
+    guardian.keep(&plan, &signals);
     Ok(guardian.end(&plan))
 }
 
 /// Takes the place of a guardian that died; the supervisor starts it.
 pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     let failed = |e: String| Refusal::failed(e);
-    let stop = catch_signals()?;
+    let signals = Signals::catch()?;
     let Some(name) = name::take(&station, Holder::Guardian).map_err(|e| failed(e.to_string()))? else {
         return Ok(0); // the station has a guardian
     };
@@ -117,7 +117,7 @@ pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     register(&page, Role::Guardian);
     let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false);
     guardian.notifier.say(&format!("MAINPID={}\n", std::process::id()));
-    match guardian.keep(&plan, &stop) {
+    match guardian.keep(&plan, &signals) {
         End::Stop => Ok(guardian.end(&plan)),
         End::Relieved => {
             // Said before the name is free: one that leaves in order is missed by nobody.
@@ -127,19 +127,36 @@ pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     }
 }
 
-fn catch_signals() -> Result<Arc<AtomicBool>, Refusal> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
+/// What was asked of this process by signals.
+struct Signals {
+    /// To end the station.
+    stop: Arc<AtomicBool>,
+    /// To pause, by Ctrl-Z: the engines would go on, and nobody would keep them.
+    pause: Arc<AtomicBool>,
+}
+
+impl Signals {
+    fn catch() -> Result<Signals, Refusal> {
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
+        let signals = Signals { stop: Arc::default(), pause: Arc::default() };
+        let of_flag = |(signal, flag): (i32, &Arc<AtomicBool>)| signal_hook::flag::register(signal, Arc::clone(flag));
+        let flags = [(SIGINT, &signals.stop), (SIGTERM, &signals.stop), (SIGHUP, &signals.stop), (SIGTSTP, &signals.pause)];
+        for flag in flags {
+            of_flag(flag).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
+        }
+        Ok(signals)
     }
-    Ok(stop)
+}
+
+fn living_supervisor(station: &Station) -> Option<Living> {
+    remains::slot_alive(&station.open().ok()?, Slot::first(Role::Supervisor).number())
 }
 
 impl Guardian {
     fn new(station: Station, name: UnixListener, ground: Ground, draw: bool) -> Guardian {
         // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
         let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
-        let supervisor = station.open().ok().and_then(|page| remains::slot_alive(&page, Slot::first(Role::Supervisor).number()));
+        let supervisor = living_supervisor(&station);
         if ground.adopted {
             let who = if ground.order.stand_in { "a stand-in for the guardian" } else { "the guardian" };
             journal::say(&station, &format!("{who} (pid {}) has taken over the station", std::process::id()));
@@ -161,7 +178,9 @@ impl Guardian {
     }
 
     /// Keeps the station until it is asked to stop, by whomever, or somebody else keeps it.
-    fn keep(&mut self, plan: &Plan, stop: &AtomicBool) -> End {
+    fn keep(&mut self, plan: &Plan, signals: &Signals) -> End {
+        // A supervisor mends it as it begins; there may be none, and nobody maps a roster with a damaged header.
+        let _ = Roster::restore_header(&self.station); // refused: then it cannot be viewed either
         let Ok(mut viewer) = Viewer::open(&self.station) else {
             return End::Stop;
         };
@@ -171,7 +190,10 @@ impl Guardian {
         loop {
             let now_ns = system::now_ns();
             self.reap();
-            if stop.load(Ordering::Relaxed) || self.page.load32(layout::STOP) != 0 || !self.keep_supervisor(now_ns) {
+            if signals.pause.swap(false, Ordering::Relaxed) {
+                self.tell("a station does not pause; Ctrl-C ends it");
+            }
+            if signals.stop.load(Ordering::Relaxed) || self.page.load32(layout::STOP) != 0 || !self.keep_supervisor(now_ns) {
                 return End::Stop;
             }
             if name::was_knocked(&self.name) && self.order.stand_in {
@@ -179,7 +201,7 @@ impl Guardian {
             }
             if !told && (all_ready(&mut viewer, plan) || now_ns - begin_ns > READY_WITHIN_NS) {
                 told = true;
-                self.ready(begin_ns, now_ns);
+                self.ready(begin_ns, now_ns, all_ready(&mut viewer, plan));
             }
             if self.is_over(plan, now_ns) {
                 return End::Stop;
@@ -203,10 +225,13 @@ impl Guardian {
         elapsed_s.zip(self.order.for_s).is_some_and(|(elapsed_s, for_s)| elapsed_s >= for_s)
     }
 
-    fn ready(&mut self, begin_ns: u64, now_ns: u64) {
+    /// Says that the station runs, and whether all of it does: one that has waited long enough goes on with what there is.
+    fn ready(&mut self, begin_ns: u64, now_ns: u64, is_whole: bool) {
         let name = self.station.name().to_string();
-        self.tell(&format!("station {name:?} is ready after {:.1} s", (now_ns - begin_ns) as f64 * 1e-9));
-        self.notifier.say(&format!("READY=1\nSTATUS=station {name} is ready\n"));
+        let (after_s, how) =
+            ((now_ns - begin_ns) as f64 * 1e-9, if is_whole { "is ready" } else { "runs, and not all of it is ready," });
+        self.tell(&format!("station {name:?} {how} after {after_s:.1} s"));
+        self.notifier.say(&format!("READY=1\nSTATUS=station {name} {}\n", how.trim_end_matches(',')));
         if self.order.ready_ns.is_none() {
             self.order.ready_ns = Some(now_ns);
             self.order.write(&self.station);
@@ -243,6 +268,11 @@ impl Guardian {
             let message = format!("the supervisor died {MOST_STARTS} times in a row; its last words:\n{}", self.last_words());
             Verdict { code: 1, message }.write(&self.station);
             return false;
+        }
+        // A guardian before this one may have started one that had not registered when this one looked.
+        self.supervisor = living_supervisor(&self.station);
+        if self.supervisor.is_some() {
+            return true;
         }
         self.starts += 1;
         self.next_start_ns = now_ns + RESTART_NS;

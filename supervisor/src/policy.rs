@@ -13,11 +13,13 @@
 mod event;
 mod ladder;
 mod limits;
+mod record;
 mod swap;
 
 pub use event::{Action, Event, Exit, Left};
 pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
 pub use limits::{Limits, is_replicated, is_stateful, limits, sources};
+pub use record::Record;
 pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};
 
 use hyst_messages::{Role, Slot};
@@ -142,13 +144,8 @@ pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
 
 fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
     match event {
-        Event::Started { adopted } => {
-            for (slot, incarnation) in adopted {
-                if let Some(place) = state.places.get_mut(&slot) {
-                    place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
-                    place.was_ready = true;
-                }
-            }
+        Event::Started { adopted, warming } => {
+            begin(now_ns, adopted, warming, state);
             spawn_due(now_ns, state)
         }
         Event::Spawned { slot, incarnation } => {
@@ -206,6 +203,19 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             }
             actions.extend(swap::tend(now_ns, state));
             actions
+        }
+    }
+}
+
+/// Takes over those who live already, ready or not yet.
+fn begin(now_ns: u64, adopted: Vec<(Slot, u32)>, warming: Vec<(Slot, u32)>, state: &mut State) {
+    // A station of which anybody lives has run: it is not ended by one that refuses what was edited since.
+    let has_run = !adopted.is_empty();
+    state.places.values_mut().for_each(|place| place.was_ready |= has_run);
+    let ready = adopted.into_iter().map(|found| (found, Some(now_ns)));
+    for ((slot, incarnation), ready_ns) in ready.chain(warming.into_iter().map(|found| (found, None))) {
+        if let Some(place) = state.places.get_mut(&slot) {
+            place.life = Life::Alive { incarnation, ready_ns };
         }
     }
 }

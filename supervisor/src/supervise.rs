@@ -25,7 +25,7 @@ use crate::swap::judge::Seen;
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
 use hyst_engine::realtime::SUPERVISOR_PRIORITY;
-use hyst_exchange::{LinkError, OwnedPage, Station, StationError, system};
+use hyst_exchange::{LinkError, OwnedPage, Roster, Station, StationError, system};
 use hyst_messages::page::{ProcessState, station as layout};
 use hyst_messages::{Role, Slot};
 use std::collections::{BTreeMap, BTreeSet};
@@ -116,6 +116,9 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     };
     crate::proc::end_on_panic();
     let page = Arc::new(station.open_for_keeping()?);
+    if Roster::restore_header(station)? {
+        crate::journal::say(station, "the roster's page had a damaged header, which was mended");
+    }
     register(&page, Role::Supervisor);
     page.fetch_add64(layout::SUPERVISOR_STARTS, 1);
     let plan = Plan::read(station)?;
@@ -162,6 +165,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         refused: 0,
     };
     roles::resume(&supervisor.page, supervisor.viewer.page(), &mut supervisor.policy);
+    supervisor.recall();
     supervisor.start();
     Ok(supervisor.run(&inbox))
 }

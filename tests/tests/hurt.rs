@@ -235,7 +235,7 @@ fn wrong_output_is_refused_by_its_reader_and_never_applied() {
 #[test]
 fn the_hardware_follows_no_wrong_command() {
     let station = Station::start("commands", &["--hand", "script:press", "--test-mode"]);
-    let kinds = ["nan", "inf", "range", "stamp", "replay"];
+    let kinds = ["nan", "inf", "range", "stamp", "replay", "ahead"];
     for kind in kinds {
         let (_, pid) = station.victim("device");
         station.inject(&format!("{kind} device"));

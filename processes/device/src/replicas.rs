@@ -238,3 +238,64 @@ impl Replicas {
         life.distrust(replica.incarnation, why);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::{OwnedPage, Station};
+
+    /// What the device takes in a tick if the servos say this: the force along y, and the flags; `None` says nothing in this tick.
+    fn taken(
+        life: &Life,
+        replicas: &mut Replicas,
+        pages: &[OwnedPage; 2],
+        tick: u64,
+        said: [Option<(f32, u32)>; 2],
+    ) -> Option<f32> {
+        let input = InputRecord { tick, ..InputRecord::default() };
+        for (page, said) in pages.iter().zip(said) {
+            let Some((newton, flags)) = said else { continue };
+            let force_n = [0.0, newton, 0.0];
+            page.write(
+                haptic::FORCE,
+                &ForceRecord { tick, input_hash: input_hash(&input), force_n, flags, ..Default::default() },
+            );
+            page.store64(header::TICK, tick);
+        }
+        replicas.choose(life, &input, &LastHopParams::default(), 0).force_n.map(|force_n| force_n[1])
+    }
+
+    #[test]
+    fn the_one_that_is_followed_stays_until_it_is_not_valid_and_a_newborn_counts_only_out_of_its_shadow() {
+        let station = Station::named(&format!("t{}-replicas", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        std::fs::write(station.settings(), "").unwrap();
+        let slot = |role, index| Slot::new(role, index).unwrap();
+        drop(station.create_slot(slot(Role::Device, 0), 1).unwrap());
+        let life = Life::begin(station.name(), slot(Role::Device, 0), 1).unwrap();
+        let pages = [0, 1].map(|index| station.create_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap());
+        let mut replicas = Replicas::default();
+        for index in 0..2 {
+            assert!(replicas.seat(index, station.read_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap()).is_none());
+        }
+        let distrusted = |index: usize| life.page.load64(layout::DISTRUSTED + index) >> 32;
+        let mut take = |tick, said| {
+            let force_n = taken(&life, &mut replicas, &pages, tick, said);
+            (force_n, replicas.selected_incarnation())
+        };
+        let (here, shadow) = (|newton| Some((newton, 0)), |newton| Some((newton, FORCE_SHADOW)));
+        assert_eq!(take(1, [here(0.10), here(0.10)]), (Some(0.10), 2), "the first is followed");
+        assert_eq!(take(2, [here(0.11), shadow(0.30)]), (Some(0.11), 2));
+        assert_eq!(distrusted(1), 0, "one in its shadow does not disagree with anybody");
+        assert_eq!(take(3, [shadow(0.30), here(0.12)]), (Some(0.12), 3), "nor is it taken where it was followed before");
+        assert_eq!(take(4, [here(0.13), here(0.13)]), (Some(0.13), 3), "the selection stays");
+        assert_eq!(take(5, [here(0.14), here(f32::NAN)]), (Some(0.14), 2));
+        assert_eq!(distrusted(1), Distrust::Invalid as u64);
+        assert_eq!(take(6, [None, here(0.15)]), (Some(0.15), 3), "what is of another tick is not taken");
+        assert_eq!(take(7, [shadow(0.16), shadow(0.16)]).0, None, "nobody is out of the shadow");
+        assert_eq!(take(8, [here(9.9), None]).0, None, "beyond any motor");
+        drop(replicas);
+        station.wipe();
+    }
+}

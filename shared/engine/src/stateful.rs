@@ -9,6 +9,7 @@ mod chain;
 mod founding;
 mod keeper;
 mod locked;
+mod tenure;
 mod trial;
 
 use crate::life::{Failure, Life};
@@ -105,6 +106,8 @@ struct Loop<'a, S: Stateful> {
     lies: Lies,
     misses: u32,
     held: bool,
+    /// The tenure under which it last made a step as the holder.
+    stepped_as: Tenure,
     founded: bool,
     trial: trial::Trial,
 }
@@ -136,6 +139,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
         lies,
         misses: 0,
         held: false,
+        stepped_as: Tenure::default(),
         founded: false,
         trial,
     };
@@ -250,6 +254,7 @@ impl<S: Stateful> Loop<'_, S> {
             if !self.is_sound(holder) {
                 self.life.page.add64(header::INVALID, 1); // nobody can hold the role like this
             } else if holder.incarnation == self.me() {
+                let tick = self.tick_of(tick, holder);
                 self.step(tick, holder)?;
             } else if self.is_guest() {
                 self.shadow(tick, holder)?;
@@ -290,29 +295,6 @@ impl<S: Stateful> Loop<'_, S> {
             Turn::Step(next_tick) => self.make(next_tick, holder),
             Turn::Leap => self.begin_epoch(tick, holder),
             Turn::Rest | Turn::Substitute(_) | Turn::Promote => Ok(()),
-        }
-    }
-
-    /// Takes the role from whom was seen to hold it, with a new epoch; `None` if another was faster.
-    fn take_role(&mut self, from: Tenure) -> Option<Tenure> {
-        let tenure = self.roster.promote(self.role, from, self.me()).ok()?;
-        if from.incarnation != self.me() {
-            self.life.page.add64(header::PROMOTIONS, 1);
-        }
-        self.note_role(tenure);
-        Some(tenure)
-    }
-
-    /// Takes the role from whom was seen to hold it, and computes the first state of the epoch. Nothing to do if another was faster.
-    fn begin_epoch(&mut self, tick: u64, from: Tenure) -> Result<(), Failure> {
-        let Some(tenure) = self.take_role(from) else { return Ok(()) };
-        // This thread may have stood since it woke: what it knew then may be old by now, the clock too.
-        self.receive_states();
-        let step_ticks = self.engine.step_ticks();
-        let tick = tick.max(self.life.tick() / step_ticks * step_ticks);
-        match holder_turn(tick, self.chain.key(), tenure.epoch, step_ticks) {
-            Turn::Step(next_tick) => self.make(next_tick, tenure),
-            _ => Ok(()), // a state of a still higher epoch is there
         }
     }
 

@@ -140,6 +140,15 @@ pub fn create(path: &Path, words: usize, slot: usize, incarnation: u32) -> Resul
 }
 
 fn open(path: &Path, words: usize, access: Access) -> Result<Mapping, PageError> {
+    let mapping = open_any(path, words, access)?;
+    if mapping.words64()[header::MAGIC].load(Ordering::Acquire) != magic() {
+        return Err(PageError::Foreign { path: path.to_path_buf() });
+    }
+    Ok(mapping)
+}
+
+/// A page of that size, whatever its header says.
+fn open_any(path: &Path, words: usize, access: Access) -> Result<Mapping, PageError> {
     let refused = |reason| PageError::Refused { path: path.to_path_buf(), reason };
     let flags = match access {
         Access::Read => OFlags::RDONLY,
@@ -151,11 +160,7 @@ fn open(path: &Path, words: usize, access: Access) -> Result<Mapping, PageError>
     if found != bytes as i64 {
         return Err(PageError::Foreign { path: path.to_path_buf() });
     }
-    let mapping = Mapping::new(&file, bytes, access).map_err(refused)?;
-    if mapping.words64()[header::MAGIC].load(Ordering::Acquire) != magic() {
-        return Err(PageError::Foreign { path: path.to_path_buf() });
-    }
-    Ok(mapping)
+    Mapping::new(&file, bytes, access).map_err(refused)
 }
 
 impl ReadPage {
@@ -219,6 +224,10 @@ impl OwnedPage {
     /// Opens a page that was made for this process.
     pub fn open(path: &Path, words: usize) -> Result<OwnedPage, PageError> {
         open(path, words, Access::Write).map(|mapping| OwnedPage { mapping })
+    }
+    /// Opens one whose header may be damaged, to mend it.
+    pub(crate) fn open_damaged(path: &Path, words: usize) -> Result<OwnedPage, PageError> {
+        open_any(path, words, Access::Write).map(|mapping| OwnedPage { mapping })
     }
     /// A 32-bit word.
     pub fn load32(&self, index: usize) -> u32 {

@@ -72,6 +72,11 @@ impl Roster {
         self.mend_header();
         self.page.swap64(layout::OWNER + role as usize, nonsense.word(), tenure.word()).map_err(Tenure::from_word)
     }
+    /// The same without mapping the page as a roster, which a damaged header forbids: for who begins to keep a station.
+    pub fn restore_header(station: &Station) -> Result<bool, StationError> {
+        let page = OwnedPage::open_damaged(&station.roster_page(), layout::WORDS)?;
+        Ok(Roster { page }.mend_header())
+    }
     /// Writes the page's magic again if it was damaged, so that newcomers can map it; true if it was.
     pub fn mend_header(&self) -> bool {
         let damaged = self.page.load64(header::MAGIC) != magic();

@@ -371,7 +371,9 @@ pub mod station {
     pub const HELD: usize = SLOT_DEAD + SLOTS;
     /// 32-bit words: the incarnation in each slot that hangs as far as the watch can know, and is to blame for it itself; 0 if none does.
     pub const SLOT_SUSPECT: usize = HELD + 16;
-    const _: () = assert!(SLOT_SUSPECT + SLOTS <= 2 * WORDS);
+    /// 32-bit words: what the supervisor remembers of each slot's lives, for its successor.
+    pub const SLOT_RECORD: usize = SLOT_SUSPECT + SLOTS;
+    const _: () = assert!(SLOT_RECORD + SLOTS <= 2 * WORDS);
 }
 
 /// The roster: one 64-bit word for each role, `epoch << 32 | incarnation`. Only promotion writes it, by compare-and-swap.

@@ -44,6 +44,27 @@ impl Excess {
     }
 }
 
+/// Faults by the sign of their excess.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sides {
+    faults: usize,
+    worse: usize,
+    better: usize,
+}
+
+impl Sides {
+    /// Adds one.
+    pub fn add(&mut self, excess: i64) {
+        self.faults += 1;
+        self.worse += usize::from(excess > 0);
+        self.better += usize::from(excess < 0);
+    }
+    /// Their excess.
+    pub fn excess(&self) -> Excess {
+        Excess::of(self.faults, self.worse, self.better)
+    }
+}
+
 /// P(X ≤ k) of a binomial distribution.
 fn at_most(k: usize, n: usize, p: f64) -> f64 {
     let mut ln_choose = 0.0;

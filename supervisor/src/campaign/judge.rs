@@ -5,7 +5,7 @@
 //! tick makes + 0.05 N, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over). It is *held* when the upper end is within the limit. Between the two, or when too many faults have no
 //! verdict because the host stalled, nothing can be said, and the campaign says so.
 
-use super::bounds::Excess;
+use super::bounds::{Excess, Sides};
 use super::cell::Cell;
 use super::draw::Plan;
 use super::file::{Arm, Campaign};
@@ -257,25 +257,6 @@ fn gather(
         figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
     }
     figures
-}
-
-/// Faults by the sign of their excess.
-#[derive(Default)]
-struct Sides {
-    faults: usize,
-    worse: usize,
-    better: usize,
-}
-
-impl Sides {
-    fn add(&mut self, excess: i64) {
-        self.faults += 1;
-        self.worse += usize::from(excess > 0);
-        self.better += usize::from(excess < 0);
-    }
-    fn excess(&self) -> Excess {
-        Excess::of(self.faults, self.worse, self.better)
-    }
 }
 
 impl Figures {

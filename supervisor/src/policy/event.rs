@@ -30,8 +30,10 @@ impl std::fmt::Display for Exit {
 pub enum Event {
     /// The supervisor runs; these incarnations live already.
     Started {
-        /// Slots and incarnations that were adopted.
+        /// Slots and incarnations that were adopted, and are ready.
         adopted: Vec<(Slot, u32)>,
+        /// Likewise of those that are not yet.
+        warming: Vec<(Slot, u32)>,
     },
     /// A spawn that was asked for succeeded.
     Spawned {

@@ -4,7 +4,7 @@
 use super::Supervisor;
 use crate::journal;
 use crate::mischief::{self, Charge};
-use crate::policy::Action;
+use crate::policy::{self, Event};
 use hyst_messages::page::device::{self, Distrust};
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Role, Slot};
@@ -48,7 +48,7 @@ impl Supervisor {
             journal::say(&self.station, &format!("{slot} is distrusted by {} and is replaced: {why}", charge.by));
             let incarnation = charge.incarnation;
             self.faults.late(slot, incarnation, charge.since_ns, charge.since_ns, &charge.by.to_string());
-            self.act(vec![Action::Kill { slot, incarnation }]);
+            self.end_guilty(slot, incarnation, now_ns);
         }
     }
 
@@ -72,9 +72,15 @@ impl Supervisor {
                     ),
                 );
                 self.faults.late(slot, incarnation, now_ns, now_ns, "page");
-                self.act(vec![Action::Kill { slot, incarnation }]);
+                self.end_guilty(slot, incarnation, now_ns);
             }
         }
+    }
+
+    /// Ends one for what it does. To the policy that is a hang: it comes from within, and from the same state a successor may do the same.
+    fn end_guilty(&mut self, slot: Slot, incarnation: u32, now_ns: u64) {
+        let actions = policy::step(now_ns, Event::HeartbeatLate { slot, incarnation }, &mut self.policy);
+        self.act(actions);
     }
 
     /// The slot in which an incarnation lives.

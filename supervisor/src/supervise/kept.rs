@@ -2,7 +2,9 @@
 
 use super::Supervisor;
 use crate::journal;
+use crate::proc::ThreadFiles;
 use crate::remains::{self, Living};
+use crate::suspicion::Thread;
 use hyst_exchange::system;
 use hyst_messages::{Role, Slot};
 
@@ -15,12 +17,16 @@ const RETRY_NS: u64 = 1_000_000_000;
 /// How long the last stand-in may take to be there.
 const LAST_NS: u64 = 1_000_000_000;
 
+/// How long a guardian may be stopped, ns: as long as a supervisor may hang. Nobody else would end it, and it holds the name.
+const STOPPED_NS: u64 = 3_000_000_000;
+
 /// What is known of the guardian.
 #[derive(Debug, Default)]
 pub struct Kept {
     guardian: Option<Living>,
     next_look_ns: u64,
     dead_since_ns: Option<u64>,
+    stopped_since_ns: Option<u64>,
     next_start_ns: u64,
     started: Option<u32>,
 }
@@ -33,6 +39,7 @@ impl Supervisor {
         }
         self.kept.next_look_ns = now_ns + LOOK_NS;
         if self.guardian_lives() {
+            self.end_a_stopped_guardian(now_ns);
             if self.kept.dead_since_ns.take().is_some() {
                 self.faults.guardian_back(now_ns);
             }
@@ -48,6 +55,20 @@ impl Supervisor {
         if now_ns - since_ns >= WAIT_NS && now_ns >= self.kept.next_start_ns {
             journal::say(&self.station, "the guardian died; a stand-in takes its place");
             self.start_stand_in(now_ns);
+        }
+    }
+
+    /// A guardian that was stopped keeps nobody, and a stand-in cannot take the name that it holds.
+    fn end_a_stopped_guardian(&mut self, now_ns: u64) {
+        let Some(guardian) = &self.kept.guardian else { return };
+        let is_stopped = ThreadFiles::open(guardian.pid).and_then(|files| files.state()) == Some(Thread::Stopped);
+        let since_ns = *self.kept.stopped_since_ns.get_or_insert(now_ns);
+        if !is_stopped {
+            self.kept.stopped_since_ns = None;
+        } else if now_ns - since_ns > STOPPED_NS {
+            journal::say(&self.station, "the guardian was stopped, and is ended so that another can take its place");
+            crate::proc::signal(guardian.pid, rustix::process::Signal::KILL);
+            self.kept.stopped_since_ns = None;
         }
     }
 

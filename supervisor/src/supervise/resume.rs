@@ -5,7 +5,8 @@ use crate::intent::{Deed, Intent};
 use crate::journal;
 use crate::policy::{self, Event, Exit};
 use hyst_exchange::system;
-use hyst_messages::page::{header, station as layout};
+use hyst_messages::Slot;
+use hyst_messages::page::{ProcessState, header, station as layout};
 
 impl Supervisor {
     /// Adopts who lives, finishes or undoes what a supervisor before this one had begun, mourns who died while nobody watched.
@@ -44,7 +45,12 @@ impl Supervisor {
             self.faults.supervisor_died(self.page.load64(layout::SUPERVISOR_NS), system::now_ns());
             self.cleaner.ask(system::now_ns());
         }
-        let actions = policy::step(system::now_ns(), Event::Started { adopted }, &mut self.policy);
+        let is_warm = |(slot, _): &(Slot, u32)| {
+            let state = self.viewer.slot_page(*slot).map(|page| page.state());
+            slot.is_guest() || state.is_none_or(ProcessState::is_ready)
+        };
+        let (adopted, warming) = adopted.into_iter().partition(is_warm);
+        let actions = policy::step(system::now_ns(), Event::Started { adopted, warming }, &mut self.policy);
         self.act(actions);
         self.resume_swap();
     }

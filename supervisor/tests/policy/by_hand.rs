@@ -5,7 +5,7 @@ use super::*;
 fn alive(slot: Slot) -> (World, State) {
     let mut state = State::new(&[slot]);
     let mut world = World::default();
-    world.event(&mut state, Event::Started { adopted: Vec::new() });
+    world.event(&mut state, Event::Started { adopted: Vec::new(), warming: Vec::new() });
     world.settle_pending(&mut state, true);
     (world, state)
 }
@@ -64,7 +64,7 @@ fn the_same_state_that_kills_every_holder_is_left_for_an_older_one_and_then_held
     let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
     let mut state = State::new(&slots);
     let mut world = World { now_ns: 100_000_000_000, ..World::default() };
-    world.event(&mut state, Event::Started { adopted: Vec::new() });
+    world.event(&mut state, Event::Started { adopted: Vec::new(), warming: Vec::new() });
     let mut tenures = 0;
     while world.held.is_empty() {
         while !world.pending.is_empty() {
@@ -93,7 +93,7 @@ fn the_same_state_that_kills_every_holder_is_left_for_an_older_one_and_then_held
 fn one_that_grows_too_large_hands_over_first_and_is_killed_then() {
     let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
     let mut state = State::new(&slots);
-    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)], warming: Vec::new() }, &mut state);
     step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
     let actions = step(1, Event::Unfit { slot: slots[0], incarnation: 1, reason: "it grows" }, &mut state);
     assert_eq!(actions, [Action::HandOver { role: Role::Tissue, incarnation: 2 }]);
@@ -111,7 +111,7 @@ fn one_that_grows_too_large_hands_over_first_and_is_killed_then() {
 fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
     let slots = [Slot::new(Role::Haptic, 0).unwrap(), Slot::new(Role::Haptic, 1).unwrap()];
     let mut state = State::new(&slots);
-    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+    step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)], warming: Vec::new() }, &mut state);
     let grows = |slot, incarnation| Event::Unfit { slot, incarnation, reason: "it grows" };
     let now_ns = 2 * limits(Role::Haptic).settled_ns;
     assert_eq!(step(now_ns, grows(slots[0], 1), &mut state), [Action::Kill { slot: slots[0], incarnation: 1 }]);
@@ -129,7 +129,7 @@ fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
     let tissue = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
     let reader = Slot::first(Role::Fluid);
     let mut state = State::new(&[tissue[0], tissue[1], reader]);
-    step(0, Event::Started { adopted: vec![(tissue[0], 1), (tissue[1], 2), (reader, 3)] }, &mut state);
+    step(0, Event::Started { adopted: vec![(tissue[0], 1), (tissue[1], 2), (reader, 3)], warming: Vec::new() }, &mut state);
     step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
     let (mut now_ns, mut incarnation, mut mistrusted) = (0, 3, Vec::new());
     for lives in 1..limits(Role::Fluid).most_short_lives {
@@ -153,7 +153,7 @@ fn nobody_is_mistrusted_for_kills_from_outside_or_for_starts_that_fail() {
     let reader = Slot::first(Role::CollisionWorker);
     for killed in [true, false] {
         let mut state = State::new(&[tissue, reader]);
-        step(0, Event::Started { adopted: vec![(tissue, 1), (reader, 2)] }, &mut state);
+        step(0, Event::Started { adopted: vec![(tissue, 1), (reader, 2)], warming: Vec::new() }, &mut state);
         step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
         step(0, Event::Died { slot: reader, incarnation: 2, exit: Exit::Signal(9) }, &mut state);
         for life in 1..2 * u64::from(limits(Role::CollisionWorker).most_short_lives) {
@@ -170,4 +170,49 @@ fn nobody_is_mistrusted_for_kills_from_outside_or_for_starts_that_fail() {
         }
         assert!(state.is_given_up(reader));
     }
+}
+
+#[test]
+fn a_restart_of_the_supervisor_is_no_way_around_the_back_off_and_the_end_of_a_slot() {
+    let slot = Slot::first(Role::Rendering);
+    let (mut world, mut state) = alive(slot);
+    let limits = limits(Role::Rendering);
+    for lives in 1..=limits.most_short_lives {
+        // Each death is one that a new supervisor finds.
+        world.event(&mut state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Signal(11) });
+        let record = state.records().find(|(of, _)| *of == slot).unwrap().1;
+        assert_eq!(record, Record { short_lives: lives, given_up: lives == limits.most_short_lives });
+        let restarted_ns = world.now_ns;
+        state = State::new(&[slot]);
+        state.set_record(restarted_ns, slot, record);
+        world.event(&mut state, Event::Started { adopted: Vec::new(), warming: Vec::new() });
+        while world.pending.is_empty() && !record.given_up {
+            assert!(world.now_ns <= restarted_ns + limits.most_wait_ns, "nobody comes");
+            world.now_ns += 1_000_000;
+            world.event(&mut state, Event::Tick);
+        }
+        if !record.given_up {
+            assert_eq!(world.now_ns - restarted_ns, limits.wait_ns(lives), "after {lives} short lives");
+        }
+        world.settle_pending(&mut state, true);
+    }
+    assert!(state.is_given_up(slot) && !state.anyone_alive());
+}
+
+#[test]
+fn one_that_still_warms_when_it_is_adopted_takes_no_role_and_a_station_that_ran_is_not_ended_by_an_edited_scene() {
+    let slots = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap(), Slot::first(Role::Rendering)];
+    let mut state = State::new(&slots);
+    step(0, Event::Started { adopted: vec![(slots[0], 1)], warming: vec![(slots[1], 2)] }, &mut state);
+    assert_eq!((state.ready(slots[0]), state.ready(slots[1])), (Some(1), None));
+    step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+    let unfit = Event::Unfit { slot: slots[0], incarnation: 1, reason: "it grows" };
+    assert!(step(1, unfit, &mut state).is_empty(), "nobody could take over");
+    let ready = step(2, Event::Ready { slot: slots[1], incarnation: 2 }, &mut state);
+    let told: Vec<Action> = ready.into_iter().chain(step(3, Event::Tick, &mut state)).collect();
+    assert!(told.contains(&Action::HandOver { role: Role::Tissue, incarnation: 2 }), "{told:?}");
+    // Rendering was dead when the supervisor came back, and its successor finds another scene.
+    step(4, Event::Spawned { slot: slots[2], incarnation: 3 }, &mut state);
+    let died = step(5, Event::Died { slot: slots[2], incarnation: 3, exit: Exit::Code(2) }, &mut state);
+    assert!(!died.iter().any(|action| matches!(action, Action::GiveUp { end: Some(_), .. })), "{died:?}");
 }

@@ -1,4 +1,4 @@
-//! The policy against a million random histories: a small world that starts, kills, hangs and bloats processes as the policy's actions and the
+//! The policy against two million random histories: a small world that starts, kills, hangs and bloats processes as the policy's actions and the
 //! dice say, and looks after each event whether a promise was broken. A history that breaks one is named by its seed.
 
 mod by_hand;
@@ -7,12 +7,13 @@ mod swaps;
 use hyst_messages::{Role, Slot};
 use hystation::campaign::draw::Draw;
 use hystation::policy::{
-    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, MOST_DOOMED, State, is_replicated, is_stateful, limits, sources, step,
+    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, Ladder, MOST_DOOMED, Record, State, is_replicated, is_stateful, limits,
+    sources, step,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Histories that are played.
-const HISTORIES: u64 = 1_000_000;
+const HISTORIES: u64 = 2_000_000;
 /// Threads that play them.
 const THREADS: u64 = 2;
 
@@ -162,12 +163,38 @@ impl World {
         }
     }
 
+    /// The supervisor dies, and another one takes over with what is left in the station's page: who lives, what it remembers of each slot, what is held.
+    fn restart_supervisor(&mut self, state: &mut State, slots: &[Slot]) {
+        let mut next = State::new(slots);
+        for (slot, record) in state.records().filter(|(slot, _)| slots.contains(slot)) {
+            next.set_record(self.now_ns, slot, record);
+        }
+        for role in &self.held {
+            next.set_ladder(*role, Ladder::held_still(self.now_ns));
+        }
+        *state = next;
+        // What it had begun is undone; whom it killed is dead by now; who grows is found again.
+        self.pending.clear();
+        let killed = std::mem::take(&mut self.killed);
+        self.alive.retain(|_, (alive, _)| !killed.contains(alive));
+        self.leaving.clear();
+        let here =
+            self.alive.iter().filter(|(slot, _)| slots.contains(slot)).map(|(slot, (alive, ready))| ((*slot, *alive), *ready));
+        let (ready, warming): (Vec<_>, Vec<_>) = here.partition(|(_, ready)| *ready);
+        let of = |found: Vec<((Slot, u32), bool)>| found.into_iter().map(|(found, _)| found).collect();
+        self.event(state, Event::Started { adopted: of(ready), warming: of(warming) });
+        for (role, incarnation) in self.holder.clone() {
+            self.event(state, Event::Holds { role, incarnation });
+        }
+    }
+
     /// One roll of the dice.
     fn play(&mut self, state: &mut State, dice: &mut Dice, slots: &[Slot]) {
         // The guest's slot beside the others.
         let slot = slots.get(dice.below(slots.len() as u64 + 1) as usize).copied().or(Slot::guest(Role::Tissue)).expect("a slot");
         let living = self.alive.get(&slot).copied();
-        match (dice.below(15), living) {
+        match (dice.below(16), living) {
+            (15, _) if dice.below(4) == 0 && !self.stopped && self.swap.is_none() => self.restart_supervisor(state, slots),
             (12..=14, _) => self.play_swap(state, dice, slot),
             (0..=2, _) => {
                 let succeeds = dice.below(8) != 0;
@@ -253,7 +280,7 @@ fn history(seed: u64, slots: &[Slot]) -> u64 {
             adopted.push((*slot, index as u32 + 1));
         }
     }
-    world.event(&mut state, Event::Started { adopted });
+    world.event(&mut state, Event::Started { adopted, warming: Vec::new() });
     let length = 1 + dice.below(120);
     let stop_at = dice.below(4 * length);
     // Some histories are slow, some quick: lives that settle, and lives that do not.

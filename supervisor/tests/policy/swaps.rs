@@ -122,7 +122,7 @@ mod by_hand {
     fn shadowing() -> State {
         let slots = tissues();
         let mut state = State::new(&slots[..2]);
-        step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)] }, &mut state);
+        step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)], warming: Vec::new() }, &mut state);
         step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
         assert_eq!(step(1, Event::SwapAsked { slot: slots[2], incumbent: 1 }, &mut state), [Action::Spawn { slot: slots[2] }]);
         step(2, Event::Spawned { slot: slots[2], incarnation: 3 }, &mut state);
@@ -245,7 +245,7 @@ mod by_hand {
         let ([first, second, guest], role) = (tissues(), Role::Tissue);
         for proven in [false, true] {
             let mut state = State::new(&[first, second]);
-            step(0, Event::Started { adopted: vec![(first, 1), (second, 4), (guest, 3)] }, &mut state);
+            step(0, Event::Started { adopted: vec![(first, 1), (second, 4), (guest, 3)], warming: Vec::new() }, &mut state);
             step(0, Event::Holds { role, incarnation: 3 }, &mut state);
             let old = vec![(first, 1)];
             let left = hystation::policy::Left { slot: guest, incarnation: 3, incumbent: 1, proven, old };

@@ -1,0 +1,31 @@
+//! What outlives a supervisor of what the policy knows: how often in a row a slot's incarnations lived for too short a time, and whether it was given up.
+//! So a restart of the supervisor is no way around the bounds.
+
+use super::{Life, Place, State, limits};
+use hyst_messages::Slot;
+
+/// What outlives a supervisor of a slot's lives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Record {
+    /// Short lives in a row.
+    pub short_lives: u32,
+    /// It was given up.
+    pub given_up: bool,
+}
+
+impl State {
+    /// What a supervisor that is restarted is to know of each slot.
+    pub fn records(&self) -> impl Iterator<Item = (Slot, Record)> + '_ {
+        let record = |place: &Place| Record { short_lives: place.short_lives, given_up: place.life == Life::GivenUp };
+        self.places.iter().map(move |(slot, place)| (*slot, record(place)))
+    }
+    /// Goes on from what a supervisor before this one knew of a slot, before anybody is adopted.
+    pub fn set_record(&mut self, now_ns: u64, slot: Slot, record: Record) {
+        let limits = limits(slot.role());
+        if let Some(place) = self.places.get_mut(&slot).filter(|place| matches!(place.life, Life::Vacant { .. })) {
+            place.short_lives = record.short_lives.min(limits.most_short_lives);
+            let due_ns = now_ns + limits.wait_ns(place.short_lives);
+            place.life = if record.given_up { Life::GivenUp } else { Life::Vacant { due_ns } };
+        }
+    }
+}
