@@ -186,7 +186,7 @@ impl Worker<'_> {
         let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
         let tissue =
             Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };
-        let points = Points { owner: job.section(2).ok()?, node: &[], self_contact: false };
+        let points = Points { owner: job.section(2).ok()?, node: job.section(3).ok()?, self_contact: false };
         let hash = HashRef::in_words(job.section(1).ok()?).ok()?;
         let found = intersect(share, &hash, &points, &tissue, &mut self.hits).ok()?;
         if found.dropped > 0 {

@@ -4,7 +4,7 @@
 //! Promise: what is applied is finite, within the force and slew limit, and computed for this tick; with neither servo there it is held for
 //! 2 ticks, then ramped to zero in 20 ms. The way from hand to force touches station pages alone: no lock, no allocation, no stream.
 
-use crate::models::Models;
+use crate::models::{Medium, Models};
 use crate::replicas::Replicas;
 use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
@@ -58,7 +58,7 @@ fn seat(life: &Life, arrival: PageArrival, models: &mut Models, replicas: &mut R
     let page = arrival.page;
     // What the predecessor wrote last may not have been read yet.
     models.newest(life, life.tick());
-    models.pressure_pa(life, life.tick());
+    models.medium(life, life.tick());
     let before = match arrival.slot.role() {
         Role::Haptic => replicas.seat(arrival.slot.index(), page),
         Role::Tissue => models.seat(arrival.slot.index(), page),
@@ -106,13 +106,13 @@ impl Hop<'_> {
         }
     }
 
-    /// Contact model and pressure as the tissues and fluids have them now.
-    fn newest_model(&mut self, tick: u64) -> (ContactModel, f32) {
-        (self.models.newest(self.life, tick), self.models.pressure_pa(self.life, tick))
+    /// Contact model and medium as the tissues and fluids have them now.
+    fn newest_model(&mut self, tick: u64) -> (ContactModel, Medium) {
+        (self.models.newest(self.life, tick), self.models.medium(self.life, tick))
     }
 
     /// In lock-step: those of the ticks that the sequencer has seen finished; and every servo of the station has its seat.
-    fn exact_model(&mut self, tick: u64) -> (ContactModel, f32) {
+    fn exact_model(&mut self, tick: u64) -> (ContactModel, Medium) {
         let life = self.life;
         let tick_of = |word: usize| life.clock.page().load64(word);
         let found = lockstep::wait_for(life, || {
@@ -126,11 +126,12 @@ impl Hop<'_> {
 
     fn tick(&mut self, tick: u64, sample: HardwareSample, woken_ns: u64) {
         let page = &self.life.page;
-        let (model, pressure_pa) = if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
+        let (model, Medium { pressure_pa, pieces }) =
+            if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
         let device_incarnation = self.life.incarnation as u64;
         let applied_n = self.state.applied_n;
         let selected_incarnation = self.replicas.selected_incarnation() as u64;
-        let input = InputRecord { tick, device_incarnation, sample, model, applied_n, pressure_pa, selected_incarnation };
+        let input = InputRecord { tick, device_incarnation, sample, model, applied_n, pressure_pa, pieces, selected_incarnation };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);
         page.bump_and_wake(header::NEWS);

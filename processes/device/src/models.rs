@@ -1,12 +1,12 @@
-//! The newest valid contact model: the highest (epoch, state tick) over the pages of all tissues, and the newest valid pressure over those of
-//! all fluids. What is not finite, out of range, of another input than it names, or without progress is refused and counted, and its writer is
+//! The newest valid contact model: the highest (epoch, state tick) over the pages of all tissues, and the newest valid word of the medium over
+//! those of all fluids. What is not finite, out of range, of another input than it names, or without progress is refused and counted, and its writer is
 //! distrusted; what has a lower epoch than one seen before is fenced.
 
 use hyst_engine::Life;
 use hyst_exchange::{Horizon, OwnedPage, ReadPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{ContactModel, FluidStatus, MAX_PLANES};
+use hyst_messages::{ContactModel, FluidStatus, MAX_FLOW_M_S, MAX_PIECES, MAX_PLANES, PieceFlow};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -37,14 +37,23 @@ struct Fluid {
     status: FluidStatus,
 }
 
+/// What the tissue is to know of the medium; all zero before a fluid has said anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Medium {
+    /// Pressure in the cavity, Pa.
+    pub pressure_pa: f32,
+    /// The flow at free pieces.
+    pub pieces: [PieceFlow; MAX_PIECES],
+}
+
 /// Pages of the tissues and fluids, and what is in use of theirs.
 pub struct Models {
     horizon: Option<Horizon>,
     tissues: [Option<Tissue>; TISSUES],
     newest: ContactModel,
     fluids: [Option<Fluid>; FLUIDS],
-    pressure_pa: f32,
-    pressure_tick: u64,
+    medium: Medium,
+    medium_tick: u64,
 }
 
 impl Models {
@@ -55,8 +64,8 @@ impl Models {
             tissues: Default::default(),
             newest: ContactModel::default(),
             fluids: Default::default(),
-            pressure_pa: 0.0,
-            pressure_tick: 0,
+            medium: Medium::default(),
+            medium_tick: 0,
         }
     }
 
@@ -76,13 +85,13 @@ impl Models {
         }
     }
 
-    /// Whether the newest model and pressure are of these ticks, or later ones.
+    /// Whether the newest model and medium are of these ticks, or later ones.
     pub fn has_reached(&self, tissue_tick: u64, fluid_tick: u64) -> bool {
-        self.newest.state_tick >= tissue_tick && self.pressure_tick >= fluid_tick
+        self.newest.state_tick >= tissue_tick && self.medium_tick >= fluid_tick
     }
 
-    /// The newest valid pressure in the cavity, Pa. It goes to the tissue in the input record, so that a substitute uses the same.
-    pub fn pressure_pa(&mut self, life: &Life, tick: u64) -> f32 {
+    /// What the newest valid status of a fluid says. It goes to the tissue in the input record, so that a substitute uses the same.
+    pub fn medium(&mut self, life: &Life, tick: u64) -> Medium {
         for fluid in self.fluids.iter_mut().flatten() {
             let number = fluid.page.cell_number(fluid::STATUS);
             if number == fluid.number {
@@ -95,11 +104,12 @@ impl Models {
             let verdict = judge_status(&status, (!first).then_some(&before), tick.max(life.clock.present_tick()));
             if let Err(why) = verdict {
                 life.refuse(fluid.page.incarnation(), why);
-            } else if status.state_tick > self.pressure_tick {
-                (self.pressure_tick, self.pressure_pa) = (status.state_tick, status.pressure_pa);
+            } else if status.state_tick > self.medium_tick {
+                let medium = Medium { pressure_pa: status.pressure_pa, pieces: status.pieces };
+                (self.medium_tick, self.medium) = (status.state_tick, medium);
             }
         }
-        self.pressure_pa
+        self.medium
     }
 
     /// The model to use in this tick.
@@ -155,7 +165,10 @@ fn is_valid(model: &ContactModel) -> bool {
 
 /// Whether a status is in range and goes on from the one before it: a deficit that stands still while something flows is an old one.
 fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -> Result<(), Distrust> {
-    let in_range = (0.0..=MAX_PRESSURE_PA).contains(&status.pressure_pa) && status.deficit_ml.is_finite();
+    let mut speeds = status.pieces.iter().flat_map(|flow| flow.velocity_m_s);
+    let in_range = (0.0..=MAX_PRESSURE_PA).contains(&status.pressure_pa)
+        && status.deficit_ml.is_finite()
+        && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S);
     if !in_range || status.state_tick > tick + MOST_AHEAD_TICKS {
         return Err(Distrust::Invalid);
     }
@@ -206,6 +219,11 @@ mod tests {
         assert_eq!(judge(FluidStatus { pressure_pa: 1e9, ..good }), Err(Distrust::Invalid));
         assert_eq!(judge(FluidStatus { deficit_ml: f64::INFINITY, ..good }), Err(Distrust::Invalid));
         assert_eq!(judge(FluidStatus { state_tick: u64::MAX, ..good }), Err(Distrust::Invalid));
+        for speed in [f32::NAN, 1e6, f32::NEG_INFINITY] {
+            let mut bad = good;
+            bad.pieces[MAX_PIECES - 1].velocity_m_s[1] = speed;
+            assert_eq!(judge(bad), Err(Distrust::Invalid), "{speed} m/s");
+        }
         assert_eq!(judge(FluidStatus { state_tick: 66, ..good }), Err(Distrust::Still));
         assert_eq!(judge(FluidStatus { deficit_ml: 3.0, ..good }), Err(Distrust::Frozen));
         let shut = FluidStatus { deficit_ml: 3.0, inflow_ml_min: 0.0, ..good };

@@ -235,7 +235,7 @@ impl<'a> Flow<'a> {
         let seed_m = self.scene.rest.tip_m(self.scene.workspace.pivot_m);
         let inputs = self.inputs(step);
         let begun_ns = system::now_ns();
-        if matches!(self.place, Place::Cavity(_)) && self.cavity.update(&self.positions_m, &self.tets, seed_m) {
+        if matches!(self.place, Place::Cavity(_)) && self.cavity.update(&self.positions_m, &self.tets, |_| true, seed_m) {
             self.crew.solver().set_mask(self.cavity.mask()).map_err(text)?;
         }
         let walled_ns = system::now_ns();

@@ -32,15 +32,22 @@ impl Cavity {
         (k * ny + j) * nx + i
     }
 
-    /// Cells whose centre lies in a tet are solid; so are those that cannot be reached from the seed (outside of the organ). If the seed
+    /// Cells whose centre lies in a tet that is a wall are solid; so are those that cannot be reached from the seed (outside of the organ). If the seed
     /// itself lies in tissue, the nearest free cell serves; without any the mask stays as it was, and false is returned.
-    pub fn update(&mut self, positions_m: &[[f32; 3]], tets: &[[u32; 4]], seed_m: [f32; 3]) -> bool {
+    pub fn update(
+        &mut self,
+        positions_m: &[[f32; 3]],
+        tets: &[[u32; 4]],
+        is_wall: impl Fn(usize) -> bool,
+        seed_m: [f32; 3],
+    ) -> bool {
         let before_len = self.mask.len();
         let mut solid = std::mem::take(&mut self.mask);
         solid.fill(FLUID);
-        for tet in tets {
-            if tet.iter().all(|node| (*node as usize) < positions_m.len()) {
-                self.mark(&mut solid, tet.map(|node| Vec3::from(positions_m[node as usize])));
+        for (index, tet) in tets.iter().enumerate() {
+            if tet.iter().all(|node| (*node as usize) < positions_m.len()) && is_wall(index) {
+                let corners = tet.map(|node| Vec3::from(positions_m[node as usize]));
+                self.for_each_cell_in(corners, |cell| solid[cell] = SOLID);
             }
         }
         debug_assert_eq!(solid.len(), before_len);
@@ -58,7 +65,16 @@ impl Cavity {
         first as usize..(last + 1.0).max(0.0) as usize
     }
 
-    fn mark(&self, solid: &mut [u8], corners: [Vec3; 4]) {
+    /// The cell that a place lies in.
+    pub fn cell_at(&self, place_m: Vec3) -> Option<usize> {
+        let (origin, spacing, cells) = (self.grid.origin_m(), self.grid.spacing_m(), self.grid.cells());
+        let along: [f32; 3] = std::array::from_fn(|axis| (place_m[axis] - origin[axis]) / spacing[axis]);
+        let is_inside = (0..3).all(|axis| along[axis] >= 0.0 && along[axis] < cells[axis] as f32);
+        is_inside.then(|| self.index(along.map(|cells| cells as usize)))
+    }
+
+    /// Calls `visit` with every cell whose centre lies in a tet.
+    pub fn for_each_cell_in(&self, corners: [Vec3; 4], mut visit: impl FnMut(usize)) {
         if !corners.iter().all(|corner| corner.is_finite()) {
             return;
         }
@@ -74,7 +90,7 @@ impl Cavity {
                 for i in self.range(0, low.x, high.x) {
                     let beta = inverse * (Vec3::from(self.grid.centre_m([i, j, k])) - corners[0]);
                     if beta.min_element() >= 0.0 && beta.element_sum() <= 1.0 {
-                        solid[self.index([i, j, k])] = SOLID;
+                        visit(self.index([i, j, k]));
                     }
                 }
             }
@@ -135,7 +151,7 @@ mod tests {
         let positions =
             [[3.0, -far, -far], [3.0, far, -far], [3.0, 0.0, far], [5.2, -far, -far], [5.2, far, -far], [5.2, 0.0, far]];
         let tets = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
-        assert!(cavity.update(&positions, &tets, [1.0, 4.0, 4.0]));
+        assert!(cavity.update(&positions, &tets, |_| true, [1.0, 4.0, 4.0]));
         for (at, cell) in cavity.mask().iter().enumerate() {
             let x = at % 8;
             assert_eq!(*cell == FLUID, x < 3, "cell {at} at x = {x}");
@@ -147,7 +163,7 @@ mod tests {
         let grid = Grid::new([4, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
         let mut cavity = Cavity::new(grid);
         let positions = [[f32::NAN; 3], [0.0; 3], [f32::INFINITY; 3], [1.0; 3]];
-        assert!(cavity.update(&positions, &[[0, 1, 2, 3], [0, 1, 2, 9]], [1.0; 3]));
+        assert!(cavity.update(&positions, &[[0, 1, 2, 3], [0, 1, 2, 9]], |_| true, [1.0; 3]));
         assert!(cavity.mask().iter().all(|cell| *cell == FLUID));
     }
 }

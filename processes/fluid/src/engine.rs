@@ -6,6 +6,7 @@ mod tests;
 
 use crate::cavity::Cavity;
 use crate::crew::Crew;
+use crate::pieces::Pieces;
 use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
@@ -67,6 +68,7 @@ pub struct FlowEngine<'a> {
     life: &'a Life,
     crew: Crew,
     cavity: Cavity,
+    pieces: Pieces,
     radius_m: f32,
     seed_m: [f32; 3],
     period_ticks: u64,
@@ -115,6 +117,7 @@ impl<'a> FlowEngine<'a> {
             life,
             crew,
             cavity: Cavity::new(grid),
+            pieces: Pieces::new(grid.cell_count()),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             period_ticks: figures.period_ticks(),
@@ -160,16 +163,19 @@ impl<'a> FlowEngine<'a> {
         state.is_ok_and(|state| topology_of(&self.sources, &state).is_some())
     }
 
-    /// Makes the mask from the tissue's newest state; without one, and until its topology is there, the mask stays as it is.
+    /// Makes the mask from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is.
     fn update_walls(&mut self) -> Result<u64, Failure> {
         self.receive();
         let Some(state) = &self.state else { return Ok(0) };
         let state = Message::parse(state.bytes(), Kind::TissueState)?;
         let Some(topology) = topology_of(&self.sources, &state) else { return Ok(0) };
-        let tets = topology.section(1)?;
-        if self.cavity.update(state.section(1)?, tets, self.seed_m) {
+        let (positions, tets, owner): (_, _, &[u32]) = (state.section(1)?, topology.section(1)?, topology.section(2)?);
+        self.pieces.set_objects(topology.section(0)?);
+        let is_wall = |tet: usize| !owner.get(tet).is_some_and(|object| self.pieces.is_free(*object));
+        if self.cavity.update(positions, tets, is_wall, self.seed_m) {
             self.crew.solver().set_mask(self.cavity.mask()).map_err(|error| Failure::Broken(error.to_string()))?;
         }
+        self.pieces.locate(&self.cavity, positions, tets, owner);
         Ok(state.header().tick)
     }
 
@@ -189,6 +195,7 @@ impl<'a> FlowEngine<'a> {
         for (out, value) in density.iter_mut().zip(view.density()) {
             *out = *value;
         }
+        let status = FluidStatus { pieces: self.pieces.flows(&view), ..status };
         head.copy_from_slice(bytemuck::bytes_of(&Head::of(status, &solver.model().grid)));
         self.status = status;
         Ok(())
@@ -250,13 +257,13 @@ fn axis_of(sample: &HardwareSample) -> [f32; 3] {
 pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatus {
     let alarms = &report.pump.alarms;
     FluidStatus {
-        state_tick: 0,
         deficit_ml,
         cavity_volume_ml: cavity_ml,
         pressure_pa: report.pump.pressure_pa as f32,
         inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
         alarms: u32::from(alarms.pressure) | u32::from(alarms.deficit) << 1 | u32::from(alarms.abnormal_loss) << 2,
+        ..FluidStatus::default()
     }
 }
 

@@ -4,6 +4,7 @@ mod bench;
 mod cavity;
 mod crew;
 mod engine;
+mod pieces;
 
 pub use bench::run as bench;
 pub use crew::broken;

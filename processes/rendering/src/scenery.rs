@@ -4,7 +4,7 @@
 
 use crate::looks;
 use glam::{Quat, Vec3};
-use hyst_messages::stream::{AppearanceRecord, ObjectRecord, ScopeRecord};
+use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, Kind, Message, WireError};
 use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, shapes};
 use std::ops::Range;
@@ -29,10 +29,9 @@ const USUAL: ScopeRecord = ScopeRecord {
     loop_radius_m: 0.0,
     loop_wire_radius_m: 0.0,
 };
-/// Kinds of objects in a topology, as [`ObjectRecord::kind`] says.
-const PATHOLOGY: u32 = 1;
-const FREE_PIECE: u32 = 2;
-const RIGID_TOOL: u32 = 3;
+const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
+const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
+const RIGID_TOOL: u32 = ObjectKind::Tool as u32;
 
 /// Why a message was left out.
 #[derive(Debug, thiserror::Error)]

@@ -45,6 +45,7 @@ pub fn affordable_step(world: &World) -> Result<u64, Failure> {
             external_force_n: &[],
             targets_m: &[],
             springs: &[],
+            pairs: &[],
             attachments: &world.attachments,
             dt_s: ticks as f32 * 1e-3,
         };

@@ -129,7 +129,8 @@ fn complete(row: &mut Value, scene: &LoadedScene, press: &Press, record: &Record
     row["scene"] = json!(scene.scene.name);
     row["hand"] = json!(press.hand());
     row["tets"] = json!(press.tets());
-    row["points"] = json!(press.points());
+    let [tool, all] = press.points();
+    (row["points"], row["points_of_tissue"]) = (json!(tool), json!(all - tool));
     row["contacts_max"] = json!(record.contacts);
     row["steps"] = json!(steps_ns.len());
     row["step_us"] = spread(&mut steps_ns, US);

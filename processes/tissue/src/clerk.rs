@@ -1,13 +1,13 @@
 //! The clerk: an ordinary thread that sends the topology on change and to every newcomer, and answers those who ask for the objects'
 //! appearance by rendezvous. The Main Loop never waits for either.
 
-use crate::site::{MAX_OBJECTS, ObjectKind};
+use crate::site::MAX_OBJECTS;
 use crate::world::World;
 use crossbeam::queue::ArrayQueue;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::rendezvous::Server;
 use hyst_exchange::{Links, Publisher, system};
-use hyst_messages::stream::{AppearanceRecord, ObjectRecord, message_bytes};
+use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, message_bytes};
 use hyst_messages::{Kind, MessageMut, Role, StreamHeader};
 use hyst_scene::Look;
 use std::sync::Arc;

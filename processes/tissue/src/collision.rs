@@ -2,8 +2,9 @@
 //! and read in place; a share that is missing is computed here in the same step.
 
 use crate::contacts;
+use crate::points::ContactPoints;
 use crate::world::World;
-use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Points, Share, Split, are_true, intersect, merge};
+use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, intersect, merge};
 use hyst_engine::{Failure, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
@@ -56,7 +57,7 @@ impl Collision {
     /// Fills every block that the next job can be lent, and makes sure of it.
     pub fn fill_loans(&self, points: usize, fill: impl Fn(&mut [u8])) {
         let jobs = self.jobs.as_ref().expect("the stream of the jobs is open");
-        let bytes = message_bytes(&self.sections(points));
+        let bytes = message_bytes(&sections(points, self.sizes));
         let lend = || jobs.loan(bytes).expect("a loan");
         let mut filled = [lend(), lend()];
         filled.iter_mut().for_each(|loan| fill(loan.bytes_mut()));
@@ -69,34 +70,42 @@ impl Collision {
 impl Collision {
     /// For the workers of the station.
     pub fn new(life: &Life, world: &World) -> Collision {
-        let sizes = HashSizes::for_points(world.case.tool.points_m.len());
         let workers = life.settings.workers.min(MAX_WORKERS);
-        let room = contacts::max_hits(world);
-        Collision {
+        let mut collision = Collision {
             workers,
             coordinator: ProcessCoordinator::new(Arc::clone(&life.page)),
             jobs: None,
             contacts: Default::default(),
-            sizes,
-            own_hash: vec![0; sizes.words()],
-            shares: vec![vec![Hit::default(); room]; workers.max(1)],
+            sizes: HashSizes::for_points(0),
+            own_hash: Vec::new(),
+            shares: vec![Vec::new(); workers.max(1)],
             counts: vec![0; workers.max(1)],
-            hits: vec![Hit::default(); room],
+            hits: Vec::new(),
             off: [0; MAX_WORKERS],
             found: 0,
             missing: 0,
             copied_bytes: 0,
-        }
+        };
+        collision.take_world(world);
+        collision
     }
 
-    fn sections(&self, points: usize) -> [usize; 3] {
-        [points * 12, self.sizes.words() * 4, points * 4]
+    /// Makes room for the points of another world.
+    pub fn take_world(&mut self, world: &World) {
+        let room = contacts::max_hits(world);
+        self.sizes = HashSizes::for_points(world.points.len());
+        self.own_hash.resize(self.sizes.words(), 0);
+        self.shares.iter_mut().for_each(|share| share.resize(room, Hit::default()));
+        self.counts.fill(0);
+        self.hits.resize(room, Hit::default());
+        self.found = 0;
     }
 
-    /// Opens the stream of the jobs.
-    pub fn open(&mut self, life: &Life, links: &Links, points: usize) -> Result<(), Failure> {
+    /// Opens the stream of the jobs, with room for those of every world that cuts may make of this one.
+    pub fn open(&mut self, life: &Life, links: &Links, world: &World) -> Result<(), Failure> {
         if self.workers > 0 {
-            let bytes = message_bytes(&self.sections(points));
+            let points = world.points.tool + world.case.room.nodes;
+            let bytes = message_bytes(&sections(points, HashSizes::for_points(points)));
             self.jobs = Some(links.publisher(Role::Tissue, life.incarnation, Kind::CollisionJob, bytes)?);
         }
         Ok(())
@@ -130,10 +139,16 @@ impl Collision {
         self.copied_bytes
     }
 
-    /// Builds the hash of the tool's points: in a job in shared memory if there are workers and this step is theirs, else in own memory.
-    pub fn hash(&mut self, context: &StepContext, points_m: &[[f32; 3]], owner: &[u32], cell_m: f32) -> Result<Job, Failure> {
+    /// Builds the hash of the points: in a job in shared memory if there are workers and this step is theirs, else in own memory.
+    pub fn hash(
+        &mut self,
+        context: &StepContext,
+        points_m: &[[f32; 3]],
+        points: &ContactPoints,
+        cell_m: f32,
+    ) -> Result<Job, Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
-        let sections = self.sections(points_m.len());
+        let sections = sections(points_m.len(), self.sizes);
         self.coordinator.readmit();
         let jobs = self.jobs.as_ref().filter(|_| context.holding && self.coordinator.present() != 0);
         let Some(jobs) = jobs else {
@@ -153,7 +168,8 @@ impl Collision {
         };
         let mut message = MessageMut::format(loan.bytes_mut(), Kind::CollisionJob, header, &sections)?;
         message.section::<[f32; 3]>(0)?.copy_from_slice(points_m);
-        message.section::<u32>(2)?.copy_from_slice(owner);
+        message.section::<u32>(2)?.copy_from_slice(&points.owner);
+        message.section::<u32>(3)?.copy_from_slice(&points.node);
         let mut hash = HashMut::in_words(message.section::<u32>(1)?, self.sizes).map_err(broken)?;
         hash.build(points_m, cell_m, Layout::Auto).map_err(broken)?;
         // The coordinator keeps a copy of the table: it needs it after the job was sent, for missing shares and for the gaps.
@@ -174,12 +190,12 @@ impl Collision {
         life: &Life,
         context: &StepContext,
         job: Job,
-        (points_m, points): (&[[f32; 3]], &Points<'_>),
+        points_m: &[[f32; 3]],
         world: &World,
         positions_m: &[[f32; 3]],
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
-        let tissue = contacts::tissue(world, positions_m);
+        let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view());
         let hash = HashRef::in_words(&self.own_hash).map_err(broken)?;
         let count = self.shares.len();
         let mut done = 0u32;
@@ -230,6 +246,11 @@ impl Collision {
     pub fn hits(&self) -> &[Hit] {
         &self.hits[..self.found]
     }
+}
+
+/// Bytes of a job's sections: points, hash, owner and node of each point.
+fn sections(points: usize, sizes: HashSizes) -> [usize; 4] {
+    [points * 12, sizes.words() * 4, points * 4, points * 4]
 }
 
 /// Releases the workers. In lock-step those that are warm, until each has joined or is lost.

@@ -1,18 +1,21 @@
 //! From hits to springs for the deformation, forces on the tool, and planes for the servo.
 
-use crate::site::MAX_OBJECTS;
-use crate::world::World;
+use crate::world::{TOOL_ID, World};
 use hyst_contact::{
-    ContactForce, Gap, HashRef, Hit, Memory, Motion, Penetration, PenetrationInput, PenetrationParams, PlaneInput, PlaneParams,
-    PlaneSet, Points, ResponseOutput, ResponseParams, Retreat, Rigid, Tissue, Workspace, Wrench, find_gaps, penetration, planes,
-    respond,
+    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Motion, Penetration, PenetrationInput,
+    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, ResponseOutput, ResponseParams, Retreat, Rigid, Tissue,
+    Workspace, Wrench, find_gaps, own_face, penetration, planes, respond,
 };
 use hyst_engine::Failure;
-use hyst_tissue::{PlaneSpring, gather};
+use hyst_tissue::{PairSpring, PlaneSpring, gather};
 
 /// Contact stiffness per area, N/m³: a tip of 5 mm diameter (20 mm²) is met with about 1.5 kN/m, several times stiffer than tissue of 30 kPa
 /// under it, so that the tissue yields and not the contact.
 pub const STIFFNESS_N_M3: f32 = 7.5e7;
+/// The same between tissue and tissue, N/m³: several times that of 30 kPa under a contact of 5 mm.
+const TISSUE_STIFFNESS_N_M3: f32 = 1.0e7;
+/// No node is pushed out of other tissue from deeper than this, m: what got so deep comes out slowly.
+const MAX_TISSUE_DEPTH_M: f32 = 0.003;
 /// No tool point is taken deeper than this, m: a thick wall.
 const MAX_DEPTH_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
@@ -31,25 +34,28 @@ const RESPONSE: ResponseParams = ResponseParams {
 /// Buffers of the contact part of a step, sized once.
 pub struct Contacts {
     work: Workspace,
-    owner: Vec<u32>,
-    area_m2: Vec<f32>,
+    /// The tool's is part of the state; that of tissue is forgotten after each step.
+    memory: Vec<Memory>,
     velocity_m_s: Vec<[f32; 3]>,
     found: Vec<Penetration>,
     forces: Vec<ContactForce>,
     node_force_n: Vec<[f32; 3]>,
     gaps: Vec<Gap>,
-    /// Springs for the deformation; those in use are the first [`Contacts::count`].
+    /// Table of the tool's points alone: gaps are theirs, and pieces may float far from it.
+    tool_table: Vec<u32>,
+    /// Where the tool meets tissue.
     springs: Vec<PlaneSpring>,
+    /// Where tissue meets other tissue.
+    pairs: Vec<PairSpring>,
     count: usize,
-    tool_id: u32,
 }
 
 /// The tool in one step.
 #[derive(Clone, Copy, Debug)]
 pub struct ToolMotion<'a> {
-    /// Points where they are, m.
+    /// All points where they are, m.
     pub points_m: &'a [[f32; 3]],
-    /// Velocity of the tip, taken for all points, m/s.
+    /// Velocity of the tip, taken for all points of the tool, m/s.
     pub velocity_m_s: [f32; 3],
     /// Tip, m.
     pub tip_m: [f32; 3],
@@ -62,33 +68,39 @@ pub fn tissue<'a>(world: &'a World, positions_m: &'a [[f32; 3]]) -> Tissue<'a> {
     Tissue { positions_m, tets: world.model.tets(), tet_owner: &world.body.rest.regions }
 }
 
+/// Depth of a node in other tissue, m, and the way out. What has just met is behind a face of the very tet that holds it, or beside a node of the surface;
+/// surfaces that coincide, as those of a fresh cut, do not push each other.
+fn way_out(world: &World, tissue: &Tissue<'_>, found: &Penetration, point_m: [f32; 3]) -> (f32, [f32; 3]) {
+    let deep = (found.depth_m.min(MAX_TISSUE_DEPTH_M), found.direction);
+    let own = own_face(tissue, &world.topology, found.tet, &found.weights);
+    let (depth_m, normal) = own.filter(|own| own.0 < deep.0).unwrap_or(deep);
+    let nodes = world.model.tets().get(found.tet as usize).into_iter().flatten().map(|node| *node as usize);
+    let of_surface = nodes.filter(|node| world.points.is_surface[*node]);
+    let away_m = |node: usize| tissue.positions_m[node].iter().zip(point_m).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt();
+    (of_surface.map(away_m).fold(depth_m, f32::min), normal)
+}
+
 impl Contacts {
     /// Buffers for a world.
     pub fn new(world: &World) -> Contacts {
-        let points = world.case.tool.points_m.len();
+        let points = world.points.len();
         let hits = max_hits(world);
-        let tool_id = MAX_OBJECTS as u32; // a number that no tet has, also when pieces come free
         Contacts {
             work: Workspace::new(points, hits, world.model.node_count()),
-            owner: vec![tool_id; points],
-            area_m2: world.case.tool.area_m2.clone(),
+            memory: vec![Memory::default(); points],
             velocity_m_s: vec![[0.0; 3]; points],
             found: vec![Penetration::default(); hits],
             forces: vec![ContactForce::default(); hits],
             node_force_n: vec![[0.0; 3]; world.model.node_count()],
-            gaps: vec![Gap::FAR; points],
+            gaps: vec![Gap::FAR; world.points.tool],
+            tool_table: vec![0; HashSizes::for_points(world.points.tool).words()],
             springs: Vec::with_capacity(hits),
+            pairs: Vec::with_capacity(hits),
             count: 0,
-            tool_id,
         }
     }
 
-    /// Whom the tool's points belong to.
-    pub fn points(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &[], self_contact: false }
-    }
-
-    /// Depth, direction and force of each hit; the springs that the deformation feels.
+    /// Depth, direction and force of each hit; the springs that the deformation feels. `memory` is that of the tool's points.
     pub fn meet(
         &mut self,
         world: &World,
@@ -100,63 +112,76 @@ impl Contacts {
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let tissue = tissue(world, positions_m);
-        let points = Points { owner: &self.owner, node: &[], self_contact: false };
-        let input = PenetrationInput {
-            hits,
-            points_m: tool.points_m,
-            points,
-            graph: &world.case.tool.graph,
-            tissue,
-            topology: &world.topology,
-        };
-        let retreats = [Retreat { owner: self.tool_id, direction: tool.back }];
+        let points = world.points.view();
+        let graph = &world.points.graph;
+        let input = PenetrationInput { hits, points_m: tool.points_m, points, graph, tissue, topology: &world.topology };
+        let retreats = [Retreat { owner: TOOL_ID, direction: tool.back }];
         let params = PenetrationParams { max_depth_m: MAX_DEPTH_M, retreats: &retreats };
-        self.count = penetration(&input, &params, memory, &mut self.work, &mut self.found).map_err(broken)?.count;
-        self.velocity_m_s.fill(tool.velocity_m_s);
+        let (of_tool, of_tissue) = self.memory.split_at_mut(world.points.tool);
+        if memory.len() != of_tool.len() {
+            return Err(Failure::Broken(format!("the state remembers {} points of {}", memory.len(), of_tool.len())));
+        }
+        of_tool.copy_from_slice(memory);
+        of_tissue.fill(Memory::default());
+        let found = penetration(&input, &params, &mut self.memory, &mut self.work, &mut self.found).map_err(broken)?.count;
+        memory.copy_from_slice(&self.memory[..world.points.tool]);
+        self.velocity_m_s[..world.points.tool].fill(tool.velocity_m_s);
+        let of_tissue = self.velocity_m_s[world.points.tool..].iter_mut().zip(&world.points.node[world.points.tool..]);
+        of_tissue.for_each(|(velocity, node)| *velocity = velocities_m_s.get(*node as usize).copied().unwrap_or_default());
         self.node_force_n.fill([0.0; 3]);
         let motion = Motion {
             points_m: tool.points_m,
             point_velocity_m_s: &self.velocity_m_s,
-            point_area_m2: &self.area_m2,
+            point_area_m2: &world.points.area_m2,
             node_velocity_m_s: velocities_m_s,
         };
-        let rigids = [Rigid { owner: self.tool_id, reference_m: tool.tip_m }];
+        let rigids = [Rigid { owner: TOOL_ID, reference_m: tool.tip_m }];
         let mut wrenches = [Wrench::default()];
         let mut out =
             ResponseOutput { node_force_n: &mut self.node_force_n, wrenches: &mut wrenches, contacts: &mut self.forces };
-        let found = &self.found[..self.count];
+        let found = &self.found[..found];
         let answered = respond(found, &points, &motion, &tissue, &rigids, &RESPONSE, &mut out).map_err(broken)?;
-        self.count = answered.count;
-        self.spring(world, tool);
+        self.spring(world, tool, positions_m, answered.count);
         Ok(())
     }
 
-    /// A contact is a law for the deformation, not a force: it is evaluated in every substep.
-    fn spring(&mut self, world: &World, tool: &ToolMotion<'_>) {
+    /// A contact is a law for the deformation, not a force: it is evaluated in every substep. The tool's points come first.
+    fn spring(&mut self, world: &World, tool: &ToolMotion<'_>, positions_m: &[[f32; 3]], found: usize) {
+        let tissue = tissue(world, positions_m);
         self.springs.clear();
+        self.pairs.clear();
         self.node_force_n.fill([0.0; 3]);
-        for (found, force) in self.found[..self.count].iter().zip(&self.forces) {
+        self.count = self.found[..found].partition_point(|found| (found.point as usize) < world.points.tool);
+        for (found, force) in self.found[..found].iter().zip(&self.forces) {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
-            let point = tool.points_m[found.point as usize];
-            let normal = found.direction.map(|c| -c);
-            let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
-            let stiffness_n_m = STIFFNESS_N_M3 * self.area_m2[found.point as usize];
-            self.springs.push(PlaneSpring {
-                nodes: *nodes,
-                weights: found.weights.map(|w| w.clamp(0.0, 1.0)),
-                normal,
-                offset_m: along + found.depth_m,
-                stiffness_n_m,
-            });
+            let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
+            let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
             // Friction acts on the tissue as a force of the step: it is bounded by the normal force.
             let friction: [f32; 3] = std::array::from_fn(|axis| force.normal_n * found.direction[axis] - force.force_n[axis]);
             hyst_tissue::scatter(*nodes, found.weights, friction, &mut self.node_force_n);
+            if let Some(node) = world.points.view().node_of(found.point) {
+                let of_node = &mut self.node_force_n[node as usize];
+                of_node.iter_mut().zip(friction).for_each(|(sum, part)| *sum -= part);
+                let (depth_m, normal) = way_out(world, &tissue, found, point);
+                let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
+                self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, stiffness_n_m });
+            } else {
+                let normal = found.direction.map(|c| -c);
+                let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
+                let (offset_m, stiffness_n_m) = (along + found.depth_m, STIFFNESS_N_M3 * area_m2);
+                self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, stiffness_n_m });
+            }
         }
     }
 
-    /// Springs of the step.
+    /// Springs of the step, where the tool meets tissue.
     pub fn springs(&self) -> &[PlaneSpring] {
         &self.springs
+    }
+
+    /// Springs of the step, where tissue meets other tissue.
+    pub fn pairs(&self) -> &[PairSpring] {
+        &self.pairs
     }
 
     /// Forces on the nodes beside the springs, N, to which others may add.
@@ -169,7 +194,7 @@ impl Contacts {
         &self.node_force_n
     }
 
-    /// Contacts in the step.
+    /// Contacts of the tool in the step.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -194,24 +219,33 @@ impl Contacts {
                 *sum += *part;
             }
         }
-        let points = Points { owner: &self.owner, node: &[], self_contact: false };
         let tissue = tissue(world, positions_m);
-        find_gaps(hash, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps)
-            .map_err(|error| Failure::Broken(error.to_string()))?;
+        let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
+        let count = world.points.tool;
+        let (owner, area_m2) = (&world.points.owner[..count], &world.points.area_m2[..count]);
+        let points = Points { owner, node: &[], self_contact: false };
+        if world.points.len() == count {
+            find_gaps(hash, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
+        } else {
+            let mut table = HashMut::in_words(&mut self.tool_table, HashSizes::for_points(count)).map_err(broken)?;
+            table.build(&tool.points_m[..count], world.case.cell_m, Layout::Auto).map_err(broken)?;
+            let table = HashRef::in_words(&self.tool_table).map_err(broken)?;
+            find_gaps(&table, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
+        }
         let input = PlaneInput {
             contacts: &self.forces[..self.springs.len()],
             gaps: &self.gaps,
-            owner: &self.owner,
-            point_area_m2: &self.area_m2,
+            owner,
+            point_area_m2: area_m2,
             tip_m: tool.tip_m,
-            tool: self.tool_id,
+            tool: TOOL_ID,
         };
         let params = PlaneParams { range_m: ANTICIPATION_M, stiffness_n_m3: STIFFNESS_N_M3 };
         Ok((planes(&input, &params), total))
     }
 }
 
-/// Room for hits: each tool point in at most two objects.
+/// Room for hits: each point in at most two objects.
 pub fn max_hits(world: &World) -> usize {
-    2 * world.case.tool.points_m.len()
+    2 * world.points.len()
 }

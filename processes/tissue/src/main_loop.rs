@@ -6,6 +6,7 @@
 //! substitute computes the same bits.
 
 mod cutting;
+mod hand;
 #[cfg(test)]
 mod tests;
 
@@ -13,10 +14,12 @@ use crate::afford::{LONGEST_STEP, affordable_step};
 use crate::clerk::Clerk;
 use crate::collision::Collision;
 use crate::contacts::{Contacts, ToolMotion};
-use crate::knife::{Knife, wire_m};
+use crate::drift::drift_forces;
+use crate::knife::Knife;
 use crate::site::SiteManager;
 use crate::state::{Core, hash, is_sound, most_bytes, sections};
 use crate::world::{Workshop, World};
+use hand::Hand;
 use hyst_contact::{Memory, PlaneSet};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
@@ -24,27 +27,15 @@ use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
-    BUTTON_ENERGIZED, ContactModel, ContactPlane, InputRecord, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus,
+    BUTTON_ENERGIZED, ContactModel, ContactPlane, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus,
 };
 use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
 use std::cell::Cell;
 use std::sync::Arc;
 
-/// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
-const INPUT_REACH: u64 = 22;
 /// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
 /// wall would need the stress-free shape, which no mesh of a distended cavity holds.
 const MAX_DISTENSION_PA: f32 = 2_000.0;
-/// What a step takes from its input.
-struct Hand {
-    input_tick: u64,
-    pose: Pose,
-    velocity_m_s: [f32; 3],
-    /// Where the wire is, m, if it cuts.
-    wire_m: Option<Vec<[f32; 3]>>,
-    /// Pressure in the cavity to be used by the next step, Pa.
-    next_pressure_pa: f32,
-}
 
 /// The engine.
 pub struct MainLoop<'a> {
@@ -61,7 +52,6 @@ pub struct MainLoop<'a> {
     clerk: Option<Clerk>,
     device: Option<ReadPage>,
     points_m: Vec<[f32; 3]>,
-    owner: Vec<u32>,
     pressure_pa: Vec<f32>,
     step_ticks: Cell<u64>,
     planes: PlaneSet,
@@ -73,8 +63,6 @@ impl<'a> MainLoop<'a> {
     /// An engine for the world of a scene, and for those that cuts make of it.
     pub fn new(life: &'a Life, workshop: Workshop, world: World) -> Result<MainLoop<'a>, Failure> {
         let contacts = Contacts::new(&world);
-        let points = world.case.tool.points_m.len();
-        let owner = contacts.points().owner.to_vec();
         // In lock-step the step must not depend on the machine.
         let default = if life.is_lockstep() { 1.0 } else { 0.0 };
         let asked = life.settings.number("tissue_step_ticks", default, 0.0..=4.0, "1, 2 or 4")? as u64;
@@ -94,8 +82,7 @@ impl<'a> MainLoop<'a> {
             contacts,
             clerk: None,
             device: None,
-            points_m: vec![[0.0; 3]; points],
-            owner,
+            points_m: vec![[0.0; 3]; world.points.len()],
             pressure_pa: vec![0.0; world.wall.len()],
             step_ticks: Cell::new(asked.max(1)),
             planes: PlaneSet::default(),
@@ -113,47 +100,12 @@ impl<'a> MainLoop<'a> {
         Ok(engine)
     }
 
-    /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
-    fn input(&self, tick: u64) -> Option<InputRecord> {
-        let page = self.device.as_ref()?;
-        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
-    }
-
-    /// What the hand does in the step from `tick`; without an input it stays where it was, and the wire cuts nothing. What the next step uses of
-    /// the pressure is part of this state, so that a substitute for it uses the same.
-    fn hand(&self, tick: u64, before: &Core) -> Hand {
-        let pressure_pa = before.pressure_pa;
-        let Some(input) = self.input(tick) else {
-            return Hand {
-                input_tick: 0,
-                pose: before.pose,
-                velocity_m_s: [0.0; 3],
-                wire_m: None,
-                next_pressure_pa: pressure_pa,
-            };
-        };
-        let sample = &input.sample;
-        Hand {
-            input_tick: input.tick,
-            pose: sample.pose,
-            velocity_m_s: sample.velocity_m_s,
-            wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
-            next_pressure_pa: if input.pressure_pa > 0.0 { input.pressure_pa } else { pressure_pa },
-        }
-    }
-
-    /// The input for the step from a state.
-    fn input_of(&self, now: &[u8]) -> Option<InputRecord> {
-        self.input(Message::parse(now, Kind::TissueState).ok()?.header().tick)
-    }
-
     /// Whether a state was computed from the input that it names: one that stands still while its stamp goes on was not. What is older than
     /// the device's ring cannot be known.
     fn is_of_its_input(&self, message: &Message<'_>) -> bool {
         let Ok(core) = message.record::<Core>(0) else { return false };
         let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, message.header().input_tick));
-        let finite = core.removed_volume_ml.is_finite() && core.pressure_pa.is_finite();
-        finite && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
+        core.is_sane() && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
     }
 
     fn first_core(&self) -> Core {
@@ -208,7 +160,7 @@ impl Stateful for MainLoop<'_> {
     }
 
     fn open(&mut self, links: &Links) -> Result<(), Failure> {
-        self.collision.open(self.life, links, self.points_m.len())?;
+        self.collision.open(self.life, links, &self.world)?;
         self.clerk = Some(Clerk::start(self.life, links, Arc::clone(&self.world))?);
         Ok(())
     }
@@ -256,7 +208,7 @@ impl Stateful for MainLoop<'_> {
         self.adopt(&message)?;
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
-        let Hand { input_tick, pose, velocity_m_s, wire_m, next_pressure_pa } = self.hand(context.tick, &before);
+        let Hand { input_tick, pose, velocity_m_s, wire_m, next_medium } = self.hand(context.tick, &before);
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
         let (is_cut, removed_ml) = self.cut(&message, wire_m.as_deref(), (positions, velocities))?;
         let context = &StepContext { holding: context.holding && !is_cut, ..*context };
@@ -271,20 +223,17 @@ impl Stateful for MainLoop<'_> {
         memory.copy_from_slice(message.section::<u8>(4)?);
         let memory: &mut [Memory] = bytemuck::cast_slice_mut(memory);
 
-        // Rigid objects and their points, then the intersection test.
-        world.case.tool.place(&pose, &mut self.points_m);
-        let job = self.collision.hash(context, &self.points_m, &self.owner, world.case.cell_m)?;
-        let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
-        self.collision.test(self.life, context, job, (&self.points_m, &points), world, positions)?;
+        // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
+        world.points.place(&world.case.tool, &pose, positions, &mut self.points_m);
+        let job = self.collision.hash(context, &self.points_m, &world.points, world.case.cell_m)?;
+        self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
 
         // Response: springs for the deformation, friction and the fluid's pressure as forces.
         let back = std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]);
         let tool = ToolMotion { points_m: &self.points_m, velocity_m_s, tip_m: pose.position_m, back };
         self.contacts.meet(world, self.collision.hits(), &tool, positions, velocities, memory)?;
-        let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
-        self.pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
-        pressure_forces(&world.wall, positions, &self.pressure_pa, self.contacts.node_force_n());
+        medium_forces(world, &before, positions, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
@@ -294,6 +243,7 @@ impl Stateful for MainLoop<'_> {
             external_force_n: self.contacts.forces_n(),
             targets_m: &[],
             springs: self.contacts.springs(),
+            pairs: self.contacts.pairs(),
             attachments: &world.attachments,
             dt_s: context.step_ticks as f32 * 1e-3,
         };
@@ -310,10 +260,11 @@ impl Stateful for MainLoop<'_> {
             velocity_m_s,
             force_n,
             removed_volume_ml: before.removed_volume_ml + removed_ml,
-            pressure_pa: next_pressure_pa,
+            pressure_pa: next_medium.0,
             contact_count: self.contacts.count() as u32,
             cuts: before.cuts + u32::from(is_cut),
             is_cutting: u32::from(wire_m.is_some()),
+            pieces: next_medium.1,
         };
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
@@ -374,6 +325,14 @@ impl Stateful for MainLoop<'_> {
             (_, Port::Client(..)) => {}
         }
     }
+}
+
+/// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, and its flow on what floats.
+fn medium_forces(world: &World, before: &Core, positions: &[[f32; 3]], pressure_pa: &mut [f32], node_force_n: &mut [[f32; 3]]) {
+    let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
+    pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
+    pressure_forces(&world.wall, positions, pressure_pa, node_force_n);
+    drift_forces(&world.drifters, &before.pieces, &world.model, node_force_n);
 }
 
 /// The status of a step after the one before; `times_ns`: when it began, and when test, response, deformation and all had ended.

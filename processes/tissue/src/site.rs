@@ -2,25 +2,11 @@
 //! register through the backplane (their slot in the station page) when the usher brings their ports, and the Main Loop takes a port only
 //! from the life of an engine that is registered.
 
-use hyst_messages::stream::ObjectRecord;
+use hyst_messages::stream::{ObjectKind, ObjectRecord};
 use hyst_messages::{SLOTS, Slot};
 
 /// Most objects of a scene, free pieces included.
 pub const MAX_OBJECTS: usize = 256;
-
-/// What an object is, as the topology message says it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum ObjectKind {
-    /// It stays.
-    Organ = 0,
-    /// It is to be removed.
-    Pathology = 1,
-    /// It has come free and floats.
-    FreePiece = 2,
-    /// An instrument.
-    Tool = 3,
-}
 
 /// The register.
 #[derive(Debug, Default)]

@@ -6,7 +6,7 @@ use crate::world::World;
 use bytemuck::{Pod, Zeroable};
 use hyst_contact::Memory;
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Message, Pose, fnv_words};
+use hyst_messages::{MAX_FLOW_M_S, MAX_PIECES, Message, PieceFlow, Pose, fnv_words};
 use hyst_tissue::Seat;
 
 /// No node of a patient's organ is farther from the pivot, m.
@@ -34,6 +34,16 @@ pub struct Core {
     pub cuts: u32,
     /// 1 while a stroke is under way.
     pub is_cutting: u32,
+    /// The flow at free pieces to be used by the next step.
+    pub pieces: [PieceFlow; MAX_PIECES],
+}
+
+impl Core {
+    /// Whether what counts and what the next step uses of it are numbers that can be.
+    pub fn is_sane(&self) -> bool {
+        let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
+        self.removed_volume_ml.is_finite() && self.pressure_pa.is_finite() && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+    }
 }
 
 /// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke.

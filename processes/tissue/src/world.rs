@@ -1,12 +1,14 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
 use crate::body::{Body, Room, version_of};
-use crate::site::{MAX_OBJECTS, ObjectKind, object};
+use crate::drift::Drifter;
+use crate::points::ContactPoints;
+use crate::site::{MAX_OBJECTS, object};
 use crate::tool::Tool;
 use hyst_contact::Topology;
 use hyst_engine::{Failure, Life, Settings};
 use hyst_mesh::{Binding, TetMesh};
-use hyst_messages::stream::{ObjectRecord, ScopeRecord};
+use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedLoop, LoadedRigid, LoadedScene, Look};
 use hyst_tissue::{Attachment, Isa, Material, Model, ModelError, ModelMaker, ModelReport, Options, Skin, join};
 use std::collections::BTreeMap;
@@ -17,6 +19,8 @@ use std::sync::Arc;
 pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
 /// Stiffness with which an attached node is held, N/m: an attachment takes up twice its stiffness.
 const ATTACHMENT_N_M: f32 = 200.0;
+/// The tool's number in the contact test: one that no tet has, also when pieces come free.
+pub const TOOL_ID: u32 = MAX_OBJECTS as u32;
 /// Most substeps in a step of 1 ms, tried in this order: fine meshes of stiff tissue need more than what an organ of the size that the station
 /// is made for does. The first is taken with which little enough mass has to be added.
 const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
@@ -69,10 +73,14 @@ pub struct World {
     pub topology: Topology,
     /// What holds a pathology in its host.
     pub attachments: Vec<Attachment>,
+    /// Points of the contact test.
+    pub points: ContactPoints,
     /// Triangles of the cavity's wall: boundary triangles of hollow organs without fixed nodes.
     pub wall: Vec<[u32; 3]>,
     /// All objects, instruments too.
     pub objects: Vec<ObjectRecord>,
+    /// Those that nothing holds.
+    pub drifters: Vec<Drifter>,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -239,9 +247,13 @@ impl World {
         let faces = topology.boundary.iter().zip(&topology.boundary_owner);
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let attachments = case.attachments(&body);
+        let objects = objects(case, &body, &attachments);
+        let points = ContactPoints::of(case, &body, &topology, &objects, TOOL_ID)?;
         Ok(World {
             case: Arc::clone(case),
-            objects: objects(case, &body, &attachments),
+            drifters: Drifter::of(&objects, &body),
+            points,
+            objects,
             version: version_of(&words),
             notes: Vec::new(),
             model,

@@ -95,7 +95,7 @@ impl Points<'_> {
     }
 
     /// The tissue node that a point is, if any.
-    pub(crate) fn node_of(&self, point: u32) -> Option<u32> {
+    pub fn node_of(&self, point: u32) -> Option<u32> {
         self.node.get(point as usize).copied().filter(|&n| n != crate::NONE)
     }
 

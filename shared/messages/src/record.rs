@@ -5,6 +5,8 @@ use bytemuck::{Pod, Zeroable};
 
 /// Most planes in a contact model.
 pub const MAX_PLANES: usize = 8;
+/// Most free pieces that the flow carries; more rest in the medium.
+pub const MAX_PIECES: usize = 8;
 /// Words reserved for the servo's filter state inside a force record.
 pub const SERVO_STATE_WORDS: usize = 24;
 
@@ -113,6 +115,19 @@ pub struct ContactModel {
     pub planes: [ContactPlane; MAX_PLANES],
 }
 
+/// No medium is said to flow faster, m/s: far above any jet, which the pump's 800 ml/min make 2 m/s fast.
+pub const MAX_FLOW_M_S: f32 = 40.0;
+
+/// How the medium moves where a piece floats that nothing holds.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct PieceFlow {
+    /// Registration number of the piece; 0, which the organ has, if there is none.
+    pub object: u32,
+    /// Mean velocity of the medium where it is, m/s.
+    pub velocity_m_s: [f32; 3],
+}
+
 /// What both replicas of the servo compute from, once a tick.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -129,6 +144,8 @@ pub struct InputRecord {
     pub applied_n: [f32; 3],
     /// Pressure in the cavity, Pa, from the newest valid status of the fluid; 0 if there has been none.
     pub pressure_pa: f32,
+    /// The flow that carries the largest free pieces, likewise.
+    pub pieces: [PieceFlow; MAX_PIECES],
     /// Incarnation of the servo that the device follows, 0 if none: where both servos lost ticks, the other one adopts its state.
     pub selected_incarnation: u64,
 }
@@ -278,6 +295,8 @@ pub struct FluidStatus {
     pub outflow_ml_min: f32,
     /// Alarm bits of the pump.
     pub alarms: u32,
+    /// The flow at the largest free pieces, in the order of the objects.
+    pub pieces: [PieceFlow; MAX_PIECES],
 }
 
 /// The hand that comes from a window: targets for the simulated hardware.

@@ -289,13 +289,27 @@ pub fn bytes_of_words(words: &[u64]) -> &[u8] {
     bytemuck::cast_slice(words)
 }
 
+/// What an object is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ObjectKind {
+    /// It stays.
+    Organ = 0,
+    /// It is to be removed.
+    Pathology = 1,
+    /// It has come free and floats.
+    FreePiece = 2,
+    /// An instrument.
+    Tool = 3,
+}
+
 /// One object in a topology message.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ObjectRecord {
     /// Name, UTF-8, zero-padded.
     pub name: [u8; 32],
-    /// 0 organ, 1 pathology, 2 free piece, 3 rigid tool.
+    /// An [`ObjectKind`].
     pub kind: u32,
     /// Registration number with the Site Manager.
     pub id: u32,

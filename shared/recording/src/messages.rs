@@ -352,6 +352,7 @@ impl Fluid {
             inflow_ml_min: self.inflow_ml_min.0,
             outflow_ml_min: self.outflow_ml_min.0,
             alarms: self.alarms,
+            ..FluidStatus::default()
         }
     }
 }

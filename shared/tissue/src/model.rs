@@ -233,6 +233,13 @@ impl Model {
         &self.mass_kg
     }
 
+    /// Resistance of the medium about a node, which is what the material's damping stands for: its force per speed against the medium, N·s/m;
+    /// 0 for held nodes.
+    pub fn resistance_n_s_m(&self, node: usize) -> f32 {
+        let damping_per_s: &[f32] = bytemuck::cast_slice(&self.damping_per_s);
+        self.mass_kg.get(node).zip(damping_per_s.get(node * 4)).map_or(0.0, |(mass_kg, rate)| mass_kg * rate)
+    }
+
     /// Whether a node is held: fixed by the caller, or used by no tet.
     pub fn is_held(&self, node: usize) -> bool {
         self.held.get(node).copied().unwrap_or(true)

@@ -1,6 +1,6 @@
 //! What goes into a step and what comes out of it: plain slices, so that they may lie in shared memory.
 
-use crate::links::{Attachment, PlaneSpring};
+use crate::links::{Attachment, PairSpring, PlaneSpring};
 
 /// The state at one tick, one entry per node, in the caller's frame.
 #[derive(Debug, Clone, Copy)]
@@ -27,8 +27,10 @@ pub struct StepInput<'a> {
     pub external_force_n: &'a [[f32; 3]],
     /// Where held nodes are at the end of the step, m, one per node (those of free nodes are not read); or empty: they stay.
     pub targets_m: &'a [[f32; 3]],
-    /// Contacts of this step.
+    /// Contacts of this step with what is not of this model.
     pub springs: &'a [PlaneSpring],
+    /// Contacts of this step within the model.
+    pub pairs: &'a [PairSpring],
     /// Attachments that hold in this step.
     pub attachments: &'a [Attachment],
     /// Step, s.

@@ -60,7 +60,7 @@ pub fn step(
     }
     let mut report = StepReport { substeps, ..StepReport::default() };
     read(model, scratch, &now, input, &mut report);
-    let links = Links { springs: input.springs, attachments: input.attachments };
+    let links = Links { springs: input.springs, pairs: input.pairs, attachments: input.attachments };
     (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
     let substep_s = input.dt_s / substeps as f32;
     let job = Job { model, scratch, links, substep_s, substeps };

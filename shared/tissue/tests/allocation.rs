@@ -45,6 +45,7 @@ fn a_step_allocates_nothing() {
             external_force_n: &force,
             targets_m: &mesh.positions_m,
             springs: &springs,
+            pairs: &[],
             attachments: &[],
             dt_s: 1e-3,
         });

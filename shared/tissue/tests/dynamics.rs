@@ -172,8 +172,14 @@ fn contacts_up_to_the_stated_stiffness_are_stable() {
     };
     let springs = [spring, spring];
     for _ in 0..1000 {
-        let report =
-            body.step_with(&StepInput { external_force_n: &[], targets_m: &[], springs: &springs, attachments: &[], dt_s: 1e-3 });
+        let report = body.step_with(&StepInput {
+            external_force_n: &[],
+            targets_m: &[],
+            springs: &springs,
+            pairs: &[],
+            attachments: &[],
+            dt_s: 1e-3,
+        });
         assert_eq!((report.softened_springs, report.ignored_springs, report.recovered_nodes), (2, 0, 0));
     }
     let depth = body.position_m[top as usize][2] - 0.008;
@@ -191,7 +197,14 @@ fn held_nodes_are_at_their_targets_and_carry_the_tissue_along() {
     for tick in 1..=400 {
         let shift = 1e-5 * tick.min(200) as f32;
         let targets: Vec<[f32; 3]> = mesh.positions_m.iter().map(|p| [p[0] + shift, p[1], p[2]]).collect();
-        body.step_with(&StepInput { external_force_n: &[], targets_m: &targets, springs: &[], attachments: &[], dt_s: 1e-3 });
+        body.step_with(&StepInput {
+            external_force_n: &[],
+            targets_m: &targets,
+            springs: &[],
+            pairs: &[],
+            attachments: &[],
+            dt_s: 1e-3,
+        });
         for node in (0..targets.len()).filter(|&node| fixed[node]) {
             assert_eq!(body.position_m[node], targets[node], "tick {tick}, node {node}");
         }

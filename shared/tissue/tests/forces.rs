@@ -5,7 +5,8 @@ mod common;
 use common::{Body, block, options};
 use hyst_mesh::Binding;
 use hyst_tissue::{
-    Attachment, Material, Model, ModelError, Options, StepInput, gather, join, pressure_forces, scatter, surface_update,
+    Attachment, Material, Model, ModelError, Options, PairSpring, StepInput, gather, join, pressure_forces, scatter,
+    surface_update,
 };
 
 #[test]
@@ -90,7 +91,8 @@ fn polyp_on_wall(stiffness_n_m: f32) -> (Body, Vec<Attachment>, usize) {
 fn a_polyp_hangs_on_its_wall_and_comes_off_when_its_stalk_is_cut() {
     let (mut body, attachments, first) = polyp_on_wall(100.0);
     let pull: Vec<[f32; 3]> = (0..body.force_n.len()).map(|i| if i < first { [0.0; 3] } else { [1e-5, 0.0, 2e-5] }).collect();
-    let mut input = StepInput { external_force_n: &pull, targets_m: &[], springs: &[], attachments: &attachments, dt_s: 1e-3 };
+    let mut input =
+        StepInput { external_force_n: &pull, targets_m: &[], springs: &[], pairs: &[], attachments: &attachments, dt_s: 1e-3 };
     for _ in 0..1500 {
         let report = body.step_with(&input);
         assert_eq!((report.ignored_springs, report.capped_nodes, report.recovered_nodes), (0, 0, 0));
@@ -119,13 +121,87 @@ fn an_attachment_pulls_both_ends_alike_and_is_softened_to_what_is_stable() {
     let (mut body, mut attachments, first) = polyp_on_wall(1e6);
     body.velocity_m_s[first..].fill([0.1, 0.0, 0.2]);
     attachments[0].weights = [0.5; 4];
-    let input = StepInput { external_force_n: &[], targets_m: &[], springs: &[], attachments: &attachments, dt_s: 1e-3 };
+    let input =
+        StepInput { external_force_n: &[], targets_m: &[], springs: &[], pairs: &[], attachments: &attachments, dt_s: 1e-3 };
     let start = body.energy_j();
     for _ in 0..500 {
         let report = body.step_with(&input);
         assert_eq!((report.ignored_springs, report.softened_springs, report.capped_nodes), (1, 8, 0));
     }
     assert!(body.energy_j() < start);
+}
+
+/// A block of 4 × 4 × 2 cells of 3 mm, and above it, nothing held, a cube of 2 × 2 × 2 of 2 mm whose lowest nodes lie 0.5 mm deep in the block's uppermost
+/// layer; with each of them the tet that it lies in.
+fn cube_in_block() -> (Body, Vec<PairSpring>, usize) {
+    let wall = block([4, 4, 2], 0.003);
+    let mut cube = block([2, 2, 2], 0.002);
+    cube.positions_m.iter_mut().for_each(|p| *p = [p[0] + 0.0041, p[1] + 0.0041, p[2] + 0.0055]);
+    let (mesh, starts) = join(&[&wall, &cube]).unwrap();
+    let deep = (starts[1]..starts[2]).filter(|node| mesh.positions_m[*node][2] < 0.006);
+    let pairs = deep.map(|node| {
+        let p = nalgebra::Vector3::from(mesh.positions_m[node]);
+        let holds = |tet: &&[u32; 4]| {
+            let x = tet.map(|i| nalgebra::Vector3::from(wall.positions_m[i as usize]));
+            let w = nalgebra::Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]).try_inverse().unwrap() * (p - x[0]);
+            (1.0 - w.sum()).min(w.min()) >= -1e-5
+        };
+        let tet = *wall.tets.iter().find(holds).expect("the node lies in the block");
+        let x = tet.map(|i| nalgebra::Vector3::from(wall.positions_m[i as usize]));
+        let w = nalgebra::Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]).try_inverse().unwrap() * (p - x[0]);
+        let weights = [1.0 - w.sum(), w[0], w[1], w[2]].map(|weight| weight.clamp(0.0, 1.0));
+        PairSpring { node: node as u32, tet, weights, normal: [0.0, 0.0, 1.0], depth_m: 5e-4, stiffness_n_m: 0.3 }
+    });
+    let pairs: Vec<PairSpring> = pairs.collect();
+    assert_eq!(pairs.len(), 9);
+    let held = vec![false; mesh.positions_m.len()];
+    let material = Material::new(10_000.0, 0.45, 1000.0, 0.0).unwrap();
+    let options = Options { contact_stiffness_n_m: 400.0, ..options() };
+    (Body::new(Model::new(&mesh, &held, &material, options).unwrap().0), pairs, starts[1])
+}
+
+#[test]
+fn what_lies_in_each_other_is_pushed_apart_and_neither_gains_what_the_other_does_not_lose() {
+    let (mut body, pairs, first) = cube_in_block();
+    let input = StepInput { external_force_n: &[], targets_m: &[], springs: &[], pairs: &pairs, attachments: &[], dt_s: 1e-3 };
+    let momentum = |body: &Body| -> [f64; 2] {
+        let along = |(velocity, mass): (&[f32; 3], &f32)| f64::from(velocity[2]) * f64::from(*mass);
+        let all: Vec<f64> = body.velocity_m_s.iter().zip(body.model.mass_kg()).map(along).collect();
+        [all[..first].iter().sum(), all[first..].iter().sum()]
+    };
+    let report = body.step_with(&input);
+    assert_eq!((report.ignored_springs, report.softened_springs), (0, 0));
+    // Nine nodes, 0.3 N/m, half a millimetre, a millisecond.
+    let [of_block, of_cube] = momentum(&body);
+    assert!((of_cube / (9.0 * 0.3 * 5e-4 * 1e-3) - 1.0).abs() < 0.1, "the cube has {of_cube} N·s");
+    assert!((of_block + of_cube).abs() < 1e-3 * of_cube, "{of_block} and {of_cube} N·s");
+    let deepest = |body: &Body| {
+        let left = |pair: &PairSpring| {
+            body.position_m[pair.node as usize][2] - gather(pair.tet, pair.weights, &body.position_m).unwrap()[2]
+        };
+        pairs.iter().map(|pair| pair.depth_m - left(pair)).fold(f32::MIN, f32::max)
+    };
+    for _ in 0..200 {
+        body.step_with(&input);
+    }
+    // Once apart they are pushed no more, and fly on as they are.
+    assert!(deepest(&body) < 0.0, "still {} m in each other", deepest(&body));
+    let [of_block, of_cube] = momentum(&body);
+    assert!(of_cube > 0.0 && (of_block + of_cube).abs() < 1e-2 * of_cube, "{of_block} and {of_cube} N·s");
+}
+
+#[test]
+fn a_contact_of_two_parts_is_softened_to_what_is_stable_and_nonsense_is_left_out() {
+    let (mut body, mut pairs, _) = cube_in_block();
+    pairs.iter_mut().for_each(|pair| pair.stiffness_n_m = 1e7);
+    pairs[0].normal = [0.0, 0.0, 2.0];
+    pairs[1].depth_m = f32::NAN;
+    pairs[2].node = 9_999;
+    let input = StepInput { external_force_n: &[], targets_m: &[], springs: &[], pairs: &pairs, attachments: &[], dt_s: 1e-3 };
+    for _ in 0..300 {
+        let report = body.step_with(&input);
+        assert_eq!((report.ignored_springs, report.softened_springs, report.capped_nodes, report.recovered_nodes), (3, 6, 0, 0));
+    }
 }
 
 #[test]

@@ -4,7 +4,9 @@ mod common;
 
 use common::{Body, block, noise, options, with_flat_tets};
 use hyst_mesh::TetMesh;
-use hyst_tissue::{Material, Model, ModelError, Options, PlaneSpring, StateMut, StateRef, StepError, StepInput, step};
+use hyst_tissue::{
+    Material, Model, ModelError, Options, PairSpring, PlaneSpring, StateMut, StateRef, StepError, StepInput, step,
+};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -160,8 +162,20 @@ proptest! {
             PlaneSpring { nodes, weights, normal, offset_m, stiffness_n_m },
             PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, stiffness_n_m: 1e12 },
         ];
+        let [node, tet @ ..] = [nodes[0], nodes[1], nodes[2], nodes[3], 7];
+        let pairs = [
+            PairSpring { node, tet, weights, normal, depth_m: offset_m, stiffness_n_m },
+            PairSpring { node: 9, tet: [60; 4], weights: [0.25; 4], normal: [0.0, 1.0, 0.0], depth_m: 1e12, stiffness_n_m: 1e12 },
+        ];
         for _ in 0..3 {
-            body.step_with(&StepInput { external_force_n: &forces, targets_m: &targets, springs: &springs, attachments: &[], dt_s });
+            body.step_with(&StepInput {
+                external_force_n: &forces,
+                targets_m: &targets,
+                springs: &springs,
+                pairs: &pairs,
+                attachments: &[],
+                dt_s,
+            });
             for value in body.position_m.iter().chain(&body.velocity_m_s).flatten() {
                 prop_assert!(value.is_finite());
             }
@@ -174,7 +188,8 @@ fn a_state_of_another_model_and_an_impossible_step_are_refused() {
     let mut body = body();
     let (mut x, mut v) = (body.position_m.clone(), body.velocity_m_s.clone());
     let now = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
-    let mut input = StepInput { external_force_n: &[[0.0; 3]; 7], targets_m: &[], springs: &[], attachments: &[], dt_s: 1e-3 };
+    let mut input =
+        StepInput { external_force_n: &[[0.0; 3]; 7], targets_m: &[], springs: &[], pairs: &[], attachments: &[], dt_s: 1e-3 };
     let wrong = step(&body.model, &mut body.scratch, now, &input, StateMut { position_m: &mut x, velocity_m_s: &mut v });
     assert_eq!(wrong, Err(StepError::Length { what: "external_force_n", expected: 100, found: 7 }));
     input.external_force_n = &[];

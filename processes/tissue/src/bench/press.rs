@@ -28,7 +28,6 @@ const PASSES: usize = 7;
 /// What the threads of the intersection test share.
 struct Shared {
     world: World,
-    owner: Vec<u32>,
     input: RwLock<Input>,
     shares: Vec<Mutex<(Vec<Hit>, usize)>>,
 }
@@ -44,8 +43,7 @@ impl SharedWork for Shared {
         let mut share = self.shares[index].lock();
         let (hits, found) = &mut *share;
         let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
-        let points = hyst_contact::Points { owner: &self.owner, node: &[], self_contact: false };
-        let tissue = contacts::tissue(&self.world, &input.positions_m);
+        let (points, tissue) = (self.world.points.view(), contacts::tissue(&self.world, &input.positions_m));
         let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, hits));
         *found = tested.map_or(0, |found| found.count);
     }
@@ -102,13 +100,12 @@ impl Press {
     /// At rest; the intersection test is shared among `threads` threads, the caller's included.
     pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
         let (_, world) = Workshop::open(scene, isa).map_err(text)?;
-        let (points, nodes) = (world.case.tool.points_m.len(), world.model.node_count());
+        let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::new(&world);
         let room = contacts::max_hits(&world);
         let sizes = HashSizes::for_points(points);
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
         let shared = Arc::new(Shared {
-            owner: contacts.points().owner.to_vec(),
             input: RwLock::new(input),
             shares: (0..threads).map(|_| Mutex::new((vec![Hit::default(); room], 0))).collect(),
             world,
@@ -120,7 +117,7 @@ impl Press {
             contacts,
             sizes,
             hits: vec![Hit::default(); room],
-            memory: vec![Memory::default(); points],
+            memory: vec![Memory::default(); shared.world.points.tool],
             pressure_pa: vec![0.0; shared.world.wall.len()],
             points_m: vec![[0.0; 3]; points],
             velocities_m_s: vec![[0.0; 3]; nodes],
@@ -136,9 +133,9 @@ impl Press {
         self.shared.world.model.tets().len()
     }
 
-    /// Number of points of the tool.
-    pub fn points(&self) -> usize {
-        self.points_m.len()
+    /// Number of points, the tool's first.
+    pub fn points(&self) -> [usize; 2] {
+        [self.shared.world.points.tool, self.points_m.len()]
     }
 
     /// What the hand does.
@@ -177,9 +174,9 @@ impl Press {
         let (pose, before) = (self.pose(tick), self.pose(tick.saturating_sub(1)));
         let mut laps = Laps { last_ns: system::now_ns(), phase: 0, record };
 
-        world.case.tool.place(&pose, &mut self.points_m);
         {
             let mut input = shared.input.write();
+            world.points.place(&world.case.tool, &pose, &input.positions_m, &mut self.points_m);
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
             hash.build(&self.points_m, world.case.cell_m, Layout::Auto).map_err(text)?;
         }
@@ -206,6 +203,7 @@ impl Press {
             external_force_n: self.contacts.forces_n(),
             targets_m: &[],
             springs: self.contacts.springs(),
+            pairs: self.contacts.pairs(),
             attachments: &world.attachments,
             dt_s: DT_S,
         };
@@ -242,7 +240,7 @@ impl Press {
         let mut least_ns = u64::MAX;
         for _ in 0..PASSES {
             let begun_ns = system::now_ns();
-            let found = intersect_brute(&self.points_m, &self.contacts.points(), &tissue, &mut self.hits).map_err(text)?;
+            let found = intersect_brute(&self.points_m, &shared.world.points.view(), &tissue, &mut self.hits).map_err(text)?;
             let _ = std::hint::black_box(found); // only the time is asked for
             least_ns = least_ns.min(system::now_ns() - begun_ns);
         }

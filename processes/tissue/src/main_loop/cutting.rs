@@ -16,6 +16,8 @@ impl MainLoop<'_> {
     pub(super) fn take_world(&mut self, world: World) {
         self.scratch = Scratch::new(&world.model);
         self.contacts = Contacts::new(&world);
+        self.collision.take_world(&world);
+        self.points_m.resize(world.points.len(), [0.0; 3]);
         self.pressure_pa.resize(world.wall.len(), 0.0);
         self.site.register_objects(&world.objects);
         self.status.objects = self.site.objects().len() as u32;

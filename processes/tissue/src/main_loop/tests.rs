@@ -1,5 +1,7 @@
 //! Promise of the Main Loop: a state and a job are written in full, so that what an older message left in the loan is nowhere in them.
 
+mod pieces;
+
 #[path = "../../../../shared/engine/tests/support/loans.rs"]
 mod loans;
 
@@ -7,7 +9,7 @@ use super::*;
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::usher::usher;
-use hyst_messages::Slot;
+use hyst_messages::{InputRecord, Slot};
 use loans::{LEFT, written};
 
 const STEPS: u64 = 12;
@@ -29,8 +31,8 @@ fn context(tick: u64) -> StepContext {
 fn job(main: &mut MainLoop<'_>, left: u64) -> Vec<u8> {
     let fill = |bytes: &mut [u8]| bytes.fill(left as u8);
     main.collision.fill_loans(main.points_m.len(), fill);
-    let (points_m, owner, cell_m) = (main.points_m.clone(), main.owner.clone(), main.world.case.cell_m);
-    let job = main.collision.hash(&context(1), &points_m, &owner, cell_m).unwrap();
+    let (points_m, world) = (main.points_m.clone(), Arc::clone(&main.world));
+    let job = main.collision.hash(&context(1), &points_m, &world.points, world.case.cell_m).unwrap();
     job.bytes().expect("a job for the worker that is seated").to_vec()
 }
 
@@ -69,7 +71,8 @@ fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
     }
     assert!(contacts > 0, "the tool touched nothing: the memory of its points was not looked at");
 
-    main.collision.open(&life, &links, main.points_m.len()).unwrap();
+    let world = Arc::clone(&main.world);
+    main.collision.open(&life, &links, &world).unwrap();
     main.arrival(page_of(worker), &mut inbox);
     let jobs = LEFT.map(|left| job(&mut main, left));
     assert!(jobs[0] == jobs[1] && jobs[0] == jobs[2], "a job depends on what lay in the loan");

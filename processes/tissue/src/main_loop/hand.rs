@@ -1,0 +1,54 @@
+//! What a step takes from its input: the hand, and what the medium does.
+
+use super::MainLoop;
+use crate::knife::wire_m;
+use crate::state::Core;
+use hyst_messages::page::device;
+use hyst_messages::{InputRecord, Kind, MAX_PIECES, Message, PieceFlow, Pose};
+
+/// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
+const INPUT_REACH: u64 = 22;
+
+/// What a step takes from its input.
+pub(super) struct Hand {
+    pub(super) input_tick: u64,
+    pub(super) pose: Pose,
+    pub(super) velocity_m_s: [f32; 3],
+    /// Where the wire is, m, if it cuts.
+    pub(super) wire_m: Option<Vec<[f32; 3]>>,
+    /// What the medium does, to be used by the next step.
+    pub(super) next_medium: Medium,
+}
+
+/// Pressure in the cavity, Pa, and the flow at free pieces.
+type Medium = (f32, [PieceFlow; MAX_PIECES]);
+
+impl MainLoop<'_> {
+    /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
+    pub(super) fn input(&self, tick: u64) -> Option<InputRecord> {
+        let page = self.device.as_ref()?;
+        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
+    }
+
+    /// What the hand does in the step from `tick`; without an input it stays where it was, and the wire cuts nothing. What the next step uses of
+    /// the medium is part of this state, so that a substitute for it uses the same.
+    pub(super) fn hand(&self, tick: u64, before: &Core) -> Hand {
+        let medium = (before.pressure_pa, before.pieces);
+        let Some(input) = self.input(tick) else {
+            return Hand { input_tick: 0, pose: before.pose, velocity_m_s: [0.0; 3], wire_m: None, next_medium: medium };
+        };
+        let sample = &input.sample;
+        Hand {
+            input_tick: input.tick,
+            pose: sample.pose,
+            velocity_m_s: sample.velocity_m_s,
+            wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
+            next_medium: if input.pressure_pa > 0.0 { (input.pressure_pa, input.pieces) } else { medium },
+        }
+    }
+
+    /// The input for the step from a state.
+    pub(super) fn input_of(&self, now: &[u8]) -> Option<InputRecord> {
+        self.input(Message::parse(now, Kind::TissueState).ok()?.header().tick)
+    }
+}

@@ -1,0 +1,142 @@
+//! Promise of the Main Loop about what has come free: the flow carries it, and other tissue is in its way.
+
+use super::*;
+use crate::body::Body;
+use glam::Vec3;
+use hyst_exchange::OwnedPage;
+use hyst_messages::stream::ObjectKind;
+use hyst_messages::{InputRecord, PieceFlow};
+
+/// Steps in which a piece is carried: three times what its resistance takes to bring it to the medium's speed.
+const DRIFT: u64 = 400;
+/// How fast the medium flows then, along x, m/s.
+const FLOW_M_S: f32 = 0.02;
+
+/// The state after some ticks, in which the tool is away and the medium flows with a velocity at one piece.
+fn flow(
+    main: &mut MainLoop<'_>,
+    device: &OwnedPage,
+    mut now: Vec<u64>,
+    flow: PieceFlow,
+    ticks: std::ops::Range<u64>,
+) -> Vec<u64> {
+    let away = Pose { position_m: [0.0, 0.0, -0.2], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+    for tick in ticks {
+        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
+        (record.sample.pose, record.pieces[0]) = (away, flow);
+        device.push(device::INPUTS, tick, &record);
+        let mut next = vec![0u64; main.next_bytes(bytemuck::cast_slice(&now)) / 8];
+        main.step(&context(tick + 1), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+        now = next;
+    }
+    now
+}
+
+/// Share of a piece's nodes that lie in the organ's tets, and the middle of the piece.
+fn sunk(main: &MainLoop<'_>, now: &[u64], object: u32) -> (f32, Vec3) {
+    let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
+    let positions: &[[f32; 3]] = message.section(1).unwrap();
+    let owner = main.world.body.owners();
+    let points: Vec<[f32; 3]> =
+        positions.iter().zip(&owner).filter(|(_, of)| **of == Some(object)).map(|(place, _)| *place).collect();
+    let rest = &main.world.body.rest;
+    let organ: Vec<[u32; 4]> = rest.tets.iter().zip(&rest.regions).filter(|(_, of)| **of == 0).map(|(tet, _)| *tet).collect();
+    let tissue = hyst_contact::Tissue { positions_m: positions, tets: &organ, tet_owner: &vec![0; organ.len()] };
+    let of_points = hyst_contact::Points { owner: &vec![1; points.len()], node: &[], self_contact: false };
+    let mut hits = vec![hyst_contact::Hit::default(); 4 * points.len()];
+    let found = hyst_contact::intersect_brute(&points, &of_points, &tissue, &mut hits).unwrap();
+    let inside: std::collections::BTreeSet<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
+    let middle = points.iter().map(|place| Vec3::from(*place)).sum::<Vec3>() / points.len() as f32;
+    (inside.len() as f32 / points.len() as f32, middle)
+}
+
+/// Mean velocity of an object's nodes, m/s.
+fn velocity_m_s(main: &MainLoop<'_>, now: &[u64], object: u32) -> Vec3 {
+    let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
+    let velocities: &[[f32; 3]] = message.section(2).unwrap();
+    let owner = main.world.body.owners();
+    let of = velocities.iter().zip(&owner).filter(|(_, of)| **of == Some(object)).map(|(velocity, _)| Vec3::from(*velocity));
+    of.clone().sum::<Vec3>() / of.count() as f32
+}
+
+fn middle_m(body: &Body, tet: usize) -> Vec3 {
+    body.rest.tets[tet].iter().map(|node| Vec3::from(body.rest.positions_m[*node as usize])).sum::<Vec3>() * 0.25
+}
+
+/// The body with the outer half of its polyp parted from the rest, that half's object, and the way from the one to the other.
+fn halved(world: &World) -> (Body, u32, Vec3) {
+    let mut body = world.body.clone();
+    let polyp: Vec<usize> =
+        (0..body.rest.tets.len()).filter(|tet| world.case.is_pathology(&body, body.rest.regions[*tet])).collect();
+    let middle = |tets: &[usize]| tets.iter().map(|tet| middle_m(&world.body, *tet)).sum::<Vec3>() / tets.len() as f32;
+    let root = world.attachments.iter().map(|held| Vec3::from(body.rest.positions_m[held.node as usize])).sum::<Vec3>()
+        / world.attachments.len() as f32;
+    let (centre, out) = (middle(&polyp), (middle(&polyp) - root).normalize());
+    let outer: Vec<usize> = polyp.iter().copied().filter(|tet| (middle_m(&body, *tet) - centre).dot(out) > 0.0).collect();
+    let mut copy = std::collections::BTreeMap::new();
+    for tet in &outer {
+        for corner in 0..4 {
+            let node = body.rest.tets[*tet][corner] as usize;
+            body.rest.tets[*tet][corner] = *copy.entry(node).or_insert_with(|| {
+                let (place, fixed) = (body.rest.positions_m[node], body.fixed[node]);
+                body.rest.positions_m.push(place);
+                body.fixed.push(fixed);
+                body.fixed.len() as u32 - 1
+            });
+        }
+    }
+    let is_held = |node: u32| {
+        world.body.fixed.get(node as usize).copied().unwrap_or(false) || world.attachments.iter().any(|held| held.node == node)
+    };
+    let pieces = body.register_parts(is_held, &world.case.room);
+    assert_eq!(pieces.len(), 1, "{pieces:?}");
+    assert!(!pieces[0].is_held && pieces[0].volume_m3 > 1e-8, "{pieces:?}");
+    (body, pieces[0].object, out)
+}
+
+#[test]
+fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
+    let station = Station::named(&format!("t{}-tissue-drift", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    std::fs::write(station.settings(), "workers = 0\n[set]\ntissue_step_ticks = \"1\"\n").unwrap();
+    let [tissue, device] = [Role::Tissue, Role::Device].map(Slot::first);
+    let pages = [tissue, device].map(|slot| station.create_slot(slot, 1).unwrap());
+    let life = Life::begin(station.name(), tissue, 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let (workshop, world) = Workshop::load(&life).unwrap();
+    let mut main = MainLoop::new(&life, workshop, world).unwrap();
+    let page = Port::Page(station.read_slot(device, 1).unwrap());
+    main.arrival(Arrival { slot: device, incarnation: 1, port: page }, &mut inbox);
+    let (body, object, out) = halved(&main.world);
+    let world = main.workshop.make(body).unwrap();
+    assert!(world.objects[object as usize].kind == ObjectKind::FreePiece as u32);
+    main.take_world(world);
+    let mut now = vec![0u64; main.message_bytes() / 8];
+    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let (buried, from) = sunk(&main, &now, object);
+    assert_eq!(buried, 0.0, "half a polyp lies in the wall");
+
+    let along = |speed_m_s: f32| PieceFlow { object, velocity_m_s: (out * speed_m_s).to_array() };
+    let now = flow(&mut main, &pages[1], now, along(FLOW_M_S), 1..DRIFT);
+    let carried = velocity_m_s(&main, &now, object).dot(out) / FLOW_M_S;
+    assert!((0.85..1.05).contains(&carried), "the piece has {carried} of the medium's speed");
+    let wall = velocity_m_s(&main, &now, 0).length() / FLOW_M_S;
+    assert!(wall < 0.05, "the organ has {wall} of the medium's speed");
+    let core: Core = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().record(0).unwrap();
+    assert!(core.is_sane() && core.pieces[0].object == object);
+    let mut wild = core;
+    wild.pieces[1].velocity_m_s[2] = f32::NAN;
+    assert!(!wild.is_sane());
+
+    // Far more than from wall to wall.
+    let fast_m_s = 0.1;
+    let now = flow(&mut main, &pages[1], now, along(fast_m_s), DRIFT..3 * DRIFT);
+    let (share, to) = sunk(&main, &now, object);
+    let speed_m_s = velocity_m_s(&main, &now, object).dot(out);
+    println!("carried by {:.1} mm, {:.0} % of the nodes in the wall, {speed_m_s} m/s", 1e3 * (to - from).length(), 100.0 * share);
+    let free_m = DRIFT as f32 * 1e-3 * (FLOW_M_S + 2.0 * fast_m_s);
+    assert!((to - from).length() < 0.5 * free_m && share < 0.3, "{share} of the piece is in the wall, {to} from {from}");
+    drop(main);
+    station.wipe();
+}

@@ -1,0 +1,50 @@
+//! The nearest way out of a tet that lies at the surface. Where a contact is young, as between two tissues that a step brought together, a point is
+//! just behind a face of the very tet that holds it; and where two surfaces coincide, as those of a fresh cut, its depth is 0.
+
+use crate::topology::{NONE, Topology};
+use crate::types::Tissue;
+use glam::Vec3;
+
+/// The corners of the face opposite to each corner.
+const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
+
+/// Depth of a point behind the nearest boundary face of the tet that holds it, m, and the unit vector out through that face. `weights` are the point's in the
+/// tet. `None` if no face of the tet is on the boundary, or all that are have no area.
+pub fn own_face(tissue: &Tissue<'_>, topology: &Topology, tet: u32, weights: &[f32; 4]) -> Option<(f32, [f32; 3])> {
+    let behind = topology.neighbours.get(tet as usize)?;
+    let corners = tissue.corners(tet).map(Vec3::from_array);
+    let faces = (0..4).filter(|face| behind[*face] == NONE).filter_map(|face| {
+        let [a, b, c] = OPPOSITE[face].map(|corner| corners[corner]);
+        let normal = (b - a).cross(c - a).try_normalize()?;
+        let height_m = (a - corners[face]).dot(normal);
+        let out = if height_m < 0.0 { -normal } else { normal };
+        let depth_m = weights[face].max(0.0) * height_m.abs();
+        depth_m.is_finite().then_some((depth_m, out.to_array()))
+    });
+    faces.min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_face_of_the_boundary_is_the_way_out() {
+        let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, 1.0, 1.0]];
+        let tets = [[0, 1, 2, 3], [1, 2, 3, 4]];
+        let topology = Topology::new(&tets, &[0, 0], &positions).unwrap();
+        let tissue = Tissue { positions_m: &positions, tets: &tets, tet_owner: &[0, 0] };
+        // At (0.1, 0.3, 0.4): 0.1 behind x = 0, and the slanted face is not on the boundary.
+        let (depth_m, out) = own_face(&tissue, &topology, 0, &[0.4, 0.1, 0.3, 0.2]).unwrap();
+        assert!((depth_m - 0.1).abs() < 1e-6 && out == [-1.0, 0.0, 0.0], "{depth_m} along {out:?}");
+        // On the face z = 0, by rounding a little outside of it.
+        let (depth_m, out) = own_face(&tissue, &topology, 0, &[0.4, 0.3, 0.3, -1e-8]).unwrap();
+        assert_eq!((depth_m, out), (0.0, [0.0, 0.0, -1.0]));
+        assert_eq!(own_face(&tissue, &topology, 2, &[0.25; 4]), None, "no such tet");
+        let mut inner = topology;
+        inner.neighbours = vec![[1; 4], [0; 4]];
+        assert_eq!(own_face(&tissue, &inner, 0, &[0.25; 4]), None, "not at the surface");
+        let flat = [[0.0; 3]; 5];
+        assert_eq!(own_face(&Tissue { positions_m: &flat, ..tissue }, &inner, 0, &[0.25; 4]), None);
+    }
+}
