@@ -6,6 +6,7 @@ mod place;
 use hyst_messages::Role;
 use hyst_messages::page::{header, roster};
 use place::{PATIENCE, Place, pid_of, text};
+use rustix::process::Signal;
 use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::time::Instant;
@@ -144,6 +145,19 @@ fn a_roster_with_nonsense_is_mended_and_said() {
     assert!(said() < 50, "{}", events(&place));
     page.store64(header::MAGIC, 1);
     wait_said(&place, "damaged header");
+    assert!(hyst_exchange::Roster::open(&station(&place)).is_ok());
+    // While no supervisor lives: its successor must be able to begin.
+    let rows = place.wait_ready();
+    let (guardian, supervisor) = (pid_of(&rows, "guardian"), pid_of(&rows, "supervisor"));
+    place::send(guardian, Signal::STOP); // or it would start one at once
+    place::kill(supervisor);
+    let stat = format!("/proc/{supervisor}/stat"); // its parent is stopped, and reaps nobody
+    while std::fs::read_to_string(&stat).is_ok_and(|text| !text.contains(") Z")) {
+        std::thread::yield_now();
+    }
+    page.store64(header::MAGIC, 2);
+    place::send(guardian, Signal::CONT);
+    place.wait("another supervisor", |rows| rows.iter().any(|(name, pid, _)| name == "supervisor" && *pid != supervisor));
     assert!(hyst_exchange::Roster::open(&station(&place)).is_ok());
     assert!(place.call(&["stop"]).status.success());
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));

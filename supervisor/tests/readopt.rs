@@ -3,7 +3,8 @@
 
 mod place;
 
-use place::{Place, kill, pid_of, text};
+use place::{Place, kill, pid_of, send, text};
+use rustix::process::Signal;
 use std::process::{Child, Stdio};
 
 /// Kills of each kind; `HYSTATION_KILLS=100` makes a hundred.
@@ -91,6 +92,27 @@ fn a_guardian_killed_again_and_again_has_stand_ins_and_the_station_can_be_stoppe
 #[test]
 fn both_killed_again_and_again_are_replaced_by_a_run_of_the_same_name() {
     kill_often("many-b", &["guardian", "supervisor"], |place| Some(place.start(&[])));
+}
+
+/// Nobody would keep the supervisor, and a stand-in cannot take the name that the stopped one holds.
+#[test]
+fn a_guardian_that_stands_stopped_is_replaced_and_one_that_is_asked_to_pause_goes_on() {
+    let place = Place::new("stopped-g");
+    let mut child = place.start(&[]);
+    let rows = place.wait_ready();
+    let guardian = pid_of(&rows, "guardian");
+    send(guardian, Signal::TSTP);
+    let supervisor = pid_of(&rows, "supervisor");
+    kill(supervisor);
+    place.wait("another supervisor", |rows| rows.iter().any(|(name, pid, _)| name == "supervisor" && *pid != supervisor));
+    assert_eq!(pid_of(&place.wait_ready(), "guardian"), guardian, "Ctrl-Z stops no guardian");
+    send(guardian, Signal::STOP);
+    let after = place.wait("a stand-in", |rows| rows.iter().any(|(name, pid, _)| name == "guardian" && *pid != guardian));
+    child.wait().unwrap();
+    assert_eq!(engines(&after), engines(&rows), "engines were touched");
+    assert!(place.call(&["stop"]).status.success());
+    place::ended(pid_of(&after, "guardian"));
+    assert_eq!(place.leftovers(), Vec::<String>::new());
 }
 
 #[test]

@@ -65,17 +65,14 @@ impl ContactPoints {
         }
         let mut place = vec![NONE; owner_of.len()];
         for (node, owner) in owner_of.iter().enumerate().filter(|(_, owner)| **owner != NONE) {
-            place[node] = points.owner.len() as u32;
+            place[node] = (points.owner.len() - points.tool) as u32;
             points.owner.push(*owner);
             points.node.push(node as u32);
             points.area_m2.push(area_m2[node]);
         }
-        let edges = faces.flat_map(|(face, _)| {
-            let [a, b, c] = face.map(|node| place[node as usize]);
-            [[a, b], [b, c], [c, a]]
-        });
-        let edges: Vec<[u32; 2]> = tool.edges.iter().copied().chain(edges).collect();
-        points.graph = PointGraph::from_edges(points.owner.len(), &edges);
+        let triangles: Vec<[u32; 3]> = faces.map(|(face, _)| face.map(|node| place[node as usize])).collect();
+        let of_tissue = PointGraph::from_triangles(points.owner.len() - points.tool, &triangles);
+        points.graph = tool.graph.followed_by(&of_tissue);
         Ok(points)
     }
 

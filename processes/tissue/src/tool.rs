@@ -1,6 +1,7 @@
 //! The tool: the rigid object as points, with the area that each stands for and the edges between them.
 
 use glam::{Quat, Vec3};
+use hyst_contact::PointGraph;
 use hyst_messages::Pose;
 
 /// Neighbours that a point is joined with: a point set on a surface has about six.
@@ -13,8 +14,8 @@ pub struct Tool {
     pub points_m: Vec<[f32; 3]>,
     /// Area that each point stands for, m².
     pub area_m2: Vec<f32>,
-    /// Edges between neighbours, in any order, some twice.
-    pub edges: Vec<[u32; 2]>,
+    /// Edges between neighbours.
+    pub graph: PointGraph,
 }
 
 impl Tool {
@@ -36,7 +37,8 @@ impl Tool {
             let mean = others.iter().map(|(squared, _)| squared).sum::<f32>() / others.len().max(1) as f32;
             area_m2.push(0.866 * mean);
         }
-        Tool { points_m, area_m2, edges }
+        let graph = PointGraph::from_edges(points_m.len(), &edges);
+        Tool { points_m, area_m2, graph }
     }
 
     /// Puts the points where the pose says.

@@ -180,6 +180,16 @@ impl PointGraph {
         PointGraph::from_edges(points, &edges)
     }
 
+    /// This graph and behind its points those of another, with no edge between the two.
+    pub fn followed_by(&self, other: &PointGraph) -> PointGraph {
+        let (first, edges) = (self.points() as u32, self.joined.len() as u32);
+        let mut both = self.clone();
+        both.starts.resize(first as usize + 1, 0); // one without points may have no start either
+        both.starts.extend(other.starts.iter().skip(1).map(|start| start + edges));
+        both.joined.extend(other.joined.iter().map(|point| point + first));
+        both
+    }
+
     /// Number of points.
     pub fn points(&self) -> usize {
         self.starts.len().saturating_sub(1)
@@ -198,6 +208,18 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
+
+    #[test]
+    fn a_graph_behind_another_has_the_edges_of_both_and_none_between() {
+        let (line, triangle) = (PointGraph::from_edges(3, &[[0, 1], [1, 2]]), PointGraph::from_triangles(4, &[[0, 1, 3]]));
+        let both = line.followed_by(&triangle);
+        let expected = PointGraph::from_edges(7, &[[0, 1], [1, 2], [3, 4], [4, 6], [6, 3]]);
+        let joined =
+            |graph: &PointGraph| (0..graph.points() as u32).map(|point| graph.joined(point).to_vec()).collect::<Vec<_>>();
+        assert_eq!(joined(&both), joined(&expected));
+        assert_eq!(joined(&PointGraph::default().followed_by(&line)), joined(&line));
+        assert_eq!(joined(&line.followed_by(&PointGraph::default())), joined(&line));
+    }
 
     /// The definition: of an owner's faces with the same nodes the first two are joined.
     fn plain(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Topology {

@@ -1,6 +1,7 @@
 //! A station of engines that do nothing but beat, for the tests of its keepers.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
+use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -109,8 +110,11 @@ pub fn pid_of(rows: &[(String, u64, String)], name: &str) -> u64 {
 }
 
 pub fn kill(pid: u64) {
-    let pid = rustix::process::Pid::from_raw(pid as i32).unwrap();
-    rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap();
+    send(pid, Signal::KILL);
+}
+
+pub fn send(pid: u64, signal: Signal) {
+    rustix::process::kill_process(rustix::process::Pid::from_raw(pid as i32).unwrap(), signal).unwrap();
 }
 
 pub fn text(bytes: &[u8]) -> String {
