@@ -120,12 +120,12 @@ fn tissue(station: &Station) -> (Tenure, u64) {
     (tenure, pages.next().map_or(0, |page| page.load64(header::VALUE_NS)))
 }
 
-/// Kills the tissue's holder and a worker; returns when the spare has the role and goes on.
-fn kill_unwatched(station: &Station, victims: &[i32]) {
-    let (before, _) = tissue(station);
+/// Kills a tissue, the holder unless the role has moved since it was looked for, and a worker; returns when the other tissue has the role and goes on.
+fn kill_unwatched(station: &Station, victims: &[i32], incarnation: u64) {
     victims.iter().for_each(|pid| station.signal(*pid, Signal::KILL));
-    let taken = || Some(tissue(station)).filter(|(holder, sent_ns)| holder.epoch > before.epoch && *sent_ns > 0);
-    let taken = wait_for(RECOVERY_LIMIT, || taken().filter(|(holder, _)| holder.incarnation != before.incarnation));
+    let killed_ns = hyst_exchange::system::now_ns();
+    let taken = || Some(tissue(station)).filter(|(_, sent_ns)| *sent_ns > killed_ns);
+    let taken = wait_for(RECOVERY_LIMIT, || taken().filter(|(holder, _)| u64::from(holder.incarnation) != incarnation));
     let (holder, sent_ns) =
         taken.unwrap_or_else(|| panic!("the spare has not taken the role: {:?}\n{}", tissue(station), station.said()));
     station.pass_ticks(UNWATCHED_TICKS);
@@ -145,12 +145,18 @@ fn engines_that_die_while_there_is_no_supervisor_are_stood_in_for_and_replaced_b
             break;
         }
         let (before, reasons) = (station.engines(), reasons(&station));
-        let victims = [station.victim("tissue:active"), station.victim("collision-worker:0")];
+        let mut victims = Vec::new();
         cost.compare(&mut station, |station| {
+            // Who holds the role now: before the control window it may have been the other one.
+            victims = vec![station.victim("tissue:active"), station.victim("collision-worker:0")];
+            let tissues = station.processes("tissue");
+            let incarnation =
+                tissues.iter().find(|process| process["pid"] == victims[0].1).and_then(|of| of["incarnation"].as_u64());
+            let incarnation = incarnation.expect("the tissue that was looked for");
             let (guardian, starts) = (station.own_pid(), station.supervisor_starts());
             station.signal(guardian, Signal::STOP);
             station.kill_keepers(&[Role::Supervisor]);
-            kill_unwatched(station, &victims.each_ref().map(|(_, pid)| *pid));
+            kill_unwatched(station, &victims.iter().map(|(_, pid)| *pid).collect::<Vec<i32>>(), incarnation);
             assert_eq!(station.supervisor_starts(), starts, "there was no supervisor meanwhile");
             station.signal(guardian, Signal::CONT);
             station.wait_for_supervisor(starts);
