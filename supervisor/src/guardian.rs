@@ -199,9 +199,12 @@ impl Guardian {
             if name::was_knocked(&self.name) && self.order.stand_in {
                 return End::Relieved;
             }
-            if !told && (all_ready(&mut viewer, plan) || now_ns - begin_ns > READY_WITHIN_NS) {
-                told = true;
-                self.ready(begin_ns, now_ns, all_ready(&mut viewer, plan));
+            if !told {
+                let is_whole = all_ready(&mut viewer, plan);
+                told = is_whole || now_ns - begin_ns > READY_WITHIN_NS;
+                if told {
+                    self.ready(begin_ns, now_ns, is_whole);
+                }
             }
             if self.is_over(plan, now_ns) {
                 return End::Stop;

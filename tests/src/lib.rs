@@ -333,6 +333,8 @@ impl Drop for Station {
             if wait_for(STOP_LIMIT, || self.has_ended()).is_none() {
                 let _ = self.child.kill();
                 let _ = self.child.wait();
+                // Its guardian could not: now the command removes what is left.
+                let _ = run(hystation().args(["--name", &self.name, "stop"]));
             }
         }
         let _ = std::fs::remove_dir_all(&self.folder);

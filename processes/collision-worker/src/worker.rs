@@ -180,9 +180,8 @@ impl Worker<'_> {
         let state = self.sources.iter().filter_map(|source| source.state.as_ref()).find(about)?;
         let state = Message::parse(state.bytes(), Kind::TissueState).ok()?;
         let version = state.header().topology_version;
-        let topologies = self.sources.iter().filter_map(|source| source.topology.as_ref());
-        let mut topologies = topologies.filter_map(|held| Message::parse(held.bytes(), Kind::Topology).ok());
-        let topology = topologies.find(|topology| topology.header().topology_version == version)?;
+        let mut topologies = self.sources.iter().filter_map(|source| source.topology.as_ref());
+        let topology = topologies.find_map(|held| Message::topology(held.bytes(), version))?;
         let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
         let tissue =
             Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };

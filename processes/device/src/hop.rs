@@ -4,14 +4,14 @@
 //! Promise: what is applied is finite, within the force and slew limit, and computed for this tick; with neither servo there it is held for
 //! 2 ticks, then ramped to zero in 20 ms. The way from hand to force touches station pages alone: no lock, no allocation, no stream.
 
-use crate::models::{Medium, Models};
+use crate::models::Models;
 use crate::replicas::Replicas;
 use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
 use hyst_messages::page::{ProcessState, device as layout, hardware, header, station};
-use hyst_messages::{Applied, AppliedRecord, ContactModel, ForceCommand, HardwareSample, InputRecord, Role};
+use hyst_messages::{Applied, AppliedRecord, ContactModel, ForceCommand, HardwareSample, InputRecord, Medium, Role};
 
 /// Time after the start of a tick by which a servo's force must be there, ns: it needs about 50 µs, and the hardware reads the command at
 /// any phase of the tick, so that what comes later than this may be felt one tick later.

@@ -6,7 +6,7 @@ use hyst_engine::Life;
 use hyst_exchange::{Horizon, OwnedPage, ReadPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{ContactModel, FluidStatus, MAX_FLOW_M_S, MAX_PIECES, MAX_PLANES, PieceFlow};
+use hyst_messages::{ContactModel, FluidStatus, MAX_FLOW_M_S, MAX_PLANES, Medium};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -35,15 +35,6 @@ struct Fluid {
     page: ReadPage,
     number: u64,
     status: FluidStatus,
-}
-
-/// What the tissue is to know of the medium; all zero before a fluid has said anything.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Medium {
-    /// Pressure in the cavity, Pa.
-    pub pressure_pa: f32,
-    /// The flow at free pieces.
-    pub pieces: [PieceFlow; MAX_PIECES],
 }
 
 /// Pages of the tissues and fluids, and what is in use of theirs.
@@ -221,7 +212,7 @@ mod tests {
         assert_eq!(judge(FluidStatus { state_tick: u64::MAX, ..good }), Err(Distrust::Invalid));
         for speed in [f32::NAN, 1e6, f32::NEG_INFINITY] {
             let mut bad = good;
-            bad.pieces[MAX_PIECES - 1].velocity_m_s[1] = speed;
+            bad.pieces[hyst_messages::MAX_PIECES - 1].velocity_m_s[1] = speed;
             assert_eq!(judge(bad), Err(Distrust::Invalid), "{speed} m/s");
         }
         assert_eq!(judge(FluidStatus { state_tick: 66, ..good }), Err(Distrust::Still));

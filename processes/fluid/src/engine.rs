@@ -205,9 +205,8 @@ impl<'a> FlowEngine<'a> {
 /// The topology that a state of the tissue is of, from whichever tissue has sent it.
 fn topology_of<'a>(sources: &'a [TissueSource], state: &Message<'_>) -> Option<Message<'a>> {
     let version = state.header().topology_version;
-    let all = sources.iter().filter_map(|source| source.topology.as_ref());
-    let mut all = all.filter_map(|held| Message::parse(held.bytes(), Kind::Topology).ok());
-    all.find(|topology| topology.header().topology_version == version)
+    let mut all = sources.iter().filter_map(|source| source.topology.as_ref());
+    all.find_map(|held| Message::topology(held.bytes(), version))
 }
 
 /// Whether a tissue's nodes are where an organ can be; the walls stay as they are until they are again.

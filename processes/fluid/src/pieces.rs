@@ -3,7 +3,7 @@
 use crate::cavity::Cavity;
 use glam::Vec3;
 use hyst_flow::{Grid, StateView};
-use hyst_messages::stream::{ObjectKind, ObjectRecord};
+use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{MAX_PIECES, PieceFlow};
 
 /// The pieces in the tissue's newest state, and the cells that they are in.
@@ -22,7 +22,7 @@ impl Pieces {
     /// Takes the objects of a topology.
     pub fn set_objects(&mut self, objects: &[ObjectRecord]) {
         self.free.clear();
-        for object in objects.iter().filter(|object| object.kind == ObjectKind::FreePiece as u32) {
+        for object in objects.iter().filter(|object| object.is_free_piece()) {
             let id = object.id as usize;
             if id < objects.len() {
                 self.free.resize(self.free.len().max(id + 1), false);
@@ -92,6 +92,7 @@ fn velocity_m_s(view: &StateView<'_>, cell: usize) -> Vec3 {
 mod tests {
     use super::*;
     use hyst_flow::{FlowInputs, FlowModel, Port, PumpInput, Solver};
+    use hyst_messages::stream::ObjectKind;
 
     fn object(id: u32, kind: ObjectKind) -> ObjectRecord {
         ObjectRecord { id, kind: kind as u32, ..ObjectRecord::default() }

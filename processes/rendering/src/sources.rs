@@ -123,10 +123,7 @@ impl Sources {
                 *held = Some(newest);
             }
         }
-        let of_version = |held: &&Held| {
-            Message::parse(held.bytes(), Kind::Topology).is_ok_and(|message| message.header().topology_version == version)
-        };
-        self.held.iter().flatten().find(of_version)
+        self.held.iter().flatten().find(|held| Message::topology(held.bytes(), version).is_some())
     }
 
     /// Where the scope is and what the hand sets, as the hardware measures it.

@@ -2,7 +2,7 @@
 //! a medium at rest; where the medium moves, the same resistance carries.
 
 use crate::body::Body;
-use hyst_messages::stream::{ObjectKind, ObjectRecord};
+use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{MAX_PIECES, PieceFlow};
 use hyst_tissue::Model;
 
@@ -16,7 +16,7 @@ pub struct Drifter {
 impl Drifter {
     /// Those of a body.
     pub fn of(objects: &[ObjectRecord], body: &Body) -> Vec<Drifter> {
-        let free = objects.iter().filter(|object| object.kind == ObjectKind::FreePiece as u32);
+        let free = objects.iter().filter(|object| object.is_free_piece());
         let mut drifters: Vec<Drifter> = free.map(|object| Drifter { object: object.id, nodes: Vec::new() }).collect();
         if drifters.is_empty() {
             return drifters;

@@ -260,11 +260,11 @@ impl Stateful for MainLoop<'_> {
             velocity_m_s,
             force_n,
             removed_volume_ml: before.removed_volume_ml + removed_ml,
-            pressure_pa: next_medium.0,
+            pressure_pa: next_medium.pressure_pa,
             contact_count: self.contacts.count() as u32,
             cuts: before.cuts + u32::from(is_cut),
             is_cutting: u32::from(wire_m.is_some()),
-            pieces: next_medium.1,
+            pieces: next_medium.pieces,
         };
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];

@@ -3,12 +3,12 @@
 
 use crate::body::Body;
 use crate::tool::Tool;
-use crate::world::Case;
+use crate::world::{Case, TOOL_ID};
 use glam::Vec3;
 use hyst_contact::{HashMut, HashSizes, Hit, Layout, NONE, PointGraph, Points, Share, Tissue, Topology, intersect};
 use hyst_engine::Failure;
 use hyst_messages::Pose;
-use hyst_messages::stream::{ObjectKind, ObjectRecord};
+use hyst_messages::stream::ObjectRecord;
 
 /// Points and what is known of them; all lists are parallel.
 #[derive(Clone, Debug, Default)]
@@ -28,19 +28,13 @@ pub struct ContactPoints {
 }
 
 impl ContactPoints {
-    /// Those of a body and the case's tool, whose object is `tool_id`. Nodes that lie in another object of the scene at rest, as the root of a polyp in the
+    /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the
     /// wall, meet nobody.
-    pub fn of(
-        case: &Case,
-        body: &Body,
-        topology: &Topology,
-        objects: &[ObjectRecord],
-        tool_id: u32,
-    ) -> Result<ContactPoints, Failure> {
+    pub fn of(case: &Case, body: &Body, topology: &Topology, objects: &[ObjectRecord]) -> Result<ContactPoints, Failure> {
         let tool = &case.tool;
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
-            owner: vec![tool_id; tool.points_m.len()],
+            owner: vec![TOOL_ID; tool.points_m.len()],
             node: vec![NONE; tool.points_m.len()],
             area_m2: tool.area_m2.clone(),
             graph: PointGraph::default(),
@@ -49,8 +43,7 @@ impl ContactPoints {
         topology.boundary.iter().flatten().for_each(|node| points.is_surface[*node as usize] = true);
         let mut area_m2 = vec![0.0f32; body.rest.positions_m.len()];
         let mut owner_of = vec![NONE; area_m2.len()];
-        let is_free = |object: &ObjectRecord| object.kind == ObjectKind::FreePiece as u32;
-        let may_meet = |object: u32| objects.get(object as usize).is_some_and(is_free);
+        let may_meet = |object: u32| objects.get(object as usize).is_some_and(ObjectRecord::is_free_piece);
         let faces = topology.boundary.iter().zip(&topology.boundary_owner).filter(|(_, owner)| may_meet(**owner));
         for (face, owner) in faces.clone() {
             let [a, b, c] = face.map(|node| Vec3::from(body.rest.positions_m[node as usize]));

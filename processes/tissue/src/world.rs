@@ -248,7 +248,7 @@ impl World {
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let attachments = case.attachments(&body);
         let objects = objects(case, &body, &attachments);
-        let points = ContactPoints::of(case, &body, &topology, &objects, TOOL_ID)?;
+        let points = ContactPoints::of(case, &body, &topology, &objects)?;
         Ok(World {
             case: Arc::clone(case),
             drifters: Drifter::of(&objects, &body),

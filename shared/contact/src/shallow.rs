@@ -1,12 +1,9 @@
 //! The nearest way out of a tet that lies at the surface. Where a contact is young, as between two tissues that a step brought together, a point is
 //! just behind a face of the very tet that holds it; and where two surfaces coincide, as those of a fresh cut, its depth is 0.
 
-use crate::topology::{NONE, Topology};
+use crate::topology::{FACES, NONE, Topology};
 use crate::types::Tissue;
 use glam::Vec3;
-
-/// The corners of the face opposite to each corner.
-const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 /// Depth of a point behind the nearest boundary face of the tet that holds it, m, and the unit vector out through that face. `weights` are the point's in the
 /// tet. `None` if no face of the tet is on the boundary, or all that are have no area.
@@ -14,7 +11,7 @@ pub fn own_face(tissue: &Tissue<'_>, topology: &Topology, tet: u32, weights: &[f
     let behind = topology.neighbours.get(tet as usize)?;
     let corners = tissue.corners(tet).map(Vec3::from_array);
     let faces = (0..4).filter(|face| behind[*face] == NONE).filter_map(|face| {
-        let [a, b, c] = OPPOSITE[face].map(|corner| corners[corner]);
+        let [a, b, c] = FACES[face].map(|corner| corners[corner]);
         let normal = (b - a).cross(c - a).try_normalize()?;
         let height_m = (a - corners[face]).dot(normal);
         let out = if height_m < 0.0 { -normal } else { normal };

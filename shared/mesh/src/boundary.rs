@@ -26,8 +26,8 @@ impl Surface {
     }
 }
 
-/// Outward faces of a tet with positive volume, as places within the tet.
-const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+/// Outward faces of a tet with positive volume, as places within the tet: each lies opposite to the corner of its number.
+pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// A face by its sorted nodes, and where it comes from (4 × tet + face).
 type Face = ([u32; 3], usize);

@@ -20,7 +20,7 @@ mod text;
 mod types;
 
 pub use bind::{BindError, BindReport, Binding, bind, evaluate};
-pub use boundary::{Surface, boundary, component_of_each_tet, component_of_each_triangle};
+pub use boundary::{FACES, Surface, boundary, component_of_each_tet, component_of_each_triangle};
 pub use check::{FLAT_QUALITY, ORGAN_SIZE_M, Report, check, open_edges};
 pub use error::{Place, ReadError, ReadErrorKind};
 pub use formats::tetgen::read_tetgen;

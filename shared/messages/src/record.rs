@@ -128,6 +128,15 @@ pub struct PieceFlow {
     pub velocity_m_s: [f32; 3],
 }
 
+/// What the tissue is to know of the medium; all zero before a fluid has said anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Medium {
+    /// Pressure in the cavity, Pa.
+    pub pressure_pa: f32,
+    /// The flow at free pieces.
+    pub pieces: [PieceFlow; MAX_PIECES],
+}
+
 /// What both replicas of the servo compute from, once a tick.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -165,6 +165,11 @@ impl<'a> Message<'a> {
         Ok(message)
     }
 
+    /// The topology of a version, if that is what these bytes are.
+    pub fn topology(bytes: &'a [u8], version: u32) -> Option<Message<'a>> {
+        Message::parse(bytes, Kind::Topology).ok().filter(|message| message.header.topology_version == version)
+    }
+
     /// The header.
     pub fn header(&self) -> &StreamHeader {
         &self.header
@@ -321,6 +326,13 @@ pub struct ObjectRecord {
     pub vertices: [u32; 2],
     /// First triangle and number of triangles.
     pub triangles: [u32; 2],
+}
+
+impl ObjectRecord {
+    /// Whether it has come free and floats.
+    pub fn is_free_piece(&self) -> bool {
+        self.kind == ObjectKind::FreePiece as u32
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::MainLoop;
 use crate::knife::wire_m;
 use crate::state::Core;
 use hyst_messages::page::device;
-use hyst_messages::{InputRecord, Kind, MAX_PIECES, Message, PieceFlow, Pose};
+use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
 
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
@@ -20,9 +20,6 @@ pub(super) struct Hand {
     pub(super) next_medium: Medium,
 }
 
-/// Pressure in the cavity, Pa, and the flow at free pieces.
-type Medium = (f32, [PieceFlow; MAX_PIECES]);
-
 impl MainLoop<'_> {
     /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
     pub(super) fn input(&self, tick: u64) -> Option<InputRecord> {
@@ -33,7 +30,7 @@ impl MainLoop<'_> {
     /// What the hand does in the step from `tick`; without an input it stays where it was, and the wire cuts nothing. What the next step uses of
     /// the medium is part of this state, so that a substitute for it uses the same.
     pub(super) fn hand(&self, tick: u64, before: &Core) -> Hand {
-        let medium = (before.pressure_pa, before.pieces);
+        let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces };
         let Some(input) = self.input(tick) else {
             return Hand { input_tick: 0, pose: before.pose, velocity_m_s: [0.0; 3], wire_m: None, next_medium: medium };
         };
@@ -43,7 +40,11 @@ impl MainLoop<'_> {
             pose: sample.pose,
             velocity_m_s: sample.velocity_m_s,
             wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
-            next_medium: if input.pressure_pa > 0.0 { (input.pressure_pa, input.pieces) } else { medium },
+            next_medium: if input.pressure_pa > 0.0 {
+                Medium { pressure_pa: input.pressure_pa, pieces: input.pieces }
+            } else {
+                medium
+            },
         }
     }
 

@@ -6,13 +6,37 @@ mod pieces;
 mod loans;
 
 use super::*;
-use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::usher::usher;
+use hyst_exchange::{OwnedPage, Station};
 use hyst_messages::{InputRecord, Slot};
 use loans::{LEFT, written};
 
 const STEPS: u64 = 12;
+
+/// A station with steps of one tick, and the pages of a tissue, a device and a worker.
+fn founded(name: &str, settings: &str) -> (Station, [OwnedPage; 3]) {
+    let station = Station::named(&format!("t{}-tissue-{name}", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    std::fs::write(station.settings(), format!("{settings}\n[set]\ntissue_step_ticks = \"1\"\n")).unwrap();
+    let roles = [Role::Tissue, Role::Device, Role::CollisionWorker];
+    let pages = roles.map(|role| station.create_slot(Slot::first(role), 1).unwrap());
+    (station, pages)
+}
+
+fn page_of(station: &Station, role: Role) -> Arrival {
+    let slot = Slot::first(role);
+    Arrival { slot, incarnation: 1, port: Port::Page(station.read_slot(slot, 1).unwrap()) }
+}
+
+/// An engine that has the device's page.
+fn engine<'a>(station: &Station, life: &'a Life, inbox: &mut Inbox) -> MainLoop<'a> {
+    let (workshop, world) = Workshop::load(life).unwrap();
+    let mut main = MainLoop::new(life, workshop, world).unwrap();
+    main.arrival(page_of(station, Role::Device), inbox);
+    main
+}
 
 fn context(tick: u64) -> StepContext {
     StepContext {
@@ -38,20 +62,12 @@ fn job(main: &mut MainLoop<'_>, left: u64) -> Vec<u8> {
 
 #[test]
 fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
-    let station = Station::named(&format!("t{}-tissue-loans", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
-    std::fs::write(station.settings(), "workers = 1\n[set]\ntissue_step_ticks = \"1\"\n").unwrap();
-    let [tissue, device, worker] = [Role::Tissue, Role::Device, Role::CollisionWorker].map(Slot::first);
-    let pages = [tissue, device, worker].map(|slot| station.create_slot(slot, 1).unwrap());
-    let page_of = |slot| Arrival { slot, incarnation: 1, port: Port::Page(station.read_slot(slot, 1).unwrap()) };
-    let life = Life::begin(station.name(), tissue, 1).unwrap();
+    let (station, pages) = founded("loans", "workers = 1");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let links = Links::join(&station, "loans").unwrap();
     let _service = links.create_service(Role::Tissue, 1, Kind::CollisionJob).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
-    let (workshop, world) = Workshop::load(&life).unwrap();
-    let mut main = MainLoop::new(&life, workshop, world).unwrap();
-    main.arrival(page_of(device), &mut inbox);
+    let mut main = engine(&station, &life, &mut inbox);
     let bytes = main.message_bytes();
 
     let mut now = written(bytes, "the first state", |block| main.initial(StreamHeader::default(), block).unwrap());
@@ -73,7 +89,7 @@ fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
 
     let world = Arc::clone(&main.world);
     main.collision.open(&life, &links, &world).unwrap();
-    main.arrival(page_of(worker), &mut inbox);
+    main.arrival(page_of(&station, Role::CollisionWorker), &mut inbox);
     let jobs = LEFT.map(|left| job(&mut main, left));
     assert!(jobs[0] == jobs[1] && jobs[0] == jobs[2], "a job depends on what lay in the loan");
     drop((main, links, inbox));
@@ -125,22 +141,10 @@ fn succeeds(successor: &mut MainLoop<'_>, tick: u64, before: &[u8], now: &[u64])
 
 #[test]
 fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
-    let station = Station::named(&format!("t{}-tissue-cut", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
-    std::fs::write(station.settings(), "workers = 0\n[set]\ntissue_step_ticks = \"1\"\n").unwrap();
-    let [tissue, device] = [Role::Tissue, Role::Device].map(Slot::first);
-    let pages = [tissue, device].map(|slot| station.create_slot(slot, 1).unwrap());
-    let life = Life::begin(station.name(), tissue, 1).unwrap();
+    let (station, pages) = founded("cut", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
-    let engine = |inbox: &mut Inbox| {
-        let (workshop, world) = Workshop::load(&life).unwrap();
-        let mut main = MainLoop::new(&life, workshop, world).unwrap();
-        let page = Port::Page(station.read_slot(device, 1).unwrap());
-        main.arrival(Arrival { slot: device, incarnation: 1, port: page }, inbox);
-        main
-    };
-    let (mut holder, mut successor) = (engine(&mut inbox), engine(&mut inbox));
+    let [mut holder, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let whole = Arc::clone(&holder.world);
     let mut now = vec![0u64; holder.message_bytes() / 8];
     holder.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();

@@ -8,7 +8,7 @@
 use super::sheet::Sheet;
 use super::{Bounds, CutOptions, Cuttable, at, barycentric, corners, to_single};
 use glam::DVec3;
-use hyst_mesh::{Binding, TetMesh};
+use hyst_mesh::{Binding, FACES, TetMesh};
 use std::collections::BTreeMap;
 
 /// No edge of the surface is divided nearer to its end than this, m: a pixel or two of the picture.
@@ -230,9 +230,6 @@ fn weights(rest: &TetMesh, tet: u32, point: DVec3) -> [f32; 4] {
     let all = barycentric(corners(&rest.positions_m, rest.tets[tet as usize]), point).map(|weight| weight as f32);
     if all.iter().all(|weight| weight.is_finite()) { all } else { [0.25; 4] }
 }
-
-/// Corners of the face opposite to each corner, outward by the right-hand rule.
-const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// The face of a tet that another one had in common with it: its nodes lie at the same places at rest.
 fn face_beside(rest: &TetMesh, tet: u32, other: u32) -> Option<[usize; 3]> {

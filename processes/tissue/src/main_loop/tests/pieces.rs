@@ -3,13 +3,11 @@
 use super::*;
 use crate::body::Body;
 use glam::Vec3;
-use hyst_exchange::OwnedPage;
-use hyst_messages::stream::ObjectKind;
 use hyst_messages::{InputRecord, PieceFlow};
 
 /// Steps in which a piece is carried: three times what its resistance takes to bring it to the medium's speed.
 const DRIFT: u64 = 400;
-/// How fast the medium flows then, along x, m/s.
+/// How fast the medium flows then, m/s.
 const FLOW_M_S: f32 = 0.02;
 
 /// The state after some ticks, in which the tool is away and the medium flows with a velocity at one piece.
@@ -96,21 +94,13 @@ fn halved(world: &World) -> (Body, u32, Vec3) {
 
 #[test]
 fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
-    let station = Station::named(&format!("t{}-tissue-drift", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
-    std::fs::write(station.settings(), "workers = 0\n[set]\ntissue_step_ticks = \"1\"\n").unwrap();
-    let [tissue, device] = [Role::Tissue, Role::Device].map(Slot::first);
-    let pages = [tissue, device].map(|slot| station.create_slot(slot, 1).unwrap());
-    let life = Life::begin(station.name(), tissue, 1).unwrap();
+    let (station, pages) = founded("drift", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
-    let (workshop, world) = Workshop::load(&life).unwrap();
-    let mut main = MainLoop::new(&life, workshop, world).unwrap();
-    let page = Port::Page(station.read_slot(device, 1).unwrap());
-    main.arrival(Arrival { slot: device, incarnation: 1, port: page }, &mut inbox);
+    let mut main = engine(&station, &life, &mut inbox);
     let (body, object, out) = halved(&main.world);
     let world = main.workshop.make(body).unwrap();
-    assert!(world.objects[object as usize].kind == ObjectKind::FreePiece as u32);
+    assert!(world.objects[object as usize].is_free_piece());
     main.take_world(world);
     let mut now = vec![0u64; main.message_bytes() / 8];
     main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
