@@ -2,9 +2,10 @@
 //!
 //! Promise: what is refused by the machine is reported, never assumed. Times are CLOCK_MONOTONIC nanoseconds.
 
-use rustix::thread::futex;
+use rustix::thread::{CpuSet, futex, sched_getaffinity, sched_setaffinity};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::num::NonZeroU32;
+use std::sync::OnceLock;
 use std::sync::atomic::AtomicU32;
 
 /// CLOCK_MONOTONIC in nanoseconds.
@@ -132,20 +133,37 @@ pub fn be_nice(by: i32) -> bool {
     rustix::process::nice(by).is_ok()
 }
 
-/// Ties the calling thread to a core. False where the core does not exist or is not allowed.
-pub fn pin_to_core(core: usize) -> bool {
-    use rustix::thread::{CpuSet, sched_setaffinity};
-    if core >= CpuSet::MAX_CPU {
-        return false;
-    }
-    let mut cores = CpuSet::new();
-    cores.set(core);
-    sched_setaffinity(None, &cores).is_ok()
+/// The cores that this process may use, as they were when it first asked: a thread that is tied to one of them sees only that one from then on.
+struct Cores {
+    allowed: CpuSet,
+    count: usize,
 }
 
-/// Number of cores that this process may use.
+fn own_cores() -> &'static Cores {
+    static CORES: OnceLock<Cores> = OnceLock::new();
+    CORES.get_or_init(|| Cores {
+        allowed: sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new()),
+        count: std::thread::available_parallelism().map_or(1, usize::from),
+    })
+}
+
+/// Ties the calling thread to one of the cores that this process may use, counted from 0. False where there are fewer.
+pub fn pin_to_core(core: usize) -> bool {
+    let allowed = &own_cores().allowed;
+    let Some(core) = (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(core) else { return false };
+    let mut one = CpuSet::new();
+    one.set(core);
+    sched_setaffinity(None, &one).is_ok()
+}
+
+/// Gives the calling thread all cores back that this process may use. False where that is refused.
+pub fn unpin() -> bool {
+    sched_setaffinity(None, &own_cores().allowed).is_ok()
+}
+
+/// Number of cores that this process may use, whatever the calling thread is tied to.
 pub fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
+    own_cores().count
 }
 
 /// User id, which is part of the station's root.
@@ -185,6 +203,20 @@ mod tests {
         assert_eq!((inside, lent), if fifo { (2, true) } else { (0, false) });
         assert_eq!(std::thread::spawn(own_priority).join().unwrap_or(-1), 0);
         assert_eq!(own_priority(), if fifo { 2 } else { 0 });
+    }
+
+    #[test]
+    fn a_thread_that_is_tied_to_a_core_still_knows_how_many_there_are_and_is_freed_again() {
+        let count = cores();
+        let of_this_thread = || std::thread::available_parallelism().map_or(0, usize::from);
+        std::thread::spawn(move || {
+            assert!(pin_to_core(count - 1) && !pin_to_core(CpuSet::MAX_CPU));
+            assert_eq!((of_this_thread(), cores()), (1, count));
+            assert!(unpin());
+            assert_eq!(of_this_thread(), count);
+        })
+        .join()
+        .unwrap();
     }
 
     #[test]

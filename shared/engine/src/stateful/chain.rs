@@ -201,6 +201,11 @@ impl Chain {
         self.line.as_ref().map(|line| line.tick)
     }
 
+    /// Who wrote the newest state of the line, or of the role while it has none.
+    pub fn line_writer(&self) -> u32 {
+        self.line.as_ref().map_or(self.writer, |line| line.writer)
+    }
+
     /// The line, if the role's newest state is still that of the newcomer on trial: what is gone on from by whoever takes the role back.
     pub fn returning(&self) -> Option<&Line> {
         self.line.as_ref().filter(|_| self.guest != 0 && self.writer == self.guest)

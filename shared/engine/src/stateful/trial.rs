@@ -23,12 +23,15 @@ const SHORT_STEP_TICKS: u64 = 4;
 /// death is seen at once. A real-time guest is late or hangs as any holder does ([`most_misses`]): on two cores that a guest and an elder fill
 /// nobody is punctual for 2 s, and one that is slow is found by the supervisor, who compares what the two make in a second.
 const MISSES_OF_ORDINARY: u32 = 10;
-/// Looks in a row at which the line has not grown, after which the other elder steps it.
-const MISSES_OF_THE_LINE: u32 = 3;
+/// Looks in a row at which the line has not grown, after which the other elder steps it although the one that did so lives. Longer than the
+/// ordinary thread that it is goes without a core: two that step it have no room on two cores.
+const MISSES_OF_THE_LINE: u32 = 100;
 /// Ticks that the line may be behind; then it leaps over them, as a holder does. The device's ring has the inputs of the last 64.
 const MOST_BEHIND_TICKS: u64 = 32;
 /// How often a guest takes the role: what it loses to a stall of the machine it may take again; the policy counts, too.
 const MOST_TURNS: u32 = 8;
+/// How long a guest that lost the role waits before it takes it again, ns: one stall of the machine costs it one of its turns and not all.
+const REST_NS: u64 = 500_000_000;
 /// Looks at which a guest waits for the end of a step; a holder that is never done by then has its step dropped, and the guest makes it.
 const MOST_WAITS: u32 = 200;
 
@@ -38,9 +41,10 @@ pub(super) struct Trial {
     /// The guest's: how often it has taken the role.
     turns: u32,
     waits: u32,
-    /// An elder's: it steps the line, because it was the holder, or because whoever was does not.
-    keeps_line: bool,
-    /// Looks in a row at which the line had not grown.
+    /// When it had the role last, ns; 0: never.
+    held_ns: u64,
+    /// An elder's: the line's newest tick at its last look, and looks in a row at which it had not grown though it was due.
+    line_seen: u64,
     line_misses: u32,
     /// An elder's: it is an ordinary thread meanwhile.
     lowered: bool,
@@ -58,10 +62,14 @@ impl<S: Stateful> Loop<'_, S> {
         if !swap.keeps_line() && holder.incarnation != self.me() {
             self.chain.end_line();
             self.lower(false);
-            self.trial = Trial { turns: self.trial.turns, ..Trial::default() };
+            self.trial = Trial { turns: self.trial.turns, held_ns: self.trial.held_ns, ..Trial::default() };
         }
         if holder.incarnation == self.me() {
-            (self.trial.keeps_line, self.trial.line_misses, self.trial.lowered) = (!self.is_guest(), 0, false);
+            if std::mem::take(&mut self.trial.lowered) {
+                self.pin_again(); // it took the role back, and is real time again
+            }
+            self.trial.line_misses = 0;
+            self.trial.held_ns = if self.is_guest() { system::now_ns() } else { 0 };
         }
     }
 
@@ -79,7 +87,7 @@ impl<S: Stateful> Loop<'_, S> {
                 if skipped { Ok(()) } else { self.make_beside(next_tick, holder, false) }
             }
             // Between two steps: the holder has done the one of this tick, and has not begun the next.
-            Stage::Trial if self.trial.turns < MOST_TURNS => {
+            Stage::Trial if self.trial.turns < MOST_TURNS && self.has_rested() => {
                 let is_between = newest_tick >= tick + step && self.life.tick() < tick + step;
                 self.trial.waits += 1;
                 if !is_between && self.trial.waits <= MOST_WAITS {
@@ -95,6 +103,10 @@ impl<S: Stateful> Loop<'_, S> {
         }
     }
 
+    fn has_rested(&self) -> bool {
+        self.trial.held_ns == 0 || system::now_ns() >= self.trial.held_ns + REST_NS
+    }
+
     /// An elder's part of a tick while the guest holds the role on trial.
     pub(super) fn guard(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
         let newest = self.chain.key();
@@ -106,19 +118,17 @@ impl<S: Stateful> Loop<'_, S> {
         let is_real_time = realtime::priority(self.role).is_some();
         let most = if is_real_time { most_misses(self.holder_hangs(holder)) } else { MISSES_OF_ORDINARY };
         // The one that held the role before the guest comes first.
-        let patience = if self.trial.keeps_line { most } else { 2 * most };
+        let keeps_line = self.keeps_line(tick);
+        let patience = if keeps_line { most } else { 2 * most };
         // The state that is missing is not substituted: the guest's is not the elders' to go on from.
         if spare_turn(tick, newest, holder.epoch, step, lives, self.misses, patience) == Turn::Promote {
             return self.begin_epoch(tick, holder);
         }
         let Some(line_tick) = self.chain.line_tick() else { return Ok(()) };
-        let due = line_tick < tick + step;
-        self.trial.line_misses = if due && !self.trial.keeps_line { self.trial.line_misses + 1 } else { 0 };
-        self.trial.keeps_line |= self.trial.line_misses >= MISSES_OF_THE_LINE;
-        if !due || !self.trial.keeps_line {
+        self.lower(keeps_line);
+        if !keeps_line || line_tick >= tick + step {
             return Ok(());
         }
-        self.lower(true);
         let next_tick = if line_tick + MOST_BEHIND_TICKS.max(step) < tick { tick + step } else { line_tick + step };
         self.make_beside(next_tick, holder, true)?;
         // One that lost ticks to a stall catches up, a step at a time.
@@ -126,7 +136,15 @@ impl<S: Stateful> Loop<'_, S> {
         if lags { self.make_beside(line_tick + 2 * step, holder, true) } else { Ok(()) }
     }
 
-    /// Who steps the line is an ordinary thread meanwhile. Nobody waits for the line, and two tissues in real time leave ordinary threads so
+    /// Whether it is this elder that steps the line: whoever wrote its newest state goes on with it, until he dies or stands still.
+    fn keeps_line(&mut self, tick: u64) -> bool {
+        let (line_tick, writer) = (self.chain.line_tick().unwrap_or(0), self.chain.line_writer());
+        let stands = line_tick == self.trial.line_seen && line_tick < tick;
+        (self.trial.line_seen, self.trial.line_misses) = (line_tick, if stands { self.trial.line_misses + 1 } else { 0 });
+        writer == self.me() || self.trial.line_misses >= MISSES_OF_THE_LINE || !self.life.is_alive(self.role, writer)
+    }
+
+    /// Who steps the line is an ordinary thread meanwhile, on whatever core has room. Nobody waits for the line, and two tissues in real time leave ordinary threads so
     /// little of two cores that the kernel's fair server steps in, which takes up to 50 ms at once from whoever is real time there: 50 missed
     /// steps of a guest that had done nothing wrong.
     fn lower(&mut self, lowered: bool) {
@@ -136,8 +154,18 @@ impl<S: Stateful> Loop<'_, S> {
         let Some(priority) = realtime::priority(self.role) else { return };
         if lowered {
             system::become_ordinary();
+            system::unpin();
         } else {
+            self.pin_again();
             system::become_fifo(priority + realtime::SPARE_ABOVE);
+        }
+    }
+
+    fn pin_again(&self) {
+        if self.life.page.load64(header::REAL_TIME) & 4 != 0
+            && let Some(core) = realtime::core(self.life.slot, system::cores())
+        {
+            system::pin_to_core(core);
         }
     }
 
