@@ -96,3 +96,45 @@ pub fn first_after(charges: &[Charge], incarnation: u32, after_ns: u64) -> Optio
     // A series that began before the fault is noise of the host; its newest word is not.
     of.map(|charge| (if charge.since_ns >= after_ns { charge.since_ns } else { charge.last_ns }, charge.by)).min()
 }
+
+/// A process that does not answer in time for so long is too slow, ns.
+const LATE_NS: u64 = 200_000_000;
+
+/// Whether an incarnation is too slow, as one of its readers says: without an answer in time again and again for longer than [`LATE_NS`], counted from
+/// `from_ns`, while the same reader had one from everybody else of its role (`fellows`). Where two are late at once it is the machine.
+pub fn is_too_slow(charge: &Charge, charges: &[Charge], fellows: impl Fn(u32) -> bool, from_ns: u64, now_ns: u64) -> bool {
+    let lately = |charge: &Charge| charge.is(Distrust::Missing) && now_ns.saturating_sub(charge.last_ns) < LATE_NS;
+    let others = |other: &&Charge| other.by == charge.by && other.incarnation != charge.incarnation && fellows(other.incarnation);
+    lately(charge)
+        && charge.last_ns.saturating_sub(charge.since_ns.max(from_ns)) > LATE_NS
+        && !charges.iter().filter(others).any(lately)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_too_slow_alone_and_the_machine_makes_all_late() {
+        let [reader, other_reader] = [0, 1].map(|index| Slot::new(hyst_messages::Role::Tissue, index).unwrap());
+        let charge = |by, incarnation, since_ms: u64, last_ms: u64| Charge {
+            by,
+            incarnation,
+            why: Distrust::Missing as u64,
+            since_ns: since_ms * 1_000_000,
+            last_ns: last_ms * 1_000_000,
+        };
+        let slow = charge(reader, 7, 1_000, 1_250);
+        let is_slow = |charge: &Charge, beside: &[Charge], from_ms: u64| {
+            is_too_slow(charge, beside, |incarnation| incarnation < 9, from_ms * 1_000_000, 1_260_000_000)
+        };
+        assert!(is_slow(&slow, &[slow], 0));
+        assert!(!is_slow(&slow, &[slow], 1_100), "not since it may have the role");
+        assert!(!is_slow(&charge(reader, 7, 1_000, 1_199), &[], 0), "not for long enough");
+        assert!(!is_slow(&charge(reader, 7, 500, 1_000), &[], 0), "it is over");
+        assert!(!is_slow(&slow, &[slow, charge(reader, 8, 1_249, 1_249)], 0), "its fellow is late at the same time");
+        assert!(is_slow(&slow, &[slow, charge(reader, 8, 700, 1_000)], 0), "its fellow was late before");
+        assert!(is_slow(&slow, &[slow, charge(reader, 9, 1_249, 1_249)], 0), "one of another role");
+        assert!(is_slow(&slow, &[slow, charge(other_reader, 8, 1_249, 1_249)], 0), "to another reader");
+    }
+}

@@ -69,7 +69,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     };
     let mut member = ProcessMember::new(Arc::clone(&life.page));
     life.ports_are_open();
-    while worker.sources.iter().all(|source| source.topology.is_none()) && !life.clock.stop_requested() {
+    // One that is said to be ready and cannot answer yet would be missed at every release.
+    while !worker.can_answer(&member) && !life.clock.stop_requested() {
         worker.receive(&mut member);
         life.heartbeat();
         system::sleep_ns(TICK_NS);
@@ -123,6 +124,13 @@ fn follow(sources: &mut [Source], followed: &mut Option<usize>, member: &mut Pro
 }
 
 impl Worker<'_> {
+    /// Whether it follows the holder of the tissue's role, and has all that a release of his is answered from.
+    fn can_answer(&self, member: &ProcessMember) -> bool {
+        let holder = self.roster.holder(Role::Tissue).incarnation;
+        let has_all = |source: &Source| source.states.is_some() && source.jobs.is_some() && source.topology.is_some();
+        holder != 0 && member.follows() == holder && self.followed.is_some_and(|at| has_all(&self.sources[at]))
+    }
+
     fn receive(&mut self, member: &mut ProcessMember) {
         while let Some(arrival) = self.inbox.take() {
             self.arrival(arrival);

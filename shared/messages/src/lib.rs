@@ -7,6 +7,7 @@
 pub mod latency;
 mod looks;
 pub mod mischief;
+mod object;
 pub mod page;
 pub mod record;
 pub mod role;

@@ -3,12 +3,11 @@
 
 use super::{Input, Supervisor};
 use crate::journal;
-use crate::mischief::Charge;
+use crate::mischief::{Charge, is_too_slow};
 use crate::policy::{self, Action, Event, Left};
 use crate::swap::judge::Seen;
 use crate::swap::{Record, first_slot, role_of};
 use hyst_exchange::{Station, system};
-use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, header, station as layout};
 use hyst_messages::{Role, Slot};
 use std::io::{BufRead, BufReader};
@@ -25,8 +24,6 @@ const LEAST_COMPARED: u64 = 10;
 const MOST_OUTSIDE: u64 = 3;
 /// What a servo's force may differ by from the other's for the same tick, N: what the hand feels of a step is 0.05 N.
 const MOST_FORCE_N: f32 = 0.05;
-/// A newcomer that does not answer in time for so long is too slow, ns.
-const LATE_NS: u64 = 200_000_000;
 /// Between two looks at the steps of a newcomer in place, ns.
 const RATE_NS: u64 = 1_000_000_000;
 /// Part of the old engine's rate that the newcomer must make: a busy host takes its share of both.
@@ -234,16 +231,15 @@ impl Supervisor {
     }
 
     /// What the readers of the newcomer's output say of it.
-    pub(super) fn heed_newcomer(&mut self, charge: &Charge, is_grave: bool, now_ns: u64) {
+    pub(super) fn heed_newcomer(&mut self, charge: &Charge, charges: &[Charge], is_grave: bool, now_ns: u64) {
         // Who is not ready yet answers nobody; of those with a state the elders judge whether they are in time.
         let counts = |trial: &&Trial| trial.stage == Stage::Trial && !policy::is_stateful(trial.role);
         let trial_ns = self.trial.as_ref().filter(counts).map_or(u64::MAX, |trial| trial.since_ns);
-        let late = charge.is(Distrust::Missing)
-            && charge.last_ns.saturating_sub(charge.since_ns.max(trial_ns)) > LATE_NS
-            && now_ns.saturating_sub(charge.last_ns) < LATE_NS;
+        let role = self.trial.as_ref().map(|trial| trial.role);
+        let is_fellow = |incarnation| self.slot_of(incarnation).map(Slot::role) == role;
         if is_grave {
             self.doubt(charge.incarnation, format!("{} refuses what it says", charge.by));
-        } else if late {
+        } else if is_too_slow(charge, charges, is_fellow, trial_ns, now_ns) {
             self.doubt(charge.incarnation, format!("{} has no answer from it in time", charge.by));
         }
     }
