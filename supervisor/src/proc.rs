@@ -92,16 +92,18 @@ impl ThreadFiles {
         match state_letter(&self.stat)? {
             b'T' | b't' => Some(Thread::Stopped),
             b'D' => Some(Thread::Waiting),
-            b'R' => Some(Thread::Running(self.ran_ns().unwrap_or(0))),
+            b'R' => Some(Thread::Running(self.ran_and_waited_ns().map_or(0, |(ran_ns, _)| ran_ns))),
             b'Z' | b'X' => None,
             _ => Some(Thread::Sleeping),
         }
     }
 
-    fn ran_ns(&self) -> Option<u64> {
+    /// What the thread has run, and for how long it was ready to and not let, ns; `None` if the kernel does not say.
+    pub fn ran_and_waited_ns(&self) -> Option<(u64, u64)> {
         let mut bytes = [0u8; 64];
         let length = self.schedstat.as_ref()?.read_at(&mut bytes, 0).ok()?;
-        std::str::from_utf8(bytes.get(..length)?).ok()?.split_whitespace().next()?.parse().ok()
+        let mut numbers = std::str::from_utf8(bytes.get(..length)?).ok()?.split_whitespace();
+        Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
     }
 }
 

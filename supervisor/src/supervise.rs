@@ -98,11 +98,10 @@ struct Supervisor {
     standing: BTreeMap<u32, u64>,
     /// Incarnations that were ready and whose pages did not say so at the last look.
     unsound: BTreeSet<u32>,
-    /// The swap that is under way; the way into the own inbox, for its judge; those who die for it; since when each slot is ready.
+    /// The swap that is under way; the way into the own inbox, for its judge; those who die for it.
     trial: Option<trial::Trial>,
     tell_self: Sender<Input>,
     dismissed: BTreeSet<u32>,
-    ready_ns: BTreeMap<Slot, u64>,
     /// The engines are to be real time, and which rights to that were refused.
     real_time: bool,
     refused: u64,
@@ -160,7 +159,6 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         trial: None,
         tell_self: tell,
         dismissed: BTreeSet::new(),
-        ready_ns: BTreeMap::new(),
         real_time,
         refused: 0,
     };
@@ -283,7 +281,6 @@ impl Supervisor {
         match input {
             Input::Notice(Notice::Ready { slot, incarnation, at_ns }) => {
                 let actions = policy::step(at_ns, Event::Ready { slot, incarnation }, &mut self.policy);
-                self.ready_ns.insert(slot, at_ns);
                 self.faults.ready(slot, incarnation, at_ns);
                 self.note_rights(slot);
                 self.act(actions);

@@ -1,11 +1,8 @@
 //! Real-time set-up, after the warm-up: memory locked, SCHED_FIFO, core. What the machine refuses is said once and done without.
 //!
-//! The order of importance on two cores: device > haptic > collision-worker > spare of tissue > tissue > the rest, which is ordinary. The workers stand
-//! above the tissues, although they matter less: a worker takes 60 us of a step, and is waited for meanwhile. Below them it does not come by its core
-//! where the step is nearly a tick long or the spare substitutes one; the holder then computes its share too, is later still, and the spare substitutes
-//! the next step: with stalls of up to 20 ms on both cores of a 2-core VM workers were missed for up to 0.6 s on end, 5 good ones of 11 were rolled
-//! back on their trial, and none of 10 since (2026-11-22). One that spins costs the tissue on its core 3 ms, and the spare is on the other core. The
-//! supervisor's watch stands above all, so that it can demote one that spins.
+//! The order of importance on two cores (design): device > haptic > spare of tissue > tissue > collision-worker > the rest, which is
+//! ordinary. The supervisor's watch stands above all, so that it can demote one that spins. Workers above the tissues (64) were tried (2026-11-22): they
+//! come by a full core sooner, but a holder that waits for a slow one on its own core does not wake at its deadline.
 
 use crate::life::{Failure, Life};
 use hyst_exchange::allocation;
@@ -31,7 +28,7 @@ pub fn priority(role: Role) -> Option<i32> {
         Role::Device => Some(84),
         Role::Haptic => Some(80),
         Role::Tissue => Some(60),
-        Role::CollisionWorker => Some(64),
+        Role::CollisionWorker => Some(55),
         _ => None,
     }
 }

@@ -147,10 +147,12 @@ fn own_cores() -> &'static Cores {
     })
 }
 
-/// Ties the calling thread to one of the cores that this process may use, counted from 0. False where there are fewer.
+/// Ties the calling thread to a core. False where the core does not exist or is not allowed.
 pub fn pin_to_core(core: usize) -> bool {
-    let allowed = &own_cores().allowed;
-    let Some(core) = (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(core) else { return false };
+    own_cores(); // before this thread sees one only
+    if core >= CpuSet::MAX_CPU {
+        return false;
+    }
     let mut one = CpuSet::new();
     one.set(core);
     sched_setaffinity(None, &one).is_ok()

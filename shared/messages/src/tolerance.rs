@@ -134,11 +134,16 @@ mod tests {
     use crate::stream::{MessageMut, message_bytes};
 
     fn tissue(position_m: f32) -> Vec<u64> {
+        moving_tissue(position_m, 0.0)
+    }
+
+    fn moving_tissue(position_m: f32, velocity_m_s: f32) -> Vec<u64> {
         let sections = [8, 24, 24, 12];
         let mut memory = vec![0u64; message_bytes(&sections).div_ceil(8)];
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut memory);
         let mut message = MessageMut::format(bytes, Kind::TissueState, StreamHeader::default(), &sections).unwrap();
         message.section::<f32>(1).unwrap()[4] = position_m;
+        message.section::<f32>(2).unwrap().fill(velocity_m_s);
         memory
     }
 
@@ -164,6 +169,14 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY] {
             assert_eq!(of(Kind::TissueState, &tissue(0.01), &tissue(bad)).ratio(), f64::INFINITY, "{bad}");
         }
+    }
+
+    #[test]
+    fn velocities_count_by_their_mean_square() {
+        let moving = |velocity_m_s: f32| moving_tissue(0.01, velocity_m_s);
+        let found = of(Kind::TissueState, &moving(0.1), &moving(0.4));
+        assert!((found.ratio() - 1.5).abs() < 1e-5 && found.what == "velocities", "{found:?}");
+        assert_eq!(of(Kind::TissueState, &moving(0.1), &moving(f32::NAN)).ratio(), f64::INFINITY);
     }
 
     #[test]

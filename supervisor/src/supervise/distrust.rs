@@ -23,15 +23,14 @@ impl Supervisor {
     pub(super) fn heed(&mut self, now_ns: u64) {
         // In the order of the slots: whoever stands nearer to the hand is heard first, and who is replaced is not heard any more, because one that
         // lies about its own state makes honest ones look wrong.
-        let charges = mischief::charges(&mut self.viewer);
-        for charge in charges.iter().copied() {
+        for charge in mischief::charges(&mut self.viewer) {
             let Some(slot) = self.slot_of(charge.incarnation) else { continue };
             if self.heeded.contains(&self.viewer.page().incarnation(charge.by)) {
                 continue;
             }
             if self.is_newcomer(charge.incarnation) {
                 let is_grave = self.is_grave(&charge, slot, now_ns);
-                self.heed_newcomer(&charge, &charges, is_grave, now_ns);
+                self.heed_newcomer(&charge, is_grave, now_ns);
                 continue;
             }
             if self.heeded.contains(&charge.incarnation)
@@ -85,7 +84,7 @@ impl Supervisor {
     }
 
     /// The slot in which an incarnation lives.
-    pub(super) fn slot_of(&self, incarnation: u32) -> Option<Slot> {
+    fn slot_of(&self, incarnation: u32) -> Option<Slot> {
         let page = self.viewer.page();
         self.slots.iter().copied().find(|slot| page.incarnation(*slot) == incarnation && !page.is_dead(*slot))
     }

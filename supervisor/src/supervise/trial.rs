@@ -1,14 +1,19 @@
 //! A swap under way: what the policy says is done here, and what speaks against a newcomer is gathered here: the judge's lines, the other
 //! servo's force, what its readers say of it, and whether it makes its steps.
 
+mod effort;
+
 use super::{Input, Supervisor};
 use crate::journal;
-use crate::mischief::{Charge, is_too_slow};
+use crate::mischief::Charge;
 use crate::policy::{self, Action, Event, Left};
 use crate::swap::judge::Seen;
 use crate::swap::{Record, first_slot, role_of};
+use effort::{Effort, KEPT_OFF_FOR_LATE};
+use hyst_engine::realtime;
 use hyst_exchange::{Station, system};
-use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, header, station as layout};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, station as layout};
 use hyst_messages::{Role, Slot};
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
@@ -24,12 +29,8 @@ const LEAST_COMPARED: u64 = 10;
 const MOST_OUTSIDE: u64 = 3;
 /// What a servo's force may differ by from the other's for the same tick, N: what the hand feels of a step is 0.05 N.
 const MOST_FORCE_N: f32 = 0.05;
-/// Between two looks at the steps of a newcomer in place, ns.
-const RATE_NS: u64 = 1_000_000_000;
-/// Part of the old engine's rate that the newcomer must make: a busy host takes its share of both.
-const LEAST_RATE: f64 = 0.5;
-/// Looks in a row at which it is too slow.
-const MOST_SLOW: u32 = 2;
+/// A newcomer that does not answer in time for so long is too slow, ns.
+const LATE_NS: u64 = 200_000_000;
 
 /// What is known of the swap that is under way.
 #[derive(Debug)]
@@ -43,18 +44,26 @@ pub struct Trial {
     compared: (u64, u64),
     /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
     forces: (u64, u64, u64),
-    /// Steps per second of the old engine; the newcomer's steps when they were last looked at; looks at which it was too slow.
-    rate_hz: f64,
-    steps: (u64, u64),
+    /// Steps per second of the old engine, and processor time of one, ns; 0 if that is not known.
+    old: (f64, f64),
+    /// What the newcomer spends; when its rate was last looked at, ns; looks at which it was too slow.
+    effort: Option<Effort>,
+    looked_ns: u64,
     slow: u32,
 }
 
 impl Trial {
     /// One of which nothing is known but what the old engine did.
-    fn begin(record: Record, role: Role, rate_hz: f64) -> Trial {
+    fn begin(record: Record, role: Role, old: (f64, f64)) -> Trial {
         let (stage, since_ns) = (Stage::None, system::now_ns());
-        let compared = (0, 0);
-        Trial { record, role, stage, since_ns, judge: None, compared, forces: (0, 0, 0), rate_hz, steps: (0, 0), slow: 0 }
+        let (compared, forces) = ((0, 0), (0, 0, 0));
+        Trial { record, role, stage, since_ns, judge: None, compared, forces, old, effort: None, looked_ns: 0, slow: 0 }
+    }
+
+    /// Whether the machine did not let the newcomer run, since then.
+    fn is_excused(&self, since_ns: u64, kept_off: f64) -> bool {
+        let spent = self.effort.as_ref().and_then(|effort| effort.since(since_ns));
+        realtime::priority(self.role).is_some() && spent.is_some_and(|spent| spent.is_excused(self.old.1, kept_off))
     }
 }
 
@@ -105,17 +114,11 @@ impl Supervisor {
         self.spawner.mortality.pass("swap-declared");
         journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), binary.display()));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
-        let rate_hz = self.rate_of(slot);
-        self.trial = Some(Trial::begin(record, role, rate_hz));
+        let old = self.pace_of(slot);
+        self.trial = Some(Trial::begin(record, role, old));
         let actions = policy::step(system::now_ns(), Event::SwapAsked { slot, incumbent }, &mut self.policy);
         self.act(actions);
         Ok(number)
-    }
-
-    fn rate_of(&mut self, slot: Slot) -> f64 {
-        let steps = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS));
-        let since_ns = self.ready_ns.get(&slot).map_or(0, |since_ns| system::now_ns().saturating_sub(*since_ns));
-        if since_ns < RATE_NS { 0.0 } else { steps as f64 * 1e9 / since_ns as f64 }
     }
 
     /// Does what the policy says of a swap.
@@ -231,15 +234,18 @@ impl Supervisor {
     }
 
     /// What the readers of the newcomer's output say of it.
-    pub(super) fn heed_newcomer(&mut self, charge: &Charge, charges: &[Charge], is_grave: bool, now_ns: u64) {
+    pub(super) fn heed_newcomer(&mut self, charge: &Charge, is_grave: bool, now_ns: u64) {
         // Who is not ready yet answers nobody; of those with a state the elders judge whether they are in time.
         let counts = |trial: &&Trial| trial.stage == Stage::Trial && !policy::is_stateful(trial.role);
         let trial_ns = self.trial.as_ref().filter(counts).map_or(u64::MAX, |trial| trial.since_ns);
-        let role = self.trial.as_ref().map(|trial| trial.role);
-        let is_fellow = |incarnation| self.slot_of(incarnation).map(Slot::role) == role;
+        let late = charge.is(Distrust::Missing)
+            && charge.last_ns.saturating_sub(charge.since_ns.max(trial_ns)) > LATE_NS
+            && now_ns.saturating_sub(charge.last_ns) < LATE_NS;
         if is_grave {
             self.doubt(charge.incarnation, format!("{} refuses what it says", charge.by));
-        } else if is_too_slow(charge, charges, is_fellow, trial_ns, now_ns) {
+        } else if late
+            && !self.trial.as_ref().is_some_and(|trial| trial.is_excused(now_ns.saturating_sub(LATE_NS), KEPT_OFF_FOR_LATE))
+        {
             self.doubt(charge.incarnation, format!("{} has no answer from it in time", charge.by));
         }
     }
@@ -255,6 +261,7 @@ impl Supervisor {
         if role == Role::Haptic {
             self.compare_forces(now_ns);
         }
+        self.note_effort(now_ns);
         if stage == Stage::Trial {
             self.look_at_rate(now_ns);
         }
@@ -297,24 +304,6 @@ impl Supervisor {
         }
     }
 
-    fn look_at_rate(&mut self, now_ns: u64) {
-        let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
-        let made = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS));
-        let Some(trial) = &mut self.trial else { return };
-        let (before, before_ns) = trial.steps;
-        if now_ns.saturating_sub(before_ns) < RATE_NS {
-            return;
-        }
-        let rate_hz = made.saturating_sub(before) as f64 * 1e9 / now_ns.saturating_sub(before_ns).max(1) as f64;
-        trial.steps = (made, now_ns);
-        let (incarnation, old_hz) = (trial.record.incarnation, trial.rate_hz);
-        let is_slow = before_ns != 0 && rate_hz < LEAST_RATE * old_hz;
-        trial.slow = if is_slow { trial.slow + 1 } else { 0 };
-        if trial.slow >= MOST_SLOW {
-            self.doubt(incarnation, format!("it makes {rate_hz:.0} steps a second, the old engine made {old_hz:.0}"));
-        }
-    }
-
     /// A line of the judge.
     pub(super) fn judged(&mut self, incarnation: u32, seen: &Seen) {
         let Some(trial) = self.trial.as_mut().filter(|trial| trial.record.incarnation == incarnation) else { return };
@@ -351,7 +340,7 @@ impl Supervisor {
         if record.proven && self.spawner.plan().binary(role) != record.binary {
             let _ = self.spawner.adopt_binary(role, record.binary.clone()); // refused: said when it was tried first
         }
-        self.trial = Some(Trial::begin(record, role, 0.0));
+        self.trial = Some(Trial::begin(record, role, (0.0, 0.0)));
         self.note_step("the supervisor died and another goes on");
         let actions = policy::step(now_ns, Event::SwapLeft(left), &mut self.policy);
         self.act(actions);

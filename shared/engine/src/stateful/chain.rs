@@ -166,6 +166,7 @@ impl Chain {
                 inbox.retire(Departure::Message(before));
             }
             (self.key, self.writer) = (key, header.incarnation);
+            self.line = self.line.take().filter(|_| header.incarnation == self.guest); // else an elder has the role again, and it goes on there
         }
         refused
     }
@@ -201,9 +202,9 @@ impl Chain {
         self.line.as_ref().map(|line| line.tick)
     }
 
-    /// Who wrote the newest state of the line, or of the role while it has none.
+    /// Who wrote the newest state of the line, 0 if there is none.
     pub fn line_writer(&self) -> u32 {
-        self.line.as_ref().map_or(self.writer, |line| line.writer)
+        self.line.as_ref().map_or(0, |line| line.writer)
     }
 
     /// The line, if the role's newest state is still that of the newcomer on trial: what is gone on from by whoever takes the role back.

@@ -24,8 +24,10 @@ const SHORT_STEP_TICKS: u64 = 4;
 /// nobody is punctual for 2 s, and one that is slow is found by the supervisor, who compares what the two make in a second.
 const MISSES_OF_ORDINARY: u32 = 10;
 /// Looks in a row at which the line has not grown, after which the other elder steps it although the one that did so lives. Longer than the
-/// ordinary thread that it is goes without a core: two that step it have no room on two cores.
-const MISSES_OF_THE_LINE: u32 = 100;
+/// ordinary thread that it is goes without a core: two that step it have no room on two cores. A role with a longer step looks once in each.
+const fn misses_of_the_line(step_ticks: u64) -> u32 {
+    if step_ticks <= SHORT_STEP_TICKS { 100 } else { 3 }
+}
 /// Ticks that the line may be behind; then it leaps over them, as a holder does. The device's ring has the inputs of the last 64.
 const MOST_BEHIND_TICKS: u64 = 32;
 /// How often a guest takes the role: what it loses to a stall of the machine it may take again; the policy counts, too.
@@ -64,6 +66,9 @@ impl<S: Stateful> Loop<'_, S> {
             self.lower(false);
             self.trial = Trial { turns: self.trial.turns, held_ns: self.trial.held_ns, ..Trial::default() };
         }
+        if holder.incarnation != self.me() && holder.incarnation != swap.guest {
+            self.lower(false); // the other elder has the role while the guest rests, and this one is its spare
+        }
         if holder.incarnation == self.me() {
             if std::mem::take(&mut self.trial.lowered) {
                 self.pin_again(); // it took the role back, and is real time again
@@ -95,7 +100,7 @@ impl<S: Stateful> Loop<'_, S> {
                 }
                 self.stand_apart(); // whoever holds the role now steps the line next
                 if self.take_role(holder).is_some() {
-                    (self.trial.turns, self.trial.waits) = (self.trial.turns + 1, 0);
+                    (self.trial.turns, self.trial.waits, self.trial.held_ns) = (self.trial.turns + 1, 0, system::now_ns());
                 }
                 Ok(())
             }
@@ -117,7 +122,7 @@ impl<S: Stateful> Loop<'_, S> {
         let (step, lives) = (self.engine.step_ticks(), self.holder_lives(holder));
         let is_real_time = realtime::priority(self.role).is_some();
         let most = if is_real_time { most_misses(self.holder_hangs(holder)) } else { MISSES_OF_ORDINARY };
-        // The one that held the role before the guest comes first.
+        // The one that steps the line comes first.
         let keeps_line = self.keeps_line(tick);
         let patience = if keeps_line { most } else { 2 * most };
         // The state that is missing is not substituted: the guest's is not the elders' to go on from.
@@ -138,23 +143,25 @@ impl<S: Stateful> Loop<'_, S> {
 
     /// Whether it is this elder that steps the line: whoever wrote its newest state goes on with it, until he dies or stands still.
     fn keeps_line(&mut self, tick: u64) -> bool {
-        let (line_tick, writer) = (self.chain.line_tick().unwrap_or(0), self.chain.line_writer());
+        let Some(line_tick) = self.chain.line_tick() else { return self.chain.writer() == self.me() };
         let stands = line_tick == self.trial.line_seen && line_tick < tick;
         (self.trial.line_seen, self.trial.line_misses) = (line_tick, if stands { self.trial.line_misses + 1 } else { 0 });
-        writer == self.me() || self.trial.line_misses >= MISSES_OF_THE_LINE || !self.life.is_alive(self.role, writer)
+        let (writer, most) = (self.chain.line_writer(), misses_of_the_line(self.engine.step_ticks()));
+        writer == self.me() || self.trial.line_misses >= most || !self.life.is_alive(self.role, writer)
     }
 
-    /// Who steps the line is an ordinary thread meanwhile, on whatever core has room. Nobody waits for the line, and two tissues in real time leave ordinary threads so
-    /// little of two cores that the kernel's fair server steps in, which takes up to 50 ms at once from whoever is real time there: 50 missed
-    /// steps of a guest that had done nothing wrong.
+    /// Who steps the line is an ordinary thread meanwhile, on whatever core has room. Nobody waits for the line, and two tissues in real time leave
+    /// ordinary threads so little of two cores that the kernel's fair server steps in, which takes up to 50 ms at once from whoever is real time
+    /// there: 50 missed steps of a guest that had done nothing wrong. Where that class is refused it stays what it is, and where.
     fn lower(&mut self, lowered: bool) {
         if std::mem::replace(&mut self.trial.lowered, lowered) == lowered || self.life.page.load64(header::REAL_TIME) & 1 == 0 {
             return;
         }
         let Some(priority) = realtime::priority(self.role) else { return };
         if lowered {
-            system::become_ordinary();
-            system::unpin();
+            if system::become_ordinary() {
+                system::unpin();
+            }
         } else {
             self.pin_again();
             system::become_fifo(priority + realtime::SPARE_ABOVE);
@@ -176,8 +183,9 @@ impl<S: Stateful> Loop<'_, S> {
         }
         let (cores, holder) = (system::cores(), self.roster.holder(self.role).incarnation);
         let slot = self.life.clock.occupied(self.role).find(|(_, incarnation)| *incarnation == holder).map(|(slot, _)| slot);
-        if let Some(taken) = slot.and_then(|slot| realtime::core(slot, cores)) {
-            system::pin_to_core((taken + 1) % cores);
+        let own = realtime::core(self.life.slot, cores);
+        if let Some((taken, own)) = slot.and_then(|slot| realtime::core(slot, cores)).zip(own) {
+            system::pin_to_core(if own == taken { (taken + 1) % cores } else { own });
         }
     }
 

@@ -21,7 +21,7 @@ pub const PATIENCE_NS: u64 = 1_000_000_000;
 pub struct Site {
     /// The station.
     pub station: Station,
-    /// Cores of the process before any thread was tied to one: the tied and their children count one core only.
+    /// Cores of the process before any thread was tied to one: the children of the tied count one core only.
     cores: usize,
 }
 
