@@ -5,8 +5,8 @@ use super::Supervisor;
 use crate::journal;
 use crate::mischief::{self, Charge};
 use crate::policy::{self, Event};
+use hyst_messages::page::ProcessState;
 use hyst_messages::page::device::{self, Distrust};
-use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Role, Slot};
 
 /// A servo that only stands still is found by its heartbeat. One that has computed so many steps while its stamp stood still is not to be trusted:
@@ -99,7 +99,7 @@ impl Supervisor {
                 self.standing.remove(&charge.incarnation);
                 return false;
             }
-            let steps = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS));
+            let steps = self.steps_of(slot);
             let first = *self.standing.entry(charge.incarnation).or_insert(steps);
             return steps.saturating_sub(first) >= STILL_STEPS;
         }

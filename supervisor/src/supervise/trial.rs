@@ -9,7 +9,7 @@ use crate::mischief::Charge;
 use crate::policy::{self, Action, Event, Left};
 use crate::swap::judge::Seen;
 use crate::swap::{Record, first_slot, role_of};
-use effort::{Effort, KEPT_OFF_FOR_LATE};
+use effort::{Effort, KEPT_OFF_FOR_LATE, Spent};
 use hyst_engine::realtime;
 use hyst_exchange::{Station, system};
 use hyst_messages::page::device::Distrust;
@@ -44,8 +44,8 @@ pub struct Trial {
     compared: (u64, u64),
     /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
     forces: (u64, u64, u64),
-    /// Steps per second of the old engine, and processor time of one, ns; 0 if that is not known.
-    old: (f64, f64),
+    /// What the old engine spent; nothing if that is not known.
+    old: Spent,
     /// What the newcomer spends; when its rate was last looked at, ns; looks at which it was too slow.
     effort: Option<Effort>,
     looked_ns: u64,
@@ -54,7 +54,7 @@ pub struct Trial {
 
 impl Trial {
     /// One of which nothing is known but what the old engine did.
-    fn begin(record: Record, role: Role, old: (f64, f64)) -> Trial {
+    fn begin(record: Record, role: Role, old: Spent) -> Trial {
         let (stage, since_ns) = (Stage::None, system::now_ns());
         let (compared, forces) = ((0, 0), (0, 0, 0));
         Trial { record, role, stage, since_ns, judge: None, compared, forces, old, effort: None, looked_ns: 0, slow: 0 }
@@ -63,7 +63,7 @@ impl Trial {
     /// Whether the machine did not let the newcomer run, since then.
     fn is_excused(&self, since_ns: u64, kept_off: f64) -> bool {
         let spent = self.effort.as_ref().and_then(|effort| effort.since(since_ns));
-        realtime::priority(self.role).is_some() && spent.is_some_and(|spent| spent.is_excused(self.old.1, kept_off))
+        realtime::priority(self.role).is_some() && spent.is_some_and(|spent| spent.is_excused(self.old.step_ns(), kept_off))
     }
 }
 
@@ -114,7 +114,7 @@ impl Supervisor {
         self.spawner.mortality.pass("swap-declared");
         journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), binary.display()));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
-        let old = self.pace_of(slot);
+        let old = self.spent_by(slot);
         self.trial = Some(Trial::begin(record, role, old));
         let actions = policy::step(system::now_ns(), Event::SwapAsked { slot, incumbent }, &mut self.policy);
         self.act(actions);
@@ -340,7 +340,7 @@ impl Supervisor {
         if record.proven && self.spawner.plan().binary(role) != record.binary {
             let _ = self.spawner.adopt_binary(role, record.binary.clone()); // refused: said when it was tried first
         }
-        self.trial = Some(Trial::begin(record, role, (0.0, 0.0)));
+        self.trial = Some(Trial::begin(record, role, Spent::default()));
         self.note_step("the supervisor died and another goes on");
         let actions = policy::step(now_ns, Event::SwapLeft(left), &mut self.policy);
         self.act(actions);

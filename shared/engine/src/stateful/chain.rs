@@ -192,19 +192,9 @@ impl Chain {
         self.guest = 0;
     }
 
-    /// The newest state of the line.
-    pub fn line(&self) -> Option<&Held> {
-        self.line.as_ref().map(|line| &line.held)
-    }
-
-    /// Tick of the newest state of the line.
-    pub fn line_tick(&self) -> Option<u64> {
-        self.line.as_ref().map(|line| line.tick)
-    }
-
-    /// Who wrote the newest state of the line, 0 if there is none.
-    pub fn line_writer(&self) -> u32 {
-        self.line.as_ref().map_or(0, |line| line.writer)
+    /// The line: its newest state.
+    pub fn line(&self) -> Option<&Line> {
+        self.line.as_ref()
     }
 
     /// The line, if the role's newest state is still that of the newcomer on trial: what is gone on from by whoever takes the role back.

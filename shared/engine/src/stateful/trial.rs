@@ -129,7 +129,7 @@ impl<S: Stateful> Loop<'_, S> {
         if spare_turn(tick, newest, holder.epoch, step, lives, self.misses, patience) == Turn::Promote {
             return self.begin_epoch(tick, holder);
         }
-        let Some(line_tick) = self.chain.line_tick() else { return Ok(()) };
+        let Some(line_tick) = self.chain.line().map(|line| line.tick) else { return Ok(()) };
         self.lower(keeps_line);
         if !keeps_line || line_tick >= tick + step {
             return Ok(());
@@ -137,16 +137,17 @@ impl<S: Stateful> Loop<'_, S> {
         let next_tick = if line_tick + MOST_BEHIND_TICKS.max(step) < tick { tick + step } else { line_tick + step };
         self.make_beside(next_tick, holder, true)?;
         // One that lost ticks to a stall catches up, a step at a time.
-        let lags = self.chain.line_tick().is_some_and(|now| now > line_tick && now < tick);
+        let lags = self.chain.line().is_some_and(|line| line.tick > line_tick && line.tick < tick);
         if lags { self.make_beside(line_tick + 2 * step, holder, true) } else { Ok(()) }
     }
 
     /// Whether it is this elder that steps the line: whoever wrote its newest state goes on with it, until he dies or stands still.
     fn keeps_line(&mut self, tick: u64) -> bool {
-        let Some(line_tick) = self.chain.line_tick() else { return self.chain.writer() == self.me() };
+        let line = self.chain.line().map(|line| (line.tick, line.writer));
+        let Some((line_tick, writer)) = line else { return self.chain.writer() == self.me() };
         let stands = line_tick == self.trial.line_seen && line_tick < tick;
         (self.trial.line_seen, self.trial.line_misses) = (line_tick, if stands { self.trial.line_misses + 1 } else { 0 });
-        let (writer, most) = (self.chain.line_writer(), misses_of_the_line(self.engine.step_ticks()));
+        let most = misses_of_the_line(self.engine.step_ticks());
         writer == self.me() || self.trial.line_misses >= most || !self.life.is_alive(self.role, writer)
     }
 
@@ -192,7 +193,7 @@ impl<S: Stateful> Loop<'_, S> {
     /// Computes a state beside the role, from the line or from the role's newest, and sends it under no epoch.
     fn make_beside(&mut self, next_tick: u64, holder: Tenure, from_line: bool) -> Result<(), Failure> {
         let mut context = self.context(next_tick, false, holder);
-        let base = if from_line { self.chain.line() } else { self.chain.newest() };
+        let base = if from_line { self.chain.line().map(|line| &line.held) } else { self.chain.newest() };
         let Some(now) = base else { return Ok(()) };
         let bytes = self.engine.next_bytes(now.bytes());
         let mut loan = self.publisher.loan(bytes)?;

@@ -40,7 +40,7 @@ pub(super) struct Spent {
 
 impl Spent {
     /// Processor time of a step, ns; 0 if there was none.
-    fn step_ns(&self) -> f64 {
+    pub(super) fn step_ns(&self) -> f64 {
         if self.steps == 0 { 0.0 } else { self.ran_ns as f64 / self.steps as f64 }
     }
 
@@ -61,7 +61,8 @@ impl Spent {
 #[derive(Debug)]
 pub(super) struct Effort {
     files: ThreadFiles,
-    entries: VecDeque<(u64, Spent)>,
+    /// What it had spent in all when an entry was made; the time that had passed is that of the clock.
+    entries: VecDeque<Spent>,
 }
 
 impl Effort {
@@ -72,20 +73,23 @@ impl Effort {
 
     /// Makes an entry, unless the last one is young. `steps` are those that the process has made so far.
     pub(super) fn enter(&mut self, now_ns: u64, steps: u64) {
-        let is_due = self.entries.back().is_none_or(|(at_ns, _)| now_ns.saturating_sub(*at_ns) >= ENTRY_NS);
-        let Some((ran_ns, waited_ns)) = self.files.ran_and_waited_ns().filter(|_| is_due) else { return };
+        if self.entries.back().is_some_and(|last| now_ns.saturating_sub(last.passed_ns) < ENTRY_NS) {
+            return;
+        }
         if self.entries.len() == MOST_ENTRIES {
             self.entries.pop_front();
         }
-        self.entries.push_back((now_ns, Spent { passed_ns: 0, ran_ns, waited_ns, steps }));
+        // A kernel that keeps no books excuses nobody; the steps count all the same.
+        let (ran_ns, waited_ns) = self.files.ran_and_waited_ns().unwrap_or((0, 0));
+        self.entries.push_back(Spent { passed_ns: now_ns, ran_ns, waited_ns, steps });
     }
 
     /// What was spent since a time, or the last entry before it; `None` if the books do not reach back so far.
     pub(super) fn since(&self, time_ns: u64) -> Option<Spent> {
-        let (to_ns, to) = *self.entries.back()?;
-        let (from_ns, from) = *self.entries.iter().rev().find(|(at_ns, _)| *at_ns <= time_ns)?;
+        let to = self.entries.back()?;
+        let from = self.entries.iter().rev().find(|entry| entry.passed_ns <= time_ns)?;
         Some(Spent {
-            passed_ns: to_ns - from_ns,
+            passed_ns: to.passed_ns - from.passed_ns,
             ran_ns: to.ran_ns.saturating_sub(from.ran_ns),
             waited_ns: to.waited_ns.saturating_sub(from.waited_ns),
             steps: to.steps.saturating_sub(from.steps),
@@ -94,8 +98,8 @@ impl Effort {
 }
 
 impl Supervisor {
-    /// Steps per second of the process in a slot, and processor time of one, ns; 0 each if it is too young.
-    pub(super) fn pace_of(&mut self, slot: Slot) -> (f64, f64) {
+    /// What the process in a slot has spent since its start; nothing if it is too young for that to tell anything.
+    pub(super) fn spent_by(&mut self, slot: Slot) -> Spent {
         let steps = self.steps_of(slot);
         let pid = self.viewer.page().pid(slot);
         // Since its start and not since it was seen to be ready: a supervisor that is restarted sees that late.
@@ -103,11 +107,11 @@ impl Supervisor {
         let passed_ns = system::now_ns().saturating_sub(start_ns);
         let spent = ThreadFiles::open(pid).and_then(|files| files.ran_and_waited_ns());
         let (ran_ns, waited_ns) = spent.unwrap_or((0, 0));
-        let spent = Spent { passed_ns, ran_ns, waited_ns, steps };
-        if passed_ns < RATE_NS { (0.0, 0.0) } else { (spent.rate_hz(), spent.step_ns()) }
+        if passed_ns < RATE_NS { Spent::default() } else { Spent { passed_ns, ran_ns, waited_ns, steps } }
     }
 
-    fn steps_of(&mut self, slot: Slot) -> u64 {
+    /// Steps that the process in a slot has made, as its page says.
+    pub(in crate::supervise) fn steps_of(&mut self, slot: Slot) -> u64 {
         self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS))
     }
 
@@ -134,7 +138,7 @@ impl Supervisor {
         trial.looked_ns = now_ns;
         // The first look, and books that do not reach back so far, tell nothing.
         let Some(spent) = trial.effort.as_ref().and_then(|effort| effort.since(looked_ns)) else { return };
-        let (incarnation, (old_hz, _), rate_hz) = (trial.record.incarnation, trial.old, spent.rate_hz());
+        let (incarnation, old_hz, rate_hz) = (trial.record.incarnation, trial.old.rate_hz(), spent.rate_hz());
         let is_slow = rate_hz < LEAST_RATE * old_hz && !trial.is_excused(looked_ns, KEPT_OFF_FOR_SLOW);
         trial.slow = if is_slow { trial.slow + 1 } else { 0 };
         if trial.slow >= MOST_SLOW {
