@@ -107,8 +107,8 @@ pub(crate) fn judge(fault: &mut Fault, control: Option<Window>, ledger: &Ledger,
     if window.ticks + window.voided == 0 {
         return; // no ledger: nothing can be judged
     }
-    let last_miss = (from_tick..to_tick).rev().find(|tick| ledger.window(*tick, tick + 1).missed > 0);
-    fault.contained_us = Some(last_miss.map_or(0.0, |tick| (tick + 1 - from_tick) as f64 * TICK_NS as f64 * 1e-3));
+    fault.contained_us =
+        Some(ledger.last_miss(from_tick, to_tick).map_or(0.0, |tick| (tick + 1 - from_tick) as f64 * TICK_NS as f64 * 1e-3));
     if let Some(control) = control {
         let quiet_n = quiet_step_max_n(ledger, from_tick, taken).max(control.force_step_max_n);
         let smooth = window.force_step_max_n <= fault.most_step_n(quiet_n);

@@ -9,12 +9,12 @@ mod tend;
 use crate::active::ActiveLog;
 use crate::fault::{Fault, bounds, judge, us};
 use crate::faultfile::{FaultKind, Injection};
-use crate::ledger::{Counted, Ledger, control_for};
+use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
 use crate::policy::Exit;
 use crate::view::Viewer;
 use crate::{mischief, shortage};
 use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system};
-use hyst_messages::{Role, Slot};
+use hyst_messages::{Role, Slot, TICK_NS};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -50,6 +50,13 @@ pub struct Faults {
     active: ActiveLog,
     /// Since when somebody is suspected to hang.
     suspects: BTreeMap<(usize, u32), u64>,
+}
+
+/// When a fault from outside began: at its victim's last heartbeat. One that never beat, or whose page says what cannot be, is no older than what the
+/// ledger can tell of it.
+fn begin_ns(beat_ns: u64, seen_ns: u64) -> u64 {
+    let oldest_ns = seen_ns.saturating_sub(HISTORY_TICKS as u64 * TICK_NS);
+    if beat_ns == 0 { seen_ns } else { beat_ns.clamp(oldest_ns, seen_ns) }
 }
 
 fn path(station: &Station, name: &str) -> PathBuf {
@@ -157,7 +164,7 @@ impl Faults {
             return self.keep_open();
         }
         if self.find(slot, incarnation).is_none() {
-            self.start("external", slot, incarnation, if beat_ns == 0 { at_ns } else { beat_ns });
+            self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
         }
         let seen_ns = self.suspects.remove(&(slot.number(), incarnation)).unwrap_or(at_ns);
         if let Some(fault) = self.find(slot, incarnation) {
@@ -186,7 +193,7 @@ impl Faults {
             return self.keep_open();
         }
         if self.find(slot, incarnation).is_none() {
-            self.start("external", slot, incarnation, if beat_ns == 0 { at_ns } else { beat_ns });
+            self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
         }
         self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
@@ -205,9 +212,10 @@ impl Faults {
 
     /// The supervisor before this one died.
     pub fn supervisor_died(&mut self, beat_ns: u64, now_ns: u64) {
-        let fault = self.start("external", Slot::first(Role::Supervisor), 0, beat_ns.max(1));
+        let since_ns = begin_ns(beat_ns, now_ns);
+        let fault = self.start("external", Slot::first(Role::Supervisor), 0, since_ns);
         (fault.manifested, fault.dead, fault.detected_by) = (true, true, "guardian".into());
-        fault.detected_us = Some(us(now_ns, beat_ns));
+        fault.detected_us = Some(us(now_ns, since_ns));
         fault.recovered_us = fault.detected_us;
         self.keep_open();
     }
@@ -305,5 +313,18 @@ impl Faults {
         if let Ok(mut file) = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, "faults.jsonl")) {
             let _ = file.write_all(format!("{line}\n").as_bytes()); // a full disk costs the line, not the station
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_from_outside_began_at_a_heartbeat_that_can_have_been() {
+        let now_ns = 500_000_000_000;
+        assert_eq!(begin_ns(now_ns - 7, now_ns), now_ns - 7);
+        assert_eq!([0, u64::MAX].map(|beat_ns| begin_ns(beat_ns, now_ns)), [now_ns; 2], "never, and in the future");
+        assert_eq!(begin_ns(1, now_ns), now_ns - 40_000_000_000, "the machine's whole life is no fault's window");
     }
 }

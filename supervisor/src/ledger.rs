@@ -177,6 +177,12 @@ impl Ledger {
         window
     }
 
+    /// The last tick of `from_tick..to_tick` that missed its force and counts. It costs as much as the ledger holds of them, however long they are.
+    pub fn last_miss(&self, from_tick: u64, to_tick: u64) -> Option<u64> {
+        let (first, end) = self.range(from_tick, to_tick);
+        self.ticks.range(first..end.max(first)).rev().find(|tick| tick.late && !tick.void).map(|tick| tick.station_tick)
+    }
+
     /// Whether the hand was in contact at a tick: a force of more than a hundredth of a newton.
     pub fn in_contact(&self, tick: u64) -> bool {
         let at = self.ticks.partition_point(|entry| entry.station_tick < tick);
@@ -244,6 +250,11 @@ mod tests {
         assert_eq!(ledger.window(990, 1_001).force_step_max_n, 1.0, "the force falls from 1 N to 0 at tick 1000");
         assert_eq!(ledger.window(1_100, 1_200).force_step_max_n, 0.0);
         assert_eq!(ledger.window(5_000, 6_000).ticks, 0);
+        let last = |from, to| ledger.last_miss(from, to);
+        assert_eq!(
+            [last(0, u64::MAX), last(0, 1_500), last(0, 1_000), last(1_501, 9_000)],
+            [Some(1_500), Some(1_000), None, None]
+        );
     }
 
     #[test]

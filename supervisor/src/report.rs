@@ -232,6 +232,9 @@ pub fn is_broken(report: &Value) -> bool {
 /// One line for people.
 pub fn summary(report: &Value) -> String {
     let device = &report["device"];
+    if !device.is_object() {
+        return "no supervisor has lived long enough to report anything".into();
+    }
     let excess = &device["excess_per_fault"];
     let count = report["faults"].as_array().map_or(0, Vec::len);
     let misses = match (excess["mean"].as_f64(), excess["upper95"].as_f64()) {

@@ -159,7 +159,10 @@ fn a_stand_in_ends_the_run_in_time_and_writes_the_report() {
 /// The supervisor is killed at a point of its work, at the start or when an engine is replaced that was killed.
 fn dies_at(point: &str, pass: u32) {
     let place = Place::new(&format!("at-{pass}"));
-    let mut command = place.command(&["run", "--headless", "--test-mode", "--binaries", place.folder.to_str().unwrap()]);
+    let report = place.report();
+    let binaries = place.folder.to_str().unwrap();
+    let words = ["run", "--headless", "--test-mode", "--binaries", binaries, "--report", report.to_str().unwrap()];
+    let mut command = place.command(&words);
     command.env(hystation::intent::DIES_AT, format!("{point}:{pass}"));
     let child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let rows = place.wait_ready();
@@ -188,6 +191,13 @@ fn dies_at(point: &str, pass: u32) {
     assert!(place.call(&["stop"]).status.success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{point}:{pass}: {}", text(&output.stderr));
+    // One that died before its first heartbeat has not been dead since the machine was started.
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    let of_supervisor = |fault: &&serde_json::Value| fault["target"] == "supervisor";
+    let faults: Vec<_> = report["faults"].as_array().unwrap().iter().filter(of_supervisor).collect();
+    let found_us: Vec<f64> = faults.iter().map(|fault| fault["detected_us"].as_f64().unwrap()).collect();
+    let sane = |us: &f64| *us < place::PATIENCE.as_secs_f64() * 1e6;
+    assert!(!found_us.is_empty() && found_us.iter().all(sane), "{point}:{pass}: {found_us:?}");
     assert_eq!(place.leftovers(), Vec::<String>::new(), "{point}:{pass}");
 }
 
