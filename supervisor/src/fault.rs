@@ -4,7 +4,7 @@
 //! promise is judged as in the design: no more misses than in the control, nothing wrong or stale applied, and no force step larger than a fault-free tick makes +
 //! 0.05 N. For the device itself: at most 20 misses, and no step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N.
 
-use crate::ledger::{Ledger, Window};
+use crate::ledger::{Ledger, Tick, Window};
 use crate::shortage::Lowered;
 use hyst_messages::{Role, TICK_NS};
 use serde::{Deserialize, Serialize};
@@ -55,6 +55,12 @@ pub struct Fault {
     pub window: Option<Window>,
     /// Its control.
     pub control: Option<Window>,
+    /// The ticks around its largest force step, where that broke the promise.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub step: Vec<Tick>,
+    /// The ticks that missed their force, where they broke the promise.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub late: Vec<Tick>,
     /// It hit the incumbent and its spare at the same instant.
     pub together: bool,
     /// The control serves another fault too, because no other was free.
@@ -112,11 +118,13 @@ pub(crate) fn judge(fault: &mut Fault, control: Option<Window>, ledger: &Ledger,
     if let Some(control) = control {
         let quiet_n = quiet_step_max_n(ledger, from_tick, taken).max(control.force_step_max_n);
         let smooth = window.force_step_max_n <= fault.most_step_n(quiet_n);
+        fault.step = if smooth { Vec::new() } else { ledger.around_step(&window) };
         let allowed = match fault.may_be_felt() {
             true if fault.is_of_both_servos() => u64::MAX,
             true => control.missed + DEVICE_TICKS,
             false => control.missed,
         };
+        fault.late = if window.missed <= allowed { Vec::new() } else { ledger.late(&window) };
         fault.promise_held = Some(fault.recovered_us.is_some() && window.missed <= allowed && smooth && window.wrong == 0);
     }
     (fault.window, fault.control) = (Some(window), control);

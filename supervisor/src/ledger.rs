@@ -12,17 +12,31 @@ use std::collections::VecDeque;
 pub const HISTORY_TICKS: usize = 40_000;
 /// Ticks after the first fresh one that are still start-up.
 pub const SETTLING_TICKS: u64 = 500;
+/// Ticks before a large change of the force, and after it, that are kept with a fault that broke its promise by it; of those that missed their force
+/// twice as many.
+const AROUND: usize = 32;
 /// No motor of such a device makes more, N; more was never meant to be applied.
 const LIMIT_N: f32 = 50.0;
 
 /// One tick.
-#[derive(Clone, Copy, Debug)]
-struct Tick {
-    station_tick: u64,
-    force_n: [f32; 3],
-    late: bool,
-    void: bool,
-    wrong: bool,
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tick {
+    /// Tick of the hardware.
+    pub hardware_tick: u64,
+    /// The station's tick at that time; it never goes back.
+    pub station_tick: u64,
+    /// Tick that the force was computed for.
+    pub force_tick: u64,
+    /// Incarnation that computed it.
+    pub source: u32,
+    /// Force of the motors, N.
+    pub force_n: [f32; 3],
+    /// It is not fresh.
+    pub late: bool,
+    /// The host stalled: it counts in no comparison.
+    pub void: bool,
+    /// It is not finite, beyond any motor, or an old one.
+    pub wrong: bool,
 }
 
 /// What was found in a window.
@@ -134,7 +148,10 @@ impl Ledger {
         }
         let station_tick = entry.station_tick.max(self.ticks.back().map_or(0, |tick| tick.station_tick));
         self.ticks.push_back(Tick {
+            hardware_tick: entry.hardware_tick,
             station_tick,
+            force_tick: entry.force_tick,
+            source: entry.source_incarnation,
             force_n: entry.force_n,
             late: !fresh,
             void: entry.void != 0,
@@ -175,6 +192,24 @@ impl Ledger {
             before = Some(tick);
         }
         window
+    }
+
+    /// The ticks around the largest change of the force in a window; none where nothing changes.
+    pub fn around_step(&self, window: &Window) -> Vec<Tick> {
+        let (first, end) = self.range(window.from_tick, window.to_tick);
+        let step_n = |at: &usize| {
+            let (before, tick) = (&self.ticks[*at - 1], &self.ticks[*at]);
+            if before.void || tick.void { 0.0 } else { f64::from(distance(before.force_n, tick.force_n)) }
+        };
+        let found = (first.max(1)..end).find(|at| step_n(at) > 0.0 && step_n(at) >= window.force_step_max_n);
+        let around = found.map_or(0..0, |at| at.saturating_sub(AROUND)..(at + AROUND).min(self.ticks.len()));
+        self.ticks.range(around).copied().collect()
+    }
+
+    /// The first ticks of a window that missed their force, with those that do not count.
+    pub fn late(&self, window: &Window) -> Vec<Tick> {
+        let (first, end) = self.range(window.from_tick, window.to_tick);
+        self.ticks.range(first..end).filter(|tick| tick.late).take(2 * AROUND).copied().collect()
     }
 
     /// The last tick of `from_tick..to_tick` that missed its force and counts. It costs as much as the ledger holds of them, however long they are.
@@ -250,6 +285,12 @@ mod tests {
         assert_eq!(ledger.window(990, 1_001).force_step_max_n, 1.0, "the force falls from 1 N to 0 at tick 1000");
         assert_eq!(ledger.window(1_100, 1_200).force_step_max_n, 0.0);
         assert_eq!(ledger.window(5_000, 6_000).ticks, 0);
+        let around = ledger.around_step(&ledger.window(990, 1_010));
+        let at = |tick: u64| around.iter().position(|entry| entry.station_tick == tick);
+        assert_eq!((around.len(), at(999), at(1_000)), (2 * AROUND, Some(AROUND - 1), Some(AROUND)), "{around:?}");
+        assert_eq!(ledger.around_step(&ledger.window(1_100, 1_200)), []);
+        let late: Vec<u64> = ledger.late(&ledger.window(990, 1_400)).iter().map(|tick| tick.station_tick).collect();
+        assert_eq!(late, [1_000, 1_001]);
         let last = |from, to| ledger.last_miss(from, to);
         assert_eq!(
             [last(0, u64::MAX), last(0, 1_500), last(0, 1_000), last(1_501, 9_000)],

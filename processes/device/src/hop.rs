@@ -6,7 +6,7 @@
 
 use crate::models::Models;
 use crate::replicas::Replicas;
-use hyst_coupling::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
+use hyst_coupling::{AppliedKind, HardwareParams, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
@@ -81,8 +81,12 @@ impl Hop<'_> {
     fn run(&mut self) -> Result<(), Failure> {
         let mut pace = Pace::new(self.life, 1, 0);
         let mut sample = HardwareSample::default();
+        let mut next_tick = None;
         while let Some(tick) = pace.wait() {
             self.life.misbehave();
+            let silent_ticks = next_tick.map_or(0, |next| tick.saturating_sub(next)).min(u64::from(u32::MAX)) as u32;
+            self.state = self.state.after_silence(&HardwareParams::default(), silent_ticks);
+            next_tick = Some(tick + 1);
             self.receive_ports();
             if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
                 sample = newest;

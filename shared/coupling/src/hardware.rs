@@ -27,6 +27,14 @@ impl Default for HardwareParams {
     }
 }
 
+impl HardwareParams {
+    /// The share of the last command that the motors still make after so many ticks without another, 0 to 1.
+    pub fn left(&self, silent_ticks: u32) -> f32 {
+        let ramped = silent_ticks.saturating_sub(self.watchdog_ticks);
+        1.0 - (ramped as f32 / self.ramp_ticks.max(1) as f32).min(1.0)
+    }
+}
+
 /// State of the firmware. All zero is powered up, no command yet.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -50,11 +58,10 @@ pub fn hardware_step(params: &HardwareParams, state: &HardwareState, command: Op
     next.silent_ticks = if arrived.is_some() { 0 } else { next.silent_ticks.saturating_add(1) };
     let command = Some(arrived.unwrap_or(state.command_n)).filter(|force| is_finite(*force)).unwrap_or_default();
     next.command_n = clamp_length(Vec3::from_array(command), limit).to_array();
-    let ramped = next.silent_ticks.saturating_sub(params.watchdog_ticks);
-    if ramped == 1 {
+    if next.silent_ticks.checked_sub(params.watchdog_ticks) == Some(1) {
         next.trips = next.trips.saturating_add(1);
     }
-    let left = 1.0 - (ramped as f32 / params.ramp_ticks.max(1) as f32).min(1.0);
+    let left = params.left(next.silent_ticks);
     next.force_n = next.command_n.map(|f| f * left);
     (next, next.force_n)
 }

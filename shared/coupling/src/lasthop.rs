@@ -13,6 +13,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
+use crate::hardware::HardwareParams;
 use crate::vector::{clamp_length, is_finite, sane, step_towards};
 
 /// Parameters of the last hop.
@@ -29,13 +30,23 @@ pub struct LastHopParams {
     pub ramp_ticks: u32,
     /// Ticks for the full return of the force after a ramp.
     pub rise_ticks: u32,
-    /// Small force, N: what may be applied at once, before the first contact and after a ramp; 0 or less switches the gate off.
+    /// Small force, N, that may be applied at once before the first contact; 0 or less switches the gate off.
     pub gate_n: f32,
+    /// Difference of force, N, that may be applied at once after a ramp: what returns by more than that rises.
+    pub return_n: f32,
 }
 
 impl Default for LastHopParams {
     fn default() -> Self {
-        Self { max_force_n: 3.3, max_slew_n_per_tick: 0.5, hold_ticks: 2, ramp_ticks: 20, rise_ticks: 50, gate_n: 0.2 }
+        Self {
+            max_force_n: 3.3,
+            max_slew_n_per_tick: 0.5,
+            hold_ticks: 2,
+            ramp_ticks: 20,
+            rise_ticks: 50,
+            gate_n: 0.2,
+            return_n: 0.05,
+        }
     }
 }
 
@@ -77,6 +88,13 @@ impl LastHopState {
     pub fn resumed(applied_n: [f32; 3]) -> Self {
         let applied_n = if is_finite(applied_n) { applied_n } else { [0.0; 3] };
         Self { applied_n, engaged: 1, returning: 1, ..Self::default() }
+    }
+
+    /// The state of a device process that was not let run and has sent nothing for `silent_ticks` ticks: the hardware's watchdog has
+    /// taken a part of the force away, and the force returns from what is left. A shorter silence than the watchdog's changes nothing.
+    pub fn after_silence(self, hardware: &HardwareParams, silent_ticks: u32) -> Self {
+        let left = hardware.left(silent_ticks);
+        if self.engaged == 0 || left >= 1.0 { self } else { Self::resumed(self.applied_n.map(|force| force * left)) }
     }
 }
 
@@ -156,9 +174,9 @@ fn let_go(params: &LastHopParams, next: &mut LastHopState) -> AppliedKind {
 }
 
 /// The share of `force` that is applied already, 0 to 1: the rise begins where the hand is. A candidate that differs from the
-/// applied force by a small force only needs no rise; so a servo that comes back gently itself is not ramped twice.
+/// applied force by `return_n` only needs no rise; so a servo that comes back gently itself is not ramped twice.
 fn share_of(params: &LastHopParams, applied: Vec3, force: Vec3) -> f32 {
-    if (force - applied).length() <= params.gate_n.max(0.0) {
+    if (force - applied).length() <= params.return_n.max(0.0) {
         return 1.0;
     }
     let squared = force.length_squared();
@@ -187,6 +205,7 @@ const _: () = assert!(size_of::<LastHopState>() == 40);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hardware::{HardwareState, hardware_step};
 
     const PRESS: [f32; 3] = [0.3, -0.2, -1.1];
 
@@ -281,13 +300,36 @@ mod tests {
     }
 
     #[test]
+    fn a_device_that_was_not_let_run_goes_on_from_what_the_watchdog_has_left() {
+        let (params, hardware) = (LastHopParams::default(), HardwareParams::default());
+        let before = running(&params);
+        assert_eq!(before.after_silence(&hardware, hardware.watchdog_ticks), before, "the force was held");
+        let shut = LastHopState::default();
+        assert_eq!(shut.after_silence(&hardware, 100), shut, "what never applied a force has its gate to pass");
+        for silent_ticks in 1..100 {
+            let mut motors = HardwareState { command_n: PRESS, force_n: PRESS, ..HardwareState::default() };
+            for _ in 0..silent_ticks {
+                motors = hardware_step(&hardware, &motors, None).0;
+            }
+            let (mut state, mut felt) = (before.after_silence(&hardware, silent_ticks), Vec3::from_array(motors.force_n));
+            for _ in 0..=50 {
+                let (next, applied, _) = last_hop_step(&params, &state, Some(PRESS));
+                let step_n = (Vec3::from_array(applied) - felt).length();
+                assert!(step_n <= params.return_n, "{step_n} N after {silent_ticks} ticks");
+                (state, felt) = (next, Vec3::from_array(applied));
+            }
+            assert_eq!(state.applied_n, PRESS);
+        }
+    }
+
+    #[test]
     fn a_resumed_device_goes_on_at_the_force_of_the_hardware() {
         let params = LastHopParams::default();
         let (_, applied, kind) = last_hop_step(&params, &LastHopState::resumed(PRESS), Some(PRESS));
         assert_eq!((applied, kind), (PRESS, AppliedKind::Fresh));
         let from_nothing = last_hop_step(&params, &LastHopState::resumed([0.0; 3]), Some(PRESS)).1;
         assert!(Vec3::from_array(from_nothing).length() < 0.05, "{from_nothing:?}");
-        let ungated = LastHopParams { gate_n: 0.0, ..params };
+        let ungated = LastHopParams { return_n: 0.0, ..params };
         let (state, _, _) = last_hop_step(&ungated, &LastHopState::resumed(PRESS), Some([0.0; 3]));
         assert_eq!(state.gain, 1.0);
     }

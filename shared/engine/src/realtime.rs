@@ -21,6 +21,10 @@ pub const SPARE_ABOVE: i32 = 2;
 /// Priority of a newcomer on trial below the incumbent, while it has not the role: below the workers, which the incumbent waits for.
 pub const GUEST_BELOW: i32 = 10;
 
+/// The core of the device and of its hardware. Rendering is kept off it: it maps the driver's libraries when it starts and unmaps its memory when it
+/// dies, and in a kernel that does not preempt itself whoever is woken there waits for that, real time or not.
+const DEVICE_CORE: usize = 0;
+
 /// SCHED_FIFO priority of a role; `None` for ordinary ones.
 pub fn priority(role: Role) -> Option<i32> {
     match role {
@@ -39,9 +43,10 @@ pub fn core(slot: Slot, cores: usize) -> Option<usize> {
         return None;
     }
     match slot.role() {
+        Role::Hardware | Role::Device => Some(DEVICE_CORE),
         Role::Haptic => Some(slot.index() % cores),
         Role::Tissue if cores >= 8 => Some(2 + slot.index()),
-        Role::Tissue => Some((slot.index() + 1) % cores),
+        Role::Tissue => Some(slot.index() % cores),
         Role::CollisionWorker if cores >= 8 => Some(4 + slot.index() % (cores - 4)),
         Role::CollisionWorker => Some((slot.index() + 1) % cores),
         _ => None,
@@ -57,7 +62,11 @@ pub fn give_way(life: &Life) {
         Role::Rendering => 5,
         _ => return,
     };
-    if nice > 0 || life.settings.switch("realtime", true).unwrap_or(false) {
+    let real_time = life.settings.switch("realtime", true).unwrap_or(false);
+    if real_time && life.slot.role() == Role::Rendering {
+        system::keep_off(DEVICE_CORE);
+    }
+    if nice > 0 || real_time {
         system::be_nice(nice);
     }
 }

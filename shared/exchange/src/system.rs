@@ -158,6 +158,15 @@ pub fn pin_to_core(core: usize) -> bool {
     sched_setaffinity(None, &one).is_ok()
 }
 
+/// Keeps the calling thread, and those that it will start, off one of the cores that this process may use. False where no other is left.
+pub fn keep_off(core: usize) -> bool {
+    let allowed = &own_cores().allowed;
+    let Some(core) = (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(core) else { return false };
+    let mut others = *allowed;
+    others.unset(core);
+    others.count() > 0 && sched_setaffinity(None, &others).is_ok()
+}
+
 /// Gives the calling thread all cores back that this process may use. False where that is refused.
 pub fn unpin() -> bool {
     sched_setaffinity(None, &own_cores().allowed).is_ok()

@@ -17,6 +17,8 @@ pub struct Commands {
     /// The newest that was taken.
     pub newest: ForceCommand,
     seen: (u32, u64),
+    /// The newest was taken for a tick that had passed: the device's cell may have it still.
+    from_past: bool,
     watch: WatchState,
 }
 
@@ -33,13 +35,42 @@ impl Commands {
             self.watch = WatchState::default();
         }
         self.seen = (incarnation, number);
+        if self.has_had(&command) {
+            return None;
+        }
         let verdict = self.judge(&command, life.clock.present_tick(), tip_m, max_force_n);
         let Err(why) = verdict else {
-            self.newest = command;
+            (self.newest, self.from_past) = (command, false);
             return Some(command);
         };
         life.refuse(incarnation, why);
         None
+    }
+
+    /// The command that had come by a station tick that has passed, if one had: the device goes on while the simulated hardware is not let run, and
+    /// hardware outside of this machine would have had its commands.
+    pub fn past_one(&mut self, page: &ReadPage, station_tick: u64, max_force_n: f32) -> Option<ForceCommand> {
+        let command = page.ring(device::APPLIED, station_tick.checked_sub(1)?)?.command;
+        self.is_next(&command, station_tick, max_force_n).then_some(command)
+    }
+
+    /// Takes a command that had come by a tick that has passed, if it may be followed.
+    fn is_next(&mut self, command: &ForceCommand, station_tick: u64, max_force_n: f32) -> bool {
+        let limits = ForceLimits { max_force_n, max_age_ticks: 0 };
+        let is_sound = command.force_tick <= command.tick
+            && command.tick < station_tick
+            && valid_force(command.tick, command.tick, command.force_n, &limits).is_ok();
+        let is_next = is_sound && command.tick > self.newest.tick;
+        if is_next {
+            self.watch = WatchState::default(); // the tip stood still for the device, which had no newer sample
+            (self.newest, self.from_past) = (*command, true);
+        }
+        is_next
+    }
+
+    /// Whether this is the very command that was taken for a tick that had passed: it is not new, and no reproach to the device.
+    fn has_had(&self, command: &ForceCommand) -> bool {
+        self.from_past && *command == self.newest
     }
 
     fn judge(&mut self, command: &ForceCommand, present_tick: u64, tip_m: [f32; 3], max_force_n: f32) -> Result<(), Distrust> {
@@ -97,6 +128,26 @@ mod tests {
         let of_later = ForceCommand { force_tick: 7, ..command(6, 1.1) };
         assert_eq!(judged(&mut commands, of_later, 0.0), Err(Distrust::Invalid));
         assert_eq!(judged(&mut commands, command(6, 1.1), 0.0), Ok(()), "nobody was shut out");
+    }
+
+    #[test]
+    fn of_ticks_that_have_passed_what_had_come_by_then_is_followed_and_nothing_else() {
+        let mut commands = Commands::default();
+        assert_eq!(judged(&mut commands, command(5, 1.0), 0.0), Ok(()));
+        let mut past = |command: ForceCommand, tick: u64| commands.is_next(&command, tick, LIMIT_N);
+        assert!(past(command(6, 1.0), 7) && !past(command(6, 1.0), 8), "each is followed once");
+        assert!(!past(command(5, 1.0), 6) && !past(command(9, 1.0), 9), "an old one, and one that had not come");
+        assert!(!past(command(7, f32::NAN), 8) && !past(command(7, 50.0), 8));
+        assert!(!past(ForceCommand { force_tick: 9, ..command(7, 1.0) }, 8));
+        assert!(commands.has_had(&command(6, 1.0)) && !commands.has_had(&command(7, 1.0)), "its cell has it still");
+        assert_eq!(judged(&mut commands, command(7, 1.0), 0.0), Ok(()));
+        commands.from_past = false; // as whoever takes it does
+        assert!(!commands.has_had(&command(7, 1.0)), "the same under another number is a stamp that stands still");
+        let mut past = |command: ForceCommand, tick: u64| commands.is_next(&command, tick, LIMIT_N);
+        assert!(
+            (8..40).all(|tick| past(command(tick, 1.0), tick + 1)),
+            "the same all the while: the tip stood still for the device"
+        );
     }
 
     #[test]

@@ -67,16 +67,16 @@ impl Firmware<'_> {
         while !self.life.clock.stop_requested() {
             hardware_tick += 1;
             let due_ns = start_ns + (hardware_tick as f64 * period_ns) as u64;
-            let now = system::now_ns();
-            if now > due_ns + TICK_NS {
-                // The host stalled. A real device would have gone on: the ticks that passed are in the ledger, without a new command.
-                self.tick(hardware_tick, due_ns, self.life.clock.tick_at(due_ns));
+            // The host stalled. A real device would have gone on: the ticks that passed are in the ledger, with the commands that had come by then.
+            let has_passed = |now_ns: u64| now_ns > due_ns + TICK_NS;
+            if has_passed(system::now_ns()) {
+                self.tick(hardware_tick, due_ns, true);
                 continue;
             }
             system::sleep_until_ns(due_ns);
             let woken_ns = system::now_ns();
             self.receive_ports();
-            self.tick(hardware_tick, woken_ns, self.life.clock.tick_at(woken_ns));
+            self.tick(hardware_tick, if has_passed(woken_ns) { due_ns } else { woken_ns }, has_passed(woken_ns));
             let end_ns = system::now_ns();
             page.count_latency(header::WAKEUP, woken_ns.saturating_sub(due_ns));
             page.count_latency(header::LOOP, end_ns - woken_ns);
@@ -92,7 +92,7 @@ impl Firmware<'_> {
     fn run_in_lockstep(&mut self, mut sequencer: Sequencer<'_>) {
         while let Some(tick) = sequencer.begin() {
             self.receive_ports();
-            self.tick(tick, tick * TICK_NS, tick);
+            self.tick_at(tick, tick * TICK_NS, tick, false);
             let begun_ns = system::now_ns();
             sequencer.release(tick);
             let page = &self.life.page;
@@ -112,9 +112,16 @@ impl Firmware<'_> {
         }
     }
 
-    fn tick(&mut self, hardware_tick: u64, time_ns: u64, station_tick: u64) {
+    fn tick(&mut self, hardware_tick: u64, time_ns: u64, has_passed: bool) {
+        self.tick_at(hardware_tick, time_ns, self.life.clock.tick_at(time_ns), has_passed);
+    }
+
+    fn tick_at(&mut self, hardware_tick: u64, time_ns: u64, station_tick: u64, has_passed: bool) {
         let (tip_m, max_force_n) = (self.tip_m, self.params.max_force_n);
-        let command = self.device.as_ref().and_then(|page| self.commands.new_one(self.life, page, tip_m, max_force_n));
+        let command = self.device.as_ref().and_then(|page| match has_passed {
+            true => self.commands.past_one(page, station_tick, max_force_n),
+            false => self.commands.new_one(self.life, page, tip_m, max_force_n),
+        });
         let trips = self.state.trips;
         let (state, force_n) = hardware_step(&self.params, &self.state, command.map(|command| command.force_n));
         self.state = state;
