@@ -3,7 +3,6 @@
 //! by the supervisor itself.
 
 use hyst_exchange::{Links, Station};
-use rustix::event::{PollFd, PollFlags, Timespec};
 use rustix::process::{PidfdFlags, Signal};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
@@ -103,8 +102,7 @@ fn is_over(pid: u32) -> bool {
     let Ok(fd) = rustix::process::pidfd_open(process, PidfdFlags::empty()) else {
         return true;
     };
-    let mut polled = [PollFd::new(&fd, PollFlags::IN)];
-    let over = rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok_and(|ready| ready > 0);
+    let over = crate::proc::has_ended(&fd);
     if over {
         crate::spawn::reap(pid);
     }

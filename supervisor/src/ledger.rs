@@ -14,7 +14,7 @@ pub const HISTORY_TICKS: usize = 40_000;
 pub const SETTLING_TICKS: u64 = 500;
 /// Ticks before a large change of the force, and after it, that are kept with a fault that broke its promise by it; of those that missed their force
 /// twice as many.
-const AROUND: usize = 32;
+const AROUND: usize = 8;
 /// No motor of such a device makes more, N; more was never meant to be applied.
 const LIMIT_N: f32 = 50.0;
 

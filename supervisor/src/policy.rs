@@ -98,6 +98,10 @@ impl State {
             *ladder = to;
         }
     }
+    /// Where each role stands on its ladder, for the supervisor after this one.
+    pub fn ladders(&self) -> impl Iterator<Item = (Role, u32)> + '_ {
+        self.ladders.iter().map(|(role, ladder)| (*role, ladder.word()))
+    }
     /// Roles that are held still.
     pub fn held(&self) -> impl Iterator<Item = Role> + '_ {
         self.ladders.iter().filter(|(_, ladder)| ladder.is_held()).map(|(role, _)| *role)

@@ -3,6 +3,8 @@
 use crate::suspicion::Thread;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot};
+use rustix::event::{PollFd, PollFlags, Timespec};
+use rustix::fd::OwnedFd;
 use rustix::process::{Pid, Signal};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -123,12 +125,31 @@ fn state_letter(stat: &File) -> Option<u8> {
 /// Kills a process, of a role if that is known. Before that, all of its threads are demoted to the idle class, so that its tear-down disturbs nobody; not those of the
 /// device: nobody does its work until it is gone, and in the idle class that took up to a second on a busy machine.
 pub fn end(role: Option<Role>, process: u32) {
+    demote(role, process);
+    signal(process, Signal::KILL);
+}
+
+/// The same for one that is held by its descriptor: its id may be somebody else's by now, and nobody else is killed.
+pub fn end_held(role: Role, process: u32, pidfd: &OwnedFd) {
+    if has_ended(pidfd) {
+        return;
+    }
+    demote(Some(role), process);
+    let _ = rustix::process::pidfd_send_signal(pidfd, Signal::KILL); // gone is as good
+}
+
+/// Whether a process has ended, by its descriptor.
+pub fn has_ended(pidfd: &OwnedFd) -> bool {
+    let mut asked = [PollFd::new(pidfd, PollFlags::IN)];
+    rustix::event::poll(&mut asked, Some(&Timespec::default())).is_ok_and(|count| count > 0)
+}
+
+fn demote(role: Option<Role>, process: u32) {
     if role != Some(Role::Device) {
         for thread in threads(process) {
             system::demote(thread); // refused without rights: then it ends at its old priority
         }
     }
-    signal(process, Signal::KILL);
 }
 
 /// Sends a signal; false if nobody is there to get it.

@@ -175,7 +175,8 @@ impl Spawner {
         let page = self.station.open().ok()?;
         let living = crate::remains::slot_alive(&page, slot.number())?;
         let incarnation = page.incarnation(slot);
-        let ward = self.watch(slot, incarnation, living.pid, system::now_ns()).ok()?;
+        // Between the look at the page and the opening of its descriptor the id may have become somebody else's.
+        let ward = self.watch(slot, incarnation, living.pid, system::now_ns()).ok().filter(|_| living.is_alive())?;
         let mut services = Vec::new();
         for &kind in kinds_of(slot.role()) {
             let service = match kind {

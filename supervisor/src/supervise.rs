@@ -193,6 +193,13 @@ impl Supervisor {
             }
             let now_ns = system::now_ns();
             self.page.store64(layout::SUPERVISOR_NS, now_ns);
+            if self.watch.hangs(now_ns) {
+                journal::say(
+                    &self.station,
+                    "the supervisor's watching thread hangs: the supervisor ends, and another one is started",
+                );
+                std::process::exit(1); // as one that was killed: nothing is taken from engines in an orderly way
+            }
             if self.page.load32(layout::STOP) != 0 {
                 let since_ns = *stop_since_ns.get_or_insert(now_ns);
                 policy::step(now_ns, Event::StopRequested, &mut self.policy);

@@ -9,9 +9,10 @@ use hyst_engine::realtime::WATCH_PRIORITY;
 use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::page::{ProcessState, header, station as layout};
 use hyst_messages::{Role, SLOTS, Slot, TICK_NS};
-use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, epoll};
+use rustix::event::{EventfdFlags, Timespec, epoll};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// Between two looks at the heartbeats: one tick. It costs 2 % of a core (2-core EPYC VM, 2026-11-21, /proc/PID/task/*/schedstat of a whole
@@ -29,6 +30,10 @@ const LATE_START_NS: u64 = 30_000_000_000;
 const LATE_ORDINARY_START_NS: u64 = 180_000_000_000;
 /// A process that is on its way out and takes longer hangs.
 const LATE_END_NS: u64 = 2_000_000_000;
+/// A watching thread that has not looked for so long hangs: a thousand looks.
+const SILENT_NS: u64 = 1_000 * LOOK_NS;
+/// Most of it that counts between two questions, ns: the reader asks more often, unless it was not let run itself.
+const MOST_PASSED_NS: u64 = 10_000_000;
 
 /// An incarnation that is watched.
 #[derive(Debug)]
@@ -137,6 +142,26 @@ pub enum Notice {
 pub struct Watch {
     wards: Sender<Ward>,
     bell: Arc<OwnedFd>,
+    looks: Arc<AtomicU64>,
+    silence: Silence,
+}
+
+/// For how long the thread has not looked, in time in which its reader did.
+#[derive(Debug, Default)]
+struct Silence {
+    looks: u64,
+    asked_ns: u64,
+    silent_ns: u64,
+}
+
+impl Silence {
+    /// Whether the thread hangs: nobody would see an engine die. What the reader itself was not let run for is no silence of the thread.
+    fn is_long(&mut self, now_ns: u64, looks: u64) -> bool {
+        let passed_ns = now_ns.saturating_sub(self.asked_ns).min(MOST_PASSED_NS);
+        self.silent_ns = if looks == self.looks { self.silent_ns + passed_ns } else { 0 };
+        (self.looks, self.asked_ns) = (looks, now_ns);
+        self.silent_ns > SILENT_NS
+    }
 }
 
 impl Watch {
@@ -147,13 +172,20 @@ impl Watch {
         let own_bell = Arc::clone(&bell);
         let set = epoll::create(epoll::CreateFlags::CLOEXEC)?;
         epoll::add(&set, &*bell, epoll::EventData::new_u64(BELL), epoll::EventFlags::IN)?;
+        let looks = Arc::new(AtomicU64::new(0));
+        let own_looks = Arc::clone(&looks);
         std::thread::Builder::new().name("watch".into()).spawn(move || {
             if real_time {
                 system::become_fifo(WATCH_PRIORITY); // refused without rights: then it watches at the ordinary priority
             }
-            body(&page, &set, &own_bell, &arrivals, &tell);
+            body(&page, &set, &own_bell, &arrivals, &own_looks, &tell);
         })?;
-        Ok(Watch { wards, bell })
+        Ok(Watch { wards, bell, looks, silence: Silence::default() })
+    }
+
+    /// Whether the thread hangs; to be asked all the time.
+    pub fn hangs(&mut self, now_ns: u64) -> bool {
+        self.silence.is_long(now_ns, self.looks.load(Ordering::Relaxed))
     }
 
     /// Watches one more incarnation.
@@ -163,7 +195,7 @@ impl Watch {
     }
 }
 
-fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<Ward>, tell: &dyn Fn(Notice)) {
+fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<Ward>, looks: &AtomicU64, tell: &dyn Fn(Notice)) {
     let mut wards: Vec<Ward> = Vec::new();
     let mut last_look_ns = system::now_ns();
     let mut look = 0;
@@ -174,8 +206,8 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
         let now_ns = system::now_ns();
         // A dead one's descriptor leaves the set when it is closed with the ward.
         wards.retain(|ward| {
-            let is_dead =
-                ready.iter().any(|event| event.data.u64() == ward.incarnation as u64) || ward.apart && has_ended(&ward.pidfd);
+            let is_dead = ready.iter().any(|event| event.data.u64() == ward.incarnation as u64)
+                || ward.apart && proc::has_ended(&ward.pidfd);
             if is_dead {
                 mark_dead(page, ward);
                 let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
@@ -186,6 +218,7 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
         let passed_ns = now_ns.saturating_sub(last_look_ns).min(LOOK_NS);
         last_look_ns = now_ns;
         look += 1;
+        looks.store(look, Ordering::Relaxed);
         // An engine that is asked to stop no longer beats; who bounds its stopping is the guardian.
         if page.load32(layout::STOP) == 0 {
             let look = Look { number: look, now_ns, passed_ns, is_lockstep: page.load32(layout::LOCKSTEP) != 0 };
@@ -201,12 +234,6 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
             }
         }
     }
-}
-
-/// Whether a process has ended, by its descriptor.
-fn has_ended(pidfd: &OwnedFd) -> bool {
-    let mut asked = [PollFd::new(pidfd, PollFlags::IN)];
-    rustix::event::poll(&mut asked, Some(&Timespec::default())).is_ok_and(|count| count > 0)
 }
 
 /// Waits for a death, a newcomer or the time of the next look; `ready` has what happened.
@@ -294,9 +321,29 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
             ward.blamed = true;
             // The hardware stands for a thing outside of the station: it is reported, but not killed for being late.
             if slot.role() != Role::Hardware {
-                proc::end(Some(slot.role()), ward.pid);
+                proc::end_held(slot.role(), ward.pid, &ward.pidfd);
             }
             tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_looks_no_more_hangs_and_a_pause_of_the_machine_is_no_silence() {
+        let (mut silence, mut now_ns) = (Silence::default(), 1_000_000_000_000);
+        assert!(!silence.is_long(now_ns, 0), "it has just begun");
+        let mut pass = |passed_ns: u64, looks: u64| {
+            now_ns += passed_ns;
+            silence.is_long(now_ns, looks)
+        };
+        assert!((1..3_000).all(|looks| !pass(5_000_000, looks)));
+        assert!((0..50).all(|_| !pass(3_600_000_000_000, 3_000)), "nobody was let run for hours");
+        assert!(!pass(5_000_000, 3_001));
+        let until = (1..1_000).find(|_| pass(5_000_000, 3_001));
+        assert_eq!(until, Some(SILENT_NS as usize / 5_000_000 + 1));
     }
 }

@@ -6,6 +6,9 @@ use serde_json::Value;
 /// Of so many recorded ticks at most one may be lost: whoever makes them holds the last seconds, which a recorder's restart takes.
 const LOST_AT_MOST: u64 = 1_000;
 
+/// Excess misses per fault that a station's exit code forgives, as `hystation run` promises.
+const MOST_EXCESS: f64 = 0.1;
+
 /// Share of a window that may be void: those ticks tell nothing of a fault.
 const MOST_VOID: f64 = 0.2;
 
@@ -66,6 +69,11 @@ impl Ended {
         let unmade: usize =
             recording.content.events.iter().filter(|event| event.kind == "skipped").map(|event| first_number(&event.text)).sum();
         assert!(absent <= unmade, "{absent} ticks are not there, {unmade} were never made\n{}", self.said);
+        let models =
+            recording.applied().iter().map(|record| (record.model_epoch, record.model_tick)).filter(|model| *model != (0, 0));
+        let models: Vec<(u32, u64)> = models.collect();
+        let stale = models.windows(2).filter(|pair| pair[1] < pair[0]).count();
+        assert_eq!(stale, 0, "contact models older than the one before\n{}", self.said);
         let lost: u64 = recording.content.lost.iter().map(|range| range.last - range.first + 1).sum();
         assert!(lost <= ticks.len() as u64 / LOST_AT_MOST, "{lost} of {} ticks are lost\n{}", ticks.len(), self.said);
     }
@@ -76,13 +84,14 @@ impl Ended {
             assert_eq!(self.number(path), 0.0, "{path}\n{}", self.said);
         }
         let any = |key: &str| self.report[key].as_array().is_some_and(|all| !all.is_empty());
-        let faults = self.report["faults"].as_array().map(Vec::as_slice).unwrap_or_default();
-        let missed = |fault: &Value, arm: &str| fault[arm]["missed"].as_f64();
-        let has_excess = |fault: &Value| fault["target"] != "device" && missed(fault, "window") > missed(fault, "control");
+        // Beyond doubt: the lower end of the interval, as far below the mean as the upper one is above it.
+        let excess = &self.report["device"]["excess_per_fault"];
+        let bounds = excess["mean"].as_f64().zip(excess["upper95"].as_f64());
+        let is_broken = bounds.is_some_and(|(mean, upper95)| mean - (upper95 - mean) > MOST_EXCESS);
         let is_right = match self.code {
-            Some(0) => !any("given_up") && !any("held"),
-            Some(1) => faults.iter().any(has_excess),
-            Some(3) => any("given_up") || any("held"),
+            Some(1) => is_broken,
+            Some(0) => !is_broken && !any("given_up") && !any("held"),
+            Some(3) => !is_broken && (any("given_up") || any("held")),
             _ => false,
         };
         assert!(

@@ -84,13 +84,13 @@ impl Hop<'_> {
         let mut next_tick = None;
         while let Some(tick) = pace.wait() {
             self.life.misbehave();
-            let silent_ticks = next_tick.map_or(0, |next| tick.saturating_sub(next)).min(u64::from(u32::MAX)) as u32;
-            self.state = self.state.after_silence(&HardwareParams::default(), silent_ticks);
-            next_tick = Some(tick + 1);
             self.receive_ports();
             if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
                 sample = newest;
             }
+            let silent_ticks = next_tick.map_or(0, |next| tick.saturating_sub(next)).min(u64::from(u32::MAX)) as u32;
+            self.state = self.state.after_silence(&HardwareParams::default(), silent_ticks, sample.force_n);
+            next_tick = Some(tick + 1);
             self.tick(tick, sample, pace.woken_ns());
             pace.end();
         }
@@ -167,7 +167,8 @@ impl Hop<'_> {
         let mut told = command;
         self.lies.tell(self.life, &mut told);
         page.write(layout::COMMAND, &told);
-        page.store64(header::VALUE_NS, system::now_ns());
+        let sent_ns = system::now_ns();
+        page.store64(header::VALUE_NS, sent_ns);
         let record = AppliedRecord {
             tick,
             command,
@@ -175,6 +176,7 @@ impl Hop<'_> {
             model_tick: model.state_tick,
             model_epoch: model.epoch,
             model_incarnation: model.incarnation,
+            sent_ns: if self.life.is_lockstep() { 0 } else { sent_ns },
         };
         page.push(layout::APPLIED, tick, &record);
     }

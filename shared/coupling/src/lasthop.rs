@@ -91,10 +91,16 @@ impl LastHopState {
     }
 
     /// The state of a device process that was not let run and has sent nothing for `silent_ticks` ticks: the hardware's watchdog has
-    /// taken a part of the force away, and the force returns from what is left. A shorter silence than the watchdog's changes nothing.
-    pub fn after_silence(self, hardware: &HardwareParams, silent_ticks: u32) -> Self {
-        let left = hardware.left(silent_ticks);
-        if self.engaged == 0 || left >= 1.0 { self } else { Self::resumed(self.applied_n.map(|force| force * left)) }
+    /// taken a part of the force away, and the force returns from what is left: `felt_n`, which the motors made at their newest sample, or
+    /// less, if that is from before. A shorter silence than the watchdog's changes nothing.
+    pub fn after_silence(self, hardware: &HardwareParams, silent_ticks: u32, felt_n: [f32; 3]) -> Self {
+        // The hardware may have counted one more by now.
+        if self.engaged == 0 || hardware.left(silent_ticks.saturating_add(1)) >= 1.0 {
+            return self;
+        }
+        let least_n = self.applied_n.map(|force| force * hardware.left(silent_ticks));
+        let is_less = is_finite(felt_n) && Vec3::from_array(felt_n).length() < Vec3::from_array(least_n).length();
+        Self::resumed(if is_less { felt_n } else { least_n })
     }
 }
 
@@ -303,15 +309,19 @@ mod tests {
     fn a_device_that_was_not_let_run_goes_on_from_what_the_watchdog_has_left() {
         let (params, hardware) = (LastHopParams::default(), HardwareParams::default());
         let before = running(&params);
-        assert_eq!(before.after_silence(&hardware, hardware.watchdog_ticks), before, "the force was held");
+        assert_eq!(before.after_silence(&hardware, hardware.watchdog_ticks - 1, PRESS), before, "the force was held");
         let shut = LastHopState::default();
-        assert_eq!(shut.after_silence(&hardware, 100), shut, "what never applied a force has its gate to pass");
-        for silent_ticks in 1..100 {
+        assert_eq!(shut.after_silence(&hardware, 100, PRESS), shut, "what never applied a force has its gate to pass");
+        let of_nonsense = before.after_silence(&hardware, 18, [f32::NAN; 3]);
+        assert_eq!(of_nonsense, before.after_silence(&hardware, 18, PRESS), "a sample from before, and one that says nothing");
+        // The hardware may have counted one more by the time the device is let run.
+        for (silent_ticks, ahead) in (1..100u32).flat_map(|ticks| [(ticks, 0), (ticks, 1)]) {
             let mut motors = HardwareState { command_n: PRESS, force_n: PRESS, ..HardwareState::default() };
-            for _ in 0..silent_ticks {
+            for _ in 0..silent_ticks + ahead {
                 motors = hardware_step(&hardware, &motors, None).0;
             }
-            let (mut state, mut felt) = (before.after_silence(&hardware, silent_ticks), Vec3::from_array(motors.force_n));
+            let (mut state, mut felt) =
+                (before.after_silence(&hardware, silent_ticks, motors.force_n), Vec3::from_array(motors.force_n));
             for _ in 0..=50 {
                 let (next, applied, _) = last_hop_step(&params, &state, Some(PRESS));
                 let step_n = (Vec3::from_array(applied) - felt).length();

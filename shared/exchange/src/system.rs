@@ -147,22 +147,24 @@ fn own_cores() -> &'static Cores {
     })
 }
 
-/// Ties the calling thread to a core. False where the core does not exist or is not allowed.
-pub fn pin_to_core(core: usize) -> bool {
-    own_cores(); // before this thread sees one only
-    if core >= CpuSet::MAX_CPU {
-        return false;
-    }
+/// The machine's number of the core that is the `index`th of those that this process may use.
+fn number_of(index: usize) -> Option<usize> {
+    let allowed = &own_cores().allowed;
+    (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(index)
+}
+
+/// Ties the calling thread to a core, by its index among those that this process may use. False where there is none.
+pub fn pin_to_core(index: usize) -> bool {
+    let Some(core) = number_of(index) else { return false };
     let mut one = CpuSet::new();
     one.set(core);
     sched_setaffinity(None, &one).is_ok()
 }
 
-/// Keeps the calling thread, and those that it will start, off one of the cores that this process may use. False where no other is left.
-pub fn keep_off(core: usize) -> bool {
-    let allowed = &own_cores().allowed;
-    let Some(core) = (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).nth(core) else { return false };
-    let mut others = *allowed;
+/// Keeps the calling thread, and those that it will start, off a core, by the same index. False where no other is left.
+pub fn keep_off(index: usize) -> bool {
+    let Some(core) = number_of(index) else { return false };
+    let mut others = own_cores().allowed;
     others.unset(core);
     others.count() > 0 && sched_setaffinity(None, &others).is_ok()
 }
@@ -225,6 +227,9 @@ mod tests {
             assert_eq!((of_this_thread(), cores()), (1, count));
             assert!(unpin());
             assert_eq!(of_this_thread(), count);
+            assert_eq!(keep_off(0), count > 1, "another core is left");
+            assert_eq!(of_this_thread(), (count - 1).max(1));
+            assert!(!keep_off(CpuSet::MAX_CPU) && unpin());
         })
         .join()
         .unwrap();

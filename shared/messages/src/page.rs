@@ -373,7 +373,9 @@ pub mod station {
     pub const SLOT_SUSPECT: usize = HELD + 16;
     /// 32-bit words: what the supervisor remembers of each slot's lives, for its successor.
     pub const SLOT_RECORD: usize = SLOT_SUSPECT + SLOTS;
-    const _: () = assert!(SLOT_RECORD + SLOTS <= 2 * WORDS);
+    /// 32-bit words, one for each role: where it stands on its way back to older states, for the supervisor's successor.
+    pub const LADDER: usize = SLOT_RECORD + SLOTS;
+    const _: () = assert!(LADDER + 16 <= 2 * WORDS);
 }
 
 /// The roster: one 64-bit word for each role, `epoch << 32 | incarnation`. Only promotion writes it, by compare-and-swap.

@@ -228,6 +228,8 @@ pub struct AppliedRecord {
     pub model_epoch: u32,
     /// Incarnation of the tissue that made the contact model in use.
     pub model_incarnation: u32,
+    /// When the command was there for the hardware, CLOCK_MONOTONIC, ns; 0 in lock-step, and not recorded.
+    pub sent_ns: u64,
 }
 
 /// One tick of the hardware's ledger.

@@ -167,6 +167,7 @@ pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> Applied
         model_tick: force.model_tick,
         model_epoch: force.model_epoch,
         model_incarnation: force.model_incarnation,
+        sent_ns: 0,
     }
 }
 

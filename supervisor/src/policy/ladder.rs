@@ -58,15 +58,26 @@ impl Default for Ladder {
 }
 
 impl Ladder {
-    /// One that has gone all the way down, and holds the newest state from before a time, as a supervisor before this one said.
-    pub fn held_still(before_ns: u64) -> Ladder {
-        let rungs = BACK_NS.len();
-        Ladder { rung: rungs + 1, trouble_ns: before_ns + BACK_NS[rungs - 1], ..Ladder::default() }
+    /// Where it stands, as one word for the supervisor after this one: the rung, the doomed tenures on it, and the tries of what is held.
+    pub fn word(&self) -> u32 {
+        let tries = (self.hold_ns / FIRST_HOLD_NS).max(1).ilog2() as u8;
+        u32::from_le_bytes([self.rung as u8, self.doomed as u8, tries, 0])
     }
 
-    /// One whose founders go on from before a time, as a supervisor before this one said.
-    pub fn gone_back(before_ns: u64) -> Ladder {
-        Ladder { rung: 1, trouble_ns: before_ns + BACK_NS[0], ..Ladder::default() }
+    /// One that stands where a supervisor before this one said: its word, the time from before which founders go on, and whether the role is held
+    /// still. What founders do counts for more than the word: who wrote it may have died before it did what follows from it.
+    pub fn resumed(word: u32, before_ns: Option<u64>, is_held: bool, now_ns: u64) -> Ladder {
+        let [rung, doomed, tries, _] = word.to_le_bytes();
+        let (rungs, last_doomed) = (BACK_NS.len(), MOST_DOOMED - 1);
+        let (rung, doomed) = match before_ns {
+            _ if is_held => (rungs + 1, 0),
+            None => (0, u32::from(doomed)),
+            Some(_) if usize::from(rung) > rungs => (rungs, last_doomed), // one more death, and it is held
+            Some(_) => (usize::from(rung).max(1), u32::from(doomed)),
+        };
+        let trouble_ns = before_ns.map_or(now_ns, |before_ns| before_ns.saturating_add(BACK_NS[rung.clamp(1, rungs) - 1]));
+        let hold_ns = (FIRST_HOLD_NS << tries.min(8)).min(MOST_HOLD_NS);
+        Ladder { rung, doomed: doomed.min(last_doomed), trouble_ns, hold_ns, ..Ladder::default() }
     }
 
     /// The incarnation that holds the role, 0 if none was seen.
@@ -198,9 +209,49 @@ mod tests {
         assert_eq!(ladder.wait(now_ns + TROUBLE_OVER_NS), Some(Ground::Newest));
     }
 
+    /// With a supervisor that dies before each death of a holder, the way down is the same.
+    #[test]
+    fn a_supervisor_that_is_restarted_goes_on_counting() {
+        let (mut ladder, mut grounds, mut before_ns) = (Ladder::default(), Vec::new(), None);
+        for incarnation in 2..30 {
+            let now_ns = 100 * S + incarnation as u64 * S / 10;
+            ladder = Ladder::resumed(ladder.word(), before_ns, ladder.is_held(), now_ns);
+            ladder.holds(now_ns, incarnation);
+            if let Some(ground) = ladder.holder_died(now_ns + 1_000_000, true, true) {
+                grounds.push(ground);
+                before_ns = match ground {
+                    Ground::Before(ns) | Ground::Hold(ns) | Ground::Again(ns) => Some(ns),
+                    Ground::Newest => None,
+                };
+            }
+        }
+        assert!(
+            matches!(grounds[..], [Ground::Before(a), Ground::Before(b), Ground::Hold(c)] if a == b + 9 * S && b == c),
+            "{grounds:?}"
+        );
+        assert!(ladder.is_held());
+    }
+
+    #[test]
+    fn a_word_that_says_more_than_was_done_and_nonsense_are_resumed_from_what_was_done() {
+        let of = |rung: u8, doomed: u8| u32::from_le_bytes([rung, doomed, 0, 0]);
+        let resumed = |word, before_ns, is_held| Ladder::resumed(word, before_ns, is_held, 500 * S);
+        let at = |ladder: Ladder| (ladder.rung, ladder.doomed);
+        assert_eq!(at(resumed(of(1, 0), None, false)), (0, 0), "the ground was not laid");
+        assert_eq!(at(resumed(of(3, 0), Some(90 * S), false)), (2, 2), "it was not held yet: one more death");
+        assert_eq!(at(resumed(of(0, 2), Some(90 * S), false)), (1, 2));
+        assert_eq!(at(resumed(0, Some(90 * S), true)), (3, 0));
+        for word in [u32::MAX, 0x8000_0001, 0x00ff_ff00] {
+            let ladder = resumed(word, Some(u64::MAX), false);
+            assert!(ladder.rung <= 2 && ladder.doomed < MOST_DOOMED && ladder.hold_ns <= MOST_HOLD_NS, "{ladder:?}");
+        }
+        let tried = Ladder { hold_ns: 4 * FIRST_HOLD_NS, rung: 2, doomed: 2, ..Ladder::default() };
+        assert_eq!(resumed(tried.word(), Some(90 * S), false).hold_ns, 4 * FIRST_HOLD_NS);
+    }
+
     #[test]
     fn what_a_supervisor_before_this_one_held_is_tried_again_from_the_same_state() {
-        let mut ladder = Ladder::held_still(92 * S);
+        let mut ladder = Ladder::resumed(0, Some(92 * S), true, 150 * S);
         ladder.holds(200 * S, 7);
         assert_eq!(ladder.wait(200 * S), None);
         assert_eq!(ladder.wait(200 * S + FIRST_HOLD_NS), Some(Ground::Again(92 * S)));

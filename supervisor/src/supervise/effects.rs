@@ -30,6 +30,9 @@ impl Supervisor {
             let word = record.short_lives | u32::from(record.given_up) << GIVEN_UP_BIT;
             self.page.store32(layout::SLOT_RECORD + slot.number(), word);
         }
+        for (role, word) in self.policy.ladders() {
+            self.page.store32(layout::LADDER + role as usize, word);
+        }
         for action in actions {
             match action {
                 Action::Spawn { slot } => self.spawn(slot),

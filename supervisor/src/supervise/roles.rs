@@ -37,12 +37,9 @@ impl Holders {
 pub fn resume(page: &OwnedPage, clock: &StationPage, state: &mut State) {
     for role in ROLES {
         let ground_tick = page.load64(layout::GROUND + role as usize);
-        let before_ns = clock.start_of(ground_tick);
-        if page.load32(layout::HELD + role as usize) != 0 {
-            state.set_ladder(role, Ladder::held_still(before_ns));
-        } else if ground_tick != 0 {
-            state.set_ladder(role, Ladder::gone_back(before_ns));
-        }
+        let before_ns = (ground_tick != 0).then(|| clock.start_of(ground_tick));
+        let (word, is_held) = (page.load32(layout::LADDER + role as usize), clock.is_held(role));
+        state.set_ladder(role, Ladder::resumed(word, before_ns, is_held, system::now_ns()));
     }
 }
 

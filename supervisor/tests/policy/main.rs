@@ -42,6 +42,8 @@ struct World {
     given_up: Vec<Slot>,
     holder: BTreeMap<Role, u32>,
     held: Vec<Role>,
+    /// The time from before which a role's founders go on, ns.
+    ground: BTreeMap<Role, u64>,
     /// Those that are to leave, since when.
     leaving: BTreeMap<u32, u64>,
     /// Those that were killed and are not dead yet.
@@ -131,8 +133,10 @@ impl World {
                 let tried = matches!(ground, Ground::Again(_));
                 assert!(is_stateful(role) && self.held.contains(&role) == tried, "{role:?}: {ground:?}, held {:?}", self.held);
                 self.held.retain(|held| *held != role);
+                self.ground.remove(&role);
                 if let Ground::Before(time_ns) | Ground::Hold(time_ns) | Ground::Again(time_ns) = ground {
                     assert!(time_ns <= self.now_ns, "goes back to the future");
+                    self.ground.insert(role, time_ns);
                 }
                 if matches!(ground, Ground::Hold(_)) {
                     self.held.push(role);
@@ -169,8 +173,9 @@ impl World {
         for (slot, record) in state.records().filter(|(slot, _)| slots.contains(slot)) {
             next.set_record(self.now_ns, slot, record);
         }
-        for role in &self.held {
-            next.set_ladder(*role, Ladder::held_still(self.now_ns));
+        for (role, word) in state.ladders() {
+            let (before_ns, is_held) = (self.ground.get(&role).copied(), self.held.contains(&role));
+            next.set_ladder(role, Ladder::resumed(word, before_ns, is_held, self.now_ns));
         }
         *state = next;
         // What it had begun is undone; whom it killed is dead by now; who grows is found again.

@@ -49,8 +49,9 @@ impl Commands {
 
     /// The command that had come by a station tick that has passed, if one had: the device goes on while the simulated hardware is not let run, and
     /// hardware outside of this machine would have had its commands.
-    pub fn past_one(&mut self, page: &ReadPage, station_tick: u64, max_force_n: f32) -> Option<ForceCommand> {
-        let command = page.ring(device::APPLIED, station_tick.checked_sub(1)?)?.command;
+    pub fn past_one(&mut self, page: &ReadPage, station_tick: u64, time_ns: u64, max_force_n: f32) -> Option<ForceCommand> {
+        let record = page.ring(device::APPLIED, station_tick.checked_sub(1)?)?;
+        let command = Some(record.command).filter(|_| record.sent_ns <= time_ns)?;
         self.is_next(&command, station_tick, max_force_n).then_some(command)
     }
 

@@ -119,7 +119,7 @@ impl Firmware<'_> {
     fn tick_at(&mut self, hardware_tick: u64, time_ns: u64, station_tick: u64, has_passed: bool) {
         let (tip_m, max_force_n) = (self.tip_m, self.params.max_force_n);
         let command = self.device.as_ref().and_then(|page| match has_passed {
-            true => self.commands.past_one(page, station_tick, max_force_n),
+            true => self.commands.past_one(page, station_tick, time_ns, max_force_n),
             false => self.commands.new_one(self.life, page, tip_m, max_force_n),
         });
         let trips = self.state.trips;
