@@ -6,6 +6,7 @@
 
 mod found;
 mod order;
+mod printer;
 
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
@@ -22,8 +23,9 @@ use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
 use order::Order;
+use printer::Printer;
 use rustix::process::WaitOptions;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::os::unix::net::UnixListener;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -76,6 +78,7 @@ struct Guardian {
     seen: usize,
     lines: Vec<String>,
     draw: bool,
+    printer: Printer,
 }
 
 /// Why the guardian no longer keeps the station.
@@ -98,7 +101,7 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let name = take_name(&station)?;
     let ground = settle(&station, &settings, &plan, order)?;
     let draw = std::io::stdout().is_terminal() && !args.quiet;
-    let mut guardian = Guardian::new(station, name, ground, draw);
+    let mut guardian = Guardian::new(station, name, ground, draw)?;
     guardian.keep(&plan, &signals);
     Ok(guardian.end(&plan))
 }
@@ -115,7 +118,7 @@ pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     let order = Order { stand_in: true, ..Order::read(&station).unwrap_or_default() };
     order.write(&station);
     register(&page, Role::Guardian);
-    let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false);
+    let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false)?;
     guardian.notifier.say(&format!("MAINPID={}\n", std::process::id()));
     match guardian.keep(&plan, &signals) {
         End::Stop => Ok(guardian.end(&plan)),
@@ -153,7 +156,8 @@ fn living_supervisor(station: &Station) -> Option<Living> {
 }
 
 impl Guardian {
-    fn new(station: Station, name: UnixListener, ground: Ground, draw: bool) -> Guardian {
+    fn new(station: Station, name: UnixListener, ground: Ground, draw: bool) -> Result<Guardian, Refusal> {
+        let printer = Printer::start().map_err(|e| Refusal::failed(format!("a thread: {e}; look at the limit of processes")))?;
         // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
         let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
         let supervisor = living_supervisor(&station);
@@ -161,7 +165,7 @@ impl Guardian {
             let who = if ground.order.stand_in { "a stand-in for the guardian" } else { "the guardian" };
             journal::say(&station, &format!("{who} (pid {}) has taken over the station", std::process::id()));
         }
-        Guardian {
+        Ok(Guardian {
             station,
             page: ground.page,
             order: ground.order,
@@ -174,7 +178,8 @@ impl Guardian {
             seen: 0,
             lines: Vec::new(),
             draw,
-        }
+            printer,
+        })
     }
 
     /// Keeps the station until it is asked to stop, by whomever, or somebody else keeps it.
@@ -295,7 +300,7 @@ impl Guardian {
     }
 
     fn tell(&mut self, line: &str) {
-        if self.draw { self.lines.push(line.to_string()) } else { eprintln!("hystation: {line}") }
+        if self.draw { self.lines.push(line.to_string()) } else { self.printer.say(line) }
     }
 
     fn draw(&mut self, viewer: &mut Viewer) {
@@ -306,13 +311,11 @@ impl Guardian {
             return;
         }
         let view = viewer.look();
-        let screen = screen(&view, &mut self.lines);
-        let mut out = std::io::stdout();
-        let _ = out.write_all(screen.as_bytes()).and_then(|()| out.flush()); // a terminal that has gone shows nothing
+        self.printer.show(screen(&view, &mut self.lines));
     }
 
     /// Stops everything, kills what does not stop, writes the report, removes everything.
-    fn end(&mut self, plan: &Plan) -> u8 {
+    fn end(mut self, plan: &Plan) -> u8 {
         self.notifier.say("STOPPING=1\n");
         self.page.store32_and_wake(layout::STOP, 1);
         self.page.bump_and_wake(layout::CHANGES);
@@ -321,10 +324,10 @@ impl Guardian {
         remains::wait_until_gone(&station, deadline_ns, || self.reap());
         let killed = remains::kill_all(&station, || self.reap());
         for line in journal::news(&station, &mut self.seen) {
-            eprintln!("hystation: {}", line.trim_end());
+            self.printer.say(line.trim_end());
         }
         if !killed.is_empty() {
-            eprintln!("hystation: killed because they did not stop: {}", killed.join(", "));
+            self.printer.say(&format!("killed because they did not stop: {}", killed.join(", ")));
         }
         let verdict = Verdict::read(&station);
         let mut report = report::take(&station);
@@ -333,18 +336,19 @@ impl Guardian {
         station.wipe();
         let left = count_leftovers(&station);
         report["leftovers"] = left.clone();
-        eprintln!("hystation: {faults}");
+        self.printer.say(&faults);
         let mut code = judge(&report, &left, plan);
         if let Some(verdict) = verdict {
-            eprintln!("hystation: {}", verdict.message);
+            self.printer.say(&verdict.message);
             code = verdict.code;
         }
         if let Some(path) = &self.order.report
             && let Err(error) = std::fs::write(path, format!("{report:#}\n"))
         {
-            eprintln!("hystation: --report {}: {error}; give a path that can be written", path.display());
+            self.printer.say(&format!("--report {}: {error}; give a path that can be written", path.display()));
             code = code.max(1);
         }
+        self.printer.finish();
         code
     }
 }

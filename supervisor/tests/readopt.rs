@@ -115,6 +115,32 @@ fn a_guardian_that_stands_stopped_is_replaced_and_one_that_is_asked_to_pause_goe
     assert_eq!(place.leftovers(), Vec::<String>::new());
 }
 
+/// A pipe that is full: whoever writes to it stands until somebody reads.
+fn full_pipe() -> (std::io::PipeReader, std::io::PipeWriter) {
+    let (reader, mut writer) = std::io::pipe().unwrap();
+    rustix::fs::fcntl_setfl(&writer, rustix::fs::OFlags::NONBLOCK).unwrap();
+    while std::io::Write::write(&mut writer, &[b'.'; 4_096]).is_ok() {}
+    rustix::fs::fcntl_setfl(&writer, rustix::fs::OFlags::empty()).unwrap();
+    (reader, writer)
+}
+
+#[test]
+fn a_guardian_whose_words_nobody_reads_keeps_the_station_and_ends_it() {
+    let place = Place::new("unheard");
+    let (_reader, writer) = full_pipe();
+    let mut command = place.command(&["run", "--headless", "--binaries", place.folder.to_str().unwrap()]);
+    let mut child = command.stdout(Stdio::null()).stderr(writer).spawn().unwrap();
+    let mut rows = place.wait_ready();
+    let guardian = pid_of(&rows, "guardian");
+    for _ in 0..3 {
+        rows = kill_and_wait(&place, &rows, &["supervisor"]); // a line each
+    }
+    assert_eq!(pid_of(&rows, "guardian"), guardian);
+    assert!(place.call(&["stop"]).status.success());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(place.leftovers(), Vec::<String>::new());
+}
+
 #[test]
 fn a_run_of_the_same_settings_takes_over_from_a_stand_in_and_another_is_refused() {
     let place = Place::new("attach");

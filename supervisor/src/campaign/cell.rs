@@ -51,6 +51,9 @@ impl State {
     }
 }
 
+/// Longest time within which hangs may be asked to be found, ms: what hangs is ended long before.
+const MOST_FOUND_MS: f64 = 60_000.0;
+
 /// Cells as the file has them: every kind × every target × every state.
 #[derive(Debug, Deserialize)]
 pub struct Group {
@@ -64,6 +67,7 @@ pub struct Group {
     #[serde(default)]
     arms: Vec<String>,
     allowed_misses: Option<u64>,
+    found_ms: Option<f64>,
     with: Option<String>,
     swap: Option<String>,
     /// Options of the faults, as `fault inject` and a file for `--faults` take them.
@@ -94,6 +98,8 @@ pub struct Cell {
     pub arms: Vec<String>,
     /// Misses beyond the control's that this fault may cost: 20 ms for the device, else none.
     pub allowed_misses: u64,
+    /// Half of those that hang are to be found within this time, ms.
+    pub found_ms: Option<f64>,
     /// The fault in whose recovery this one comes.
     pub with: Option<Injection>,
     /// The role that is swapped meanwhile.
@@ -116,6 +122,11 @@ impl Group {
             return Err("kinds, targets, states and count: none of them may be empty or 0".into());
         }
         self.limit_upper95.map_or(Ok(()), check_limit)?;
+        if let Some(found_ms) = self.found_ms.filter(|found_ms| !(*found_ms > 0.0 && *found_ms <= MOST_FOUND_MS)) {
+            return Err(format!(
+                "found_ms = {found_ms}: within this time half of the hangs are to be found, above 0 to {MOST_FOUND_MS} ms"
+            ));
+        }
         if let Some(pool) = self.pool.as_ref().filter(|pool| !pools.iter().any(|known| known.name == **pool)) {
             return Err(format!("pool {pool:?}: there is no [[pool]] of this name"));
         }
@@ -153,6 +164,7 @@ impl Group {
             pool: self.pool.clone(),
             arms: self.arms.clone(),
             allowed_misses: self.allowed_misses.unwrap_or(if is_device { DEVICE_TICKS } else { 0 }),
+            found_ms: self.found_ms,
             with,
             swap,
         })

@@ -55,6 +55,8 @@ fn a_cell_that_cannot_be_is_refused_with_what_there_is() {
         ("count = 15", "count = 15\ntick = 3", "drawn"),
         ("count = 15", "count = 200000", "at most"),
         ("count = 15", "count = 15\nlimit_upper95 = nan", "limit"),
+        ("count = 15", "count = 15\nfound_ms = nan", "found_ms"),
+        ("count = 15", "count = 15\nfound_ms = 0.0", "found_ms"),
         ("count = 15", "count = 15\nwith = \"kill tissue:active\"", "recovery"),
         ("for = 0.5", "for = -1.0", "3600"),
         ("pool = \"others\"", "pool = \"other\"", "no [[pool]]"),

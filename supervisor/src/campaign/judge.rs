@@ -47,6 +47,9 @@ pub struct Figures {
     pub detected_by: BTreeMap<String, usize>,
     /// From the injection to its detection, ms, ascending.
     pub detected_ms: Vec<f64>,
+    /// The same of those that hung and were found by their silence, ms, ascending.
+    #[serde(default)]
+    pub hang_ms: Vec<f64>,
     /// To the end of the last tick that missed its force because of it, ms, ascending.
     pub contained_ms: Vec<f64>,
     /// To a successor that is warm or live, ms, ascending.
@@ -127,7 +130,7 @@ pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &
             gather(name, arm, &here, plan, outcomes, step_n, &lost)
         };
         for cell in &campaign.cells {
-            let found = figures(&cell.name, &|other| other.name == cell.name);
+            let found = figures(&cell.name, &|other| other.name == cell.name).bound_hangs(cell.found_ms);
             cells.push(conclude(found, cell.limit_upper95, arm, true, campaign));
         }
         for pool in &campaign.pools {
@@ -274,6 +277,7 @@ impl Figures {
             *self.detected_by.entry(fault.detected_by.clone()).or_default() += 1;
         }
         self.detected_ms.extend(ms(fault.detected_us));
+        self.take_hang(fault);
         self.contained_ms.extend(ms(fault.contained_us));
         self.recovered_ms.extend(ms(fault.recovered_us));
         self.promise_held += usize::from(fault.promise_held == Some(true));

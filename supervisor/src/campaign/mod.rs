@@ -8,6 +8,7 @@ pub mod bounds;
 pub mod cell;
 pub mod draw;
 pub mod file;
+mod found;
 pub mod html;
 pub mod judge;
 pub mod junit;
