@@ -122,8 +122,8 @@ fn state_letter(stat: &File) -> Option<u8> {
     text.get(close + 2).copied()
 }
 
-/// Kills a process, of a role if that is known. Before that, all of its threads are demoted to the idle class, so that its tear-down disturbs nobody; not those of the
-/// device: nobody does its work until it is gone, and in the idle class that took up to a second on a busy machine.
+/// Kills a process, of a role if that is known. Before that, all of its threads are made ordinary ones, so that its tear-down disturbs nobody who is real
+/// time; not those of the device: nobody does its work until it is gone.
 pub fn end(role: Option<Role>, process: u32) {
     demote(role, process);
     signal(process, Signal::KILL);

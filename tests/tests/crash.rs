@@ -1,7 +1,7 @@
 //! A state that kills whoever goes on from it, and an input that kills everybody: restarts alone would never end. The station goes back to an older
 //! state; if that does not help either, it holds the tissue still, lets the force fade, says so, goes on, and tries again later.
 //!
-//! The tissue dies in its own step (`poison`, `doom`), so nothing here depends on how soon a test gets the processor.
+//! The victims die in their own step (`poison`, `doom`), so nothing here depends on how soon a test gets the processor.
 
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
@@ -18,6 +18,8 @@ const BEFORE_TICKS: u64 = 15_000;
 const KEPT_TICKS: u64 = 400;
 /// On a busy machine the newest checkpoint may still be one from before the flaw; then the trouble is made again.
 const TRIES: usize = 6;
+/// Force that is felt, N.
+const FELT_N: f64 = 0.2;
 /// Force below which nothing is felt, N.
 const NOTHING_N: f64 = 0.02;
 
@@ -157,6 +159,30 @@ fn a_run_that_ends_with_a_tissue_held_still_says_so() {
     let doomed = ended.report["faults"].as_array().into_iter().flatten();
     let doomed = doomed.filter(|fault| fault["target"].as_str().is_some_and(|name| name.starts_with("tissue"))).count();
     assert!((7..40).contains(&doomed), "the promotions are bounded: {doomed}\n{}", ended.said);
+}
+
+/// What one input does to every servo leaves none: the force fades and that is said, the rest goes on, and the force comes back once the input is gone.
+#[test]
+fn an_input_that_kills_every_servo_lets_the_force_fade_until_it_is_gone() {
+    let station = Station::start("no-servo", &["--hand", "script:press", "--test-mode"]);
+    station.run_ticks(1_000);
+    let device = || station.processes("device")[0]["pid"].clone();
+    let before = device();
+    wait_until(&station, "the hand presses", || station.force_n() > FELT_N);
+    let (victim, _) = station.victim("haptic:active");
+    station.inject(&format!("doom {victim} --for 3s"));
+    wait_until(&station, "it is said", || station.said().contains("no servo is left: the force fades"));
+    wait_until(&station, "the force fades", || station.force_n() < NOTHING_N);
+    wait_until(&station, "the force comes back", || station.force_n() > FELT_N);
+    assert_eq!(device(), before, "the device was touched: {}", station.said());
+    station.run_ticks(1_000);
+    let ended = station.stop();
+    ended.assert_clean();
+    ended.assert_recorded();
+    assert!(ended.number("device.ramped") > 0.0 && ended.number("device.zero") > 0.0, "{}", ended.report["device"]);
+    let of_servo = |fault: &&serde_json::Value| fault["target"].as_str().is_some_and(|name| name.starts_with("haptic"));
+    let deaths = ended.report["faults"].as_array().into_iter().flatten().filter(of_servo).count();
+    assert!((2..60).contains(&deaths), "{deaths} servos were spent on it\n{}", ended.said);
 }
 
 /// One bit in each copy of the newest state of both slots is turned over, then both die: the successor finds it out and takes an older one.

@@ -100,6 +100,7 @@ impl Servo<'_> {
                 continue;
             }
             self.life.misbehave();
+            self.life.perish();
             self.tick(&input, woken_ns);
             self.account(&input, woken_ns);
         }

@@ -85,11 +85,19 @@ impl Life {
 
     /// Before a holder's step from a state: dies if it is one to die of.
     pub fn succumb(&self, state: &StreamHeader) {
-        let doomed = self.curses().any(|curse| curse.what == Mischief::Doom);
+        self.perish();
         let flawed = state.words[1] == FLAWED && self.curses().any(|curse| curse.what == Mischief::Poison) && !self.is_poisoner();
-        if doomed || flawed {
+        if flawed {
             self.own_up();
-            panic!("asked to, in test mode: {}", if doomed { "in each step" } else { "of a flawed state" });
+            panic!("asked to, in test mode: of a flawed state");
+        }
+    }
+
+    /// Before a step that each process of a role makes, from whatever state: dies if it is asked to do so in each.
+    pub fn perish(&self) {
+        if self.curses().any(|curse| curse.what == Mischief::Doom) {
+            self.own_up();
+            panic!("asked to, in test mode: in each step");
         }
     }
 

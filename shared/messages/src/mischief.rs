@@ -89,7 +89,7 @@ impl Mischief {
         (Mischief::Nan as u8..=Mischief::Ahead as u8).contains(&(self as u8))
     }
 
-    /// Whether it concerns a role with a state, and so the successors of whom is asked.
+    /// Whether it concerns a role, and so the successors of whom is asked.
     pub fn is_lasting(self) -> bool {
         matches!(self, Mischief::Poison | Mischief::Doom)
     }

@@ -110,7 +110,11 @@ impl FaultKind {
             "poison",
             "its states are flawed from now on: whoever else takes the role with one of them dies of it",
         ),
-        (FaultKind::Doom, "doom", "each holder of its role dies in its next step, whatever state it goes on from"),
+        (
+            FaultKind::Doom,
+            "doom",
+            "each holder of its role (haptic: each process) dies in its next step, whatever it goes on from",
+        ),
         (
             FaultKind::LeakMemory,
             "leak-memory",
@@ -226,6 +230,7 @@ impl FaultKind {
                 Some("it has no stream to loan from")
             }
             Role::Rendering | Role::Recorder if what.is_lie() => Some("it publishes nothing that another process computes from"),
+            Role::Haptic if what == Mischief::Doom => None, // all of them compute from the same input
             _ if what.is_lasting() && !is_stateful(role) => Some("it has no state that a successor goes on from"),
             Role::Device | Role::Haptic if what == Mischief::Epoch => Some("its output has no epoch"),
             Role::Device | Role::Haptic if what == Mischief::Layout => {
