@@ -248,7 +248,8 @@ fn gather(
             }
         }
     }
-    for list in [&mut figures.detected_ms, &mut figures.contained_ms, &mut figures.recovered_ms] {
+    let lists = [&mut figures.detected_ms, &mut figures.hang_ms, &mut figures.contained_ms, &mut figures.recovered_ms];
+    for list in lists {
         list.sort_by(f64::total_cmp);
     }
     if !figures.excess_misses.is_empty() {

@@ -57,11 +57,7 @@ impl Commands {
 
     /// Takes a command that had come by a tick that has passed, if it may be followed.
     fn is_next(&mut self, command: &ForceCommand, station_tick: u64, max_force_n: f32) -> bool {
-        let limits = ForceLimits { max_force_n, max_age_ticks: 0 };
-        let is_sound = command.force_tick <= command.tick
-            && command.tick < station_tick
-            && valid_force(command.tick, command.tick, command.force_n, &limits).is_ok();
-        let is_next = is_sound && command.tick > self.newest.tick;
+        let is_next = is_sound(command, station_tick.saturating_sub(1), max_force_n) && command.tick > self.newest.tick;
         if is_next {
             self.watch = WatchState::default(); // the tip stood still for the device, which had no newer sample
             (self.newest, self.from_past) = (*command, true);
@@ -75,9 +71,7 @@ impl Commands {
     }
 
     fn judge(&mut self, command: &ForceCommand, present_tick: u64, tip_m: [f32; 3], max_force_n: f32) -> Result<(), Distrust> {
-        let limits = ForceLimits { max_force_n, max_age_ticks: 0 };
-        let is_ahead = command.tick > present_tick + MOST_AHEAD_TICKS || command.force_tick > command.tick;
-        if is_ahead || valid_force(command.tick, command.tick, command.force_n, &limits).is_err() {
+        if !is_sound(command, present_tick + MOST_AHEAD_TICKS, max_force_n) {
             return Err(Distrust::Invalid);
         }
         if command.tick <= self.newest.tick {
@@ -95,6 +89,14 @@ impl Commands {
         self.watch = watch;
         if verdict == WatchVerdict::OutputFrozen { Err(Distrust::Frozen) } else { Ok(()) }
     }
+}
+
+/// Whether the motors can follow a command, of a tick up to the last that can be, whose force was computed for no later one.
+fn is_sound(command: &ForceCommand, last_tick: u64, max_force_n: f32) -> bool {
+    let limits = ForceLimits { max_force_n, max_age_ticks: 0 };
+    command.tick <= last_tick
+        && command.force_tick <= command.tick
+        && valid_force(command.tick, command.tick, command.force_n, &limits).is_ok()
 }
 
 #[cfg(test)]
