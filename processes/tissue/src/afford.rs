@@ -3,6 +3,7 @@
 //! Promise: a start on a machine that is busy for a moment leaves no session with longer steps than the machine manages. It is decided once, because
 //! within an epoch every state follows from the one a step before it; the state says the step, and followers take it from there.
 
+use crate::contacts::LAW;
 use crate::world::World;
 use hyst_engine::Failure;
 use hyst_exchange::system;
@@ -41,14 +42,7 @@ pub fn affordable_step(world: &World) -> Result<u64, Failure> {
         let begun_ns = system::thread_ns();
         let now = StateRef { position_m: &rest, velocity_m_s: &still };
         let next = StateMut { position_m: &mut position_m, velocity_m_s: &mut velocity_m_s };
-        let input = StepInput {
-            external_force_n: &[],
-            targets_m: &[],
-            springs: &[],
-            pairs: &[],
-            attachments: &world.attachments,
-            dt_s: ticks as f32 * 1e-3,
-        };
+        let input = StepInput { attachments: &world.attachments, law: LAW, dt_s: ticks as f32 * 1e-3, ..StepInput::default() };
         step(&world.model, &mut scratch, now, &input, next).map_err(|error| Failure::Input(error.to_string()))?;
         Ok(system::thread_ns() - begun_ns)
     };

@@ -1,13 +1,15 @@
 //! From hits to springs for the deformation, forces on the tool, and planes for the servo.
+//!
+//! Promise: the hand is told what the tissue got. A contact is a law that the deformation evaluates in every substep, with what it is softened by there,
+//! and the force on the tool is what the same law does to the state that the step wrote.
 
 use crate::world::{TOOL_ID, World};
 use hyst_contact::{
-    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Motion, Penetration, PenetrationInput,
-    PenetrationParams, PlaneInput, PlaneParams, PlaneSet, Points, ResponseOutput, ResponseParams, Retreat, Rigid, Tissue,
-    Workspace, Wrench, find_gaps, own_face, penetration, planes, respond,
+    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Penetration, PenetrationInput, PenetrationParams,
+    PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Tissue, Workspace, find_gaps, own_face, penetration, planes,
 };
 use hyst_engine::Failure;
-use hyst_tissue::{PairSpring, PlaneSpring, gather};
+use hyst_tissue::{ContactLaw, PairSpring, PlaneSpring, Scratch, StateRef};
 
 /// Contact stiffness per area, N/m³: a tip of 5 mm diameter (20 mm²) is met with about 1.5 kN/m, several times stiffer than tissue of 30 kPa
 /// under it, so that the tissue yields and not the contact.
@@ -20,15 +22,13 @@ const MAX_TISSUE_DEPTH_M: f32 = 0.003;
 const MAX_DEPTH_M: f32 = 0.02;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
 const ANTICIPATION_M: f32 = 0.002;
-/// Largest force of one point, N.
-const MAX_POINT_FORCE_N: f32 = 5.0;
 
-const RESPONSE: ResponseParams = ResponseParams {
-    stiffness_n_m3: STIFFNESS_N_M3,
-    damping_speed_m_s: f32::INFINITY,
-    friction: 0.05, // wet mucosa against metal slides
-    slip_speed_m_s: 0.01,
-    max_point_force_n: MAX_POINT_FORCE_N,
+/// How contacts answer, those with the tool and those of tissue with tissue.
+pub const LAW: ContactLaw = ContactLaw {
+    damping_s: 6e-4,
+    friction: 0.05, // wet mucosa slides, on metal and on itself
+    slip_m_s: 0.01,
+    most_n: 5.0,
 };
 
 /// Buffers of the contact part of a step, sized once.
@@ -36,8 +36,8 @@ pub struct Contacts {
     work: Workspace,
     /// The tool's is part of the state; that of tissue is forgotten after each step.
     memory: Vec<Memory>,
-    velocity_m_s: Vec<[f32; 3]>,
     found: Vec<Penetration>,
+    /// What each spring does to the tool.
     forces: Vec<ContactForce>,
     node_force_n: Vec<[f32; 3]>,
     gaps: Vec<Gap>,
@@ -47,7 +47,6 @@ pub struct Contacts {
     springs: Vec<PlaneSpring>,
     /// Where tissue meets other tissue.
     pairs: Vec<PairSpring>,
-    count: usize,
 }
 
 /// The tool in one step.
@@ -88,26 +87,23 @@ impl Contacts {
         Contacts {
             work: Workspace::new(points, hits, world.model.node_count()),
             memory: vec![Memory::default(); points],
-            velocity_m_s: vec![[0.0; 3]; points],
             found: vec![Penetration::default(); hits],
-            forces: vec![ContactForce::default(); hits],
+            forces: Vec::with_capacity(hits),
             node_force_n: vec![[0.0; 3]; world.model.node_count()],
             gaps: vec![Gap::FAR; world.points.tool],
             tool_table: vec![0; HashSizes::for_points(world.points.tool).words()],
             springs: Vec::with_capacity(hits),
             pairs: Vec::with_capacity(hits),
-            count: 0,
         }
     }
 
-    /// Depth, direction and force of each hit; the springs that the deformation feels. `memory` is that of the tool's points.
+    /// Depth and direction of each hit; the springs that the deformation feels. `memory` is that of the tool's points.
     pub fn meet(
         &mut self,
         world: &World,
         hits: &[Hit],
         tool: &ToolMotion<'_>,
         positions_m: &[[f32; 3]],
-        velocities_m_s: &[[f32; 3]],
         memory: &mut [Memory],
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
@@ -125,43 +121,22 @@ impl Contacts {
         of_tissue.fill(Memory::default());
         let found = penetration(&input, &params, &mut self.memory, &mut self.work, &mut self.found).map_err(broken)?.count;
         memory.copy_from_slice(&self.memory[..world.points.tool]);
-        self.velocity_m_s[..world.points.tool].fill(tool.velocity_m_s);
-        let of_tissue = self.velocity_m_s[world.points.tool..].iter_mut().zip(&world.points.node[world.points.tool..]);
-        of_tissue.for_each(|(velocity, node)| *velocity = velocities_m_s.get(*node as usize).copied().unwrap_or_default());
         self.node_force_n.fill([0.0; 3]);
-        let motion = Motion {
-            points_m: tool.points_m,
-            point_velocity_m_s: &self.velocity_m_s,
-            point_area_m2: &world.points.area_m2,
-            node_velocity_m_s: velocities_m_s,
-        };
-        let rigids = [Rigid { owner: TOOL_ID, reference_m: tool.tip_m }];
-        let mut wrenches = [Wrench::default()];
-        let mut out =
-            ResponseOutput { node_force_n: &mut self.node_force_n, wrenches: &mut wrenches, contacts: &mut self.forces };
-        let found = &self.found[..found];
-        let answered = respond(found, &points, &motion, &tissue, &rigids, &RESPONSE, &mut out).map_err(broken)?;
-        self.spring(world, tool, positions_m, answered.count);
+        self.spring(world, tool, positions_m, found);
         Ok(())
     }
 
-    /// A contact is a law for the deformation, not a force: it is evaluated in every substep. The tool's points come first.
+    /// The springs of what was found. The tool's points come first.
     fn spring(&mut self, world: &World, tool: &ToolMotion<'_>, positions_m: &[[f32; 3]], found: usize) {
         let tissue = tissue(world, positions_m);
         self.springs.clear();
+        self.forces.clear();
         self.pairs.clear();
-        self.node_force_n.fill([0.0; 3]);
-        self.count = self.found[..found].partition_point(|found| (found.point as usize) < world.points.tool);
-        for (found, force) in self.found[..found].iter().zip(&self.forces) {
+        for found in &self.found[..found] {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
             let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
-            // Friction acts on the tissue as a force of the step: it is bounded by the normal force.
-            let friction: [f32; 3] = std::array::from_fn(|axis| force.normal_n * found.direction[axis] - force.force_n[axis]);
-            hyst_tissue::scatter(*nodes, found.weights, friction, &mut self.node_force_n);
             if let Some(node) = world.points.view().node_of(found.point) {
-                let of_node = &mut self.node_force_n[node as usize];
-                of_node.iter_mut().zip(friction).for_each(|(sum, part)| *sum -= part);
                 let (depth_m, normal) = way_out(world, &tissue, found, point);
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
                 self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, stiffness_n_m });
@@ -169,7 +144,10 @@ impl Contacts {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
                 let (offset_m, stiffness_n_m) = (along + found.depth_m, STIFFNESS_N_M3 * area_m2);
-                self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, stiffness_n_m });
+                let velocity_m_s = tool.velocity_m_s;
+                self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, velocity_m_s, stiffness_n_m });
+                let direction = found.direction;
+                self.forces.push(ContactForce { point: found.point, owner: TOOL_ID, direction, ..ContactForce::default() });
             }
         }
     }
@@ -196,30 +174,26 @@ impl Contacts {
 
     /// Contacts of the tool in the step.
     pub fn count(&self) -> usize {
-        self.count
+        self.springs.len()
     }
 
-    /// The planes for the servo and the force on the tool, from the tissue as it is after the step.
+    /// The planes for the servo and the force on the tool, from the tissue as it is after the step that `scratch` has made.
     pub fn planes(
         &mut self,
         world: &World,
         hash: &HashRef<'_>,
         tool: &ToolMotion<'_>,
-        positions_m: &[[f32; 3]],
+        after: &StateRef<'_>,
+        scratch: &Scratch,
     ) -> Result<(PlaneSet, [f32; 3]), Failure> {
         let mut total = [0.0f32; 3];
         for (spring, force) in self.springs.iter().zip(&mut self.forces) {
-            let at = gather(spring.nodes, spring.weights, positions_m).unwrap_or([0.0; 3]);
-            let along: f32 = spring.normal.iter().zip(at).map(|(n, p)| n * p).sum();
-            let before = force.normal_n;
-            force.normal_n = (spring.stiffness_n_m * (spring.offset_m - along)).clamp(0.0, MAX_POINT_FORCE_N);
-            force.stiffness_n_m = spring.stiffness_n_m;
-            for ((sum, part), along) in total.iter_mut().zip(&mut force.force_n).zip(force.direction) {
-                *part += (force.normal_n - before) * along;
-                *sum += *part;
-            }
+            let push = scratch.push(&world.model, &LAW, spring, after);
+            (force.normal_n, force.stiffness_n_m) = (push.normal_n, push.stiffness_n_m);
+            force.force_n = push.force_n.map(|part| -part);
+            total.iter_mut().zip(force.force_n).for_each(|(sum, part)| *sum += part);
         }
-        let tissue = tissue(world, positions_m);
+        let tissue = tissue(world, after.position_m);
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let count = world.points.tool;
         let (owner, area_m2) = (&world.points.owner[..count], &world.points.area_m2[..count]);
@@ -233,7 +207,7 @@ impl Contacts {
             find_gaps(&table, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
         }
         let input = PlaneInput {
-            contacts: &self.forces[..self.springs.len()],
+            contacts: &self.forces,
             gaps: &self.gaps,
             owner,
             point_area_m2: area_m2,

@@ -13,14 +13,14 @@ mod tests;
 use crate::afford::{LONGEST_STEP, affordable_step};
 use crate::clerk::Clerk;
 use crate::collision::Collision;
-use crate::contacts::{Contacts, ToolMotion};
+use crate::contacts::{Contacts, LAW, ToolMotion};
 use crate::drift::drift_forces;
 use crate::knife::Knife;
 use crate::site::SiteManager;
 use crate::state::{Core, hash, is_sound, most_bytes, sections};
 use crate::world::{Workshop, World};
 use hand::Hand;
-use hyst_contact::{Memory, PlaneSet};
+use hyst_contact::PlaneSet;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
 use hyst_exchange::{Links, ReadPage, Roster, system};
@@ -221,7 +221,6 @@ impl Stateful for MainLoop<'_> {
         body.copy_from_slice(bytemuck::cast_slice(&world.words));
         self.knife.write_stroke(next_stroke);
         memory.copy_from_slice(message.section::<u8>(4)?);
-        let memory: &mut [Memory] = bytemuck::cast_slice_mut(memory);
 
         // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
         world.points.place(&world.case.tool, &pose, positions, &mut self.points_m);
@@ -229,31 +228,33 @@ impl Stateful for MainLoop<'_> {
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
 
-        // Response: springs for the deformation, friction and the fluid's pressure as forces.
+        // Response: contacts as springs for the deformation, the fluid's pressure as forces.
         let back = std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]);
         let tool = ToolMotion { points_m: &self.points_m, velocity_m_s, tip_m: pose.position_m, back };
-        self.contacts.meet(world, self.collision.hits(), &tool, positions, velocities, memory)?;
+        self.contacts.meet(world, self.collision.hits(), &tool, positions, bytemuck::cast_slice_mut(memory))?;
         medium_forces(world, &before, positions, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
         let next_positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(next_positions);
-        let state = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
+        let from = StateRef { position_m: positions, velocity_m_s: velocities };
         let input = StepInput {
             external_force_n: self.contacts.forces_n(),
-            targets_m: &[],
             springs: self.contacts.springs(),
             pairs: self.contacts.pairs(),
             attachments: &world.attachments,
+            law: LAW,
             dt_s: context.step_ticks as f32 * 1e-3,
+            ..StepInput::default()
         };
-        let from = StateRef { position_m: positions, velocity_m_s: velocities };
-        step(&world.model, &mut self.scratch, from, &input, state).map_err(|error| Failure::Broken(error.to_string()))?;
+        let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
+        step(&world.model, &mut self.scratch, from, &input, to).map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
         surface_update(&world.body.skin.bindings, world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
 
         // Forces to the device.
-        let (planes, force_n) = self.contacts.planes(world, &self.collision.table()?, &tool, next_positions)?;
+        let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
+        let (planes, force_n) = self.contacts.planes(world, &self.collision.table()?, &tool, &after, &self.scratch)?;
         self.planes = planes;
         let core_now = Core {
             pose,

@@ -140,6 +140,7 @@ fn assemble(
         blocks,
         rest_blocks,
         mass_kg: mass.iter().map(|&mass| mass as f32).collect(),
+        bound_n_m: stiffness.iter().map(|&bound| bound as f32).collect(),
         held,
         options: *options,
         omega_rest_per_s,

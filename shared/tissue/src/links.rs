@@ -1,5 +1,8 @@
 //! Springs that are evaluated in every substep: contacts with a plane, contacts of a node with a tet, and attachments of a node to a point in a tet.
 //!
+//! A contact is damped along its normal and has friction across it, both as far as explicit integration allows: the tissue has next to no damping of its
+//! own at the frequency of a node in a stiff contact, and would ring on for as long as it is touched.
+//!
 //! A force that is held for a whole step samples the fast modes of the tissue too rarely: even a weak spring then feeds them.
 //! Therefore what reacts to positions is handed over as a law, not as a force. Promise: the springs at a free node never add up
 //! to more than the stiffness that the model's bound includes; where they would, they are softened, and counted. Each force has
@@ -15,6 +18,40 @@ const NORMAL_TOLERANCE: f32 = 1e-3;
 /// How far the sum of an attachment's weights may be from 1.
 const WEIGHT_TOLERANCE: f32 = 1e-3;
 
+/// How contacts answer, all of a step alike.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ContactLaw {
+    /// Damping along the normal over stiffness, s, as far as the substep allows it.
+    pub damping_s: f32,
+    /// Coulomb's coefficient of friction.
+    pub friction: f32,
+    /// Slip at which friction is full, m/s: below it friction grows with the slip.
+    pub slip_m_s: f32,
+    /// Largest normal force of one contact, N.
+    pub most_n: f32,
+}
+
+impl Default for ContactLaw {
+    /// Springs alone.
+    fn default() -> ContactLaw {
+        ContactLaw { damping_s: 0.0, friction: 0.0, slip_m_s: 0.01, most_n: EXTERNAL_FORCE_MAX_N }
+    }
+}
+
+impl ContactLaw {
+    /// The same with the default for what is no number of its range.
+    pub(crate) fn sane(self) -> ContactLaw {
+        let (range, default) = (0.0..=EXTERNAL_FORCE_MAX_N, ContactLaw::default());
+        let or = |value: f32, default: f32| if range.contains(&value) { value } else { default };
+        ContactLaw {
+            damping_s: or(self.damping_s, default.damping_s),
+            friction: or(self.friction, default.friction),
+            slip_m_s: or(self.slip_m_s, default.slip_m_s),
+            most_n: or(self.most_n, default.most_n),
+        }
+    }
+}
+
 /// A one-sided contact: it pushes the point Σ wᵢ·xᵢ along `normal` with stiffness × depth while normal·point < `offset_m`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaneSpring {
@@ -26,8 +63,21 @@ pub struct PlaneSpring {
     pub normal: [f32; 3],
     /// Place of the plane along the normal, m.
     pub offset_m: f32,
+    /// Velocity of the obstacle, m/s, which damping and friction are relative to. The plane itself stays where it is during the step.
+    pub velocity_m_s: [f32; 3],
     /// Stiffness, N/m. Where the springs of a node add up to more than the model's contact stiffness, they are softened to it.
     pub stiffness_n_m: f32,
+}
+
+/// What a contact does at a state.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Push {
+    /// Force of the spring along the normal, N, at least 0, without damping and friction.
+    pub normal_n: f32,
+    /// Stiffness after softening, N/m.
+    pub stiffness_n_m: f32,
+    /// Force on the tissue, N, with damping and friction.
+    pub force_n: [f32; 3],
 }
 
 /// A node held at a point in a tet of the same model: the stalk of a polyp in the wall of the uterus. (Objects that hold each
@@ -68,6 +118,9 @@ pub(crate) struct Links<'a> {
     pub springs: &'a [PlaneSpring],
     pub pairs: &'a [PairSpring],
     pub attachments: &'a [Attachment],
+    pub law: ContactLaw,
+    /// Substep, s.
+    pub substep_s: f32,
 }
 
 fn in_range(nodes: &[u32; 4], count: usize) -> bool {
@@ -84,11 +137,12 @@ fn are_weights(weights: &[f32; 4]) -> bool {
 }
 
 impl PlaneSpring {
-    fn usable(&self, nodes: usize) -> bool {
+    pub(crate) fn usable(&self, nodes: usize) -> bool {
         in_range(&self.nodes, nodes)
             && are_weights(&self.weights)
             && is_unit(&self.normal)
             && self.offset_m.is_finite()
+            && self.velocity_m_s.iter().all(|speed| speed.is_finite())
             && (0.0..=EXTERNAL_FORCE_MAX_N).contains(&self.stiffness_n_m)
     }
 
@@ -135,32 +189,107 @@ impl PairSpring {
     fn loads(&self) -> [(u32, f32); 5] {
         loads_of_joint(self.node, &self.tet, &self.weights, self.stiffness_n_m)
     }
-
-    /// Force along the normal at `position`, N, at least 0.
-    fn push_n(&self, position: &[[f32; 4]], softening: f32) -> f32 {
-        let apart = |axis: usize| position[self.node as usize][axis] - dot(&self.weights, &self.tet, position, axis);
-        let left_m = self.depth_m - (0..3).map(|axis| self.normal[axis] * apart(axis)).sum::<f32>();
-        (self.stiffness_n_m * softening * left_m).clamp(0.0, EXTERNAL_FORCE_MAX_N)
-    }
 }
 
-/// Factor that keeps the sum of the springs at each free node within the model's contact stiffness.
-fn softening(model: &Model, load_n_m: &[f32], loads: &[(u32, f32)]) -> f32 {
-    let limit = model.options.contact_stiffness_n_m as f32;
-    let mut factor = 1.0f32;
-    for &(node, share) in loads {
-        let node = node as usize;
-        if share > 0.0 && !model.held[node] && load_n_m[node] > limit {
-            factor = factor.min(limit / load_n_m[node]);
+/// Most of a node's damping over its mass times the substep: half of a speed is taken in a substep, or the speed would change its sign again and again.
+const DAMPING_PHASE: f32 = 0.5;
+/// Share that is taken of the damping with which explicit integration is just stable.
+const STABLE_SHARE: f32 = 0.95;
+
+/// How the springs of a step hold on to the nodes of a model.
+#[derive(Clone, Copy)]
+pub(crate) struct Grip<'a> {
+    pub model: &'a Model,
+    /// Sum of spring stiffness per node, N/m.
+    pub load_n_m: &'a [f32],
+    pub substep_s: f32,
+}
+
+impl Grip<'_> {
+    /// Factor that keeps the sum of the springs at each free node within the model's contact stiffness.
+    fn softening(&self, loads: &[(u32, f32)]) -> f32 {
+        let limit = self.model.options.contact_stiffness_n_m as f32;
+        let mut factor = 1.0f32;
+        for &(node, share) in loads {
+            let node = node as usize;
+            if share > 0.0 && !self.model.held[node] && self.load_n_m[node] > limit {
+                factor = factor.min(limit / self.load_n_m[node]);
+            }
         }
+        factor
     }
-    factor
+
+    /// Most damping of a spring over its stiffness, s. With rates that lag by half a substep h, explicit integration is stable while
+    /// 4M − 2hC − h²K is positive; K and C are below the diagonal matrices of κ (the model's bound) and of the sums of damping at the nodes.
+    fn most_damping_s(&self, loads: &[(u32, f32)]) -> f32 {
+        let (h, limit) = (self.substep_s, self.model.options.contact_stiffness_n_m as f32);
+        let mut most_s = EXTERNAL_FORCE_MAX_N;
+        for &(node, share) in loads {
+            let node = node as usize;
+            if share > 0.0 && !self.model.held[node] {
+                let (mass, bound) = (self.model.mass_kg[node], self.model.bound_n_m[node]);
+                let stable = STABLE_SHARE * (4.0 * mass - h * h * bound) / (2.0 * h);
+                let room_n_s_m = stable.min(DAMPING_PHASE * mass / h).max(0.0);
+                most_s = most_s.min(room_n_s_m / self.load_n_m[node].min(limit));
+            }
+        }
+        most_s
+    }
+
+    /// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side.
+    fn push(&self, law: &ContactLaw, spring: (&[f32; 3], f32), loads: &[(u32, f32)], depth_m: f32, apart_m_s: [f32; 3]) -> Push {
+        let (normal, stiffness_n_m) = spring;
+        if depth_m <= 0.0 {
+            return Push::default();
+        }
+        let stiffness_n_m = stiffness_n_m * self.softening(loads);
+        let most_n_s_m = stiffness_n_m * self.most_damping_s(loads);
+        let leaving_m_s = normal[0] * apart_m_s[0] + normal[1] * apart_m_s[1] + normal[2] * apart_m_s[2];
+        let normal_n = (stiffness_n_m * depth_m).min(law.most_n);
+        let damping_n_s_m = (stiffness_n_m * law.damping_s).min(most_n_s_m);
+        let damped_n = (normal_n - damping_n_s_m * leaving_m_s).clamp(0.0, law.most_n);
+        let slip = [0, 1, 2].map(|axis| apart_m_s[axis] - leaving_m_s * normal[axis]);
+        let slip_m_s = (slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]).sqrt();
+        let drag_n_s_m = (law.friction * damped_n / slip_m_s.max(law.slip_m_s)).min(most_n_s_m);
+        let force_n = [0, 1, 2].map(|axis| damped_n * normal[axis] - drag_n_s_m * slip[axis]);
+        if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
+    }
+
+    /// What a usable spring does.
+    pub fn of_plane<const N: usize>(
+        &self,
+        law: &ContactLaw,
+        spring: &PlaneSpring,
+        position: &[[f32; N]],
+        velocity: &[[f32; N]],
+    ) -> Push {
+        let (at, speed) = (point(&spring.weights, &spring.nodes, position), point(&spring.weights, &spring.nodes, velocity));
+        let depth_m = spring.offset_m - (spring.normal[0] * at[0] + spring.normal[1] * at[1] + spring.normal[2] * at[2]);
+        let apart_m_s = [0, 1, 2].map(|axis| speed[axis] - spring.velocity_m_s[axis]);
+        self.push(law, (&spring.normal, spring.stiffness_n_m), &spring.loads(), depth_m, apart_m_s)
+    }
+
+    /// What a usable pair does to its node; the tet takes the opposite.
+    fn of_pair(&self, law: &ContactLaw, pair: &PairSpring, position: &[[f32; 4]], velocity: &[[f32; 4]]) -> Push {
+        let apart = |rows: &[[f32; 4]]| {
+            let (node, point) = (rows[pair.node as usize], point(&pair.weights, &pair.tet, rows));
+            [0, 1, 2].map(|axis| node[axis] - point[axis])
+        };
+        let away = apart(position);
+        let depth_m = pair.depth_m - (pair.normal[0] * away[0] + pair.normal[1] * away[1] + pair.normal[2] * away[2]);
+        self.push(law, (&pair.normal, pair.stiffness_n_m), &pair.loads(), depth_m, apart(velocity))
+    }
 }
 
-fn dot(weights: &[f32; 4], nodes: &[u32; 4], position: &[[f32; 4]], axis: usize) -> f32 {
+/// Σ wᵢ·rowᵢ.
+fn point<const N: usize>(weights: &[f32; 4], nodes: &[u32; 4], rows: &[[f32; N]]) -> [f32; 3] {
+    [0, 1, 2].map(|axis| dot(weights, nodes, rows, axis))
+}
+
+fn dot<const N: usize>(weights: &[f32; 4], nodes: &[u32; 4], rows: &[[f32; N]], axis: usize) -> f32 {
     let mut sum = 0.0;
     for (weight, &node) in weights.iter().zip(nodes) {
-        sum += weight * position[node as usize][axis];
+        sum += weight * rows[node as usize][axis];
     }
     sum
 }
@@ -183,54 +312,53 @@ impl Links<'_> {
         for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
             attachment.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
         }
+        let grip = Grip { model, load_n_m, substep_s: self.substep_s };
         for spring in self.springs {
             let usable = spring.usable(count);
             ignored += u32::from(!usable);
-            softened += u32::from(usable && softening(model, load_n_m, &spring.loads()) < 1.0);
+            softened += u32::from(usable && grip.softening(&spring.loads()) < 1.0);
         }
         for pair in self.pairs {
             let usable = pair.usable(count);
             ignored += u32::from(!usable);
-            softened += u32::from(usable && softening(model, load_n_m, &pair.loads()) < 1.0);
+            softened += u32::from(usable && grip.softening(&pair.loads()) < 1.0);
         }
         for attachment in self.attachments {
             let usable = attachment.usable(count);
             ignored += u32::from(!usable);
-            softened += u32::from(usable && softening(model, load_n_m, &attachment.loads()) < 1.0);
+            softened += u32::from(usable && grip.softening(&attachment.loads()) < 1.0);
         }
         (softened, ignored)
     }
 
-    /// Adds the forces at `position` to `force`.
-    pub fn add_forces(&self, model: &Model, load_n_m: &[f32], position: &[[f32; 4]], force: &mut [[f32; 4]]) {
-        let count = load_n_m.len();
+    /// Adds the forces at `position` and `velocity` to `force`.
+    pub fn add_forces(
+        &self,
+        model: &Model,
+        load_n_m: &[f32],
+        (position, velocity): (&[[f32; 4]], &[[f32; 4]]),
+        force: &mut [[f32; 4]],
+    ) {
+        let (count, grip) = (load_n_m.len(), Grip { model, load_n_m, substep_s: self.substep_s });
         for spring in self.springs.iter().filter(|spring| spring.usable(count)) {
-            let along = [0, 1, 2].map(|axis| spring.normal[axis] * dot(&spring.weights, &spring.nodes, position, axis));
-            let depth_m = spring.offset_m - (along[0] + along[1] + along[2]);
-            if depth_m > 0.0 {
-                let stiffness = spring.stiffness_n_m * softening(model, load_n_m, &spring.loads());
-                let push_n = (stiffness * depth_m).min(EXTERNAL_FORCE_MAX_N);
-                for (&node, weight) in spring.nodes.iter().zip(spring.weights) {
-                    for axis in 0..3 {
-                        force[node as usize][axis] += weight * push_n * spring.normal[axis];
-                    }
+            let push = grip.of_plane(&self.law, spring, position, velocity);
+            for (&node, weight) in spring.nodes.iter().zip(spring.weights) {
+                for axis in 0..3 {
+                    force[node as usize][axis] += weight * push.force_n[axis];
                 }
             }
         }
         for pair in self.pairs.iter().filter(|pair| pair.usable(count)) {
-            let push_n = pair.push_n(position, softening(model, load_n_m, &pair.loads()));
-            if push_n > 0.0 {
-                for axis in 0..3 {
-                    let part_n = push_n * pair.normal[axis];
-                    force[pair.node as usize][axis] += part_n;
-                    for (&node, weight) in pair.tet.iter().zip(pair.weights) {
-                        force[node as usize][axis] -= weight * part_n;
-                    }
+            let push = grip.of_pair(&self.law, pair, position, velocity);
+            for axis in 0..3 {
+                force[pair.node as usize][axis] += push.force_n[axis];
+                for (&node, weight) in pair.tet.iter().zip(pair.weights) {
+                    force[node as usize][axis] -= weight * push.force_n[axis];
                 }
             }
         }
         for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
-            let stiffness = attachment.stiffness_n_m * softening(model, load_n_m, &attachment.loads());
+            let stiffness = attachment.stiffness_n_m * grip.softening(&attachment.loads());
             for axis in 0..3 {
                 let place = dot(&attachment.weights, &attachment.tet, position, axis);
                 let pull_n = stiffness * (place - position[attachment.node as usize][axis]);

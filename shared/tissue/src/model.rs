@@ -176,6 +176,8 @@ pub struct Model {
     /// Fixed by the caller, or used by no tet.
     pub(crate) held: Vec<bool>,
     pub(crate) mass_kg: Vec<f32>,
+    /// What bounds the stiffness at each node, contacts included, N/m.
+    pub(crate) bound_n_m: Vec<f32>,
     /// Per node row: 1/m, 0 for held nodes and in the fourth lane; 1/kg.
     pub(crate) inv_mass: Vec<Row>,
     /// Per node row: damping, 0 for held nodes; 1/s.

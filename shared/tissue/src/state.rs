@@ -1,6 +1,6 @@
 //! What goes into a step and what comes out of it: plain slices, so that they may lie in shared memory.
 
-use crate::links::{Attachment, PairSpring, PlaneSpring};
+use crate::links::{Attachment, ContactLaw, PairSpring, PlaneSpring};
 
 /// The state at one tick, one entry per node, in the caller's frame.
 #[derive(Debug, Clone, Copy)]
@@ -33,8 +33,25 @@ pub struct StepInput<'a> {
     pub pairs: &'a [PairSpring],
     /// Attachments that hold in this step.
     pub attachments: &'a [Attachment],
+    /// How contacts answer.
+    pub law: ContactLaw,
     /// Step, s.
     pub dt_s: f32,
+}
+
+impl Default for StepInput<'_> {
+    /// Nothing acts, for 1 ms.
+    fn default() -> Self {
+        StepInput {
+            external_force_n: &[],
+            targets_m: &[],
+            springs: &[],
+            pairs: &[],
+            attachments: &[],
+            law: ContactLaw::default(),
+            dt_s: 1e-3,
+        }
+    }
 }
 
 /// What the step did.

@@ -7,7 +7,7 @@ use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
 use crate::layout::{self, LANES, Row};
-use crate::links::Links;
+use crate::links::{ContactLaw, Grip, Links, PlaneSpring, Push};
 use crate::model::{Model, SUBSTEPS_MAX};
 use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
 
@@ -16,7 +16,7 @@ pub(crate) const EXTERNAL_FORCE_MAX_N: f32 = 1e12;
 /// Longest step, s: beyond it nothing about the hand's contact is true any more.
 const STEP_MAX_S: f32 = 0.02;
 
-/// Working memory of a step, made once per model. It carries nothing from step to step.
+/// Working memory of a step, made once per model. No step depends on what is left in it.
 #[derive(Debug, Clone)]
 pub struct Scratch {
     position: Vec<Row>,
@@ -26,6 +26,8 @@ pub struct Scratch {
     frames: Vec<Frame>,
     /// Sum of spring stiffness per node, N/m.
     load_n_m: Vec<f32>,
+    /// Substep of the last step, s.
+    substep_s: f32,
 }
 
 impl Scratch {
@@ -39,7 +41,20 @@ impl Scratch {
             external: rows(),
             frames: vec![Frame::ZERO; model.blocks.len()],
             load_n_m: vec![0.0; model.node_count()],
+            substep_s: 0.0,
         }
+    }
+
+    /// What a contact that was in the last step does at the state that the step wrote: what the tissue feels of it there, and so what the other side
+    /// is to feel. Nothing if the step ignored it.
+    pub fn push(&self, model: &Model, law: &ContactLaw, spring: &PlaneSpring, at: &StateRef<'_>) -> Push {
+        let count = self.load_n_m.len();
+        let has_room = [model.node_count(), at.position_m.len(), at.velocity_m_s.len()] == [count; 3];
+        if !has_room || !spring.usable(count) {
+            return Push::default();
+        }
+        let grip = Grip { model, load_n_m: &self.load_n_m, substep_s: self.substep_s };
+        grip.of_plane(&law.sane(), spring, at.position_m, at.velocity_m_s)
     }
 }
 
@@ -60,9 +75,11 @@ pub fn step(
     }
     let mut report = StepReport { substeps, ..StepReport::default() };
     read(model, scratch, &now, input, &mut report);
-    let links = Links { springs: input.springs, pairs: input.pairs, attachments: input.attachments };
-    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
     let substep_s = input.dt_s / substeps as f32;
+    scratch.substep_s = substep_s;
+    let StepInput { springs, pairs, attachments, law, .. } = *input;
+    let links = Links { springs, pairs, attachments, law: law.sane(), substep_s };
+    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
     let job = Job { model, scratch, links, substep_s, substeps };
     let sums = match model.options.isa {
         Isa::Baseline => run(pulp::Scalar::new(), job),
@@ -188,14 +205,14 @@ impl<S: Lanes> pulp::NullaryFnOnce for Run<'_, S> {
 #[inline(always)]
 fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
     let Job { model, scratch, links, substep_s, substeps } = job;
-    let Scratch { position, velocity, force, external, frames, load_n_m } = scratch;
+    let Scratch { position, velocity, force, external, frames, load_n_m, .. } = scratch;
     let seen: &[[f32; 4]] = bytemuck::cast_slice(position);
     let sums = kernel::rotations(simd, &model.blocks, &model.rest_blocks, seen, frames);
     for substep in 0..=substeps {
-        let at: &[[f32; 4]] = bytemuck::cast_slice(position);
+        let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
         kernel::element_forces(simd, &model.blocks, frames, at, sum);
-        links.add_forces(model, load_n_m, at, sum);
+        links.add_forces(model, load_n_m, (at, rate), sum);
         let constants = Constants {
             kick_s: if substep == 0 || substep == substeps { 0.5 * substep_s } else { substep_s },
             drift_s: if substep == substeps { 0.0 } else { substep_s },

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Body, block, noise, options};
-use hyst_tissue::{Isa, Material, Model, Options, PlaneSpring, StepInput};
+use hyst_tissue::{ContactLaw, Isa, Material, Model, Options, PlaneSpring, Push, StateRef, StepInput};
 
 fn free_body(damping_per_s: f64) -> Body {
     let mesh = block([4, 3, 3], 0.003);
@@ -154,38 +154,153 @@ fn mass_is_added_only_where_the_step_needs_it_and_is_reported() {
     assert!(refused.is_err());
 }
 
-#[test]
-fn contacts_up_to_the_stated_stiffness_are_stable() {
+/// A block that stands on its lower side, and two contacts at a node of the upper side, together five times as stiff as was stated.
+fn pressed() -> (Body, u32, [PlaneSpring; 2]) {
     let mesh = block([3, 3, 3], 0.003);
     let fixed: Vec<bool> = mesh.positions_m.iter().map(|p| p[2] == 0.0).collect();
     let material = Material::new(10_000.0, 0.45, 1000.0, 60.0).unwrap();
     let stiff = Options { contact_stiffness_n_m: 2000.0, max_substeps: 64, ..options() };
-    let mut body = Body::new(Model::new(&mesh, &fixed, &material, stiff).unwrap().0);
+    let body = Body::new(Model::new(&mesh, &fixed, &material, stiff).unwrap().0);
     let top = mesh.positions_m.iter().position(|p| *p == [0.003, 0.003, 0.009]).unwrap() as u32;
-    // Five times too stiff together: softened to what was stated.
     let spring = PlaneSpring {
         nodes: [top; 4],
         weights: [1.0, 0.0, 0.0, 0.0],
         normal: [0.0, 0.0, -1.0],
         offset_m: -0.008,
+        velocity_m_s: [0.0; 3],
         stiffness_n_m: 5000.0,
     };
-    let springs = [spring, spring];
-    for _ in 0..1000 {
-        let report = body.step_with(&StepInput {
-            external_force_n: &[],
-            targets_m: &[],
-            springs: &springs,
-            pairs: &[],
-            attachments: &[],
-            dt_s: 1e-3,
-        });
-        assert_eq!((report.softened_springs, report.ignored_springs, report.recovered_nodes), (2, 0, 0));
+    (body, top, [spring; 2])
+}
+
+fn in_contact(springs: &[PlaneSpring], damping_s: f32) -> StepInput<'_> {
+    let law = ContactLaw { damping_s, ..ContactLaw::default() };
+    StepInput { springs, law, ..StepInput::default() }
+}
+
+#[test]
+fn contacts_up_to_the_stated_stiffness_are_stable_however_much_damping_is_asked_for() {
+    for damping_s in [0.0, 6e-4, 1e9, f32::NAN] {
+        let (mut body, top, springs) = pressed();
+        for _ in 0..1000 {
+            // They are softened to what was stated.
+            let report = body.step_with(&in_contact(&springs, damping_s));
+            assert_eq!((report.softened_springs, report.ignored_springs, report.recovered_nodes), (2, 0, 0));
+        }
+        let depth = body.position_m[top as usize][2] - 0.008;
+        assert!((0.0..0.0002).contains(&depth), "the node stands {depth} m above the plane that pushes it down to 8 mm");
+        let speed = body.velocity_m_s[top as usize][2].abs();
+        assert!(speed < 1e-3, "the contact rattles at {speed} m/s with a damping of {damping_s} s");
     }
-    let depth = body.position_m[top as usize][2] - 0.008;
-    assert!((0.0..0.0002).contains(&depth), "the node stands {depth} m above the plane that pushes it down to 8 mm");
-    let speed = body.velocity_m_s[top as usize][2].abs();
-    assert!(speed < 1e-3, "the contact rattles at {speed} m/s");
+}
+
+/// Largest speed of a node in contact, m/s, in 10 ms that begin 20 ms after it was met.
+fn ringing_m_s(damping_s: f32) -> f32 {
+    let (mut body, top, springs) = pressed();
+    let mut most = 0.0f32;
+    for tick in 0..30 {
+        body.step_with(&in_contact(&springs, damping_s));
+        most = if tick < 20 { 0.0 } else { most.max(body.velocity_m_s[top as usize][2].abs()) };
+    }
+    most
+}
+
+#[test]
+fn a_node_in_contact_does_not_ring_on() {
+    let (undamped, damped) = (ringing_m_s(0.0), ringing_m_s(6e-4));
+    assert!(undamped > 0.02, "nothing rings here: {undamped} m/s");
+    assert!(damped < 0.2 * undamped, "{damped} m/s with damping, {undamped} m/s without");
+}
+
+#[test]
+fn a_contact_brakes_the_speed_against_its_plane_and_not_the_speed() {
+    let (mut with, mut without) = (pressed(), pressed());
+    let falling = [0.0, 0.0, -0.1];
+    let speeds = [(0.0, -0.1), (6e-4, -0.1), (6e-4, 0.0)].map(|(damping_s, speed_m_s)| {
+        let (body, top, springs) = if damping_s > 0.0 { &mut with } else { &mut without };
+        body.position_m.copy_from_slice(body.model.rest_m());
+        body.velocity_m_s.fill(falling);
+        let velocity_m_s = [0.0, 0.0, speed_m_s];
+        let springs = springs.map(|spring| PlaneSpring { velocity_m_s, offset_m: -0.0089, ..spring });
+        body.step_with(&StepInput { dt_s: 1e-6, ..in_contact(&springs, damping_s) });
+        body.velocity_m_s[*top as usize][2]
+    });
+    let [undamped, along, across] = speeds;
+    assert!((along - undamped).abs() < 0.3 * (across - undamped).abs(), "{speeds:?}");
+    assert!(across > along, "a plane that stands still holds back what falls ahead of it: {speeds:?}");
+}
+
+/// An obstacle presses on the block's upper side and slides along it until the tissue is at rest: how far it takes the node along, m, and the push that the
+/// last step leaves.
+fn dragged(friction: f32, slide_m_s: f32) -> (f32, Push) {
+    let (mut body, top, [spring, _]) = pressed();
+    let springs = [PlaneSpring { velocity_m_s: [slide_m_s, 0.0, 0.0], stiffness_n_m: 1500.0, ..spring }];
+    let law = ContactLaw { friction, damping_s: 6e-4, ..ContactLaw::default() };
+    for _ in 0..3_000 {
+        body.step_with(&StepInput { law, ..in_contact(&springs, 0.0) });
+    }
+    let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+    let push = body.scratch.push(&body.model, &law, &springs[0], &at);
+    let rest = body.model.rest_m()[top as usize][0];
+    (body.position_m[top as usize][0] - rest, push)
+}
+
+#[test]
+fn friction_drags_the_tissue_along_with_its_share_of_the_normal_force() {
+    // Where the mesh alone lets it go.
+    let (still_m, push) = dragged(0.0, 0.02);
+    assert_eq!(push.force_n[0], 0.0, "nothing drags without friction");
+    for (friction, slide_m_s) in [(0.05, 0.02), (0.3, 0.2), (0.3, -0.2)] {
+        let (moved_m, push) = dragged(friction, slide_m_s);
+        let expected_n = friction * push.normal_n * slide_m_s.signum();
+        assert!((push.force_n[0] - expected_n).abs() < 0.01 * expected_n.abs(), "{push:?}");
+        assert!((moved_m - still_m) * slide_m_s > 0.0 && push.normal_n > 0.02, "{moved_m} m, {push:?}");
+    }
+}
+
+/// What the hand is told of a contact is what the tissue got: the change of its momentum, softened springs, damping and friction included.
+#[test]
+fn what_is_told_of_contacts_is_what_the_tissue_got() {
+    const DT_S: f32 = 2e-7;
+    let mesh = block([3, 3, 3], 0.003);
+    let material = Material::new(10_000.0, 0.45, 1000.0, 0.0).unwrap();
+    let stiff = Options { contact_stiffness_n_m: 2000.0, max_substeps: 64, ..options() };
+    let mut body = Body::new(Model::new(&mesh, &vec![false; mesh.positions_m.len()], &material, stiff).unwrap().0);
+    let (_, top, [spring, _]) = pressed();
+    let aside = PlaneSpring { normal: [0.6, 0.0, -0.8], offset_m: 0.6 * 0.003 - 0.8 * 0.0089, ..spring };
+    let springs = [PlaneSpring { offset_m: -0.0089, ..spring }, aside];
+    let law = ContactLaw { damping_s: 1e-4, friction: 0.3, ..ContactLaw::default() };
+    body.velocity_m_s.fill([0.03, -0.02, 0.01]);
+    let momentum = |body: &Body| {
+        let of_axis = |axis: usize| {
+            let parts = body.velocity_m_s.iter().zip(body.model.mass_kg());
+            parts.map(|(v, mass)| f64::from(v[axis]) * f64::from(*mass)).sum::<f64>()
+        };
+        [of_axis(0), of_axis(1), of_axis(2)]
+    };
+    let before = momentum(&body);
+    let report = body.step_with(&StepInput { law, dt_s: DT_S, ..in_contact(&springs, 0.0) });
+    assert_eq!(report.softened_springs, 2);
+    let after = momentum(&body);
+    let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+    let told = springs.map(|spring| body.scratch.push(&body.model, &law, &spring, &at));
+    assert!(told.iter().all(|push| push.normal_n > 0.01 && push.stiffness_n_m < 1001.0), "{told:?}, node {top}");
+    for axis in 0..3 {
+        let (got_n, told_n) =
+            ((after[axis] - before[axis]) / f64::from(DT_S), f64::from(told[0].force_n[axis] + told[1].force_n[axis]));
+        assert!((got_n - told_n).abs() < 0.02 * f64::from(told[0].normal_n), "axis {axis}: got {got_n} N, told {told_n} N");
+    }
+}
+
+#[test]
+fn a_contact_pushes_with_no_more_than_it_is_allowed_to() {
+    let (mut body, _, springs) = pressed();
+    let law = ContactLaw { most_n: 0.01, ..ContactLaw::default() };
+    for _ in 0..100 {
+        body.step_with(&StepInput { law, ..in_contact(&springs[..1], 0.0) });
+    }
+    let at = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
+    assert_eq!(body.scratch.push(&body.model, &law, &springs[0], &at).normal_n, 0.01);
 }
 
 #[test]
@@ -197,14 +312,7 @@ fn held_nodes_are_at_their_targets_and_carry_the_tissue_along() {
     for tick in 1..=400 {
         let shift = 1e-5 * tick.min(200) as f32;
         let targets: Vec<[f32; 3]> = mesh.positions_m.iter().map(|p| [p[0] + shift, p[1], p[2]]).collect();
-        body.step_with(&StepInput {
-            external_force_n: &[],
-            targets_m: &targets,
-            springs: &[],
-            pairs: &[],
-            attachments: &[],
-            dt_s: 1e-3,
-        });
+        body.step_with(&StepInput { targets_m: &targets, ..StepInput::default() });
         for node in (0..targets.len()).filter(|&node| fixed[node]) {
             assert_eq!(body.position_m[node], targets[node], "tick {tick}, node {node}");
         }

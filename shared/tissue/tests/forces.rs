@@ -5,7 +5,7 @@ mod common;
 use common::{Body, block, options};
 use hyst_mesh::Binding;
 use hyst_tissue::{
-    Attachment, Material, Model, ModelError, Options, PairSpring, StepInput, gather, join, pressure_forces, scatter,
+    Attachment, ContactLaw, Material, Model, ModelError, Options, PairSpring, StepInput, gather, join, pressure_forces, scatter,
     surface_update,
 };
 
@@ -91,8 +91,7 @@ fn polyp_on_wall(stiffness_n_m: f32) -> (Body, Vec<Attachment>, usize) {
 fn a_polyp_hangs_on_its_wall_and_comes_off_when_its_stalk_is_cut() {
     let (mut body, attachments, first) = polyp_on_wall(100.0);
     let pull: Vec<[f32; 3]> = (0..body.force_n.len()).map(|i| if i < first { [0.0; 3] } else { [1e-5, 0.0, 2e-5] }).collect();
-    let mut input =
-        StepInput { external_force_n: &pull, targets_m: &[], springs: &[], pairs: &[], attachments: &attachments, dt_s: 1e-3 };
+    let mut input = StepInput { external_force_n: &pull, attachments: &attachments, ..StepInput::default() };
     for _ in 0..1500 {
         let report = body.step_with(&input);
         assert_eq!((report.ignored_springs, report.capped_nodes, report.recovered_nodes), (0, 0, 0));
@@ -121,8 +120,7 @@ fn an_attachment_pulls_both_ends_alike_and_is_softened_to_what_is_stable() {
     let (mut body, mut attachments, first) = polyp_on_wall(1e6);
     body.velocity_m_s[first..].fill([0.1, 0.0, 0.2]);
     attachments[0].weights = [0.5; 4];
-    let input =
-        StepInput { external_force_n: &[], targets_m: &[], springs: &[], pairs: &[], attachments: &attachments, dt_s: 1e-3 };
+    let input = StepInput { attachments: &attachments, ..StepInput::default() };
     let start = body.energy_j();
     for _ in 0..500 {
         let report = body.step_with(&input);
@@ -162,8 +160,13 @@ fn cube_in_block() -> (Body, Vec<PairSpring>, usize) {
 
 #[test]
 fn what_lies_in_each_other_is_pushed_apart_and_neither_gains_what_the_other_does_not_lose() {
+    part_by(ContactLaw::default());
+    part_by(ContactLaw { damping_s: 1e-4, friction: 0.3, ..ContactLaw::default() });
+}
+
+fn part_by(law: ContactLaw) {
     let (mut body, pairs, first) = cube_in_block();
-    let input = StepInput { external_force_n: &[], targets_m: &[], springs: &[], pairs: &pairs, attachments: &[], dt_s: 1e-3 };
+    let input = StepInput { pairs: &pairs, law, ..StepInput::default() };
     let momentum = |body: &Body| -> [f64; 2] {
         let along = |(velocity, mass): (&[f32; 3], &f32)| f64::from(velocity[2]) * f64::from(*mass);
         let all: Vec<f64> = body.velocity_m_s.iter().zip(body.model.mass_kg()).map(along).collect();
@@ -197,7 +200,7 @@ fn a_contact_of_two_parts_is_softened_to_what_is_stable_and_nonsense_is_left_out
     pairs[0].normal = [0.0, 0.0, 2.0];
     pairs[1].depth_m = f32::NAN;
     pairs[2].node = 9_999;
-    let input = StepInput { external_force_n: &[], targets_m: &[], springs: &[], pairs: &pairs, attachments: &[], dt_s: 1e-3 };
+    let input = StepInput { pairs: &pairs, ..StepInput::default() };
     for _ in 0..300 {
         let report = body.step_with(&input);
         assert_eq!((report.ignored_springs, report.softened_springs, report.capped_nodes, report.recovered_nodes), (3, 6, 0, 0));

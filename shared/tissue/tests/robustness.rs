@@ -5,7 +5,7 @@ mod common;
 use common::{Body, block, noise, options, with_flat_tets};
 use hyst_mesh::TetMesh;
 use hyst_tissue::{
-    Material, Model, ModelError, Options, PairSpring, PlaneSpring, StateMut, StateRef, StepError, StepInput, step,
+    ContactLaw, Material, Model, ModelError, Options, PairSpring, PlaneSpring, StateMut, StateRef, StepError, StepInput, step,
 };
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -159,23 +159,17 @@ proptest! {
         body.velocity_m_s.copy_from_slice(&velocities);
         let (nodes, weights, normal, offset_m, stiffness_n_m) = spring;
         let springs = [
-            PlaneSpring { nodes, weights, normal, offset_m, stiffness_n_m },
-            PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, stiffness_n_m: 1e12 },
+            PlaneSpring { nodes, weights, normal, offset_m, velocity_m_s: normal, stiffness_n_m },
+            PlaneSpring { nodes: [60; 4], weights: [0.25; 4], normal: [0.0, 0.0, 1.0], offset_m: f32::MAX, velocity_m_s: [f32::MAX; 3], stiffness_n_m: 1e12 },
         ];
         let [node, tet @ ..] = [nodes[0], nodes[1], nodes[2], nodes[3], 7];
         let pairs = [
             PairSpring { node, tet, weights, normal, depth_m: offset_m, stiffness_n_m },
             PairSpring { node: 9, tet: [60; 4], weights: [0.25; 4], normal: [0.0, 1.0, 0.0], depth_m: 1e12, stiffness_n_m: 1e12 },
         ];
+        let law = ContactLaw { damping_s: weights[0], friction: weights[1], slip_m_s: weights[2], most_n: weights[3] };
         for _ in 0..3 {
-            body.step_with(&StepInput {
-                external_force_n: &forces,
-                targets_m: &targets,
-                springs: &springs,
-                pairs: &pairs,
-                attachments: &[],
-                dt_s,
-            });
+            body.step_with(&StepInput { external_force_n: &forces, targets_m: &targets, springs: &springs, pairs: &pairs, law, dt_s, ..StepInput::default() });
             for value in body.position_m.iter().chain(&body.velocity_m_s).flatten() {
                 prop_assert!(value.is_finite());
             }
@@ -188,8 +182,7 @@ fn a_state_of_another_model_and_an_impossible_step_are_refused() {
     let mut body = body();
     let (mut x, mut v) = (body.position_m.clone(), body.velocity_m_s.clone());
     let now = StateRef { position_m: &body.position_m, velocity_m_s: &body.velocity_m_s };
-    let mut input =
-        StepInput { external_force_n: &[[0.0; 3]; 7], targets_m: &[], springs: &[], pairs: &[], attachments: &[], dt_s: 1e-3 };
+    let mut input = StepInput { external_force_n: &[[0.0; 3]; 7], ..StepInput::default() };
     let wrong = step(&body.model, &mut body.scratch, now, &input, StateMut { position_m: &mut x, velocity_m_s: &mut v });
     assert_eq!(wrong, Err(StepError::Length { what: "external_force_n", expected: 100, found: 7 }));
     input.external_force_n = &[];

@@ -194,18 +194,19 @@ impl Press {
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
         };
         let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
-        self.contacts.meet(world, &self.hits[..found], &tool, positions_m, velocities_m_s, &mut self.memory).map_err(text)?;
+        self.contacts.meet(world, &self.hits[..found], &tool, positions_m, &mut self.memory).map_err(text)?;
         pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
         laps.lap();
 
         let from = StateRef { position_m: positions_m, velocity_m_s: velocities_m_s };
         let forces = StepInput {
             external_force_n: self.contacts.forces_n(),
-            targets_m: &[],
             springs: self.contacts.springs(),
             pairs: self.contacts.pairs(),
             attachments: &world.attachments,
+            law: contacts::LAW,
             dt_s: DT_S,
+            ..StepInput::default()
         };
         let to = StateMut { position_m: &mut self.next_m, velocity_m_s: &mut self.next_m_s };
         let report = step(&world.model, &mut self.scratch, from, &forces, to).map_err(text)?;
@@ -215,7 +216,8 @@ impl Press {
         laps.lap();
 
         let table = HashRef::in_words(&input.table).map_err(text)?;
-        self.contacts.planes(world, &table, &tool, &self.next_m).map_err(text)?;
+        let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
+        self.contacts.planes(world, &table, &tool, &after, &self.scratch).map_err(text)?;
         laps.lap();
         drop(input);
         record.substeps = report.substeps;

@@ -96,14 +96,7 @@ impl Body {
     /// One step of 1 ms under `force_n`.
     pub fn step(&mut self) -> StepReport {
         let force = std::mem::take(&mut self.force_n);
-        let report = self.step_with(&StepInput {
-            external_force_n: &force,
-            targets_m: &[],
-            springs: &[],
-            pairs: &[],
-            attachments: &[],
-            dt_s: 1e-3,
-        });
+        let report = self.step_with(&StepInput { external_force_n: &force, ..StepInput::default() });
         self.force_n = force;
         report
     }
