@@ -8,6 +8,7 @@ use rustix::fd::OwnedFd;
 use rustix::process::{Pid, Signal};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus};
 
@@ -28,13 +29,23 @@ pub fn pid(number: u32) -> Option<Pid> {
     i32::try_from(number).ok().and_then(Pid::from_raw)
 }
 
+/// A command of the very program that runs, also if its file was replaced or removed meanwhile, as by whoever builds it anew.
+pub fn own_program() -> Command {
+    let mut command = Command::new("/proc/self/exe");
+    command.arg0("hystation");
+    command
+}
+
 /// Starts a process without waiting for the processor time that ordinary ones must wait for. From its own program on it is an ordinary one, unless it
 /// is in a hurry: then it stays in the class of who started it.
 pub fn start(command: &mut Command, in_a_hurry: bool) -> std::io::Result<Child> {
     let (child, lent) = system::start_in_own_class(|| command.spawn());
     let child = child?;
-    if lent && !in_a_hurry {
-        system::calm(child.id());
+    if lent
+        && !in_a_hurry
+        && let Ok(first_thread) = i32::try_from(child.id())
+    {
+        system::demote(first_thread);
     }
     Ok(child)
 }

@@ -88,11 +88,6 @@ pub fn become_ordinary() -> bool {
     be_nice(-40) && schedule(0, libc::SCHED_OTHER | libc::SCHED_RESET_ON_FORK, 0)
 }
 
-/// Makes the first thread of a process that has just begun an ordinary one. False where it is refused.
-pub fn calm(process: u32) -> bool {
-    i32::try_from(process).is_ok_and(|thread_id| schedule(thread_id, libc::SCHED_OTHER, 0))
-}
-
 /// Starts a process in the class of the calling thread, if that is SCHED_FIFO: whoever starts a process waits until it has its own program, and an
 /// ordinary one would have to wait for all others before that. Says whether the process has that class now.
 pub fn start_in_own_class<T>(start: impl FnOnce() -> T) -> (T, bool) {

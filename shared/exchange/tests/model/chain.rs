@@ -1,11 +1,12 @@
-//! The chain of a role's states: holder, spare and a successor, and the supervisor that gives the role to one of them (`engine::stateful`, `roster`, `chain.rs`), and a consumer that reads their
-//! streams. What is modelled of a state is its key and its content: the content follows from the state that it was computed from and the key
-//! that it was computed for, so two ways to one key show whether they agree.
+//! The chain of a role's states: holder, spare and a successor, and the supervisor that gives the role to one of them (`engine::stateful`: `roster`,
+//! `chain.rs`, in lock-step `locked.rs`), and a consumer that reads their streams. What is modelled of a state is its key and its content: the content
+//! follows from the state that it was computed from and the key that it was computed for, so two ways to one key show whether they agree.
 //!
 //! Promises: one content for each epoch and tick, whoever publishes it, zombies included; no reader takes a lower epoch or an earlier tick after a
 //! higher one; one winner for each epoch; nobody waits without end.
 
 mod checks;
+mod world;
 
 use crate::search::{Model, Sights};
 use hyst_exchange::succession::{Key, Turn, holder_turn, spare_turn, supersedes};
@@ -33,6 +34,8 @@ enum Flaw {
     Trusting,
     /// What was computed is sent without a last look at the roster. Harmless: a lower epoch is refused by every reader.
     Unfenced,
+    /// In lock-step the role is taken with what was received before the death was known.
+    Hasty,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -67,6 +70,16 @@ enum At {
     Send {
         epoch: u8,
         next: u8,
+    },
+    /// `between` in lock-step: it knows of the holder's death, and receives what was sent until then, one stream after another.
+    Inherit {
+        stream: u8,
+        epoch: u8,
+        holder: u8,
+    },
+    /// `send_again` in lock-step: the newest state, under the epoch that was just won.
+    Again {
+        epoch: u8,
     },
     Dead,
     /// Not born yet.
@@ -115,6 +128,8 @@ struct Chain {
     handed: u8,
     /// Misses in a row after which the spare promotes itself: three in the code; with two as much happens in less time.
     misses: u32,
+    /// The role is taken from the dead alone, and the newest state sent again before anything else.
+    lockstep: bool,
 }
 
 const SUBSTITUTE: u64 = 1;
@@ -125,6 +140,7 @@ const FENCED: u64 = 16;
 const SUCCESSOR: u64 = 32;
 const FOUNDER: u64 = 64;
 const HANDED: u64 = 128;
+const AGAIN: u64 = 256;
 
 fn wide(key: (u8, u8)) -> Key {
     (key.0 as u32, key.1 as u64)
@@ -139,6 +155,15 @@ fn content(from: State, key: (u8, u8)) -> u16 {
 impl Chain {
     fn take(&self, newest: Option<State>, found: State) -> bool {
         supersedes(wide(found.key), newest.map(|newest| wide(newest.key)))
+    }
+
+    fn receive(&self, process: &mut Process, writer: &Process, stream: u8) {
+        if process.closed & 1 << stream == 0
+            && let Some(found) = writer.stream
+            && self.take(process.newest, found)
+        {
+            process.newest = Some(found);
+        }
     }
 
     /// `run`, `step`, `follow`.
@@ -156,6 +181,11 @@ impl Chain {
         }
         let misses = if key.1 >= tick { 0 } else { process.misses + 1 };
         let lives = !world.processes[holder as usize].known_dead;
+        if self.lockstep {
+            let inherit =
+                if self.flaw == Flaw::Hasty { At::Promote { epoch, holder } } else { At::Inherit { stream: 0, epoch, holder } };
+            return (if lives { At::Idle } else { inherit }, 0);
+        }
         let mut turn = spare_turn(tick, key, epoch as u32, 1, lives, misses as u32, self.misses);
         if self.flaw == Flaw::SpareBegins && turn == Turn::Rest && key.1 < tick {
             turn = Turn::Substitute(key.1 + 1);
@@ -189,13 +219,15 @@ impl Chain {
                 process.at = At::Receive { stream: 0, won: 0 };
                 ["wakes 0", "wakes 1", "wakes 2"]
             }
+            At::Inherit { stream, epoch, holder } => {
+                self.receive(process, &world.processes[stream as usize], stream);
+                let is_last = stream as usize + 1 == PROCESSES;
+                process.at =
+                    if is_last { At::Promote { epoch, holder } } else { At::Inherit { stream: stream + 1, epoch, holder } };
+                ["inherits 0", "inherits 1", "inherits 2"]
+            }
             At::Receive { stream, won } => {
-                if process.closed & 1 << stream == 0
-                    && let Some(found) = world.processes[stream as usize].stream
-                    && self.take(process.newest, found)
-                {
-                    process.newest = Some(found);
-                }
+                self.receive(process, &world.processes[stream as usize], stream);
                 let newest = process.newest.map(|newest| wide(newest.key));
                 process.at = match (stream as usize + 1 < PROCESSES, won, newest) {
                     (true, ..) => At::Receive { stream: stream + 1, won },
@@ -220,7 +252,7 @@ impl Chain {
                 next.seen.0 |= if substitutes { SUBSTITUTE } else { 0 };
                 ["looks 0", "looks 1", "looks 2"]
             }
-            At::Promote { .. } | At::Fence { .. } | At::Send { .. } => return Some(self.act(next, world, me)),
+            At::Promote { .. } | At::Fence { .. } | At::Send { .. } | At::Again { .. } => return Some(self.act(next, world, me)),
         };
         Some((names[me as usize], Ok(next)))
     }
@@ -233,7 +265,10 @@ impl Chain {
             At::Promote { epoch, holder } if world.roster == (epoch, holder) || self.flaw == Flaw::Store => {
                 // `begin_epoch`: what was known before may be old by now, the clock too.
                 process.tick = if self.flaw == Flaw::OldClock { process.tick } else { world.clock };
-                process.at = At::Receive { stream: 0, won: epoch + 1 };
+                process.at = match process.newest {
+                    Some(_) if self.lockstep && holder != me => At::Again { epoch: epoch + 1 },
+                    _ => At::Receive { stream: 0, won: epoch + 1 },
+                };
                 process.stepped = epoch + 1;
                 next.roster = (epoch + 1, me);
                 next.seen.0 |= if holder == me { LEAP } else { TAKEOVER };
@@ -255,64 +290,17 @@ impl Chain {
                 next.seen.0 |= if world.roster.0 > epoch { ZOMBIE } else { 0 };
                 return (["sends 0", "sends 1", "sends 2"][me as usize], publish(next, sent));
             }
+            At::Again { epoch } => {
+                let newest = process.newest.unwrap_or(CHECKPOINT);
+                let sent = State { key: (epoch, newest.key.1), ..newest };
+                // Read back at once: the next step goes on from it.
+                (process.stream, process.newest) = (Some(sent), Some(sent));
+                next.seen.0 |= AGAIN | if world.roster.0 > epoch { ZOMBIE } else { 0 };
+                return (["sends again 0", "sends again 1", "sends again 2"][me as usize], publish(next, sent));
+            }
             _ => ["is too late 0", "is too late 1", "is too late 2"],
         };
         (names[me as usize], Ok(next))
-    }
-
-    fn consume(&self, world: &World, stream: usize) -> Option<Step> {
-        let found = world.processes[stream].stream?;
-        let newest = world.consumer;
-        let takes = match self.flaw {
-            Flaw::Anything => newest != Some(found),
-            _ => self.take(newest, found),
-        };
-        if !takes {
-            return None;
-        }
-        if let Some(newest) = newest
-            && (found.key.0 < newest.key.0 || found.key.1 < newest.key.1)
-        {
-            return Some(Err(format!("the consumer takes {:?} after {:?}", found.key, newest.key)));
-        }
-        Some(Ok(World { consumer: Some(found), seen: Sights::default(), ..world.clone() }))
-    }
-
-    /// Deaths, the supervisor's word about them, a successor, time.
-    fn world(&self, world: &World, out: &mut Vec<(&'static str, Step)>) {
-        if world.clock < self.ticks {
-            out.push(("a tick passes", Ok(World { clock: world.clock + 1, seen: Sights::default(), ..world.clone() })));
-        }
-        for me in 0..PROCESSES {
-            let process = &world.processes[me];
-            let mut next = World { seen: Sights::default(), ..world.clone() };
-            let follows = process.newest.is_some() && !matches!(process.at, At::Dead | At::Unborn) && world.roster.1 != me as u8;
-            if follows && world.handed < self.handed {
-                let roster = (world.roster.0 + 1, me as u8);
-                out.push(("the supervisor hands over", Ok(World { roster, handed: world.handed + 1, ..next.clone() })));
-            }
-            match process.at {
-                At::Unborn if world.processes.iter().any(|other| other.known_dead) => {
-                    let is_closed = |index: usize| u8::from(world.processes[index].known_dead) << index;
-                    next.processes[me].closed = (0..PROCESSES).map(is_closed).sum();
-                    next.processes[me].at = At::Idle;
-                    next.seen.0 |= SUCCESSOR;
-                    out.push(("a successor is born", Ok(next)));
-                }
-                At::Unborn => {}
-                At::Dead if process.known_dead => {}
-                At::Dead => {
-                    next.processes[me].known_dead = true;
-                    out.push(("a death is known", Ok(next)));
-                }
-                _ if world.deaths < self.deaths => {
-                    next.deaths += 1;
-                    next.processes[me].at = At::Dead;
-                    out.push((["0 dies", "1 dies", "2 dies"][me], Ok(next)));
-                }
-                _ => {}
-            }
-        }
     }
 }
 

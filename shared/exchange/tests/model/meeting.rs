@@ -310,7 +310,9 @@ fn no_share_is_lost_and_no_wait_is_endless() {
         assert_eq!(searched(&case).sights, ALL_JOINED, "something happened to somebody");
     }
     let mut sights = 0;
-    for case in [crew(F, 1, ONE, 3, 2), crew(F, 2, BOTH, 1, 1), crew(F, 2, ONE_BY_ONE, 1, 1), takeover(F, 1, 1)] {
+    for case in
+        [crew(F, 1, ONE, 3, 2), crew(F, 2, BOTH, 1, 1), crew(F, 2, BOTH, 2, 1), crew(F, 2, ONE_BY_ONE, 1, 1), takeover(F, 1, 1)]
+    {
         sights |= searched(&case).sights;
     }
     let all = EXCLUDED | READMITTED | SLEPT | REFUSED | REPLACED | ALL_JOINED | TAKEN_OVER;

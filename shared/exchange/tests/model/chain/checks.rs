@@ -4,7 +4,12 @@ use super::*;
 use crate::search::{Searched, search};
 
 fn searched(flaw: Flaw, (ticks, deaths, handed, misses): (u8, u8, u8, u32)) -> Result<Searched, String> {
-    search(&Chain { flaw, ticks, deaths, handed, misses })
+    search(&Chain { flaw, ticks, deaths, handed, misses, lockstep: false })
+}
+
+/// The same of a role in lock-step, in which the supervisor gives no role away.
+fn searched_in_lockstep(flaw: Flaw, (ticks, deaths): (u8, u8)) -> Result<Searched, String> {
+    search(&Chain { flaw, ticks, deaths, handed: 0, misses: 2, lockstep: true })
 }
 
 #[test]
@@ -36,6 +41,20 @@ fn every_flaw_is_found() {
         let broken = searched(flaw, size).expect_err("the search found nothing");
         assert!(broken.contains(expected), "{flaw:?}: {broken}");
     }
+}
+
+#[test]
+fn in_lockstep_the_state_that_is_sent_again_leads_no_reader_back() {
+    let mut sights = 0;
+    for size in [(3, 1), (2, 2)] {
+        let found = searched_in_lockstep(Flaw::None, size).unwrap_or_else(|broken| panic!("{broken}"));
+        println!("in lock-step, (ticks, deaths) {size:?}: {found:?}");
+        sights |= found.sights;
+    }
+    let all = AGAIN | TAKEOVER | SUCCESSOR;
+    assert_eq!(sights & all, all, "not all was searched that should be");
+    let broken = searched_in_lockstep(Flaw::Hasty, (3, 1)).expect_err("the search found nothing");
+    assert!(broken.contains("after"), "{broken}");
 }
 
 /// The last look at the roster spares the readers work; what guards them is the order of the keys, for a zombie may stop right after that look.
