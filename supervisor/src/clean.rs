@@ -6,7 +6,7 @@ use hyst_exchange::{Links, Station};
 use rustix::process::{PidfdFlags, Signal};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 /// A clean-up that takes longer is killed.
 pub const WATCHDOG_NS: u64 = 5_000_000_000;
@@ -88,8 +88,7 @@ impl Cleaner {
 }
 
 fn start(station: &Station) -> Option<u32> {
-    let program = std::env::current_exe().ok()?;
-    let mut command = Command::new(program);
+    let mut command = crate::proc::own_program();
     command.args(["clean", "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     crate::proc::start(&mut command, false).ok().map(|child| child.id())

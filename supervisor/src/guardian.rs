@@ -10,7 +10,7 @@ mod printer;
 
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
-use crate::name::{self, Holder};
+use crate::name;
 use crate::notify::Notifier;
 use crate::plan::Plan;
 use crate::remains::{self, Living};
@@ -110,7 +110,7 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
 pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     let failed = |e: String| Refusal::failed(e);
     let signals = Signals::catch()?;
-    let Some(name) = name::take(&station, Holder::Guardian).map_err(|e| failed(e.to_string()))? else {
+    let Some(name) = name::take(&station).map_err(|e| failed(e.to_string()))? else {
         return Ok(0); // the station has a guardian
     };
     let plan = Plan::read(&station).map_err(|e| failed(e.to_string()))?;

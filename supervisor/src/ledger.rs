@@ -19,7 +19,7 @@ const AROUND: usize = 8;
 const LIMIT_N: f32 = 50.0;
 
 /// One tick.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tick {
     /// Tick of the hardware.
     pub hardware_tick: u64,

@@ -23,6 +23,7 @@ pub mod mischief;
 pub mod moment;
 pub mod name;
 pub mod notify;
+pub mod oom;
 pub mod plan;
 pub mod policy;
 pub mod proc;

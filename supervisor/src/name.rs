@@ -1,31 +1,21 @@
-//! A station's names: abstract sockets that belong to one living process and go with it, leaving no file. The guardian's name is the station's;
-//! the supervisor has one of its own, so that two never work at once.
+//! Who may work on a station: its guardian has the station's name, an abstract socket that belongs to one living process and goes with it, leaving no file;
+//! its supervisor has a lock on a file in the station's root, so that two never work at once. The name is there before the root is, and anybody on the
+//! machine could take it; the root is closed to others.
 
 use hyst_exchange::{Station, system};
+use rustix::fs::FlockOperation;
+use std::fs::File;
 use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
 
-/// Whose name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Holder {
-    /// The guardian's.
-    Guardian,
-    /// The supervisor's.
-    Supervisor,
+fn address(station: &Station) -> std::io::Result<SocketAddr> {
+    SocketAddr::from_abstract_name(format!("hystation-{}-{}", system::user_id(), station.name()))
 }
 
-fn address(station: &Station, holder: Holder) -> std::io::Result<SocketAddr> {
-    let suffix = match holder {
-        Holder::Guardian => "",
-        Holder::Supervisor => "/supervisor",
-    };
-    SocketAddr::from_abstract_name(format!("hystation-{}-{}{suffix}", system::user_id(), station.name()))
-}
-
-/// Takes a name for as long as the listener lives; `None` if somebody has it.
-pub fn take(station: &Station, holder: Holder) -> std::io::Result<Option<UnixListener>> {
-    match UnixListener::bind_addr(&address(station, holder)?) {
+/// Takes the station's name for as long as the listener lives; `None` if somebody has it.
+pub fn take(station: &Station) -> std::io::Result<Option<UnixListener>> {
+    match UnixListener::bind_addr(&address(station)?) {
         Ok(listener) => {
             listener.set_nonblocking(true)?;
             Ok(Some(listener))
@@ -35,9 +25,16 @@ pub fn take(station: &Station, holder: Holder) -> std::io::Result<Option<UnixLis
     }
 }
 
-/// Knocks at a name: a stand-in takes it as the request to make room.
-pub fn knock(station: &Station, holder: Holder) -> std::io::Result<()> {
-    UnixStream::connect_addr(&address(station, holder)?).map(drop)
+/// Knocks at the name: a stand-in takes it as the request to make room.
+pub fn knock(station: &Station) -> std::io::Result<()> {
+    UnixStream::connect_addr(&address(station)?).map(drop)
+}
+
+/// The user whose process has the name, if it is another one. It is a knock too.
+pub fn stranger(station: &Station) -> Option<u32> {
+    let stream = UnixStream::connect_addr(&address(station).ok()?).ok()?;
+    let holder = rustix::net::sockopt::socket_peercred(&stream).ok()?.uid.as_raw();
+    (holder != system::user_id()).then_some(holder)
 }
 
 /// Whether one of this user has knocked.
@@ -51,6 +48,16 @@ pub fn was_knocked(listener: &UnixListener) -> bool {
     false
 }
 
+/// The supervisor's lock for as long as the file is open; `None` if somebody has it.
+pub fn lock(station: &Station) -> std::io::Result<Option<File>> {
+    let file = File::options().write(true).create(true).truncate(false).open(station.root().join("supervisor.lock"))?;
+    match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) => Ok(Some(file)),
+        Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,14 +65,25 @@ mod tests {
     #[test]
     fn a_name_has_one_holder_and_is_free_when_he_is_gone() {
         let station = Station::named(&format!("t{}-name", std::process::id())).unwrap();
-        let held = take(&station, Holder::Guardian).unwrap().unwrap();
-        assert!(take(&station, Holder::Guardian).unwrap().is_none());
-        assert!(take(&station, Holder::Supervisor).unwrap().is_some());
+        let held = take(&station).unwrap().unwrap();
+        assert!(take(&station).unwrap().is_none());
         assert!(!was_knocked(&held));
-        knock(&station, Holder::Guardian).unwrap();
+        knock(&station).unwrap();
         assert!(was_knocked(&held) && !was_knocked(&held));
+        assert_eq!(stranger(&station), None, "it is one of this user");
         drop(held);
-        assert!(take(&station, Holder::Guardian).unwrap().is_some());
-        assert!(knock(&station, Holder::Supervisor).is_err(), "nobody there");
+        assert!(take(&station).unwrap().is_some());
+    }
+
+    #[test]
+    fn a_station_has_one_supervisor_and_its_lock_is_free_when_that_is_gone() {
+        let station = Station::named(&format!("t{}-lock", std::process::id())).unwrap();
+        std::fs::create_dir_all(station.root()).unwrap();
+        let held = lock(&station).unwrap().unwrap();
+        assert!(lock(&station).unwrap().is_none());
+        drop(held);
+        assert!(lock(&station).unwrap().is_some());
+        std::fs::remove_dir_all(station.root()).unwrap();
+        assert!(lock(&station).is_err(), "no station, no lock");
     }
 }

@@ -14,124 +14,21 @@ mod event;
 mod ladder;
 mod limits;
 mod record;
+mod state;
 mod swap;
 
 pub use event::{Action, Event, Exit, Left};
 pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
 pub use limits::{Limits, is_replicated, is_stateful, limits, sources};
 pub use record::Record;
+pub use state::State;
 pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};
 
 use hyst_messages::{Role, Slot};
-use std::collections::{BTreeMap, VecDeque};
+use state::{Life, Place};
 
 /// How long a process that has grown too large waits for a spare to take its work, ns.
 pub const LEAVE_WITHIN_NS: u64 = 10_000_000_000;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Life {
-    Vacant {
-        due_ns: u64,
-    },
-    Spawning,
-    Alive {
-        incarnation: u32,
-        ready_ns: Option<u64>,
-    },
-    GivenUp,
-    /// A guest's slot without a guest.
-    Closed,
-}
-
-#[derive(Clone, Debug)]
-struct Place {
-    life: Life,
-    /// An incarnation of it was ready before: the scene and the settings were good.
-    was_ready: bool,
-    short_lives: u32,
-    deaths_ns: VecDeque<u64>,
-    /// The incarnation that hung and was killed for it.
-    hung: u32,
-    /// The incarnation that is killed, and whose death is awaited.
-    killed: u32,
-    /// The incarnation that is to be replaced, since when, and whether it was told.
-    leaving: Option<(u32, u64, bool)>,
-}
-
-/// What the policy remembers.
-#[derive(Clone, Debug)]
-pub struct State {
-    places: BTreeMap<Slot, Place>,
-    ladders: BTreeMap<Role, Ladder>,
-    swap: Option<Swap>,
-    stopping: bool,
-}
-
-impl State {
-    /// The slots that must be occupied. Each role with a state has a guest's slot beside, which is closed but for a swap.
-    pub fn new(slots: &[Slot]) -> State {
-        let life = Life::Vacant { due_ns: 0 };
-        let vacant =
-            Place { life, was_ready: false, short_lives: 0, deaths_ns: VecDeque::new(), hung: 0, killed: 0, leaving: None };
-        let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
-        let ladders: BTreeMap<Role, Ladder> = ladders.collect();
-        let guests = ladders.keys().filter_map(|role| Slot::guest(*role));
-        let closed = guests.map(|slot| (slot, Place { life: Life::Closed, ..vacant.clone() }));
-        let places = slots.iter().map(|slot| (*slot, vacant.clone())).chain(closed).collect();
-        State { places, ladders, swap: None, stopping: false }
-    }
-    /// Whether a stop was asked for.
-    pub fn is_stopping(&self) -> bool {
-        self.stopping
-    }
-    /// Slots that were given up.
-    pub fn given_up(&self) -> impl Iterator<Item = Slot> + '_ {
-        self.places.iter().filter(|(_, place)| place.life == Life::GivenUp).map(|(slot, _)| *slot)
-    }
-    /// Whether a slot was given up.
-    pub fn is_given_up(&self, slot: Slot) -> bool {
-        self.places.get(&slot).is_some_and(|place| place.life == Life::GivenUp)
-    }
-    /// Where a role stands on its ladder, for a supervisor that is restarted.
-    pub fn set_ladder(&mut self, role: Role, to: Ladder) {
-        if let Some(ladder) = self.ladders.get_mut(&role) {
-            *ladder = to;
-        }
-    }
-    /// Where each role stands on its ladder, for the supervisor after this one.
-    pub fn ladders(&self) -> impl Iterator<Item = (Role, u32)> + '_ {
-        self.ladders.iter().map(|(role, ladder)| (*role, ladder.word()))
-    }
-    /// Roles that are held still.
-    pub fn held(&self) -> impl Iterator<Item = Role> + '_ {
-        self.ladders.iter().filter(|(_, ladder)| ladder.is_held()).map(|(role, _)| *role)
-    }
-    /// Whether any incarnation is alive or being spawned.
-    pub fn anyone_alive(&self) -> bool {
-        self.places.values().any(|place| matches!(place.life, Life::Alive { .. } | Life::Spawning))
-    }
-    /// Whether the slot has an incarnation that is ready.
-    pub fn is_ready(&self, slot: Slot) -> bool {
-        self.ready(slot).is_some()
-    }
-    /// The incarnation in a slot that is ready.
-    pub fn ready(&self, slot: Slot) -> Option<u32> {
-        match self.places.get(&slot)?.life {
-            Life::Alive { incarnation, ready_ns: Some(_) } => Some(incarnation),
-            _ => None,
-        }
-    }
-    /// The incarnation in a slot that is ready, and stays.
-    fn lasting(&self, slot: Slot) -> Option<u32> {
-        self.ready(slot).filter(|incarnation| self.places[&slot].killed != *incarnation)
-    }
-    /// The other slot of a role with a spare, if this station has it.
-    fn sibling(&self, slot: Slot) -> Option<Slot> {
-        let of_two = is_replicated(slot.role()) && !slot.is_guest();
-        let other = Slot::new(slot.role(), 1 - slot.index().min(1)).filter(|_| of_two)?;
-        self.places.contains_key(&other).then_some(other)
-    }
-}
 
 /// Takes an event, changes the state, says what to do.
 pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
@@ -162,20 +59,19 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             Some(_) => swap::spawn_failed(slot, state).unwrap_or_else(|| bereave(now_ns, slot, End::NotStarted, state)),
             None => Vec::new(),
         },
-        Event::Ready { slot, incarnation } => {
+        Event::Ready { slot, incarnation } => ready(now_ns, slot, incarnation, state),
+        Event::Serves { slot, incarnation } => {
             if let Some(place) = state.places.get_mut(&slot)
-                && place.life == (Life::Alive { incarnation, ready_ns: None })
+                && matches!(place.life, Life::Alive { incarnation: alive, .. } if alive == incarnation)
             {
-                place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
-                place.was_ready = true;
-                return swap::ready(now_ns, slot, incarnation, state);
+                place.serves = incarnation;
             }
             Vec::new()
         }
         Event::Died { slot, incarnation, exit } => died(now_ns, slot, incarnation, exit, state),
-        Event::HeartbeatLate { slot, incarnation } => match state.places.get_mut(&slot) {
+        Event::HeartbeatLate { slot, incarnation, beat_ns } => match state.places.get_mut(&slot) {
             Some(place) if matches!(place.life, Life::Alive { incarnation: alive, .. } if alive == incarnation) => {
-                place.hung = incarnation;
+                place.hung = (incarnation, beat_ns);
                 vec![Action::Kill { slot, incarnation }]
             }
             _ => Vec::new(),
@@ -197,18 +93,31 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             state.stopping = true;
             Vec::new()
         }
-        Event::Tick => {
-            let mut actions = spawn_due(now_ns, state);
-            actions.extend(relieve(now_ns, state));
-            if !state.stopping {
-                let ground =
-                    |(role, ladder): (&Role, &mut Ladder)| Some(Action::GoBack { role: *role, ground: ladder.wait(now_ns)? });
-                actions.extend(state.ladders.iter_mut().filter_map(ground));
-            }
-            actions.extend(swap::tend(now_ns, state));
-            actions
-        }
+        Event::Tick => tick(now_ns, state),
     }
+}
+
+fn ready(now_ns: u64, slot: Slot, incarnation: u32, state: &mut State) -> Vec<Action> {
+    let Some(place) = state.places.get_mut(&slot).filter(|place| place.life == (Life::Alive { incarnation, ready_ns: None }))
+    else {
+        return Vec::new();
+    };
+    place.life = Life::Alive { incarnation, ready_ns: Some(now_ns) };
+    place.was_ready = true;
+    place.serves = if slot.role() == Role::Haptic { place.serves } else { incarnation };
+    swap::ready(now_ns, slot, incarnation, state)
+}
+
+/// Time has passed.
+fn tick(now_ns: u64, state: &mut State) -> Vec<Action> {
+    let mut actions = spawn_due(now_ns, state);
+    actions.extend(relieve(now_ns, state));
+    if !state.stopping {
+        let ground = |(role, ladder): (&Role, &mut Ladder)| Some(Action::GoBack { role: *role, ground: ladder.wait(now_ns)? });
+        actions.extend(state.ladders.iter_mut().filter_map(ground));
+    }
+    actions.extend(swap::tend(now_ns, state));
+    actions
 }
 
 /// Takes over those who live already, ready or not yet.
@@ -220,6 +129,8 @@ fn begin(now_ns: u64, adopted: Vec<(Slot, u32)>, warming: Vec<(Slot, u32)>, stat
     for ((slot, incarnation), ready_ns) in ready.chain(warming.into_iter().map(|found| (found, None))) {
         if let Some(place) = state.places.get_mut(&slot) {
             place.life = Life::Alive { incarnation, ready_ns };
+            // Whether a servo has left its shadow is told at the first look.
+            place.serves = if ready_ns.is_some() && slot.role() != Role::Haptic { incarnation } else { 0 };
         }
     }
 }
@@ -293,7 +204,9 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
     }
     let mut actions = vec![Action::MarkDead { slot, incarnation }];
     place.leaving = None;
-    let hung = place.hung == incarnation;
+    let hung = place.hung.0 == incarnation;
+    // What hung was at its end with its last beat: a bound on hangs that is longer than a doomed tenure makes none last.
+    let ended_ns = if hung { place.hung.1.min(now_ns) } else { now_ns };
     if stopping {
         place.life = Life::Vacant { due_ns: u64::MAX };
         return actions;
@@ -314,10 +227,10 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         return actions;
     }
     // SIGKILL comes from outside, unless it was this supervisor's answer to a hang.
-    let by_itself = place.hung == incarnation || exit != Exit::Signal(9);
+    let by_itself = hung || exit != Exit::Signal(9);
     let role = slot.role();
     if let Some(ladder) = state.ladders.get_mut(&role).filter(|ladder| ladder.holder() == incarnation)
-        && let Some(ground) = ladder.holder_died(now_ns, by_itself, ready_ns.is_some())
+        && let Some(ground) = ladder.holder_died(now_ns, ended_ns, by_itself, ready_ns.is_some())
     {
         actions.push(Action::GoBack { role, ground });
         // What killed them is the state; the slots begin anew with another one.
@@ -325,7 +238,7 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
             place.short_lives = 0;
         }
     }
-    let settled = ready_ns.is_some_and(|ready_ns| now_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
+    let settled = ready_ns.is_some_and(|ready_ns| ended_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
     let end = match (settled, by_itself) {
         (true, _) => End::Settled,
         (false, true) => End::OfItself,

@@ -4,7 +4,7 @@
 //! everything has stopped, and writes it where the user wants it.
 
 use crate::accounts::{Account, Accounts, Counters};
-use crate::fault::Fault;
+use crate::fault::{Fault, STEP_MARGIN_N};
 use crate::faults::Faults;
 use crate::policy::State;
 use crate::view::Viewer;
@@ -185,6 +185,11 @@ impl Arms {
         (variance / count).sqrt()
     }
 
+    /// Whether a step of the force is larger than all that the controls made, and what is allowed beyond.
+    fn jerks(&self) -> bool {
+        self.step_n > self.control_step_n + STEP_MARGIN_N
+    }
+
     /// Whether the promise is broken beyond doubt: even the lower end of the interval is above what is allowed.
     fn is_broken(&self) -> bool {
         if self.excesses.len() < 2 {
@@ -225,8 +230,10 @@ pub fn is_broken(report: &Value) -> bool {
     let count = |key: &str| report.get(key).and_then(Value::as_u64).unwrap_or(0);
     let faults: Vec<Fault> =
         report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
-    let judged = faults.iter().filter(|fault| !fault.may_be_felt());
-    count("invalid_applied") > 0 || count("stale_applied") > 0 || Arms::of(judged).is_broken()
+    let arms = Arms::of(faults.iter().filter(|fault| !fault.may_be_felt()));
+    // Nor did the ticks before that fault make such a step (`fault::judge`).
+    let jerks = arms.jerks() && faults.iter().any(|fault| !fault.may_be_felt() && !fault.step.is_empty());
+    count("invalid_applied") > 0 || count("stale_applied") > 0 || arms.is_broken() || jerks
 }
 
 /// One line for people.
@@ -301,7 +308,7 @@ fn copies(accounts: &Accounts, status: &Statuses) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ledger::Window;
+    use crate::ledger::{Tick, Window};
 
     fn fault(missed: u64, control: u64) -> Fault {
         let window = |missed| Some(Window { ticks: 200, missed, ..Window::default() });
@@ -327,5 +334,15 @@ mod tests {
         let noise: Vec<Fault> = (0..50).map(|index| fault(u64::from(index == 7) * 4, u64::from(index == 9) * 2)).collect();
         assert!(!Arms::of(noise.iter()).is_broken());
         assert!(is_broken(&json!({ "invalid_applied": 1 })) && !is_broken(&json!({ "faults": [] })));
+        let stepping = |step_n, control_n, is_new: bool| {
+            let window = |force_step_max_n| Some(Window { ticks: 200, force_step_max_n, ..Window::default() });
+            let step = if is_new { vec![Tick::default()] } else { Vec::new() };
+            let fault =
+                Fault { target: "tissue:0".into(), window: window(step_n), control: window(control_n), step, ..Fault::default() };
+            is_broken(&json!({ "faults": [fault] }))
+        };
+        assert!(stepping(0.4, 0.1, true));
+        assert!(!stepping(0.14, 0.1, true), "within what is allowed");
+        assert!(!stepping(0.4, 0.1, false), "the ticks before it stepped as much");
     }
 }

@@ -59,7 +59,7 @@ enum Service {
 /// supervisor for its guardian, the stand-in of the guardian for the supervisor. Gives its process id; whoever starts it reaps it.
 pub fn start_own(station: &Station, subcommand: &str, role: Role) -> std::io::Result<u32> {
     let log = std::fs::OpenOptions::new().append(true).create(true).open(station.log(Slot::first(role)))?;
-    let mut command = Command::new(std::env::current_exe()?);
+    let mut command = proc::own_program();
     command.args([subcommand, "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log);
     Ok(proc::start(&mut command, false)?.id())

@@ -16,7 +16,8 @@ use crate::faults::Faults;
 use crate::growth::{Growth, Use};
 use crate::journal;
 use crate::lockstep::Permit;
-use crate::name::{self, Holder};
+use crate::name;
+use crate::oom::OutOfMemory;
 use crate::plan::{Plan, PlanError};
 use crate::policy::{self, Event, Exit, State};
 use crate::proc;
@@ -89,6 +90,7 @@ struct Supervisor {
     holders: roles::Holders,
     kept: kept::Kept,
     growth: Growth,
+    memory: OutOfMemory,
     slots: Vec<Slot>,
     next_ledger_ns: u64,
     next_accounts_ns: u64,
@@ -110,7 +112,7 @@ struct Supervisor {
 /// Supervises a station that was founded, until it stops. Gives the exit code.
 pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let system_error = |e| SuperviseError::System(station.name().to_string(), e);
-    let Some(_name) = name::take(station, Holder::Supervisor).map_err(system_error)? else {
+    let Some(_lock) = name::lock(station).map_err(system_error)? else {
         return Ok(0); // there is one
     };
     crate::proc::end_on_panic();
@@ -149,6 +151,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),
         growth: Growth::default(),
+        memory: OutOfMemory::watch(),
         slots,
         page,
         next_ledger_ns: 0,
@@ -262,7 +265,11 @@ impl Supervisor {
         let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
         let incarnation = self.viewer.page().incarnation(slot);
         let used = Use { resident_mib: resident_mib as u64, files };
-        if let Some(text) = self.growth.sample(slot, incarnation, used) {
+        let grown = self.growth.sample(slot, incarnation, used);
+        if let Some(text) = grown.as_ref().filter(|_| slot.role() == Role::Hardware) {
+            // It stands for a thing outside of the station, which nobody here replaces.
+            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) grows: {text}"));
+        } else if let Some(text) = grown {
             journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {text}"));
             self.faults.late(slot, incarnation, now_ns, now_ns, "growth");
             let unfit = Event::Unfit { slot, incarnation, reason: "it grows and grows" };
@@ -292,6 +299,10 @@ impl Supervisor {
                 self.note_rights(slot);
                 self.act(actions);
             }
+            Input::Notice(Notice::Serves { slot, incarnation, at_ns }) => {
+                let actions = policy::step(at_ns, Event::Serves { slot, incarnation }, &mut self.policy);
+                self.act(actions);
+            }
             Input::Notice(Notice::Suspected { slot, incarnation, at_ns }) => {
                 self.accounts.suspected(slot);
                 self.faults.suspected(slot, incarnation, at_ns);
@@ -306,11 +317,11 @@ impl Supervisor {
                     &format!("{slot} hangs (last heartbeat {} ms ago) and is killed", (at_ns - beat_ns.min(at_ns)) / 1_000_000),
                 );
                 self.faults.late(slot, incarnation, at_ns, beat_ns, "heartbeat");
-                let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation }, &mut self.policy);
+                let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation, beat_ns }, &mut self.policy);
                 self.act(actions);
             }
             Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, beat_ns }) => {
-                let exit = spawn::reap(pid);
+                let exit = self.memory.blame(spawn::reap(pid));
                 self.spawner.mortality.pass("reaped");
                 self.note_holders(at_ns); // one that took the role and died since the last look held it
                 if self.dismissed.remove(&incarnation) {

@@ -50,6 +50,7 @@ pub struct Ward {
     page: ReadPage,
     spawned_ns: u64,
     ready: bool,
+    serves: bool,
     blamed: bool,
     gauge: Gauge,
     thread: Option<ThreadFiles>,
@@ -72,6 +73,7 @@ impl Ward {
             page,
             spawned_ns,
             ready: false,
+            serves: false,
             blamed: false,
             gauge,
             thread,
@@ -125,6 +127,15 @@ pub enum Notice {
         at_ns: u64,
         /// Its last heartbeat, ns.
         beat_ns: u64,
+    },
+    /// A servo has left its shadow: what it makes may be used.
+    Serves {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+        /// When it was seen, ns.
+        at_ns: u64,
     },
     /// An incarnation became warm or live.
     Ready {
@@ -294,6 +305,10 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
     if !ward.ready && state.is_ready() {
         ward.ready = true;
         tell(Notice::Ready { slot, incarnation, at_ns: now_ns });
+    }
+    if !ward.serves && slot.role() == Role::Haptic && state == ProcessState::Live {
+        ward.serves = true;
+        tell(Notice::Serves { slot, incarnation, at_ns: now_ns });
     }
     let late =
         |since_ns: u64, bound_ns: u64| if now_ns.saturating_sub(since_ns) > bound_ns { Opinion::Guilty } else { Opinion::Same };

@@ -9,6 +9,9 @@ const LOST_AT_MOST: u64 = 1_000;
 /// Excess misses per fault that a station's exit code forgives, as `hystation run` promises.
 const MOST_EXCESS: f64 = 0.1;
 
+/// Step of the force that is allowed beyond what fault-free ticks make, N, as design.md promises.
+const STEP_MARGIN_N: f64 = 0.05;
+
 /// Share of a window that may be void: those ticks tell nothing of a fault.
 const MOST_VOID: f64 = 0.2;
 
@@ -87,7 +90,15 @@ impl Ended {
         // Beyond doubt: the lower end of the interval, as far below the mean as the upper one is above it.
         let excess = &self.report["device"]["excess_per_fault"];
         let bounds = excess["mean"].as_f64().zip(excess["upper95"].as_f64());
-        let is_broken = bounds.is_some_and(|(mean, upper95)| mean - (upper95 - mean) > MOST_EXCESS);
+        let misses = bounds.is_some_and(|(mean, upper95)| mean - (upper95 - mean) > MOST_EXCESS);
+        let is_felt = |fault: &Value| {
+            let role = fault["target"].as_str().and_then(|name| name.split(':').next());
+            role == Some("device") || role == Some("haptic") && fault["together"] == true
+        };
+        let has_step = |fault: &Value| !is_felt(fault) && fault["step"].as_array().is_some_and(|ticks| !ticks.is_empty());
+        let stepped = self.report["faults"].as_array().is_some_and(|all| all.iter().any(has_step));
+        let jerks = self.number("device.force_step_max_n") > self.number("device.force_step_max_control_n") + STEP_MARGIN_N;
+        let is_broken = misses || stepped && jerks;
         let is_right = match self.code {
             Some(1) => is_broken,
             Some(0) => !is_broken && !any("given_up") && !any("held"),

@@ -3,7 +3,7 @@
 use super::needed_bytes;
 use super::order::Order;
 use crate::commands::check::Admitted;
-use crate::name::{self, Holder};
+use crate::name;
 use crate::plan::Plan;
 use crate::remains;
 use crate::settings::Refusal;
@@ -36,18 +36,23 @@ pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
     let deadline_ns = system::now_ns() + ROOM_NS;
     let mut knocked = false;
     loop {
-        let taken = name::take(station, Holder::Guardian).map_err(|e| Refusal::failed(format!("station name: {e}")))?;
+        let taken = name::take(station).map_err(|e| Refusal::failed(format!("station name: {e}")))?;
         if let Some(listener) = taken {
             return Ok(listener);
         }
         let stands_in = Order::read(station).is_some_and(|order| order.stand_in);
+        let stranger = if stands_in || knocked { None } else { name::stranger(station) };
+        if let Some(user) = stranger {
+            let name = station.name();
+            return Err(Refusal::input(format!("the name {name:?} is taken by a process of user {user}; give another --name")));
+        }
         if !stands_in && !knocked || system::now_ns() > deadline_ns {
             return Err(Refusal::input(format!(
                 "a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name",
                 station.name()
             )));
         }
-        knocked |= name::knock(station, Holder::Guardian).is_ok();
+        knocked |= name::knock(station).is_ok();
         system::sleep_ns(TRY_NS);
     }
 }

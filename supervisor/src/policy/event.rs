@@ -11,6 +11,8 @@ pub enum Exit {
     Code(i32),
     /// Signal.
     Signal(i32),
+    /// SIGKILL by the kernel, because memory was short.
+    OutOfMemory,
     /// The process was adopted: nobody but its parent learns how it ended.
     Unknown,
 }
@@ -20,6 +22,7 @@ impl std::fmt::Display for Exit {
         match self {
             Exit::Code(code) => write!(f, "exit code {code}"),
             Exit::Signal(signal) => write!(f, "signal {signal}"),
+            Exit::OutOfMemory => f.write_str("signal 9 by the kernel, for want of memory"),
             Exit::Unknown => f.write_str("unknown end"),
         }
     }
@@ -54,6 +57,13 @@ pub enum Event {
         /// Who.
         incarnation: u32,
     },
+    /// What a servo makes may be used from now on: it has left its shadow.
+    Serves {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+    },
     /// An incarnation died.
     Died {
         /// Where.
@@ -69,6 +79,8 @@ pub enum Event {
         slot: Slot,
         /// Who.
         incarnation: u32,
+        /// Its last beat, ns: what it did, it had done by then.
+        beat_ns: u64,
     },
     /// An incarnation took a stateful role.
     Holds {

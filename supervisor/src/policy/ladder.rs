@@ -6,7 +6,7 @@
 //! A kill from outside dooms nobody, and a tenure that lasted wipes the count. What is held still is tried again, ever more rarely: the cause may have
 //! been an input that is gone.
 
-/// A holder that dies sooner was doomed, ns: it died in its first steps, or hung in them and was killed after a tenth of a second.
+/// A holder that ends sooner was doomed, ns: it died in its first steps, or hung in them. One that hangs ends with its last beat, whenever it is found.
 pub const DOOMED_NS: u64 = 500_000_000;
 /// Doomed tenures in a row on one rung.
 pub const MOST_DOOMED: u32 = 3;
@@ -100,15 +100,16 @@ impl Ladder {
         self.moved = false;
     }
 
-    /// The holder died; `by_itself`: it crashed or hung; `was_ready`: it had made a step before. Gives the new ground if the role goes a rung down.
-    pub fn holder_died(&mut self, now_ns: u64, by_itself: bool, was_ready: bool) -> Option<Ground> {
+    /// The holder died, of what had ended it at `ended_ns`; `by_itself`: it crashed or hung; `was_ready`: it had made a step before. Gives the new ground
+    /// if the role goes a rung down.
+    pub fn holder_died(&mut self, now_ns: u64, ended_ns: u64, by_itself: bool, was_ready: bool) -> Option<Ground> {
         let (_, since_ns) = self.holder?;
         self.lives = false;
         let early = std::mem::take(&mut self.early);
         if self.is_held() {
             return None;
         }
-        if was_ready && now_ns.saturating_sub(since_ns) >= DOOMED_NS {
+        if was_ready && ended_ns.saturating_sub(since_ns) >= DOOMED_NS {
             self.doomed = 0;
         } else if by_itself && !early {
             if self.doomed == 0 && self.rung == 0 {
@@ -163,13 +164,18 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
+    /// A holder dies of what ended it at once.
+    fn died(ladder: &mut Ladder, now_ns: u64, by_itself: bool, was_ready: bool) -> Option<Ground> {
+        ladder.holder_died(now_ns, now_ns, by_itself, was_ready)
+    }
+
     /// Holders from `first` on die soon after they took the role, until it is held; gives the grounds on the way.
     fn go_down(ladder: &mut Ladder, first: u32) -> Vec<Ground> {
         let mut grounds = Vec::new();
         for incarnation in first..first + 20 {
             let now_ns = (100 + incarnation as u64) * S;
             ladder.holds(now_ns, incarnation);
-            grounds.extend(ladder.holder_died(now_ns + 1_000_000, true, true));
+            grounds.extend(died(ladder, now_ns + 1_000_000, true, true));
             ladder.holds(now_ns + 2_000_000, incarnation);
         }
         grounds
@@ -179,7 +185,7 @@ mod tests {
     fn successors_that_die_of_the_same_state_go_back_twice_and_are_then_held() {
         let mut ladder = Ladder::default();
         ladder.holds(S, 1);
-        assert_eq!(ladder.holder_died(100 * S, true, true), None, "the first had lasted");
+        assert_eq!(died(&mut ladder, 100 * S, true, true), None, "the first had lasted");
         assert_eq!(go_down(&mut ladder, 2), [Ground::Before(101 * S), Ground::Before(92 * S), Ground::Hold(92 * S)]);
         assert!(ladder.is_held());
     }
@@ -199,10 +205,7 @@ mod tests {
             assert!(incarnation == 30 || tried == Some(2 * hold_s), "{tried:?} for {hold_s} s");
             assert!(!ladder.is_held());
             if incarnation < 35 {
-                assert!(
-                    matches!(ladder.holder_died(now_ns, true, true), Some(Ground::Hold(_))),
-                    "one death and it is held again"
-                );
+                assert!(matches!(died(&mut ladder, now_ns, true, true), Some(Ground::Hold(_))), "one death and it is held again");
                 ladder.holds(now_ns, incarnation);
             }
         }
@@ -217,7 +220,7 @@ mod tests {
             let now_ns = 100 * S + incarnation as u64 * S / 10;
             ladder = Ladder::resumed(ladder.word(), before_ns, ladder.is_held(), now_ns);
             ladder.holds(now_ns, incarnation);
-            if let Some(ground) = ladder.holder_died(now_ns + 1_000_000, true, true) {
+            if let Some(ground) = died(&mut ladder, now_ns + 1_000_000, true, true) {
                 grounds.push(ground);
                 before_ns = match ground {
                     Ground::Before(ns) | Ground::Hold(ns) | Ground::Again(ns) => Some(ns),
@@ -256,7 +259,7 @@ mod tests {
         assert_eq!(ladder.wait(200 * S), None);
         assert_eq!(ladder.wait(200 * S + FIRST_HOLD_NS), Some(Ground::Again(92 * S)));
         ladder.holds(211 * S, 8);
-        assert_eq!(ladder.holder_died(211 * S + 1, true, true), Some(Ground::Hold(92 * S)));
+        assert_eq!(died(&mut ladder, 211 * S + 1, true, true), Some(Ground::Hold(92 * S)));
     }
 
     #[test]
@@ -264,7 +267,7 @@ mod tests {
         let mut ladder = Ladder::default();
         let die = |ladder: &mut Ladder, incarnation: u32| {
             ladder.holds(50 * S, incarnation);
-            ladder.holder_died(50 * S + 1, true, true)
+            died(ladder, 50 * S + 1, true, true)
         };
         assert_eq!((1..=3).find_map(|incarnation| die(&mut ladder, incarnation)), Some(Ground::Before(49 * S)));
         assert_eq!((4..=6).find_map(|incarnation| die(&mut ladder, incarnation)), None, "4 was there already");
@@ -273,24 +276,43 @@ mod tests {
         assert!(matches!((8..=10).find_map(|incarnation| die(&mut ladder, incarnation)), Some(Ground::Hold(_))));
     }
 
+    /// An ordinary process that hangs is found after seconds; what it did as the holder it had done by its last beat.
+    #[test]
+    fn holders_that_hang_in_their_first_steps_are_doomed_however_late_they_are_found() {
+        let mut ladder = Ladder::default();
+        let mut hang = |incarnation: u32, worked_ns: u64| {
+            let since_ns = 20 * u64::from(incarnation) * S;
+            ladder.holds(since_ns, incarnation);
+            ladder.holder_died(since_ns + worked_ns + 3 * S, since_ns + worked_ns, true, true)
+        };
+        assert_eq!((1..=3).find_map(|incarnation| hang(incarnation, 30_000_000)), Some(Ground::Before(19 * S)));
+        let mut ladder = Ladder::default();
+        let mut hang = |incarnation: u32| {
+            let since_ns = 20 * u64::from(incarnation) * S;
+            ladder.holds(since_ns, incarnation);
+            ladder.holder_died(since_ns + 4 * S, since_ns + DOOMED_NS, true, true)
+        };
+        assert_eq!((1..=9).find_map(&mut hang), None, "they had worked for long enough");
+    }
+
     #[test]
     fn kills_from_outside_doom_nobody_a_founder_that_was_never_ready_is_doomed_and_a_long_tenure_ends_the_trouble() {
         let mut ladder = Ladder::default();
         for incarnation in 1..100 {
             ladder.holds(incarnation as u64 * S, incarnation);
-            assert_eq!(ladder.holder_died(incarnation as u64 * S + 1, false, true), None);
+            assert_eq!(died(&mut ladder, incarnation as u64 * S + 1, false, true), None);
         }
         for incarnation in 100..103 {
             ladder.holds(incarnation as u64 * S, incarnation);
-            let ground = ladder.holder_died(incarnation as u64 * S + 2 * DOOMED_NS, true, false); // on a machine that gave it no time
+            let ground = died(&mut ladder, incarnation as u64 * S + 2 * DOOMED_NS, true, false); // on a machine that gave it no time
             assert_eq!(ground, (incarnation == 102).then_some(Ground::Before(99 * S)));
         }
         ladder.holds(102 * S, 102);
         ladder.holds(103 * S, 103);
         assert_eq!(ladder.wait(112 * S), None);
         assert_eq!(ladder.wait(113 * S), Some(Ground::Newest));
-        assert_eq!(ladder.holder_died(113 * S, true, true), None);
+        assert_eq!(died(&mut ladder, 113 * S, true, true), None);
         ladder.holds(114 * S, 104);
-        assert_eq!(ladder.holder_died(114 * S + 1, true, true), None, "it counts from the start again");
+        assert_eq!(died(&mut ladder, 114 * S + 1, true, true), None, "it counts from the start again");
     }
 }

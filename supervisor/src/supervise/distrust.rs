@@ -77,9 +77,9 @@ impl Supervisor {
         }
     }
 
-    /// Ends one for what it does. To the policy that is a hang: it comes from within, and from the same state a successor may do the same.
+    /// Ends one for what it does. To the policy that is a hang that was found at once: it comes from within, and from the same state a successor may do the same.
     fn end_guilty(&mut self, slot: Slot, incarnation: u32, now_ns: u64) {
-        let actions = policy::step(now_ns, Event::HeartbeatLate { slot, incarnation }, &mut self.policy);
+        let actions = policy::step(now_ns, Event::HeartbeatLate { slot, incarnation, beat_ns: now_ns }, &mut self.policy);
         self.act(actions);
     }
 

@@ -129,7 +129,8 @@ impl Supervisor {
                     tick,
                     1,
                     format!(
-                        "{name} is held still from now on: no holder survived a step, from older states neither; forces fade, the rest goes on"
+                        "{name} is held still from now on: no holder survived a step, from older states neither; {}the rest goes on",
+                        if role == Role::Tissue { "forces fade, " } else { "" }
                     ),
                 )
             }

@@ -18,7 +18,7 @@ use hyst_messages::{Role, Slot};
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::mpsc::Sender;
 
 /// How long a newcomer is compared at least before it may have the role, ns.
@@ -353,8 +353,7 @@ pub fn binary_of(pid: u32) -> Option<PathBuf> {
 }
 
 fn start_judge(station: &Station, role: Role, guest: u32, tell: Sender<Input>) -> Option<Child> {
-    let program = std::env::current_exe().ok()?;
-    let mut command = Command::new(program);
+    let mut command = crate::proc::own_program();
     command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = crate::proc::start(&mut command, false).ok()?;

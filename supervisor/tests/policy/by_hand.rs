@@ -112,6 +112,9 @@ fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
     let slots = [Slot::new(Role::Haptic, 0).unwrap(), Slot::new(Role::Haptic, 1).unwrap()];
     let mut state = State::new(&slots);
     step(0, Event::Started { adopted: vec![(slots[0], 1), (slots[1], 2)], warming: Vec::new() }, &mut state);
+    for (slot, incarnation) in [(slots[0], 1), (slots[1], 2)] {
+        assert_eq!(step(0, Event::Serves { slot, incarnation }, &mut state), []);
+    }
     let grows = |slot, incarnation| Event::Unfit { slot, incarnation, reason: "it grows" };
     let now_ns = 2 * limits(Role::Haptic).settled_ns;
     assert_eq!(step(now_ns, grows(slots[0], 1), &mut state), [Action::Kill { slot: slots[0], incarnation: 1 }]);
@@ -121,6 +124,8 @@ fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
     step(now_ns, Event::Spawned { slot: slots[0], incarnation: 3 }, &mut state);
     assert_eq!(step(now_ns, Event::Tick, &mut state), [], "its successor is not ready");
     step(now_ns, Event::Ready { slot: slots[0], incarnation: 3 }, &mut state);
+    assert_eq!(step(now_ns, Event::Tick, &mut state), [], "its successor is in its shadow: the device takes nothing of it");
+    step(now_ns, Event::Serves { slot: slots[0], incarnation: 3 }, &mut state);
     assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Kill { slot: slots[1], incarnation: 2 }]);
 }
 

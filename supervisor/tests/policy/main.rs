@@ -48,6 +48,8 @@ struct World {
     leaving: BTreeMap<u32, u64>,
     /// Those that were killed and are not dead yet.
     killed: BTreeSet<u32>,
+    /// Those whose work may be used: a servo that is ready has its shadow before it.
+    serves: BTreeSet<u32>,
     /// What comes is the answer to a hang.
     hangs: bool,
     swap: Option<swaps::Seen>,
@@ -79,7 +81,8 @@ impl World {
     fn check_relieved(&self, slot: Slot, incarnation: u32) {
         let is_late = self.leaving.get(&incarnation).is_none_or(|since_ns| self.now_ns - since_ns >= LEAVE_WITHIN_NS);
         let stays = |(other, (alive, ready)): (&Slot, &(u32, bool))| {
-            other.role() == slot.role() && *other != slot && *ready && !self.killed.contains(alive)
+            let works = *ready && self.serves.contains(alive) && !self.killed.contains(alive);
+            other.role() == slot.role() && *other != slot && works
         };
         let alone = !self.alive.iter().any(stays);
         assert!(self.hangs || is_late || !is_replicated(slot.role()) || !alone, "{slot} is replaced while nobody else can work");
@@ -188,8 +191,28 @@ impl World {
         let (ready, warming): (Vec<_>, Vec<_>) = here.partition(|(_, ready)| *ready);
         let of = |found: Vec<((Slot, u32), bool)>| found.into_iter().map(|(found, _)| found).collect();
         self.event(state, Event::Started { adopted: of(ready), warming: of(warming) });
+        self.tell_who_serves(state);
         for (role, incarnation) in self.holder.clone() {
             self.event(state, Event::Holds { role, incarnation });
+        }
+    }
+
+    /// One that is ready: of a servo it is told apart when its work may be used.
+    fn make_ready(&mut self, state: &mut State, slot: Slot, incarnation: u32) {
+        self.alive.insert(slot, (incarnation, true));
+        if slot.role() != Role::Haptic {
+            self.serves.insert(incarnation);
+        }
+        self.event(state, Event::Ready { slot, incarnation });
+    }
+
+    /// The watch tells of every servo that has left its shadow.
+    fn tell_who_serves(&mut self, state: &mut State) {
+        let here: Vec<(Slot, u32)> = self.alive.iter().map(|(slot, (incarnation, _))| (*slot, *incarnation)).collect();
+        for (slot, incarnation) in here {
+            if slot.role() == Role::Haptic && self.serves.contains(&incarnation) {
+                self.event(state, Event::Serves { slot, incarnation });
+            }
         }
     }
 
@@ -205,10 +228,11 @@ impl World {
                 let succeeds = dice.below(8) != 0;
                 self.settle_pending(state, succeeds);
             }
-            (3 | 4, Some((incarnation, _))) => {
-                self.alive.insert(slot, (incarnation, true));
-                self.event(state, Event::Ready { slot, incarnation });
+            (3, Some((incarnation, true))) if slot.role() == Role::Haptic => {
+                self.serves.insert(incarnation);
+                self.event(state, Event::Serves { slot, incarnation });
             }
+            (3 | 4, Some((incarnation, _))) => self.make_ready(state, slot, incarnation),
             (5 | 6, Some((incarnation, ready))) => {
                 let exit = match dice.below(6) {
                     // An engine that refuses its scene at the start ends the station; that has a test of its own.
@@ -220,7 +244,10 @@ impl World {
                 self.leaving.remove(&incarnation);
                 self.event(state, Event::Died { slot, incarnation, exit });
             }
-            (7, Some((incarnation, _))) => self.event(state, Event::HeartbeatLate { slot, incarnation }),
+            (7, Some((incarnation, _))) => {
+                let beat_ns = self.now_ns - dice.below(4_000_000_000);
+                self.event(state, Event::HeartbeatLate { slot, incarnation, beat_ns });
+            }
             (8, Some((incarnation, true))) if is_stateful(slot.role()) => {
                 self.holder.insert(slot.role(), incarnation);
                 self.event(state, Event::Holds { role: slot.role(), incarnation });
@@ -232,7 +259,8 @@ impl World {
             (10, _) => {
                 let stranger = living.map_or(0, |(incarnation, _)| incarnation) + 1_000;
                 self.event(state, Event::Died { slot, incarnation: stranger, exit: Exit::Unknown });
-                self.event(state, Event::HeartbeatLate { slot, incarnation: stranger });
+                self.event(state, Event::HeartbeatLate { slot, incarnation: stranger, beat_ns: self.now_ns });
+                self.event(state, Event::Serves { slot, incarnation: stranger });
                 self.event(state, Event::Ready { slot, incarnation: stranger });
                 self.event(state, Event::Unfit { slot, incarnation: stranger, reason: "it grows" });
             }
@@ -282,10 +310,12 @@ fn history(seed: u64, slots: &[Slot]) -> u64 {
     for (index, slot) in slots.iter().enumerate() {
         if dice.below(4) == 0 {
             world.alive.insert(*slot, (index as u32 + 1, true));
+            world.serves.insert(index as u32 + 1);
             adopted.push((*slot, index as u32 + 1));
         }
     }
     world.event(&mut state, Event::Started { adopted, warming: Vec::new() });
+    world.tell_who_serves(&mut state);
     let length = 1 + dice.below(120);
     let stop_at = dice.below(4 * length);
     // Some histories are slow, some quick: lives that settle, and lives that do not.

@@ -99,8 +99,7 @@ impl World {
             let waiting: Vec<(Slot, u32)> =
                 self.alive.iter().filter(|(_, (_, ready))| !ready).map(|(slot, (alive, _))| (*slot, *alive)).collect();
             for (slot, incarnation) in waiting {
-                self.alive.insert(slot, (incarnation, true));
-                self.event(state, Event::Ready { slot, incarnation });
+                self.make_ready(state, slot, incarnation);
             }
             self.now_ns += 1_000_000_000;
             self.event(state, Event::Tick);

@@ -54,7 +54,8 @@ pub struct ServoParams {
     pub gap_hold_ticks: u32,
     /// Ticks over which the last hop then ramps to zero; equal to its `ramp_ticks`.
     pub gap_ramp_ticks: u32,
-    /// Change of force per tick that a change of the contact model may cause beyond what motion explains, N.
+    /// Change of force per tick that a change of the contact model may cause beyond what motion explains, N: less than the 0.05 N that a fault may add
+    /// to the step of a fault-free tick, because the first model after a gap is such a change.
     pub model_step_n: f32,
     /// Fastest motion of a hand that counts as an explanation, m/s.
     pub max_speed_m_s: f32,
@@ -79,7 +80,7 @@ impl Default for ServoParams {
             fade_ticks: 200,
             gap_hold_ticks: 2,
             gap_ramp_ticks: 20,
-            model_step_n: 0.1,
+            model_step_n: 0.04,
             max_speed_m_s: 1.0,
             return_speed_m_s: 0.03,
             controller_damping_n_s_m: 4.0,
@@ -108,7 +109,7 @@ impl ServoParams {
             damping_depth_m: sane(self.damping_depth_m, 1e-6, 1.0, 0.5e-3),
             gap_ramp_ticks: self.gap_ramp_ticks.max(1),
             fade_ticks: self.fade_ticks.max(1),
-            model_step_n: sane(self.model_step_n, 0.0, 100.0, 0.1),
+            model_step_n: sane(self.model_step_n, 0.0, 100.0, 0.04),
             max_speed_m_s: sane(self.max_speed_m_s, 1e-3, 100.0, 1.0),
             return_speed_m_s: sane(self.return_speed_m_s, 1e-3, 1.0, 0.03),
             controller_damping_n_s_m: sane(self.controller_damping_n_s_m, 0.0, 1e3, 0.0),

@@ -1,0 +1,123 @@
+//! What the policy remembers: of each slot, of each role with a state, of a swap that is under way.
+
+use super::ladder::Ladder;
+use super::limits::{is_replicated, is_stateful};
+use super::swap::Swap;
+use hyst_messages::{Role, Slot};
+use std::collections::{BTreeMap, VecDeque};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Life {
+    Vacant {
+        due_ns: u64,
+    },
+    Spawning,
+    Alive {
+        incarnation: u32,
+        ready_ns: Option<u64>,
+    },
+    GivenUp,
+    /// A guest's slot without a guest.
+    Closed,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub(super) life: Life,
+    /// An incarnation of it was ready before: the scene and the settings were good.
+    pub(super) was_ready: bool,
+    pub(super) short_lives: u32,
+    pub(super) deaths_ns: VecDeque<u64>,
+    /// The incarnation that hung and was killed for it, and when it had beaten last, ns.
+    pub(super) hung: (u32, u64),
+    /// The incarnation whose work may be used: one that is ready, and a servo only after it has left its shadow.
+    pub(super) serves: u32,
+    /// The incarnation that is killed, and whose death is awaited.
+    pub(super) killed: u32,
+    /// The incarnation that is to be replaced, since when, and whether it was told.
+    pub(super) leaving: Option<(u32, u64, bool)>,
+}
+
+/// What the policy remembers.
+#[derive(Clone, Debug)]
+pub struct State {
+    pub(super) places: BTreeMap<Slot, Place>,
+    pub(super) ladders: BTreeMap<Role, Ladder>,
+    pub(super) swap: Option<Swap>,
+    pub(super) stopping: bool,
+}
+
+impl State {
+    /// The slots that must be occupied. Each role with a state has a guest's slot beside, which is closed but for a swap.
+    pub fn new(slots: &[Slot]) -> State {
+        let life = Life::Vacant { due_ns: 0 };
+        let vacant = Place {
+            life,
+            was_ready: false,
+            short_lives: 0,
+            deaths_ns: VecDeque::new(),
+            hung: (0, 0),
+            serves: 0,
+            killed: 0,
+            leaving: None,
+        };
+        let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
+        let ladders: BTreeMap<Role, Ladder> = ladders.collect();
+        let guests = ladders.keys().filter_map(|role| Slot::guest(*role));
+        let closed = guests.map(|slot| (slot, Place { life: Life::Closed, ..vacant.clone() }));
+        let places = slots.iter().map(|slot| (*slot, vacant.clone())).chain(closed).collect();
+        State { places, ladders, swap: None, stopping: false }
+    }
+    /// Whether a stop was asked for.
+    pub fn is_stopping(&self) -> bool {
+        self.stopping
+    }
+    /// Slots that were given up.
+    pub fn given_up(&self) -> impl Iterator<Item = Slot> + '_ {
+        self.places.iter().filter(|(_, place)| place.life == Life::GivenUp).map(|(slot, _)| *slot)
+    }
+    /// Whether a slot was given up.
+    pub fn is_given_up(&self, slot: Slot) -> bool {
+        self.places.get(&slot).is_some_and(|place| place.life == Life::GivenUp)
+    }
+    /// Where a role stands on its ladder, for a supervisor that is restarted.
+    pub fn set_ladder(&mut self, role: Role, to: Ladder) {
+        if let Some(ladder) = self.ladders.get_mut(&role) {
+            *ladder = to;
+        }
+    }
+    /// Where each role stands on its ladder, for the supervisor after this one.
+    pub fn ladders(&self) -> impl Iterator<Item = (Role, u32)> + '_ {
+        self.ladders.iter().map(|(role, ladder)| (*role, ladder.word()))
+    }
+    /// Roles that are held still.
+    pub fn held(&self) -> impl Iterator<Item = Role> + '_ {
+        self.ladders.iter().filter(|(_, ladder)| ladder.is_held()).map(|(role, _)| *role)
+    }
+    /// Whether any incarnation is alive or being spawned.
+    pub fn anyone_alive(&self) -> bool {
+        self.places.values().any(|place| matches!(place.life, Life::Alive { .. } | Life::Spawning))
+    }
+    /// Whether the slot has an incarnation that is ready.
+    pub fn is_ready(&self, slot: Slot) -> bool {
+        self.ready(slot).is_some()
+    }
+    /// The incarnation in a slot that is ready.
+    pub fn ready(&self, slot: Slot) -> Option<u32> {
+        match self.places.get(&slot)?.life {
+            Life::Alive { incarnation, ready_ns: Some(_) } => Some(incarnation),
+            _ => None,
+        }
+    }
+    /// The incarnation in a slot that does its work, and stays.
+    pub(super) fn lasting(&self, slot: Slot) -> Option<u32> {
+        let place = self.places.get(&slot)?;
+        self.ready(slot).filter(|incarnation| place.serves == *incarnation && place.killed != *incarnation)
+    }
+    /// The other slot of a role with a spare, if this station has it.
+    pub(super) fn sibling(&self, slot: Slot) -> Option<Slot> {
+        let of_two = is_replicated(slot.role()) && !slot.is_guest();
+        let other = Slot::new(slot.role(), 1 - slot.index().min(1)).filter(|_| of_two)?;
+        self.places.contains_key(&other).then_some(other)
+    }
+}
