@@ -3,10 +3,15 @@
 
 use crate::plan::write_whole;
 use hyst_exchange::Station;
+use hyst_messages::Slot;
 use serde::{Deserialize, Serialize};
-use std::io::Write;
-use std::path::PathBuf;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 
+/// A log that is longer is shortened.
+const MOST_LOG_BYTES: u64 = 4 << 20;
+/// What is kept of it.
+const KEPT_LOG_BYTES: u64 = 1 << 16;
 /// Longest line; last words may be long.
 const MOST_BYTES: usize = 1_000;
 /// Lines of a sort that can come at any rate, within [`SELDOM_NS`]: enough to see that there is a cause which goes on.
@@ -74,6 +79,28 @@ pub fn news(station: &Station, seen: &mut usize) -> Vec<String> {
     news.lines().map(str::to_string).collect()
 }
 
+/// Shortens the logs of these slots, and the events, where they have grown too long: they lie in memory that all engines share, and an engine or a driver
+/// that says something at each step would fill it within hours. Who writes a log appends to it, so it goes on behind what is kept.
+pub fn keep_small(station: &Station, slots: &[Slot]) {
+    let logs = slots.iter().map(|slot| station.log(*slot));
+    for path in logs.chain([path(station)]) {
+        let _ = shorten(&path); // one that is not there is short
+    }
+}
+
+fn shorten(path: &Path) -> std::io::Result<()> {
+    if std::fs::metadata(path)?.len() <= MOST_LOG_BYTES {
+        return Ok(());
+    }
+    let mut file = std::fs::OpenOptions::new().read(true).append(true).open(path)?;
+    let mut tail = Vec::new();
+    file.seek(SeekFrom::End(-(KEPT_LOG_BYTES as i64)))?;
+    Read::by_ref(&mut file).take(KEPT_LOG_BYTES).read_to_end(&mut tail)?;
+    let whole = tail.iter().position(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+    file.set_len(0)?;
+    file.write_all(&[b"(what was said before is not kept)\n", tail.get(whole..).unwrap_or_default()].concat())
+}
+
 /// How the station ended by itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
@@ -113,5 +140,25 @@ mod tests {
         assert_eq!((0..1_000).filter_map(|n| said(6 + SELDOM_NS + n)).count() as u64, MOST_SELDOM - 1);
         assert!(said(5 + 3 * SELDOM_NS).unwrap().contains(" more"));
         assert_eq!(said(5 + 5 * SELDOM_NS).as_deref(), Some("so"), "nothing was left unsaid");
+    }
+
+    #[test]
+    fn a_log_that_grows_too_long_keeps_its_newest_lines_and_goes_on_behind_them() {
+        let path = std::env::temp_dir().join(format!("t{}-long.log", std::process::id()));
+        let mut writer = std::fs::OpenOptions::new().append(true).create(true).open(&path).unwrap();
+        writer.write_all(b"short\n").unwrap();
+        shorten(&path).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"short\n");
+        let lines: String = (0..).map(|n| format!("line {n}\n")).take(500_000).collect();
+        assert!(lines.len() as u64 > MOST_LOG_BYTES);
+        writer.write_all(lines.as_bytes()).unwrap();
+        shorten(&path).unwrap();
+        writer.write_all(b"the next\n").unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert!(text.len() as u64 <= KEPT_LOG_BYTES + 100, "{} bytes", text.len());
+        assert!(text.starts_with("(what was said before is not kept)\nline 49"), "{}", &text[..80]);
+        assert!(text.ends_with("line 499999\nthe next\n"));
+        assert!(shorten(&path).is_err(), "it is gone");
     }
 }

@@ -240,6 +240,7 @@ impl Supervisor {
             self.sample_all(now_ns);
             self.heed_states(now_ns);
             self.accounts.write(&self.station);
+            journal::keep_small(&self.station, &self.slots);
             self.faults.keep_open();
             self.hand_over();
         }
