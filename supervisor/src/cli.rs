@@ -85,12 +85,11 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// The report of a recorded session: raw values, scores, and what the station itself did, from the recording alone.
+    Report(ReportArgs),
     /// Not part of this build.
     #[command(hide = true)]
     Replay(Rest),
-    /// Not part of this build.
-    #[command(hide = true)]
-    Report(Rest),
     /// The supervisor of a station; started by the guardian.
     #[command(hide = true)]
     Supervise {
@@ -206,6 +205,25 @@ pub struct CampaignArgs {
     pub json: bool,
 }
 
+/// Arguments of `report`.
+#[derive(Clone, Debug, Args)]
+pub struct ReportArgs {
+    /// The recording (MCAP), as `run --record` writes it.
+    pub file: PathBuf,
+    /// Write a page that needs nothing beside it.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Write the report for programs; `-`: on stdout, instead of the text.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write the session over time, ten rows a second.
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// An earlier session to compare with, a column each; up to 8.
+    #[arg(long, value_name = "FILE")]
+    pub compare: Vec<PathBuf>,
+}
+
 /// Arguments of `run`.
 #[derive(Clone, Debug, Args)]
 pub struct RunArgs {
@@ -299,6 +317,7 @@ mod tests {
             "hystation fault inject crash-loop recorder --times 2",
             "hystation fault campaign kills.toml --seed 3 --report out --batch 50",
             "hystation bench station --json",
+            "hystation report a.mcap --html a.html --json - --csv a.csv --compare b.mcap --compare c.mcap",
             "hystation logs haptic:0 -f",
         ] {
             assert!(Cli::try_parse_from(line.split_whitespace()).is_ok(), "{line}");

@@ -21,6 +21,10 @@ pub const DEVICE_TICKS: u64 = 20;
 /// Largest step that the device's own death makes by design, N: the hardware's watchdog takes 3.3 N away in 20 ticks, and of the force that
 /// returns up to 0.2 N come at once, the rest by a rise (`HardwareParams`, `LastHopParams` of the coupling).
 const DEVICE_STEP_N: f64 = 0.2;
+/// What a servo publishes by these kinds is never applied.
+const NEVER_APPLIED: [&str; 6] = ["nan", "inf", "range", "stamp", "replay", "ahead"];
+/// Ticks after its injection in which a servo may still make the force that it had begun.
+const BEGUN_TICKS: u64 = 2;
 /// Fault-free ticks that a force step is compared with.
 const QUIET_TICKS: u64 = 10_000;
 
@@ -91,6 +95,15 @@ impl Fault {
         quiet_n.max(by_design_n) + STEP_MARGIN_N
     }
 
+    /// Ticks at which the hand was given what this servo made while it did wrong. The last hop lets nothing through that is not finite or too large, so the
+    /// force itself would not show that nobody had checked it; the hardware's ledger says whose it was.
+    fn wrong_ticks(&self, ledger: &Ledger) -> u64 {
+        let is_lie = self.target.split(':').next() == Some(Role::Haptic.name()) && NEVER_APPLIED.contains(&self.kind.as_str());
+        let Some(recovered_us) = self.recovered_us.filter(|_| is_lie) else { return 0 };
+        let end_tick = self.tick + (recovered_us * 1e3) as u64 / TICK_NS;
+        ledger.fresh_of(self.incarnation, self.tick + BEGUN_TICKS, end_tick)
+    }
+
     /// Whether the hand may feel it, so that it has an account of its own: that of the device, and of both servos at once.
     pub fn may_be_felt(&self) -> bool {
         self.target == Role::Device.name() || self.is_of_both_servos()
@@ -109,7 +122,8 @@ pub(crate) fn bounds(fault: &Fault) -> (u64, u64) {
 
 pub(crate) fn judge(fault: &mut Fault, control: Option<Window>, ledger: &Ledger, taken: &[(u64, u64)]) {
     let (from_tick, to_tick) = bounds(fault);
-    let window = ledger.window(from_tick, to_tick);
+    let mut window = ledger.window(from_tick, to_tick);
+    window.wrong += fault.wrong_ticks(ledger);
     if window.ticks + window.voided == 0 {
         return; // no ledger: nothing can be judged
     }
@@ -150,6 +164,7 @@ fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, taken: &[(u64, u64)]) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::LedgerEntry;
 
     #[test]
     fn only_the_device_and_both_servos_at_once_may_be_felt() {
@@ -158,5 +173,37 @@ mod tests {
         let steps_n = ["device", "haptic:0"].map(|target| Fault { target: target.into(), ..Fault::default() }.most_step_n(0.1));
         assert!((steps_n[0] - 0.25).abs() < 1e-12 && (steps_n[1] - 0.15).abs() < 1e-12, "{steps_n:?}");
         assert!(!felt("haptic:1", false) && !felt("tissue:0", true) && !felt("guardian", false));
+    }
+
+    #[test]
+    fn the_force_of_a_servo_that_lies_is_wrong_however_it_looks() {
+        let mut ledger = Ledger::default();
+        for tick in 1_000..2_000u64 {
+            let source_incarnation = if (1_201..1_205).contains(&tick) { 7 } else { 8 };
+            let entry = LedgerEntry {
+                hardware_tick: tick,
+                station_tick: tick,
+                force_tick: tick,
+                source_incarnation,
+                ..LedgerEntry::default()
+            };
+            ledger.push(&entry, true);
+        }
+        let judged = |kind: &str, target: &str| {
+            let window = ledger.window(1_500, 1_700);
+            let mut fault = Fault {
+                kind: kind.into(),
+                target: target.into(),
+                tick: 1_200,
+                incarnation: 7,
+                recovered_us: Some(100_000.0),
+                ..Fault::default()
+            };
+            judge(&mut fault, Some(window), &ledger, &[]);
+            (fault.window.unwrap().wrong, fault.promise_held)
+        };
+        assert_eq!(judged("nan", "haptic:0"), (3, Some(false)), "from two ticks after the injection on");
+        assert_eq!(judged("slow", "haptic:0"), (0, Some(true)), "it is late, and right");
+        assert_eq!(judged("nan", "tissue:0"), (0, Some(true)), "no servo");
     }
 }

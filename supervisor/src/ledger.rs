@@ -212,6 +212,12 @@ impl Ledger {
         self.ticks.range(first..end).filter(|tick| tick.late).take(2 * AROUND).copied().collect()
     }
 
+    /// Ticks of `from_tick..to_tick` at which a fresh force of this servo was applied.
+    pub fn fresh_of(&self, source: u32, from_tick: u64, to_tick: u64) -> u64 {
+        let (first, end) = self.range(from_tick, to_tick);
+        self.ticks.range(first..end.max(first)).filter(|tick| !tick.late && tick.source == source).count() as u64
+    }
+
     /// The last tick of `from_tick..to_tick` that missed its force and counts. It costs as much as the ledger holds of them, however long they are.
     pub fn last_miss(&self, from_tick: u64, to_tick: u64) -> Option<u64> {
         let (first, end) = self.range(from_tick, to_tick);

@@ -138,7 +138,9 @@ impl Replicas {
         self.selected = choice.index;
         let incarnation = self.selected_incarnation();
         if choice.force_n.is_some() {
-            self.last = Chosen { force_n: choice.force_n, tick: input.tick, incarnation };
+            // The record's own stamp: whoever judges what was applied is not to take this process's word for it.
+            let tick = records[choice.index].map_or(0, |record| record.tick);
+            self.last = Chosen { force_n: choice.force_n, tick, incarnation };
         } else {
             self.last.force_n = None;
         }

@@ -10,12 +10,14 @@ use hyst_recording::{Event, Level};
 pub struct Look {
     slots: [(u32, bool); SLOTS],
     holders: [Tenure; Role::ALL.len()],
+    /// The station was asked to stop: who ends now does as it was told.
+    stops: bool,
 }
 
 impl Look {
     /// The slots and the roster as they are.
     pub fn take(clock: &StationPage, roster: &Roster) -> Look {
-        let mut look = Look::default();
+        let mut look = Look { stops: clock.stop_requested(), ..Look::default() };
         for (number, place) in look.slots.iter_mut().enumerate() {
             if let Some(slot) = Slot::from_number(number) {
                 *place = (clock.incarnation(slot), clock.is_dead(slot));
@@ -49,7 +51,10 @@ impl Look {
                 let text = format!("{name} #{is} {}", if was != 0 { "started again" } else { kind });
                 say(Level::Info, kind, name.clone(), is, text);
             }
-            if is != 0 && is_dead && (is != was || !was_dead) {
+            let is_new = is != 0 && is_dead && (is != was || !was_dead);
+            if is_new && self.stops {
+                say(Level::Info, "ended", name.clone(), is, format!("{name} #{is} has ended with the station"));
+            } else if is_new {
                 say(Level::Warning, "died", name.clone(), is, format!("{name} #{is} died"));
             }
         }
@@ -84,6 +89,9 @@ mod tests {
         dead.slots[haptic] = (5, true);
         assert_eq!(kinds(&dead.events(Some(&look), "", 9)), [("died", "haptic:1", 5)]);
         assert!(dead.events(Some(&dead), "", 9).is_empty());
+        let stopped = Look { stops: true, ..dead.clone() };
+        let told = stopped.events(Some(&look), "", 9);
+        assert_eq!((kinds(&told), told[0].level), (vec![("ended", "haptic:1", 5)], Level::Info), "nobody died");
         let mut leapt = dead.clone();
         leapt.holders[tissue].epoch = 2;
         assert!(leapt.events(Some(&dead), "", 9).is_empty());

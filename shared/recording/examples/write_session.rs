@@ -2,7 +2,8 @@
 //! `cargo run --release -p hyst-recording --example write_session -- FILE.mcap [SECONDS]`.
 
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, Pose};
-use hyst_recording::{Block, Recording, Session, WriteError, Writer};
+use hyst_recording::{Block, Reader, Session, WriteError, Writer};
+use std::time::{Duration, Instant};
 
 fn record(tick: u64) -> AppliedRecord {
     let t = tick as f32 * 0.001;
@@ -34,15 +35,18 @@ fn main() -> Result<(), WriteError> {
     let path = std::path::PathBuf::from(arguments.next().unwrap_or_else(|| "session.mcap".into()));
     let seconds: u64 = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(10);
     let session = Session::from([("session".into(), "example".into())]);
-    let blocks: Vec<Block> = (0..5 * seconds)
-        .map(|n| Block { applied: (200 * n + 1..200 * n + 201).map(record).collect(), ..Block::default() })
-        .collect();
     let mut writer = Writer::open(&path, &session)?;
-    let start = std::time::Instant::now();
-    blocks.iter().try_for_each(|block| writer.append(block))?;
+    let mut spent = Duration::ZERO;
+    for n in 0..5 * seconds {
+        let block = Block { applied: (200 * n + 1..200 * n + 201).map(record).collect(), ..Block::default() };
+        let start = Instant::now();
+        writer.append(&block)?;
+        spent += start.elapsed();
+    }
     let bytes = writer.finish()?;
-    let spent_ms = start.elapsed().as_secs_f64() * 1e3;
-    let read = Recording::read(&path).map(|recording| recording.applied().len()).unwrap_or(0);
+    let spent_ms = spent.as_secs_f64() * 1e3;
+    let mut read = 0;
+    let _ = Reader::open(&path).and_then(|mut reader| reader.each_block(1, |block| read += block.applied.len()));
     let per_second = bytes as f64 / seconds as f64 / 1e6;
     println!(
         "{seconds} s: {bytes} bytes, {per_second:.3} MB/s, {:.1} ms of work per second, {read} ticks read back",

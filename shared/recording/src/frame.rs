@@ -7,6 +7,8 @@ use std::io::{self, Read, Seek, SeekFrom};
 
 /// Longest record that is read, before and after decompression: a block of a second has less than 1 MB.
 pub(crate) const MAX_RECORD_BYTES: u64 = 64 << 20;
+/// The opcode that no record has.
+const NO_RECORD: u8 = 0;
 /// Bytes of opcode and length.
 pub(crate) const HEAD_BYTES: u64 = 9;
 
@@ -51,7 +53,8 @@ impl<R: Read + Seek> Walk<R> {
         Ok((magic == mcap::MAGIC).then_some(Walk { inner, at, length }))
     }
 
-    /// The next record that lies in the file as a whole.
+    /// The next record that lies in the file as a whole. Zeros are none: what a power cut or a hole left of a file ends it there, and is not
+    /// walked through nine bytes at a time.
     pub(crate) fn next(&mut self) -> io::Result<Option<Frame>> {
         if self.length - self.at < HEAD_BYTES {
             return Ok(None);
@@ -61,7 +64,7 @@ impl<R: Read + Seek> Walk<R> {
         self.inner.read_exact(&mut head)?;
         let [opcode, length @ ..] = head;
         let frame = Frame { at: self.at, opcode, length: u64::from_le_bytes(length) };
-        if frame.length > self.length - self.at - HEAD_BYTES {
+        if opcode == NO_RECORD || frame.length > self.length - self.at - HEAD_BYTES {
             return Ok(None);
         }
         self.at = frame.end();

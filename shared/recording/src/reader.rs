@@ -15,6 +15,13 @@ use std::fs::File;
 use std::io::{self, Read, Seek};
 use std::path::{Path, PathBuf};
 
+/// Most blocks that are decoded at once, and bytes of them in the file, so that memory does not grow with it: a block of the recorder's
+/// has some 0.1 MB there and some 1 MB decoded.
+const BATCH_BLOCKS: usize = 16;
+const BATCH_BYTES: usize = 4 << 20;
+/// Most damaged records that are told one by one; a file that is all damage has no end of them.
+const MOST_DAMAGE: usize = 1_000;
+
 /// Why a file cannot be read as a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
@@ -97,7 +104,7 @@ impl<R: Read + Seek> Reader<R> {
         &self.session
     }
 
-    /// What was left out so far.
+    /// What was left out so far: the first thousand of it.
     pub fn damage(&self) -> &[Damage] {
         &self.damage
     }
@@ -109,6 +116,51 @@ impl<R: Read + Seek> Reader<R> {
 
     /// The next block; `None` after the last.
     pub fn next_block(&mut self) -> Result<Option<Block>, ReadError> {
+        while let Some(raw) = self.next_raw()? {
+            match raw.decode() {
+                Ok(block) => return Ok(Some(block)),
+                Err(reason) => self.damaged(&raw.frame, &reason),
+            }
+        }
+        Ok(None)
+    }
+
+    /// Gives every block to `take` in the file's order, whatever the number of threads that decode them. After an error everything before it was
+    /// given.
+    pub fn each_block(&mut self, threads: usize, mut take: impl FnMut(Block)) -> Result<(), ReadError> {
+        loop {
+            let (batch, more) = self.batch();
+            for (raw, decoded) in batch.iter().zip(decode(&batch, threads)) {
+                match decoded {
+                    Ok(block) => take(block),
+                    Err(reason) => self.damaged(&raw.frame, &reason),
+                }
+            }
+            self.damage.sort_by_key(|damage| damage.at);
+            if !more? {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Some blocks as they stand in the file, and whether there may be more.
+    fn batch(&mut self) -> (Vec<Raw>, Result<bool, ReadError>) {
+        let (mut batch, mut bytes) = (Vec::new(), 0);
+        while batch.len() < BATCH_BLOCKS && bytes < BATCH_BYTES {
+            match self.next_raw() {
+                Ok(Some(raw)) => {
+                    bytes += raw.body.len();
+                    batch.push(raw);
+                }
+                Ok(None) => return (batch, Ok(false)),
+                Err(error) => return (batch, Err(error)),
+            }
+        }
+        (batch, Ok(true))
+    }
+
+    /// The next record that may hold a block; what cannot be one is noted as damage.
+    fn next_raw(&mut self) -> Result<Option<Raw>, ReadError> {
         let path = self.path.clone();
         let refused = move |source| ReadError::File { path: path.clone(), source };
         while self.ending.is_none() {
@@ -123,11 +175,7 @@ impl<R: Read + Seek> Reader<R> {
                 op::CHUNK | op::METADATA if frame.length > MAX_RECORD_BYTES => self.damaged(&frame, "is longer than any block"),
                 op::CHUNK | op::METADATA => {
                     let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
-                    let read = if frame.opcode == op::CHUNK { chunk(&body) } else { lost(&body) };
-                    match read {
-                        Ok(block) => return Ok(Some(block)),
-                        Err(reason) => self.damaged(&frame, &reason),
-                    }
+                    return Ok(Some(Raw { frame, body }));
                 }
                 _ => self.damaged(&frame, "is of a kind that no recorder writes"),
             }
@@ -143,7 +191,9 @@ impl<R: Read + Seek> Reader<R> {
     }
 
     fn damaged(&mut self, frame: &Frame, reason: &str) {
-        self.damage.push(Damage { at: frame.at, reason: reason.to_string() });
+        if self.damage.len() < MOST_DAMAGE {
+            self.damage.push(Damage { at: frame.at, reason: reason.to_string() });
+        }
     }
 
     /// Goes through the summary to the footer.
@@ -156,6 +206,38 @@ impl<R: Read + Seek> Reader<R> {
         }
         Ok(Ending::Cut { at: self.walk.at() })
     }
+}
+
+/// A record as it stands in the file: a chunk, or a range of ticks that were lost.
+struct Raw {
+    frame: Frame,
+    body: Vec<u8>,
+}
+
+impl Raw {
+    fn decode(&self) -> Result<Block, String> {
+        if self.frame.opcode == op::CHUNK { chunk(&self.body) } else { lost(&self.body) }
+    }
+}
+
+/// Decodes each of a batch, by up to so many threads with a share each; the results have the batch's order.
+fn decode(batch: &[Raw], threads: usize) -> Vec<Result<Block, String>> {
+    let share = batch.len().div_ceil(threads.max(1)).max(1);
+    if share >= batch.len() {
+        return in_turn(batch);
+    }
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = batch.chunks(share).map(|part| scope.spawn(move || in_turn(part))).collect();
+        let mut decoded = Vec::with_capacity(batch.len());
+        for worker in workers {
+            decoded.extend(worker.join().unwrap_or_else(|cause| std::panic::resume_unwind(cause)));
+        }
+        decoded
+    })
+}
+
+fn in_turn(batch: &[Raw]) -> Vec<Result<Block, String>> {
+    batch.iter().map(Raw::decode).collect()
 }
 
 fn lost(body: &[u8]) -> Result<Block, String> {
@@ -218,7 +300,7 @@ pub struct Recording {
     pub session: Session,
     /// Everything that was recorded, in the file's order.
     pub content: Block,
-    /// What was left out.
+    /// What was left out: the first thousand of it.
     pub damage: Vec<Damage>,
     /// How the file ends.
     pub ending: Ending,

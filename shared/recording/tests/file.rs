@@ -6,7 +6,7 @@ mod fixture;
 
 use fixture::{Folder, block, record, session, ticks, write};
 use hyst_messages::AppliedRecord;
-use hyst_recording::{Ending, ReadError, Reader, Recording, TickRange, Writer};
+use hyst_recording::{Block, Ending, ReadError, Reader, Recording, TickRange, Writer};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -112,6 +112,37 @@ fn a_file_that_is_cut_at_any_byte_reads_to_its_last_whole_block_and_is_continued
             assert_eq!((recording.ending, recording.damage.len()), (Ending::Complete, 0));
         }
     }
+}
+
+#[test]
+fn blocks_come_in_the_files_order_with_the_same_damage_however_many_threads_decode_them() {
+    let folder = Folder::new("threads");
+    let blocks: Vec<Block> = (0..40).map(|n| block(1 + 3 * n..4 + 3 * n)).collect();
+    write(&folder.file(), &blocks).finish().unwrap();
+    let mut bytes = std::fs::read(folder.file()).unwrap();
+    let third = bytes.len() / 3;
+    bytes[third..third + 6_000].iter_mut().step_by(500).for_each(|byte| *byte ^= 0x10);
+    let one_by_one = read_bytes(&bytes).unwrap();
+    assert!(!one_by_one.damage.is_empty() && !one_by_one.applied().is_empty());
+    for threads in [0, 1, 2, 5, 100] {
+        let mut reader = Reader::new(Cursor::new(&bytes), Path::new("memory")).unwrap();
+        let mut applied = Vec::new();
+        reader.each_block(threads, |block| applied.extend(block.applied)).unwrap();
+        assert_eq!(applied, one_by_one.applied(), "{threads} threads");
+        assert_eq!((reader.damage(), reader.ending()), (&one_by_one.damage[..], Some(one_by_one.ending)), "{threads} threads");
+    }
+}
+
+#[test]
+fn a_hole_of_zeros_is_the_end_and_is_not_walked_through() {
+    let folder = Folder::new("hole");
+    let end = write(&folder.file(), &[block(1..4)]).bytes();
+    let hole_bytes = 64 << 30;
+    std::fs::OpenOptions::new().write(true).open(folder.file()).unwrap().set_len(end + hole_bytes).unwrap();
+    let recording = Recording::read(&folder.file()).unwrap();
+    assert_eq!((ticks(&recording), recording.ending, recording.damage.len()), (vec![1, 2, 3], Ending::Cut { at: end }, 0));
+    let writer = Writer::open(&folder.file(), &session()).unwrap();
+    assert_eq!((writer.last_tick(), writer.bytes()), (Some(3), end));
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! A campaign's report as one page that needs nothing beside it: no script, no network, plots as SVG.
 
 use super::judge::{Figures, Judgement, Verdict};
-use super::junit::escape;
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
 use super::text::percentile;
+use hyst_assessment::escape;
 use std::fmt::Write;
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;color:#1f2937;background:#fff;max-width:1320px;margin:2rem auto;padding:0 1rem}\

@@ -1,25 +1,8 @@
 //! A campaign's report for a build server: a test case for each cell and pool, and one for the stations as a whole.
 
 use super::judge::{Figures, Judgement, Verdict};
+use hyst_assessment::escape;
 use std::fmt::Write;
-
-/// Text that can stand in XML and HTML.
-pub fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            // What XML 1.0 forbids altogether.
-            control if control.is_control() && !matches!(control, '\n' | '\t') => out.push('\u{fffd}'),
-            other => out.push(other),
-        }
-    }
-    out
-}
 
 /// The report.
 pub fn junit(judgement: &Judgement) -> String {

@@ -2,9 +2,9 @@
 //! faults over the ticks of each station.
 
 use super::judge::{Figures, Judgement, Verdict};
-use super::junit::escape;
 use super::outcome::Outcome;
 use super::text::percentile;
+use hyst_assessment::escape;
 use std::fmt::Write;
 
 /// Width of a plot, and of the names at its left, px.

@@ -6,6 +6,7 @@ pub mod conformance;
 pub mod doctor;
 pub mod fault;
 pub mod logs;
+pub mod report;
 pub mod status;
 pub mod stop;
 pub mod swap;
@@ -45,8 +46,8 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Bench { what, mesh, json } => bench::bench(&what, mesh.as_deref(), json),
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
         Command::Conformance { role, binary, json } => conformance::conformance(&role, &binary, json),
+        Command::Report(args) => report::report(&args),
         Command::Replay(_) => not_here("replay"),
-        Command::Report(_) => not_here("report"),
         Command::Supervise { station } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
             crate::supervise::supervise(&station).map_err(|e| Refusal::failed(e.to_string()))

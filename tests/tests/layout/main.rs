@@ -9,7 +9,7 @@ use tree::{Package, entries, packages, reach, root, sources, text_of};
 
 const PURE: [&str; 5] = ["hyst-mesh", "hyst-tissue", "hyst-contact", "hyst-flow", "hyst-coupling"];
 const LINK: [&str; 2] = ["hyst-messages", "hyst-exchange"];
-const OTHER_SHARED: [&str; 3] = ["hyst-scene", "hyst-engine", "hyst-recording"];
+const OTHER_SHARED: [&str; 4] = ["hyst-scene", "hyst-engine", "hyst-recording", "hyst-assessment"];
 const PROCESSES: [&str; 8] = ["device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder", "console"];
 const SIMULATION: [&str; 4] = ["hyst-tissue", "hyst-contact", "hyst-flow", "hyst-coupling"];
 const GRAPHICS: [&str; 2] = ["wgpu", "winit"];

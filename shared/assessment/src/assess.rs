@@ -1,0 +1,146 @@
+//! One pass over a recording, block by block: everything that the report says is summed up on the way.
+
+use crate::conduct::Conduct;
+use crate::curves::Curves;
+use crate::electrode::Electrode;
+use crate::force::{Force, TOUCH_N, length};
+use crate::medium::Medium;
+use crate::motion::{Motion, finite};
+use crate::row::{Row, Rows};
+use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
+use hyst_recording::{Block, Damage, Ending, Reader, Session};
+use std::io::{Read, Seek};
+
+/// What is summed up.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// How the scope was moved.
+    pub motion: Motion,
+    /// The force on the hand.
+    pub force: Force,
+    /// The loop electrode.
+    pub electrode: Electrode,
+    /// Pressure, deficit, flow, valves, light.
+    pub medium: Medium,
+    /// The newest status of the tissue.
+    pub tissue: Option<TissueStatus>,
+    /// What the station did.
+    pub conduct: Conduct,
+    /// What the page draws.
+    pub curves: Curves,
+}
+
+/// What came of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Assessment {
+    /// The session's facts.
+    pub session: Session,
+    /// What was summed up.
+    pub measured: Measured,
+    /// What of the file was left out.
+    pub damage: Vec<Damage>,
+    /// How the file ends; `None` if it could not be read to its end.
+    pub ending: Option<Ending>,
+    /// Why it could not be read to its end.
+    pub trouble: Option<String>,
+}
+
+/// Reads a recording to its end, with so many threads, and gives ten rows a second to `give`.
+pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: impl FnMut(&Row)) -> Assessment {
+    let mut measured = Measured::default();
+    let mut rows = Rows::default();
+    let read = reader.each_block(threads, |block| measured.take(block, &mut rows, &mut give));
+    rows.finish().iter().for_each(&mut give);
+    Assessment {
+        session: reader.session().clone(),
+        measured,
+        damage: reader.damage().to_vec(),
+        ending: reader.ending(),
+        trouble: read.err().map(|error| error.to_string()),
+    }
+}
+
+impl Assessment {
+    /// Whether there is anything to tell of.
+    pub fn is_empty(&self) -> bool {
+        self.measured.conduct.ticks == 0
+    }
+
+    /// What is missing of the recording, a sentence each; nothing of one that is whole. Ticks that the device skipped are none of it: there was nothing
+    /// to be recorded.
+    pub fn missing(&self) -> Vec<String> {
+        let mut sentences: Vec<String> = self.trouble.iter().cloned().collect();
+        for damage in &self.damage {
+            sentences.push(format!("the record at byte {} was left out: {}", damage.at, damage.reason));
+        }
+        if let Some(Ending::Cut { at }) = self.ending {
+            sentences.push(format!("the file ends at byte {at} without a summary: cut, or its recorder died or still writes"));
+        }
+        if self.measured.conduct.lost > 0 {
+            sentences.push(format!("the recorder lost {} ticks, and said so", self.measured.conduct.lost));
+        }
+        sentences
+    }
+}
+
+impl Measured {
+    /// Takes a block; statuses and ticks in the order of their time.
+    fn take(&mut self, block: Block, rows: &mut Rows, give: &mut impl FnMut(&Row)) {
+        block.lost.iter().for_each(|range| self.conduct.lose(range));
+        let mut tissue = block.tissue.iter().peekable();
+        let mut fluid = block.fluid.iter().peekable();
+        for record in &block.applied {
+            let is_new = self.conduct.admit(record);
+            while let Some(status) = tissue.next_if(|status| status.state_tick <= record.tick) {
+                self.tissue(status);
+            }
+            while let Some(status) = fluid.next_if(|status| status.state_tick <= record.tick) {
+                self.fluid(status);
+            }
+            if is_new {
+                let since_ticks = self.tick(record);
+                let statuses = (self.tissue, self.medium.newest().copied());
+                rows.tick(record, since_ticks, statuses).iter().for_each(&mut *give);
+            }
+        }
+        tissue.for_each(|status| self.tissue(status));
+        fluid.for_each(|status| self.fluid(status));
+        block.events.into_iter().for_each(|event| self.conduct.note(event));
+    }
+
+    /// Takes a tick; answers how long after the first it is.
+    fn tick(&mut self, record: &AppliedRecord) -> u64 {
+        let sample = &record.sample;
+        let since_ticks = self.conduct.since_start(record.tick);
+        let force_n = finite(record.command.force_n).map(length);
+        if let Some(force_n) = force_n {
+            if self.force.peak.is_none_or(|peak| force_n > peak.value) {
+                self.curves.peak_at_m = finite(sample.pose.position_m).map(|_| sample.pose.position_m);
+            }
+            self.force.tick(record.tick, force_n);
+            self.curves.force_n.add(since_ticks, force_n);
+        }
+        self.motion.tick(sample);
+        self.medium.tick(&sample.controls);
+        self.electrode.tick(record.tick, &sample.controls, force_n.is_some_and(|force_n| force_n >= TOUCH_N));
+        self.curves.insertion_m.add(since_ticks, f64::from(sample.pose.insertion_m));
+        self.curves.trace.add(sample.pose.position_m);
+        since_ticks
+    }
+
+    fn tissue(&mut self, status: &TissueStatus) {
+        if self.tissue.is_some_and(|newest| status.state_tick < newest.state_tick) {
+            return; // of a holder that was followed by another one
+        }
+        self.electrode.status(status);
+        self.curves.removed_ml.add(self.conduct.since_start(status.state_tick), status.removed_volume_ml);
+        self.tissue = Some(*status);
+    }
+
+    fn fluid(&mut self, status: &FluidStatus) {
+        let since_ticks = self.conduct.since_start(status.state_tick);
+        self.medium.status(status);
+        self.curves.pressure_pa.add(since_ticks, f64::from(status.pressure_pa));
+        self.curves.deficit_ml.add(since_ticks, status.deficit_ml);
+    }
+}

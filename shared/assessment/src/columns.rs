@@ -1,0 +1,157 @@
+//! The sessions of one report side by side, and what text, page and JSON say alike: facts of the session, facts of the station, numbers.
+
+use crate::assess::Assessment;
+use crate::markup::plain;
+use crate::medium::ALARMS;
+use crate::metric::{Scores, scores};
+use hyst_recording::Level;
+
+/// One recording.
+#[derive(Clone, Debug)]
+pub struct Column {
+    /// The file, as it was named.
+    pub file: String,
+    /// What came of it.
+    pub assessment: Assessment,
+    /// Its values and scores.
+    pub scores: Scores,
+}
+
+/// The session that is reported, and earlier ones to compare it with.
+#[derive(Clone, Debug)]
+pub struct Sessions {
+    /// The one that is reported.
+    pub reported: Column,
+    /// The others, in the order in which they were named.
+    pub earlier: Vec<Column>,
+}
+
+impl Sessions {
+    /// A report of one session.
+    pub fn new(file: &str, assessment: Assessment) -> Sessions {
+        Sessions { reported: Column::new(file, assessment), earlier: Vec::new() }
+    }
+
+    /// Adds an earlier session.
+    pub fn compare(&mut self, file: &str, assessment: Assessment) {
+        self.earlier.push(Column::new(file, assessment));
+    }
+
+    /// What is missing of the recordings, a sentence each; of an earlier one with its file.
+    pub fn missing(&self) -> Vec<String> {
+        let earlier = self.earlier.iter().flat_map(|column| {
+            let of_file = |sentence: String| format!("{}: {sentence}", column.file);
+            column.assessment.missing().into_iter().map(of_file).collect::<Vec<_>>()
+        });
+        self.reported.assessment.missing().into_iter().chain(earlier).collect()
+    }
+}
+
+impl Column {
+    fn new(file: &str, assessment: Assessment) -> Column {
+        Column { file: plain(file), scores: scores(&assessment.measured), assessment }
+    }
+
+    /// A fact of the session, as the recorder noted it.
+    pub(crate) fn fact(&self, name: &str) -> String {
+        self.assessment.session.get(name).map_or_else(|| NONE.to_string(), |value| plain(value))
+    }
+
+    /// Who, where, how long.
+    pub(crate) fn session_facts(&self) -> Vec<(&'static str, String)> {
+        let conduct = &self.assessment.measured.conduct;
+        vec![
+            ("recording", self.file.clone()),
+            ("session", self.fact("session")),
+            ("scene", format!("{} ({})", self.fact("scene"), self.fact("scene_hash"))),
+            ("hand", self.fact("hand")),
+            ("station's version", self.fact("version")),
+            ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
+        ]
+    }
+
+    /// What the station itself did.
+    pub(crate) fn station_facts(&self) -> Vec<(&'static str, String)> {
+        let measured = &self.assessment.measured;
+        let conduct = &measured.conduct;
+        let [fresh, held, ramped, zero, unknown] = conduct.kinds;
+        let longest = conduct.longest_gap.map_or_else(String::new, |gap| {
+            format!("; the longest {} from {:.3} s on", gap.count(), seconds(conduct.since_start(gap.first)))
+        });
+        let step = conduct.largest_step.map_or_else(
+            || NONE.to_string(),
+            |step| format!("{} N at {:.3} s", number(step.value), seconds(conduct.since_start(step.tick))),
+        );
+        let alarms = ALARMS.iter().zip(measured.medium.alarms).map(|(name, count)| format!("{name} {count}"));
+        vec![
+            ("ticks in the recording", conduct.ticks.to_string()),
+            ("ticks missing", format!("{} in {} gaps{longest}", conduct.missing, conduct.gaps)),
+            ("of them lost by the recorder", conduct.lost.to_string()),
+            ("force of a tick: fresh", fresh.to_string()),
+            ("force of a tick: held", held.to_string()),
+            ("force of a tick: ramped to zero", ramped.to_string()),
+            ("force of a tick: zero", zero.to_string()),
+            ("ticks of an unknown kind", unknown.to_string()),
+            ("ticks with a pose or force that is no number", conduct.not_finite.to_string()),
+            ("ticks that came again or late, left out", conduct.repeated.to_string()),
+            ("largest step of the force", step),
+            ("takeovers of a role", conduct.takeovers.to_string()),
+            ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
+            ("alarms of the pump", alarms.collect::<Vec<_>>().join(", ")),
+        ]
+    }
+}
+
+/// What stands where nothing is recorded.
+pub(crate) const NONE: &str = "–";
+
+/// The name of an earlier session's column: A, B, ….
+pub(crate) fn letter(index: usize) -> String {
+    let letter = u8::try_from(index).ok().and_then(|index| b'A'.checked_add(index)).filter(u8::is_ascii_uppercase);
+    letter.map_or_else(|| format!("#{}", index + 1), |letter| char::from(letter).to_string())
+}
+
+/// A value with three or four digits.
+pub(crate) fn number(value: f64) -> String {
+    match value.abs() {
+        _ if value == 0.0 => "0".into(),
+        size if size < 10.0 => format!("{value:.3}"),
+        size if size < 100.0 => format!("{value:.2}"),
+        size if size < 1_000.0 => format!("{value:.1}"),
+        _ => format!("{value:.0}"),
+    }
+}
+
+/// A score.
+pub(crate) fn percent(score: Option<f64>) -> String {
+    score.map_or_else(|| NONE.to_string(), |score| format!("{score:.0} %"))
+}
+
+/// Ticks as seconds.
+pub(crate) fn seconds(ticks: u64) -> f64 {
+    ticks as f64 / 1e3
+}
+
+/// How bad an event is, in a word; a takeover is of level info.
+pub(crate) fn word(level: Level) -> &'static str {
+    match level {
+        Level::Info => "takeover",
+        Level::Warning => "warning",
+        Level::Error => "error",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_three_or_four_digits_and_columns_their_letters() {
+        assert_eq!(
+            [0.0, 0.12345, -9.5, 12.345, 345.67, 12_345.6].map(number),
+            ["0", "0.123", "-9.500", "12.35", "345.7", "12346"]
+        );
+        assert_eq!([0, 25, 26, 400].map(letter), ["A", "Z", "#27", "#401"]);
+        assert_eq!((percent(Some(99.6)), percent(None)), ("100 %".to_string(), "–".to_string()));
+    }
+}

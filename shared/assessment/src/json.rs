@@ -1,0 +1,91 @@
+//! The report for programs. Numbers are not rounded; what is not recorded is `null`.
+
+use crate::columns::{Column, Sessions, seconds, word};
+use crate::medium::ALARMS;
+use crate::metric::{Group, Metric};
+use crate::table::ABSENT;
+use hyst_recording::Event;
+use serde_json::{Map, Value, json};
+
+/// The session that is reported, and under `compared` the earlier ones.
+pub fn json(sessions: &Sessions) -> Value {
+    let mut value = session(&sessions.reported);
+    let absent = ABSENT.iter().map(|(group, what, why)| json!({"group": group.name(), "what": what, "why": why}));
+    value["absent"] = absent.collect();
+    value["compared"] = sessions.earlier.iter().map(session).collect();
+    value
+}
+
+fn session(column: &Column) -> Value {
+    let assessment = &column.assessment;
+    let scores = &column.scores;
+    let groups: Map<String, Value> =
+        Group::ALL.iter().zip(scores.groups).map(|(group, score)| (group.name().to_string(), json!(score))).collect();
+    json!({
+        "file": column.file,
+        "session": assessment.session,
+        "length_s": seconds(assessment.measured.conduct.length_ticks()),
+        "is_whole": assessment.missing().is_empty(),
+        "missing": assessment.missing(),
+        "score": scores.total,
+        "groups": groups,
+        "metrics": scores.metrics.iter().map(metric).collect::<Value>(),
+        "station": station(column),
+    })
+}
+
+fn metric(metric: &Metric) -> Value {
+    let definition = metric.definition;
+    let scale = definition.scale;
+    json!({
+        "key": definition.key,
+        "name": definition.name,
+        "group": definition.group.name(),
+        "unit": definition.unit,
+        "value": metric.value,
+        "score": metric.score,
+        "full_at": scale.map(|scale| scale.full),
+        "zero_at": scale.map(|scale| scale.none),
+        "weight": scale.map(|scale| scale.weight),
+        "source": definition.source,
+    })
+}
+
+fn station(column: &Column) -> Value {
+    let measured = &column.assessment.measured;
+    let conduct = &measured.conduct;
+    let [fresh, held, ramped, zero, unknown] = conduct.kinds;
+    let event = |event: &Event| {
+        json!({
+            "tick": event.tick,
+            "time_s": seconds(conduct.since_start(event.tick)),
+            "level": word(event.level),
+            "kind": event.kind,
+            "process": event.process,
+            "incarnation": event.incarnation,
+            "text": event.text,
+        })
+    };
+    let alarms: Map<String, Value> =
+        ALARMS.iter().zip(measured.medium.alarms).map(|(name, count)| (name.to_string(), json!(count))).collect();
+    json!({
+        "first_tick": conduct.first_tick,
+        "last_tick": conduct.first_tick.map(|_| conduct.last_tick),
+        "ticks": conduct.ticks,
+        "missing": conduct.missing,
+        "gaps": conduct.gaps,
+        "longest_gap": conduct.longest_gap.map(|gap| json!({"first": gap.first, "last": gap.last})),
+        "lost": conduct.lost,
+        "repeated": conduct.repeated,
+        "not_finite": conduct.not_finite,
+        "kinds": {"fresh": fresh, "held": held, "ramped": ramped, "zero": zero, "unknown": unknown},
+        "force_step_max_n": conduct.largest_step.map(|step| step.value),
+        "force_step_max_tick": conduct.largest_step.map(|step| step.tick),
+        "takeovers": conduct.takeovers,
+        "warnings": conduct.warnings,
+        "errors": conduct.errors,
+        "pump_alarms": alarms,
+        "events": conduct.events.iter().map(event).collect::<Value>(),
+        "events_left_out": conduct.events_left_out,
+    })
+}

@@ -1,0 +1,39 @@
+//! The report of a training session, computed from its recording alone: raw values with scores in the four groups of Bajka et al. 2010
+//! (visualisation, ergonomics, safety, fluid handling), and what the station itself did.
+//!
+//! Promise: the same recording gives the same bytes, whatever the number of threads; memory does not grow with the recording's length; what the
+//! recording does not hold is called absent and not invented; a raw value stands beside each score. Nothing in a recording causes a panic.
+
+mod assess;
+mod columns;
+mod conduct;
+mod curves;
+mod electrode;
+mod force;
+mod json;
+mod markup;
+mod medium;
+mod metric;
+mod motion;
+mod page;
+mod plots;
+mod row;
+mod style;
+mod table;
+mod text;
+
+pub use assess::{Assessment, Measured, assess};
+pub use columns::{Column, Sessions};
+pub use conduct::{Conduct, Peak};
+pub use curves::{Curves, Series, Trace};
+pub use electrode::Electrode;
+pub use force::{Force, LIMIT_N, TOUCH_N};
+pub use json::json;
+pub use markup::{escape, plain};
+pub use medium::{HIGH_PA, LOW_PA, Medium, PA_PER_MMHG, PARTED_PA};
+pub use metric::{Definition, Group, Metric, Scale, Scores, scores};
+pub use motion::Motion;
+pub use page::html;
+pub use row::{CSV_HEAD, Row};
+pub use table::{ABSENT, METRICS};
+pub use text::text;

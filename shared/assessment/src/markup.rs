@@ -1,0 +1,46 @@
+//! Text from outside on its way to a page or a terminal.
+
+/// Most characters of a sentence out of a recording that are shown.
+const MOST_CHARACTERS: usize = 300;
+
+/// Text that can stand in XML and HTML.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            // What XML 1.0 forbids altogether.
+            control if control.is_control() && !matches!(control, '\n' | '\t') => out.push('\u{fffd}'),
+            other => out.push(other),
+        }
+    }
+    out
+}
+
+/// One line that no terminal obeys, and that is not endless.
+pub fn plain(text: &str) -> String {
+    let mut characters = text.chars();
+    let mut out: String =
+        characters.by_ref().take(MOST_CHARACTERS).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    if characters.next().is_some() {
+        out.push('…');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markup_and_escape_sequences_are_only_text() {
+        assert_eq!(escape("<a href='x'>&\"\u{1b}"), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;\u{fffd}");
+        assert_eq!(plain("\u{1b}[2J\nü"), "\u{fffd}[2J\u{fffd}ü");
+        assert_eq!(plain(&"x".repeat(301)).chars().count(), 301);
+        assert!(plain(&"x".repeat(301)).ends_with('…') && !plain(&"x".repeat(300)).ends_with('…'));
+    }
+}

@@ -1,0 +1,187 @@
+//! Pressure, deficit and flow: from the statuses of the fluid, some twenty a second, each of which holds until the next, but for no longer than a
+//! second; and the valves and the light, from the records of the ticks.
+
+use crate::conduct::Peak;
+use hyst_messages::{Controls, FluidStatus};
+use std::collections::VecDeque;
+
+/// Pascal per millimetre of mercury.
+pub const PA_PER_MMHG: f64 = 133.322;
+/// Lower end of the working range, Pa: 35 mmHg, where the usual pressure begins (35 to 70 mmHg, WOM's manual).
+pub const LOW_PA: f64 = 35.0 * PA_PER_MMHG;
+/// Upper end of the working range, Pa: 100 mmHg, a mean arterial pressure, below which to stay (ACOG Committee Opinion 800).
+pub const HIGH_PA: f64 = 100.0 * PA_PER_MMHG;
+/// Where the walls part, Pa: a median of 40 mmHg (25 to 50).
+pub const PARTED_PA: f64 = 40.0 * PA_PER_MMHG;
+/// A status holds for so long at most, ticks; then nothing is known.
+const HOLD_TICKS: u64 = 1_000;
+/// Time over which the rate of the deficit is taken, and between two points of it, ticks: shorter ones show the filling of a cavity of 5 ml alone.
+const RATE_TICKS: u64 = 10_000;
+const RATE_POINT_TICKS: u64 = 1_000;
+/// Valves below this are shut, and light below it is none; 0 to 1.
+const SHUT: f32 = 0.05;
+/// Names of the alarm bits, lowest first.
+pub(crate) const ALARMS: [&str; 3] = ["pressure", "deficit", "abnormal loss"];
+
+/// Medium, valves and light so far.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Medium {
+    newest: Option<FluidStatus>,
+    /// Ticks in which the pressure is known.
+    pub known_ticks: u64,
+    /// Of them below [`LOW_PA`].
+    pub low_ticks: u64,
+    /// Of them above [`HIGH_PA`].
+    pub high_ticks: u64,
+    /// Of them at or above [`PARTED_PA`].
+    pub parted_ticks: u64,
+    /// Of them with any alarm.
+    pub alarm_ticks: u64,
+    /// The highest pressure, Pa.
+    pub highest: Option<Peak>,
+    /// Deficit in the newest status, ml.
+    pub deficit_ml: Option<f64>,
+    /// Steepest rise of the deficit over 10 s or more, ml/min; the tick is its end.
+    pub steepest: Option<Peak>,
+    /// Medium that flowed in, ml.
+    pub inflow_ml: Option<f64>,
+    /// How often an alarm came up, by its bit.
+    pub alarms: [u64; ALARMS.len()],
+    /// Ticks whose valves are known.
+    pub valve_ticks: u64,
+    /// Of them with the outflow shut.
+    pub shut_ticks: u64,
+    /// Of them without light.
+    pub dark_ticks: u64,
+    points: VecDeque<(u64, f64)>,
+}
+
+impl Medium {
+    /// Takes the controls of one tick.
+    pub fn tick(&mut self, controls: &Controls) {
+        if controls.outflow_valve.is_finite() && controls.light.is_finite() {
+            self.valve_ticks += 1;
+            self.shut_ticks += u64::from(controls.outflow_valve < SHUT);
+            self.dark_ticks += u64::from(controls.light < SHUT);
+        }
+    }
+
+    /// The newest status.
+    pub fn newest(&self) -> Option<&FluidStatus> {
+        self.newest.as_ref()
+    }
+
+    /// Takes a status; one that is not newer than the one before is left out.
+    pub fn status(&mut self, status: &FluidStatus) {
+        let before = self.newest;
+        let held_ticks = match before {
+            Some(before) if status.state_tick <= before.state_tick => return,
+            Some(before) => (status.state_tick - before.state_tick).min(HOLD_TICKS),
+            None => 0,
+        };
+        if let Some(before) = before {
+            self.hold(&before, held_ticks);
+        }
+        let came_up = status.alarms & !before.map_or(0, |before| before.alarms);
+        for (bit, count) in self.alarms.iter_mut().enumerate() {
+            *count += u64::from((came_up >> bit) & 1);
+        }
+        let pressure_pa = f64::from(status.pressure_pa);
+        if pressure_pa.is_finite() {
+            Peak::raise(&mut self.highest, pressure_pa, status.state_tick);
+        }
+        if status.deficit_ml.is_finite() {
+            self.deficit_ml = Some(status.deficit_ml);
+            self.rise(status.state_tick, status.deficit_ml);
+        }
+        self.newest = Some(*status);
+    }
+
+    /// A status was true for so many ticks.
+    fn hold(&mut self, status: &FluidStatus, ticks: u64) {
+        let pressure_pa = f64::from(status.pressure_pa);
+        if pressure_pa.is_finite() {
+            self.known_ticks += ticks;
+            self.low_ticks += if pressure_pa < LOW_PA { ticks } else { 0 };
+            self.high_ticks += if pressure_pa > HIGH_PA { ticks } else { 0 };
+            self.parted_ticks += if pressure_pa >= PARTED_PA { ticks } else { 0 };
+            self.alarm_ticks += if status.alarms != 0 { ticks } else { 0 };
+        }
+        if status.inflow_ml_min.is_finite() {
+            *self.inflow_ml.get_or_insert(0.0) += f64::from(status.inflow_ml_min) * ticks as f64 / 60_000.0;
+        }
+    }
+
+    fn rise(&mut self, tick: u64, deficit_ml: f64) {
+        if self.points.back().is_some_and(|(newest, _)| tick - newest < RATE_POINT_TICKS) {
+            return;
+        }
+        self.points.push_back((tick, deficit_ml));
+        let is_old_enough = |point: Option<&(u64, f64)>| point.is_some_and(|(point, _)| tick - point >= RATE_TICKS);
+        while is_old_enough(self.points.get(1)) {
+            self.points.pop_front();
+        }
+        if let Some((since, from_ml)) = self.points.front().copied().filter(|point| is_old_enough(Some(point))) {
+            let minutes = (tick - since) as f64 / 60_000.0;
+            Peak::raise(&mut self.steepest, (deficit_ml - from_ml) / minutes, tick);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(state_tick: u64, pressure_mmhg: f64, deficit_ml: f64, alarms: u32) -> FluidStatus {
+        let pressure_pa = (pressure_mmhg * PA_PER_MMHG) as f32;
+        FluidStatus { state_tick, pressure_pa, deficit_ml, alarms, inflow_ml_min: 120.0, ..FluidStatus::default() }
+    }
+
+    #[test]
+    fn each_status_holds_until_the_next_and_for_a_second_at_most() {
+        let mut medium = Medium::default();
+        for (tick, pressure_mmhg, alarms) in [(0, 20.0, 0), (500, 38.0, 1), (1_000, 120.0, 5), (1_500, 70.0, 1), (9_000, 70.0, 0)]
+        {
+            medium.status(&status(tick, pressure_mmhg, 0.0, alarms));
+        }
+        // 20, 38 and 120 mmHg for 500 ticks each, 70 for 1 000 of 7 500.
+        let known = (medium.known_ticks, medium.low_ticks, medium.high_ticks, medium.parted_ticks, medium.alarm_ticks);
+        assert_eq!(known, (2_500, 500, 500, 1_500, 2_000));
+        assert_eq!((medium.alarms, medium.highest.unwrap().tick), ([1, 0, 1], 1_000));
+        assert!((medium.inflow_ml.unwrap() - 5.0).abs() < 1e-9, "2.5 s of 120 ml/min");
+        medium.status(&status(9_000, 500.0, 99.0, 7));
+        assert_eq!(medium.deficit_ml, Some(0.0), "it is not newer");
+    }
+
+    #[test]
+    fn the_steepest_rise_is_taken_over_ten_seconds() {
+        let mut medium = Medium::default();
+        // 1 ml/s for 20 s, then 3 ml/s for 5 s, then nothing: 5 s of 3 and 5 s of 1 ml/s make 120 ml/min.
+        let deficit_ml = |second: u64| second.min(20) as f64 + 3.0 * second.saturating_sub(20).min(5) as f64;
+        for tenth in 0..400 {
+            medium.status(&status(tenth * 100, 70.0, deficit_ml(tenth / 10), 0));
+        }
+        let steepest = medium.steepest.unwrap();
+        assert!((steepest.value - 120.0).abs() < 1e-9 && steepest.tick == 25_000, "{steepest:?}");
+        let mut short = Medium::default();
+        [0, 9_999].iter().for_each(|tick| short.status(&status(*tick, 70.0, 1.0, 0)));
+        assert_eq!(short.steepest, None);
+    }
+
+    #[test]
+    fn what_is_no_number_is_unknown() {
+        let mut medium = Medium::default();
+        for tick in [0, 100] {
+            medium.status(&FluidStatus {
+                state_tick: tick,
+                pressure_pa: f32::NAN,
+                deficit_ml: f64::NAN,
+                ..FluidStatus::default()
+            });
+        }
+        assert_eq!((medium.known_ticks, medium.highest, medium.deficit_ml), (0, None, None));
+        medium.tick(&Controls { outflow_valve: f32::NAN, light: 1.0, ..Controls::default() });
+        medium.tick(&Controls { outflow_valve: 0.0, light: 1.0, ..Controls::default() });
+        assert_eq!((medium.valve_ticks, medium.shut_ticks, medium.dark_ticks), (1, 1, 0));
+    }
+}

@@ -1,0 +1,160 @@
+//! From what was measured to values and scores: how a raw value becomes a score, and what it weighs. The table of them is in `table`.
+
+use crate::assess::Measured;
+use crate::table::METRICS;
+
+/// A group of metrics (Bajka et al. 2010).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Group {
+    /// What was seen.
+    Visualisation,
+    /// How the scope was moved.
+    Ergonomics,
+    /// What the tissue suffered.
+    Safety,
+    /// What the medium did.
+    Fluid,
+}
+
+impl Group {
+    /// All groups, in the order of the report.
+    pub const ALL: [Group; 4] = [Group::Visualisation, Group::Ergonomics, Group::Safety, Group::Fluid];
+
+    /// The name that people read.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Group::Visualisation => "Visualisation",
+            Group::Ergonomics => "Ergonomics",
+            Group::Safety => "Safety",
+            Group::Fluid => "Fluid handling",
+        }
+    }
+}
+
+/// How a raw value becomes a score: linearly between two values, and not beyond.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// From this value on the score is 100 %.
+    pub full: f64,
+    /// From this value on it is 0.
+    pub none: f64,
+    /// What it weighs in its group and in the whole.
+    pub weight: f64,
+}
+
+impl Scale {
+    /// The score, %.
+    pub fn score(&self, value: f64) -> f64 {
+        100.0 * ((value - self.none) / (self.full - self.none)).clamp(0.0, 1.0).abs() // of a negative zero
+    }
+}
+
+/// A metric as the table has it.
+#[derive(Debug)]
+pub struct Definition {
+    /// The group.
+    pub group: Group,
+    /// The name that programs read.
+    pub key: &'static str,
+    /// The name that people read.
+    pub name: &'static str,
+    /// Unit of the value.
+    pub unit: &'static str,
+    /// How it is scored; `None` if it is only shown.
+    pub scale: Option<Scale>,
+    /// The value; `None` if the recording does not hold it.
+    pub value: fn(&Measured) -> Option<f64>,
+    /// Where the scale comes from, or why there is none.
+    pub source: &'static str,
+}
+
+/// A metric of one recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Metric {
+    /// What it is.
+    pub definition: &'static Definition,
+    /// The raw value; `None` if the recording does not hold it.
+    pub value: Option<f64>,
+    /// The score, %; `None` without a value, or if it is only shown.
+    pub score: Option<f64>,
+}
+
+/// The metrics of one recording.
+#[derive(Clone, Debug)]
+pub struct Scores {
+    /// In the table's order.
+    pub metrics: Vec<Metric>,
+    /// Weighted mean of the scores of each group, %, in the order of [`Group::ALL`].
+    pub groups: [Option<f64>; Group::ALL.len()],
+    /// Weighted mean of all scores, %.
+    pub total: Option<f64>,
+}
+
+/// Values and scores of what was measured. A metric without a value weighs nothing.
+pub fn scores(measured: &Measured) -> Scores {
+    let metric = |definition: &'static Definition| {
+        let value = (definition.value)(measured).filter(|value| value.is_finite());
+        let score = definition.scale.zip(value).map(|(scale, value)| scale.score(value));
+        Metric { definition, value, score }
+    };
+    let metrics: Vec<Metric> = METRICS.iter().map(metric).collect();
+    let groups = Group::ALL.map(|group| mean(metrics.iter().filter(|metric| metric.definition.group == group)));
+    let total = mean(metrics.iter());
+    Scores { metrics, groups, total }
+}
+
+fn mean<'a>(metrics: impl Iterator<Item = &'a Metric>) -> Option<f64> {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for metric in metrics {
+        if let (Some(score), Some(scale)) = (metric.score, metric.definition.scale) {
+            sum += scale.weight * score;
+            weight += scale.weight;
+        }
+    }
+    (weight > 0.0).then_some(sum / weight)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_score_goes_linearly_between_its_two_values_and_not_beyond() {
+        let less_is_better = Scale { full: 100.0, none: 1_000.0, weight: 1.0 };
+        assert_eq!(
+            [0.0, 100.0, 550.0, 1_000.0, 9_000.0].map(|value| less_is_better.score(value)),
+            [100.0, 100.0, 50.0, 0.0, 0.0]
+        );
+        let more_is_better = Scale { full: 20.0, none: 0.0, weight: 1.0 };
+        assert_eq!([-5.0, 5.0, 30.0].map(|value| more_is_better.score(value)), [0.0, 25.0, 100.0]);
+    }
+
+    #[test]
+    fn the_table_has_every_key_once_groups_in_order_and_sound_scales() {
+        let mut keys: Vec<&str> = METRICS.iter().map(|metric| metric.key).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), METRICS.len());
+        assert!(METRICS.windows(2).all(|pair| pair[0].group <= pair[1].group));
+        for metric in &METRICS {
+            assert!(metric.scale.is_none_or(|scale| scale.full != scale.none && scale.weight > 0.0), "{}", metric.key);
+            assert!(
+                metric.name.chars().count() <= 44 && metric.unit.chars().count() <= 6,
+                "{}: the table has 100 columns",
+                metric.key
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_not_recorded_is_absent_and_weighs_nothing() {
+        let nothing = scores(&Measured::default());
+        assert!(nothing.metrics.iter().all(|metric| metric.value.is_none() && metric.score.is_none()));
+        assert_eq!((nothing.groups, nothing.total), ([None; 4], None));
+        let mut measured = Measured::default();
+        measured.force.tick(0, 1.0); // 100 %: largest; 95 % below 1.005 N, at most its 1 N: 66.7 %; above the limit: 100 %; touching: 0 %
+        let scores = scores(&measured);
+        let safety = (2.0 * 100.0 + 2.0 * 100.0 * (1.0 / 1.5) + 2.0 * 100.0 + 1.0 * 0.0) / 7.0;
+        assert!((scores.groups[2].unwrap() - safety).abs() < 1e-9 && scores.total == scores.groups[2]);
+    }
+}

@@ -1,0 +1,186 @@
+//! The report as one page that needs nothing beside it: no script, no network, curves as SVG; for light and dark screens and for paper.
+
+use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
+use crate::markup::escape;
+use crate::metric::{Group, Metric};
+use crate::plots::{Side, curves, way};
+use crate::style::STYLE;
+use crate::table::ABSENT;
+use std::fmt::Write;
+
+/// The page.
+pub fn html(sessions: &Sessions) -> String {
+    let reported = &sessions.reported;
+    let title = format!("Training session {}", escape(&reported.fact("session")));
+    let mut page = format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title>\
+         <style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n"
+    );
+    facts(&mut page, &reported.session_facts());
+    missing(&mut page, sessions);
+    tiles(&mut page, reported);
+    page.push_str("<section><h2>Values and scores</h2>\n");
+    metrics(&mut page, sessions);
+    page.push_str("</section>\n<section><h2>Over time</h2>\n<p class=\"note\">Each curve spans from the least to the largest value at its time. The vertical lines \
+         are faults and takeovers of the station, the dashed one is the force to stay below, the shaded range the working pressure.</p>\n");
+    page.push_str(&curves(reported));
+    page.push_str("</section>\n<section><h2>Path of the tip</h2>\n<p class=\"key\"><span><i style=\"background:var(--good)\"></i>begin</span><span>\
+         <i style=\"background:var(--ink)\"></i>end</span><span><i style=\"background:var(--force)\"></i>largest force</span></p>\n<div class=\"sides\">\n");
+    for side in [Side::Right, Side::Front] {
+        page.push_str(&way(&reported.assessment.measured.curves, side));
+    }
+    page.push_str("</div></section>\n<section><h2>What the station did</h2>\n");
+    facts(&mut page, &reported.station_facts());
+    page.push_str("</section>\n");
+    events(&mut page, reported);
+    origin(&mut page);
+    page.push_str("</body></html>\n");
+    page
+}
+
+fn facts(page: &mut String, facts: &[(&'static str, String)]) {
+    page.push_str("<dl>\n");
+    for (name, fact) in facts {
+        let _ = writeln!(page, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(fact));
+    }
+    page.push_str("</dl>\n");
+}
+
+fn missing(page: &mut String, sessions: &Sessions) {
+    let sentences = sessions.missing();
+    if sentences.is_empty() {
+        return;
+    }
+    page.push_str(
+        "<div class=\"missing\"><b>Not everything of the recording is there.</b> The values below are of what is.\n<ul>\n",
+    );
+    for sentence in sentences {
+        let _ = writeln!(page, "<li>{}</li>", escape(&sentence));
+    }
+    page.push_str("</ul></div>\n");
+}
+
+fn tiles(page: &mut String, column: &Column) {
+    page.push_str("<div class=\"tiles\">\n");
+    let groups = Group::ALL.into_iter().zip(column.scores.groups).map(|(group, score)| (group.name(), score));
+    for (name, score) in std::iter::once(("All", column.scores.total)).chain(groups) {
+        let _ = writeln!(page, "<div class=\"tile\"><b>{}</b><span>{name}</span></div>", percent(score));
+    }
+    page.push_str("</div>\n");
+}
+
+fn metrics(page: &mut String, sessions: &Sessions) {
+    if !sessions.earlier.is_empty() {
+        page.push_str("<p class=\"note\">Compared with ");
+        let named = |(index, column): (usize, &Column)| {
+            format!("<b>{}</b>: {}, session {}", letter(index), escape(&column.file), escape(&column.fact("session")))
+        };
+        page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
+        page.push_str("</p>\n");
+    }
+    page.push_str("<div class=\"wide\"><table>\n<tr><th></th><th>value</th><th class=\"text\">unit</th><th>score</th>");
+    for index in 0..sessions.earlier.len() {
+        let _ = write!(page, "<th>{0}</th><th>score {0}</th>", letter(index));
+    }
+    page.push_str("<th>100 % at</th><th>0 % at</th><th>weight</th><th class=\"text\">from where</th></tr>\n");
+    for (at, group) in Group::ALL.into_iter().enumerate() {
+        let _ = write!(page, "<tr class=\"group\"><td>{}</td><td></td><td></td>", group.name());
+        total(page, sessions, |column| column.scores.groups[at]);
+        for (index, metric) in sessions.reported.scores.metrics.iter().enumerate() {
+            if metric.definition.group == group {
+                row(page, sessions, index, metric);
+            }
+        }
+    }
+    page.push_str("<tr class=\"group\"><td>All</td><td></td><td></td>");
+    total(page, sessions, |column| column.scores.total);
+    page.push_str("</table></div>\n");
+}
+
+/// The rest of the line of a group.
+fn total(page: &mut String, sessions: &Sessions, score: impl Fn(&Column) -> Option<f64>) {
+    page.push_str(&scored(score(&sessions.reported)));
+    for column in &sessions.earlier {
+        let _ = write!(page, "<td></td>{}", scored(score(column)));
+    }
+    page.push_str("<td></td><td></td><td></td><td></td></tr>\n");
+}
+
+fn row(page: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
+    let definition = metric.definition;
+    let valued = |metric: &Metric| metric.value.map_or_else(|| NONE.to_string(), number);
+    let score = |metric: &Metric| if definition.scale.is_some() { scored(metric.score) } else { "<td></td>".into() };
+    let _ = write!(
+        page,
+        "<tr><td>{}</td><td>{}</td><td class=\"text\">{}</td>{}",
+        escape(definition.name),
+        valued(metric),
+        definition.unit,
+        score(metric)
+    );
+    for column in &sessions.earlier {
+        if let Some(metric) = column.scores.metrics.get(index) {
+            let _ = write!(page, "<td>{}</td>{}", valued(metric), score(metric));
+        }
+    }
+    let _ = match definition.scale {
+        Some(scale) => write!(page, "<td>{}</td><td>{}</td><td>{}</td>", scale.full, scale.none, scale.weight),
+        None => write!(page, "<td></td><td></td><td></td>"),
+    };
+    let _ = writeln!(page, "<td class=\"text source\">{}</td></tr>", escape(definition.source));
+}
+
+/// A score with its bar.
+fn scored(score: Option<f64>) -> String {
+    let bar = score.map_or_else(String::new, |score| {
+        let class = if score < 34.0 {
+            "low"
+        } else if score < 67.0 {
+            "middle"
+        } else {
+            "high"
+        };
+        format!("<span class=\"bar\"><i class=\"{class}\" style=\"width:{score:.0}%\"></i></span>")
+    });
+    format!("<td>{}{bar}</td>", percent(score))
+}
+
+fn events(page: &mut String, column: &Column) {
+    let conduct = &column.assessment.measured.conduct;
+    if conduct.events.is_empty() {
+        return;
+    }
+    page.push_str(
+        "<h2>Faults and takeovers</h2>\n<div class=\"wide\"><table>\n<tr><th>s</th><th>tick</th><th class=\"text\">level</th>\
+         <th class=\"text\">what</th><th class=\"text\">process</th><th class=\"text\">in words</th></tr>\n",
+    );
+    for event in &conduct.events {
+        let level = word(event.level);
+        let _ = writeln!(
+            page,
+            "<tr><td>{:.3}</td><td>{}</td><td class=\"text {level}\">{level}</td><td class=\"text\">{}</td><td class=\"text\">{}</td><td class=\"text\">{}</td></tr>",
+            seconds(conduct.since_start(event.tick)),
+            event.tick,
+            escape(&event.kind),
+            escape(&event.process),
+            escape(&event.text)
+        );
+    }
+    page.push_str("</table></div>\n");
+    if conduct.events_left_out > 0 {
+        let _ = writeln!(page, "<p class=\"note\">And {} later ones.</p>", conduct.events_left_out);
+    }
+}
+
+/// What is not there, and where the scores come from.
+fn origin(page: &mut String) {
+    page.push_str("<section><h2>Not in a recording</h2>\n<ul>\n");
+    for (group, what, why) in ABSENT {
+        let _ = writeln!(page, "<li>{}: {}; {}</li>", group.name(), escape(what), escape(why));
+    }
+    page.push_str(
+        "</ul>\n<p class=\"note\">Groups after Bajka et al. 2010. A score goes linearly from 100 % to 0 % between the two values beside it and counts by its \
+         weight; what was not recorded weighs nothing. Everything is computed from the recording alone, the same each time. This is no certificate: \
+         a range that is marked as assumed is a guess until a course has set its own.</p></section>\n",
+    );
+}

@@ -1,0 +1,301 @@
+//! The plots of the page, as SVG in plain text: curves over time with the events, and the way of the tip from two sides. Every coordinate is
+//! rounded to a tenth of a pixel; what is drawn has a bound, whatever the length of the recording.
+
+use crate::columns::{Column, seconds, word};
+use crate::curves::{Curves, Series};
+use crate::force::LIMIT_N;
+use crate::markup::escape;
+use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG};
+use std::fmt::Write;
+
+/// Width of the curves, and left and right of them, px.
+const WIDTH: f64 = 960.0;
+const LEFT: f64 = 58.0;
+const RIGHT: f64 = 14.0;
+/// Height of a curve, of its title above it, and of the axis below the last, px.
+const HEIGHT: f64 = 96.0;
+const TITLE: f64 = 24.0;
+const FOOT: f64 = 38.0;
+/// Most events that are marked.
+const MOST_MARKS: usize = 300;
+/// Statuses come some twenty times a second; the curve goes on over a second without one, and is interrupted then, ticks.
+const STATUS_TICKS: u64 = 1_000;
+/// Size of a side view, and its edge, px.
+const SIDE_WIDTH: f64 = 470.0;
+const SIDE_HEIGHT: f64 = 300.0;
+const EDGE: f64 = 34.0;
+/// Least extent of a side view, mm.
+const LEAST_MM: f64 = 1.0;
+
+/// One of the curves.
+struct Curve<'a> {
+    title: &'static str,
+    class: &'static str,
+    series: &'a Series,
+    /// From the series' unit to the shown one.
+    factor: f64,
+    /// It goes on over so many ticks without a value.
+    bridge_ticks: u64,
+    /// Whether the axis has the zero.
+    from_zero: bool,
+    /// A range that is to be kept, in the shown unit.
+    band: Option<[f64; 2]>,
+    /// A value that is not to be exceeded, in the shown unit.
+    limit: Option<f64>,
+}
+
+/// The curves of a session over its time, one below the other, with the faults and takeovers.
+pub(crate) fn curves(column: &Column) -> String {
+    let measured = &column.assessment.measured;
+    let curves: Vec<Curve<'_>> = all(&measured.curves).into_iter().filter(|curve| curve.series.range().is_some()).collect();
+    if curves.is_empty() {
+        return "<p class=\"note\">Nothing that could be drawn over time is recorded.</p>\n".into();
+    }
+    let length_ticks = measured.conduct.length_ticks().max(1);
+    let bottom = curves.len() as f64 * (TITLE + HEIGHT);
+    let mut svg = String::new();
+    times(&mut svg, seconds(length_ticks), bottom);
+    for (at, curve) in curves.iter().enumerate() {
+        draw(&mut svg, curve, at as f64 * (TITLE + HEIGHT) + TITLE, length_ticks);
+    }
+    marks(&mut svg, column, length_ticks, bottom);
+    let height = bottom + FOOT;
+    format!("<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"curves over time\">{svg}</svg>\n")
+}
+
+fn all(curves: &Curves) -> [Curve<'_>; 5] {
+    let plain = |title, class, series| Curve {
+        title,
+        class,
+        series,
+        factor: 1.0,
+        bridge_ticks: STATUS_TICKS,
+        from_zero: true,
+        band: None,
+        limit: None,
+    };
+    let to_mmhg = PA_PER_MMHG.recip();
+    [
+        Curve { bridge_ticks: 0, limit: Some(LIMIT_N), ..plain("force on the hand, N", "force", &curves.force_n) },
+        Curve { bridge_ticks: 0, factor: 1e3, from_zero: false, ..plain("insertion, mm", "insertion", &curves.insertion_m) },
+        Curve {
+            factor: to_mmhg,
+            band: Some([LOW_PA * to_mmhg, HIGH_PA * to_mmhg]),
+            ..plain("pressure in the cavity, mmHg", "pressure", &curves.pressure_pa)
+        },
+        plain("deficit, ml", "deficit", &curves.deficit_ml),
+        plain("volume removed, ml", "removed", &curves.removed_ml),
+    ]
+}
+
+/// The place of a time, ticks.
+fn x_of(ticks: f64, length_ticks: u64) -> f64 {
+    LEFT + (ticks / length_ticks as f64).clamp(0.0, 1.0) * (WIDTH - LEFT - RIGHT)
+}
+
+/// The axis of the time, through all curves.
+fn times(svg: &mut String, length_s: f64, bottom: f64) {
+    for time_s in steps(0.0, length_s, 8) {
+        let x = LEFT + time_s / length_s * (WIDTH - LEFT - RIGHT);
+        let _ = write!(
+            svg,
+            "<line x1=\"{x:.1}\" y1=\"{TITLE}\" x2=\"{x:.1}\" y2=\"{bottom:.1}\" class=\"grid\"/>\
+             <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+            bottom + 15.0,
+            tidy(time_s)
+        );
+    }
+    let (x, y) = (0.5 * (LEFT + WIDTH - RIGHT), bottom + 31.0);
+    let _ = write!(
+        svg,
+        "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">seconds since the first tick of the recording</text>"
+    );
+}
+
+fn draw(svg: &mut String, curve: &Curve, top: f64, length_ticks: u64) {
+    let Some([least, largest]) = curve.series.range().map(|range| range.map(|value| value * curve.factor)) else { return };
+    let low = if curve.from_zero { least.min(0.0) } else { least };
+    let high = curve.band.map_or(largest, |band| largest.max(band[1]));
+    let high = if high - low < 1e-9 { low + 1.0 } else { high };
+    let y_of = |value: f64| top + HEIGHT - ((value - low) / (high - low)).clamp(0.0, 1.0) * HEIGHT;
+    let right = WIDTH - RIGHT;
+    let _ = write!(svg, "<text x=\"{LEFT}\" y=\"{:.1}\" class=\"title\">{}</text>", top - 7.0, curve.title);
+    if let Some([from, to]) = curve.band.map(|band| band.map(y_of)) {
+        let (width, height) = (right - LEFT, from - to);
+        let _ = write!(svg, "<rect x=\"{LEFT}\" y=\"{to:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" class=\"band\"/>");
+    }
+    for value in steps(low, high, 4) {
+        let y = y_of(value);
+        let _ = write!(
+            svg,
+            "<line x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\" class=\"grid\"/>\
+             <text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
+            LEFT - 6.0,
+            y + 4.0,
+            tidy(value)
+        );
+    }
+    if let Some(limit) = curve.limit.filter(|limit| (low..=high).contains(limit)) {
+        let y = y_of(limit);
+        let _ = write!(
+            svg,
+            "<line x1=\"{LEFT}\" y1=\"{y:.1}\" x2=\"{right}\" y2=\"{y:.1}\" class=\"limit\"><title>{limit}</title></line>"
+        );
+    }
+    let span_ticks = curve.series.span_ticks();
+    let middle = |at: usize| x_of((at as f64 + 0.5) * span_ticks as f64, length_ticks);
+    let bridge = (curve.bridge_ticks / span_ticks) as usize + 1;
+    let _ = write!(svg, "<path class=\"curve {}\" d=\"{}\"/>", curve.class, area(curve, bridge, middle, y_of));
+    let _ = write!(svg, "<rect x=\"{LEFT}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{HEIGHT}\" class=\"frame\"/>", right - LEFT);
+}
+
+/// What lies between the least and the largest values; interrupted where spans are further apart than the bridge.
+fn area(curve: &Curve, bridge: usize, x_of: impl Fn(usize) -> f64, y_of: impl Fn(f64) -> f64) -> String {
+    let mut runs: Vec<Vec<(usize, [f64; 2])>> = Vec::new();
+    for (at, span) in curve.series.spans() {
+        match runs.last_mut() {
+            Some(run) if run.last().is_some_and(|(last, _)| at - last <= bridge) => run.push((at, span)),
+            _ => runs.push(vec![(at, span)]),
+        }
+    }
+    let mut path = String::new();
+    for run in runs {
+        let upper = run.iter().map(|(at, span)| (*at, span[1]));
+        let lower = run.iter().rev().map(|(at, span)| (*at, span[0]));
+        for (index, (at, value)) in upper.chain(lower).enumerate() {
+            let command = if index == 0 { 'M' } else { 'L' };
+            let _ = write!(path, "{command}{:.1} {:.1}", x_of(at), y_of(value * curve.factor));
+        }
+        path.push('Z');
+    }
+    path
+}
+
+/// The faults and takeovers, through all curves.
+fn marks(svg: &mut String, column: &Column, length_ticks: u64, bottom: f64) {
+    let conduct = &column.assessment.measured.conduct;
+    for event in conduct.events.iter().take(MOST_MARKS) {
+        let since_ticks = conduct.since_start(event.tick);
+        let x = x_of(since_ticks as f64, length_ticks);
+        let _ = write!(
+            svg,
+            "<line x1=\"{x:.1}\" y1=\"{TITLE}\" x2=\"{x:.1}\" y2=\"{bottom:.1}\" class=\"mark {}\"><title>{:.3} s: {}</title></line>",
+            word(event.level),
+            seconds(since_ticks),
+            escape(&event.text)
+        );
+    }
+}
+
+/// From where the way is looked at.
+#[derive(Clone, Copy)]
+pub(crate) enum Side {
+    /// From the patient's right: into the uterus is to the right, anterior is up.
+    Right,
+    /// From the front: into the uterus is to the right, the patient's left is up.
+    Front,
+}
+
+impl Side {
+    /// Right and up, mm.
+    fn of(self, [x_m, y_m, z_m]: [f32; 3]) -> [f64; 2] {
+        let up_m = if matches!(self, Side::Right) { y_m } else { x_m };
+        [z_m, up_m].map(|value_m| f64::from(value_m) * 1e3)
+    }
+
+    fn title(self) -> &'static str {
+        match self {
+            Side::Right => "from the patient's right, mm: into the uterus →, anterior ↑",
+            Side::Front => "from the front, mm: into the uterus →, the patient's left ↑",
+        }
+    }
+}
+
+/// The way of the tip, seen from one side, in true proportion.
+pub(crate) fn way(curves: &Curves, side: Side) -> String {
+    let points: Vec<[f64; 2]> = curves.trace.points_m().iter().map(|point| side.of(*point)).collect();
+    let (Some(first), Some(last)) = (points.first(), points.last()) else {
+        return "<p class=\"note\">No pose is recorded.</p>\n".into();
+    };
+    let peak = curves.peak_at_m.map(|point| side.of(point));
+    let bounds = |axis: usize| {
+        let values = || points.iter().chain(&peak).map(move |point| point[axis]);
+        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let ((left, right), (low, high)) = (bounds(0), bounds(1));
+    let scale_x = (SIDE_WIDTH - 2.0 * EDGE) / (right - left).max(LEAST_MM);
+    let scale_y = (SIDE_HEIGHT - 2.0 * EDGE) / (high - low).max(LEAST_MM);
+    let scale = scale_x.min(scale_y);
+    let x_of = |mm: f64| 0.5 * SIDE_WIDTH + (mm - 0.5 * (left + right)) * scale;
+    let y_of = |mm: f64| 0.5 * SIDE_HEIGHT - (mm - 0.5 * (low + high)) * scale;
+    let mut svg = format!("<text x=\"{EDGE}\" y=\"14\" class=\"title\">{}</text>", side.title());
+    let (half_width, half_height) = ((0.5 * SIDE_WIDTH - EDGE) / scale, (0.5 * SIDE_HEIGHT - EDGE) / scale);
+    for mm in steps(0.5 * (left + right) - half_width, 0.5 * (left + right) + half_width, 6) {
+        line(&mut svg, [x_of(mm), EDGE], [x_of(mm), SIDE_HEIGHT - EDGE], [x_of(mm), SIDE_HEIGHT - EDGE + 15.0], mm);
+    }
+    for mm in steps(0.5 * (low + high) - half_height, 0.5 * (low + high) + half_height, 5) {
+        line(&mut svg, [EDGE, y_of(mm)], [SIDE_WIDTH - EDGE, y_of(mm)], [0.5 * EDGE, y_of(mm) + 4.0], mm);
+    }
+    let text: Vec<String> = points.iter().map(|[right, up]| format!("{:.1},{:.1}", x_of(*right), y_of(*up))).collect();
+    let _ = write!(svg, "<polyline class=\"way\" points=\"{}\"/>", text.join(" "));
+    for (class, name, point) in [("begin", "begin", Some(*first)), ("end", "end", Some(*last)), ("peak", "largest force", peak)] {
+        if let Some([right, up]) = point {
+            let (x, y) = (x_of(right), y_of(up));
+            let _ =
+                write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\" class=\"dot {class}\"><title>{name}</title></circle>");
+        }
+    }
+    format!("<svg viewBox=\"0 0 {SIDE_WIDTH} {SIDE_HEIGHT}\" role=\"img\" aria-label=\"{}\">{svg}</svg>\n", escape(side.title()))
+}
+
+/// A line of the grid with its number.
+fn line(svg: &mut String, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], [x, y]: [f64; 2], mm: f64) {
+    let _ = write!(
+        svg,
+        "<line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" class=\"grid\"/>\
+         <text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{}</text>",
+        tidy(mm)
+    );
+}
+
+/// Round numbers from `low` to `high`: 1, 2 or 5 times a power of ten apart, at most `most` steps.
+fn steps(low: f64, high: f64, most: u32) -> Vec<f64> {
+    let raw = (high - low) / f64::from(most);
+    if !raw.is_finite() || raw <= 0.0 {
+        return Vec::new();
+    }
+    let power = 10f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power).into_iter().find(|step| *step >= raw).unwrap_or(10.0 * power);
+    let first = (low / step).ceil();
+    (0..=most).map(|index| (first + f64::from(index)) * step).filter(|value| *value <= high + 1e-9 * step).collect()
+}
+
+/// A round number as people write it.
+fn tidy(value: f64) -> String {
+    let rounded = (value * 1e6).round() / 1e6;
+    if rounded == 0.0 { "0".into() } else { rounded.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round_and_few() {
+        assert_eq!(steps(0.0, 61.2, 8), [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0]);
+        assert_eq!(steps(-3.0, 11.0, 4).into_iter().map(tidy).collect::<Vec<_>>(), ["0", "5", "10"]);
+        assert_eq!(steps(0.0, 0.3, 4).into_iter().map(tidy).collect::<Vec<_>>(), ["0", "0.1", "0.2", "0.3"]);
+        assert!(steps(1.0, 1.0, 4).is_empty() && steps(f64::NAN, 1.0, 4).is_empty() && steps(0.0, 1e300, 8).len() <= 9);
+    }
+
+    #[test]
+    fn a_curve_is_interrupted_where_nothing_is_known() {
+        let mut series = Series::default();
+        [0, 1, 5, 6].iter().for_each(|tick| series.add(*tick, *tick as f64));
+        let (title, class, band) = ("", "", None);
+        let curve = Curve { title, class, series: &series, factor: 2.0, bridge_ticks: 0, from_zero: true, band, limit: None };
+        let path = area(&curve, 1, |at| at as f64, |value| value);
+        assert_eq!(path, "M0.0 0.0L1.0 2.0L1.0 2.0L0.0 0.0ZM5.0 10.0L6.0 12.0L6.0 12.0L5.0 10.0Z");
+        assert_eq!(area(&curve, 4, |at| at as f64, |value| value).matches('M').count(), 1);
+    }
+}

@@ -1,0 +1,279 @@
+//! The table of the metrics: what is shown and scored by default, and where that comes from. A recording names no case yet, so every session has the same.
+
+use crate::force::LIMIT_N;
+use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
+use crate::metric::{Definition, Group, Scale};
+
+const ASSUMED: &str = "assumed";
+const SHOWN: &str = "shown, not scored: it depends on the case";
+
+/// The defaults. The groups, and that path length, time and camera alignment separate novices from experts best (so they weigh 2), are Bajka et al. 2010.
+/// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
+/// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
+/// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
+pub static METRICS: [Definition; 27] = [
+    Definition {
+        group: Group::Visualisation,
+        key: "distended",
+        name: "time with the walls parted (40 mmHg or more)",
+        unit: "%",
+        scale: scale(95.0, 50.0, 2.0),
+        value: |m| share(m.medium.parted_ticks, m.medium.known_ticks),
+        source: "walls part at a median of 40 mmHg; shares assumed",
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "dark",
+        name: "time without light",
+        unit: "%",
+        scale: scale(0.0, 10.0, 1.0),
+        value: |m| share(m.medium.dark_ticks, m.medium.valve_ticks),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "outflow_shut",
+        name: "time with the outflow shut: nothing rinses",
+        unit: "%",
+        scale: scale(5.0, 50.0, 1.0),
+        value: |m| share(m.medium.shut_ticks, m.medium.valve_ticks),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "time",
+        name: "time",
+        unit: "s",
+        scale: scale(120.0, 600.0, 2.0),
+        value: |m| m.conduct.first_tick.map(|_| m.conduct.length_ticks() as f64 * 1e-3),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "path",
+        name: "path of the tip",
+        unit: "m",
+        scale: scale(0.5, 3.0, 2.0),
+        value: |m| m.motion.path_m(),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "economy",
+        name: "economy: extent of the path by its length",
+        unit: "%",
+        scale: scale(20.0, 2.0, 1.0),
+        value: |m| m.motion.economy().map(|economy| 100.0 * economy),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "speed_mean",
+        name: "mean speed of the tip",
+        unit: "mm/s",
+        scale: None,
+        value: |m| m.motion.speed_m_s().map(|speed_m_s| 1e3 * speed_m_s),
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "speed_peak",
+        name: "highest speed of the tip",
+        unit: "mm/s",
+        scale: scale(60.0, 250.0, 1.0),
+        value: |m| m.motion.fastest_m_s().map(|speed_m_s| 1e3 * speed_m_s),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "idle",
+        name: "time at rest (below 1 mm/s)",
+        unit: "%",
+        scale: scale(20.0, 70.0, 1.0),
+        value: |m| share(m.motion.idle_ticks().0, m.motion.idle_ticks().1),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "camera_turned",
+        name: "turning of the camera head, in all",
+        unit: "°",
+        scale: scale(180.0, 1_440.0, 1.0),
+        value: |m| m.motion.turned_rad().map(f64::to_degrees),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Ergonomics,
+        key: "horizon_tilt",
+        name: "camera alignment: mean tilt of the horizon",
+        unit: "°",
+        scale: scale(10.0, 45.0, 2.0),
+        value: |m| m.motion.tilt_rad().map(f64::to_degrees),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Safety,
+        key: "touching",
+        name: "time in which the tool touches",
+        unit: "%",
+        scale: scale(30.0, 90.0, 1.0),
+        value: |m| share(m.force.touching_ticks, m.force.ticks),
+        source: "touching from 0.05 N on; shares assumed",
+    },
+    Definition {
+        group: Group::Safety,
+        key: "force_peak",
+        name: "largest force",
+        unit: "N",
+        scale: scale(1.0, 3.3, 2.0),
+        value: |m| m.force.peak.map(|peak| peak.value),
+        source: "0 % where the device ends; 1 N assumed",
+    },
+    Definition {
+        group: Group::Safety,
+        key: "force_p95",
+        name: "force that 95 % of the time does not exceed",
+        unit: "N",
+        scale: scale(0.5, 2.0, 2.0),
+        value: |m| m.force.percentile_n(0.95),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Safety,
+        key: "force_above_limit",
+        name: "time above 1.65 N",
+        unit: "%",
+        scale: scale(0.0, 5.0, 2.0),
+        value: |m| share(m.force.above_ticks, m.force.ticks),
+        source: "half of what the device makes; shares assumed",
+    },
+    Definition {
+        group: Group::Safety,
+        key: "energised",
+        name: "time with current in the loop",
+        unit: "s",
+        scale: None,
+        value: |m| (m.conduct.ticks > 0).then_some(m.electrode.energised_ticks as f64 * 1e-3),
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Safety,
+        key: "energised_free",
+        name: "of it while nothing was touched or cut",
+        unit: "%",
+        scale: scale(20.0, 80.0, 2.0),
+        value: |m| share(m.electrode.free_ticks, m.electrode.energised_ticks),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Safety,
+        key: "cuts",
+        name: "sweeps of the loop that cut",
+        unit: "",
+        scale: None,
+        value: |m| m.tissue.map(|status| f64::from(status.cuts)),
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Safety,
+        key: "removed",
+        name: "volume removed",
+        unit: "ml",
+        scale: None,
+        value: |m| m.tissue.map(|status| status.removed_volume_ml),
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "pressure_low",
+        name: "time below 35 mmHg",
+        unit: "%",
+        scale: scale(5.0, 50.0, 1.0),
+        value: |m| share(m.medium.low_ticks, m.medium.known_ticks),
+        source: "35 mmHg: WOM's manual; shares assumed",
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "pressure_high",
+        name: "time above 100 mmHg",
+        unit: "%",
+        scale: scale(0.0, 10.0, 2.0),
+        value: |m| share(m.medium.high_ticks, m.medium.known_ticks),
+        source: "mean arterial pressure: ACOG; shares assumed",
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "pressure_peak",
+        name: "highest pressure",
+        unit: "mmHg",
+        scale: scale(100.0, 150.0, 1.0),
+        value: |m| m.medium.highest.map(|peak| peak.value / PA_PER_MMHG),
+        source: "mean arterial pressure: ACOG; the pump's range: WOM's manual",
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "deficit",
+        name: "deficit at the end",
+        unit: "ml",
+        scale: scale(100.0, 1_000.0, 2.0),
+        value: |m| m.medium.deficit_ml,
+        source: "1 000 ml: ACOG, hypotonic media; 100 ml assumed",
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "deficit_rate",
+        name: "steepest rise of the deficit, over 10 s",
+        unit: "ml/min",
+        scale: scale(50.0, 300.0, 1.0),
+        value: |m| m.medium.steepest.map(|peak| peak.value),
+        source: "300 ml/min: the pump's alarm; 50 assumed",
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "inflow",
+        name: "medium used",
+        unit: "ml",
+        scale: None,
+        value: |m| m.medium.inflow_ml,
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "alarm",
+        name: "time with an alarm of the pump",
+        unit: "%",
+        scale: scale(0.0, 10.0, 1.0),
+        value: |m| share(m.medium.alarm_ticks, m.medium.known_ticks),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "alarms",
+        name: "alarms of the pump",
+        unit: "",
+        scale: None,
+        value: |m| m.medium.newest().map(|_| m.medium.alarms.iter().sum::<u64>() as f64),
+        source: "shown, not scored: its time is",
+    },
+];
+
+/// What trainees are scored on and no recording holds: group, what, why.
+pub const ABSENT: [(Group, &str, &str); 4] = [
+    (Group::Visualisation, "how cloudy the view was", "pictures and blood are not recorded"),
+    (Group::Visualisation, "landmarks that were seen", "pictures are not recorded"),
+    (Group::Safety, "percent of the pathology removed", "only the removed volume is recorded"),
+    (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),
+];
+
+// The names in the table say these numbers.
+const _: () = assert!(LOW_PA == 35.0 * PA_PER_MMHG && PARTED_PA == 40.0 * PA_PER_MMHG);
+const _: () = assert!(HIGH_PA == 100.0 * PA_PER_MMHG && LIMIT_N == 1.65);
+
+const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
+    Some(Scale { full, none, weight })
+}
+
+/// Part of a whole, %; `None` of nothing.
+fn share(part: u64, whole: u64) -> Option<f64> {
+    (whole > 0).then_some(100.0 * part as f64 / whole as f64)
+}

@@ -1,0 +1,113 @@
+//! The report for a terminal of 100 columns; each session beyond three to compare with makes it wider.
+
+use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
+use crate::metric::{Group, Metric};
+use crate::table::ABSENT;
+use hyst_recording::Event;
+use std::fmt::Write;
+
+/// Most events, and most sentences about what is missing, that are told one by one; the page and the JSON have more.
+const MOST_LINES: usize = 30;
+/// Columns of an event's sentence.
+const SENTENCE: usize = 55;
+
+/// The report.
+pub fn text(sessions: &Sessions) -> String {
+    let mut text = String::new();
+    for (name, fact) in sessions.reported.session_facts() {
+        let _ = writeln!(text, "{name:<20}{fact}");
+    }
+    for (index, column) in sessions.earlier.iter().enumerate() {
+        let _ =
+            writeln!(text, "{:<20}{}, session {}", format!("compared, {}", letter(index)), column.file, column.fact("session"));
+    }
+    table(&mut text, sessions);
+    text.push_str("\nNot in a recording\n");
+    for (group, what, why) in ABSENT {
+        let _ = writeln!(text, "  {what:<44}{}: {why}", group.name());
+    }
+    station(&mut text, &sessions.reported);
+    list(&mut text, "\nMissing of the recording", &sessions.missing());
+    text
+}
+
+fn table(text: &mut String, sessions: &Sessions) {
+    let head = |text: &mut String, name: &str, value: &str, score: &str| {
+        let _ = write!(text, "{name:<46}{value:>10}        {score:>7}");
+    };
+    text.push('\n');
+    head(text, "", "value", "score");
+    text.push_str(if sessions.earlier.is_empty() { "      100 % … 0 %   weight" } else { "" });
+    for index in 0..sessions.earlier.len() {
+        let _ = write!(text, "{:>9}", letter(index));
+    }
+    text.push('\n');
+    for (at, group) in Group::ALL.into_iter().enumerate() {
+        head(text, group.name(), "", &percent(sessions.reported.scores.groups[at]));
+        earlier(text, sessions, |column| percent(column.scores.groups[at]));
+        for (index, metric) in sessions.reported.scores.metrics.iter().enumerate() {
+            if metric.definition.group == group {
+                row(text, sessions, index, metric);
+            }
+        }
+    }
+    head(text, "All", "", &percent(sessions.reported.scores.total));
+    earlier(text, sessions, |column| percent(column.scores.total));
+}
+
+fn row(text: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
+    let shown = |metric: &Metric| metric.value.map_or_else(|| NONE.to_string(), number);
+    let definition = metric.definition;
+    let score = if definition.scale.is_some() { percent(metric.score) } else { String::new() };
+    let _ = write!(text, "  {:<44}{:>10} {:<7}{score:>7}", definition.name, shown(metric), definition.unit);
+    if let Some(scale) = definition.scale.filter(|_| sessions.earlier.is_empty()) {
+        let _ = write!(text, "{:>17}{:>9}", format!("{} … {}", scale.full, scale.none), scale.weight);
+    }
+    earlier(text, sessions, |column| column.scores.metrics.get(index).map_or_else(String::new, shown));
+}
+
+/// The rest of a line: a field for each earlier session.
+fn earlier(text: &mut String, sessions: &Sessions, field: impl Fn(&Column) -> String) {
+    for column in &sessions.earlier {
+        let _ = write!(text, "{:>9}", field(column));
+    }
+    text.push('\n');
+}
+
+fn station(text: &mut String, column: &Column) {
+    text.push_str("\nWhat the station did\n");
+    for (name, fact) in column.station_facts() {
+        let _ = writeln!(text, "  {name:<46}{fact}");
+    }
+    let conduct = &column.assessment.measured.conduct;
+    let line = |event: &Event| {
+        let time_s = seconds(conduct.since_start(event.tick));
+        format!("{time_s:>10.3} s  {:<9}{:<20}{}", word(event.level), event.process, cut(&event.text))
+    };
+    let lines: Vec<String> = conduct.events.iter().map(line).collect();
+    list(text, "\nFaults and takeovers", &lines);
+    if conduct.events_left_out > 0 {
+        let _ = writeln!(text, "  and {} later ones", conduct.events_left_out);
+    }
+}
+
+/// A heading with lines under it; nothing without lines.
+fn list(text: &mut String, heading: &str, lines: &[String]) {
+    if lines.is_empty() {
+        return;
+    }
+    let _ = writeln!(text, "{heading}");
+    for line in lines.iter().take(MOST_LINES) {
+        let _ = writeln!(text, "  {line}");
+    }
+    if lines.len() > MOST_LINES {
+        let _ = writeln!(text, "  … and {} more, which --html and --json have", lines.len() - MOST_LINES);
+    }
+}
+
+fn cut(sentence: &str) -> String {
+    if sentence.chars().count() <= SENTENCE {
+        return sentence.to_string();
+    }
+    sentence.chars().take(SENTENCE - 1).chain(['…']).collect()
+}

@@ -1,0 +1,186 @@
+//! Promises of the report: values as by hand, the same bytes every time, what is missing is said, and no input panics.
+
+#[allow(dead_code)] // each test file uses its part
+mod fixture;
+
+use fixture::{assessed, busy, bytes, event, eventful, fluid, of_blocks, outputs, record, square, tissue};
+use hyst_assessment::{Assessment, Sessions, scores};
+use hyst_messages::Applied;
+use hyst_recording::{Block, Level, Reader, TickRange};
+use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::path::Path;
+
+fn value(assessment: &Assessment, key: &str) -> Option<f64> {
+    let scores = scores(&assessment.measured);
+    scores.metrics.iter().find(|metric| metric.definition.key == key).unwrap_or_else(|| panic!("no {key}")).value
+}
+
+fn is_near(assessment: &Assessment, key: &str, exact: f64) -> bool {
+    value(assessment, key).is_some_and(|value| (value - exact).abs() <= 1e-6 * exact.abs().max(1.0))
+}
+
+#[test]
+fn a_square_has_its_length_its_time_and_no_score_for_what_is_not_recorded() {
+    let assessment = of_blocks("square", &[Block { applied: square(1_000), ..Block::default() }]);
+    assert!(is_near(&assessment, "path", 0.04) && is_near(&assessment, "time", 0.041));
+    assert!(is_near(&assessment, "economy", 100.0 * 2f64.sqrt() / 4.0));
+    for key in ["distended", "pressure_low", "deficit", "inflow", "cuts", "removed", "energised_free"] {
+        assert_eq!(value(&assessment, key), None, "{key}");
+    }
+    let scores = scores(&assessment.measured);
+    assert_eq!((scores.groups[3], assessment.missing()), (None, Vec::<String>::new()));
+}
+
+#[test]
+fn a_gap_a_lost_range_and_a_step_of_the_force_are_counted() {
+    let mut applied: Vec<_> = (10..20).map(|tick| record(tick, [0.0; 3], 0.0)).collect();
+    applied.extend((30..40).map(|tick| record(tick, [0.0; 3], if tick < 35 { 0.0 } else { 1.25 })));
+    applied[12].command.kind = Applied::Held as u32;
+    let lost = vec![TickRange { first: 20, last: 23 }];
+    let assessment = of_blocks("gap", &[Block { applied, lost, ..Block::default() }]);
+    let conduct = &assessment.measured.conduct;
+    assert_eq!((conduct.ticks, conduct.missing, conduct.gaps, conduct.lost), (20, 10, 1, 4));
+    assert_eq!(conduct.kinds, [19, 1, 0, 0, 0]);
+    assert_eq!(conduct.largest_step.map(|step| (step.value, step.tick)), Some((1.25, 35)));
+    assert!(
+        is_near(&assessment, "time", 0.030) && is_near(&assessment, "force_peak", 1.25) && is_near(&assessment, "touching", 25.0)
+    );
+    assert!(assessment.missing()[0].contains("lost 4 ticks"), "{:?}", assessment.missing());
+}
+
+#[test]
+fn a_pose_that_is_no_number_costs_nothing_but_itself() {
+    let mut applied = square(1);
+    applied[20].sample.pose.position_m[1] = f32::NAN;
+    applied[21].command.force_n[0] = f32::INFINITY;
+    let assessment = of_blocks("nan", &[Block { applied, ..Block::default() }]);
+    // Tick 21 is a corner: the way goes straight from (10, 9) to (9, 10) mm.
+    assert!(is_near(&assessment, "path", 0.038 + 2f64.sqrt() * 1e-3), "{:?}", value(&assessment, "path"));
+    assert_eq!((assessment.measured.conduct.not_finite, assessment.measured.force.ticks), (2, 40));
+}
+
+#[test]
+fn the_medium_and_the_cuts_are_those_of_the_statuses() {
+    let block = |first: u64| Block {
+        applied: (first..first + 1_000).map(|tick| record(tick, [0.0; 3], 0.0)).collect(),
+        fluid: vec![fluid(first, if first == 0 { 20.0 } else { 70.0 }, 0.5 * first as f64 * 1e-3)],
+        tissue: vec![tissue(first, (first / 1_000) as u32, 0.1)],
+        ..Block::default()
+    };
+    let blocks: Vec<Block> = (0..21).map(|second| block(1_000 * second)).collect();
+    let assessment = of_blocks("medium", &blocks);
+    // 1 s of 20 mmHg, 19 s of 70; the last status has no time. 0.5 ml/s are 30 ml/min; 60 ml/min for 20 s are 20 ml.
+    for (key, exact) in
+        [("pressure_low", 5.0), ("pressure_high", 0.0), ("distended", 95.0), ("deficit", 10.0), ("deficit_rate", 30.0)]
+    {
+        assert!(is_near(&assessment, key, exact), "{key}: {:?}", value(&assessment, key));
+    }
+    assert!(is_near(&assessment, "inflow", 20.0) && is_near(&assessment, "cuts", 20.0) && is_near(&assessment, "removed", 0.1));
+    assert!(value(&assessment, "pressure_peak").is_some_and(|mmhg| (mmhg - 70.0).abs() < 1e-3));
+}
+
+#[test]
+fn the_same_recording_gives_the_same_bytes_however_many_threads_read_it() {
+    let bytes = bytes("same", &eventful());
+    let first = outputs(&bytes, 1);
+    for threads in [1, 2, 3, 64] {
+        assert!(outputs(&bytes, threads) == first, "{threads} threads");
+    }
+}
+
+#[test]
+fn the_text_fits_100_columns_and_names_faults_and_takeovers() {
+    let (assessment, _) = assessed(&bytes("text", &eventful()), 2);
+    let mut sessions = Sessions::new("session.mcap", assessment.clone());
+    for compared in 0..4 {
+        let text = hyst_assessment::text(&sessions);
+        let widest = text.lines().map(|line| line.chars().count()).max().unwrap();
+        assert!(widest <= 100, "{widest} columns, {compared} compared:\n{text}");
+        assert!(text.contains("tissue:0 <died>") && text.contains("takeover") && text.contains("0.850 s"), "{text}");
+        assert_eq!(text.contains("weight"), compared == 0);
+        sessions.compare("earlier.mcap", assessment.clone());
+    }
+}
+
+#[test]
+fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
+    let [_, page, json, csv] = outputs(&bytes("page", &eventful()), 1);
+    for foreign in ["<script", "http:", "https:", "url(", "@import", "<link", "script:<polyp>", "tissue:0 <died>"] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+    assert!(page.contains("script:&lt;polyp&gt;") && page.contains("tissue:0 &lt;died&gt;"));
+    for no_number in ["NaN", ">inf", "\"inf", "Linf", "Minf"] {
+        assert!(!page.contains(no_number), "{no_number}");
+    }
+    for open in ["section", "table", "svg", "dl", "div", "ul"] {
+        let count = |mark: String| page.matches(&mark).count();
+        let opened = count(format!("<{open}>")) + count(format!("<{open} "));
+        assert_eq!(opened, count(format!("</{open}>")), "{open}");
+    }
+    assert_eq!(page.matches("class=\"curve ").count(), 5);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((json["station"]["takeovers"].as_u64(), json["station"]["ticks"].as_u64()), (Some(1), Some(3_000)));
+    assert_eq!((json["is_whole"].as_bool(), json["compared"].as_array().map(Vec::len)), (Some(true), Some(1)));
+    assert_eq!((csv.lines().count(), csv.lines().last().unwrap().split(',').next()), (31, Some("7999")));
+}
+
+#[test]
+fn a_recording_that_is_cut_anywhere_is_reported_as_far_as_it_goes_and_says_so() {
+    let whole = bytes("cut", &(0..6).map(|index| busy(5_000 + 20 * index, 20)).collect::<Vec<_>>());
+    let (mut refused, mut empty, mut told) = (0, 0, 0);
+    for length in (0..whole.len()).step_by(97) {
+        let Ok(reader) = Reader::new(Cursor::new(&whole[..length]), Path::new("memory")) else {
+            refused += 1;
+            continue;
+        };
+        let assessment = hyst_assessment::assess(reader, 2, |_| {});
+        assert!(assessment.missing().iter().any(|sentence| sentence.contains("without a summary")), "{length}");
+        empty += usize::from(assessment.is_empty());
+        told += usize::from(!assessment.is_empty());
+        assert!(outputs(&whole[..length], 1).iter().all(|text| !text.is_empty()));
+    }
+    assert!(refused > 0 && empty > 0 && told > 10, "{refused} {empty} {told}");
+}
+
+#[test]
+fn flipped_bytes_are_named_and_the_rest_is_told() {
+    let mut bad = bytes("flip", &eventful());
+    // Over more bytes than the indexes of a block have, whose entries nobody needs.
+    let middle = bad.len() / 2;
+    bad[middle..middle + 12_000].iter_mut().step_by(1_000).for_each(|byte| *byte ^= 0x40);
+    let (assessment, _) = assessed(&bad, 2);
+    assert!(!assessment.missing().is_empty() && assessment.measured.conduct.ticks >= 1_000, "{:?}", assessment.missing());
+}
+
+#[test]
+fn a_recording_without_a_tick_is_empty() {
+    let only_events = Block { events: vec![event(3, Level::Warning, "died", "fluid:0", 2)], ..Block::default() };
+    for blocks in [vec![], vec![only_events]] {
+        let assessment = of_blocks("empty", &blocks);
+        assert!(assessment.is_empty() && assessment.missing().is_empty());
+    }
+}
+
+/// A disk that fails after so many bytes.
+struct Failing(Cursor<Vec<u8>>, u64);
+
+impl Read for Failing {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        if self.0.position() > self.1 { Err(std::io::Error::other("the disk is gone")) } else { self.0.read(buffer) }
+    }
+}
+
+impl Seek for Failing {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+#[test]
+fn what_could_not_be_read_to_its_end_says_why() {
+    let whole = bytes("failing", &eventful());
+    let half = whole.len() as u64 / 2;
+    let reader = Reader::new(Failing(Cursor::new(whole), half), Path::new("memory")).unwrap();
+    let assessment = hyst_assessment::assess(reader, 2, |_| {});
+    assert!(assessment.measured.conduct.ticks > 0 && assessment.missing()[0].contains("the disk is gone"));
+}

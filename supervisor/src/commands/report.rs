@@ -1,0 +1,173 @@
+//! `hystation report`: reads recordings, writes what `hyst-assessment` makes of them. Nothing is written of a recording that cannot be reported.
+
+use crate::cli::ReportArgs;
+use crate::settings::Refusal;
+use hyst_assessment::{Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
+use hyst_recording::Reader;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Most threads that read a recording: a station may be running beside, and more gain little.
+const MOST_THREADS: usize = 4;
+/// Most earlier sessions in one report: each is read from its beginning to its end.
+const MOST_COMPARED: usize = 8;
+
+/// Prints or writes the report; exit code 3 if something of a recording is missing, 2 if there is nothing to report.
+pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
+    check(args)?;
+    let reader = open(&args.file)?;
+    let earlier = args.compare.iter().map(|path| open(path)).collect::<Result<Vec<_>, _>>()?;
+    let mut csv = Csv { path: args.csv.clone(), out: None, refused: None };
+    let mut sessions = Sessions::new(&name(&args.file), read(&args.file, reader, |row| csv.row(row))?);
+    csv.finish()?;
+    for (path, reader) in args.compare.iter().zip(earlier) {
+        sessions.compare(&name(path), read(path, reader, |_| {})?);
+    }
+    give(args, &sessions)?;
+    let missing = sessions.missing();
+    if let Some(first) = missing.first() {
+        eprintln!(
+            "hystation: not everything is there: {first}{}",
+            if missing.len() > 1 { "; and more, see the report" } else { "" }
+        );
+    }
+    Ok(if missing.is_empty() { 0 } else { 3 })
+}
+
+fn name(path: &Path) -> String {
+    path.display().to_string()
+}
+
+fn outputs(args: &ReportArgs) -> impl Iterator<Item = (&'static str, &Path)> {
+    let files = [("--html", &args.html), ("--json", &args.json), ("--csv", &args.csv)];
+    files.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?))).filter(|(_, path)| !is_stdout(path))
+}
+
+fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+/// Refuses what cannot be done, before anything is read.
+fn check(args: &ReportArgs) -> Result<(), Refusal> {
+    if args.compare.len() > MOST_COMPARED {
+        return Err(Refusal::input(format!(
+            "--compare: {} sessions, at most {MOST_COMPARED} fit beside each other",
+            args.compare.len()
+        )));
+    }
+    if args.html.as_deref().is_some_and(is_stdout) || args.csv.as_deref().is_some_and(is_stdout) {
+        return Err(Refusal::input("--html -, --csv -: only --json goes to stdout; give a file"));
+    }
+    let mut taken: Vec<PathBuf> = std::iter::once(&args.file).chain(&args.compare).map(|path| whole(path)).collect();
+    for (option, path) in outputs(args) {
+        let refuse = |what: &str| Refusal::input(format!("{option} {}: {what}", path.display()));
+        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            return Err(refuse("its folder does not exist; make it first"));
+        }
+        if path.is_dir() {
+            return Err(refuse("is a folder; give a file"));
+        }
+        let path = whole(path);
+        if taken.contains(&path) {
+            return Err(refuse("is a recording, or is written by another option; give another file"));
+        }
+        taken.push(path);
+    }
+    Ok(())
+}
+
+/// The path by which a file is known, whether it exists or is going to.
+fn whole(path: &Path) -> PathBuf {
+    let through_folder = || {
+        let folder = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(path.file_name()?))
+    };
+    path.canonicalize().ok().or_else(through_folder).unwrap_or_else(|| path.to_path_buf())
+}
+
+fn open(path: &Path) -> Result<Reader<File>, Refusal> {
+    // What is no file may wait for a writer, or have no end.
+    if std::fs::metadata(path).is_ok_and(|data| !data.is_file()) {
+        return Err(Refusal::input(format!(
+            "recording {}: is not a file; give a file that `hystation run --record` wrote",
+            path.display()
+        )));
+    }
+    Reader::open(path).map_err(|error| Refusal::input(error.to_string()))
+}
+
+fn read(path: &Path, reader: Reader<File>, row: impl FnMut(&Row)) -> Result<Assessment, Refusal> {
+    let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get().min(MOST_THREADS));
+    let assessment = assess(reader, threads, row);
+    if assessment.is_empty() {
+        let missing = assessment.missing();
+        let why = missing.first().map_or("nothing was recorded", String::as_str);
+        return Err(Refusal::input(format!(
+            "recording {}: holds no tick of a session ({why}); give one that was recorded for longer",
+            path.display()
+        )));
+    }
+    Ok(assessment)
+}
+
+/// Writes what was asked for.
+fn give(args: &ReportArgs, sessions: &Sessions) -> Result<(), Refusal> {
+    if let Some(path) = &args.html {
+        std::fs::write(path, html(sessions)).map_err(|error| unwritten(path, &error))?;
+    }
+    let for_programs = || serde_json::to_string_pretty(&json(sessions)).map(|text| text + "\n");
+    let for_programs = || for_programs().map_err(|error| Refusal::failed(error.to_string()));
+    let shown = match args.json.as_deref() {
+        Some(path) if is_stdout(path) => for_programs()?,
+        Some(path) => {
+            std::fs::write(path, for_programs()?).map_err(|error| unwritten(path, &error))?;
+            text(sessions)
+        }
+        None => text(sessions),
+    };
+    // A reader that has gone (`| head`) has read what it wanted.
+    let _ = io::stdout().write_all(shown.as_bytes());
+    Ok(())
+}
+
+fn unwritten(path: &Path, error: &io::Error) -> Refusal {
+    Refusal::failed(format!("{}: {error}; is the disk full?", path.display()))
+}
+
+/// The file of the time series, made when its first row comes.
+struct Csv {
+    path: Option<PathBuf>,
+    out: Option<BufWriter<File>>,
+    refused: Option<io::Error>,
+}
+
+impl Csv {
+    fn row(&mut self, row: &Row) {
+        if self.refused.is_none() {
+            self.refused = self.write(row).err();
+        }
+    }
+
+    fn write(&mut self, row: &Row) -> io::Result<()> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let out = match &mut self.out {
+            Some(out) => out,
+            None => {
+                let mut out = BufWriter::new(File::create(path)?);
+                writeln!(out, "{CSV_HEAD}")?;
+                self.out.insert(out)
+            }
+        };
+        writeln!(out, "{}", row.csv())
+    }
+
+    fn finish(mut self) -> Result<(), Refusal> {
+        let flushed = self.out.as_mut().map_or(Ok(()), |out| out.flush());
+        match (self.path, self.refused.or(flushed.err())) {
+            (Some(path), Some(error)) => Err(unwritten(&path, &error)),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! `hystation report` as a user calls it: files and exit codes, the same bytes each time, what is damaged or no recording at all.
+
+use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, Pose};
+use hyst_recording::{Block, Session, Writer};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// A folder that goes when the test ends.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Folder {
+        let path = std::env::temp_dir().join(format!("hystation-report-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Folder(path)
+    }
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.file(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+    /// A recording of so many ticks, the tip moving along z by 10 µm a tick.
+    fn record(&self, name: &str, ticks: u64) -> PathBuf {
+        let record = |tick: u64| {
+            let position_m = [0.0, 0.0, 1e-5 * tick as f32];
+            let sample = HardwareSample { pose: Pose { position_m, ..Pose::default() }, ..HardwareSample::default() };
+            let command = ForceCommand { tick, force_n: [0.0, 0.5, 0.0], ..ForceCommand::default() };
+            AppliedRecord { tick, command, sample, ..AppliedRecord::default() }
+        };
+        let session = Session::from([("session".to_string(), name.to_string())]);
+        let mut writer = Writer::open(&self.file(name), &session).unwrap();
+        for first in (0..ticks).step_by(200) {
+            let applied = (first..ticks.min(first + 200)).map(record).collect();
+            writer.append(&Block { applied, ..Block::default() }).unwrap();
+        }
+        writer.finish().unwrap();
+        self.file(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn report(words: &[&Path]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_hystation")).arg("report").args(words).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Exit code 2, one message, and no panic.
+fn refused(words: &[&Path], why: &str) {
+    let output = report(words);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+    assert!(said.contains(why) && !said.contains("panicked") && output.stdout.is_empty(), "{words:?}: {said}");
+}
+
+#[test]
+fn a_recording_gives_text_page_json_and_csv_and_the_same_bytes_again() {
+    let folder = Folder::new("whole");
+    let session = folder.record("session.mcap", 3_001);
+    let write = |run: &str| {
+        let files = ["html", "json", "csv"].map(|kind| folder.file(&format!("{run}.{kind}")));
+        let [html, json, csv] = &files;
+        let output = report(&[&session, Path::new("--html"), html, Path::new("--json"), json, Path::new("--csv"), csv]);
+        assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+        (text(&output.stdout), files.map(|file| std::fs::read_to_string(file).unwrap()))
+    };
+    let first = write("first");
+    assert!(first == write("second"));
+    let (shown, [page, json, csv]) = first;
+    // 3 000 ticks of 10 µm are 30 mm; 0.5 N all the time.
+    let path = shown.lines().find(|line| line.contains("path of the tip")).unwrap_or_else(|| panic!("{shown}"));
+    assert!(path.contains("0.030 m") && path.contains("100 %"), "{path}");
+    assert!(page.starts_with("<!doctype html>") && page.contains("path of the tip") && !page.contains("<script"));
+    assert_eq!(csv.lines().count(), 1 + 31);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((json["station"]["ticks"].as_u64(), json["length_s"].as_f64()), (Some(3_001), Some(3.001)));
+}
+
+#[test]
+fn json_goes_to_stdout_and_an_earlier_session_is_a_column() {
+    let folder = Folder::new("compare");
+    let (session, earlier) = (folder.record("session.mcap", 400), folder.record("earlier.mcap", 200));
+    let output = report(&[&session, Path::new("--json"), Path::new("-"), Path::new("--compare"), &earlier]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((json["session"]["session"].as_str(), json["length_s"].as_f64()), (Some("session.mcap"), Some(0.4)));
+    assert_eq!(
+        (json["compared"][0]["session"]["session"].as_str(), json["compared"][0]["length_s"].as_f64()),
+        (Some("earlier.mcap"), Some(0.2))
+    );
+    let shown = text(&report(&[&session, Path::new("--compare"), &earlier]).stdout);
+    let time = shown.lines().find(|line| line.trim_start().starts_with("time  ")).unwrap_or_else(|| panic!("{shown}"));
+    assert!(time.contains("0.400 s") && time.trim_end().ends_with("0.200"), "{time}");
+}
+
+#[test]
+fn a_recording_that_was_cut_is_reported_as_far_as_it_goes_with_exit_code_3() {
+    let folder = Folder::new("cut");
+    let session = folder.record("session.mcap", 2_000);
+    let bytes = std::fs::read(&session).unwrap();
+    std::fs::write(&session, &bytes[..bytes.len() / 2]).unwrap();
+    let page = folder.file("page.html");
+    let output = report(&[&session, Path::new("--html"), &page]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(text(&output.stderr).contains("not everything is there"), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("Missing of the recording") && text(&output.stdout).contains("path of the tip"));
+    assert!(folder.read("page.html").contains("Not everything of the recording is there"));
+}
+
+#[test]
+fn what_is_no_recording_is_refused_with_one_message_and_nothing_is_written() {
+    let folder = Folder::new("bad");
+    let good = folder.record("good.mcap", 200);
+    let bytes = std::fs::read(&good).unwrap();
+    let written = |name: &str, bytes: &[u8]| {
+        std::fs::write(folder.file(name), bytes).unwrap();
+        folder.file(name)
+    };
+    // Another version: the value of the fact `format`, after its key and its length.
+    let mut other = bytes.clone();
+    let key = other.windows(6).position(|window| window == b"format").unwrap();
+    assert_eq!(other[key + 10], b'1');
+    other[key + 10] = b'2';
+    let cases = [
+        (folder.file("missing.mcap"), "No such file"),
+        (folder.0.clone(), "is not a file"),
+        (PathBuf::from("/dev/null"), "is not a file"),
+        (written("empty.mcap", b""), "is not an MCAP file"),
+        (written("text.mcap", b"What the trainee did on Monday"), "is not an MCAP file"),
+        (written("head.mcap", &bytes[..20]), "has no header"),
+        (written("other.mcap", &other), "not a recording of this version"),
+        (folder.record("idle.mcap", 0), "holds no tick"),
+    ];
+    let (page, csv) = (folder.file("page.html"), folder.file("rows.csv"));
+    for (file, why) in &cases {
+        refused(&[file, Path::new("--html"), &page, Path::new("--csv"), &csv], why);
+        refused(&[&good, Path::new("--compare"), file], why);
+        assert!(!page.exists() && !csv.exists(), "{}", file.display());
+    }
+}
+
+#[test]
+fn outputs_that_cannot_be_are_refused_before_anything_is_read_and_no_recording_is_overwritten() {
+    let folder = Folder::new("outputs");
+    let session = folder.record("session.mcap", 200);
+    let bytes = std::fs::read(&session).unwrap();
+    let (nowhere, page) = (folder.file("nowhere/page.html"), folder.file("page.html"));
+    refused(&[&session, Path::new("--html"), &nowhere], "folder does not exist");
+    refused(&[&session, Path::new("--csv"), &folder.0], "is a folder");
+    refused(&[&session, Path::new("--csv"), Path::new("-")], "only --json");
+    refused(&[&session, Path::new("--html"), &page, Path::new("--json"), &page], "another option");
+    for detour in [session.clone(), folder.file("./session.mcap")] {
+        refused(&[&session, Path::new("--json"), &detour], "is a recording");
+    }
+    let mut many: Vec<&Path> = vec![session.as_path()];
+    (0..9).for_each(|_| many.extend([Path::new("--compare"), session.as_path()]));
+    refused(&many, "at most 8");
+    refused(&[], "report");
+    assert!(std::fs::read(&session).unwrap() == bytes && !page.exists());
+}
