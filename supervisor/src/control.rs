@@ -42,6 +42,8 @@ pub enum Request {
     Stop,
     /// Inject a fault.
     Fault(Injection),
+    /// The kinds of faults that there are.
+    Kinds,
     /// Put another engine in the place of a role's.
     Swap {
         /// The role.

@@ -19,6 +19,7 @@ use crate::settings::{Refusal, prepare};
 use crate::supervise::register;
 use crate::view::{StationView, Viewer, table};
 use found::{Ground, settle, take_name};
+use hyst_engine::Address;
 use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
@@ -77,6 +78,8 @@ struct Guardian {
     next_start_ns: u64,
     seen: usize,
     lines: Vec<String>,
+    /// Where the operator's page is, as it was last said.
+    page_url: Option<String>,
     draw: bool,
     printer: Printer,
 }
@@ -177,6 +180,7 @@ impl Guardian {
             next_start_ns: 0,
             seen: 0,
             lines: Vec::new(),
+            page_url: None,
             draw,
             printer,
         })
@@ -307,11 +311,20 @@ impl Guardian {
         for line in journal::news(&self.station, &mut self.seen) {
             self.tell(line.trim_end());
         }
-        if !self.draw {
+        if self.draw {
+            let view = viewer.look_all();
+            self.printer.show(screen(&view, &mut self.lines));
             return;
         }
-        let view = viewer.look();
-        self.printer.show(screen(&view, &mut self.lines));
+        // As soon as the console has written it, and again if another one had to take another port.
+        let url = Address::read(&self.station).map(|address| address.url());
+        if url.is_some() && url != self.page_url {
+            // A service's words are kept, and read by others than its user.
+            let end = if std::env::var_os("JOURNAL_STREAM").is_some() { '?' } else { '\n' };
+            let shown = url.as_deref().and_then(|url| url.split(end).next()).unwrap_or_default();
+            self.tell(&format!("operator's page: {shown}"));
+            self.page_url = url;
+        }
     }
 
     /// Stops everything, kills what does not stop, writes the report, removes everything.

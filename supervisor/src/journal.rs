@@ -19,11 +19,6 @@ const MOST_SELDOM: u64 = 8;
 /// How long those count, ns.
 const SELDOM_NS: u64 = 10_000_000_000;
 
-/// Where the lines are.
-pub fn path(station: &Station) -> PathBuf {
-    station.root().join("events.log")
-}
-
 /// Appends a line.
 pub fn say(station: &Station, text: &str) {
     let tick = station.open().map_or(0, |page| page.present_tick());
@@ -33,7 +28,7 @@ pub fn say(station: &Station, text: &str) {
         line.truncate(end);
     }
     line.push('\n');
-    if let Ok(mut file) = std::fs::OpenOptions::new().append(true).create(true).open(path(station)) {
+    if let Ok(mut file) = std::fs::OpenOptions::new().append(true).create(true).open(station.events()) {
         let _ = file.write_all(line.as_bytes()); // a full disk costs the line, not the station
     }
 }
@@ -71,7 +66,7 @@ impl Seldom {
 
 /// Lines after the first `seen` bytes; moves `seen` on.
 pub fn news(station: &Station, seen: &mut usize) -> Vec<String> {
-    let Ok(text) = std::fs::read_to_string(path(station)) else {
+    let Ok(text) = std::fs::read_to_string(station.events()) else {
         return Vec::new();
     };
     let news = text.get(*seen..).unwrap_or("").to_string();
@@ -83,7 +78,7 @@ pub fn news(station: &Station, seen: &mut usize) -> Vec<String> {
 /// that says something at each step would fill it within hours. Who writes a log appends to it, so it goes on behind what is kept.
 pub fn keep_small(station: &Station, slots: &[Slot]) {
     let logs = slots.iter().map(|slot| station.log(*slot));
-    for path in logs.chain([path(station)]) {
+    for path in logs.chain([station.events()]) {
         let _ = shorten(&path); // one that is not there is short
     }
 }

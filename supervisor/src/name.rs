@@ -3,19 +3,28 @@
 //! machine could take it; the root is closed to others.
 
 use hyst_exchange::{Station, system};
+use rustix::fd::OwnedFd;
 use rustix::fs::FlockOperation;
+use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 use std::fs::File;
 use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
-use std::os::unix::net::{SocketAddr, UnixListener, UnixStream};
+use std::os::unix::net::{SocketAddr, UnixListener};
 
-fn address(station: &Station) -> std::io::Result<SocketAddr> {
-    SocketAddr::from_abstract_name(format!("hystation-{}-{}", system::user_id(), station.name()))
+fn name_of(station: &Station) -> String {
+    format!("hystation-{}-{}", system::user_id(), station.name())
+}
+
+/// A connection to whoever has the name; who does not take it at once is not waited for.
+fn connect(station: &Station) -> std::io::Result<OwnedFd> {
+    let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::NONBLOCK | SocketFlags::CLOEXEC, None)?;
+    net::connect(&socket, &SocketAddrUnix::new_abstract_name(name_of(station).as_bytes())?)?;
+    Ok(socket)
 }
 
 /// Takes the station's name for as long as the listener lives; `None` if somebody has it.
 pub fn take(station: &Station) -> std::io::Result<Option<UnixListener>> {
-    match UnixListener::bind_addr(&address(station)?) {
+    match UnixListener::bind_addr(&SocketAddr::from_abstract_name(name_of(station))?) {
         Ok(listener) => {
             listener.set_nonblocking(true)?;
             Ok(Some(listener))
@@ -27,13 +36,12 @@ pub fn take(station: &Station) -> std::io::Result<Option<UnixListener>> {
 
 /// Knocks at the name: a stand-in takes it as the request to make room.
 pub fn knock(station: &Station) -> std::io::Result<()> {
-    UnixStream::connect_addr(&address(station)?).map(drop)
+    connect(station).map(drop)
 }
 
 /// The user whose process has the name, if it is another one. It is a knock too.
 pub fn stranger(station: &Station) -> Option<u32> {
-    let stream = UnixStream::connect_addr(&address(station).ok()?).ok()?;
-    let holder = rustix::net::sockopt::socket_peercred(&stream).ok()?.uid.as_raw();
+    let holder = net::sockopt::socket_peercred(connect(station).ok()?).ok()?.uid.as_raw();
     (holder != system::user_id()).then_some(holder)
 }
 

@@ -54,7 +54,9 @@ pub fn slots(settings: &Settings, spares: bool, only: Option<&[Role]>) -> Vec<Sl
         Role::Haptic | Role::Tissue | Role::Fluid => 1 + usize::from(spares),
         Role::CollisionWorker => settings.workers.min(MAX_WORKERS),
         Role::Recorder => usize::from(settings.record.is_some()),
-        Role::Console | Role::Supervisor | Role::Guardian => 0,
+        // A value that is neither is refused before a plan is made.
+        Role::Console => usize::from(settings.switch("console", true).unwrap_or(true)),
+        Role::Supervisor | Role::Guardian => 0,
     };
     Role::ALL
         .into_iter()
@@ -114,10 +116,10 @@ mod tests {
     #[test]
     fn the_default_station_has_two_servos_spares_and_workers_and_starts_at_the_hardware() {
         let settings = Settings { workers: 2, ..Default::default() };
-        let expected =
-            "hardware device haptic:0 haptic:1 tissue:0 tissue:1 fluid:0 fluid:1 rendering collision-worker:0 collision-worker:1";
+        let expected = "hardware device haptic:0 haptic:1 tissue:0 tissue:1 fluid:0 fluid:1 rendering console collision-worker:0 collision-worker:1";
         assert_eq!(names(&slots(&settings, true, None)).join(" "), expected);
-        let small = Settings { workers: 0, record: Some("/x".into()), ..Default::default() };
+        let set = [("console".to_string(), "off".to_string())].into();
+        let small = Settings { workers: 0, record: Some("/x".into()), set, ..Default::default() };
         let expected = "hardware device haptic:0 tissue:0 fluid:0 rendering recorder";
         assert_eq!(names(&slots(&small, false, None)).join(" "), expected);
         assert_eq!(names(&slots(&small, true, Some(&[Role::Tissue]))), ["tissue:0", "tissue:1"]);

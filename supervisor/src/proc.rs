@@ -10,7 +10,9 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus};
+use std::process::{Child, Command};
+
+pub use hyst_engine::verify::wait_within;
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;
@@ -20,9 +22,6 @@ const MOST_THREADS: usize = 256;
 const MOST_SENT: u32 = 20;
 /// Between two of them, ns: time for a real-time thread to wake and take the signal.
 const BETWEEN_SENT_NS: u64 = 100_000;
-
-/// Between two looks whether a child has ended, ns.
-const BETWEEN_LOOKS_NS: u64 = 5_000_000;
 
 /// The process id as the system-call crate wants it; `None` for 0 and for what is no id.
 pub fn pid(number: u32) -> Option<Pid> {
@@ -180,25 +179,6 @@ pub fn segfault(process: u32) -> bool {
         }
     }
     sent
-}
-
-/// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
-/// child of it could hold a pipe open, and there is no status.
-pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
-    let deadline_ns = system::now_ns() + limit_ns;
-    loop {
-        if let Ok(Some(status)) = child.try_wait() {
-            return Some(status);
-        }
-        if system::now_ns() >= deadline_ns {
-            if let Some(group) = pid(child.id()) {
-                let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
-            }
-            let _ = child.wait();
-            return None;
-        }
-        system::sleep_ns(BETWEEN_LOOKS_NS);
-    }
 }
 
 /// Resident memory, MiB.

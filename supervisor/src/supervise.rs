@@ -241,6 +241,7 @@ impl Supervisor {
             self.heed_states(now_ns);
             self.accounts.write(&self.station);
             journal::keep_small(&self.station, &self.slots);
+            self.memory.look();
             self.faults.keep_open();
             self.hand_over();
         }
@@ -368,6 +369,7 @@ impl Supervisor {
                 self.page.bump_and_wake(layout::CHANGES);
                 control::good(serde_json::json!({}))
             }
+            Request::Kinds => control::good(crate::faultfile::FaultKind::described()),
             Request::Status => control::good(serde_json::to_value(self.viewer.look()).unwrap_or_default()),
             Request::Report => {
                 self.sample_all(system::now_ns());

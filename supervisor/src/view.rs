@@ -1,5 +1,6 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
+use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
 use hyst_messages::page::{header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
@@ -28,6 +29,12 @@ pub struct ProcessView {
     pub rate_hz: Option<f64>,
     /// 99th percentile of the wake-up latency since its start, µs.
     pub wakeup_p99_us: Option<f64>,
+    /// The same since the look before; `None` at the first look, and without a wake-up since.
+    pub recent_wakeup_p99_us: Option<f64>,
+    /// 99th percentile of the loop latency since its start, µs.
+    pub loop_p99_us: Option<f64>,
+    /// The same since the look before.
+    pub recent_loop_p99_us: Option<f64>,
     /// Age of its newest value, ms.
     pub age_ms: Option<f64>,
     /// Its newest tick.
@@ -46,6 +53,29 @@ pub struct RegisterView {
     pub objects: u32,
     /// Engines, by the names of their slots.
     pub engines: Vec<String>,
+}
+
+type Histogram = [u64; LATENCY_BUCKETS];
+
+/// What was seen of a process at the look before.
+#[derive(Debug)]
+struct Before {
+    incarnation: u32,
+    steps: u64,
+    at_ns: u64,
+    /// Of its wake-ups and its loops.
+    histograms: [Histogram; 2],
+}
+
+/// What was counted since a histogram was looked at; a page that was damaged meanwhile has counted nothing.
+fn counted_since(now: &Histogram, before: &Histogram) -> Histogram {
+    std::array::from_fn(|bucket| now[bucket].saturating_sub(before[bucket]))
+}
+
+/// 99th percentile, µs; `None` if nothing was counted.
+fn p99_us(counts: &Histogram) -> Option<f64> {
+    let p99_ns = percentile_ns(counts, 0.99);
+    (p99_ns != 0).then_some(p99_ns as f64 * 1e-3)
 }
 
 fn register_of(page: &ReadPage) -> Option<RegisterView> {
@@ -69,6 +99,9 @@ pub struct StationView {
     pub held: Vec<&'static str>,
     /// Processes in slot order.
     pub processes: Vec<ProcessView>,
+    /// Where the operator's page is, token and all; only for whoever has the right to ask for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub console: Option<String>,
 }
 
 /// Looks at a station again and again.
@@ -78,7 +111,7 @@ pub struct Viewer {
     page: StationPage,
     roster: Roster,
     pages: BTreeMap<Slot, (u32, ReadPage)>,
-    before: BTreeMap<Slot, (u32, u64, u64)>,
+    before: BTreeMap<Slot, Before>,
 }
 
 impl Viewer {
@@ -136,6 +169,11 @@ impl Viewer {
     pub fn is_well(&mut self, slot: Slot) -> bool {
         self.page.pid(slot) != 0 && !self.page.is_dead(slot) && self.says_ready(slot)
     }
+    /// Looks, and says where the operator's page is.
+    pub fn look_all(&mut self) -> StationView {
+        let console = Address::read(&self.station).map(|address| address.url());
+        StationView { console, ..self.look() }
+    }
     /// Looks.
     pub fn look(&mut self) -> StationView {
         let mut processes = Vec::new();
@@ -157,6 +195,7 @@ impl Viewer {
             test_mode: self.page.test_mode(),
             held: Role::ALL.into_iter().filter(|role| self.page.is_held(*role)).map(Role::name).collect(),
             processes,
+            console: None,
         }
     }
 
@@ -172,6 +211,9 @@ impl Viewer {
             restarts: self.page.page().load64(layout::SLOT_RESTARTS + slot.number()),
             rate_hz: None,
             wakeup_p99_us: None,
+            recent_wakeup_p99_us: None,
+            loop_p99_us: None,
+            recent_loop_p99_us: None,
             age_ms: None,
             tick: 0,
             binary: crate::supervise::trial::binary_of(self.page.pid(slot)).filter(|_| alive),
@@ -181,7 +223,7 @@ impl Viewer {
             view.epoch = self.page.page().load64(layout::SUPERVISOR_STARTS) as u32;
             view.restarts = (view.epoch as u64).saturating_sub(1);
         }
-        let before = self.before.get(&slot).copied();
+        let before = self.before.remove(&slot).filter(|before| before.incarnation == view.incarnation);
         let Some(page) = self.slot_page(slot) else {
             return view;
         };
@@ -194,18 +236,19 @@ impl Viewer {
         }
         let value_ns = page.load64(header::VALUE_NS);
         view.age_ms = (value_ns != 0).then(|| now_ns.saturating_sub(value_ns) as f64 * 1e-6);
-        let mut wakeups = [0u64; LATENCY_BUCKETS];
-        page.load64s(header::WAKEUP, &mut wakeups);
-        let p99_ns = percentile_ns(&wakeups, 0.99);
-        view.wakeup_p99_us = (p99_ns != 0).then_some(p99_ns as f64 * 1e-3);
+        let histograms = [header::WAKEUP, header::LOOP].map(|at| {
+            let mut counts = [0u64; LATENCY_BUCKETS];
+            page.load64s(at, &mut counts);
+            counts
+        });
+        [view.wakeup_p99_us, view.loop_p99_us] = histograms.each_ref().map(p99_us);
         let steps = page.load64(header::STEPS);
-        if let Some((incarnation, steps_before, before_ns)) = before
-            && incarnation == view.incarnation
-            && now_ns > before_ns
-        {
-            view.rate_hz = Some(steps.saturating_sub(steps_before) as f64 * 1e9 / (now_ns - before_ns) as f64);
+        if let Some(before) = before.filter(|before| now_ns > before.at_ns) {
+            view.rate_hz = Some(steps.saturating_sub(before.steps) as f64 * 1e9 / (now_ns - before.at_ns) as f64);
+            let recent = |which: usize| p99_us(&counted_since(&histograms[which], &before.histograms[which]));
+            (view.recent_wakeup_p99_us, view.recent_loop_p99_us) = (recent(0), recent(1));
         }
-        self.before.insert(slot, (view.incarnation, steps, now_ns));
+        self.before.insert(slot, Before { incarnation: view.incarnation, steps, at_ns: now_ns, histograms });
         view
     }
 }
@@ -213,12 +256,13 @@ impl Viewer {
 /// The table of a look, as lines of plain text.
 pub fn table(view: &StationView) -> String {
     let mut text = format!(
-        "station {}  {}  tick {}{}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
+        "station {}  {}  tick {}{}{}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
         view.station,
         view.state,
         view.tick,
         if view.test_mode { "  test mode" } else { "" },
         view.held.iter().map(|role| format!("  {role} is held still")).collect::<String>(),
+        view.console.as_ref().map_or(String::new(), |url| format!("\noperator's page {url}")),
         "process",
         "incarn",
         "pid",

@@ -27,7 +27,7 @@ fn keepers_are_hurt_in_test_mode_and_replaced_and_the_report_tells_of_it() {
     inject(&["kill", "guardian"]);
     child.wait().unwrap();
     let old = pid_of(&rows, "guardian");
-    rows = place.wait("a stand-in", |rows| rows.len() == 13 && pid_of(rows, "guardian") != old);
+    rows = place.wait("a stand-in", |rows| rows.len() == place::PROCESSES && pid_of(rows, "guardian") != old);
     inject(&["kill", "supervisor+guardian"]);
     ["supervisor", "guardian"].iter().for_each(|name| ended(pid_of(&rows, name)));
     let child = place.start(&arguments);

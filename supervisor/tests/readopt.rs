@@ -196,7 +196,7 @@ fn dies_at(point: &str, pass: u32) {
     kill(victim);
     let back = |rows: &[(String, u64, String)]| {
         let well = |(_, _, state): &(String, u64, String)| state == "live" || state == "spare";
-        rows.len() == 13 && rows.iter().all(well) && rows.iter().all(|(_, pid, _)| *pid != victim)
+        rows.len() == place::PROCESSES && rows.iter().all(well) && rows.iter().all(|(_, pid, _)| *pid != victim)
     };
     let rows = place.wait(&format!("{point}:{pass}: whole again"), back);
     let station = hyst_exchange::Station::named(&place.name).unwrap();
@@ -213,7 +213,7 @@ fn dies_at(point: &str, pass: u32) {
     assert!(strangers.iter().all(helper), "{point}:{pass}: {strangers:?}");
     let pages = std::fs::read_dir(station.root().join("pages")).unwrap().flatten();
     let of_slots = pages.filter(|page| page.file_name().to_string_lossy().starts_with(|c: char| c.is_ascii_digit())).count();
-    assert_eq!(of_slots, 11, "{point}:{pass}: a page for each life");
+    assert_eq!(of_slots, place::PROCESSES - 2, "{point}:{pass}: a page for each life");
     assert!(place.call(&["stop"]).status.success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{point}:{pass}: {}", text(&output.stderr));
@@ -230,8 +230,8 @@ fn dies_at(point: &str, pass: u32) {
 #[test]
 fn a_supervisor_that_dies_in_the_middle_of_a_start_has_it_finished_or_undone() {
     for point in ["spawn-declared", "spawn-paged", "spawn-served", "spawn-started", "spawn-entered"] {
-        dies_at(point, 3); // of the eleven starts of the station
-        dies_at(point, 12); // when an engine is replaced
+        dies_at(point, 3); // of the starts of the station's engines
+        dies_at(point, place::PROCESSES as u32 - 1); // when one of them is replaced
     }
 }
 

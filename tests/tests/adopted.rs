@@ -21,7 +21,7 @@ const ALLOWED: f64 = 0.1;
 const KINDS: [(&str, &[Role]); 3] =
     [("supervisor", &[Role::Supervisor]), ("guardian", &[Role::Guardian]), ("both", &[Role::Guardian, Role::Supervisor])];
 /// Engines of the default station.
-const ENGINES: usize = 12;
+const ENGINES: usize = 13;
 /// Ticks for which the tissue must go on without a supervisor.
 const UNWATCHED_TICKS: u64 = 400;
 

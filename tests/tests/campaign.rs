@@ -166,7 +166,7 @@ fn a_planted_defect_is_found_and_only_where_it_is() {
     let folder = Folder::new("campaign-planted");
     let planted = folder.as_path().join("bad.fluid.anew");
     std::fs::create_dir(&planted).expect("a folder");
-    for engine in ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder"] {
+    for engine in ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder", "console"] {
         let real = binaries().join(if engine == "fluid" { "bad-engine" } else { engine });
         std::os::unix::fs::symlink(real, planted.join(engine)).expect("a link");
     }

@@ -141,6 +141,7 @@ fn every_process_is_back_with_its_state() {
         ("fluid", false),
         ("rendering", true),
         ("recorder", true),
+        ("console", true),
     ];
     let mut before = station.deficit();
     assert!(before.0 > 0.0, "the pump has filled the cavity");
@@ -210,7 +211,7 @@ fn without_spares_every_process_comes_back_too() {
 fn the_supervisors_death_changes_nothing_for_the_engines() {
     let station = Station::start("supervisor", &["--hand", "script:press"]);
     let engines = |station: &Station| {
-        let all = ["device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder"];
+        let all = ["device", "haptic", "tissue", "collision-worker", "fluid", "rendering", "recorder", "console"];
         all.iter().flat_map(|role| station.processes(role)).map(|process| process["pid"].as_i64()).collect::<Vec<_>>()
     };
     let before = engines(&station);

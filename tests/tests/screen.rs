@@ -70,7 +70,7 @@ fn row<'a>(screen: &'a str, process: &str) -> Option<Vec<&'a str>> {
 fn the_table_lives_says_who_died_and_ctrl_c_ends_it() {
     let mut terminal = Terminal::start("table", "--hand script:press");
     let names = ["hardware", "device", "haptic:0", "haptic:1", "tissue:0", "tissue:1", "fluid:0", "fluid:1"];
-    let others = ["collision-worker:0", "collision-worker:1", "rendering", "recorder", "supervisor"];
+    let others = ["collision-worker:0", "collision-worker:1", "rendering", "recorder", "console", "supervisor"];
     let is_whole = |screen: &str| {
         let well = |name: &&str| row(screen, name).is_some_and(|row| row[3] == "live" || row[3] == "spare");
         names.iter().chain(&others).all(well).then(|| screen.to_string())

@@ -9,6 +9,7 @@ mod hand;
 mod looks;
 mod medium;
 mod pulse;
+mod relay;
 mod scenery;
 mod sources;
 mod strip;

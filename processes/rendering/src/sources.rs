@@ -28,6 +28,7 @@ pub struct Sources {
     held: [Option<Held>; REPLICAS],
     fluids: [Option<ReadPage>; REPLICAS],
     hardware: Option<ReadPage>,
+    console: Option<ReadPage>,
     /// How objects look, by rendezvous.
     pub looks: Looks,
 }
@@ -60,6 +61,7 @@ impl Sources {
             (Role::Tissue, Wanted::Client(Kind::Appearance)),
             (Role::Fluid, Wanted::Page),
             (Role::Fluid, Wanted::Stream(Kind::FluidState)),
+            (Role::Console, Wanted::Page),
         ];
         Ok(Sources {
             inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
@@ -71,6 +73,7 @@ impl Sources {
             held: Default::default(),
             fluids: Default::default(),
             hardware: None,
+            console: None,
             looks: Looks::default(),
         })
     }
@@ -89,6 +92,7 @@ impl Sources {
         let index = arrival.slot.index().min(REPLICAS - 1);
         match (arrival.slot.role(), arrival.port) {
             (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
+            (Role::Console, Port::Page(page)) => self.console.replace(page).map(Departure::Page),
             (Role::Fluid, Port::Page(page)) => self.fluids[index].replace(page).map(Departure::Page),
             (Role::Tissue, Port::Stream(Kind::TissueState, stream)) => self.states[index].replace(stream).map(Departure::Stream),
             (Role::Tissue, Port::Stream(Kind::Topology, stream)) => self.topologies[index].replace(stream).map(Departure::Stream),
@@ -99,6 +103,11 @@ impl Sources {
             }
             _ => None,
         }
+    }
+
+    /// The console's page, which says whether pictures are asked for.
+    pub fn console(&self) -> Option<&ReadPage> {
+        self.console.as_ref()
     }
 
     /// The newest tissue state that was not yet read.

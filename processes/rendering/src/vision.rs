@@ -1,4 +1,5 @@
-//! The loop of the Vision Engine: thirty times a second the newest state, the tool, the text, one picture; into the window, onto the disk.
+//! The loop of the Vision Engine: thirty times a second the newest state, the tool, the text, one picture; into the window, onto the disk, to the
+//! operator's page.
 
 use crate::album::Album;
 use crate::display::{Display, SIZE_PX};
@@ -6,6 +7,7 @@ use crate::hand::Hand;
 use crate::looks::distortion;
 use crate::medium;
 use crate::pulse::Pulse;
+use crate::relay::Relay;
 use crate::scenery::{Refused, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
@@ -61,6 +63,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut external = wants_external(life)?;
     let mut album = Album::open(life)?;
     let links = Links::join(&life.station, &life.slot.to_string())?;
+    let mut relay = Relay::open(life, &links)?;
     let mut sources = Sources::open(life, links)?;
     life.ports_are_open();
     let mut display = Display::open(life);
@@ -83,7 +86,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
             }
             Err(error) => return Err(Failure::Broken(error.to_string())),
         };
-        let end = vision.show(&mut sources, &mut display, &mut album, &mut hand)?;
+        let end = vision.show(&mut sources, &mut display, &mut album, &mut relay, &mut hand)?;
         external = vision.external;
         drop(vision);
         match end {
@@ -147,6 +150,7 @@ impl<'a> Vision<'a> {
         sources: &mut Sources,
         display: &mut Display,
         album: &mut Album,
+        relay: &mut Relay,
         hand: &mut Option<Hand>,
     ) -> Result<End, Failure> {
         let life = self.life;
@@ -191,6 +195,7 @@ impl<'a> Vision<'a> {
                 }
             }
             album.keep(life, tick, &mut self.renderer);
+            relay.show(life, sources.console(), tick, &mut self.renderer).map_err(broken)?;
             pace.end();
             life.page.set_state(ProcessState::Live);
         }

@@ -1,5 +1,7 @@
-//! What every engine does the same way: start, real-time set-up, the paced loop, the loop of an engine with a spare, last words.
+//! What every engine does the same way: start, real-time set-up, the paced loop, the loop of an engine with a spare, last words. And what those who
+//! keep engines ask of them: what a program says of itself, where the operator's page is.
 
+pub mod address;
 pub mod bench;
 pub mod life;
 pub mod lockstep;
@@ -8,7 +10,9 @@ pub mod pace;
 pub mod realtime;
 pub mod settings;
 pub mod stateful;
+pub mod verify;
 
+pub use address::Address;
 pub use life::{Failure, Life, run};
 pub use mischief::{Lies, Output};
 pub use pace::Pace;

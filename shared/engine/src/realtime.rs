@@ -53,13 +53,15 @@ pub fn core(slot: Slot, cores: usize) -> Option<usize> {
     }
 }
 
-/// How ordinary processes give way to each other: pictures before anything else, then the flow, the recorder last: it takes a hundredth of a core, and
-/// what it has not read within 4 s is lost. Where that is refused they are alike. Called before a process has threads of its own, which inherit it.
+/// How ordinary processes give way to each other: the operator's page before anything else, then pictures, then the flow, the recorder last: it takes a
+/// hundredth of a core, and what it has not read within 4 s is lost. Where that is refused they are alike. Called before a process has threads of its
+/// own, which inherit it.
 pub fn give_way(life: &Life) {
     let nice = match life.slot.role() {
         Role::Recorder => -15,
         Role::Fluid => -10,
         Role::Rendering => 5,
+        Role::Console => 10,
         _ => return,
     };
     let real_time = life.settings.switch("realtime", true).unwrap_or(false);

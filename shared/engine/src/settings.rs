@@ -66,6 +66,8 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
     ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
+    ("console", "on or off: the operator's page in a browser (default on)"),
+    ("console_port", "0 to 65535: port of that page on 127.0.0.1, 0 for any (default 8642; if it is taken, any)"),
 ];
 
 impl Settings {

@@ -83,6 +83,10 @@ impl Station {
     pub fn log(&self, slot: Slot) -> PathBuf {
         self.root.join(format!("logs/{slot}.log"))
     }
+    /// What happened, a line for each event, appended by the supervisor and the guardian.
+    pub fn events(&self) -> PathBuf {
+        self.root.join("events.log")
+    }
     /// What the engines were started with: the command line's settings, as TOML.
     pub fn settings(&self) -> PathBuf {
         self.root.join("settings.toml")

@@ -282,6 +282,15 @@ pub mod recorder {
     pub const WORDS: usize = STATUS.end();
 }
 
+/// The console's page.
+pub mod console {
+    use super::*;
+    /// Until when pictures are asked for, CLOCK_MONOTONIC ns; rendering looks here.
+    pub const PICTURES_UNTIL_NS: usize = header::END;
+    /// Words of the page.
+    pub const WORDS: usize = PICTURES_UNTIL_NS + 8;
+}
+
 /// Words of the page of a role.
 pub const fn words_of(role: crate::Role) -> usize {
     match role {
@@ -292,6 +301,7 @@ pub const fn words_of(role: crate::Role) -> usize {
         crate::Role::Fluid => fluid::WORDS,
         crate::Role::Rendering => rendering::WORDS,
         crate::Role::Recorder => recorder::WORDS,
+        crate::Role::Console => console::WORDS,
         _ => header::END,
     }
 }

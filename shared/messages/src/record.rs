@@ -288,6 +288,10 @@ pub struct TissueStatus {
     pub topology_version: u32,
 }
 
+/// Bits of [`FluidStatus::alarms`] and what they say: the pressure is above the set one, more medium is missing than may be, medium goes where it
+/// should not.
+pub const PUMP_ALARMS: [(u32, &str); 3] = [(1, "pressure"), (2, "deficit"), (4, "abnormal loss")];
+
 /// What fluid says of itself each step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -304,7 +308,7 @@ pub struct FluidStatus {
     pub inflow_ml_min: f32,
     /// Flow out of the cavity, ml/min.
     pub outflow_ml_min: f32,
-    /// Alarm bits of the pump.
+    /// Alarm bits of the pump, [`PUMP_ALARMS`].
     pub alarms: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],

@@ -11,6 +11,8 @@ pub use crate::object::{ObjectKind, ObjectRecord};
 
 /// Most sections in one message.
 pub const MAX_SECTIONS: usize = 12;
+/// Most of a [`Kind::Picture`], px: it is made and read on the cores of the engines.
+pub const MOST_PICTURE_PX: [u32; 2] = [400, 300];
 const ALIGNMENT: usize = 64;
 
 /// What a message carries.
@@ -33,6 +35,8 @@ pub enum Kind {
     AppearanceRequest = 7,
     /// The appearance of the objects.
     Appearance = 8,
+    /// A small picture of what rendering shows, while somebody looks: rows from the top, 3 bytes for a pixel (RGB, gamma 2.2).
+    Picture = 9,
 }
 
 impl Kind {
@@ -45,6 +49,7 @@ impl Kind {
             Kind::Contacts => "contacts",
             Kind::Force => "force",
             Kind::AppearanceRequest | Kind::Appearance => "appearance",
+            Kind::Picture => "picture",
         }
     }
 }
@@ -56,6 +61,7 @@ pub const fn kinds_of(role: Role) -> &'static [Kind] {
         Role::CollisionWorker => &[Kind::Contacts],
         Role::Fluid => &[Kind::FluidState],
         Role::Haptic => &[Kind::Force],
+        Role::Rendering => &[Kind::Picture],
         _ => &[],
     }
 }
@@ -83,7 +89,7 @@ pub struct StreamHeader {
     /// Step of the writer in ticks.
     pub step_ticks: u32,
     /// Two words that the kind defines. Contacts: index and count of the share. Collision job: count of shares, and the incarnation that
-    /// wrote the state it is about (whose epoch is in `input_tick`).
+    /// wrote the state it is about (whose epoch is in `input_tick`). Picture: width and height, px.
     pub words: [u32; 2],
 }
 
@@ -276,7 +282,7 @@ pub fn change_header(bytes: &mut [u8], change: impl FnOnce(&mut StreamHeader)) {
 
 /// The kind that a message says it is.
 pub fn kind_of(bytes: &[u8]) -> Option<Kind> {
-    const KINDS: [Kind; 8] = [
+    const KINDS: [Kind; 9] = [
         Kind::TissueState,
         Kind::Topology,
         Kind::CollisionJob,
@@ -285,6 +291,7 @@ pub fn kind_of(bytes: &[u8]) -> Option<Kind> {
         Kind::Force,
         Kind::AppearanceRequest,
         Kind::Appearance,
+        Kind::Picture,
     ];
     let header: StreamHeader = bytemuck::pod_read_unaligned(bytes.get(..TABLE)?);
     KINDS.into_iter().find(|kind| *kind as u32 == header.kind)

@@ -155,7 +155,7 @@ fn row(is_pool: bool, figures: &Figures) -> String {
 
 fn timeline(page: &mut String, outcomes: &[Outcome]) {
     page.push_str("<h2>Faults over the ticks</h2>\n<p class=\"note\">");
-    for role in ["haptic", "tissue", "device", "collision-worker", "fluid", "rendering", "recorder", "supervisor"] {
+    for role in ["haptic", "tissue", "device", "collision-worker", "fluid", "rendering", "recorder", "console", "supervisor"] {
         let colour = plots::role_colour(&format!("kill {role}"));
         let _ = write!(page, "<span class=\"key\"><i style=\"background:{colour}\"></i>{role}</span>");
     }

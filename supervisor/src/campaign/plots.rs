@@ -39,6 +39,7 @@ pub fn role_colour(cell: &str) -> &'static str {
         "fluid" => "#0891b2",
         "rendering" => "#a16207",
         "recorder" => "#be185d",
+        "console" => "#4d7c0f",
         _ => "#374151",
     }
 }

@@ -16,7 +16,7 @@ pub fn logs(station: &Station, process: Option<&str>, follow: bool) -> Result<u8
         return Err(no_station(station));
     }
     let path = match process {
-        None => crate::journal::path(station),
+        None => station.events(),
         Some(name) => {
             let slot = Slot::parse(name)
                 .ok_or_else(|| Refusal::input(format!("{name:?} is no process; use a name that `status` shows")))?;
@@ -31,6 +31,11 @@ pub fn logs(station: &Station, process: Option<&str>, follow: bool) -> Result<u8
     let _ = file.seek(std::io::SeekFrom::Start(length.saturating_sub(MOST_BYTES))); // else from the start
     loop {
         let mut bytes = Vec::new();
+        // One that was shortened is shown from its beginning.
+        let length = file.metadata().map_or(0, |data| data.len());
+        if file.stream_position().is_ok_and(|at| at > length) {
+            let _ = file.rewind(); // else what is new is shown
+        }
         Read::take(&mut file, MOST_BYTES)
             .read_to_end(&mut bytes)
             .map_err(|e| Refusal::failed(format!("{}: {e}", path.display())))?;

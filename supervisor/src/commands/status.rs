@@ -18,7 +18,7 @@ pub fn status(station: &Station, json: bool) -> Result<u8, Refusal> {
     let mut viewer = Viewer::open(station).map_err(|_| no_station(station))?;
     viewer.look();
     system::sleep_ns(RATE_NS);
-    let view = viewer.look();
+    let view = viewer.look_all();
     if view.state == "dead" {
         return Err(no_station(station));
     }
@@ -37,7 +37,7 @@ pub fn top(station: &Station) -> Result<u8, Refusal> {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
     }
     while !stop.load(Ordering::Relaxed) {
-        let view = viewer.look();
+        let view = viewer.look_all();
         let text = format!("\x1b[H{}\x1b[J", table(&view).replace('\n', "\x1b[K\n"));
         let mut out = std::io::stdout();
         if view.state == "dead" || out.write_all(text.as_bytes()).and_then(|()| out.flush()).is_err() {

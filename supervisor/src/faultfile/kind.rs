@@ -5,6 +5,7 @@ use hyst_messages::Role;
 use hyst_messages::mischief::Mischief;
 use rustix::process::Signal;
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 /// What is done to a process: from outside by a signal, or by the process itself because it is asked to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -172,6 +173,11 @@ impl FaultKind {
     pub fn from_name(name: &str) -> Option<FaultKind> {
         FaultKind::ALL.iter().find(|(_, known, _)| *known == name).map(|(kind, _, _)| *kind)
     }
+    /// All kinds for who offers them to somebody: name, what it does, whether it needs a duration.
+    pub fn described() -> Value {
+        let kinds = FaultKind::ALL.into_iter();
+        kinds.map(|(kind, name, text)| json!({ "name": name, "text": text, "needs_for": kind.needs_duration() })).collect()
+    }
     /// What the process is asked to do itself.
     pub fn mischief(self) -> Option<Mischief> {
         Some(match self {
@@ -226,17 +232,18 @@ impl FaultKind {
         }
         let what = self.mischief()?;
         match role {
-            Role::Device | Role::Rendering | Role::Recorder if what == Mischief::LeakLoans => {
-                Some("it has no stream to loan from")
+            Role::Device | Role::Rendering | Role::Recorder | Role::Console if what == Mischief::LeakLoans => {
+                Some("it has no stream that it writes in each step")
             }
-            Role::Rendering | Role::Recorder if what.is_lie() => Some("it publishes nothing that another process computes from"),
+            Role::Rendering | Role::Recorder | Role::Console if what.is_lie() => {
+                Some("it publishes nothing that another process computes from")
+            }
             Role::Haptic if what == Mischief::Doom => None, // all of them compute from the same input
             _ if what.is_lasting() && !is_stateful(role) => Some("it has no state that a successor goes on from"),
             Role::Device | Role::Haptic if what == Mischief::Epoch => Some("its output has no epoch"),
             Role::Device | Role::Haptic if what == Mischief::Layout => {
                 Some("its output lies in its page, whose layout is checked once, before anybody follows it")
             }
-            Role::Console => Some("it is not part of this build"),
             _ => None,
         }
     }

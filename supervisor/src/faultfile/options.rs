@@ -140,6 +140,9 @@ mod tests {
         let none = |_: &mut Injection| {};
         for (kind, target, words) in [
             ("leak-loans", "device", "no stream"),
+            ("leak-loans", "console", "no stream"),
+            ("nan", "console", "publishes nothing"),
+            ("poison", "console", "no state"),
             ("disk-full", "tissue", "recorder"),
             ("disk-full", "recorder", "duration"),
             ("no-files", "tissue", "duration"),
@@ -152,7 +155,14 @@ mod tests {
             let reason = checked(kind, target, none).unwrap_err();
             assert!(reason.contains(words), "{kind} {target}: {reason}");
         }
-        for (kind, target) in [("leak-files", "device"), ("leak-loans", "haptic"), ("oom", "recorder"), ("kill", "tissue:both")] {
+        let good = [
+            ("leak-files", "device"),
+            ("leak-loans", "haptic"),
+            ("oom", "recorder"),
+            ("kill", "tissue:both"),
+            ("block", "console"),
+        ];
+        for (kind, target) in good {
             assert!(checked(kind, target, none).is_ok(), "{kind} {target}");
         }
         assert!(checked("stop", "guardian", |it| it.for_s = Some(1.0)).is_ok());
@@ -165,7 +175,7 @@ mod tests {
         assert!(checked("kill", "tissue", |it| it.seed = Some(5)).unwrap_err().contains("corrupt"));
         assert!(checked("leak-memory", "tissue", |it| it.rate = Some(f64::NAN)).is_err());
         assert!(checked("crash-loop", "tissue", |it| it.times = Some(0)).is_err());
-        assert!(checked("corrupt", "rendering", |it| it.place = Some(Place::Stream)).unwrap_err().contains("no stream"));
+        assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Stream)).unwrap_err().contains("no stream"));
         assert!(checked("corrupt", "haptic", |it| it.place = Some(Place::Checkpoint)).unwrap_err().contains("no state"));
         assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Roster)).is_ok());
     }

@@ -11,6 +11,9 @@ pub const HYSTATION: &str = env!("CARGO_BIN_EXE_hystation");
 /// A wait in these tests ends with a failure after this time; a station of such processes is ready within a fraction of a second.
 pub const PATIENCE: Duration = Duration::from_secs(40);
 
+/// Engines of such a station, and its two keepers.
+pub const PROCESSES: usize = 14;
+
 /// A folder of engines and a station of its own name; stopped and removed when it is dropped.
 pub struct Place {
     /// Name of the station.
@@ -26,7 +29,7 @@ impl Place {
         let folder = std::env::temp_dir().join(&name);
         std::fs::create_dir_all(&folder).unwrap();
         let fake = Path::new(HYSTATION).parent().unwrap().join("examples/fake_engine");
-        for role in ["hardware", "device", "haptic", "tissue", "fluid", "rendering", "recorder", "collision-worker"] {
+        for role in ["hardware", "device", "haptic", "tissue", "fluid", "rendering", "recorder", "console", "collision-worker"] {
             std::os::unix::fs::symlink(&fake, folder.join(role)).unwrap();
         }
         Place { name, folder }
@@ -71,7 +74,7 @@ impl Place {
         panic!("{what}: not within {PATIENCE:?}; {:?}", self.status());
     }
     pub fn wait_ready(&self) -> Vec<(String, u64, String)> {
-        self.wait("ready", |rows| rows.len() == 13 && rows.iter().all(|(_, _, state)| state == "live" || state == "spare"))
+        self.wait("ready", |rows| rows.len() == PROCESSES && rows.iter().all(|(_, _, state)| state == "live" || state == "spare"))
     }
     pub fn leftovers(&self) -> Vec<String> {
         let station = hyst_exchange::Station::named(&self.name).unwrap();

@@ -1,16 +1,23 @@
 //! Whether a file is an engine that may be started in a station: looked at before anything of the station is touched. It is asked what it is
 //! (`--describe`), as an ordinary process and for a bounded time; what it says must be of this role, layout and interface, word for word.
 
-use hyst_engine::life::{DESCRIBE, Description};
+use crate::life::{DESCRIBE, Description};
+use hyst_exchange::system;
 use hyst_messages::Role;
+use rustix::process::{Pid, Signal};
 use std::io::Read;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
 
+/// What a program has said is there when it has ended.
+const READ_WITHIN: Duration = Duration::from_secs(1);
 /// How long an engine may take to say what it is: a loader on a busy machine.
 const ANSWER_WITHIN_NS: u64 = 10_000_000_000;
+/// Between two looks whether a child has ended, ns.
+const BETWEEN_LOOKS_NS: u64 = 5_000_000;
 /// Longest answer that is read, bytes.
 const MOST_BYTES: u64 = 4 * 1024;
 /// First bytes of a program of this system.
@@ -84,18 +91,38 @@ fn ask(path: &Path) -> Result<String, String> {
         .spawn();
     let mut child = started.map_err(|error| format!("{name} cannot be started: {error}; is it damaged?"))?;
     let out = child.stdout.take();
-    // A program that floods its output waits until it is killed.
-    let reader = std::thread::spawn(move || {
+    // A program that floods its output waits until it is killed; one that leaves its output to a child of its own is not waited for.
+    let (tell, told) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
         let mut text = String::new();
         let read = out.map(|out| out.take(MOST_BYTES).read_to_string(&mut text));
-        read.is_some_and(|read| read.is_ok()).then_some(text)
+        let _ = tell.send(read.is_some_and(|read| read.is_ok()).then_some(text)); // nobody waits any more
     });
-    let status = crate::proc::wait_within(&mut child, ANSWER_WITHIN_NS);
-    let text = reader.join().ok().flatten();
+    let status = wait_within(&mut child, ANSWER_WITHIN_NS);
+    let text = told.recv_timeout(READ_WITHIN).ok().flatten();
     match status {
         None => Err(format!("{name} {DESCRIBE} did not end within {} s; is it an engine?", ANSWER_WITHIN_NS / 1_000_000_000)),
         Some(status) if !status.success() => Err(format!("{name} {DESCRIBE} ended with {status}; is it an engine?")),
         Some(_) => text.ok_or_else(|| format!("{name} {DESCRIBE} says what is no text; is it an engine?")),
+    }
+}
+
+/// Waits for the end of a child that leads a process group of its own; one that does not end within `limit_ns` is killed with its whole group, since a
+/// child of it could hold a pipe open, and there is no status.
+pub fn wait_within(child: &mut Child, limit_ns: u64) -> Option<ExitStatus> {
+    let deadline_ns = system::now_ns() + limit_ns;
+    loop {
+        if let Ok(Some(status)) = child.try_wait() {
+            return Some(status);
+        }
+        if system::now_ns() >= deadline_ns {
+            if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+                let _ = rustix::process::kill_process_group(group, Signal::KILL); // gone is as good
+            }
+            let _ = child.wait();
+            return None;
+        }
+        system::sleep_ns(BETWEEN_LOOKS_NS);
     }
 }
 

@@ -1,0 +1,200 @@
+//! What lies between those who find things out and those who show them to browsers. Promise: nobody waits at it, what lies there is bounded, and a
+//! browser that does not keep up is left behind.
+
+use crate::journal::Line;
+use crate::look::{History, Look, Pump, Status};
+use crate::picture::Picture;
+use axum::body::Bytes;
+use hyst_engine::Address;
+use hyst_exchange::system;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::{broadcast, watch};
+
+/// Events that a browser gets that comes anew.
+const KEPT_LINES: usize = 100;
+/// News that wait for a browser; one that has more to take is left behind, and comes again.
+const WAITING_NEWS: usize = 256;
+/// How long pictures are made after a browser has asked for one, ns: until it asks again.
+const PICTURES_FOR_NS: u64 = 2_000_000_000;
+
+/// The desk.
+#[derive(Debug)]
+pub struct Desk {
+    /// Where the page is.
+    pub address: Address,
+    /// Faults may be injected.
+    pub test_mode: bool,
+    control: PathBuf,
+    known: Mutex<Known>,
+    news: broadcast::Sender<Bytes>,
+    pictures: watch::Sender<Option<Arc<Picture>>>,
+    pictures_until_ns: AtomicU64,
+}
+
+/// What is known now.
+#[derive(Debug, Default)]
+struct Known {
+    look: Look,
+    history: History,
+    lines: VecDeque<Line>,
+}
+
+/// A message of a stream of events (WHATWG HTML, server-sent events). JSON in one line has no line break.
+fn message<T: Serialize>(event: &str, id: Option<u64>, value: &T) -> Bytes {
+    let id = id.map_or(String::new(), |id| format!("id: {id}\n"));
+    let json = serde_json::to_string(value).unwrap_or_else(|_| "null".into());
+    Bytes::from(format!("event: {event}\n{id}data: {json}\n\n"))
+}
+
+impl Desk {
+    /// An empty desk.
+    pub fn new(address: Address, test_mode: bool, control: PathBuf) -> Desk {
+        let look = Look { silence: Some("the supervisor was not asked yet".into()), ..Look::default() };
+        let known = Mutex::new(Known { look, ..Known::default() });
+        let (news, pictures) = (broadcast::Sender::new(WAITING_NEWS), watch::Sender::new(None));
+        Desk { address, test_mode, control, known, news, pictures, pictures_until_ns: AtomicU64::new(0) }
+    }
+
+    /// Whoever panicked with it has ended the process.
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The supervisor's socket.
+    pub fn control(&self) -> &Path {
+        &self.control
+    }
+
+    /// What the supervisor said, or why it said nothing.
+    pub fn note(&self, answer: Result<Status, String>) {
+        let mut known = self.known();
+        match answer {
+            Ok(status) => {
+                known.history.note(&status.processes);
+                (known.look.status, known.look.silence) = (status, None);
+            }
+            Err(reason) => known.look.silence = Some(reason),
+        }
+        let _ = self.news.send(message("look", None, &known.look)); // nobody looks
+    }
+
+    /// What the pump does.
+    pub fn note_pump(&self, pump: Option<Pump>) {
+        self.known().look.pump = pump;
+    }
+
+    /// What happened.
+    pub fn tell(&self, lines: Vec<Line>) {
+        let mut known = self.known();
+        for line in lines {
+            let _ = self.news.send(message("said", Some(line.id), &line.text)); // nobody looks
+            known.lines.push_back(line);
+        }
+        let surplus = known.lines.len().saturating_sub(KEPT_LINES);
+        known.lines.drain(..surplus);
+    }
+
+    /// For a browser that has read the events up to `after`: what it is to be sent first, and then the news. No event comes twice, and none is left out
+    /// that is kept.
+    pub fn subscribe(&self, after: u64) -> (VecDeque<Bytes>, broadcast::Receiver<Bytes>) {
+        let known = self.known(); // who sends news holds it too
+        // Whoever has read further than there is has read a file that was shortened since.
+        let after = if known.lines.back().is_some_and(|line| line.id < after) { 0 } else { after };
+        let lines = known.lines.iter().filter(|line| line.id > after);
+        let mut first = VecDeque::from([Bytes::from_static(b"retry: 500\n\n"), message("look", None, &known.look)]);
+        first.extend(lines.map(|line| message("said", Some(line.id), &line.text)));
+        (first, self.news.subscribe())
+    }
+
+    /// What is known now.
+    pub fn look(&self) -> Look {
+        self.known().look.clone()
+    }
+
+    /// The last minutes.
+    pub fn history(&self) -> History {
+        self.known().history.clone()
+    }
+
+    /// A new picture.
+    pub fn show(&self, picture: Picture) {
+        self.pictures.send_replace(Some(Arc::new(picture)));
+    }
+
+    /// The pictures to come, and the newest; asked for by this.
+    pub fn pictures(&self) -> watch::Receiver<Option<Arc<Picture>>> {
+        self.pictures_until_ns.store(system::now_ns() + PICTURES_FOR_NS, Ordering::Relaxed);
+        self.pictures.subscribe()
+    }
+
+    /// Until when pictures are asked for, CLOCK_MONOTONIC ns.
+    pub fn pictures_until_ns(&self) -> u64 {
+        self.pictures_until_ns.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn desk() -> Desk {
+        Desk::new(Address { port: 1, token: String::new() }, false, PathBuf::new())
+    }
+
+    fn line(id: u64) -> Line {
+        Line { id, text: format!("line\n{id}\r\"") }
+    }
+
+    fn text(bytes: &Bytes) -> String {
+        String::from_utf8_lossy(bytes).into_owned()
+    }
+
+    #[test]
+    fn a_browser_that_comes_again_gets_what_it_missed_once() {
+        let desk = desk();
+        desk.tell((1..=3).map(line).collect());
+        let (first, mut news) = desk.subscribe(2);
+        let first: Vec<String> = first.iter().map(text).collect();
+        assert_eq!(first.len(), 3);
+        assert!(first[0].starts_with("retry: ") && first[1].starts_with("event: look\ndata: {"), "{first:?}");
+        assert_eq!(first[2], "event: said\nid: 3\ndata: \"line\\n3\\r\\\"\"\n\n");
+        assert!(news.try_recv().is_err());
+        desk.tell(vec![line(4)]);
+        assert!(text(&news.try_recv().unwrap()).contains("id: 4\n"));
+        let (all, _) = desk.subscribe(0);
+        assert_eq!(all.len(), 2 + 4);
+    }
+
+    #[test]
+    fn what_lies_there_is_bounded_and_who_does_not_keep_up_is_left_behind() {
+        let desk = desk();
+        let (_, mut news) = desk.subscribe(0);
+        desk.tell((1..=10 * WAITING_NEWS as u64).map(line).collect());
+        assert_eq!(desk.subscribe(0).0.len(), 2 + KEPT_LINES);
+        assert!(matches!(news.try_recv(), Err(broadcast::error::TryRecvError::Lagged(_))));
+    }
+
+    #[test]
+    fn a_supervisor_that_is_silent_is_said_beside_what_it_said_last() {
+        let desk = desk();
+        let status = Status { tick: 7, ..Status::default() };
+        desk.note(Ok(status.clone()));
+        desk.note(Err("no supervisor answers".into()));
+        let look = desk.look();
+        assert_eq!((look.status, look.silence.as_deref()), (status.clone(), Some("no supervisor answers")));
+        desk.note(Ok(status));
+        assert_eq!(desk.look().silence, None);
+    }
+
+    #[test]
+    fn pictures_are_asked_for_as_long_as_somebody_looks() {
+        let desk = desk();
+        assert_eq!(desk.pictures_until_ns(), 0);
+        desk.pictures();
+        assert!(desk.pictures_until_ns() > system::now_ns());
+    }
+}

@@ -1,0 +1,199 @@
+//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, what the fluid says of the pump.
+//! Promise: whatever an answer or a page holds, what is kept of it is bounded.
+
+use hyst_messages::{FluidStatus, HardwareSample, PUMP_ALARMS, Slot};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::{BTreeMap, VecDeque};
+
+/// Looks that are kept for the plots: three minutes.
+pub const KEPT_LOOKS: usize = 180;
+/// 1 mmHg, Pa.
+const MMHG_PA: f64 = 133.322;
+
+/// A process, as `hystation status --json` has it. What is not said is zero, empty or none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Process {
+    /// Slot's name.
+    pub name: String,
+    /// Process id.
+    pub pid: u32,
+    /// Epoch in which it holds its role.
+    pub epoch: u32,
+    /// `live`, `spare`, `dead` …
+    pub state: String,
+    /// It does its role's work.
+    pub active: bool,
+    /// Incarnation.
+    pub incarnation: u32,
+    /// Restarts of its slot after faults.
+    pub restarts: u64,
+    /// Steps per second since the look before.
+    pub rate_hz: Option<f64>,
+    /// 99th percentile of the wake-up latency since the look before, µs.
+    pub recent_wakeup_p99_us: Option<f64>,
+    /// The same of the loop latency.
+    pub recent_loop_p99_us: Option<f64>,
+    /// Age of its newest value, ms.
+    pub age_ms: Option<f64>,
+    /// Its program.
+    pub binary: Option<String>,
+}
+
+/// What the supervisor says of the station.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Status {
+    /// Name of the station.
+    pub station: String,
+    /// Tick.
+    pub tick: u64,
+    /// `running`, `stopping` or `dead`.
+    pub state: String,
+    /// Faults may be injected.
+    pub test_mode: bool,
+    /// Roles that are held still.
+    pub held: Vec<String>,
+    /// Processes in slot order.
+    pub processes: Vec<Process>,
+}
+
+impl Status {
+    /// From an answer of the supervisor; processes without a slot's name are left out.
+    pub fn read(value: Value) -> Result<Status, String> {
+        let read = serde_json::from_value::<Status>(value);
+        let mut status = read.map_err(|error| format!("the supervisor says what this page does not know: {error}"))?;
+        status.processes.retain(|process| Slot::parse(&process.name).is_some());
+        Ok(status)
+    }
+}
+
+/// The pump.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Pump {
+    /// Pressure in the cavity, mmHg, as it is read at the table.
+    pub pressure_mmhg: f64,
+    /// Pressure that is set, mmHg; `None` if the hardware says nothing.
+    pub set_mmhg: Option<f64>,
+    /// Flow into the cavity, ml/min.
+    pub inflow_ml_min: f64,
+    /// Flow out of it, ml/min.
+    pub outflow_ml_min: f64,
+    /// Volume in minus volume out, ml.
+    pub deficit_ml: f64,
+    /// Volume of the cavity, ml.
+    pub cavity_ml: f64,
+    /// Alarms.
+    pub alarms: Vec<String>,
+}
+
+impl Pump {
+    /// From what fluid and hardware say; `None` if it makes no sense.
+    pub fn new(status: &FluidStatus, sample: Option<&HardwareSample>) -> Option<Pump> {
+        let set_pa = sample.map(|sample| f64::from(sample.controls.set_pressure_pa)).filter(|set_pa| set_pa.is_finite());
+        let pump = Pump {
+            pressure_mmhg: f64::from(status.pressure_pa) / MMHG_PA,
+            set_mmhg: set_pa.map(|set_pa| set_pa / MMHG_PA),
+            inflow_ml_min: f64::from(status.inflow_ml_min),
+            outflow_ml_min: f64::from(status.outflow_ml_min),
+            deficit_ml: status.deficit_ml,
+            cavity_ml: status.cavity_volume_ml,
+            alarms: alarms(status.alarms),
+        };
+        let figures = [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml];
+        figures.iter().all(|figure| figure.is_finite()).then_some(pump)
+    }
+}
+
+/// The alarms of some bits, in words; a bit that has no name here is an alarm all the same.
+fn alarms(bits: u32) -> Vec<String> {
+    let said = |bit: &u32| PUMP_ALARMS.iter().find(|(known, _)| known == bit).map(|(_, name)| name.to_string());
+    let set = (0..u32::BITS).map(|place| 1u32 << place).filter(|bit| bits & bit != 0);
+    set.map(|bit| said(&bit).unwrap_or_else(|| format!("unknown ({bit:#x})"))).collect()
+}
+
+/// What the page shows of one moment.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Look {
+    /// What the supervisor said last.
+    #[serde(flatten)]
+    pub status: Status,
+    /// Why it has said nothing since; `None` if it has.
+    pub silence: Option<String>,
+    /// The pump, as far as it is known.
+    pub pump: Option<Pump>,
+}
+
+/// Rate (Hz), wake-up latency and loop latency (µs) of a process at one look.
+pub type Point = [Option<f64>; 3];
+
+/// The last minutes of each process, the newest point last.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct History {
+    points: BTreeMap<String, VecDeque<Point>>,
+}
+
+impl History {
+    /// Adds a look. Who is not there any more has a gap.
+    pub fn note(&mut self, processes: &[Process]) {
+        for process in processes {
+            self.points.entry(process.name.clone()).or_default();
+        }
+        for (name, points) in &mut self.points {
+            let process = processes.iter().find(|process| process.name == *name);
+            let point = |process: &Process| [process.rate_hz, process.recent_wakeup_p99_us, process.recent_loop_p99_us];
+            points.push_back(process.map_or([None; 3], point));
+            while points.len() > KEPT_LOOKS {
+                points.pop_front();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_status_is_read_whatever_else_it_says_and_strangers_are_left_out() {
+        let value = json!({
+            "station": "a", "tick": 7, "state": "running", "test_mode": true, "held": ["tissue"], "more": [1],
+            "processes": [{ "name": "haptic:1", "pid": 9, "state": "live", "rate_hz": 999.5, "age_ms": null, "registered": {} },
+                          { "name": "<script>" }, { "name": "haptic:9" }],
+        });
+        let status = Status::read(value).unwrap();
+        assert_eq!((status.tick, status.held.len(), status.processes.len()), (7, 1, 1));
+        assert_eq!((status.processes[0].rate_hz, status.processes[0].age_ms), (Some(999.5), None));
+        assert!(Status::read(json!({ "tick": "seven" })).is_err() && Status::read(json!(null)).is_err());
+    }
+
+    #[test]
+    fn the_last_minutes_are_kept_with_gaps_and_no_more() {
+        let process = |name: &str, rate_hz: f64| Process { name: name.into(), rate_hz: Some(rate_hz), ..Process::default() };
+        let mut history = History::default();
+        for look in 0..KEPT_LOOKS + 5 {
+            let both = [process("device", look as f64), process("fluid:0", 30.0)];
+            history.note(if look == 100 { &both[1..] } else { &both });
+        }
+        let (device, fluid) = (&history.points["device"], &history.points["fluid:0"]);
+        assert_eq!((device.len(), fluid.len()), (KEPT_LOOKS, KEPT_LOOKS));
+        assert_eq!((device[0][0], device[95][0], device[KEPT_LOOKS - 1][0]), (Some(5.0), None, Some((KEPT_LOOKS + 4) as f64)));
+        let value = serde_json::to_value(&history).unwrap();
+        assert_eq!(value["fluid:0"][0], json!([30.0, null, null]));
+    }
+
+    #[test]
+    fn a_pump_is_shown_in_the_units_of_the_table_with_its_alarms_and_nonsense_is_not_shown() {
+        let status = FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, alarms: 1 | 4 | 64, ..FluidStatus::default() };
+        let mut sample = HardwareSample::default();
+        sample.controls.set_pressure_pa = 13_332.2;
+        let pump = Pump::new(&status, Some(&sample)).unwrap();
+        assert!((pump.pressure_mmhg - 70.0).abs() < 1e-3 && (pump.set_mmhg.unwrap() - 100.0).abs() < 1e-3, "{pump:?}");
+        assert_eq!((pump.deficit_ml, pump.alarms.join(", ")), (12.5, "pressure, abnormal loss, unknown (0x40)".to_string()));
+        assert_eq!(Pump::new(&status, None).unwrap().set_mmhg, None);
+        assert_eq!(Pump::new(&FluidStatus { deficit_ml: f64::NAN, ..status }, None), None);
+    }
+}

@@ -1,0 +1,60 @@
+//! The whole life of the console, on one thread: twenty times a second what happened, the pump, the newest picture; between that, browsers. So a
+//! console that beats also answers. Promise: it comes back at the address that it had, and a browser that stalls costs it nothing but a seat.
+
+use crate::desk::Desk;
+use crate::door::{Door, Visitors};
+use crate::journal::Journal;
+use crate::sources::Sources;
+use crate::{ask, web};
+use hyst_engine::{Failure, Life};
+use hyst_exchange::system;
+use hyst_messages::page::{ProcessState, console as layout, header};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::MissedTickBehavior;
+
+/// Between two looks: an event is shown this soon, and a stop noticed.
+const LOOK: Duration = Duration::from_millis(50);
+/// Binaries that are verified at the same time, for a swap: one that hangs takes 10 s.
+const VERIFIERS: usize = 2;
+
+/// The whole life of the console.
+pub fn run(life: &Life) -> Result<(), Failure> {
+    let door = Door::open(life)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().max_blocking_threads(VERIFIERS).build()?;
+    let result = runtime.block_on(live(life, door));
+    runtime.shutdown_background(); // a binary that is being verified is not waited for
+    result
+}
+
+async fn live(life: &Life, door: Door) -> Result<(), Failure> {
+    let mut sources = Sources::open(life)?;
+    let mut journal = Journal::open(&life.station);
+    let desk = Arc::new(Desk::new(door.address, life.clock.test_mode(), life.station.control_socket()));
+    tokio::spawn(web::serve(Visitors::welcome(door.listener)?, Arc::clone(&desk)));
+    tokio::spawn(ask::follow(Arc::clone(&desk)));
+    let mut look = tokio::time::interval(LOOK);
+    look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    life.page.set_state(ProcessState::Live);
+    while !life.clock.stop_requested() && life.clock.incarnation(life.slot) <= life.incarnation {
+        look.tick().await;
+        let begun_ns = system::now_ns();
+        life.misbehave();
+        desk.tell(journal.news());
+        sources.welcome();
+        desk.note_pump(sources.pump());
+        let until_ns = desk.pictures_until_ns();
+        life.page.store64(layout::PICTURES_UNTIL_NS, until_ns);
+        if until_ns > begun_ns
+            && let Some(picture) = sources.picture(life)
+        {
+            desk.show(picture);
+        }
+        life.drag(begun_ns);
+        life.heartbeat();
+        life.page.store64(header::VALUE_NS, system::now_ns());
+        life.page.store64(header::TICK, life.tick());
+        life.page.add64(header::STEPS, 1);
+    }
+    Ok(())
+}

@@ -1,0 +1,244 @@
+//! What a browser can ask for. What is read comes from the desk; what is changed goes to the supervisor, as `hystation swap` and `hystation fault` send
+//! it, and its answer goes back. Promise: no request makes this process wait, grow or end.
+
+use crate::ask::ask;
+use crate::desk::Desk;
+use crate::door::{VISIT, Visitors, random_letters};
+use crate::guard::{self, query, refused};
+use crate::metrics;
+use crate::picture::Picture;
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::{DefaultBodyLimit, State};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use futures_util::stream;
+use hyst_engine::verify;
+use hyst_messages::Role;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::broadcast;
+use tokio::time::Instant;
+
+/// The page: one file, which loads nothing from anywhere else.
+const PAGE: &str = include_str!("page.html");
+/// What stands in it for the word without which a browser runs none of its scripts.
+const NONCE: &str = "%NONCE%";
+/// Longest body of a request, bytes: a role and a path, or a fault.
+const MOST_BODY_BYTES: usize = 8 * 1024;
+/// How long a stream of events lasts: it ends by itself before its connection is ended, and the browser comes again.
+const STREAM: Duration = VISIT.saturating_sub(Duration::from_secs(5));
+/// How long a request for a picture waits for one.
+const PICTURE_WITHIN: Duration = Duration::from_secs(1);
+
+/// Answers browsers for as long as the console lives.
+pub async fn serve(visitors: Visitors, desk: Arc<Desk>) {
+    let _ = axum::serve(visitors, routes(desk)).await; // it does not end
+}
+
+fn routes(desk: Arc<Desk>) -> Router {
+    Router::new()
+        .route("/", get(page))
+        .route("/events", get(events))
+        .route("/history", get(history))
+        .route("/kinds", get(kinds))
+        .route("/picture.jpg", get(picture))
+        .route("/metrics", get(figures))
+        .route("/swap", post(swap))
+        .route("/fault", post(fault))
+        .fallback(nothing)
+        .layer(DefaultBodyLimit::max(MOST_BODY_BYTES))
+        .layer(axum::middleware::from_fn_with_state(Arc::clone(&desk), guard::guard))
+        .with_state(desk)
+}
+
+async fn nothing() -> Response {
+    refused(StatusCode::NOT_FOUND, "there is nothing here; the page is at /")
+}
+
+fn as_json<T: Serialize>(value: &T) -> Response {
+    let text = serde_json::to_string(value).unwrap_or_else(|_| "null".into());
+    ([(header::CONTENT_TYPE, "application/json")], text).into_response()
+}
+
+/// What the supervisor said.
+fn answered(answer: Result<Value, String>) -> Response {
+    match answer {
+        Ok(value) => as_json(&value),
+        Err(reason) => refused(StatusCode::CONFLICT, &reason),
+    }
+}
+
+async fn page() -> Response {
+    let Ok(nonce) = random_letters() else {
+        return refused(StatusCode::SERVICE_UNAVAILABLE, "the console can open no file; try again");
+    };
+    let policy = format!(
+        "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src 'self' blob: data:; connect-src 'self'; \
+         base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    let said = [(header::CONTENT_TYPE, "text/html; charset=utf-8".to_string()), (header::CONTENT_SECURITY_POLICY, policy)];
+    (said, PAGE.replace(NONCE, &nonce)).into_response()
+}
+
+/// A stream of events on its way to a browser.
+struct Feed {
+    first: VecDeque<Bytes>,
+    news: broadcast::Receiver<Bytes>,
+    until: Instant,
+}
+
+impl Feed {
+    /// The next message; `None` at the end, or if the browser does not keep up: it comes again, and gets what it missed.
+    async fn next(&mut self) -> Option<Bytes> {
+        match self.first.pop_front() {
+            Some(message) => Some(message),
+            None => tokio::time::timeout_at(self.until, self.news.recv()).await.ok()?.ok(),
+        }
+    }
+}
+
+async fn events(State(desk): State<Arc<Desk>>, headers: HeaderMap) -> Response {
+    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    let (first, news) = desk.subscribe(last.unwrap_or(0));
+    let feed = Feed { first, news, until: Instant::now() + STREAM };
+    let messages = stream::unfold(feed, |mut feed| async move {
+        let message = feed.next().await?;
+        Some((Ok::<Bytes, Infallible>(message), feed))
+    });
+    ([(header::CONTENT_TYPE, "text/event-stream")], Body::from_stream(messages)).into_response()
+}
+
+async fn history(State(desk): State<Arc<Desk>>) -> Response {
+    as_json(&desk.history())
+}
+
+async fn kinds(State(desk): State<Arc<Desk>>) -> Response {
+    answered(ask(desk.control(), &json!({ "do": "kinds" })).await)
+}
+
+/// A picture other than that of the tick `after`; waits a moment for it, so that browsers ask as often as there is one.
+async fn picture(State(desk): State<Arc<Desk>>, uri: Uri) -> Response {
+    let after: Option<u64> = query(&uri, "after").and_then(|tick| tick.parse().ok());
+    let mut pictures = desk.pictures();
+    let is_news = |picture: &Option<Arc<Picture>>| {
+        picture.as_ref().is_some_and(|picture| picture.is_fresh() && Some(picture.tick) != after)
+    };
+    let found = match tokio::time::timeout(PICTURE_WITHIN, pictures.wait_for(is_news)).await {
+        Ok(Ok(picture)) => picture.clone(),
+        _ => None,
+    };
+    let Some(picture) = found else { return StatusCode::NO_CONTENT.into_response() };
+    let said = [("content-type", "image/jpeg".to_string()), ("x-picture-tick", picture.tick.to_string())];
+    (said, picture.jpeg.clone()).into_response()
+}
+
+async fn figures(State(desk): State<Arc<Desk>>) -> Response {
+    ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], metrics::text(&desk.look())).into_response()
+}
+
+/// Another engine for a role.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Swap {
+    role: String,
+    binary: String,
+}
+
+async fn swap(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
+    let Swap { role, binary } = match serde_json::from_slice(&body) {
+        Ok(swap) => swap,
+        Err(error) => return refused(StatusCode::BAD_REQUEST, &format!("no swap: {error}")),
+    };
+    let Some(known) = Role::from_name(&role) else {
+        return refused(StatusCode::BAD_REQUEST, &format!("{role:?} is no role"));
+    };
+    if !Path::new(&binary).is_absolute() {
+        return refused(StatusCode::BAD_REQUEST, "give the whole path of the engine's binary, from / on");
+    }
+    // As `hystation swap` does it: by an ordinary process, before the supervisor hears of it.
+    let path = binary.clone();
+    let verified = tokio::task::spawn_blocking(move || verify::verify(Path::new(&path), known)).await;
+    match verified {
+        Ok(Ok(_)) => answered(ask(desk.control(), &json!({ "do": "swap", "role": role, "binary": binary })).await),
+        Ok(Err(reason)) => refused(StatusCode::CONFLICT, &reason),
+        Err(_) => refused(StatusCode::SERVICE_UNAVAILABLE, "the binary could not be verified; try again"),
+    }
+}
+
+/// A fault, with the options that the page offers; the command line has all of them.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fault {
+    kind: String,
+    target: String,
+    #[serde(rename = "for")]
+    for_s: Option<f64>,
+    factor: Option<f64>,
+    #[serde(rename = "where")]
+    place: Option<String>,
+}
+
+impl Fault {
+    /// What the supervisor is asked to do, at once.
+    fn request(self) -> Value {
+        let mut request = json!({ "do": "fault", "kind": self.kind, "target": self.target, "tick": 0 });
+        let options = [
+            ("for", self.for_s.map(Value::from)),
+            ("factor", self.factor.map(Value::from)),
+            ("where", self.place.map(Value::from)),
+        ];
+        for (name, value) in options {
+            if let Some(value) = value {
+                request[name] = value;
+            }
+        }
+        request
+    }
+}
+
+async fn fault(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
+    if !desk.test_mode {
+        return refused(StatusCode::FORBIDDEN, "faults are refused outside of test mode; start the station with --test-mode");
+    }
+    match serde_json::from_slice::<Fault>(&body) {
+        Ok(fault) => answered(ask(desk.control(), &fault.request()).await),
+        Err(error) => refused(StatusCode::BAD_REQUEST, &format!("no fault: {error}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_is_asked_for_as_the_command_line_does_it() {
+        let request = |text: &str| serde_json::from_str::<Fault>(text).map(Fault::request).map_err(|error| error.to_string());
+        assert_eq!(
+            request("{\"kind\":\"kill\",\"target\":\"haptic:active\"}"),
+            Ok(json!({ "do": "fault", "kind": "kill", "target": "haptic:active", "tick": 0 }))
+        );
+        let slow = request("{\"kind\":\"slow\",\"target\":\"fluid\",\"for\":0.5,\"factor\":3,\"where\":null}").unwrap();
+        assert_eq!((slow["for"].as_f64(), slow["factor"].as_f64(), slow.get("where")), (Some(0.5), Some(3.0), None));
+        assert!(
+            request("{\"kind\":\"kill\",\"target\":\"a\",\"do\":\"stop\"}").is_err(),
+            "it is no way to ask for anything else"
+        );
+        assert!(request("{\"kind\":\"kill\"}").is_err());
+    }
+
+    #[test]
+    fn the_page_loads_nothing_from_elsewhere_and_runs_nothing_without_its_word() {
+        assert!(PAGE.matches(NONCE).count() == 2 && PAGE.matches("<script").count() == 1 && PAGE.matches("<style").count() == 1);
+        for elsewhere in ["http://", "https://", "src=\"/", "@import", "url(", "innerHTML", " style=", " onclick="] {
+            let without_names = PAGE.replace("http://www.w3.org/2000/svg", "");
+            assert!(!without_names.contains(elsewhere), "{elsewhere}");
+        }
+    }
+}

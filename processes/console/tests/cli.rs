@@ -1,0 +1,135 @@
+//! Promises of the process: bad arguments are one message and exit code 2; the page answers who has the token, at an address that outlives the process;
+//! a port that is taken is no obstacle. The test founds the station; there is no supervisor, and the page says so.
+
+#[path = "../../../shared/engine/tests/support/cli.rs"]
+mod cli;
+
+use hyst_engine::Address;
+use hyst_exchange::{OwnedPage, Station, system};
+use hyst_messages::page::{ProcessState, station as layout};
+use hyst_messages::{Role, Slot};
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::process::{Child, Command, Stdio};
+
+const BINARY: &str = env!("CARGO_BIN_EXE_console");
+
+/// Looks within which something must have come, 2 ms apart at least: a minute on a machine that does nothing else.
+const LOOKS: usize = 30_000;
+
+fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    for _ in 0..LOOKS {
+        if holds() {
+            return;
+        }
+        system::sleep_ns(2_000_000);
+    }
+    panic!("waited for long enough: {what}");
+}
+
+/// A station without any other process.
+struct Stage {
+    station: Station,
+    keeper: OwnedPage,
+    child: Option<Child>,
+}
+
+impl Stage {
+    fn new(name: &str, port: u16) -> Stage {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let keeper = station.open_for_keeping().unwrap();
+        std::fs::write(station.settings(), format!("[set]\nconsole_port = \"{port}\"\n")).unwrap();
+        Stage { station, keeper, child: None }
+    }
+    /// Starts a console; gives its address once it is live.
+    fn start(&mut self, incarnation: u32) -> Address {
+        let slot = Slot::first(Role::Console);
+        self.station.create_slot(slot, incarnation).unwrap();
+        let words = ["--station", self.station.name(), "--slot", "console", "--incarnation", &incarnation.to_string()];
+        self.child = Some(Command::new(BINARY).args(words).stderr(Stdio::null()).spawn().unwrap());
+        self.keeper.store32(layout::SLOT_DEAD + slot.number(), 0);
+        self.keeper.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+        self.keeper.bump_and_wake(layout::CHANGES);
+        let page = self.station.read_slot(slot, incarnation).unwrap();
+        wait_until("it is live", || {
+            let ended = self.child.as_mut().and_then(|child| child.try_wait().ok()).flatten();
+            assert!(ended.is_none() && page.state() != ProcessState::Failed, "{ended:?}: {}", page.last_words());
+            page.state() == ProcessState::Live
+        });
+        Address::read(&self.station).unwrap()
+    }
+    fn kill(&mut self) {
+        let mut child = self.child.take().unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        self.keeper.store32(layout::SLOT_DEAD + Slot::first(Role::Console).number(), 1);
+    }
+    fn stop(&mut self) -> Option<i32> {
+        self.keeper.store32(layout::STOP, 1);
+        self.keeper.bump_and_wake(layout::CHANGES);
+        self.child.take().unwrap().wait().unwrap().code()
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        self.station.wipe();
+    }
+}
+
+/// Sends a request and reads the whole answer: every answer ends its connection.
+fn ask(port: u16, request: &str) -> String {
+    let mut stream = TcpStream::connect((Ipv4Addr::LOCALHOST, port)).unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+fn get(address: &Address, path: &str) -> String {
+    ask(address.port, &format!("GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", address.port))
+}
+
+#[test]
+fn bad_arguments_are_refused() {
+    cli::engine(BINARY, "console", "console");
+}
+
+#[test]
+fn the_page_has_the_same_address_after_a_kill_and_says_that_no_supervisor_answers() {
+    let mut stage = Stage::new("again", 0);
+    let first = stage.start(1);
+    let page = get(&first, &format!("/?token={}", first.token));
+    assert!(page.starts_with("HTTP/1.1 200 ") && page.contains("<!DOCTYPE html>") && page.ends_with("</html>\n"), "{page}");
+    for refused in [get(&first, "/"), get(&first, "/metrics"), get(&first, "/nowhere"), get(&first, "/?token=0")] {
+        assert!(refused.starts_with("HTTP/1.1 401 "), "{refused}");
+    }
+    let metrics = |address: &Address| get(address, &format!("/metrics?token={}", address.token));
+    wait_until("it has asked", || metrics(&first).contains("hystation_supervisor_answers 0.0\n"));
+    stage.kill();
+    let second = stage.start(2);
+    assert_eq!(second, first);
+    assert!(metrics(&second).ends_with("# EOF\n"));
+    assert_eq!(stage.stop(), Some(0));
+}
+
+#[test]
+fn a_port_that_is_taken_is_no_obstacle_and_the_other_one_is_kept() {
+    let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let port = taken.local_addr().unwrap().port();
+    let mut stage = Stage::new("taken", port);
+    let first = stage.start(1);
+    assert_ne!(first.port, port);
+    drop(taken);
+    stage.kill();
+    let second = stage.start(2);
+    assert_eq!(second, first, "it goes on where it was");
+    assert!(get(&second, &format!("/?token={}", second.token)).starts_with("HTTP/1.1 200 "));
+    assert_eq!(stage.stop(), Some(0));
+}

@@ -1,0 +1,264 @@
+//! The operator's page of a whole station, asked by a plain client: who may come in, what is shown, what can be changed, and what becomes of it when the
+//! console dies or browsers stall.
+
+use rustix::process::Signal;
+use serde_json::Value;
+use station_tests::{RECOVERY_LIMIT, Station, binaries, wait_for};
+use std::io::{Read, Write};
+use std::net::{Ipv4Addr, TcpStream};
+use std::time::Duration;
+
+/// An answer takes milliseconds; this long is given to one on a machine that compiles beside it. All seats are free again after 20 s.
+const ANSWER_LIMIT: Duration = Duration::from_secs(60);
+/// Connections that stall: twice as many as there are seats.
+const STALLED: usize = 64;
+
+/// Where a station's page is.
+struct Page {
+    port: u16,
+    token: String,
+}
+
+/// What was answered.
+#[derive(Debug)]
+struct Answer {
+    status: u16,
+    head: String,
+    body: Vec<u8>,
+}
+
+impl Answer {
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&self.body).into_owned()
+    }
+    /// A header's value; names are in lower case.
+    fn header(&self, name: &str) -> Option<&str> {
+        self.head.lines().filter_map(|line| line.split_once(": ")).find(|(key, _)| *key == name).map(|(_, value)| value)
+    }
+}
+
+/// What came back; `None` if it is no whole answer. Those of these tests are not cut into chunks, but for the events.
+fn parse(bytes: &[u8]) -> Option<Answer> {
+    let end = bytes.windows(4).position(|four| four == b"\r\n\r\n")?;
+    let head = String::from_utf8_lossy(&bytes[..end]).into_owned();
+    let status = head.split(' ').nth(1)?.parse().ok()?;
+    Some(Answer { status, head, body: bytes[end + 4..].to_vec() })
+}
+
+impl Page {
+    fn of(station: &Station) -> Page {
+        let url = wait_for(RECOVERY_LIMIT, || station.status()["console"].as_str().map(str::to_string)).expect("a page");
+        let (port, token) =
+            url.strip_prefix("http://127.0.0.1:").and_then(|rest| rest.split_once("/?token=")).expect("an address");
+        Page { port: port.parse().expect("a port"), token: token.to_string() }
+    }
+
+    fn connect(&self) -> Option<TcpStream> {
+        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.port)).ok()?;
+        stream.set_read_timeout(Some(ANSWER_LIMIT)).expect("a limit");
+        Some(stream)
+    }
+
+    /// Sends some bytes and reads until the connection ends; `None` if nobody is there.
+    fn exchange(&self, request: &str) -> Option<Answer> {
+        let mut stream = self.connect()?;
+        stream.write_all(request.as_bytes()).ok()?;
+        let mut bytes = Vec::new();
+        let _ = stream.read_to_end(&mut bytes); // who is refused in the middle of what he sends is answered, and then cut off
+        parse(&bytes)
+    }
+
+    /// A request with these lines beside Host and the token.
+    fn request(&self, line: &str, lines: &str, body: &str) -> String {
+        let Page { port, token } = self;
+        let length = body.len();
+        format!(
+            "{line} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n{lines}Content-Length: {length}\r\n\r\n{body}"
+        )
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.exchange(&self.request(&format!("GET {path}"), "", "")).expect("an answer")
+    }
+
+    fn post(&self, path: &str, body: &str) -> Answer {
+        let origin = format!("Origin: http://127.0.0.1:{}\r\n", self.port);
+        self.exchange(&self.request(&format!("POST {path}"), &origin, body)).expect("an answer")
+    }
+
+    /// Reads events until one of them is what is looked for.
+    fn event(&self, name: &str, found: impl Fn(&Value) -> bool) -> Option<Value> {
+        wait_for(RECOVERY_LIMIT, || {
+            let mut stream = self.connect()?;
+            stream.write_all(self.request("GET /events", "", "").as_bytes()).ok()?;
+            let (mut text, mut buffer) = (String::new(), [0u8; 4096]);
+            // A stream of events ends by itself.
+            while let Ok(count @ 1..) = stream.read(&mut buffer) {
+                text.push_str(&String::from_utf8_lossy(&buffer[..count]));
+                let mut messages = text.split("\n\n").filter(|message| message.contains(&format!("event: {name}\n")));
+                let value = messages.find_map(|message| {
+                    let data = message.lines().find_map(|line| line.strip_prefix("data: "))?;
+                    serde_json::from_str::<Value>(data).ok().filter(&found)
+                });
+                if value.is_some() {
+                    return value;
+                }
+            }
+            None
+        })
+    }
+}
+
+fn pid_of(look: &Value, name: &str) -> Option<i64> {
+    look["processes"].as_array()?.iter().find(|process| process["name"] == name)?["pid"].as_i64()
+}
+
+#[test]
+fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
+    let station = Station::start("page", &["--hand", "script:press"]);
+    let page = Page::of(&station);
+    let said = format!("operator's page: http://127.0.0.1:{}/?token={}", page.port, page.token);
+    let printed = wait_for(RECOVERY_LIMIT, || station.said().contains(&said).then_some(()));
+    assert!(printed.is_some(), "{}", station.said());
+
+    let with_token = format!("GET /?token={} HTTP/1.1\r\nHost: 127.0.0.1:{}\r\n\r\n", page.token, page.port);
+    let first = page.exchange(&with_token).expect("an answer");
+    assert!(first.status == 200 && first.text().contains("id=\"processes\""), "{first:?}");
+    assert_eq!(first.header("set-cookie"), None, "a browser would send it to other ports too");
+    assert!(first.header("content-security-policy").is_some_and(|policy| policy.starts_with("default-src 'none'")), "{first:?}");
+    for (from, to, status) in [
+        (page.token.as_str(), "0000", 401),
+        ("?token=", "?tokem=", 401),
+        ("Host: 127.0.0.1", "Host: station.example", 403),
+        ("Host: ", "Hest: ", 403),
+    ] {
+        let answer = page.exchange(&with_token.replace(from, to)).expect("an answer");
+        assert_eq!(answer.status, status, "{to}: {answer:?}");
+        assert!(!answer.text().contains(&page.token), "{answer:?}");
+    }
+
+    let look = page.event("look", |look| look["processes"].as_array().is_some_and(|all| all.len() > 10)).expect("a look");
+    assert_eq!((look["test_mode"].as_bool(), look["state"].as_str()), (Some(false), Some("running")));
+    assert!(look["console"].is_null(), "the token is not said again");
+    let rate = |look: &Value| -> Option<f64> {
+        look["processes"].as_array()?.iter().find(|process| process["name"] == "device")?["rate_hz"].as_f64()
+    };
+    let fast = page.event("look", |look| rate(look).is_some_and(|rate| rate > 100.0) && look["pump"]["pressure_mmhg"].is_f64());
+    assert!(fast.is_some(), "{look}");
+    let metrics = page.get("/metrics");
+    assert_eq!(metrics.header("content-type"), Some("application/openmetrics-text; version=1.0.0; charset=utf-8"));
+    assert!(metrics.text().contains("hystation_process_up{process=\"device\",role=\"device\"} 1.0\n"), "{}", metrics.text());
+    assert!(metrics.text().ends_with("# EOF\n"));
+    assert!(page.get("/history").text().contains("\"tissue:1\":["));
+
+    if std::env::var_os("HYSTATION_NO_GPU").is_none() {
+        let picture = wait_for(RECOVERY_LIMIT, || Some(page.get("/picture.jpg?after=0")).filter(|answer| answer.status == 200));
+        let picture = picture.unwrap_or_else(|| panic!("no picture\n{}", station.said()));
+        assert!(picture.body.starts_with(&[0xff, 0xd8]) && picture.body.ends_with(&[0xff, 0xd9]), "{}", picture.head);
+        let tick = picture.header("x-picture-tick").expect("a tick").to_string();
+        let next = wait_for(RECOVERY_LIMIT, || {
+            Some(page.get(&format!("/picture.jpg?after={tick}"))).filter(|answer| answer.status == 200)
+        });
+        assert!(next.is_some_and(|next| next.header("x-picture-tick") != Some(tick.as_str())), "the picture stands");
+    }
+    station.stop().assert_clean();
+}
+
+#[test]
+fn what_is_changed_is_changed_by_a_post_of_the_page_alone() {
+    let station = Station::start("change", &["--hand", "script:press", "--test-mode"]);
+    let page = Page::of(&station);
+    let before = station.pid("recorder", true);
+    let kill = "{\"kind\":\"kill\",\"target\":\"recorder\"}";
+    for path in ["/fault", "/swap"] {
+        assert_eq!(page.get(path).status, 405, "{path}");
+        let foreign = page.request(&format!("POST {path}"), "Origin: http://station.example\r\n", kill);
+        assert_eq!(page.exchange(&foreign).map(|answer| answer.status), Some(403), "{path}");
+        let without = page.request(&format!("POST {path}"), "", kill);
+        assert_eq!(page.exchange(&without).map(|answer| answer.status), Some(403), "{path}");
+        for (body, status) in [("", 400), ("{\"kind\":1}", 400), ("{\"do\":\"stop\"}", 400), (&"[".repeat(9_000)[..], 413)] {
+            assert_eq!(page.post(path, body).status, status, "{path} {}", &body[..body.len().min(20)]);
+        }
+    }
+    for (body, status, word) in [
+        ("{\"kind\":\"melt\",\"target\":\"recorder\"}", 409, "melt"),
+        ("{\"kind\":\"kill\",\"target\":\"guardian\"}", 409, "from outside"),
+        ("{\"kind\":\"slow\",\"target\":\"fluid\"}", 409, "duration"),
+    ] {
+        let answer = page.post("/fault", body);
+        assert!(answer.status == status && answer.text().contains(word), "{body}: {answer:?}");
+    }
+    let swap = |role: &str, binary: &str| page.post("/swap", &format!("{{\"role\":\"{role}\",\"binary\":\"{binary}\"}}"));
+    for (role, binary, status, word) in [
+        ("liver", "/bin/true", 400, "no role"),
+        ("recorder", "recorder", 400, "whole path"),
+        ("recorder", "/nowhere/recorder", 409, "No such file"),
+        ("recorder", "/bin/true", 409, "is it an engine?"),
+        ("hardware", "/bin/true", 409, ""),
+    ] {
+        let answer = swap(role, binary);
+        assert!(answer.status == status && answer.text().contains(word), "{role} {binary}: {answer:?}");
+    }
+    assert_eq!(station.pid("recorder", true), before, "nothing of that did anything\n{}", station.said());
+    assert!(page.get("/kinds").text().contains("\"name\":\"kill\""));
+
+    assert_eq!(page.post("/fault", kill).status, 200);
+    let dead = page.event("said", |line| line.as_str().is_some_and(|line| line.contains("recorder") && line.contains("died")));
+    assert!(dead.is_some(), "{}", station.said());
+    let replaced = page.event("look", |look| pid_of(look, "recorder").is_some_and(|pid| pid != i64::from(before)));
+    assert!(replaced.is_some(), "{}", station.said());
+    station.recover();
+    let answer = swap("recorder", &binaries().join("recorder").display().to_string());
+    assert!(answer.status == 200 && answer.text().contains("\"number\":1"), "{answer:?}");
+    let proven = wait_for(RECOVERY_LIMIT, || station.events().contains("its probation is over").then_some(()));
+    assert!(proven.is_some(), "{}", station.events());
+    station.recover();
+    station.stop().assert_clean();
+}
+
+#[test]
+fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_address() {
+    let station = Station::start("again", &["--hand", "script:press"]);
+    let page = Page::of(&station);
+    let others = |station: &Station| -> Vec<i64> {
+        let status = station.status();
+        let all = status["processes"].as_array().cloned().unwrap_or_default();
+        all.iter().filter(|process| process["name"] != "console").filter_map(|process| process["pid"].as_i64()).collect()
+    };
+    let before = others(&station);
+    station.kill("console", true);
+    let again = Page::of(&station);
+    assert_eq!((again.port, &again.token), (page.port, &page.token));
+    assert_eq!(page.get("/").status, 200, "the token of before is good");
+    let looks = page.event("look", |look| pid_of(look, "console").is_some());
+    assert!(looks.is_some(), "{}", station.said());
+
+    // Browsers that say nothing, half of something, or ask and do not read.
+    let mut stalled = Vec::new();
+    for index in 0..STALLED {
+        let mut stream = page.connect().expect("a connection");
+        let words = match index % 3 {
+            0 => String::new(),
+            1 => "GET / HTTP/1.1\r\nHost: ".into(),
+            _ => page.request("GET /events", "", ""),
+        };
+        let _ = stream.write_all(words.as_bytes()); // one that has to wait for a seat is not read yet
+        stalled.push(stream);
+    }
+    let pid = station.pid("console", true);
+    // All of them get a seat, each for its time, and then whoever comes gets one.
+    let answered =
+        wait_for(RECOVERY_LIMIT, || page.exchange(&page.request("GET /", "", "")).filter(|answer| answer.status == 200));
+    assert!(answered.is_some(), "stalled browsers hold the page\n{}", station.said());
+    assert_eq!(station.pid("console", true), pid, "it lived through it\n{}", station.said());
+    drop(stalled);
+
+    // One that hangs is found by its heartbeat as any other.
+    station.signal(pid, Signal::STOP);
+    station.wait_until_gone(pid);
+    station.recover();
+    assert_eq!(page.get("/metrics").status, 200);
+    let after = others(&station);
+    assert!(before.iter().all(|pid| after.contains(pid)), "{before:?} before, {after:?} after\n{}", station.said());
+    station.stop().assert_clean();
+}
