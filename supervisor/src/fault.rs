@@ -100,8 +100,7 @@ impl Fault {
     fn wrong_ticks(&self, ledger: &Ledger) -> u64 {
         let is_lie = self.target.split(':').next() == Some(Role::Haptic.name()) && NEVER_APPLIED.contains(&self.kind.as_str());
         let Some(recovered_us) = self.recovered_us.filter(|_| is_lie) else { return 0 };
-        let end_tick = self.tick + (recovered_us * 1e3) as u64 / TICK_NS;
-        ledger.fresh_of(self.incarnation, self.tick + BEGUN_TICKS, end_tick)
+        ledger.fresh_of(self.incarnation, self.tick + BEGUN_TICKS, self.tick + whole_ticks(recovered_us))
     }
 
     /// Whether the hand may feel it, so that it has an account of its own: that of the device, and of both servos at once.
@@ -114,9 +113,14 @@ pub(crate) fn us(at_ns: u64, since_ns: u64) -> f64 {
     at_ns.saturating_sub(since_ns) as f64 * 1e-3
 }
 
+/// Ticks that have passed within so many microseconds.
+fn whole_ticks(us: f64) -> u64 {
+    (us * 1e3) as u64 / TICK_NS
+}
+
 /// The window of a fault, as station ticks.
 pub(crate) fn bounds(fault: &Fault) -> (u64, u64) {
-    let recovery_ticks = fault.recovered_us.map_or(0, |us| (us * 1e3) as u64 / TICK_NS + 1);
+    let recovery_ticks = fault.recovered_us.map_or(0, |us| whole_ticks(us) + 1);
     (fault.tick, fault.tick + (recovery_ticks + AFTER_TICKS).max(WINDOW_TICKS))
 }
 

@@ -230,9 +230,10 @@ pub fn is_broken(report: &Value) -> bool {
     let count = |key: &str| report.get(key).and_then(Value::as_u64).unwrap_or(0);
     let faults: Vec<Fault> =
         report.get("faults").and_then(|faults| serde_json::from_value(faults.clone()).ok()).unwrap_or_default();
-    let arms = Arms::of(faults.iter().filter(|fault| !fault.may_be_felt()));
+    let mut judged = faults.iter().filter(|fault| !fault.may_be_felt());
+    let arms = Arms::of(judged.clone());
     // Nor did the ticks before that fault make such a step (`fault::judge`).
-    let jerks = arms.jerks() && faults.iter().any(|fault| !fault.may_be_felt() && !fault.step.is_empty());
+    let jerks = arms.jerks() && judged.any(|fault| !fault.step.is_empty());
     count("invalid_applied") > 0 || count("stale_applied") > 0 || arms.is_broken() || jerks
 }
 

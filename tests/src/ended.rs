@@ -10,7 +10,7 @@ const LOST_AT_MOST: u64 = 1_000;
 const MOST_EXCESS: f64 = 0.1;
 
 /// Step of the force that is allowed beyond what fault-free ticks make, N, as design.md promises.
-const STEP_MARGIN_N: f64 = 0.05;
+pub const STEP_MARGIN_N: f64 = 0.05;
 
 /// Share of a window that may be void: those ticks tell nothing of a fault.
 const MOST_VOID: f64 = 0.2;

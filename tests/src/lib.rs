@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-pub use ended::Ended;
+pub use ended::{Ended, STEP_MARGIN_N};
 pub use folder::Folder;
 pub use keepers::Engine;
 

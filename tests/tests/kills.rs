@@ -3,7 +3,9 @@
 
 use serde_json::Value;
 use station_tests::windows::Ticks;
-use station_tests::{Ended, RECOVERY_LIMIT, Station, binaries, hystation, lower95_of_difference, lower95_of_mean, run, wait_for};
+use station_tests::{
+    Ended, RECOVERY_LIMIT, STEP_MARGIN_N, Station, binaries, hystation, lower95_of_difference, lower95_of_mean, run, wait_for,
+};
 
 /// Kills of the active haptic, and of the active tissue, that must count.
 const KILLS: usize = 100;
@@ -23,8 +25,6 @@ const BETWEEN_TICKS: u64 = 220;
 
 /// Force that is felt, N.
 const FELT_N: f64 = 0.2;
-/// Force step that a fault may make beyond its control's, N.
-const STEP_MARGIN_N: f64 = 0.05;
 /// Misses that the death of the device itself may cost beyond its control: the hardware holds and ramps for 20 ms.
 const DEVICE_MISSES: f64 = 20.0;
 /// On a machine that is so busy that a process which only says how it is called takes its time, the device may take this many times as long.
