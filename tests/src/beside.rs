@@ -1,7 +1,8 @@
 //! Faults and quiet windows of the same length beside each other, as the ledger of the simulated hardware has them: what the host takes falls on
 //! both alike. For faults that the report cannot judge, because who would write it is what is killed.
 
-use crate::{Station, lower95_of_mean};
+use crate::Station;
+use crate::shown::Promise;
 
 /// Shortest window, ticks, and those after the recovery that still belong to it: as the report's own windows.
 const LEAST_TICKS: u64 = 200;
@@ -64,18 +65,9 @@ impl Beside {
         }
     }
 
-    /// Mean of the excesses.
-    pub fn mean(&self) -> f64 {
-        self.excesses.iter().sum::<f64>() / self.excesses.len().max(1) as f64
-    }
-
-    /// What the mean is at least (95 %), whatever the host did.
-    pub fn lower95(&self) -> f64 {
-        lower95_of_mean(&self.excesses)
-    }
-
-    /// What the mean is at most (95 %).
-    pub fn upper95(&self) -> f64 {
-        2.0 * self.mean() - self.lower95()
+    /// Fails if the faults of a kind cost more than so many misses each in the mean.
+    pub fn judge(&self, what: &str, allowed: f64, least: usize, station: &Station) {
+        println!("{what}: {} windows are void; {:.1?}", self.void, self.excesses);
+        Promise { allowed, least }.judge(&format!("{what}, excess misses"), &self.excesses, || station.events());
     }
 }

@@ -19,7 +19,36 @@ pub struct Engine {
     pub start: u64,
 }
 
+/// The engines of a station at some time, and how many the station itself had said by then that it had a reason to replace.
+#[derive(Debug)]
+pub struct Census {
+    /// The engines.
+    pub engines: Vec<Engine>,
+    reasons: usize,
+}
+
+impl Census {
+    /// Every engine, but for those in `killed`, is still the process that it was, unless the station itself says that it had a reason to replace one: on a
+    /// busy machine one may hang, or be late.
+    pub fn assert_untouched(&self, station: &Station, what: &str, killed: &[i32]) {
+        let now = station.census();
+        let is_gone = |engine: &&Engine| !killed.contains(&engine.pid) && !now.engines.contains(engine);
+        let touched: Vec<&Engine> = self.engines.iter().filter(is_gone).collect();
+        let reasons = now.reasons - self.reasons;
+        if !touched.is_empty() {
+            println!("{what}: {} engines were replaced, for which the station gives {reasons} reasons of its own", touched.len());
+        }
+        assert!(touched.len() <= reasons, "{what}: {touched:?} are gone, {:?} live\n{}", now.engines, station.events());
+    }
+}
+
 impl Station {
+    /// Who lives now.
+    pub fn census(&self) -> Census {
+        let is_reason = |line: &&str| [" hangs (", "is distrusted by", "is replaced: "].iter().any(|what| line.contains(what));
+        Census { engines: self.engines(), reasons: self.events().lines().filter(is_reason).count() }
+    }
+
     /// The station's page.
     pub fn clock(&self) -> StationPage {
         self.place().open().expect("the station's page")

@@ -5,6 +5,7 @@ pub mod beside;
 mod ended;
 mod folder;
 mod keepers;
+pub mod shown;
 pub mod windows;
 
 use hyst_exchange::ReadPage;
@@ -18,7 +19,7 @@ use std::time::{Duration, Instant};
 
 pub use ended::{Ended, STEP_MARGIN_N};
 pub use folder::Folder;
-pub use keepers::Engine;
+pub use keepers::{Census, Engine};
 
 /// A start takes a second on an idle machine; this long is given to one that compiles beside it, and whose driver starts for the first time.
 pub const START_LIMIT: Duration = Duration::from_secs(180);
@@ -338,49 +339,5 @@ impl Drop for Station {
             }
         }
         let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-/// The lower end of the 95 % interval of the mean of some figures: what the mean is at least, whatever the host did. Few figures know little of
-/// their own spread: Student's t, and at least that of one figure that is 1 more than the others, since misses are counted.
-pub fn lower95_of_mean(figures: &[f64]) -> f64 {
-    let count = figures.len().max(1) as f64;
-    let mean = figures.iter().sum::<f64>() / count;
-    let variance = figures.iter().map(|figure| (figure - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    mean - student95(figures.len()) * (variance.max(1.0 / count) / count).sqrt()
-}
-
-/// Student's t of the two-sided 95 % interval for the mean of so many figures (quantiles of the t distribution, any statistics table).
-fn student95(figures: usize) -> f64 {
-    const T: [f64; 10] = [12.71, 12.71, 12.71, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306];
-    match figures {
-        0..10 => T[figures],
-        10..20 => 2.262,
-        20..60 => 2.093,
-        _ => 2.001,
-    }
-}
-
-/// How many more of two kinds there are than the same number of fair coins would explain (95 %): the lower end of their difference.
-pub fn lower95_of_difference(more: f64, fewer: f64) -> f64 {
-    more - fewer - 1.96 * (more + fewer).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{lower95_of_difference, lower95_of_mean};
-
-    #[test]
-    fn the_interval_by_hand() {
-        // No spread is that of one in ten: 2 − 2.262 · √(0.1 / 10).
-        assert!((lower95_of_mean(&[2.0; 10]) - 1.7738).abs() < 1e-3);
-        // Mean 0.5, standard deviation 0.5270, standard error 0.1667, t = 2.262.
-        let halves = [0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0];
-        assert!((lower95_of_mean(&halves) - 0.1230).abs() < 1e-3);
-        // Three are few: 2 − 4.303 · √((1/3) / 3).
-        assert!((lower95_of_mean(&[2.0; 3]) - 0.5657).abs() < 1e-3);
-        // What does not work costs 20 ticks and more, and is seen in three.
-        assert!(lower95_of_mean(&[20.0, 25.0, 30.0]) > 5.0);
-        assert_eq!(lower95_of_difference(9.0, 0.0), 9.0 - 1.96 * 3.0);
     }
 }

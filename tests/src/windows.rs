@@ -1,14 +1,18 @@
 //! Windows with a load against windows without one, interleaved in the same run, so that the host's noise falls on both; and the load.
 
-use crate::{Station, lower95_of_mean};
+use crate::Station;
+use crate::shown::Promise;
 use std::process::{Child, Command, Stdio};
 
-/// Ticks of each window. Windows with and without the load alternate, so that the host's noise falls on both.
+/// Ticks of each window of [compare]. Windows with and without the load alternate, so that the host's noise falls on both.
 const WINDOW_TICKS: u64 = 1_500;
-/// Pairs of windows.
-const PAIRS: usize = 4;
-/// Share of the ticks that the load may cost more than the control windows lose: a starved servo loses all of them.
-const ALLOWED: f64 = 0.01;
+/// Pairs of windows that must count, and tries to come by them.
+const PAIRS: usize = 6;
+const MOST_PAIRS: usize = 9;
+/// Share of a window that must not be void for its pair to count.
+const LEAST_SHARE: f64 = 0.3;
+/// Ticks of a thousand that a load, or what is done, may cost more than the control windows lose: a starved servo loses all of them.
+const ALLOWED: f64 = 10.0;
 
 /// Ordinary processes that spin, ended when dropped.
 pub struct Spinners(Vec<Child>);
@@ -35,42 +39,69 @@ impl Drop for Spinners {
 pub struct Ticks(pub u64, pub u64);
 
 impl Ticks {
-    /// Adds what a station's ledger has gained.
-    pub fn add(&mut self, before: (u64, u64), after: (u64, u64)) {
-        (self.0, self.1) = (self.0 + after.0 - before.0, self.1 + after.1 - before.1);
+    /// What the station's ledger gains, and the share of the ticks that is not void, while something is done.
+    fn of<T>(station: &Station, done: impl FnOnce() -> T) -> (Ticks, f64, T) {
+        let (tick, before) = (station.clock().present_tick(), station.ledger());
+        let result = done();
+        let (ticks, after) = (station.clock().present_tick() - tick, station.ledger());
+        let gained = Ticks(after.0 - before.0, after.1 - before.1);
+        (gained, gained.0 as f64 / ticks.max(1) as f64, result)
     }
-    /// Both together.
+    /// Those of a thousand without a fresh force.
+    fn per_mille(self) -> f64 {
+        1e3 * self.1 as f64 / self.0.max(1) as f64
+    }
     fn and(self, other: Ticks) -> Ticks {
         Ticks(self.0 + other.0, self.1 + other.1)
     }
-    /// Share of the ticks without a fresh force.
-    pub fn share(self) -> f64 {
-        self.1 as f64 / self.0.max(1) as f64
+}
+
+/// Quiet windows and windows in which something is done, in turn.
+#[derive(Debug, Default)]
+pub struct Pairs {
+    control: Ticks,
+    with: Ticks,
+    /// What was lost of a thousand ticks, less what the control before it lost.
+    excesses: Vec<f64>,
+}
+
+impl Pairs {
+    /// A quiet window of so many ticks, and then what is done.
+    pub fn around<T>(&mut self, station: &Station, ticks: u64, done: impl FnOnce() -> T) -> T {
+        let (control, quiet_share, ()) = Ticks::of(station, || station.run_ticks(ticks));
+        let (with, share, result) = Ticks::of(station, done);
+        (self.control, self.with) = (self.control.and(control), self.with.and(with));
+        if quiet_share.min(share) >= LEAST_SHARE {
+            self.excesses.push(with.per_mille() - control.per_mille());
+        }
+        result
     }
-    /// Adds a window.
-    pub fn watch(&mut self, station: &Station) {
-        let before = station.ledger();
-        station.run_ticks(WINDOW_TICKS);
-        self.add(before, station.ledger());
+
+    /// How many count.
+    pub fn count(&self) -> usize {
+        self.excesses.len()
+    }
+
+    /// Fails if what was done costs ticks.
+    pub fn judge(&self, what: &str, least: usize, station: &Station) {
+        println!("{what}: control: {} of {} ticks missed; else {} of {}", self.control.1, self.control.0, self.with.1, self.with.0);
+        assert!(self.control.0 > 0 && self.with.0 > 0, "no tick counts\n{}", station.said());
+        let promise = Promise { allowed: ALLOWED, least };
+        promise.judge(&format!("{what}, ticks lost of a thousand"), &self.excesses, || station.said());
     }
 }
 
 /// Asserts that what begins and ends with `begin` and `end` costs no ticks.
-pub fn compare(station: &Station, mut begin: impl FnMut(&Station), mut end: impl FnMut(&Station)) {
-    let (mut control, mut load, mut differences) = (Ticks::default(), Ticks::default(), Vec::new());
-    for _ in 0..PAIRS {
-        let (mut without, mut with) = (Ticks::default(), Ticks::default());
-        without.watch(station);
-        begin(station);
-        with.watch(station);
-        end(station);
-        differences.push(with.1 as f64 - without.1 as f64);
-        (control, load) = (control.and(without), load.and(with));
+pub fn compare(what: &str, station: &Station, mut begin: impl FnMut(&Station), mut end: impl FnMut(&Station)) {
+    let mut pairs = Pairs::default();
+    for _ in 0..MOST_PAIRS {
+        if pairs.count() < PAIRS {
+            pairs.around(station, WINDOW_TICKS, || {
+                begin(station);
+                station.run_ticks(WINDOW_TICKS);
+                end(station);
+            });
+        }
     }
-    println!("control: {} of {} ticks missed; with the load: {} of {}", control.1, control.0, load.1, load.0);
-    let enough = PAIRS as u64 * WINDOW_TICKS / 2;
-    assert!(control.0 > enough && load.0 > enough, "more than half is void: {control:?} {load:?}\n{}", station.said());
-    // What the load costs at least, whatever the host took from either window of a pair.
-    let least = lower95_of_mean(&differences) / WINDOW_TICKS as f64;
-    assert!(least <= ALLOWED, "control {control:?}, load {load:?}, {differences:?}\n{}", station.said());
+    pairs.judge(what, PAIRS, station);
 }

@@ -16,7 +16,7 @@ fn ordinary_processes_that_spin_on_every_core_cost_the_hand_nothing() {
     let station = Station::start("spin", &["--hand", "script:press"]);
     let mut spinners = None;
     let cell = std::cell::RefCell::new(&mut spinners);
-    compare(&station, |_| **cell.borrow_mut() = Some(Spinners::start(4)), |_| **cell.borrow_mut() = None);
+    compare("spinning processes", &station, |_| **cell.borrow_mut() = Some(Spinners::start(4)), |_| **cell.borrow_mut() = None);
     let ended = station.stop();
     ended.assert_clean();
     // The way from hand to force: none at all, and it has no pool that could hide one. Tissue and workers send messages: none for those beyond the
@@ -53,6 +53,6 @@ fn a_stalled_reader_and_client_costs_the_hand_nothing() {
         station.signal(station.pid("rendering", true), Signal::CONT);
         station.recover();
     };
-    compare(&station, stop, go_on);
+    compare("a stalled reader", &station, stop, go_on);
     station.stop().assert_clean();
 }

@@ -156,7 +156,7 @@ impl<S: Stateful> Loop<'_, S> {
 
     /// Whether the roster can say this. If not, nobody acts on it: the supervisor mends it.
     fn is_sound(&self, holder: Tenure) -> bool {
-        holder.is_sound(self.life.clock.next_incarnation(), self.life.clock.present_tick())
+        self.horizon.admits(holder, &self.life.clock)
     }
 
     fn holder_lives(&self, holder: Tenure) -> bool {

@@ -19,6 +19,8 @@ const MOST_EPOCHS_ON: u32 = 2_000;
 const MOST_LINES: usize = 2;
 /// Excess misses per word of nonsense: the servo reads no roster.
 const ALLOWED: f64 = 0.1;
+/// Words that must count for it.
+const LEAST: usize = 6;
 /// Threads that ask for the status all the time.
 const ASKERS: usize = 4;
 /// The last epoch that there is.
@@ -117,15 +119,7 @@ fn nonsense_in_the_roster_is_mended_once_and_said_and_the_role_lives_on() {
         }
         assert_promotable(&station, role);
     }
-    println!(
-        "{} words of nonsense count ({} void), {:.3} excess misses each (95 %: below {:.3})",
-        cost.excesses.len(),
-        cost.void,
-        cost.mean(),
-        cost.upper95()
-    );
-    assert!(cost.excesses.len() >= 6, "{} are void\n{}", cost.void, station.events());
-    assert!(cost.lower95() <= ALLOWED, "{:?}\n{}", cost.excesses, station.events());
+    cost.judge("words of nonsense in the roster", ALLOWED, LEAST, &station);
     assert!(lines(&station) > 0, "it was said\n{}", station.events());
     // A supervisor that has just begun knows no tenure before the nonsense; the holder's page does.
     for word in [LAST_EPOCH << 32, 1 << 32] {
@@ -157,7 +151,7 @@ fn ask(path: &std::path::Path, ends: &AtomicBool, answers: &AtomicU64) {
 #[test]
 fn a_flood_of_valid_requests_costs_the_engines_no_tick_and_no_process() {
     let station = Station::start("flood", &["--hand", "script:press"]);
-    let (before, supervisor) = (station.engines(), station.keeper(Role::Supervisor));
+    let (before, supervisor) = (station.census(), station.keeper(Role::Supervisor));
     let (ends, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
     let flood = std::cell::RefCell::new(Vec::new());
     let begin = |station: &Station| {
@@ -172,11 +166,12 @@ fn a_flood_of_valid_requests_costs_the_engines_no_tick_and_no_process() {
         ends.store(true, Ordering::Relaxed);
         flood.borrow_mut().drain(..).for_each(|asker| asker.join().expect("an asker"));
     };
-    compare(&station, begin, end);
+    compare("a flood of valid requests", &station, begin, end);
     let answers = answers.load(Ordering::Relaxed);
     println!("{answers} requests were answered");
     assert!(answers > 100, "{answers}\n{}", station.events());
-    assert_eq!((station.engines(), station.keeper(Role::Supervisor)), (before, supervisor), "{}", station.events());
+    before.assert_untouched(&station, "a flood of valid requests", &[]);
+    assert_eq!(station.keeper(Role::Supervisor), supervisor, "{}", station.events());
     let ended = station.stop();
     ended.assert_clean();
     ended.assert_recorded();
