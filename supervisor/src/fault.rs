@@ -21,9 +21,10 @@ pub const DEVICE_TICKS: u64 = 20;
 /// Largest step that the device's own death makes by design, N: the hardware's watchdog takes 3.3 N away in 20 ticks, and of the force that
 /// returns up to 0.2 N come at once, the rest by a rise (`HardwareParams`, `LastHopParams` of the coupling).
 const DEVICE_STEP_N: f64 = 0.2;
-/// What a servo publishes by these kinds is never applied.
-const NEVER_APPLIED: [&str; 6] = ["nan", "inf", "range", "stamp", "replay", "ahead"];
-/// Ticks after its injection in which a servo may still make the force that it had begun.
+/// What a servo publishes by these kinds is never applied. A stamp that stands still, or an old output, is as it should be the first time; every later time
+/// the ledger itself finds it late or stale.
+const NEVER_APPLIED: [&str; 4] = ["nan", "inf", "range", "ahead"];
+/// Ticks after its injection for which a servo may still make the force that it had begun.
 const BEGUN_TICKS: u64 = 2;
 /// Fault-free ticks that a force step is compared with.
 const QUIET_TICKS: u64 = 10_000;
@@ -100,7 +101,9 @@ impl Fault {
     fn wrong_ticks(&self, ledger: &Ledger) -> u64 {
         let is_lie = self.target.split(':').next() == Some(Role::Haptic.name()) && NEVER_APPLIED.contains(&self.kind.as_str());
         let Some(recovered_us) = self.recovered_us.filter(|_| is_lie) else { return 0 };
-        ledger.fresh_of(self.incarnation, self.tick + BEGUN_TICKS, self.tick + whole_ticks(recovered_us))
+        // By the stamp of the force: a stall of the machine may let the servo read its orders later, and what it makes until then is as it should be.
+        let is_wrong = |tick: &&Tick| tick.force_tick >= self.tick + BEGUN_TICKS;
+        ledger.fresh_of(self.incarnation, self.tick, self.tick + whole_ticks(recovered_us)).filter(is_wrong).count() as u64
     }
 
     /// Whether the hand may feel it, so that it has an account of its own: that of the device, and of both servos at once.
@@ -179,35 +182,34 @@ mod tests {
         assert!(!felt("haptic:1", false) && !felt("tissue:0", true) && !felt("guardian", false));
     }
 
-    #[test]
-    fn the_force_of_a_servo_that_lies_is_wrong_however_it_looks() {
+    /// What is wrong of a servo's forces of these ticks and stamps, given from tick 1 201 on, if it is hit at 1 200.
+    fn wrong_of(kind: &str, target: &str, given: &[(u64, u64)]) -> (u64, Option<bool>) {
         let mut ledger = Ledger::default();
         for tick in 1_000..2_000u64 {
-            let source_incarnation = if (1_201..1_205).contains(&tick) { 7 } else { 8 };
-            let entry = LedgerEntry {
-                hardware_tick: tick,
-                station_tick: tick,
-                force_tick: tick,
-                source_incarnation,
-                ..LedgerEntry::default()
-            };
+            let (source_incarnation, force_tick) =
+                given.iter().find(|(at, _)| *at == tick).map_or((8, tick), |(_, force_tick)| (7, *force_tick));
+            let (hardware_tick, station_tick) = (tick, tick);
+            let entry = LedgerEntry { hardware_tick, station_tick, force_tick, source_incarnation, ..LedgerEntry::default() };
             ledger.push(&entry, true);
         }
-        let judged = |kind: &str, target: &str| {
-            let window = ledger.window(1_500, 1_700);
-            let mut fault = Fault {
-                kind: kind.into(),
-                target: target.into(),
-                tick: 1_200,
-                incarnation: 7,
-                recovered_us: Some(100_000.0),
-                ..Fault::default()
-            };
-            judge(&mut fault, Some(window), &ledger, &[]);
-            (fault.window.unwrap().wrong, fault.promise_held)
-        };
-        assert_eq!(judged("nan", "haptic:0"), (3, Some(false)), "from two ticks after the injection on");
-        assert_eq!(judged("slow", "haptic:0"), (0, Some(true)), "it is late, and right");
-        assert_eq!(judged("nan", "tissue:0"), (0, Some(true)), "no servo");
+        let window = ledger.window(1_500, 1_700);
+        let (kind, target, recovered_us) = (kind.into(), target.into(), Some(100_000.0));
+        let mut fault = Fault { kind, target, tick: 1_200, incarnation: 7, recovered_us, ..Fault::default() };
+        judge(&mut fault, Some(window), &ledger, &[]);
+        (fault.window.unwrap().wrong, fault.promise_held)
+    }
+
+    #[test]
+    fn the_force_of_a_servo_that_lies_is_wrong_however_it_looks() {
+        let given = [(1_201, 1_201), (1_202, 1_202), (1_203, 1_203), (1_204, 1_204)];
+        assert_eq!(wrong_of("nan", "haptic:0", &given), (3, Some(false)), "from two ticks after the injection on");
+        assert_eq!(wrong_of("slow", "haptic:0", &given), (0, Some(true)), "it is late, and right");
+        assert_eq!(wrong_of("nan", "tissue:0", &given), (0, Some(true)), "no servo");
+        // Its first output is as it should be, whenever it came to read its orders; that one again is not.
+        let stalled = [(1_205, 1_205), (1_206, 1_205)];
+        assert_eq!(wrong_of("replay", "haptic:0", &stalled), (0, Some(true)));
+        assert_eq!(wrong_of("replay", "haptic:0", &[(1_205, 1_205), (1_207, 1_205)]).0, 1);
+        // A stall may hold up the force that was made before, too, but not for long.
+        assert_eq!(wrong_of("nan", "haptic:0", &[(1_202, 1_201)]), (0, Some(true)));
     }
 }

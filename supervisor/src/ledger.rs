@@ -213,9 +213,9 @@ impl Ledger {
     }
 
     /// Ticks of `from_tick..to_tick` at which a fresh force of this servo was applied.
-    pub fn fresh_of(&self, source: u32, from_tick: u64, to_tick: u64) -> u64 {
+    pub fn fresh_of(&self, source: u32, from_tick: u64, to_tick: u64) -> impl Iterator<Item = &Tick> {
         let (first, end) = self.range(from_tick, to_tick);
-        self.ticks.range(first..end.max(first)).filter(|tick| !tick.late && tick.source == source).count() as u64
+        self.ticks.range(first..end.max(first)).filter(move |tick| !tick.late && tick.source == source)
     }
 
     /// The last tick of `from_tick..to_tick` that missed its force and counts. It costs as much as the ledger holds of them, however long they are.

@@ -84,7 +84,10 @@ impl Pairs {
 
     /// Fails if what was done costs ticks.
     pub fn judge(&self, what: &str, least: usize, station: &Station) {
-        println!("{what}: control: {} of {} ticks missed; else {} of {}", self.control.1, self.control.0, self.with.1, self.with.0);
+        println!(
+            "{what}: control: {} of {} ticks missed; else {} of {}",
+            self.control.1, self.control.0, self.with.1, self.with.0
+        );
         assert!(self.control.0 > 0 && self.with.0 > 0, "no tick counts\n{}", station.said());
         let promise = Promise { allowed: ALLOWED, least };
         promise.judge(&format!("{what}, ticks lost of a thousand"), &self.excesses, || station.said());
