@@ -96,8 +96,8 @@ struct Supervisor {
     next_accounts_ns: u64,
     /// Incarnations that were replaced because others distrust them.
     heeded: BTreeSet<u32>,
-    /// Servos whose stamp stands still, and how many steps they had made when that was first seen.
-    standing: BTreeMap<u32, u64>,
+    /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
+    standing: BTreeMap<u32, (u64, u64)>,
     /// Incarnations that were ready and whose pages did not say so at the last look.
     unsound: BTreeSet<u32>,
     /// The swap that is under way; the way into the own inbox, for its judge; those who die for it.

@@ -220,12 +220,8 @@ fn what_is_changed_is_changed_by_a_post_of_the_page_alone() {
 fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_address() {
     let station = Station::start("again", &["--hand", "script:press"]);
     let page = Page::of(&station);
-    let others = |station: &Station| -> Vec<i64> {
-        let status = station.status();
-        let all = status["processes"].as_array().cloned().unwrap_or_default();
-        all.iter().filter(|process| process["name"] != "console").filter_map(|process| process["pid"].as_i64()).collect()
-    };
-    let before = others(&station);
+    let before = station.census();
+    let console = station.pid("console", true);
     station.kill("console", true);
     let again = Page::of(&station);
     assert_eq!((again.port, &again.token), (page.port, &page.token));
@@ -258,7 +254,6 @@ fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_add
     station.wait_until_gone(pid);
     station.recover();
     assert_eq!(page.get("/metrics").status, 200);
-    let after = others(&station);
-    assert!(before.iter().all(|pid| after.contains(pid)), "{before:?} before, {after:?} after\n{}", station.said());
+    before.assert_untouched(&station, "beside the console", &[console]);
     station.stop().assert_clean();
 }

@@ -138,7 +138,8 @@ fn cloud(cell: usize) -> f32 {
 }
 
 fn put(renderer: &mut Renderer, id: u64, shape: &Shape, material: Material) -> Result<(), rendering::RenderError> {
-    let mesh = SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance: Appearance::of(material) };
+    let mesh =
+        SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance: Appearance::of(material) };
     renderer.stage().set_object(id, mesh)
 }
 

@@ -18,7 +18,9 @@ fn stocked(gpu: Gpu) -> Result<Renderer, RenderError> {
     let mut renderer = Renderer::new(gpu, 640, 480)?;
     let cavity = shapes::cavity(0.05, 80, 96);
     let appearance = Appearance::of(Material::MucosaTissue);
-    renderer.stage().set_object(1, SurfaceMesh { triangles: &cavity.triangles, rest_m: &cavity.positions_m, appearance })?;
+    renderer
+        .stage()
+        .set_object(1, SurfaceMesh { triangles: &cavity.triangles, rest_m: &cavity.positions_m, raw: &[], appearance })?;
     Ok(renderer)
 }
 

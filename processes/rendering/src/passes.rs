@@ -53,7 +53,7 @@ impl Renderer {
                 let fluid = self.fluid_shown && !translucent;
                 pass.set_pipeline(self.pipelines.scene(Variant { metal, fluid, translucent }));
                 pass.set_bind_group(1, &object.look, &[]);
-                for (slot, points) in (0..).zip([&object.positions, &object.normals, &object.rest]) {
+                for (slot, points) in (0..).zip([&object.positions, &object.normals, &object.rest, &object.raw]) {
                     pass.set_vertex_buffer(slot, points.slice(..));
                 }
                 pass.set_index_buffer(object.triangles.slice(..), wgpu::IndexFormat::Uint32);

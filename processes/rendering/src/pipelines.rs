@@ -179,10 +179,14 @@ fn scene_pipeline(
     v: Variant,
 ) -> wgpu::RenderPipeline {
     let constants = [("METAL", f64::from(u8::from(v.metal))), ("FLUID", f64::from(u8::from(v.fluid)))];
-    let point = |shader_location| [wgpu::VertexAttribute { format: wgpu::VertexFormat::Float32x3, offset: 0, shader_location }];
-    let attributes = [point(0), point(1), point(2)];
-    let buffers = [0, 1, 2].map(|i: usize| {
-        Some(wgpu::VertexBufferLayout { array_stride: 12, step_mode: wgpu::VertexStepMode::Vertex, attributes: &attributes[i] })
+    let (point, flag) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32);
+    let formats = [point, point, point, flag];
+    let attribute =
+        |location: usize| wgpu::VertexAttribute { format: formats[location], offset: 0, shader_location: location as u32 };
+    let attributes = [0, 1, 2, 3].map(|location| [attribute(location)]);
+    let buffers = [0, 1, 2, 3].map(|location: usize| {
+        let (array_stride, step_mode) = (formats[location].size(), wgpu::VertexStepMode::Vertex);
+        Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes: &attributes[location] })
     });
     let blend = v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING);
     d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {

@@ -53,8 +53,8 @@ pub enum Refused {
         /// How many there are.
         have: usize,
     },
-    /// Another number of vertices than the topology has.
-    #[error("{got} surface vertices, the topology has {expected}")]
+    /// Another number of vertices, or of what there is one of for each, than the topology has.
+    #[error("{got} entries for surface vertices, the topology has {expected}")]
     Length {
         /// In the message.
         got: usize,
@@ -126,7 +126,7 @@ fn check_finite(points_m: &[[f32; 3]]) -> Result<(), Refused> {
 fn set_tool(stage: &mut Stage, scope: &ScopeRecord) -> Result<(), RenderError> {
     let shape = shapes::scope(scope.shaft_radius_m, scope.shaft_length_m, scope.oblique_rad);
     let appearance = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
-    stage.set_object(TOOL, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance })?;
+    stage.set_object(TOOL, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance })?;
     if scope.loop_radius_m <= 0.0 {
         stage.remove_object(RING);
         stage.remove_object(ARMS);
@@ -136,7 +136,7 @@ fn set_tool(stage: &mut Stage, scope: &ScopeRecord) -> Result<(), RenderError> {
     let arms = shapes::loop_arms(scope.loop_radius_m, scope.loop_wire_radius_m, ARM_M);
     for (id, shape) in [(RING, ring), (ARMS, arms)] {
         let appearance = Appearance::of(Material::Metal);
-        stage.set_object(id, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance })?;
+        stage.set_object(id, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance })?;
     }
     Ok(())
 }
@@ -165,10 +165,14 @@ impl Scenery {
         let records: &[ObjectRecord] = message.section(0)?;
         let rest_m: &[[f32; 3]] = message.section(4)?;
         check_finite(rest_m)?;
+        let raw: &[u32] = message.section(6)?;
+        if raw.len() != rest_m.len() {
+            return Err(Refused::Length { got: raw.len(), expected: rest_m.len() });
+        }
         let parts = parts(records, message.section(3)?, rest_m.len())?;
         for part in &parts {
-            let mesh =
-                SurfaceMesh { triangles: &part.triangles, rest_m: &rest_m[part.vertices.clone()], appearance: usual(part.kind) };
+            let (rest_m, raw) = (&rest_m[part.vertices.clone()], &raw[part.vertices.clone()]);
+            let mesh = SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance: usual(part.kind) };
             stage.set_object(part.id, mesh)?;
         }
         let gone: Vec<u64> = stage.ids().filter(|id| *id < TOOL && !parts.iter().any(|part| part.id == *id)).collect();

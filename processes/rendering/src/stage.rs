@@ -64,6 +64,8 @@ pub struct SurfaceMesh<'a> {
     pub triangles: &'a [[u32; 3]],
     /// undeformed positions, m, one per vertex; texture sticks to them
     pub rest_m: &'a [[f32; 3]],
+    /// 1 for each vertex on a wound, 0 for the others; may be empty if there is none
+    pub raw: &'a [u32],
     /// its look
     pub appearance: Appearance,
 }
@@ -82,6 +84,7 @@ pub(crate) struct Object {
     pub positions: wgpu::Buffer,
     pub normals: wgpu::Buffer,
     pub rest: wgpu::Buffer,
+    pub raw: wgpu::Buffer,
     pub triangles: wgpu::Buffer,
     pub uniform: wgpu::Buffer,
     pub look: wgpu::BindGroup,
@@ -116,12 +119,15 @@ impl Stage {
     /// Puts an object on the stage at its rest positions, or replaces the one of this id (after a cut); its pose is kept.
     ///
     /// # Errors
-    /// [`RenderError::BadTriangle`], [`RenderError::TooLarge`]; the stage is as before.
+    /// [`RenderError::BadTriangle`], [`RenderError::TooLarge`], [`RenderError::WrongLength`]; the stage is as before.
     pub fn set_object(&mut self, id: u64, mesh: SurfaceMesh<'_>) -> Result<(), RenderError> {
         bound("triangles", mesh.triangles.len(), MAX_TRIANGLES)?;
         bound("vertices", mesh.rest_m.len(), MAX_TRIANGLES)?;
         let others = self.objects.len() - usize::from(self.objects.contains_key(&id));
         bound("objects", others + 1, MAX_OBJECTS)?;
+        if !mesh.raw.is_empty() && mesh.raw.len() != mesh.rest_m.len() {
+            return Err(RenderError::WrongLength { object: id, got: mesh.raw.len(), expected: mesh.rest_m.len() });
+        }
         let (first, incident) = incidence(id, mesh.triangles, mesh.rest_m.len())?;
         let pose = self.objects.get(&id).map_or(Mat4::IDENTITY, |o| o.pose);
         let object = self.build(&mesh, &first, &incident, pose);
@@ -216,6 +222,9 @@ impl Stage {
         let positions = self.filled("positions", rest, points);
         let normals = self.filled("normals", rest, points);
         let rest = self.filled("rest", rest, points);
+        let smooth = vec![0; if mesh.raw.is_empty() { mesh.rest_m.len() } else { 0 }];
+        let raw: &[u32] = if mesh.raw.is_empty() { &smooth } else { mesh.raw };
+        let raw = self.filled("raw", bytemuck::cast_slice(raw), Usage::VERTEX);
         let triangles = self.filled("triangles", corners, Usage::INDEX | Usage::STORAGE);
         let first = self.filled("first", bytemuck::cast_slice(first), Usage::STORAGE);
         let incident = self.filled("incident", bytemuck::cast_slice(incident), Usage::STORAGE);
@@ -226,6 +235,7 @@ impl Stage {
             positions,
             normals,
             rest,
+            raw,
             triangles,
             uniform,
             look,

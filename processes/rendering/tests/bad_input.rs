@@ -30,7 +30,7 @@ fn an_empty_stage_is_a_dark_picture() {
     let Some(mut r) = renderer() else { return };
     let shot = picture(&mut r, &through_scope());
     assert!(shot.chunks_exact(4).all(|p| p[..3].iter().all(|&c| c < 40)));
-    let nothing = SurfaceMesh { triangles: &[], rest_m: &[], appearance: Appearance::of(Material::Polyp) };
+    let nothing = SurfaceMesh { triangles: &[], rest_m: &[], raw: &[], appearance: Appearance::of(Material::Polyp) };
     r.stage().set_object(7, nothing).unwrap();
     r.stage().update_positions(7, &[]).unwrap();
     assert_eq!(changed(&shot, &picture(&mut r, &through_scope())), 0);
@@ -42,13 +42,14 @@ fn what_does_not_fit_is_refused_and_changes_nothing() {
         return;
     };
     let before = picture(&mut r, &through_scope());
-    let bad = SurfaceMesh { triangles: &[[0, 1, 99]], rest_m: &[[0.0; 3]; 3], appearance: Appearance::of(Material::Metal) };
+    let bad =
+        SurfaceMesh { triangles: &[[0, 1, 99]], rest_m: &[[0.0; 3]; 3], raw: &[], appearance: Appearance::of(Material::Metal) };
     assert!(matches!(r.stage().set_object(CAVITY, bad), Err(RenderError::BadTriangle { object: CAVITY, vertex: 99, .. })));
     let short = r.stage().update_positions(CAVITY, &cavity.positions_m[1..]);
     assert!(matches!(short, Err(RenderError::WrongLength { .. })));
     assert!(matches!(r.stage().update_positions(55, &[]), Err(RenderError::UnknownObject(55))));
     assert_eq!(changed(&before, &picture(&mut r, &through_scope())), 0);
-    let dot = SurfaceMesh { triangles: &[], rest_m: &[], appearance: Appearance::of(Material::Polyp) };
+    let dot = SurfaceMesh { triangles: &[], rest_m: &[], raw: &[], appearance: Appearance::of(Material::Polyp) };
     let added = (100..).take(MAX_OBJECTS + 1).filter(|&id| r.stage().set_object(id, dot).is_ok()).count();
     assert_eq!(added, MAX_OBJECTS - 1);
 }

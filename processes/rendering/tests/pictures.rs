@@ -1,7 +1,7 @@
 //! Statements about pictures: what a trainee would miss at once if it were broken.
 mod stand;
 
-use rendering::{Appearance, Camera, FluidField, Material, Overlay, RenderError, shapes};
+use rendering::{Appearance, Camera, FluidField, Material, Overlay, RenderError, SurfaceMesh, shapes};
 use stand::*;
 
 #[test]
@@ -109,6 +109,30 @@ fn tissue_that_moves_shows_and_texture_sticks_to_it() {
     scope.tip_m[0] += 0.5;
     let after = changed(&before, &picture(&mut r, &view));
     assert!(after < 200, "{after} pixels differ");
+}
+
+#[test]
+fn a_wound_looks_otherwise_than_the_skin_about_it_and_only_where_it_is() {
+    let Some((mut r, cavity)) = in_cavity() else {
+        return;
+    };
+    let whole = picture(&mut r, &through_scope());
+    let mut show = |raw: &[u32]| {
+        let appearance = Appearance::of(Material::MucosaTissue);
+        let mesh = SurfaceMesh { triangles: &cavity.triangles, rest_m: &cavity.positions_m, raw, appearance };
+        r.stage().set_object(CAVITY, mesh).map(|()| picture(&mut r, &through_scope()))
+    };
+    let vertices = cavity.positions_m.len();
+    assert_eq!(changed(&whole, &show(&vec![0; vertices]).unwrap()), 0, "without a wound it is the same picture");
+    let above: Vec<u32> = cavity.positions_m.iter().map(|place| u32::from(place[1] > 0.002)).collect();
+    let wounded = show(&above).unwrap();
+    let is_other = |rows: std::ops::Range<u32>| {
+        let places = rows.flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+        places.filter(|&(x, y)| pixel(&whole, x, y).iter().zip(pixel(&wounded, x, y)).any(|(a, b)| (a - b).abs() > 12)).count()
+    };
+    let (upper, lower) = (is_other(0..HEIGHT / 4), is_other(3 * HEIGHT / 4..HEIGHT));
+    assert!(upper > 500 && lower * 20 < upper, "{upper} pixels differ above, {lower} below");
+    assert!(matches!(show(&[1, 0]), Err(RenderError::WrongLength { got: 2, .. })), "flags for other vertices");
 }
 
 #[test]

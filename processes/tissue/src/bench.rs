@@ -4,6 +4,7 @@
 //! the time over that of reading every tet's corners once for each time that the method has to (once for a test, once a substep for the
 //! deformation). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
+mod felt;
 mod knife;
 mod press;
 
@@ -21,6 +22,9 @@ const MANY_POINTS: u32 = 1_000;
 /// Threads of the comparison.
 const THREADS: usize = 2;
 const US: f64 = 1e3;
+/// How many times as fine the converged solution is, and ticks of the hand in it.
+const FINER: u32 = 4;
+const TRUTH_TICKS: usize = 1_000;
 const NO_PEERS: &str = "no other library is installed here";
 
 /// Runs the benchmark that the arguments name.
@@ -58,7 +62,27 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
         rows.push(row);
     }
     rows.push(knife(scene)?);
+    rows.push(truth(scene)?);
     Ok(rows)
+}
+
+/// A row for how far the settings are from the solution that is converged in time.
+fn truth(scene: &LoadedScene) -> Result<Value, String> {
+    let begun_ns = hyst_exchange::system::now_ns();
+    let apart = felt::apart(scene, [1, FINER], TRUTH_TICKS)?;
+    let step_ns = (hyst_exchange::system::now_ns() - begun_ns) / TRUTH_TICKS as u64;
+    Ok(json!({
+        "scene": scene.scene.name,
+        "method": format!("beside steps {FINER} times as short, without added mass"),
+        "steps": TRUTH_TICKS,
+        "step_us": spread(&mut [step_ns], US),
+        "force_apart": apart.force,
+        "displacement_apart": apart.displacement,
+        "force_max_n": apart.most_n,
+        "displacement_max_m": apart.most_m,
+        "peers": {},
+        "peers_note": NO_PEERS,
+    }))
 }
 
 /// A row for a cut: the step is a tick in which the wire moves.

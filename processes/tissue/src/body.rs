@@ -47,7 +47,23 @@ impl Room {
 const COUNTS: usize = 5;
 
 fn words_of(&[nodes, tets, vertices, triangles, objects]: &[usize; COUNTS]) -> usize {
-    COUNTS + 4 * nodes + 5 * tets + 8 * vertices + 3 * triangles + objects
+    COUNTS + 4 * nodes + 5 * tets + 8 * vertices + bits_of(vertices) + 3 * triangles + objects
+}
+
+/// Words of so many flags.
+fn bits_of(flags: usize) -> usize {
+    flags.div_ceil(u32::BITS as usize)
+}
+
+fn word_of_flags(flags: &[bool]) -> u32 {
+    flags.iter().enumerate().fold(0, |word, (place, flag)| word | u32::from(*flag) << place)
+}
+
+/// So many flags of words; `None` if there are others beyond them.
+fn flags_of_words(words: &[u32], count: usize) -> Option<Vec<bool>> {
+    let flags: Vec<bool> = words.iter().flat_map(|word| (0..u32::BITS).map(move |place| word >> place & 1 == 1)).collect();
+    let (own, others) = flags.split_at_checked(count)?;
+    (!others.contains(&true)).then(|| own.to_vec())
 }
 
 /// All objects of tissue as one mesh.
@@ -92,6 +108,7 @@ impl Body {
         words.extend_from_slice(&self.rest.regions);
         words.extend_from_slice(bytemuck::cast_slice(&self.skin.rest_m));
         words.extend_from_slice(bytemuck::cast_slice(&self.skin.bindings));
+        words.extend(self.skin.raw.chunks(u32::BITS as usize).map(word_of_flags));
         words.extend_from_slice(self.skin.triangles.as_flattened());
         words.extend_from_slice(&self.origin);
         words
@@ -117,6 +134,7 @@ impl Body {
         let regions = take(tets);
         let skin_m: &[[f32; 3]] = bytemuck::cast_slice(take(3 * vertices));
         let bindings: &[Binding] = bytemuck::cast_slice(take(5 * vertices));
+        let raw = flags_of_words(take(bits_of(vertices)), vertices)?;
         let faces: &[[u32; 3]] = bytemuck::cast_slice(take(3 * triangles));
         let origin = take(objects);
         let in_range = |indices: &[u32], count: usize| indices.iter().all(|index| (*index as usize) < count);
@@ -133,7 +151,7 @@ impl Body {
         is_sound.then(|| Body {
             rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions: regions.to_vec() },
             fixed,
-            skin: Skin { rest_m: skin_m.to_vec(), triangles: faces.to_vec(), bindings: bindings.to_vec() },
+            skin: Skin { rest_m: skin_m.to_vec(), triangles: faces.to_vec(), bindings: bindings.to_vec(), raw },
             origin: origin.to_vec(),
         })
     }
@@ -201,7 +219,8 @@ impl Body {
         let triangles = triangles.into_iter().map(|triangle| triangle.map(|vertex| number[vertex as usize])).collect();
         let rest_m = order.iter().map(|old| skin.rest_m[*old as usize]).collect();
         let bindings = order.iter().map(|old| skin.bindings[*old as usize]).collect();
-        self.skin = Skin { rest_m, triangles, bindings };
+        let raw = order.iter().map(|old| skin.raw[*old as usize]).collect();
+        self.skin = Skin { rest_m, triangles, bindings, raw };
     }
 }
 
@@ -225,6 +244,7 @@ mod tests {
             rest_m: vec![[0.0; 3], [1.0; 3], [2.0; 3], [3.0; 3], [4.0; 3], [5.0; 3]],
             triangles: vec![[0, 1, 2], [3, 4, 5]],
             bindings: [0, 1, 1, 2, 2, 2].map(bound).to_vec(),
+            raw: vec![true, false, false, false, true, false],
         };
         Body { rest, fixed: vec![false; 9], skin, origin: vec![0, 1] }
     }
@@ -254,6 +274,7 @@ mod tests {
         assert!(refused(nodes, 9), "a tet's node");
         assert!(refused(nodes + 12, 2), "a tet's object");
         assert!(refused(words.len() - 1, 2), "an object's origin");
+        assert!(refused(words.len() - 2 - 6 - 1, 0b111_0001), "a flag of a vertex that is not there");
         assert!(Body::unpack(&words, &Room { nodes: 8, ..room() }).is_none(), "no room");
     }
 
@@ -273,6 +294,7 @@ mod tests {
         assert_eq!((&body.rest.regions[..], &body.origin[..]), (&[0, 2, 1][..], &[0, 1, 0][..]));
         assert_eq!(body.skin.triangles, [[0, 1, 2], [3, 4, 5]], "the second object's triangle comes first now");
         assert_eq!(body.skin.bindings.iter().map(|binding| binding.tet).collect::<Vec<_>>(), [2, 2, 2, 1, 1, 1]);
+        assert_eq!(body.skin.raw, [false, true, false, true, false, false], "and so do the flags of its vertices");
         let full = Room { objects: 2, ..room() };
         let mut body = self::body();
         body.rest.tets[1] = [9, 10, 11, 8];

@@ -18,8 +18,8 @@ const INTERVAL_NS: u64 = 2_000_000;
 /// Worlds that wait to be sent; of more the oldest is left out, because only the newest counts.
 const WAITING: usize = 4;
 
-/// Sections of a topology: objects, tets, owner of each tet, triangles, surface vertices at rest, wall triangles.
-pub const SECTIONS: usize = 6;
+/// Sections of a topology: objects, tets, owner of each tet, triangles, surface vertices at rest, wall triangles, 1 for each surface vertex on a wound.
+pub const SECTIONS: usize = 7;
 
 /// Ends the clerk's thread when dropped.
 pub struct Clerk {
@@ -63,6 +63,7 @@ fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<L
 
 fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Result<(), Failure> {
     let (model, skin) = (&world.model, &world.body.skin);
+    let raw: Vec<u32> = skin.raw.iter().map(|raw| u32::from(*raw)).collect();
     let parts: [&[u8]; SECTIONS] = [
         bytemuck::cast_slice(&world.objects),
         bytemuck::cast_slice(model.tets()),
@@ -70,6 +71,7 @@ fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Resu
         bytemuck::cast_slice(&skin.triangles),
         bytemuck::cast_slice(&skin.rest_m),
         bytemuck::cast_slice(&world.wall),
+        bytemuck::cast_slice(&raw),
     ];
     let lengths = parts.map(<[u8]>::len);
     let mut loan = publisher.loan(message_bytes(&lengths))?;
@@ -87,7 +89,15 @@ fn most_bytes(world: &World) -> usize {
     let room = &world.case.room;
     let objects = MAX_OBJECTS * size_of::<ObjectRecord>();
     // A body of tets has hardly more boundary faces than tets; twice as many are room for crumbs.
-    message_bytes(&[objects, room.tets * 16, room.tets * 4, room.triangles * 12, room.vertices * 12, room.tets * 24])
+    message_bytes(&[
+        objects,
+        room.tets * 16,
+        room.tets * 4,
+        room.triangles * 12,
+        room.vertices * 12,
+        room.tets * 24,
+        room.vertices * 4,
+    ])
 }
 
 impl Clerk {

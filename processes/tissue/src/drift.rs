@@ -1,4 +1,4 @@
-//! What the flow does to a piece that nothing holds. The material's damping is the resistance of the medium about it, which brakes every node against
+//! What moves a piece that nothing holds: its weight in the medium, and the flow. The material's damping is the resistance of the medium about it, which brakes every node against
 //! a medium at rest; where the medium moves, the same resistance carries.
 
 use crate::body::Body;
@@ -11,13 +11,25 @@ use hyst_tissue::Model;
 pub struct Drifter {
     object: u32,
     nodes: Vec<u32>,
+    /// Its weight in the medium per mass, N/kg; negative if it rises.
+    weight_n_kg: f32,
+}
+
+/// Standard gravity, m/s² (CGPM 1901).
+const GRAVITY_M_S2: f64 = 9.806_65;
+
+/// Weight per mass of what lies in a medium, N/kg: Archimedes.
+pub fn weight_n_kg(density_kg_m3: f64, medium_kg_m3: f64) -> f32 {
+    (GRAVITY_M_S2 * (1.0 - medium_kg_m3 / density_kg_m3)) as f32
 }
 
 impl Drifter {
-    /// Those of a body.
-    pub fn of(objects: &[ObjectRecord], body: &Body) -> Vec<Drifter> {
+    /// Those of a body; `weight_n_kg` is asked for each object.
+    pub fn of(objects: &[ObjectRecord], body: &Body, weight_n_kg: impl Fn(u32) -> f32) -> Vec<Drifter> {
         let free = objects.iter().filter(|object| object.is_free_piece());
-        let mut drifters: Vec<Drifter> = free.map(|object| Drifter { object: object.id, nodes: Vec::new() }).collect();
+        let drifter =
+            |object: &ObjectRecord| Drifter { object: object.id, nodes: Vec::new(), weight_n_kg: weight_n_kg(object.id) };
+        let mut drifters: Vec<Drifter> = free.map(drifter).collect();
         if drifters.is_empty() {
             return drifters;
         }
@@ -30,14 +42,18 @@ impl Drifter {
     }
 }
 
-/// Adds what the medium's motion exerts on the nodes of the pieces that it is known of, N.
+/// Adds what the medium exerts on the nodes of the pieces, N: their weight less what it carries, and its motion where that is known. The patient lies on
+/// her back: what sinks goes to the posterior wall, -y.
 pub fn drift_forces(drifters: &[Drifter], flows: &[PieceFlow; MAX_PIECES], model: &Model, node_force_n: &mut [[f32; 3]]) {
-    for flow in flows.iter().filter(|flow| flow.object != 0) {
-        let Some(drifter) = drifters.iter().find(|drifter| drifter.object == flow.object) else { continue };
+    for drifter in drifters {
+        let flow = flows.iter().find(|flow| flow.object != 0 && flow.object == drifter.object);
+        let speed_m_s = flow.map_or([0.0; 3], |flow| flow.velocity_m_s);
         for node in &drifter.nodes {
             let resistance_n_s_m = model.resistance_n_s_m(*node as usize);
+            let mass_kg = model.mass_kg().get(*node as usize).copied().unwrap_or(0.0);
             let Some(force_n) = node_force_n.get_mut(*node as usize) else { continue };
-            force_n.iter_mut().zip(flow.velocity_m_s).for_each(|(sum, speed)| *sum += resistance_n_s_m * speed);
+            force_n.iter_mut().zip(speed_m_s).for_each(|(sum, speed)| *sum += resistance_n_s_m * speed);
+            force_n[1] -= mass_kg * drifter.weight_n_kg;
         }
     }
 }

@@ -1,5 +1,5 @@
-//! The points of the contact test: those of the tool, then the nodes of tissue that may meet other tissue: the surfaces of what has come free. All else meets
-//! them with its tets.
+//! The points of the contact test: those of the tool, then the nodes of tissue that may meet other tissue: the surfaces of what grows in the cavity and of what
+//! has come free. All else meets them with its tets.
 
 use crate::body::Body;
 use crate::tool::Tool;
@@ -8,7 +8,8 @@ use glam::Vec3;
 use hyst_contact::{HashMut, HashSizes, Hit, Layout, NONE, PointGraph, Points, Share, Tissue, Topology, intersect};
 use hyst_engine::Failure;
 use hyst_messages::Pose;
-use hyst_messages::stream::ObjectRecord;
+use hyst_messages::stream::{ObjectKind, ObjectRecord};
+use hyst_tissue::Attachment;
 
 /// Points and what is known of them; all lists are parallel.
 #[derive(Clone, Debug, Default)]
@@ -28,9 +29,15 @@ pub struct ContactPoints {
 }
 
 impl ContactPoints {
-    /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the
-    /// wall, meet nobody.
-    pub fn of(case: &Case, body: &Body, topology: &Topology, objects: &[ObjectRecord]) -> Result<ContactPoints, Failure> {
+    /// Those of a body and the case's tool. Nodes that lie in another object of the scene at rest, as the root of a polyp in the wall, meet nobody; nor do
+    /// those beside the root of what is held, which comes out of the wall there.
+    pub fn of(
+        case: &Case,
+        body: &Body,
+        topology: &Topology,
+        objects: &[ObjectRecord],
+        attachments: &[Attachment],
+    ) -> Result<ContactPoints, Failure> {
         let tool = &case.tool;
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
@@ -43,7 +50,9 @@ impl ContactPoints {
         topology.boundary.iter().flatten().for_each(|node| points.is_surface[*node as usize] = true);
         let mut area_m2 = vec![0.0f32; body.rest.positions_m.len()];
         let mut owner_of = vec![NONE; area_m2.len()];
-        let may_meet = |object: u32| objects.get(object as usize).is_some_and(ObjectRecord::is_free_piece);
+        let is_free = |object: u32| objects.get(object as usize).is_some_and(ObjectRecord::is_free_piece);
+        let grows = |object: &ObjectRecord| object.kind == ObjectKind::Pathology as u32;
+        let may_meet = |object: u32| is_free(object) || objects.get(object as usize).is_some_and(grows);
         let faces = topology.boundary.iter().zip(&topology.boundary_owner).filter(|(_, owner)| may_meet(**owner));
         for (face, owner) in faces.clone() {
             let [a, b, c] = face.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
@@ -53,9 +62,15 @@ impl ContactPoints {
                 owner_of[*node as usize] = *owner;
             }
         }
-        for node in buried(case, body, &owner_of)? {
-            owner_of[node as usize] = NONE;
+        let buried = buried(case, body, &owner_of)?;
+        let mut is_root = body.fixed.clone();
+        attachments.iter().map(|held| held.node).chain(buried.iter().copied()).for_each(|node| is_root[node as usize] = true);
+        for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
+            if may_meet(*object) && !is_free(*object) && tet.iter().any(|node| is_root[*node as usize]) {
+                tet.iter().for_each(|node| owner_of[*node as usize] = NONE);
+            }
         }
+        buried.into_iter().for_each(|node| owner_of[node as usize] = NONE);
         let mut place = vec![NONE; owner_of.len()];
         for (node, owner) in owner_of.iter().enumerate().filter(|(_, owner)| **owner != NONE) {
             place[node] = (points.owner.len() - points.tool) as u32;

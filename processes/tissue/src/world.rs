@@ -1,7 +1,7 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
 use crate::body::{Body, Room, version_of};
-use crate::drift::Drifter;
+use crate::drift::{Drifter, weight_n_kg};
 use crate::points::ContactPoints;
 use crate::site::{MAX_OBJECTS, object};
 use crate::tool::Tool;
@@ -33,6 +33,8 @@ pub struct Case {
     objects: Vec<(String, ObjectKind)>,
     /// Whether an object of the scene has a cavity.
     hollow: Vec<bool>,
+    /// Weight in the medium per mass of each object of the scene, N/kg.
+    weight_n_kg: Vec<f32>,
     /// Instruments by name.
     rigid: Vec<String>,
     /// What holds a pathology in its host: the object and the place at rest of the node that is held, and how.
@@ -120,11 +122,17 @@ impl Workshop {
 
     /// The world of a scene, and where others are made of it.
     pub fn open(scene: &LoadedScene, isa: Isa) -> Result<(Workshop, World), Failure> {
+        Workshop::open_finer(scene, isa, 1)
+    }
+
+    /// The same for steps that are so many times as short; with more than one no mass is added.
+    pub fn open_finer(scene: &LoadedScene, isa: Isa, finer: u32) -> Result<(Workshop, World), Failure> {
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
         let (rest, starts) = join(&meshes).ok_or_else(|| Failure::Input("the scene has too many nodes".into()))?;
         let body = Body::of(scene, rest)?;
         let options = Options {
-            max_added_mass_ratio: MAX_ADDED_MASS_RATIO,
+            step_s: 1e-3 / f64::from(finer.max(1)),
+            max_added_mass_ratio: if finer > 1 { 0.0 } else { MAX_ADDED_MASS_RATIO },
             contact_stiffness_n_m: CONTACT_STIFFNESS_N_M,
             isa,
             ..Options::default()
@@ -175,6 +183,7 @@ impl Body {
             let (first_vertex, first_tet) = (skin.rest_m.len() as u32, regions.len() as u32);
             skin.rest_m.extend_from_slice(&object.surface.positions_m);
             skin.bindings.extend(object.bindings.iter().map(|binding| Binding { tet: binding.tet + first_tet, ..*binding }));
+            skin.raw.extend(object.bindings.iter().map(|_| false));
             skin.triangles.extend(object.surface.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first_vertex)));
             regions.extend(std::iter::repeat_n(index as u32, object.mesh.tets.len()));
         }
@@ -192,6 +201,7 @@ fn bits(point: [f32; 3]) -> [u32; 3] {
 impl Case {
     fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
         let rigid = scene.rigid.first().ok_or_else(|| Failure::Input("the scene has no rigid object".into()))?;
+        let medium_kg_m3 = f64::from(scene.fluid.density_kg_m3);
         let kind = |kind| match kind {
             DeformableKind::Organ => ObjectKind::Organ,
             DeformableKind::Pathology => ObjectKind::Pathology,
@@ -199,6 +209,7 @@ impl Case {
         Ok(Case {
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
             hollow: scene.objects.iter().map(|object| object.hollow).collect(),
+            weight_n_kg: scene.objects.iter().map(|object| weight_n_kg(object.material.density_kg_m3, medium_kg_m3)).collect(),
             rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
             roots: roots(scene, body, starts),
             cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
@@ -248,10 +259,12 @@ impl World {
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let attachments = case.attachments(&body);
         let objects = objects(case, &body, &attachments);
-        let points = ContactPoints::of(case, &body, &topology, &objects)?;
+        let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         Ok(World {
             case: Arc::clone(case),
-            drifters: Drifter::of(&objects, &body),
+            drifters: Drifter::of(&objects, &body, |object| {
+                case.weight_n_kg.get(case.origin(&body, object)).copied().unwrap_or(0.0)
+            }),
             points,
             objects,
             version: version_of(&words),

@@ -30,8 +30,8 @@ pub fn intersect(
     let (from, to) = share.points(hash.kept())?;
     let mut sink = Sink::new(tissue, out);
     let bundles = share.bundles();
-    let (lo, hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    let query = Query { hash, points, tissue, from, to, bundles, lo, hi };
+    let nothing = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    let query = Query { hash, points, tissue, from, to, bundles, around: [nothing; 2] };
     pulp::Arch::new().dispatch(Stream { query, sink: &mut sink });
     Ok(sink.finish())
 }
@@ -135,9 +135,9 @@ struct Query<'a> {
     to: usize,
     /// First bundle of `TETS` tets, and the step to the next.
     bundles: (usize, usize),
-    /// Box of the share's points.
-    lo: [f32; 3],
-    hi: [f32; 3],
+    /// Boxes, lowest and highest corner, of the share's points: of those with the owner of the first, which is the tool, and of all others. One box around
+    /// both would be met by all the tissue between them.
+    around: [([f32; 3], [f32; 3]); 2],
 }
 
 impl Query<'_> {
@@ -146,9 +146,11 @@ impl Query<'_> {
     fn stream(&mut self, sink: &mut Sink<'_>) {
         for at in self.from..self.to {
             let p = self.hash.position(at);
+            let is_other = self.points.owner.get(self.hash.id(at) as usize) != self.points.owner.first();
+            let (lo, hi) = &mut self.around[usize::from(is_other)];
             for (axis, &v) in p.iter().enumerate() {
-                self.lo[axis] = min(self.lo[axis], v);
-                self.hi[axis] = max(self.hi[axis], v);
+                lo[axis] = min(lo[axis], v);
+                hi[axis] = max(hi[axis], v);
             }
         }
         if self.from == self.to {
@@ -183,7 +185,10 @@ impl Query<'_> {
             }
         }
         let boxes = Boxes::of(&x);
-        let near = boxes.meet(self.lo, self.hi);
+        let mut near = [0u32; TETS];
+        for (lo, hi) in self.around {
+            near.iter_mut().zip(boxes.meet(lo, hi)).for_each(|(near, meets)| *near |= meets);
+        }
         if near.iter().fold(0, |any, &n| any | n) == 0 {
             return;
         }

@@ -236,7 +236,13 @@ impl Cuttable {
     /// What a cut would make worse.
     fn check_shape(&self) -> Result<(), CutError> {
         let is_bad = |point: &[f32; 3]| point.iter().any(|coordinate| !coordinate.is_finite());
-        for (what, points) in [("a place at rest", &self.rest.positions_m), ("a mark", &self.marks)] {
+        let lists = [
+            ("a place at rest", &self.rest.positions_m),
+            ("a place", &self.position_m),
+            ("a velocity", &self.velocity_m_s),
+            ("a mark", &self.marks),
+        ];
+        for (what, points) in lists {
             if let Some(node) = points.iter().position(is_bad) {
                 return Err(CutError::NotFinite { what, node });
             }

@@ -12,7 +12,8 @@ use std::path::Path;
 /// Binds a surface.
 fn dressed(mut tissue: Cuttable, surface: &TriangleMesh) -> Cuttable {
     let (bindings, _) = bind(surface, &tissue.rest).unwrap();
-    tissue.skin = Skin { rest_m: surface.positions_m.clone(), triangles: surface.triangles.clone(), bindings };
+    let raw = vec![false; bindings.len()];
+    tissue.skin = Skin { rest_m: surface.positions_m.clone(), triangles: surface.triangles.clone(), bindings, raw };
     tissue
 }
 
@@ -85,6 +86,22 @@ fn sweep(tissue: &mut Cuttable, places: &[Vec<[f32; 3]>], options: &CutOptions) 
     reports
 }
 
+/// What was laid open is marked, and nothing else: the wound of a straight cut lies in its plane, up to what a node is moved or a crossing is snapped.
+fn assert_wound(tissue: &Cuttable, middle: Vec3, normal: Vec3) {
+    let skin = &tissue.skin;
+    let is_raw = |triangle: &[u32; 3]| triangle.map(|vertex| skin.raw[vertex as usize]);
+    let (raw, whole): (Vec<_>, Vec<_>) = skin.triangles.iter().partition(|triangle| is_raw(triangle)[0]);
+    assert!(!raw.is_empty() && !whole.is_empty(), "{} of {} triangles are raw", raw.len(), skin.triangles.len());
+    assert!(skin.triangles.iter().all(|triangle| is_raw(triangle) == [is_raw(triangle)[0]; 3]), "a triangle is raw at one end");
+    let away_m = |triangle: &&[u32; 3]| {
+        triangle.iter().map(|vertex| (Vec3::from(skin.rest_m[*vertex as usize]) - middle).dot(normal).abs()).fold(0.0, f32::max)
+    };
+    let farthest_m = raw.iter().map(away_m).fold(0.0, f32::max);
+    assert!(farthest_m < 2e-3, "a raw triangle lies {farthest_m} m from the cut");
+    let farthest_m = whole.iter().map(away_m).fold(0.0, f32::max);
+    assert!(farthest_m > 1e-2, "the old surface goes on");
+}
+
 #[test]
 fn a_bar_that_is_cut_through_has_two_closed_surfaces() {
     for (angle, steps) in [(0.0f32, 4), (0.35, 7), (-0.6, 12)] {
@@ -98,6 +115,7 @@ fn a_bar_that_is_cut_through_has_two_closed_surfaces() {
         assert_eq!(reports.iter().map(|report| report.parts).max(), Some(2), "{angle}");
         let (after, between) = volumes(&tissue);
         assert_eq!(between, 0, "triangles join the two halves ({angle})");
+        assert_wound(&tissue, middle, Vec3::new(angle.cos(), -angle.sin(), 0.0));
         for [skin, tets] in after {
             assert!((skin / tets - 1.0).abs() < 0.03, "the surface encloses {skin} m³, the tets fill {tets} ({angle})");
         }

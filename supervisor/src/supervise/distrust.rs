@@ -7,6 +7,7 @@ use crate::mischief::{self, Charge};
 use crate::policy::{self, Event};
 use hyst_messages::page::ProcessState;
 use hyst_messages::page::device::{self, Distrust};
+use hyst_messages::page::haptic;
 use hyst_messages::{Role, Slot};
 
 /// A servo that only stands still is found by its heartbeat. One that has computed so many steps while its stamp stood still is not to be trusted:
@@ -99,11 +100,21 @@ impl Supervisor {
                 self.standing.remove(&charge.incarnation);
                 return false;
             }
-            let steps = self.steps_of(slot);
-            let first = *self.standing.entry(charge.incarnation).or_insert(steps);
-            return steps.saturating_sub(first) >= STILL_STEPS;
+            let (steps, stamp) = (self.steps_of(slot), self.stamp_of(slot));
+            let stood = self.standing.entry(charge.incarnation).or_insert((steps, stamp));
+            // One that is not let run for three ticks again and again stands still at each look of the device, and yet goes on.
+            if stood.1 != stamp {
+                *stood = (steps, stamp);
+            }
+            return steps.saturating_sub(stood.0) >= STILL_STEPS;
         }
         charge.is(Distrust::Invalid) || charge.is(Distrust::Frozen) || charge.is(Distrust::Still)
+    }
+
+    /// The stamp of a servo's newest force.
+    fn stamp_of(&mut self, slot: Slot) -> u64 {
+        let force = self.viewer.slot_page(slot).and_then(|page| page.cell(haptic::FORCE));
+        force.map_or(0, |(_, force)| force.tick)
     }
 
     /// Whether somebody else does the work: the servo that the device follows, a warm spare, the coordinator of the workers, or the hardware's

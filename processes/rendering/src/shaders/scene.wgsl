@@ -33,6 +33,7 @@ struct Varying {
     @location(0) world: vec3<f32>,
     @location(1) normal: vec3<f32>,
     @location(2) rest: vec3<f32>,
+    @location(3) raw: f32,
 };
 
 fn sane(x: f32) -> bool {
@@ -40,7 +41,7 @@ fn sane(x: f32) -> bool {
 }
 
 @vertex
-fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>) -> Varying {
+fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @location(2) rest: vec3<f32>, @location(3) raw: u32) -> Varying {
     var p = position;
     if !(sane(p.x) && sane(p.y) && sane(p.z)) { p = rest; }
     var v: Varying;
@@ -48,6 +49,7 @@ fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @loc
     v.world = w.xyz;
     v.normal = (o.model * vec4<f32>(normal, 0.0)).xyz;
     v.rest = rest;
+    v.raw = f32(min(raw, 1u));
     v.clip = g.view_proj * w;
     return v;
 }
@@ -80,7 +82,13 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     let branch = 1.0 - smoothstep(0.02, 0.10, abs(fine.y));
     let spread = smoothstep(-0.15, 0.30, a.y);
     let vessel = clamp((0.75 * trunk * smoothstep(-0.45, 0.1, a.w) + 0.42 * branch * spread) * o.surface.z, 0.0, 1.0);
-    albedo = mix(albedo, vec3<f32>(0.40, 0.050, 0.052) * (0.6 + 0.4 * o.colour.r), vessel);
+    albedo = mix(albedo, vec3<f32>(0.40, 0.050, 0.052) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
+    // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
+    let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
+    var flesh = mix(vec3<f32>(0.66, 0.36, 0.29), vec3<f32>(0.82, 0.60, 0.50), strand * strand);
+    flesh = mix(flesh, vec3<f32>(0.52, 0.36, 0.20), 0.65 * smoothstep(0.0, 0.45, b1.w));
+    flesh = mix(flesh, vec3<f32>(0.42, 0.03, 0.03), 0.8 * smoothstep(0.22, 0.42, fine.z));
+    albedo = mix(albedo, flesh, in.raw);
     // coagulated: dry, yellow-white rim to brown-black core
     let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
     albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
@@ -96,7 +104,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn);
+    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw);
     let film = (0.15 * lobe(nh, 210.0) + 0.07 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
     let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 90.0) * smoothstep(0.0, 0.5, b2.w) * (1.0 - nv) * 1.1 * wet;

@@ -21,7 +21,8 @@ pub fn renderer() -> Option<Renderer> {
 }
 
 pub fn put(r: &mut Renderer, id: u64, shape: &shapes::Shape, material: Material) {
-    let mesh = SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, appearance: Appearance::of(material) };
+    let mesh =
+        SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance: Appearance::of(material) };
     r.stage().set_object(id, mesh).expect("a sound mesh");
 }
 

@@ -58,6 +58,8 @@ pub struct Record {
     pub substeps: u32,
     /// Most contacts in a step.
     pub contacts: usize,
+    /// What the tool felt after the last step, N.
+    pub force_n: [f32; 3],
 }
 
 impl Record {
@@ -75,6 +77,8 @@ impl Record {
 
 /// Model, state and buffers of a run.
 pub struct Press {
+    /// Steps of a tick.
+    finer: usize,
     shared: Arc<Shared>,
     threads: SynchronizedThreads<Shared>,
     hand: Option<LoadedHand>,
@@ -99,7 +103,12 @@ pub fn text(error: impl std::fmt::Display) -> String {
 impl Press {
     /// At rest; the intersection test is shared among `threads` threads, the caller's included.
     pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
-        let (_, world) = Workshop::open(scene, isa).map_err(text)?;
+        Press::finer(scene, isa, threads, 1)
+    }
+
+    /// The same with so many steps in each tick of the hand, of which none has mass added.
+    pub fn finer(scene: &LoadedScene, isa: Isa, threads: usize, finer: u32) -> Result<Press, String> {
+        let (_, world) = Workshop::open_finer(scene, isa, finer).map_err(text)?;
         let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::new(&world);
         let room = contacts::max_hits(&world);
@@ -111,6 +120,7 @@ impl Press {
             world,
         });
         Ok(Press {
+            finer: finer.max(1) as usize,
             threads: SynchronizedThreads::new(Arc::clone(&shared), threads, "share").map_err(text)?,
             hand: scene.hand("press").cloned(),
             scratch: Scratch::new(&shared.world.model),
@@ -160,12 +170,27 @@ impl Press {
         }
         let begun_ns = system::now_ns();
         for tick in 0..steps {
-            self.step(tick, &mut record)?;
+            self.tick(tick, &mut record)?;
             if system::now_ns() - begun_ns > budget_ns {
                 break;
             }
         }
         Ok(record)
+    }
+
+    /// Where the nodes are, m.
+    pub fn positions_m(&self) -> Vec<[f32; 3]> {
+        self.shared.input.read().positions_m.clone()
+    }
+
+    /// Where they are at rest, m.
+    pub fn rest_m(&self) -> &[[f32; 3]] {
+        self.shared.world.model.rest_m()
+    }
+
+    /// One tick of the hand, in so many steps as it was made for.
+    pub fn tick(&mut self, tick: usize, record: &mut Record) -> Result<(), String> {
+        (0..self.finer).try_for_each(|_| self.step(tick, record))
     }
 
     fn step(&mut self, tick: usize, record: &mut Record) -> Result<(), String> {
@@ -205,7 +230,7 @@ impl Press {
             pairs: self.contacts.pairs(),
             attachments: &world.attachments,
             law: contacts::LAW,
-            dt_s: DT_S,
+            dt_s: DT_S / self.finer as f32,
             ..StepInput::default()
         };
         let to = StateMut { position_m: &mut self.next_m, velocity_m_s: &mut self.next_m_s };
@@ -217,8 +242,9 @@ impl Press {
 
         let table = HashRef::in_words(&input.table).map_err(text)?;
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
-        self.contacts.planes(world, &table, &tool, &after, &self.scratch).map_err(text)?;
+        let (_, force_n) = self.contacts.planes(world, &table, &tool, &after, &self.scratch).map_err(text)?;
         laps.lap();
+        laps.record.force_n = force_n;
         drop(input);
         record.substeps = report.substeps;
         record.contacts = record.contacts.max(self.contacts.count());

@@ -27,6 +27,8 @@ pub struct Skin {
     pub triangles: Vec<[u32; 3]>,
     /// The tet that each vertex follows.
     pub bindings: Vec<Binding>,
+    /// Whether each vertex lies on a wound: what a cut laid open.
+    pub raw: Vec<bool>,
 }
 
 impl Skin {
@@ -43,14 +45,16 @@ impl Skin {
     pub(super) fn is_sound(&self, tets: usize) -> bool {
         let vertices = self.rest_m.len();
         self.bindings.len() == vertices
+            && self.raw.len() == vertices
             && self.bindings.iter().all(|binding| (binding.tet as usize) < tets && binding.weights.iter().all(|w| w.is_finite()))
             && self.triangles.iter().flatten().all(|vertex| (*vertex as usize) < vertices)
             && self.rest_m.iter().flatten().all(|coordinate| coordinate.is_finite())
     }
 
-    fn add(&mut self, rest_m: [f32; 3], binding: Binding) -> u32 {
+    fn add(&mut self, rest_m: [f32; 3], binding: Binding, raw: bool) -> u32 {
         self.rest_m.push(rest_m);
         self.bindings.push(binding);
+        self.raw.push(raw);
         self.rest_m.len() as u32 - 1
     }
 
@@ -79,7 +83,8 @@ impl Skin {
             let point = at(&self.rest_m, a).lerp(at(&self.rest_m, b), crossing.share);
             let tet = self.bindings[a as usize].tet;
             let binding = Binding { tet, weights: weights(&tissue.rest, tet, point) };
-            middles.insert([a, b], self.add(to_single(point), binding));
+            let raw = self.raw[a as usize] && self.raw[b as usize];
+            middles.insert([a, b], self.add(to_single(point), binding, raw));
         }
         if middles.is_empty() {
             return out_of_room;
@@ -154,7 +159,7 @@ impl Skin {
                 out_of_room += 1;
                 continue;
             }
-            let name = self.add(self.rest_m[vertex as usize], binding);
+            let name = self.add(self.rest_m[vertex as usize], binding, self.raw[vertex as usize]);
             for one in triangles.iter().filter(|one| part.contains(&one.home)) {
                 let corners = &mut self.triangles[one.triangle as usize];
                 *corners = corners.map(|corner| if corner == vertex { name } else { corner });
@@ -178,7 +183,7 @@ impl Skin {
                 let node = rest.tets[tet as usize][place];
                 let mut weights = [0.0; 4];
                 weights[place] = 1.0;
-                *own.entry(node).or_insert_with(|| self.add(rest.positions_m[node as usize], Binding { tet, weights }))
+                *own.entry(node).or_insert_with(|| self.add(rest.positions_m[node as usize], Binding { tet, weights }, true))
             });
             self.triangles.push(corners);
         }
@@ -196,7 +201,7 @@ impl Skin {
         for vertex in (0..self.rest_m.len()).filter(|vertex| is_used[*vertex]) {
             let binding = self.bindings[vertex];
             if let Some(tet) = number[binding.tet as usize] {
-                new_number[vertex] = left.add(self.rest_m[vertex], Binding { tet, ..binding });
+                new_number[vertex] = left.add(self.rest_m[vertex], Binding { tet, ..binding }, self.raw[vertex]);
             }
         }
         left.triangles = kept.into_iter().map(|triangle| triangle.map(|vertex| new_number[vertex as usize])).collect();

@@ -1,4 +1,4 @@
-//! Promise of the Main Loop about what has come free: the flow carries it, and other tissue is in its way.
+//! Promise of the Main Loop about what has come free: it sinks, the flow carries it, and other tissue is in its way.
 
 use super::*;
 use crate::body::Body;
@@ -9,6 +9,10 @@ use hyst_messages::{InputRecord, PieceFlow};
 const DRIFT: u64 = 400;
 /// How fast the medium flows then, m/s.
 const FLOW_M_S: f32 = 0.02;
+/// How fast a piece of the default scene sinks: its weight in saline over its resistance, (1 - 1 000 / 1 050) · 9.807 m/s² / (8 / s).
+const SINKS_M_S: f32 = 0.0584;
+/// How far from its stump it begins to sink, m.
+const OFF_M: f32 = 0.004;
 
 /// The state after some ticks, in which the tool is away and the medium flows with a velocity at one piece.
 fn flow(
@@ -57,7 +61,7 @@ fn velocity_m_s(main: &MainLoop<'_>, now: &[u64], object: u32) -> Vec3 {
     of.clone().sum::<Vec3>() / of.count() as f32
 }
 
-fn middle_m(body: &Body, tet: usize) -> Vec3 {
+pub(super) fn middle_m(body: &Body, tet: usize) -> Vec3 {
     body.rest.tets[tet].iter().map(|node| Vec3::from(body.rest.positions_m[*node as usize])).sum::<Vec3>() * 0.25
 }
 
@@ -107,7 +111,8 @@ fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
     let (buried, from) = sunk(&main, &now, object);
     assert_eq!(buried, 0.0, "half a polyp lies in the wall");
 
-    let along = |speed_m_s: f32| PieceFlow { object, velocity_m_s: (out * speed_m_s).to_array() };
+    // The medium rises as fast as the piece sinks, so that what is left is the way along.
+    let along = |speed_m_s: f32| PieceFlow { object, velocity_m_s: (out * speed_m_s + Vec3::Y * SINKS_M_S).to_array() };
     let now = flow(&mut main, &pages[1], now, along(FLOW_M_S), 1..DRIFT);
     let carried = velocity_m_s(&main, &now, object).dot(out) / FLOW_M_S;
     assert!((0.85..1.05).contains(&carried), "the piece has {carried} of the medium's speed");
@@ -127,6 +132,44 @@ fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
     println!("carried by {:.1} mm, {:.0} % of the nodes in the wall, {speed_m_s} m/s", 1e3 * (to - from).length(), 100.0 * share);
     let free_m = DRIFT as f32 * 1e-3 * (FLOW_M_S + 2.0 * fast_m_s);
     assert!((to - from).length() < 0.5 * free_m && share < 0.3, "{share} of the piece is in the wall, {to} from {from}");
+    drop(main);
+    station.wipe();
+}
+
+/// In a medium at rest it comes to the speed at which its resistance bears its weight, straight down, and ends on the wall below.
+#[test]
+fn what_is_free_sinks_to_the_posterior_wall_and_stays_there() {
+    let (station, pages) = founded("sinks", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let (body, object, out) = halved(&main.world);
+    let world = main.workshop.make(body).unwrap();
+    main.take_world(world);
+    let mut now = vec![0u64; main.message_bytes() / 8];
+    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    // Off its stump, where nothing is under it.
+    let owner = main.world.body.owners();
+    let positions = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section::<[f32; 3]>(1).unwrap();
+    let first = (positions.as_ptr() as usize - now.as_ptr() as usize) / 4;
+    let words: &mut [f32] = bytemuck::cast_slice_mut(&mut now);
+    for node in (0..owner.len()).filter(|node| owner[*node] == Some(object)) {
+        (0..3).for_each(|axis| words[first + 3 * node + axis] += OFF_M * out[axis]);
+    }
+    let (_, from) = sunk(&main, &now, object);
+
+    // What a weight against a resistance gives after 20 ms: g' · (1 - e^(-8 t)) / 8.
+    let now = flow(&mut main, &pages[1], now, PieceFlow::default(), 1..21);
+    let speed = velocity_m_s(&main, &now, object);
+    let expected_m_s = SINKS_M_S * (1.0 - (-8.0f32 * 0.02).exp());
+    println!("sinks with {speed} m/s after 20 ms, expected {expected_m_s}");
+    assert!((speed.y / -expected_m_s - 1.0).abs() < 0.1 && speed.x.hypot(speed.z) < 0.3 * expected_m_s, "{speed}");
+
+    let now = flow(&mut main, &pages[1], now, PieceFlow::default(), 21..1_500);
+    let ((share, to), speed) = (sunk(&main, &now, object), velocity_m_s(&main, &now, object));
+    println!("lies {:.1} mm below, {:.0} % of the nodes in the wall, {} m/s", 1e3 * (from - to).y, 100.0 * share, speed.length());
+    assert!(from.y - to.y > 0.5e-3 && from.y - to.y < 1.4 * SINKS_M_S, "{from} to {to}");
+    assert!(speed.length() < 0.2 * SINKS_M_S && share < 0.3, "{speed}, {share} of the piece is in the wall");
     drop(main);
     station.wipe();
 }
