@@ -8,6 +8,7 @@ pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
 pub use target::{Aim, Keepers, Target, Which};
 
+use hyst_messages::Slot;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -64,7 +65,7 @@ fn is_zero(value: &u32) -> bool {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FaultFile {
-    /// Seed of whatever is drawn at random.
+    /// Seed of what is drawn at random: which bytes a fault flips that names no seed of its own. Each gets another.
     #[serde(default)]
     pub seed: u64,
     /// The faults.
@@ -140,6 +141,16 @@ impl Injection {
         Ok(aim)
     }
 
+    /// What is wrong with it in a station of these slots, if anything.
+    pub fn check_in(&self, slots: &[Slot]) -> Result<Aim, String> {
+        let aim = self.check()?;
+        if aim.is_in(slots) {
+            return Ok(aim);
+        }
+        let names: Vec<String> = slots.iter().map(Slot::to_string).collect();
+        Err(format!("the station has no {}: it has {}", self.target, names.join(", ")))
+    }
+
     /// The engines that it is for; an error if it is for those who keep the station, whom the supervisor cannot be asked to hurt.
     pub fn engines(&self) -> Result<Target, String> {
         match self.check()? {
@@ -164,7 +175,10 @@ fn parse(name: &str, text: &str) -> Result<FaultFile, FaultFileError> {
     if file.fault.len() > MOST_FAULTS {
         return Err(FaultFileError::Form(name.into(), format!("{} faults, at most {MOST_FAULTS} are allowed", file.fault.len())));
     }
-    for (index, fault) in file.fault.iter().enumerate() {
+    for (index, fault) in file.fault.iter_mut().enumerate() {
+        if fault.kind == FaultKind::Corrupt {
+            fault.seed.get_or_insert(file.seed.wrapping_add(index as u64));
+        }
         fault.engines().map_err(|reason| FaultFileError::Fault { file: name.into(), number: index + 1, reason })?;
     }
     file.fault.sort_by_key(|fault| fault.tick);
@@ -182,6 +196,10 @@ mod tests {
         let file = parse("f", good).unwrap();
         assert_eq!(file.fault.iter().map(|fault| fault.tick).collect::<Vec<_>>(), [300, 900]);
         assert_eq!((file.seed, file.fault[1].for_s), (41, Some(0.5)));
+        let corrupt = "seed = 41\n[[fault]]\nkind = \"corrupt\"\ntarget = \"fluid\"\ntick = 5\nwhere = \"page\"\n";
+        let seeds = |text: &str| parse("f", text).unwrap().fault.iter().map(|fault| fault.seed).collect::<Vec<_>>();
+        let two = corrupt.to_string() + corrupt.trim_start_matches("seed = 41\n") + "seed = 7\n";
+        assert_eq!(seeds(&two), [Some(41), Some(7)], "the file's seed is that of whoever names none");
         let bad_target = parse("f", &good.replace("haptic:active", "heptic")).unwrap_err().to_string();
         assert!(bad_target.contains("fault 2") && bad_target.contains("heptic"), "{bad_target}");
         assert!(parse("f", &good.replace("tick = 300", "tock = 300")).unwrap_err().to_string().contains("tock"));

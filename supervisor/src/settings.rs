@@ -82,7 +82,12 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         Some(folder) => absolute(folder)?,
         None => own_folder()?,
     };
-    let slots = plan::slots(&settings, spares, roles.as_deref()).iter().map(ToString::to_string).collect();
+    let slots = plan::slots(&settings, spares, roles.as_deref());
+    for fault in &faults {
+        let at = |reason| format!("--faults: the fault of tick {}: {reason}", fault.tick);
+        fault.check_in(&slots).map_err(|reason| Refusal::input(at(reason)))?;
+    }
+    let slots = slots.iter().map(ToString::to_string).collect();
     let end_tick = args.for_s.filter(|_| args.lockstep).map(|for_s| ((for_s * 1e9) as u64 / TICK_NS).max(1));
     let plan = Plan { binaries, slots, swapped: Default::default(), end_tick, faults };
     let missing = plan.missing();

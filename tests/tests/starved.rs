@@ -64,14 +64,17 @@ fn a_leak_that_ends_in_time_is_given_back_and_costs_nobody_his_place() {
     let (slot, pid) = station.victim("tissue:active");
     station.inject(&format!("leak-memory {slot} --for 1s"));
     let (other, also) = station.victim("fluid:active");
+    let (stopped, recorder) = station.victim("recorder");
+    station.inject(&format!("stop {stopped}"));
+    station.inject(&format!("undo {stopped}"));
     station.inject(&format!("leak-files {other}"));
     station.run_ticks(2_500);
     station.inject(&format!("undo {other}"));
     station.run_ticks(1_500);
-    assert!(station.has_process(pid) && station.has_process(also), "{}", station.said());
+    assert!([pid, also, recorder].iter().all(|pid| station.has_process(*pid)), "{}", station.said());
     let ended = station.stop();
     ended.assert_clean();
-    for (kind, slot) in [("leak-memory", slot), ("leak-files", other)] {
+    for (kind, slot) in [("leak-memory", slot), ("leak-files", other), ("stop", stopped)] {
         let faults = ended.faults(kind);
         assert!(faults.len() == 1 && faults[0]["target"] == slot && faults[0]["manifested"] == true, "{faults:?}");
         assert!(faults[0]["recovered_us"].is_number(), "{faults:?}");
@@ -193,6 +196,7 @@ fn what_cannot_be_is_refused_with_its_cure_and_disturbs_nobody() {
         ("no-files tissue", "--for"),
         ("kill device:both", "PROCESS:both"),
         ("nan guardian", "kill, stop"),
+        ("kill collision-worker:7", "it has"),
     ] {
         let (code, _, said) = run(hystation().args(["--name", station.name(), "fault", "inject"]).args(fault.split(' ')));
         assert!(code == Some(2) && said.contains(words) && said.lines().count() == 1, "{fault}: {code:?} {said}");

@@ -3,10 +3,10 @@
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
-use crate::faultfile::{Aim, FaultKind, Injection, Keepers, Which};
+use crate::faultfile::{Aim, FaultKind, Injection, Keepers};
 use crate::plan;
 use hyst_engine::Settings;
-use hyst_messages::{MAX_WORKERS, Role, Slot};
+use hyst_messages::{MAX_WORKERS, Role};
 use serde::{Deserialize, Serialize};
 
 /// What the station is doing when the fault comes.
@@ -257,30 +257,8 @@ impl Cell {
         let spares = campaign.set(arm).get("spares").is_none_or(|value| value != "off");
         let slots = plan::slots(&Settings { workers, record, ..Settings::default() }, spares, None);
         for injection in [Some(&self.injection), self.with.as_ref()].into_iter().flatten() {
-            if !exists(&injection.target, &slots) {
-                let names: Vec<String> = slots.iter().map(Slot::to_string).collect();
-                return Err(format!(
-                    "the stations of arm {:?} have no {}: they have {}",
-                    arm.name,
-                    injection.target,
-                    names.join(", ")
-                ));
-            }
+            injection.check_in(&slots).map_err(|reason| format!("arm {:?}: {reason}", arm.name))?;
         }
         Ok(())
-    }
-}
-
-fn exists(target: &str, slots: &[Slot]) -> bool {
-    let target = match Aim::parse(target) {
-        Some(Aim::Engines(target)) => target,
-        Some(Aim::Keepers(_)) => return true,
-        None => return false,
-    };
-    let of_role = slots.iter().filter(|slot| slot.role() == target.role).count();
-    match target.which {
-        Which::Active => of_role >= 1,
-        Which::Spare | Which::Both => of_role >= 2,
-        Which::Slot(slot) => slots.contains(&slot),
     }
 }

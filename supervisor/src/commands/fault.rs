@@ -3,6 +3,7 @@
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, Request};
 use crate::faultfile::{Aim, FaultKind, Injection, Place};
+use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::{keepers, shortage};
 use hyst_exchange::Station;
@@ -26,6 +27,9 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     let aim = injection.check().map_err(Refusal::input)?;
     if !station.root().is_dir() {
         return Err(super::no_station(station));
+    }
+    if let Ok(plan) = Plan::read(station) {
+        injection.check_in(&plan.slots()).map_err(Refusal::input)?;
     }
     shortage::check(station, injection.kind).map_err(Refusal::input)?;
     match aim {

@@ -86,6 +86,17 @@ impl Aim {
     pub fn parse(text: &str) -> Option<Aim> {
         Keepers::parse(text).map(Aim::Keepers).or_else(|| Target::parse(text).map(Aim::Engines))
     }
+
+    /// Whether a station of these slots has whom it means. Each has its keepers.
+    pub fn is_in(self, slots: &[Slot]) -> bool {
+        let Aim::Engines(target) = self else { return true };
+        let of_role = slots.iter().filter(|slot| slot.role() == target.role).count();
+        match target.which {
+            Which::Active => of_role >= 1,
+            Which::Spare | Which::Both => of_role >= 2,
+            Which::Slot(slot) => slots.contains(&slot),
+        }
+    }
 }
 
 #[cfg(test)]

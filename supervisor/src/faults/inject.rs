@@ -130,6 +130,8 @@ impl Faults {
             fault.starts_left = fault.starts_left.map(|_| 0);
             if fault.incarnation == victim.incarnation {
                 fault.asked = fault.asked.map(|(_, done)| (now_ns, done));
+                // One that was stopped goes on.
+                fault.continue_ns = (fault.kind == FaultKind::Stop.name()).then_some(now_ns).or(fault.continue_ns);
             }
             fault.ballast = fault.ballast.take().map(|(path, _)| (path, now_ns));
         }

@@ -1,0 +1,395 @@
+//! The operator's page in a real browser: a headless Chromium is asked, over its debugging pipe, what the page's document holds while its script runs, and what
+//! it draws. Its `--dump-dom` would not do: that tells the document of the moment of loading, before the first look has come, and with `--virtual-time-budget`
+//! the page's clock stands for as long as its stream of events is open.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+use station_tests::{Folder, RECOVERY_LIMIT, STOP_LIMIT, Station, wait_for};
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader, Cursor, Write};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Instant;
+
+/// How Chromium is started: root has no sandbox, the station's shared memory is left to the station, and the pipe is at the file descriptors 3 and 4.
+const FLAGS: [&str; 8] = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+    "--no-proxy-server",
+    "--password-store=basic",
+    "--window-size=1280,1400",
+    "--remote-debugging-pipe",
+];
+/// Who makes a value in every tick, so that rate and age are numbers.
+const EVERY_TICK: [&str; 4] = ["hardware", "device", "haptic:0", "haptic:1"];
+/// Colours by which a picture differs from an empty one.
+const COLOURS: u64 = 100;
+/// Contrast of text that people with poor sight can read (WCAG 2.2, 1.4.3).
+const LEAST_CONTRAST: f64 = 4.5;
+/// Width of the line around what has the focus, CSS pixels.
+const LEAST_OUTLINE_PX: f64 = 3.0;
+/// Presses of Tab that lead once through the page, and more.
+const MOST_TABS: usize = 40;
+
+/// What a person reads on the page: the rows of the table by the names of their processes, each with its cells, and what stands around it.
+const LOOK: &str = r"(() => {
+    const text = id => document.getElementById(id).textContent;
+    const cells = row => [...row.cells].slice(1).map(cell => [cell.className.split(' ')[0], cell.querySelector('span').textContent]);
+    const rows = [...document.querySelectorAll('#processes tr')].map(row => [row.cells[0].textContent, Object.fromEntries(cells(row))]);
+    return {
+        rows: Object.fromEntries(rows), state: text('state'), link: text('link'), pressure: text('pump-pressure'), answer: text('answer'),
+        events: [...document.querySelectorAll('#events li')].map(item => item.textContent),
+        kinds: document.querySelectorAll('#fault:not([hidden]) #fault-kind option').length,
+    };
+})()";
+
+/// The live view: the tick of its picture and the number of its colours; null while it shows none.
+const PICTURE: &str = r"(() => {
+    const live = document.getElementById('live');
+    if (live.hidden || live.naturalWidth === 0) return null;
+    const pen = new OffscreenCanvas(live.naturalWidth, live.naturalHeight).getContext('2d', { willReadFrequently: true });
+    pen.drawImage(live, 0, 0);
+    const pixels = new Uint32Array(pen.getImageData(0, 0, live.naturalWidth, live.naturalHeight).data.buffer);
+    return { tick: Number(live.dataset.tick), colours: new Set(pixels).size };
+})()";
+
+/// Texts of every kind, each with its colour and that of its ground; the first is the page itself.
+const TEXTS: &str = r"(() => {
+    showAlarms(['one']);
+    const channels = colour => colour.match(/[\d.]+/g).map(Number);
+    const ground = element => {
+        const colour = getComputedStyle(element).backgroundColor;
+        return colour === 'rgba(0, 0, 0, 0)' ? ground(element.parentElement) : colour;
+    };
+    const kinds = ['body', '#clock', '#banner', '#alarms li', 'dt', 'dd', 'thead th', 'tbody th', 'td.state', '#events li', 'label', 'input', 'button'];
+    return kinds.map(kind => {
+        const element = document.querySelector(kind);
+        return [kind, channels(getComputedStyle(element).color), channels(ground(element))];
+    });
+})()";
+
+/// What has the focus, and how wide the line around it is; null if nothing has.
+const FOCUS: &str = r"(() => {
+    const it = document.activeElement, style = getComputedStyle(it);
+    const isSeen = it.matches(':focus-visible') && style.outlineStyle === 'solid';
+    return it === document.body ? null : [it.id, isSeen ? parseFloat(style.outlineWidth) : 0];
+})()";
+
+/// An alarm that comes while another one stands: how it is read aloud, whether the one that stands is left alone, and what is shown then.
+const ALARMS: &str = r"(() => {
+    const list = document.getElementById('alarms');
+    showAlarms(['one', 'two']);
+    const [, two] = list.children;
+    showAlarms(['two', 'three']);
+    return [list.getAttribute('aria-live'), list.firstChild === two, [...list.children].map(item => item.textContent)];
+})()";
+
+/// Chooses the fault that is to be injected.
+const CHOOSE: &str = r"(() => {
+    const [kind, target] = [document.getElementById('fault-kind'), document.getElementById('fault-target')];
+    kind.value = 'kill';
+    kind.dispatchEvent(new Event('change'));
+    target.value = 'recorder';
+    return [kind.value, target.value];
+})()";
+
+/// Whether there is a browser; if not, that is said.
+fn has_chromium() -> bool {
+    let mut command = Command::new("chromium");
+    let status = command.arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let has = status.is_ok_and(|status| status.success());
+    if !has {
+        eprintln!("NOT TRIED: the page in a browser needs Chromium: sudo apt-get install chromium fonts-dejavu-core");
+    }
+    has
+}
+
+/// A browser that shows a station's page.
+struct Browser {
+    child: Child,
+    /// Its file descriptor 3: it ends when this is closed.
+    asks: Option<ChildStdin>,
+    /// What it writes to its file descriptor 4.
+    answers: Receiver<Value>,
+    /// The page that it shows, once there is one.
+    session: Option<String>,
+    asked: u64,
+    /// What went wrong in the page: exceptions of its script, and what its policy forbids.
+    faults: Vec<String>,
+    folder: Folder,
+}
+
+impl Browser {
+    /// Opens the page of a station.
+    fn open(name: &str, station: &Station) -> Browser {
+        let url = wait_for(RECOVERY_LIMIT, || station.status()["console"].as_str().map(str::to_string)).expect("a page");
+        let folder = Folder::new(&format!("browser-{name}"));
+        let said = std::fs::File::create(folder.path("said")).expect("a file for what the browser says");
+        let mut command = Command::new("sh");
+        let mut child = command
+            .args(["-c", "exec chromium \"$@\" 3<&0 4>&1 </dev/null >/dev/null", "sh"])
+            .args(FLAGS)
+            .arg(format!("--user-data-dir={}", folder.path("profile")))
+            .arg("about:blank") // the token goes through the pipe: others can read a command line
+            .env("HOME", folder.as_path())
+            .env_remove("XDG_CONFIG_HOME")
+            .env_remove("XDG_CACHE_HOME")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(said)
+            .spawn()
+            .expect("a shell");
+        let (asks, pipe) = (child.stdin.take(), child.stdout.take().expect("it is piped"));
+        let (sender, answers) = channel();
+        std::thread::spawn(move || {
+            // Messages of JSON, each with a zero byte behind it.
+            for message in BufReader::new(pipe).split(0).map_while(Result::ok) {
+                let Ok(value) = serde_json::from_slice::<Value>(&message) else { continue };
+                if sender.send(value).is_err() {
+                    return;
+                }
+            }
+        });
+        let mut browser = Browser { child, asks, answers, session: None, asked: 0, faults: Vec::new(), folder };
+        let target = browser.ask("Target.createTarget", json!({ "url": "about:blank" }));
+        let attached = browser.ask("Target.attachToTarget", json!({ "targetId": target["targetId"], "flatten": true }));
+        browser.session = attached["sessionId"].as_str().map(str::to_string);
+        for method in ["Page.enable", "Runtime.enable", "Log.enable", "Page.bringToFront"] {
+            browser.ask(method, json!({}));
+        }
+        browser.ask("Emulation.setFocusEmulationEnabled", json!({ "enabled": true }));
+        browser.ask("Page.navigate", json!({ "url": url }));
+        browser
+    }
+
+    /// Asks for something; an error if it is refused, as it is while one page gives way to the next.
+    fn try_ask(&mut self, method: &str, parameters: Value) -> Result<Value, String> {
+        self.asked += 1;
+        let mut request = json!({ "id": self.asked, "method": method, "params": parameters });
+        if let Some(session) = &self.session {
+            request["sessionId"] = json!(session);
+        }
+        let pipe = self.asks.as_mut().ok_or("the pipe is closed")?;
+        pipe.write_all(format!("{request}\0").as_bytes()).map_err(|error| error.to_string())?;
+        let end = Instant::now() + RECOVERY_LIMIT;
+        loop {
+            let left = end.saturating_duration_since(Instant::now());
+            let mut message = self.answers.recv_timeout(left).map_err(|error| error.to_string())?;
+            if message["id"] == self.asked {
+                let refused = message["error"]["message"].as_str().map(str::to_string);
+                return refused.map_or_else(|| Ok(message["result"].take()), Err);
+            }
+            self.note(&message);
+        }
+    }
+
+    /// Asks for something that is not refused.
+    fn ask(&mut self, method: &str, parameters: Value) -> Value {
+        let answer = self.try_ask(method, parameters);
+        answer.unwrap_or_else(|error| panic!("{method}: {error}\n{}", self.folder.read("said")))
+    }
+
+    /// Keeps an event that tells of something wrong.
+    fn note(&mut self, event: &Value) {
+        let is_fault = match event["method"].as_str() {
+            Some("Runtime.exceptionThrown") => true,
+            Some("Log.entryAdded") => event["params"]["entry"]["source"] == "security",
+            _ => false,
+        };
+        if is_fault {
+            self.faults.push(event["params"].to_string());
+        }
+    }
+
+    /// What an expression gives in the page; `None` if the page is not there yet.
+    fn evaluate(&mut self, expression: &str) -> Option<Value> {
+        let parameters = json!({ "expression": expression, "returnByValue": true });
+        let mut answer = self.try_ask("Runtime.evaluate", parameters).ok()?;
+        answer["exceptionDetails"].is_null().then(|| answer["result"]["value"].take())
+    }
+
+    /// Waits until an expression gives what is looked for.
+    fn wait<T>(&mut self, what: &str, expression: &str, found: impl Fn(&Value) -> Option<T>) -> T {
+        let mut last = Value::Null;
+        let it = wait_for(RECOVERY_LIMIT, || {
+            last = self.evaluate(expression)?;
+            found(&last)
+        });
+        it.unwrap_or_else(|| {
+            panic!("the page does not show {what}, but {last}\nfaults: {:?}\n{}", self.faults, self.folder.read("said"))
+        })
+    }
+
+    /// Waits for a picture of the live view that was drawn after a tick; gives its own.
+    fn picture(&mut self, after: u64) -> u64 {
+        self.wait("a new picture", PICTURE, |picture| {
+            let tick = picture["tick"].as_u64().filter(|tick| *tick > after)?;
+            (picture["colours"].as_u64()? >= COLOURS).then_some(tick)
+        })
+    }
+
+    /// Takes a picture of the whole page: its size and the number of its colours.
+    fn screenshot(&mut self) -> ([u32; 2], u64) {
+        let answer = self.ask("Page.captureScreenshot", json!({ "format": "png" }));
+        let file = STANDARD.decode(answer["data"].as_str().unwrap_or_default()).expect("base64");
+        let mut reader = png::Decoder::new(Cursor::new(file)).read_info().expect("a PNG");
+        let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+        let info = reader.next_frame(&mut pixels).expect("its pixels");
+        assert_eq!(info.bit_depth, png::BitDepth::Eight);
+        let colours: BTreeSet<&[u8]> = pixels[..info.buffer_size()].chunks_exact(info.color_type.samples()).collect();
+        ([info.width, info.height], colours.len() as u64)
+    }
+
+    /// Presses a key and lets it go; `text` is what it types.
+    fn press(&mut self, key: &str, number: u32, text: &str) {
+        let down = if text.is_empty() { "rawKeyDown" } else { "keyDown" };
+        for (kind, text) in [(down, text), ("keyUp", "")] {
+            let event = json!({ "type": kind, "key": key, "code": key, "windowsVirtualKeyCode": number, "text": text });
+            self.ask("Input.dispatchKeyEvent", event);
+        }
+    }
+
+    /// Goes by Tab until an element has the focus, and sees that everything on the way shows that it has it; gives the names of all.
+    fn tab_to(&mut self, id: &str) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        while names.len() < MOST_TABS && names.last().is_none_or(|name| name != id) {
+            self.press("Tab", 9, "");
+            let focus = self.evaluate(FOCUS).expect("what has the focus");
+            let name = focus[0].as_str().unwrap_or("the browser itself").to_string();
+            assert!(focus.is_null() || focus[1].as_f64() >= Some(LEAST_OUTLINE_PX), "{name} does not show its focus: {focus}");
+            names.push(name);
+        }
+        assert!(names.last().is_some_and(|name| name == id), "{id} is not reached by Tab: {names:?}");
+        names
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        drop(self.asks.take());
+        if wait_for(STOP_LIMIT, || self.child.try_wait().ok().flatten()).is_none() {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+    }
+}
+
+/// A figure of the table's row of a process.
+fn figure(look: &Value, process: &str, column: &str) -> Option<f64> {
+    look["rows"][process][column].as_str()?.parse().ok()
+}
+
+/// Rates and ages of those who make a value in every tick; `None` while one of them is no number.
+fn figures(look: &Value) -> Option<Vec<f64>> {
+    EVERY_TICK.iter().flat_map(|name| [figure(look, name, "rate"), figure(look, name, "age")]).collect()
+}
+
+/// The processes that the table names.
+fn named(look: &Value) -> BTreeSet<String> {
+    look["rows"].as_object().map(|rows| rows.keys().cloned().collect()).unwrap_or_default()
+}
+
+/// Relative luminance of a colour of three channels of 0 to 255 (WCAG 2.2).
+fn luminance(colour: &Value) -> f64 {
+    let linear = |channel: usize| {
+        let share = colour[channel].as_f64().expect("a channel") / 255.0;
+        if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
+    };
+    0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2)
+}
+
+/// Every text can be read by a browser's light and by its dark look; gives the luminance of the page's ground in each.
+fn assert_readable(browser: &mut Browser) -> [f64; 2] {
+    ["light", "dark"].map(|scheme| {
+        let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
+        browser.ask("Emulation.setEmulatedMedia", json!({ "features": [feature] }));
+        let texts = browser.evaluate(TEXTS).expect("texts of every kind");
+        for text in texts.as_array().expect("a list") {
+            let (one, other) = (luminance(&text[1]) + 0.05, luminance(&text[2]) + 0.05);
+            let contrast = one.max(other) / one.min(other);
+            assert!(contrast >= LEAST_CONTRAST, "{scheme}: {text} has a contrast of {contrast:.1}");
+        }
+        luminance(&texts[0][2])
+    })
+}
+
+#[test]
+fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_console_by_itself() {
+    if !has_chromium() {
+        return;
+    }
+    let station = Station::start("seen", &["--hand", "script:press"]);
+    let mut browser = Browser::open("seen", &station);
+    let all = || -> Option<BTreeSet<String>> {
+        let status = station.status();
+        status["processes"].as_array()?.iter().map(|process| Some(process["name"].as_str()?.to_string())).collect()
+    };
+    let names = browser.wait("every process", LOOK, |look| all().filter(|names| names.len() > 10 && *names == named(look)));
+    assert!(EVERY_TICK.iter().chain(&["console", "recorder", "supervisor"]).all(|name| names.contains(*name)), "{names:?}");
+
+    let first = browser.wait("figures that are numbers", LOOK, figures);
+    let next = browser.wait("other figures", LOOK, |look| figures(look).filter(|next| *next != first));
+    assert!(next.iter().all(|figure| figure.is_finite() && *figure >= 0.0), "{first:?}, then {next:?}");
+    browser.wait("the device's rate", LOOK, |look| figure(look, "device", "rate").filter(|rate| *rate > 100.0));
+    browser.wait("the pump", LOOK, |look| look["pressure"].as_str()?.parse::<f64>().ok());
+    browser.wait("that it is connected", LOOK, |look| (look["link"] == "connected" && look["state"] == "running").then_some(()));
+
+    let (is_drawn, mut tick) = (std::env::var_os("HYSTATION_NO_GPU").is_none(), 0);
+    if is_drawn {
+        let before = browser.picture(0);
+        tick = browser.picture(before);
+    }
+    let ([width, height], colours) = browser.screenshot();
+    assert!(width >= 800 && height >= 600, "{width} × {height}");
+    let least = if is_drawn { COLOURS } else { 2 };
+    assert!(colours >= least, "the page is drawn in {colours} colours");
+    assert!(browser.faults.is_empty(), "{:?}", browser.faults);
+
+    station.kill("console", true);
+    let pid = station.pid("console", true).to_string();
+    browser.wait("the new console", LOOK, |look| {
+        (look["rows"]["console"]["pid"] == pid.as_str() && look["link"] == "connected").then_some(())
+    });
+    if is_drawn {
+        browser.picture(tick);
+    }
+    drop(browser);
+    station.stop().assert_clean();
+}
+
+#[test]
+fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_by_keys() {
+    if !has_chromium() {
+        return;
+    }
+    let station = Station::start("typed", &["--hand", "script:press", "--test-mode"]);
+    station.kill("collision-worker", true); // an event to be read
+    let mut browser = Browser::open("typed", &station);
+    let offered = |look: &Value| (look["kinds"].as_u64()? > 0 && !look["events"].as_array()?.is_empty()).then_some(());
+    browser.wait("faults that it offers", LOOK, offered);
+    let [day, night] = assert_readable(&mut browser);
+    assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
+    assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));
+
+    let before = station.pid("recorder", true).to_string();
+    assert_eq!(browser.evaluate(CHOOSE), Some(json!(["kill", "recorder"])));
+    let names = browser.tab_to("fault-do");
+    for field in ["events", "swap-role", "swap-binary", "swap-do", "fault-kind", "fault-target", "fault-for", "fault-where"] {
+        assert!(names.iter().any(|name| name == field), "{field} is not reached by Tab: {names:?}");
+    }
+    browser.press("Enter", 13, "\r");
+    browser.wait("that it was done", LOOK, |look| look["answer"].as_str()?.starts_with("Done").then_some(()));
+    let died = |line: &Value| line.as_str().is_some_and(|line| line.contains("recorder") && line.contains("died"));
+    browser.wait("the event", LOOK, |look| look["events"].as_array()?.iter().any(died).then_some(()));
+    browser.wait("the new recorder", LOOK, |look| {
+        let pid = look["rows"]["recorder"]["pid"].as_str()?;
+        (pid != before && pid != "0").then_some(())
+    });
+    assert!(browser.faults.is_empty(), "{:?}", browser.faults);
+    drop(browser);
+    station.recover();
+    station.stop().assert_clean();
+}
