@@ -271,6 +271,9 @@ pub struct RunArgs {
     /// No live table even on a terminal.
     #[arg(long, hide = true)]
     pub quiet: bool,
+    /// Stop when the process that started this one has ended, however.
+    #[arg(long, hide = true)]
+    pub with_parent: bool,
 }
 
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.

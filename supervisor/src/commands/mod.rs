@@ -35,7 +35,13 @@ pub fn not_here(what: &str) -> Result<u8, Refusal> {
 fn choose(cli: Cli) -> Result<u8, Refusal> {
     let station = Station::named(&cli.name).map_err(|e| Refusal::input(e.to_string()))?;
     match cli.command {
-        Command::Run(args) => crate::guardian::run(&cli.name, &args),
+        Command::Run(args) => {
+            if args.with_parent {
+                let bound = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::INT));
+                bound.map_err(|e| Refusal::failed(format!("--with-parent: {e}")))?;
+            }
+            crate::guardian::run(&cli.name, &args)
+        }
         Command::Status { json } => status::status(&station, json),
         Command::Top => status::top(&station),
         Command::Logs { process, follow } => logs::logs(&station, process.as_deref(), follow),

@@ -49,6 +49,9 @@ pub struct Record {
     pub steps: Vec<Step>,
 }
 
+/// Reasons that a newcomer which gets no time is rolled back for.
+const NO_TIME: [&str; 4] = ["could not be compared", "did not take the role", "missed its steps", "has no answer"];
+
 fn path(station: &Station) -> PathBuf {
     station.root().join("swap.json")
 }
@@ -62,6 +65,10 @@ impl Record {
     pub fn write(&self, station: &Station) -> bool {
         let text = serde_json::to_string(self).unwrap_or_default();
         crate::plan::write_whole(&path(station), text.as_bytes()).is_ok()
+    }
+    /// Whether it was undone for want of time: the newcomer could not show what it is, which speaks of the machine and not of the engine.
+    pub fn got_no_time(&self) -> bool {
+        NO_TIME.iter().any(|reason| self.reason.contains(reason))
     }
     /// Notes what happened.
     pub fn note(&mut self, what: &str) {

@@ -2,6 +2,7 @@
 
 mod held;
 mod pieces;
+mod thrust;
 
 #[path = "../../../../shared/engine/tests/support/loans.rs"]
 mod loans;

@@ -1,0 +1,69 @@
+//! `hystation conformance`: a good engine conforms, a bad one is told why not, what is no engine is refused; the private station ends with the command, however that
+//! ends.
+
+use serde_json::Value;
+use station_tests::shown::not_shown;
+use station_tests::{Folder, RECOVERY_LIMIT, binaries, hystation, run, wait_for};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+
+/// What the command says of an engine: exit code, and its JSON.
+fn tried(role: &str, binary: &Path) -> (Option<i32>, Value, String) {
+    let (code, text, said) = run(hystation().args(["conformance", role, "--json"]).arg(binary));
+    (code, serde_json::from_str(&text).unwrap_or(Value::Null), said)
+}
+
+/// A bad engine of a kind, by the name under which it is one.
+fn bad(folder: &Folder, role: &str, kind: &str) -> PathBuf {
+    let link = folder.as_path().join(format!("bad.{role}.{kind}"));
+    std::os::unix::fs::symlink(binaries().join("bad-engine"), &link).expect("a link");
+    link
+}
+
+fn leftovers(name: &str) -> Vec<PathBuf> {
+    hyst_exchange::Station::named(name).expect("a name").leftovers()
+}
+
+#[test]
+fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused() {
+    let folder = Folder::new("conformance");
+    let script = folder.write("script", "#!/bin/sh\necho '{}'\n");
+    std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).expect("its rights");
+    let cases = [
+        (binaries().join("example-engine"), 0, Some(true), ""),
+        (bad(&folder, "fluid", "off"), 1, Some(false), "out of tolerance"),
+        (bad(&folder, "fluid", "garbage"), 1, Some(false), ""),
+    ];
+    for (binary, expected, conforms, why) in cases {
+        let (code, told, said) = tried("fluid", &binary);
+        if code == Some(3) {
+            not_shown(&format!("whether {} conforms: the machine was too busy", binary.display()));
+            continue;
+        }
+        assert_eq!(code, Some(expected), "{}: {told:#}\n{said}", binary.display());
+        assert_eq!(told["conforms"].as_bool(), conforms, "{told:#}");
+        let checks = told["checks"].as_array().cloned().unwrap_or_default();
+        let is_said = |check: &Value| check["good"] == false && check["why"].as_str().is_some_and(|text| text.contains(why));
+        assert_eq!(checks.iter().any(is_said), expected == 1, "{told:#}");
+        assert!(checks.iter().any(|check| check["what"] == "leaves nothing behind" && check["good"] == true), "{told:#}");
+    }
+    for (role, binary, words) in [("fluid", Path::new(&script), "ELF"), ("tissue", &binaries().join("fluid"), "is a fluid")] {
+        let (code, _, said) = tried(role, binary);
+        assert!(code == Some(2) && said.contains(words) && said.lines().count() == 1, "{code:?} {said}");
+    }
+}
+
+#[test]
+fn a_conformance_that_is_killed_leaves_no_station_behind() {
+    let mut command = hystation();
+    command.args(["conformance", "fluid"]).arg(binaries().join("fluid")).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut begun = command.spawn().expect("hystation");
+    let name = format!("conformance-{}", begun.id());
+    assert!(wait_for(RECOVERY_LIMIT, || (leftovers(&name).len() > 3).then_some(())).is_some(), "no private station");
+    begun.kill().expect("it is ours");
+    begun.wait().expect("it is ours");
+    let gone = wait_for(RECOVERY_LIMIT, || leftovers(&name).is_empty().then_some(()));
+    assert!(gone.is_some(), "left: {:?}", leftovers(&name));
+    let _ = std::fs::remove_dir_all(std::env::temp_dir().join(&name)); // nobody was left to do it
+}
