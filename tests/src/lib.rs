@@ -13,7 +13,7 @@ use hyst_messages::{HardwareSample, Role, Slot, TissueStatus};
 use hyst_recording::Recording;
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -47,6 +47,14 @@ pub fn binaries() -> PathBuf {
         folder.pop();
     }
     folder
+}
+
+/// A bad engine of a kind in a folder: it is one by the name that it is called by.
+pub fn bad_engine(folder: &Path, role: &str, kind: &str) -> PathBuf {
+    let link = folder.join(format!("bad.{role}.{kind}"));
+    let _ = std::fs::remove_file(&link); // of the time before
+    std::os::unix::fs::symlink(binaries().join("bad-engine"), &link).expect("a link");
+    link
 }
 
 /// A command of the station's own program.

@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 use station_tests::shown::not_shown;
-use station_tests::{Folder, RECOVERY_LIMIT, binaries, hystation, run, wait_for};
+use station_tests::{Folder, RECOVERY_LIMIT, bad_engine, binaries, hystation, run, wait_for};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -12,13 +12,6 @@ use std::process::Stdio;
 fn tried(role: &str, binary: &Path) -> (Option<i32>, Value, String) {
     let (code, text, said) = run(hystation().args(["conformance", role, "--json"]).arg(binary));
     (code, serde_json::from_str(&text).unwrap_or(Value::Null), said)
-}
-
-/// A bad engine of a kind, by the name under which it is one.
-fn bad(folder: &Folder, role: &str, kind: &str) -> PathBuf {
-    let link = folder.as_path().join(format!("bad.{role}.{kind}"));
-    std::os::unix::fs::symlink(binaries().join("bad-engine"), &link).expect("a link");
-    link
 }
 
 fn leftovers(name: &str) -> Vec<PathBuf> {
@@ -32,8 +25,8 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
     std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).expect("its rights");
     let cases = [
         (binaries().join("example-engine"), 0, Some(true), ""),
-        (bad(&folder, "fluid", "off"), 1, Some(false), "out of tolerance"),
-        (bad(&folder, "fluid", "garbage"), 1, Some(false), ""),
+        (bad_engine(folder.as_path(), "fluid", "off"), 1, Some(false), "out of tolerance"),
+        (bad_engine(folder.as_path(), "fluid", "garbage"), 1, Some(false), ""),
     ];
     for (binary, expected, conforms, why) in cases {
         let (code, told, said) = tried("fluid", &binary);

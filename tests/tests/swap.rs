@@ -6,7 +6,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::windows::Pairs;
-use station_tests::{RECOVERY_LIMIT, Station, binaries, hystation, run, wait_for};
+use station_tests::{RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
@@ -68,14 +68,6 @@ fn copy(station: &Station, role: &str, round: usize) -> PathBuf {
     copy
 }
 
-/// A bad engine of a kind.
-fn bad(station: &Station, role: &str, kind: &str) -> PathBuf {
-    let link = station.folder().join(format!("bad.{role}.{kind}"));
-    let _ = std::fs::remove_file(&link); // of the time before
-    std::os::unix::fs::symlink(binaries().join("bad-engine"), &link).expect("a link");
-    link
-}
-
 fn kill_supervisor(station: &Station) {
     let pid = station.processes("supervisor")[0]["pid"].as_i64().expect("a supervisor") as i32;
     station.signal(pid, Signal::KILL);
@@ -134,7 +126,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
     ];
     let mut windows = Pairs::default();
     for (role, kind, reason) in std::iter::repeat_n(cases, swaps()).flatten() {
-        let path = bad(&station, role, kind);
+        let path = bad_engine(station.folder(), role, kind);
         let before = station.processes(role)[0]["binary"].clone();
         let tried = || {
             let mut tried = swap(&station, role, &path);

@@ -11,20 +11,37 @@ use super::*;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::usher::usher;
 use hyst_exchange::{OwnedPage, Station};
-use hyst_messages::{InputRecord, Slot};
+use hyst_messages::{InputRecord, PieceFlow, Slot};
 use loans::{LEFT, written};
 
 const STEPS: u64 = 12;
 
+/// A station that leaves nothing, however its test ends.
+struct Wiped(Station);
+
+impl std::ops::Deref for Wiped {
+    type Target = Station;
+
+    fn deref(&self) -> &Station {
+        &self.0
+    }
+}
+
+impl Drop for Wiped {
+    fn drop(&mut self) {
+        self.0.wipe();
+    }
+}
+
 /// A station with steps of one tick, and the pages of a tissue, a device and a worker.
-fn founded(name: &str, settings: &str) -> (Station, [OwnedPage; 3]) {
+fn founded(name: &str, settings: &str) -> (Wiped, [OwnedPage; 3]) {
     let station = Station::named(&format!("t{}-tissue-{name}", std::process::id())).unwrap();
     station.wipe();
     station.found().unwrap();
     std::fs::write(station.settings(), format!("{settings}\n[set]\ntissue_step_ticks = \"1\"\n")).unwrap();
     let roles = [Role::Tissue, Role::Device, Role::CollisionWorker];
     let pages = roles.map(|role| station.create_slot(Slot::first(role), 1).unwrap());
-    (station, pages)
+    (Wiped(station), pages)
 }
 
 fn page_of(station: &Station, role: Role) -> Arrival {
@@ -51,6 +68,39 @@ fn context(tick: u64) -> StepContext {
         holding: true,
         deadline_ns: 0,
     }
+}
+
+/// The scene's first state.
+fn first_state(main: &mut MainLoop<'_>) -> Vec<u64> {
+    let mut now = vec![0u64; main.message_bytes() / 8];
+    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    now
+}
+
+/// The state after a tick in which the tool is at a pose, the medium as the engine rests in it, and the flow at pieces is as it is said.
+fn stepped(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], tick: u64, pose: Pose, flow: PieceFlow) -> Vec<u64> {
+    let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
+    (record.sample.pose, record.pieces[0]) = (pose, flow);
+    device.push(device::INPUTS, tick, &record);
+    let mut next = vec![0u64; main.next_bytes(bytemuck::cast_slice(now)) / 8];
+    main.step(&context(tick + 1), bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+    next
+}
+
+/// Where the nodes of a state are, m.
+fn positions(now: &[u64]) -> &[[f32; 3]] {
+    Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap().section(1).unwrap()
+}
+
+/// Which of some points lie in the first object, by brute force.
+fn in_organ(world: &World, positions_m: &[[f32; 3]], points_m: &[[f32; 3]]) -> std::collections::BTreeSet<u32> {
+    let rest = &world.body.rest;
+    let organ: Vec<[u32; 4]> = rest.tets.iter().zip(&rest.regions).filter(|(_, of)| **of == 0).map(|(tet, _)| *tet).collect();
+    let tissue = hyst_contact::Tissue { positions_m, tets: &organ, tet_owner: &vec![0; organ.len()] };
+    let of_points = hyst_contact::Points { owner: &vec![1; points_m.len()], node: &[], self_contact: false };
+    let mut hits = vec![hyst_contact::Hit::default(); 4 * points_m.len()];
+    let found = hyst_contact::intersect_brute(points_m, &of_points, &tissue, &mut hits).unwrap();
+    hits[..found.count].iter().map(|hit| hit.point).collect()
 }
 
 /// A job is written into a loan of its own, so the pattern is put into the publisher's loans.
@@ -95,7 +145,6 @@ fn states_and_jobs_have_the_same_bytes_whatever_lay_in_the_loan() {
     let jobs = LEFT.map(|left| job(&mut main, left));
     assert!(jobs[0] == jobs[1] && jobs[0] == jobs[2], "a job depends on what lay in the loan");
     drop((main, links, inbox));
-    station.wipe();
 }
 
 /// Bits of a state that the next step depends on.
@@ -148,8 +197,7 @@ fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let [mut holder, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let whole = Arc::clone(&holder.world);
-    let mut now = vec![0u64; holder.message_bytes() / 8];
-    holder.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let mut now = first_state(&mut holder);
     let (mut versions, mut strokes) = (vec![parts_of(&now).0.topology_version], 0);
     for tick in 1..=SWEEP {
         pages[1].push(device::INPUTS, tick, &sweeping(&whole, tick));
@@ -175,5 +223,4 @@ fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
     holder.step(&context(SWEEP + 2), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
     assert_eq!(parts_of(&next).2, 0);
     drop((holder, successor));
-    station.wipe();
 }

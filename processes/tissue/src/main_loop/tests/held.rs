@@ -4,7 +4,6 @@ use super::pieces::middle_m;
 use super::*;
 use crate::points::ContactPoints;
 use glam::Vec3;
-use hyst_messages::InputRecord;
 
 /// Ticks in which the tip goes from beside the polyp to as far on its other side, and stays there.
 const PUSH: u64 = 900;
@@ -27,38 +26,24 @@ fn pushed_into_the_wall(name: &str, blind: bool, towards: impl Fn(&World) -> (Ve
         world.points = ContactPoints { tool, owner, node, area_m2, graph, is_surface: world.points.is_surface.clone() };
     }
     main.take_world(world);
-    let mut now = vec![0u64; main.message_bytes() / 8];
-    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let mut now = first_state(&mut main);
     let mut most = 0.0f32;
     for tick in 1..=PUSH + STAY {
         let tip = from.lerp(to, tick.min(PUSH) as f32 / PUSH as f32);
-        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
-        record.sample.pose = Pose { position_m: tip.to_array(), orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
-        pages[1].push(device::INPUTS, tick, &record);
-        let mut next = vec![0u64; main.next_bytes(bytemuck::cast_slice(&now)) / 8];
-        main.step(&context(tick + 1), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
-        now = next;
+        let pose = Pose { position_m: tip.to_array(), orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+        now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
         if tick % 25 == 0 {
             most = most.max(depth_in_organ_m(&main.world, &now, &watched));
         }
     }
-    drop(main);
-    station.wipe();
     most
 }
 
 /// How deep some nodes lie in the tets of the first object in the mean, m: those outside count 0.
 fn depth_in_organ_m(world: &World, now: &[u64], nodes: &[u32]) -> f32 {
-    let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
-    let positions: &[[f32; 3]] = message.section(1).unwrap();
-    let rest = &world.body.rest;
-    let organ: Vec<[u32; 4]> = rest.tets.iter().zip(&rest.regions).filter(|(_, of)| **of == 0).map(|(tet, _)| *tet).collect();
-    let tissue = hyst_contact::Tissue { positions_m: positions, tets: &organ, tet_owner: &vec![0; organ.len()] };
+    let positions = positions(now);
     let points: Vec<[f32; 3]> = nodes.iter().map(|node| positions[*node as usize]).collect();
-    let of_points = hyst_contact::Points { owner: &vec![1; points.len()], node: &[], self_contact: false };
-    let mut hits = vec![hyst_contact::Hit::default(); 4 * points.len()];
-    let found = hyst_contact::intersect_brute(&points, &of_points, &tissue, &mut hits).unwrap();
-    let inside: std::collections::BTreeSet<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
+    let inside = in_organ(world, positions, &points);
     let faces = world.topology.boundary.iter().zip(&world.topology.boundary_owner).filter(|(_, owner)| **owner == 0);
     let faces: Vec<[Vec3; 3]> = faces.map(|(face, _)| face.map(|node| Vec3::from(positions[node as usize]))).collect();
     let depth_m = |point: &u32| {

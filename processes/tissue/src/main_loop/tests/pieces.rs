@@ -3,7 +3,6 @@
 use super::*;
 use crate::body::Body;
 use glam::Vec3;
-use hyst_messages::{InputRecord, PieceFlow};
 
 /// Steps in which a piece is carried: three times what its resistance takes to bring it to the medium's speed.
 const DRIFT: u64 = 400;
@@ -24,30 +23,17 @@ fn flow(
 ) -> Vec<u64> {
     let away = Pose { position_m: [0.0, 0.0, -0.2], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
     for tick in ticks {
-        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
-        (record.sample.pose, record.pieces[0]) = (away, flow);
-        device.push(device::INPUTS, tick, &record);
-        let mut next = vec![0u64; main.next_bytes(bytemuck::cast_slice(&now)) / 8];
-        main.step(&context(tick + 1), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
-        now = next;
+        now = stepped(main, device, &now, tick, away, flow);
     }
     now
 }
 
 /// Share of a piece's nodes that lie in the organ's tets, and the middle of the piece.
 fn sunk(main: &MainLoop<'_>, now: &[u64], object: u32) -> (f32, Vec3) {
-    let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
-    let positions: &[[f32; 3]] = message.section(1).unwrap();
-    let owner = main.world.body.owners();
-    let points: Vec<[f32; 3]> =
-        positions.iter().zip(&owner).filter(|(_, of)| **of == Some(object)).map(|(place, _)| *place).collect();
-    let rest = &main.world.body.rest;
-    let organ: Vec<[u32; 4]> = rest.tets.iter().zip(&rest.regions).filter(|(_, of)| **of == 0).map(|(tet, _)| *tet).collect();
-    let tissue = hyst_contact::Tissue { positions_m: positions, tets: &organ, tet_owner: &vec![0; organ.len()] };
-    let of_points = hyst_contact::Points { owner: &vec![1; points.len()], node: &[], self_contact: false };
-    let mut hits = vec![hyst_contact::Hit::default(); 4 * points.len()];
-    let found = hyst_contact::intersect_brute(&points, &of_points, &tissue, &mut hits).unwrap();
-    let inside: std::collections::BTreeSet<u32> = hits[..found.count].iter().map(|hit| hit.point).collect();
+    let (positions, owner) = (positions(now), main.world.body.owners());
+    let of_piece = positions.iter().zip(&owner).filter(|(_, of)| **of == Some(object));
+    let points: Vec<[f32; 3]> = of_piece.map(|(place, _)| *place).collect();
+    let inside = in_organ(&main.world, positions, &points);
     let middle = points.iter().map(|place| Vec3::from(*place)).sum::<Vec3>() / points.len() as f32;
     (inside.len() as f32 / points.len() as f32, middle)
 }
@@ -106,8 +92,7 @@ fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
     let world = main.workshop.make(body).unwrap();
     assert!(world.objects[object as usize].is_free_piece());
     main.take_world(world);
-    let mut now = vec![0u64; main.message_bytes() / 8];
-    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let now = first_state(&mut main);
     let (buried, from) = sunk(&main, &now, object);
     assert_eq!(buried, 0.0, "half a polyp lies in the wall");
 
@@ -132,8 +117,6 @@ fn what_is_free_goes_with_the_medium_and_the_wall_stops_it() {
     println!("carried by {:.1} mm, {:.0} % of the nodes in the wall, {speed_m_s} m/s", 1e3 * (to - from).length(), 100.0 * share);
     let free_m = DRIFT as f32 * 1e-3 * (FLOW_M_S + 2.0 * fast_m_s);
     assert!((to - from).length() < 0.5 * free_m && share < 0.3, "{share} of the piece is in the wall, {to} from {from}");
-    drop(main);
-    station.wipe();
 }
 
 /// In a medium at rest it comes to the speed at which its resistance bears its weight, straight down, and ends on the wall below.
@@ -146,12 +129,10 @@ fn what_is_free_sinks_to_the_posterior_wall_and_stays_there() {
     let (body, object, out) = halved(&main.world);
     let world = main.workshop.make(body).unwrap();
     main.take_world(world);
-    let mut now = vec![0u64; main.message_bytes() / 8];
-    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let mut now = first_state(&mut main);
     // Off its stump, where nothing is under it.
     let owner = main.world.body.owners();
-    let positions = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section::<[f32; 3]>(1).unwrap();
-    let first = (positions.as_ptr() as usize - now.as_ptr() as usize) / 4;
+    let first = (positions(&now).as_ptr() as usize - now.as_ptr() as usize) / 4;
     let words: &mut [f32] = bytemuck::cast_slice_mut(&mut now);
     for node in (0..owner.len()).filter(|node| owner[*node] == Some(object)) {
         (0..3).for_each(|axis| words[first + 3 * node + axis] += OFF_M * out[axis]);
@@ -170,6 +151,4 @@ fn what_is_free_sinks_to_the_posterior_wall_and_stays_there() {
     println!("lies {:.1} mm below, {:.0} % of the nodes in the wall, {} m/s", 1e3 * (from - to).y, 100.0 * share, speed.length());
     assert!(from.y - to.y > 0.5e-3 && from.y - to.y < 1.4 * SINKS_M_S, "{from} to {to}");
     assert!(speed.length() < 0.2 * SINKS_M_S && share < 0.3, "{speed}, {share} of the piece is in the wall");
-    drop(main);
-    station.wipe();
 }

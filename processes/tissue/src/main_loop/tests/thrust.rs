@@ -3,7 +3,6 @@
 
 use super::*;
 use glam::Vec3;
-use hyst_messages::InputRecord;
 
 /// Mean speed of the tip, m/s; half-way it is half as fast again.
 const SPEED_M_S: f64 = 0.5;
@@ -17,10 +16,8 @@ const BACK_M: f32 = 0.3e-3;
 
 /// Largest displacement from rest, m.
 fn displaced_m(main: &MainLoop<'_>, now: &[u64]) -> f32 {
-    let message = Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap();
-    let positions: &[[f32; 3]] = message.section(1).unwrap();
     let away = |(now, rest): (&[f32; 3], &[f32; 3])| Vec3::from(*now).distance(Vec3::from(*rest));
-    positions.iter().zip(main.world.model.rest_m()).map(away).fold(0.0, f32::max)
+    positions(now).iter().zip(main.world.model.rest_m()).map(away).fold(0.0, f32::max)
 }
 
 #[test]
@@ -47,17 +44,11 @@ fn a_tool_that_is_thrust_in_is_met_and_the_tissue_comes_back() {
             tick => tip_at(1.0 - (tick - thrust - STAY).min(thrust) as f64 / thrust as f64),
         })
         .collect();
-    let mut now = vec![0u64; main.message_bytes() / 8];
-    main.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+    let mut now = first_state(&mut main);
     let (mut most_m, mut most_n, mut held_n) = (0.0f32, 0.0f32, 0.0f32);
     for (tick, pose) in (1..).zip(poses) {
-        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
-        record.sample.pose = pose;
-        pages[1].push(device::INPUTS, tick, &record);
-        let mut next = vec![0u64; main.next_bytes(bytemuck::cast_slice(&now)) / 8];
-        main.step(&context(tick + 1), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
-        assert!(main.accepts(bytemuck::cast_slice(&next)), "the state of tick {tick} is none");
-        now = next;
+        now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
+        assert!(main.accepts(bytemuck::cast_slice(&now)), "the state of tick {tick} is none");
         let core: Core = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().record(0).unwrap();
         let force_n = Vec3::from(core.force_n);
         assert!(force_n.is_finite(), "{force_n} at tick {tick}");
@@ -76,6 +67,4 @@ fn a_tool_that_is_thrust_in_is_met_and_the_tissue_comes_back() {
     assert!(held_n > 0.1, "the tip that stays in is pushed back with {held_n} N");
     assert!(most_m > 0.5e-3 && most_m < FAR_M, "a node went {most_m} m");
     assert!(left_m < BACK_M, "{left_m} m from its place at the end");
-    drop(main);
-    station.wipe();
 }
