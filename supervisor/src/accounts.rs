@@ -24,6 +24,9 @@ pub struct Counters {
     pub substitutes: u64,
     /// Promotions.
     pub promotions: u64,
+    /// Periods left to ordinary threads of the core.
+    #[serde(default)]
+    pub left: u64,
     /// Allocations on the real-time thread.
     pub allocations: u64,
     /// Small blocks that the real-time thread took from its own pool.
@@ -56,6 +59,7 @@ impl Counters {
             refused: [word(header::INVALID), word(header::STALE), word(header::FROZEN)],
             substitutes: word(header::SUBSTITUTES),
             promotions: word(header::PROMOTIONS),
+            left: word(header::LEFT),
             allocations: word(header::ALLOCATIONS),
             pool_blocks: word(header::POOL_BLOCKS),
             bytes: [word(header::STREAM_BYTES), word(header::COPIED_BYTES)],
@@ -70,6 +74,7 @@ impl Counters {
         self.overruns += other.overruns;
         self.substitutes += other.substitutes;
         self.promotions += other.promotions;
+        self.left += other.left;
         self.allocations += other.allocations;
         self.pool_blocks += other.pool_blocks;
         self.processor_s += other.processor_s;

@@ -60,6 +60,7 @@ fn process(account: &Account) -> Value {
         "suspected": { "times": account.suspicions[0], "cleared": account.suspicions[1], "most_us": account.cleared_ns as f64 * 1e-3 },
         "refused": { "invalid": total.refused[0], "stale": total.refused[1], "frozen": total.refused[2] },
         "substitutes": total.substitutes,
+        "left_periods": total.left,
         "promotions": total.promotions,
         "allocations": total.allocations,
         "pool_blocks": total.pool_blocks,

@@ -8,6 +8,7 @@ pub mod lockstep;
 pub mod mischief;
 pub mod pace;
 pub mod realtime;
+pub mod room;
 pub mod settings;
 pub mod stateful;
 pub mod verify;

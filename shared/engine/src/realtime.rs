@@ -53,6 +53,12 @@ pub fn core(slot: Slot, cores: usize) -> Option<usize> {
     }
 }
 
+/// Whether the core of a slot is one that the hand's own threads are on too.
+pub fn shares_core_with_hand(slot: Slot, cores: usize) -> bool {
+    let hand = [Slot::first(Role::Device)].into_iter().chain((0..2).filter_map(|index| Slot::new(Role::Haptic, index)));
+    core(slot, cores).is_some_and(|own| hand.into_iter().any(|other| core(other, cores) == Some(own)))
+}
+
 /// How ordinary processes give way to each other: the operator's page before anything else, then pictures, then the flow, the recorder last: it takes a
 /// hundredth of a core, and what it has not read within 4 s is lost. Where that is refused they are alike. Called before a process has threads of its
 /// own, which inherit it.

@@ -16,6 +16,7 @@ use crate::life::{Failure, Life};
 use crate::mischief::Lies;
 use crate::pace::Pace;
 use crate::realtime;
+use crate::room::Room;
 use chain::{Chain, Fence};
 use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
@@ -110,6 +111,8 @@ struct Loop<'a, S: Stateful> {
     stepped_as: Tenure,
     founded: bool,
     trial: trial::Trial,
+    /// Where it is real time on a core that the hand's threads are on too.
+    room: Option<Room>,
 }
 
 /// The whole life of a stateful engine; returns when the station stops.
@@ -142,9 +145,12 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
         stepped_as: Tenure::default(),
         founded: false,
         trial,
+        room: None,
     };
     this.warm()?;
-    realtime::go(life)?;
+    let granted = realtime::go(life)?;
+    let shares = granted.fifo && granted.pinned && realtime::shares_core_with_hand(life.slot, system::cores());
+    this.room = shares.then(Room::default);
     this.stand_apart();
     this.run()
 }
@@ -245,6 +251,7 @@ impl<S: Stateful> Loop<'_, S> {
             let late = (SPARE_PHASE * (period * TICK_NS) as f64) as u64;
             pace.set_phase(if holding { 0 } else { late });
             let Some(tick) = pace.wait() else { return Ok(()) };
+            let leaves = self.room.as_mut().is_some_and(|room| room.woken(pace.woken_ns())) && holding;
             self.life.misbehave();
             self.receive_ports();
             let holder = self.roster.holder(self.role);
@@ -253,6 +260,8 @@ impl<S: Stateful> Loop<'_, S> {
             let holder = self.roster.holder(self.role);
             if !self.is_sound(holder) {
                 self.life.page.add64(header::INVALID, 1); // nobody can hold the role like this
+            } else if holder.incarnation == self.me() && leaves {
+                self.life.page.add64(header::LEFT, 1);
             } else if holder.incarnation == self.me() {
                 let tick = self.tick_of(tick, holder);
                 self.step(tick, holder)?;
@@ -264,6 +273,7 @@ impl<S: Stateful> Loop<'_, S> {
                 self.follow(tick, holder)?;
             }
             pace.end();
+            self.room.iter_mut().for_each(|room| room.ended(system::now_ns()));
         }
     }
 

@@ -134,6 +134,8 @@ pub mod header {
     pub const POOL_BLOCKS: usize = 40;
     /// Tick at which the owner began a role's state anew, from a checkpoint or from the scene, and not from its predecessor's; 0 if it never did.
     pub const FOUNDED_TICK: usize = 41;
+    /// Periods that a real-time thread left to ordinary threads of its core.
+    pub const LEFT: usize = 42;
     /// Histogram of wake-up latencies.
     pub const WAKEUP: usize = 64;
     /// Histogram of loop latencies.
