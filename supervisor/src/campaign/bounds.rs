@@ -6,6 +6,7 @@
 //! intervals of Clopper and Pearson ("The use of confidence or fiducial limits", Biometrika 1934) together, each end with 2.5 %: by
 //! Bonferroni the truth lies above `upper95`, or below `lower95`, with at most 5 % each. That is conservative: it never promises too much.
 
+use crate::faultfile::MOST_FAULTS;
 use serde::{Deserialize, Serialize};
 
 /// Of each end of either binomial.
@@ -65,6 +66,23 @@ impl Sides {
     }
 }
 
+/// Fewest faults that can show a limit of the upper end: so many without an excess miss. `None` for a limit of 0 or less, which nothing can show.
+pub fn least_faults(limit_upper95: f64) -> Option<usize> {
+    let within = |faults: &usize| upper(0, *faults) <= limit_upper95;
+    let (mut too_few, mut enough) = (0, 1);
+    while !within(&enough) {
+        (too_few, enough) = (enough, enough * 2);
+        if enough > MOST_FAULTS {
+            return None;
+        }
+    }
+    while enough - too_few > 1 {
+        let middle = too_few.midpoint(enough);
+        if within(&middle) { enough = middle } else { too_few = middle }
+    }
+    Some(enough)
+}
+
 /// P(X ≤ k) of a binomial distribution.
 fn at_most(k: usize, n: usize, p: f64) -> f64 {
     let mut ln_choose = 0.0;
@@ -113,6 +131,16 @@ mod tests {
         // Clopper and Pearson's table: 5 of 10.
         assert!((lower(5, 10) - 0.1871).abs() < 1e-4 && (upper(5, 10) - 0.8129).abs() < 1e-4);
         assert_eq!((lower(0, 7), upper(7, 7), lower(0, 0), upper(0, 0)), (0.0, 1.0, 0.0, 1.0));
+    }
+
+    #[test]
+    fn a_limit_takes_so_many_faults() {
+        // (1 − limit)^n ≤ 0.025: 71.9, 182.6, 1.
+        assert_eq!([0.05, 0.02, 1.0].map(least_faults), [Some(72), Some(183), Some(1)]);
+        assert_eq!([0.0, -1.0, f64::NAN].map(least_faults), [None; 3]);
+        for (limit, least) in [(0.05, 72), (0.3, 11)] {
+            assert!(Excess::of(least, 0, 0).upper95 <= limit && Excess::of(least - 1, 0, 0).upper95 > limit);
+        }
     }
 
     #[test]

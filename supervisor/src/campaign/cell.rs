@@ -51,6 +51,18 @@ impl State {
     }
 }
 
+/// What a fault may bring about in its cell, although it is a broken promise in every other; it is counted there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum May {
+    /// A state of tissue or fluid goes on from an older one.
+    BeginAnew,
+    /// Other processes die of it.
+    OthersDie,
+    /// The station ends; another is started for the faults that are left.
+    StationEnds,
+}
+
 /// Longest time within which hangs may be asked to be found, ms: what hangs is ended long before.
 const MOST_FOUND_MS: f64 = 60_000.0;
 
@@ -70,6 +82,8 @@ pub struct Group {
     found_ms: Option<f64>,
     with: Option<String>,
     swap: Option<String>,
+    #[serde(default)]
+    may: Vec<May>,
     /// Options of the faults, as `fault inject` and a file for `--faults` take them.
     #[serde(flatten)]
     options: toml::Table,
@@ -104,6 +118,8 @@ pub struct Cell {
     pub with: Option<Injection>,
     /// The role that is swapped meanwhile.
     pub swap: Option<Role>,
+    /// What else it may bring about.
+    pub may: Vec<May>,
 }
 
 /// Whether a limit makes sense; one below 0 cannot be met, which shows that a verdict can fail.
@@ -155,8 +171,9 @@ impl Group {
         let options: String = self.options.iter().map(|(key, value)| format!(" {key}={value}")).collect();
         let is_device = target.split(':').next() == Some(Role::Device.name());
         let beside = swap.map(|role| format!(" {}", role.name())).unwrap_or_default();
+        let from = self.with.as_ref().map(|with| format!(" from {with}")).unwrap_or_default();
         Ok(Cell {
-            name: format!("{kind} {target}{}{beside}{options}", state.suffix()),
+            name: format!("{kind} {target}{}{beside}{from}{options}", state.suffix()),
             injection: injection(kind, target, &self.options)?,
             state,
             count: self.count,
@@ -167,6 +184,7 @@ impl Group {
             found_ms: self.found_ms,
             with,
             swap,
+            may: self.may.clone(),
         })
     }
 }

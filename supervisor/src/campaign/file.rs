@@ -3,6 +3,7 @@
 //! What kinds of faults there are, and what options they take, is said by [`crate::faultfile`] alone: what a cell says beyond its own keys is
 //! handed to it.
 
+use super::bounds::least_faults;
 use super::cell::{self, Cell};
 use crate::faultfile::MOST_FAULTS;
 use crate::plan;
@@ -258,6 +259,29 @@ fn check_arm(arm: &Arm, all: &[Arm]) -> Result<(), String> {
 }
 
 impl Campaign {
+    /// Limits that cannot be shown, in words: of too few faults, even if none of them costs anything. One of 0 or less is meant to fail.
+    pub fn cannot_show(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        for arm in self.arms.iter().filter(|arm| arm.judged) {
+            let mut look = |name: &str, limit: Option<f64>, faults: usize| {
+                let least = limit.and_then(least_faults).filter(|least| (1..*least).contains(&faults));
+                if let Some((limit, least)) = limit.zip(least) {
+                    found.push(format!(
+                        "arm {}, {name}: {faults} faults cannot show a limit of {limit}, {least} can; give it a larger count or limit, or a pool",
+                        arm.name
+                    ));
+                }
+            };
+            for cell in &self.cells {
+                look(&cell.name, cell.limit_upper95, arm.count(cell));
+            }
+            for pool in &self.pools {
+                let own = self.cells.iter().filter(|cell| cell.pool.as_deref() == Some(&pool.name));
+                look(&format!("pool {}", pool.name), Some(pool.limit_upper95), own.map(|cell| arm.count(cell)).sum());
+            }
+        }
+        found
+    }
     /// Faults in all arms.
     pub fn faults(&self) -> usize {
         self.arms.iter().flat_map(|arm| self.cells.iter().map(|cell| arm.count(cell))).sum()

@@ -1,7 +1,21 @@
 //! What a campaign's file may say, and what it is told when it cannot be.
 
 use super::*;
-use crate::campaign::cell::State;
+use crate::campaign::cell::{May, State};
+use crate::faultfile::{FaultKind, Injection, Place};
+use hyst_messages::Role;
+
+/// Who can be hurt through the supervisor.
+const ROLES: [Role; 8] = [
+    Role::Device,
+    Role::Haptic,
+    Role::Tissue,
+    Role::CollisionWorker,
+    Role::Fluid,
+    Role::Rendering,
+    Role::Recorder,
+    Role::Console,
+];
 
 const GOOD: &str = "seed = 4\n[[pool]]\nname = \"others\"\nlimit_upper95 = 0.02\n\
                     [[arm]]\nname = \"spares\"\n[[arm]]\nname = \"alone\"\nshare = 0.1\njudged = false\n[arm.set]\nspares = \"off\"\n\
@@ -113,14 +127,49 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/campaigns");
     let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let campaigns: Vec<Campaign> = files.map(|file| read(&file).unwrap_or_else(|e| panic!("{}", e.message))).collect();
-    let all = campaigns.iter().find(|campaign| campaign.name == "all").unwrap();
-    // Each kind that comes about by itself is in it, with a limit and twenty faults of each cell.
-    for (kind, name, _) in crate::faultfile::FaultKind::ALL {
-        let cells: Vec<&Cell> = all.cells.iter().filter(|cell| cell.injection.kind == kind).collect();
-        assert_eq!(cells.is_empty(), ["cont", "undo", "disk-full", "shm-full"].contains(&name), "{name}");
-        assert!(cells.iter().all(|cell| cell.count == 20 && (cell.pool.is_some() || cell.limit_upper95.is_some())), "{name}");
+    for campaign in &campaigns {
+        assert_eq!(campaign.cannot_show(), Vec::<String>::new(), "{}", campaign.name);
     }
-    assert!(all.pools.iter().all(|pool| pool.limit_upper95 == 0.05));
+    let all = campaigns.iter().find(|campaign| campaign.name == "all").unwrap();
+    assert!(all.pools.iter().all(|pool| pool.limit_upper95 == 0.05) && all.cells.iter().all(|cell| cell.pool.is_some()));
+    for (kind, name, _) in FaultKind::ALL {
+        for role in ROLES {
+            let meant = |cell: &&Cell| cell.injection.kind == kind && cell.role() == role.name();
+            let most = all.cells.iter().filter(meant).map(|cell| cell.count).max().unwrap_or(0);
+            let can = !["cont", "undo", "disk-full", "shm-full"].contains(&name) && kind.hindrance(role).is_none();
+            assert_eq!(most >= 20, can, "{name} {}: {most}", role.name());
+        }
+    }
+    for (place, name) in Place::ALL.into_iter().filter(|(place, _)| !matches!(place, Place::Station | Place::Roster)) {
+        for role in ROLES {
+            let injection = Injection { place: Some(place), ..Injection::now(FaultKind::Corrupt, role.name()) };
+            let is_there = |cell: &Cell| cell.injection.place == Some(place) && cell.role() == role.name();
+            assert_eq!(all.cells.iter().any(is_there), injection.check().is_ok(), "corrupt {} in its {name}", role.name());
+        }
+    }
+}
+
+#[test]
+fn a_limit_that_so_few_faults_cannot_show_is_named() {
+    let said = |text: &str| parse("t", text).unwrap().cannot_show();
+    let few = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\"]\ncount = 71\n";
+    assert!(said(few)[0].contains("71 faults cannot show a limit of 0.05, 72 can"), "{:?}", said(few));
+    assert_eq!(
+        said(&few.replace("71", "72")).len() + said(&few.replace("71", "1\nlimit_upper95 = 0.0")).len(),
+        0,
+        "0 is meant to fail"
+    );
+    let pooled = format!("[[pool]]\nname = \"a\"\nlimit_upper95 = 0.02\n{few}pool = \"a\"\n");
+    assert!(said(&pooled)[0].contains("pool a: 71 faults"), "{:?}", said(&pooled));
+}
+
+#[test]
+fn what_a_cell_may_bring_about_is_one_of_three() {
+    let cell =
+        |may: &str| parse("t", &format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\"]\ncount = 1\nmay = [{may}]\n"));
+    let all = cell("\"begin-anew\", \"others-die\", \"station-ends\"").unwrap();
+    assert_eq!(all.cells[0].may, [May::BeginAnew, May::OthersDie, May::StationEnds]);
+    assert!(cell("\"explode\"").unwrap_err().contains("others-die"));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
-use super::text::percentile;
+use super::text::{besides, not_shown, percentile};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -59,13 +59,21 @@ fn reasons(page: &mut String, judgement: &Judgement) {
     let of_cells =
         of_cells.flat_map(|figures| figures.reasons.iter().map(|reason| format!("{}, {}: {reason}", figures.arm, figures.name)));
     let all: Vec<String> = judgement.broken.iter().chain(&judgement.unknown).cloned().chain(of_cells).collect();
-    if !all.is_empty() {
-        page.push_str("<h2>What speaks against it</h2>\n<ul>\n");
-        for reason in all {
-            let _ = writeln!(page, "<li>{}</li>", escape(&reason));
-        }
-        page.push_str("</ul>\n");
+    list(page, "What speaks against it", &all);
+    let silent = |figures: &Figures| Some(format!("{}, {}: {}", figures.arm, figures.name, not_shown(figures)?));
+    list(page, "What did not show", &judgement.cells.iter().filter_map(silent).collect::<Vec<_>>());
+}
+
+/// A heading with its lines, if there are any.
+fn list(page: &mut String, heading: &str, lines: &[String]) {
+    if lines.is_empty() {
+        return;
     }
+    let _ = writeln!(page, "<h2>{heading}</h2>\n<ul>");
+    for line in lines {
+        let _ = writeln!(page, "<li>{}</li>", escape(line));
+    }
+    page.push_str("</ul>\n");
 }
 
 /// Picks one list of times out of a cell's figures, ms.
@@ -94,7 +102,7 @@ fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
          <th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
-         <th>largest force step N<br>fault / control</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>others<br>hit</th></tr>\n",
+         <th>largest force step N<br>fault / control</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>what else<br>came of it</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {
         if figures.arm == arm {
@@ -141,7 +149,7 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         format!("{:.3} / {:.3}", figures.step_max_n[0], figures.step_max_n[1]),
         format!("{} / {}", figures.window_ticks[1], figures.control_ticks[1]),
         figures.data_lost_ticks.to_string(),
-        figures.collateral.to_string(),
+        escape(&besides(figures).join(", ")),
     ];
     let cells: String = cells.iter().map(|cell| format!("<td>{cell}</td>")).collect();
     format!(

@@ -1,7 +1,10 @@
 //! Verdicts by hand.
 
 use super::*;
+use crate::campaign::outcome::Ending;
+use crate::campaign::text::text;
 use crate::campaign::{draw, file};
+use crate::fault::Fault;
 use crate::ledger::Window;
 
 const TEXT: &str = "[[pool]]\nname = \"all\"\nlimit_upper95 = 0.5\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 100\n\
@@ -143,7 +146,7 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
         StationOutcome { exit_code: None, ..good.clone() },
         StationOutcome { exit_code: Some(3), ..good.clone() },
         StationOutcome { stale_models: 1, ..good.clone() },
-        StationOutcome { deficit_jump_ml: 1.0, ..good.clone() },
+        StationOutcome { deficit_jumps: vec![(7, 1.0)], ..good.clone() },
         StationOutcome { faults: vec![0], trouble: "the station ended by itself".into(), ..good.clone() },
         StationOutcome { given_up: vec!["fluid:0".into()], ..good.clone() },
         StationOutcome { faults: vec![0, 1], lost: vec![(outcomes[1].tick + 10, outcomes[1].tick + 14)], ..good.clone() },
@@ -201,4 +204,71 @@ fn one_control_that_stepped_far_excuses_nobody() {
     window(&mut outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
     of(&mut outcomes, "kill haptic:active", 0).fault.as_mut().unwrap().promise_held = Some(false);
     assert_eq!(judge(&campaign, &plan, &outcomes, &[station(&campaign)]).exit_code, 1);
+}
+
+/// One fault each that makes others die, a state begin anew, the deficit jump, and the station end; told when the next fault comes, or by the station.
+fn hurt_beyond(may: &str) -> Judgement {
+    let (campaign, plan, mut outcomes) =
+        setup(&TEXT.replace("targets = [\"haptic:active\"]\n", &format!("targets = [\"haptic:active\"]\nmay = [{may}]\n")));
+    outcomes.sort_by_key(|outcome| (outcome.cell != "kill haptic:active", outcome.index)); // the first ones are of the cell that may
+    let dead = Fault { target: "fluid:1".into(), dead: true, detected_by: "pidfd".into(), ..Fault::default() };
+    outcomes[1].earlier.push(dead);
+    for (number, outcome) in outcomes.iter_mut().enumerate() {
+        (outcome.tick, outcome.before.founded_tick) = (1_000 * number as u64, if number < 3 { 0 } else { 2_500 });
+        outcome.after.founded_tick = outcome.before.founded_tick;
+        outcome.fault.as_mut().unwrap().window.as_mut().unwrap().to_tick = outcome.tick + 200;
+    }
+    let faults: Vec<usize> = outcomes[..4].iter().map(|outcome| outcome.index).collect();
+    let trouble = "the station ended by itself".to_string();
+    let ended = StationOutcome {
+        faults,
+        trouble,
+        exit_code: Some(3),
+        given_up: vec!["fluid:0".into()],
+        deficit_jumps: vec![(2_950, 1.0)],
+        ..station(&campaign)
+    };
+    judge(&campaign, &plan, &outcomes, &[ended])
+}
+
+#[test]
+fn what_a_cell_may_bring_about_is_counted_and_breaks_nothing() {
+    let all = hurt_beyond("\"begin-anew\", \"others-die\", \"station-ends\"");
+    let expected = [("began anew", 1), ("others died", 1), ("station ended", 1)];
+    assert_eq!(all.cells[0].seen.iter().map(|(what, count)| (*what, *count)).collect::<Vec<_>>(), expected);
+    assert_eq!(
+        (all.cells[0].reasons.len(), all.broken.len(), all.exit_code),
+        (0, 0, 0),
+        "{:?} {:?}",
+        all.cells[0].reasons,
+        all.broken
+    );
+    assert!(text(&all).contains("began anew 1, others died 1, station ended 1"), "{}", text(&all));
+
+    let none = hurt_beyond("");
+    assert_eq!((none.cells[0].seen.len(), none.cells[0].verdict, none.exit_code), (3, Verdict::Broken, 1));
+    for word in ["fluid:1 died too", "began anew", "ended by itself; fluid:0 did not come back"] {
+        assert!(none.cells[0].reasons.iter().any(|reason| reason.contains(word)), "{word}: {:?}", none.cells[0].reasons);
+    }
+    for word in ["after 4 faults", "exit code is 3", "jumped by 1.000 ml at tick 2950"] {
+        assert!(none.broken.iter().any(|reason| reason.contains(word)), "{word}: {:?}", none.broken);
+    }
+    let without = hurt_beyond("\"others-die\", \"station-ends\"");
+    assert!(without.broken.len() == 1 && without.broken[0].contains("jumped"), "{:?}", without.broken);
+    let of_faults = without.cells[0].reasons.iter().filter(|reason| reason.starts_with("fault "));
+    assert_eq!(of_faults.count(), 1, "{:?}", without.cells[0].reasons);
+}
+
+#[test]
+fn a_cell_of_which_nothing_came_proves_nothing_and_its_faults_are_named() {
+    let (campaign, plan, mut outcomes) = setup(&TEXT.replace("limit_upper95 = 0.7", "limit_upper95 = 1.0"));
+    for number in 0..4 {
+        of(&mut outcomes, "kill device", number).fault.as_mut().unwrap().manifested = false;
+    }
+    let silent = of(&mut outcomes, "kill device", 0).index;
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)]);
+    let device = &judgement.cells[1];
+    assert_eq!((device.verdict, device.not_shown.len(), judgement.exit_code), (Verdict::Unknown, 4, 3));
+    assert!(device.reasons.iter().any(|reason| reason.contains("none of its faults showed")), "{:?}", device.reasons);
+    assert!(text(&judgement).contains(&format!("kill device: nothing came of fault {silent}, ")), "{}", text(&judgement));
 }

@@ -45,6 +45,7 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
         return Err(Refusal::input(format!("--only {index}: the plan has faults 0 to {}", plan.faults.len() - 1)));
     }
     say(args.json, &plan.text());
+    campaign.cannot_show().iter().for_each(|line| eprintln!("hystation: {line}"));
     if args.plan {
         return Ok(0);
     }

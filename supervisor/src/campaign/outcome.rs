@@ -103,6 +103,9 @@ pub struct Outcome {
     pub with: Option<Fault>,
     /// Faults that nobody injected and that were closed meanwhile.
     pub collateral: Vec<Fault>,
+    /// Those that were closed before it, and after the fault before it was.
+    #[serde(default)]
+    pub earlier: Vec<Fault>,
     /// Before it.
     pub before: Counters,
     /// After its verdict.
@@ -126,6 +129,7 @@ impl Outcome {
             fault: None,
             with: None,
             collateral: Vec::new(),
+            earlier: Vec::new(),
             before: Counters::default(),
             after: Counters::default(),
         }

@@ -214,7 +214,7 @@ impl Session {
             return Ok((outcome, None));
         };
         outcome.before = self.counters();
-        outcome.collateral = self.unread(); // closed between the fault before and this one
+        outcome.earlier = self.unread();
         let tick = match self.swap_beside(entry, cell)? {
             Ok(beside) => beside.unwrap_or(tick),
             Err(reason) => {

@@ -9,6 +9,8 @@ use std::path::Path;
 
 /// A jump of the deficit that is less than a drop is none, ml.
 const MOST_JUMP_ML: f64 = 0.05;
+/// Most jumps that are kept of one run.
+const MOST_JUMPS: usize = 256;
 
 /// Two statuses of the fluid that are so far apart may have seen flows between them which neither of them names, ticks.
 const NEAR_TICKS: u64 = 200;
@@ -51,9 +53,9 @@ pub struct StationOutcome {
     /// Ticks whose contact model was older than that of the tick before, as the recording has them.
     #[serde(default)]
     pub stale_models: u64,
-    /// Largest jump of the fluid's deficit that its own flows do not explain, ml, as the recording has it.
+    /// Jumps of the fluid's deficit that its own flows do not explain, as the recording has them: tick of the state and ml.
     #[serde(default)]
-    pub deficit_jump_ml: f64,
+    pub deficit_jumps: Vec<(u64, f64)>,
     /// Slots that were given up.
     pub given_up: Vec<String>,
     /// Processes, segments and files that were left.
@@ -107,7 +109,9 @@ impl StationOutcome {
                     for status in block.fluid {
                         let before = fluid.filter(|before| before.state_tick < status.state_tick);
                         let jump_ml = before.map_or(0.0, |before| unexplained_ml(&before, &status));
-                        self.deficit_jump_ml = self.deficit_jump_ml.max(jump_ml);
+                        if jump_ml > MOST_JUMP_ML && self.deficit_jumps.len() < MOST_JUMPS {
+                            self.deficit_jumps.push((status.state_tick, jump_ml));
+                        }
                         if before.is_some() || fluid.is_none() {
                             fluid = Some(status); // the two processes of the role lie in the file side by side: what is older tells nothing new
                         }
@@ -124,29 +128,37 @@ impl StationOutcome {
         }
     }
 
-    /// What was broken in it as a whole, in words.
-    pub fn broken(&self) -> Vec<String> {
+    /// Whether it ended by itself after a fault, or did not become whole again.
+    pub fn did_not_go_on(&self) -> bool {
+        !self.given_up.is_empty() || (!self.trouble.is_empty() && !self.faults.is_empty())
+    }
+
+    /// How it came to its end, if it did not go on.
+    pub fn end_in_words(&self) -> String {
+        let given_up = (!self.given_up.is_empty()).then(|| format!("{} did not come back", self.given_up.join(", ")));
+        let trouble = (!self.trouble.is_empty()).then(|| self.trouble.clone());
+        trouble.into_iter().chain(given_up).collect::<Vec<_>>().join("; ")
+    }
+
+    /// What was broken in it as a whole, in words; that it did not go on is none where it `may_end`. What it did to the hand, and what it left, always is.
+    pub fn broken(&self, may_end: bool) -> Vec<String> {
         let mut found = Vec::new();
         let mut note = |is: bool, text: String| {
             if is {
                 found.push(format!("arm {}, run {}: {text}", self.arm, self.run));
             }
         };
-        let (trouble, suffered) = (&self.trouble, self.faults.len());
-        note(!trouble.is_empty() && suffered > 0, format!("after {suffered} faults: {trouble}"));
+        note(self.did_not_go_on() && !may_end, format!("after {} faults: {}", self.faults.len(), self.end_in_words()));
         let code = self.exit_code.map_or("none, it had to be killed".into(), |code| code.to_string());
-        note(!matches!(self.exit_code, Some(0 | 1)), format!("its exit code is {code}"));
+        note(!matches!(self.exit_code, Some(0 | 1)) && !may_end, format!("its exit code is {code}"));
         note(
             self.stale_models > 0,
             format!("{} ticks used a contact model older than that of the tick before", self.stale_models),
         );
-        let jump_ml = self.deficit_jump_ml;
-        note(jump_ml > MOST_JUMP_ML, format!("the deficit jumped by {jump_ml:.3} ml without a flow that explains it"));
         note(self.invalid_applied > 0, format!("{} invalid forces were applied", self.invalid_applied));
         note(self.stale_applied > 0, format!("{} stale forces were applied", self.stale_applied));
         note(self.leftovers > 0, format!("{} processes, segments or files were left over", self.leftovers));
-        note(!self.given_up.is_empty(), format!("{} did not come back", self.given_up.join(", ")));
-        note(!self.reported, "it left no report".into());
+        note(!self.reported && !may_end, "it left no report".into());
         found
     }
 }

@@ -61,7 +61,8 @@ fn row(figures: &Figures) -> String {
         (Some(middle), Some(most)) => format!("{middle:.1}/{most:.1}"),
         _ => "-".into(),
     };
-    let found: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
+    let mut remarks: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
+    remarks.extend(besides(figures));
     let excess = figures.excess.map_or(("-".into(), "-".into(), "-".into()), |excess| {
         (sides(&excess), format!("{:.4}", excess.mean), format!("{:.4}", excess.upper95))
     });
@@ -89,8 +90,19 @@ fn row(figures: &Figures) -> String {
         format!("{step:.3}/{control_step:.3}"),
         figures.data_lost_ticks,
         word(figures.verdict),
-        found.join(", ")
+        remarks.join(", ")
     )
+}
+
+/// What faults brought about beside what they were to do, with how often: `others died 2`.
+pub fn besides(figures: &Figures) -> Vec<String> {
+    figures.seen.iter().map(|(what, count)| format!("{what} {count}")).collect()
+}
+
+/// The numbers of the faults of which nothing came, in words; `None` if there are none.
+pub fn not_shown(figures: &Figures) -> Option<String> {
+    let numbers: Vec<String> = figures.not_shown.iter().map(usize::to_string).collect();
+    (!numbers.is_empty()).then(|| format!("nothing came of fault {}", numbers.join(", ")))
 }
 
 /// The report.
@@ -108,7 +120,7 @@ pub fn text(judgement: &Judgement) -> String {
     for arm in arms {
         let _ = write!(
             text,
-            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5}  {:<8} found by\n",
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5}  {:<8} found by, and what else came of it\n",
             "cell: times are median/largest in ms; none: no verdict",
             "injected",
             "shown",
@@ -138,6 +150,11 @@ pub fn text(judgement: &Judgement) -> String {
     for figures in judgement.cells.iter().chain(&judgement.pools) {
         for reason in &figures.reasons {
             let _ = writeln!(text, "{}, {}: {reason}", figures.arm, figures.name);
+        }
+    }
+    for figures in &judgement.cells {
+        if let Some(list) = not_shown(figures) {
+            let _ = writeln!(text, "{}, {}: {list}", figures.arm, figures.name);
         }
     }
     for reason in judgement.broken.iter().chain(&judgement.unknown) {

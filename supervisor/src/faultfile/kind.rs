@@ -226,7 +226,7 @@ impl FaultKind {
     }
 
     /// Why a process of this role cannot do it; `None` if it can.
-    pub(super) fn hindrance(self, role: Role) -> Option<&'static str> {
+    pub(crate) fn hindrance(self, role: Role) -> Option<&'static str> {
         if self == FaultKind::DiskFull && role != Role::Recorder {
             return Some("what is filled is the file system of the recording; its target is recorder");
         }

@@ -1,0 +1,122 @@
+//! What a station shows as a whole, or only when its next fault comes, by the fault that it follows from.
+
+use crate::campaign::cell::May;
+use crate::campaign::file::Campaign;
+use crate::campaign::outcome::{Counters, Outcome};
+use crate::campaign::station::StationOutcome;
+use crate::fault::Fault;
+use std::collections::BTreeMap;
+
+/// Ticks after a fault's window in which the recorder may still lose what lay in the device's ring.
+const RING_TICKS: u64 = 4_096;
+
+/// The fluid makes a state in some dozens of ticks: one that jumped may bear a tick from before the fault.
+const STATE_TICKS: u64 = 100;
+
+/// What came of the faults beside their own outcomes.
+#[derive(Debug, Default)]
+pub(super) struct Blame<'a> {
+    /// Ticks that the recordings lost, by fault.
+    lost: BTreeMap<usize, u64>,
+    /// Ticks that they lost outside of every window: no fault's doing. Of arms that are judged.
+    pub lost_elsewhere: u64,
+    /// The outcome that comes next in the same run.
+    next: BTreeMap<usize, &'a Outcome>,
+    /// The last fault of each run that did not go on, and how that ended.
+    ended: BTreeMap<usize, String>,
+    /// What was broken in stations of judged arms, in words.
+    pub broken: Vec<String>,
+}
+
+impl<'a> Blame<'a> {
+    pub(super) fn of(campaign: &Campaign, outcomes: &'a [Outcome], stations: &[StationOutcome]) -> Blame<'a> {
+        let mut blame = Blame::default();
+        for station in stations {
+            let is_judged = campaign.arms.iter().any(|arm| arm.name == station.arm && arm.judged);
+            let mut here: Vec<&'a Outcome> = outcomes.iter().filter(|outcome| station.faults.contains(&outcome.index)).collect();
+            here.sort_by_key(|outcome| station.faults.iter().position(|index| *index == outcome.index));
+            blame.next.extend(here.windows(2).map(|pair| (pair[0].index, pair[1])));
+            for (first, last) in &station.lost {
+                let lost = last.saturating_sub(*first) + 1;
+                match suspect(&here, *first, *last, RING_TICKS) {
+                    Some(outcome) => *blame.lost.entry(outcome.index).or_default() += lost,
+                    None if is_judged => blame.lost_elsewhere += lost,
+                    None => {}
+                }
+            }
+            let cell_of = |outcome: &Outcome| campaign.cells.iter().find(|cell| cell.name == outcome.cell);
+            let may = |outcome: &Outcome, what: May| cell_of(outcome).is_some_and(|cell| cell.may.contains(&what));
+            let last = here.last().filter(|_| station.did_not_go_on());
+            blame.ended.extend(last.map(|outcome| (outcome.index, station.end_in_words())));
+            if !is_judged {
+                continue;
+            }
+            blame.broken.extend(station.broken(last.is_some_and(|outcome| may(outcome, May::StationEnds))));
+            for (tick, jump_ml) in &station.deficit_jumps {
+                let suspects = [0, STATE_TICKS].map(|late| suspect(&here, tick + late, tick + late, RING_TICKS));
+                let is_why = |outcome: &&Outcome| may(outcome, May::BeginAnew) && blame.sequel(outcome).began_anew();
+                if suspects.iter().flatten().any(is_why) {
+                    continue;
+                }
+                let after = suspects[0].map_or(String::new(), |outcome| format!(" after fault {}", outcome.index));
+                blame.broken.push(format!(
+                    "arm {}, run {}: the deficit jumped by {jump_ml:.3} ml at tick {tick}{after}, without a flow that explains it",
+                    station.arm, station.run
+                ));
+            }
+        }
+        blame
+    }
+
+    /// Ticks that the recording lost because of a fault.
+    pub(super) fn lost_ticks(&self, index: usize) -> u64 {
+        self.lost.get(&index).copied().unwrap_or(0)
+    }
+
+    /// How the run ended if this fault was its last.
+    pub(super) fn ended(&self, index: usize) -> Option<&str> {
+        self.ended.get(&index).map(String::as_str)
+    }
+
+    /// What came after a fault, until the next one.
+    pub(super) fn sequel<'b>(&'b self, outcome: &'b Outcome) -> Sequel<'b> {
+        let next = self.next.get(&outcome.index);
+        Sequel { outcome, until: next.map_or(&outcome.after, |next| &next.before), late: next.map_or(&[], |next| &next.earlier) }
+    }
+}
+
+/// A fault and what came after it, until the next one in the same run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sequel<'a> {
+    outcome: &'a Outcome,
+    until: &'a Counters,
+    late: &'a [Fault],
+}
+
+impl<'a> Sequel<'a> {
+    /// Other processes that died or hung.
+    pub(super) fn others(self) -> impl Iterator<Item = &'a Fault> {
+        self.outcome.collateral.iter().chain(self.late)
+    }
+
+    /// Whether a state went on from an older one.
+    pub(super) fn began_anew(self) -> bool {
+        self.until.founded_tick > self.outcome.before.founded_tick
+    }
+
+    /// What went back or jumped, in words.
+    pub(super) fn broken(self) -> Option<String> {
+        let before = &self.outcome.before;
+        before.broken_by(&self.outcome.after).or_else(|| before.broken_by(self.until))
+    }
+}
+
+/// The last fault in whose window, and the ticks after it, these ticks lie.
+fn suspect<'a>(here: &[&'a Outcome], first: u64, last: u64, after_ticks: u64) -> Option<&'a Outcome> {
+    let overlaps = |outcome: &&&'a Outcome| {
+        let window = outcome.fault.as_ref().and_then(|fault| fault.window);
+        let to_tick = window.map_or(outcome.tick, |window| window.to_tick.max(outcome.tick)) + after_ticks;
+        last >= outcome.tick && first < to_tick
+    };
+    here.iter().filter(overlaps).max_by_key(|outcome| outcome.tick).copied()
+}

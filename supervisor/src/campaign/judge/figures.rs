@@ -1,0 +1,296 @@
+//! The figures of a cell or a pool in one arm, and the verdict that they give.
+
+use super::blame::Blame;
+use crate::campaign::bounds::{Excess, Sides};
+use crate::campaign::cell::{Cell, May};
+use crate::campaign::draw::Plan;
+use crate::campaign::file::{Arm, Campaign};
+use crate::campaign::outcome::{Ending, Outcome};
+use crate::campaign::station::StationOutcome;
+use crate::fault::Fault;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// What can be said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Figures only: the arm is not judged, or a pool judges.
+    #[default]
+    Figures,
+    /// The promise held.
+    Held,
+    /// Too few faults, or too much void.
+    Unknown,
+    /// The promise was broken.
+    Broken,
+}
+
+/// The figures of a cell in an arm, or of a pool in an arm.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Figures {
+    /// Arm.
+    pub arm: String,
+    /// Cell's or pool's name.
+    pub name: String,
+    /// Faults in the plan.
+    pub planned: usize,
+    /// Faults that were injected.
+    pub injected: usize,
+    /// Those that showed.
+    pub manifested: usize,
+    /// By what they were found.
+    pub detected_by: BTreeMap<String, usize>,
+    /// From the injection to its detection, ms, ascending.
+    pub detected_ms: Vec<f64>,
+    /// The same of those that hung and were found by their silence, ms, ascending.
+    #[serde(default)]
+    pub hang_ms: Vec<f64>,
+    /// To the end of the last tick that missed its force because of it, ms, ascending.
+    pub contained_ms: Vec<f64>,
+    /// To a successor that is warm or live, ms, ascending.
+    pub recovered_ms: Vec<f64>,
+    /// Faults with a verdict of the supervisor: its promise held.
+    pub promise_held: usize,
+    /// Faults that could not be judged: not injected, not shown, no control window, or the host stalled in most of a window.
+    pub without_verdict: usize,
+    /// Ticks of the fault windows, and void ones of them.
+    pub window_ticks: [u64; 2],
+    /// Ticks of the control windows, and void ones of them.
+    pub control_ticks: [u64; 2],
+    /// Misses in the fault windows and in the control windows.
+    pub missed: [u64; 2],
+    /// Faults with excess misses, per fault.
+    pub excess: Option<Excess>,
+    /// The same with the ticks that do not count: whatever stalled, the fault's own doing in the kernel too. It is broader, and no promise is held by it,
+    /// but one can be broken.
+    pub excess_with_void: Option<Excess>,
+    /// Excess misses of each judged fault, in the plan's order.
+    pub excess_misses: Vec<i64>,
+    /// Their mean: one stall of the host that falls into a window weighs there as much as it is long.
+    pub mean_excess_misses: Option<f64>,
+    /// Faults that were to hurt whoever does the role's work, and came when another had taken over already; they have no verdict.
+    pub astray: usize,
+    /// Largest force step in a fault window, and in a control window, N.
+    pub step_max_n: [f64; 2],
+    /// Ticks that the recording lost after these faults.
+    pub data_lost_ticks: u64,
+    /// Other processes that died or hung meanwhile.
+    pub collateral: usize,
+    /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended.
+    pub seen: BTreeMap<&'static str, usize>,
+    /// Faults of which nothing came, or that were refused, by their numbers.
+    pub not_shown: Vec<usize>,
+    /// Limit.
+    pub limit_upper95: Option<f64>,
+    /// Verdict.
+    pub verdict: Verdict,
+    /// What speaks against it.
+    pub reasons: Vec<String>,
+}
+
+/// Most reasons that are listed for a cell.
+const MOST_REASONS: usize = 8;
+
+/// What the figures are made from.
+pub(super) struct Known<'a> {
+    pub plan: &'a Plan,
+    pub outcomes: &'a [Outcome],
+    /// Largest force step of fault-free ticks, N.
+    pub step_n: f64,
+    pub blame: &'a Blame<'a>,
+}
+
+pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> Figures {
+    let cell_of = |name: &str| cells.iter().find(|cell| cell.name == name);
+    let planned = known.plan.faults.iter().filter(|entry| entry.arm == arm.name && cell_of(&entry.cell).is_some()).count();
+    let mut figures = Figures { arm: arm.name.clone(), name: name.into(), planned, ..Figures::default() };
+    let (mut missed, mut late) = (Sides::default(), Sides::default());
+    for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
+        let Some(cell) = cell_of(&outcome.cell) else { continue };
+        figures.take_sequel(cell, outcome, known.blame);
+        let excess = match (&outcome.fault, outcome.ending) {
+            (Some(fault), Ending::Closed) => figures.take(fault, cell, known, outcome),
+            (_, Ending::Open) => {
+                let reason = format!("fault {}: {}", outcome.index, outcome.reason);
+                figures.reasons.extend(known.blame.ended(outcome.index).is_none().then_some(reason)); // else said by its sequel
+                None
+            }
+            _ => {
+                figures.not_shown.push(outcome.index);
+                None
+            }
+        };
+        match excess {
+            None => figures.without_verdict += 1,
+            Some([excess, with_void]) => {
+                missed.add(excess);
+                late.add(with_void);
+                figures.excess_misses.push(excess);
+            }
+        }
+    }
+    let lists = [&mut figures.detected_ms, &mut figures.hang_ms, &mut figures.contained_ms, &mut figures.recovered_ms];
+    for list in lists {
+        list.sort_by(f64::total_cmp);
+    }
+    if !figures.excess_misses.is_empty() {
+        figures.mean_excess_misses = Some(figures.excess_misses.iter().sum::<i64>() as f64 / figures.excess_misses.len() as f64);
+        figures.excess = Some(missed.excess());
+        figures.excess_with_void = Some(late.excess());
+    }
+    if figures.data_lost_ticks > 0 {
+        figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
+    }
+    figures
+}
+
+impl Figures {
+    /// Faults that are through.
+    pub(super) fn done(&self) -> usize {
+        self.without_verdict + self.excess_misses.len()
+    }
+
+    /// Adds what a fault brought about beside what it was to do; where its cell does not allow that, it speaks against the cell.
+    fn take_sequel(&mut self, cell: &Cell, outcome: &Outcome, blame: &Blame) {
+        let index = outcome.index;
+        let sequel = blame.sequel(outcome);
+        if !sequel.began_anew() {
+            self.reasons.extend(sequel.broken().map(|broken| format!("fault {index}: {broken}")));
+        }
+        let mut saw = |what: &'static str, may: May, reason: String| {
+            *self.seen.entry(what).or_default() += 1;
+            if !cell.may.contains(&may) {
+                self.reasons.push(format!("fault {index}: {reason}"));
+            }
+        };
+        for other in sequel.others().filter(|fault| fault.dead && fault.detected_by == "pidfd") {
+            saw("others died", May::OthersDie, format!("{} died too ({})", other.target, other.exit));
+        }
+        if sequel.began_anew() {
+            saw("began anew", May::BeginAnew, sequel.broken().unwrap_or_else(|| "a state began anew".into()));
+        }
+        if let Some(end) = blame.ended(index) {
+            saw("station ended", May::StationEnds, end.into());
+        }
+        self.data_lost_ticks += blame.lost_ticks(index);
+        self.collateral += sequel.others().count();
+    }
+
+    /// Adds a fault; gives its excess misses beyond what it may cost, without and with void ticks, if it can be judged.
+    fn take(&mut self, fault: &Fault, cell: &Cell, known: &Known, outcome: &Outcome) -> Option<[i64; 2]> {
+        let step_n = known.step_n;
+        let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
+        self.injected += 1;
+        self.manifested += usize::from(fault.manifested);
+        if !fault.manifested {
+            self.not_shown.push(outcome.index);
+        }
+        if !fault.detected_by.is_empty() {
+            *self.detected_by.entry(fault.detected_by.clone()).or_default() += 1;
+        }
+        self.detected_ms.extend(ms(fault.detected_us));
+        self.take_hang(fault);
+        self.contained_ms.extend(ms(fault.contained_us));
+        self.recovered_ms.extend(ms(fault.recovered_us));
+        self.promise_held += usize::from(fault.promise_held == Some(true));
+        if fault.manifested && fault.recovered_us.is_none() && known.blame.ended(outcome.index).is_none() {
+            self.reasons.push(format!("fault {}: {} did not recover", outcome.index, fault.target));
+        }
+        let (window, control) = (fault.window?, fault.control?);
+        for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
+            sums[0] += window.ticks;
+            sums[1] += window.voided;
+        }
+        self.missed[0] += window.missed;
+        self.missed[1] += control.missed;
+        self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
+        if window.force_step_max_n > fault.most_step_n(step_n) && fault.promise_held != Some(true) {
+            let text = format!(
+                "fault {}: a force step of {:.3} N, {step_n:.3} N without a fault",
+                outcome.index, window.force_step_max_n
+            );
+            self.reasons.push(text);
+        }
+        let is_void = |window: crate::ledger::Window| window.voided >= window.ticks;
+        // One that was to fall into a recovery, and came after it.
+        let is_late = outcome.with.as_ref().is_some_and(|with| {
+            let recovered_ns = with.recovered_us.map(|us| with.injected_ns + (us * 1e3) as u64);
+            recovered_ns.is_some_and(|recovered_ns| fault.injected_ns > recovered_ns)
+        });
+        let is_astray = cell.injection.target.ends_with(":active") && !fault.active;
+        self.astray += usize::from(is_astray);
+        if !fault.manifested || is_astray || is_late || is_void(window) || is_void(control) {
+            return None;
+        }
+        let beyond = |excess: i64| match excess {
+            1.. => (excess - cell.allowed_misses as i64).max(0),
+            _ if cell.allowed_misses > 0 => 0,
+            _ => excess,
+        };
+        Some([window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64].map(beyond))
+    }
+}
+
+/// Fewest control windows of which one in a hundred is left out.
+const MANY: usize = 100;
+
+/// The largest force step of fault-free ticks in an arm, N; of many control windows the hundredth part that stepped most does not count, so that a
+/// single bad one does not excuse every fault.
+pub(super) fn quiet_step_n(arm: &Arm, outcomes: &[Outcome], stations: &[StationOutcome]) -> f64 {
+    let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
+    let mut steps: Vec<f64> = here.filter_map(|outcome| Some(outcome.fault.as_ref()?.control?.force_step_max_n)).collect();
+    if steps.len() >= MANY {
+        steps.sort_by(f64::total_cmp);
+        return steps[steps.len() - 1 - steps.len() / MANY];
+    }
+    let here = stations.iter().filter(|station| station.arm == arm.name);
+    here.map(|station| station.control_step_max_n).fold(0.0, f64::max)
+}
+
+/// A pool with fewer judged faults than it was to have proves nothing.
+pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
+    let judged = figures.excess_misses.len();
+    if arm.judged && judged < least && figures.verdict == Verdict::Held {
+        figures.verdict = Verdict::Unknown;
+        figures.reasons.push(format!("{judged} faults have a verdict, at least {least} are to have one"));
+    }
+    figures
+}
+
+/// Gives the verdict. What never may happen is judged in the cells, once.
+pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
+    figures.limit_upper95 = limit;
+    let is_wrong = is_cell && !figures.reasons.is_empty();
+    let is_silent = is_cell && figures.done() > 0 && figures.manifested == 0;
+    let done = figures.done();
+    let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
+    figures.verdict = match (limit, figures.excess) {
+        _ if !arm.judged => Verdict::Figures,
+        _ if is_wrong => Verdict::Broken,
+        _ if is_silent => Verdict::Unknown,
+        (None, _) => Verdict::Figures,
+        (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
+        (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
+        _ if is_void => Verdict::Unknown,
+        (Some(limit), Some(excess)) if excess.upper95 <= limit => Verdict::Held,
+        _ => Verdict::Unknown,
+    };
+    if let (Some(limit), Some(excess), true) =
+        (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
+    {
+        figures.reasons.push(format!(
+            "excess misses per fault: {:.4}, 95 %: {:.4} to {:.4}, limit {limit}",
+            excess.mean, excess.lower95, excess.upper95
+        ));
+        figures.reasons.extend(figures.excess_with_void.map(|excess| {
+            let (mean, lower, upper) = (excess.mean, excess.lower95, excess.upper95);
+            format!("with void ticks: {mean:.4}, 95 %: {lower:.4} to {upper:.4}")
+        }));
+    }
+    if is_silent {
+        figures.reasons.push("none of its faults showed: it proves nothing".into());
+    }
+    figures.reasons.truncate(MOST_REASONS);
+    figures
+}
