@@ -3,7 +3,8 @@
 //! some tens. A state may kill whoever goes on from it; then an older one serves.
 //!
 //! Promise: each generation has two copies that take turns, so that a writer that dies in the middle, or a bit that flips, costs one copy: it
-//! has a wrong checksum and is not found. A generation is at most two of its intervals old, and its older copy at least one.
+//! has a wrong checksum and is not found; one in the file's header costs nothing. A generation is at most two of its intervals old, and its older
+//! copy at least one.
 
 use crate::page::{self, OwnedPage, PageError, ReadPage};
 use crate::station::Station;
@@ -56,15 +57,22 @@ pub struct CheckpointWriter {
 }
 
 impl CheckpointWriter {
-    /// Opens the slot's checkpoints for messages of at most `bytes`, or makes them.
+    /// Opens the slot's checkpoints for messages of at most `bytes`, or makes them: where there are none, or for messages of another size.
+    ///
+    /// # Errors
+    /// The system refuses the file; what is in it stays.
     pub fn open(station: &Station, slot: Slot, bytes: usize) -> Result<CheckpointWriter, PageError> {
         let path = path(station, slot);
-        let page = match OwnedPage::open(&path, words_for(bytes)) {
-            Ok(page) => page,
-            Err(_) => {
-                let _ = std::fs::remove_file(&path); // absent, or of another size: made anew
+        let page = match OwnedPage::open_damaged(&path, words_for(bytes)) {
+            Ok(page) => {
+                page.store64(header::MAGIC, page::magic()); // each copy says itself whether it is whole
+                page
+            }
+            Err(error) if is_absent(&error) || matches!(error, PageError::Foreign { .. }) => {
+                let _ = std::fs::remove_file(&path); // what stands in the way is told by the next line
                 page::create(&path, words_for(bytes), slot.number(), 0)?
             }
+            Err(error) => return Err(error),
         };
         Ok(CheckpointWriter { page, bytes })
     }
@@ -108,6 +116,10 @@ impl CheckpointWriter {
     }
 }
 
+fn is_absent(error: &PageError) -> bool {
+    matches!(error, PageError::Refused { reason: rustix::io::Errno::NOENT, .. })
+}
+
 fn read(page: &ReadPage, at: usize, bytes: usize) -> Option<Checkpoint> {
     let length = page.load64(at + BYTES) as usize;
     if page.load64(at + WRITTEN) != 1 || length > bytes {
@@ -122,7 +134,7 @@ fn read(page: &ReadPage, at: usize, bytes: usize) -> Option<Checkpoint> {
 }
 
 /// The newest whole checkpoint of a role up to a tick that is accepted, whose messages have at most `bytes`; and how many copies were damaged, or
-/// held what nobody can go on from.
+/// held what nobody can go on from. A file that cannot be read counts as one.
 pub fn newest(
     station: &Station,
     role: Role,
@@ -132,7 +144,13 @@ pub fn newest(
 ) -> (Option<Checkpoint>, usize) {
     let (mut newest, mut damaged) = (None::<Checkpoint>, 0);
     for slot in (0..role.slots().1).filter_map(|index| Slot::new(role, index)) {
-        let Ok(page) = ReadPage::open(&path(station, slot), words_for(bytes)) else { continue };
+        let page = match ReadPage::open_damaged(&path(station, slot), words_for(bytes)) {
+            Ok(page) => page,
+            Err(error) => {
+                damaged += usize::from(!is_absent(&error));
+                continue;
+            }
+        };
         for copy in 0..INTERVAL_TICKS.len() * COPIES {
             let at = start(copy / COPIES, copy % COPIES, bytes);
             let tick = page.load64(at + TICK);
@@ -154,7 +172,7 @@ pub fn newest(
 /// would serve again in the next trouble.
 pub fn discard_after(station: &Station, role: Role, bytes: usize, tick: u64) {
     for slot in (0..role.slots().1).filter_map(|index| Slot::new(role, index)) {
-        let Ok(page) = OwnedPage::open(&path(station, slot), words_for(bytes)) else { continue };
+        let Ok(page) = OwnedPage::open_damaged(&path(station, slot), words_for(bytes)) else { continue };
         for copy in 0..INTERVAL_TICKS.len() * COPIES {
             let at = start(copy / COPIES, copy % COPIES, bytes);
             if page.load64(at + TICK) > tick {
@@ -195,6 +213,33 @@ mod tests {
         let found = found.unwrap();
         assert_eq!((found.tick, bytemuck::cast_slice::<u64, u8>(&found.words)[..20].to_vec()), (100, vec![1; 20]));
         assert_eq!(damaged, INTERVAL_TICKS.len());
+        station.wipe();
+    }
+
+    /// The header says nothing that the copies do not say themselves.
+    #[test]
+    fn a_bit_that_flips_in_the_header_costs_no_generation_and_another_size_makes_the_file_anew() {
+        let station = founded("magic");
+        let slot = Slot::first(Role::Tissue);
+        let writer = CheckpointWriter::open(&station, slot, 24).unwrap();
+        assert!(writer.write(1, 100, &[1; 20], true));
+        writer.page.store64(header::MAGIC, page::magic() ^ 1 << 5);
+        let tick = |bytes: usize| {
+            let (found, damaged) = newest(&station, Role::Tissue, bytes, u64::MAX, |_| true);
+            (found.map(|found| found.tick), damaged)
+        };
+        assert_eq!(tick(24), (Some(100), 0));
+        let writer = CheckpointWriter::open(&station, slot, 24).unwrap();
+        assert_eq!((tick(24), writer.page.load64(header::MAGIC)), ((Some(100), 0), page::magic()));
+        assert_eq!(tick(8_000), (None, 1), "a file of another size is no checkpoint, and told");
+        let larger = CheckpointWriter::open(&station, slot, 8_000).unwrap();
+        assert_eq!(tick(8_000), (None, 0));
+        assert!(larger.write(2, 200, &[2; 8_000], true));
+        assert_eq!(tick(8_000), (Some(200), 0));
+        // What the system refuses is an error, and nothing is lost of it.
+        std::fs::remove_file(path(&station, slot)).unwrap();
+        std::fs::create_dir(path(&station, slot)).unwrap();
+        assert!(CheckpointWriter::open(&station, slot, 24).is_err() && path(&station, slot).is_dir());
         station.wipe();
     }
 

@@ -168,6 +168,10 @@ impl ReadPage {
     pub fn open(path: &Path, words: usize) -> Result<ReadPage, PageError> {
         open(path, words, Access::Read).map(|mapping| ReadPage { mapping })
     }
+    /// Opens one whose header may be damaged, and whose content says itself whether it is whole.
+    pub(crate) fn open_damaged(path: &Path, words: usize) -> Result<ReadPage, PageError> {
+        open_any(path, words, Access::Read).map(|mapping| ReadPage { mapping })
+    }
     /// A 32-bit word.
     pub fn load32(&self, index: usize) -> u32 {
         self.mapping.words32()[index].load(Ordering::Acquire)
