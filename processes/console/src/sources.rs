@@ -53,7 +53,7 @@ impl Sources {
     /// What the newest of the fluids says of the pump, and the hardware of what is set.
     pub fn pump(&self) -> Option<Pump> {
         let statuses = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-        let newest = statuses.filter(|status| status.state_tick > 0).max_by_key(|status| status.state_tick)?;
+        let newest = statuses.filter(|status| status.state_tick > 0).max_by_key(|status| (status.epoch, status.state_tick))?;
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         Pump::new(&newest, sample.as_ref())
     }

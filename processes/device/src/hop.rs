@@ -33,7 +33,7 @@ struct Hop<'a> {
 /// The whole life of the device.
 pub fn run(life: &Life) -> Result<(), Failure> {
     let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid])?;
-    let mut models = Models::new(Horizon::open(&life.station, Role::Tissue).ok());
+    let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()));
     let mut replicas = Replicas::default();
     let patience_ns = system::now_ns() + PATIENCE_NS;
     let hardware = loop {

@@ -39,24 +39,26 @@ struct Fluid {
 
 /// Pages of the tissues and fluids, and what is in use of theirs.
 pub struct Models {
-    horizon: Option<Horizon>,
+    /// Of the tissue and of the fluid.
+    horizons: [Option<Horizon>; 2],
     tissues: [Option<Tissue>; TISSUES],
     newest: ContactModel,
     fluids: [Option<Fluid>; FLUIDS],
     medium: Medium,
-    medium_tick: u64,
+    medium_key: (u32, u64),
 }
 
 impl Models {
-    /// No pages yet. Without a roster, which may be damaged when the device starts, epochs are only compared with each other.
-    pub fn new(horizon: Option<Horizon>) -> Models {
+    /// No pages yet; the horizons are those of tissue and fluid. Without a roster, which may be damaged when the device starts, epochs are only
+    /// compared with each other.
+    pub fn new(horizons: [Option<Horizon>; 2]) -> Models {
         Models {
-            horizon,
+            horizons,
             tissues: Default::default(),
             newest: ContactModel::default(),
             fluids: Default::default(),
             medium: Medium::default(),
-            medium_tick: 0,
+            medium_key: (0, 0),
         }
     }
 
@@ -78,7 +80,7 @@ impl Models {
 
     /// Whether the newest model and medium are of these ticks, or later ones.
     pub fn has_reached(&self, tissue_tick: u64, fluid_tick: u64) -> bool {
-        self.newest.state_tick >= tissue_tick && self.medium_tick >= fluid_tick
+        self.newest.state_tick >= tissue_tick && self.medium_key.1 >= fluid_tick
     }
 
     /// What the newest valid status of a fluid says. It goes to the tissue in the input record, so that a substitute uses the same.
@@ -92,12 +94,18 @@ impl Models {
             let before = std::mem::replace(&mut fluid.status, status);
             let first = std::mem::replace(&mut fluid.number, number) == 0;
             // This thread may have stood since its tick began: what others have made meanwhile is not ahead of its time.
-            let verdict = judge_status(&status, (!first).then_some(&before), tick.max(life.clock.present_tick()));
+            let key = (status.epoch, status.state_tick);
+            let verdict = match () {
+                () if is_ahead(&self.horizons[1], key, life) => Err(Distrust::Invalid),
+                () => judge_status(&status, (!first).then_some(&before), tick.max(life.clock.present_tick())),
+            };
             if let Err(why) = verdict {
                 life.refuse(fluid.page.incarnation(), why);
-            } else if status.state_tick > self.medium_tick {
+            } else if status.epoch < self.medium_key.0 {
+                life.page.add64(header::STALE, 1);
+            } else if key > self.medium_key {
                 let medium = Medium { pressure_pa: status.pressure_pa, pieces: status.pieces };
-                (self.medium_tick, self.medium) = (status.state_tick, medium);
+                (self.medium_key, self.medium) = (key, medium);
             }
         }
         self.medium
@@ -113,10 +121,8 @@ impl Models {
             let Some((number, model)) = tissue.page.cell(tissue::MODEL) else { continue };
             tissue.number = number;
             let key = (model.epoch, model.state_tick);
-            // An epoch that nobody has won would shut out all that come after it.
-            let is_ahead = |horizon: &Horizon| horizon.is_passed_by(key, MOST_AHEAD_TICKS, &life.clock);
             let verdict = match () {
-                () if self.horizon.as_ref().is_some_and(is_ahead) => Err(Distrust::Invalid),
+                () if is_ahead(&self.horizons[0], key, life) => Err(Distrust::Invalid),
                 () if key <= std::mem::replace(&mut tissue.key, key) => Err(Distrust::Still),
                 () => judge_model(&model, &life.page, tick.max(life.clock.present_tick())),
             };
@@ -130,6 +136,11 @@ impl Models {
         }
         self.newest
     }
+}
+
+/// Whether an epoch is one that nobody has won, or a tick far from being there: it would shut out all that come after it.
+fn is_ahead(horizon: &Option<Horizon>, key: (u32, u64), life: &Life) -> bool {
+    horizon.as_ref().is_some_and(|horizon| horizon.is_passed_by(key, MOST_AHEAD_TICKS, &life.clock))
 }
 
 /// Whether every number of the model is in its range, and the pose that it was computed from the one that was sent.

@@ -343,7 +343,7 @@ impl Stateful for FlowEngine<'_> {
 
     fn finished(&mut self, context: &StepContext, _state: &[u8]) {
         self.holds = Some((context.tenure.epoch, context.next_tick));
-        let mut told = self.status;
+        let mut told = FluidStatus { epoch: context.tenure.epoch, incarnation: context.tenure.incarnation, ..self.status };
         self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
         page.write(fluid::STATUS, &told);

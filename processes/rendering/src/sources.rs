@@ -146,6 +146,6 @@ impl Sources {
     /// What the newest of the fluids says of the pump.
     pub fn pump(&self) -> Option<FluidStatus> {
         let says = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-        says.filter(|status| status.state_tick > 0).max_by_key(|status| status.state_tick)
+        says.filter(|status| status.state_tick > 0).max_by_key(|status| (status.epoch, status.state_tick))
     }
 }

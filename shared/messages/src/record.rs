@@ -310,6 +310,10 @@ pub struct FluidStatus {
     pub outflow_ml_min: f32,
     /// Alarm bits of the pump, [`PUMP_ALARMS`].
     pub alarms: u32,
+    /// Epoch and incarnation of the owner, as its page says it; 0 where the status lies in a state, which is the same whoever made it.
+    pub epoch: u32,
+    /// See `epoch`.
+    pub incarnation: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

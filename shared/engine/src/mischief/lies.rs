@@ -71,10 +71,13 @@ impl Output for FluidStatus {
         (self.pressure_pa, self.deficit_ml) = (number, number as f64);
     }
     fn stamp_like(&mut self, other: &Self) {
-        self.state_tick = other.state_tick;
+        (self.epoch, self.incarnation, self.state_tick) = (other.epoch, other.incarnation, other.state_tick);
+    }
+    fn go_back(&mut self) {
+        self.epoch = self.epoch.saturating_sub(1);
     }
     fn run_ahead(&mut self) {
-        self.state_tick += TICKS_AHEAD;
+        (self.epoch, self.state_tick) = (self.epoch + EPOCHS_AHEAD, self.state_tick + TICKS_AHEAD);
     }
 }
 
