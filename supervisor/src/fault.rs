@@ -29,6 +29,22 @@ const BEGUN_TICKS: u64 = 2;
 /// Fault-free ticks that a force step is compared with.
 const QUIET_TICKS: u64 = 10_000;
 
+/// How a death is found: by the latch of its main thread, or by the end of the process.
+pub const LATCH: &str = "latch";
+/// See [`LATCH`].
+pub const PIDFD: &str = "pidfd";
+
+/// When a death was seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Death {
+    /// The end of the process, ns.
+    pub at_ns: u64,
+    /// Its latch open, ns, if that was before.
+    pub open_ns: Option<u64>,
+    /// Its last heartbeat, ns.
+    pub beat_ns: u64,
+}
+
 /// One fault.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
@@ -44,7 +60,7 @@ pub struct Fault {
     pub injected_ns: u64,
     /// The process died, hung, was continued, or did wrong as it was asked to.
     pub manifested: bool,
-    /// `pidfd`, `heartbeat`, `guardian`, or the process that refused its output or did its work.
+    /// `latch`, `pidfd`, `heartbeat`, `guardian`, or the process that refused its output or did its work.
     pub detected_by: String,
     /// From the injection to the word in the station page, µs.
     pub detected_us: Option<f64>,
@@ -104,6 +120,11 @@ impl Fault {
         // By the stamp of the force: a stall of the machine may let the servo read its orders later, and what it makes until then is as it should be.
         let is_wrong = |tick: &&Tick| tick.force_tick >= self.tick + BEGUN_TICKS;
         ledger.fresh_of(self.incarnation, self.tick, self.tick + whole_ticks(recovered_us)).filter(is_wrong).count() as u64
+    }
+
+    /// Whether the process was found by its death, and not ended because it hung.
+    pub fn is_found_dead(&self) -> bool {
+        self.dead && [LATCH, PIDFD].contains(&self.detected_by.as_str())
     }
 
     /// Whether the hand may feel it, so that it has an account of its own: that of the device, and of both servos at once.

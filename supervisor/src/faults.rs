@@ -7,7 +7,7 @@ mod inject;
 mod tend;
 
 use crate::active::ActiveLog;
-use crate::fault::{Fault, bounds, judge, us};
+use crate::fault::{Death, Fault, LATCH, PIDFD, bounds, judge, us};
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
 use crate::policy::Exit;
@@ -180,11 +180,13 @@ impl Faults {
     }
 
     /// The process died without being asked to.
-    pub fn died(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64, beat_ns: u64) {
+    pub fn died(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death) {
+        let Death { open_ns, beat_ns, .. } = death;
+        let (by, at_ns) = open_ns.map_or((PIDFD, death.at_ns), |open_ns| (LATCH, open_ns));
         if let Some(fault) = self.cause(slot, incarnation) {
             fault.manifested = true;
             if fault.detected_us.is_none() {
-                (fault.detected_by, fault.detected_us) = ("pidfd".into(), Some(us(at_ns, fault.injected_ns)));
+                (fault.detected_by, fault.detected_us) = (by.into(), Some(us(at_ns, fault.injected_ns)));
             }
             fault.starts_left = fault.starts_left.map(|left| left - 1);
             if fault.starts_left == Some(0) {
@@ -203,7 +205,7 @@ impl Faults {
             let is_it = fault.starts_left.is_none();
             fault.manifested |= is_it;
             if fault.detected_us.is_none() && is_it {
-                fault.detected_by = "pidfd".into();
+                fault.detected_by = by.into();
                 fault.detected_us = Some(us(at_ns, fault.injected_ns));
             }
         }

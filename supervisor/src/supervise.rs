@@ -12,6 +12,7 @@ pub mod trial;
 use crate::accounts::Accounts;
 use crate::clean::Cleaner;
 use crate::control::{self, Request};
+use crate::fault::Death;
 use crate::faults::Faults;
 use crate::growth::{Growth, Use};
 use crate::journal;
@@ -322,7 +323,7 @@ impl Supervisor {
                 let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation, beat_ns }, &mut self.policy);
                 self.act(actions);
             }
-            Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, beat_ns }) => {
+            Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, open_ns, beat_ns }) => {
                 let exit = self.memory.blame(spawn::reap(pid));
                 self.spawner.mortality.pass("reaped");
                 self.note_holders(at_ns); // one that took the role and died since the last look held it
@@ -330,7 +331,7 @@ impl Supervisor {
                     self.sample(at_ns, slot, None);
                     self.cleaner.ask(at_ns);
                 } else if !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0 {
-                    self.mourn(slot, incarnation, exit, at_ns, beat_ns);
+                    self.mourn(slot, incarnation, exit, Death { at_ns, open_ns, beat_ns });
                 }
                 let actions = policy::step(at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
                 self.act(actions);
@@ -342,7 +343,7 @@ impl Supervisor {
         }
     }
 
-    fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, at_ns: u64, beat_ns: u64) {
+    fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death) {
         let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
         let words = if words.is_empty() { String::new() } else { format!(": {words}") };
         let was_last = slot.role() == Role::Haptic && !self.has_another_servo(slot);
@@ -350,10 +351,10 @@ impl Supervisor {
         if was_last {
             journal::say(&self.station, "no servo is left: the force fades, and comes back with the next one");
         }
-        self.sample(at_ns, slot, None);
-        self.faults.died(slot, incarnation, exit, at_ns, beat_ns);
+        self.sample(death.at_ns, slot, None);
+        self.faults.died(slot, incarnation, exit, death);
         self.page.fetch_add64(layout::SLOT_RESTARTS + slot.number(), 1);
-        self.cleaner.ask(at_ns);
+        self.cleaner.ask(death.at_ns);
     }
 
     /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.

@@ -1,5 +1,5 @@
-//! The watching thread. It polls the pidfds of all engines and looks at their heartbeats once in a tick; on a death it says so in the station
-//! page at once, because spares and ushers wait for that word, and only then tells the rest of the supervisor. Who is a suspect and who is
+//! The watching thread. It polls the pidfds of all engines and looks at their latches and heartbeats once in a tick; on a death it says so in the
+//! station page at once, because spares and ushers wait for that word, and only then tells the rest of the supervisor. Who is a suspect and who is
 //! guilty is decided by [`crate::suspicion`]. It stands above all engines (SCHED_FIFO where granted), so that an engine that spins can be
 //! demoted and killed; therefore it does nothing else.
 
@@ -57,6 +57,8 @@ pub struct Ward {
     /// Number of the look at which it was last seen to have beaten.
     moved: u64,
     beat_ns: u64,
+    /// When its latch was first seen open, ns: it dies, and what is left of it is in the kernel's hands.
+    open_ns: Option<u64>,
 }
 
 impl Ward {
@@ -79,6 +81,7 @@ impl Ward {
             thread,
             moved: 0,
             beat_ns: 0,
+            open_ns: None,
         }
     }
 }
@@ -96,6 +99,8 @@ pub enum Notice {
         pid: u32,
         /// When it was seen, ns.
         at_ns: u64,
+        /// When its latch was seen open, ns; none if that was not before.
+        open_ns: Option<u64>,
         /// Its last heartbeat, ns.
         beat_ns: u64,
     },
@@ -221,8 +226,9 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
                 || ward.apart && proc::has_ended(&ward.pidfd);
             if is_dead {
                 mark_dead(page, ward);
+                let Ward { slot, incarnation, pid, open_ns, .. } = *ward;
                 let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
-                tell(Notice::Died { slot: ward.slot, incarnation: ward.incarnation, pid: ward.pid, at_ns: now_ns, beat_ns });
+                tell(Notice::Died { slot, incarnation, pid, at_ns: now_ns, open_ns, beat_ns });
             }
             !is_dead
         });
@@ -281,6 +287,10 @@ struct Look {
 
 fn look_at_all(page: &OwnedPage, wards: &mut [Ward], look: Look, tell: &dyn Fn(Notice)) {
     for ward in wards.iter_mut() {
+        if ward.open_ns.is_none() && ward.page.latch_is_open() {
+            ward.open_ns = Some(look.now_ns);
+            mark_dead(page, ward);
+        }
         let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
         if std::mem::replace(&mut ward.beat_ns, beat_ns) != beat_ns {
             ward.moved = look.number;
@@ -314,6 +324,8 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
         |since_ns: u64, bound_ns: u64| if now_ns.saturating_sub(since_ns) > bound_ns { Opinion::Guilty } else { Opinion::Same };
     let opinion = match state {
         _ if ward.blamed => Opinion::Same,
+        // It dies. One that does not has a bit in its page that flipped.
+        _ if ward.open_ns.is_some() => late(ward.open_ns.unwrap_or(now_ns), LATE_END_NS),
         ProcessState::Empty | ProcessState::Warming => {
             late(ward.spawned_ns, if is_real_time(slot.role()) { LATE_START_NS } else { LATE_ORDINARY_START_NS })
         }

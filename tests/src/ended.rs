@@ -56,7 +56,10 @@ impl Ended {
 
     /// Processes that died by themselves, and not of a fault that was injected. One that hung and was killed is none of them: a busy machine makes some.
     pub fn died_unasked(&self) -> Vec<&Value> {
-        self.faults("external").into_iter().filter(|fault| fault["detected_by"] == "pidfd").collect()
+        self.faults("external")
+            .into_iter()
+            .filter(|fault| fault["detected_by"] == "pidfd" || fault["detected_by"] == "latch")
+            .collect()
     }
 
     /// The recording holds each tick from its first to its last once, and what it has lost it names.

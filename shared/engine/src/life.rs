@@ -211,6 +211,9 @@ pub fn run(role: Role, body: impl FnOnce(&Life) -> Result<(), Failure>) -> ExitC
         }
     };
     leave_last_words(&life.page);
+    // The page outlives this thread, so that the kernel finds the latch. Where the C library refuses it, a death is told by the process's descriptor alone.
+    std::mem::forget(Arc::clone(&life.page));
+    life.page.hold_latch();
     if let Some(code) = life.hindered_start() {
         life.page.set_state(ProcessState::Failed);
         return ExitCode::from(code);

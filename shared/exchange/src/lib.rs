@@ -2,12 +2,13 @@
 //! place), rendezvous, meeting point, and the usher that keeps connecting off the real-time threads. After Tuchschmid et al.,
 //! "A Flexible Framework for Highly-Modular Surgical Simulation Systems" (ISBMS 2006), carried across processes.
 //!
-//! This is the only crate that names iceoryx2, and the only one with `unsafe`: in [`page`], [`system`], [`allocation`] and
-//! `loan`.
+//! This is the only crate that names iceoryx2, and the only one with `unsafe`: in [`page`], [`system`], [`latch`],
+//! [`allocation`] and `loan`.
 
 pub mod allocation;
 pub mod cell;
 pub mod checkpoint;
+pub mod latch;
 mod loan;
 pub mod machine;
 pub mod meeting;

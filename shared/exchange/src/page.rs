@@ -1,10 +1,15 @@
 //! A station page: one file of fixed size on tmpfs, mapped shared, read-write by its one owner and read-only by everyone else.
 //! Layout in `hyst_messages::page`.
 //!
+//! Who waits for a word of another's page waits on a second mapping of the 32-bit words, which the kernel could write: to find a word that it could not, it
+//! takes the lock of the process's memory map each time, and whoever is real time stood there for up to 100 ms while an ordinary thread of its own mapped
+//! a newcomer's stream (2-core VM, 2026-11-23). Nothing here writes through that mapping.
+//!
 //! Promise: a page is reserved in full when it is made, so that a full /dev/shm is an error here and never a SIGBUS later; it is
 //! refused if its magic, layout or length is another; a reader cannot write it.
 
 use crate::cell;
+use crate::latch;
 use crate::system;
 use bytemuck::Pod;
 use hyst_messages::page::{CellAt, ProcessState, RingAt, WORDS32, header};
@@ -109,6 +114,8 @@ fn page_bytes(words: usize) -> usize {
 #[derive(Debug)]
 pub struct ReadPage {
     mapping: Mapping,
+    /// Its 32-bit words once more, to be waited on; without it they are waited on where they are read.
+    waiting: Option<Mapping>,
 }
 
 /// A page that this process may write.
@@ -163,14 +170,23 @@ fn open_any(path: &Path, words: usize, access: Access) -> Result<Mapping, PageEr
     Mapping::new(&file, bytes, access).map_err(refused)
 }
 
+/// The 32-bit words of a page, in a mapping that may be written.
+fn words_to_wait_on(path: &Path) -> Option<Mapping> {
+    let file = rustix::fs::open(path, OFlags::RDWR | OFlags::CLOEXEC, Mode::empty()).ok()?;
+    let mapping = Mapping::new(&file, 4 * WORDS32, Access::Write).ok()?;
+    mapping.words32()[WORDS32 - 1].fetch_or(0, Ordering::Relaxed); // the kernel makes the page writable at the first write; nothing is changed
+    Some(mapping)
+}
+
 impl ReadPage {
     /// Opens a page for reading.
     pub fn open(path: &Path, words: usize) -> Result<ReadPage, PageError> {
-        open(path, words, Access::Read).map(|mapping| ReadPage { mapping })
+        let mapping = open(path, words, Access::Read)?;
+        Ok(ReadPage { mapping, waiting: words_to_wait_on(path) })
     }
     /// Opens one whose header may be damaged, and whose content says itself whether it is whole.
     pub(crate) fn open_damaged(path: &Path, words: usize) -> Result<ReadPage, PageError> {
-        open_any(path, words, Access::Read).map(|mapping| ReadPage { mapping })
+        open_any(path, words, Access::Read).map(|mapping| ReadPage { mapping, waiting: None })
     }
     /// A 32-bit word.
     pub fn load32(&self, index: usize) -> u32 {
@@ -204,7 +220,8 @@ impl ReadPage {
     }
     /// Waits until a 32-bit word differs from `expected` or the deadline has passed; may return early.
     pub fn wait(&self, index: usize, expected: u32, deadline_ns: u64) {
-        system::wait_word(&self.mapping.words32()[index], expected, deadline_ns);
+        let mapping = self.waiting.as_ref().unwrap_or(&self.mapping);
+        system::wait_word(&mapping.words32()[index], expected, deadline_ns);
     }
     /// State of the owner.
     pub fn state(&self) -> ProcessState {
@@ -213,6 +230,10 @@ impl ReadPage {
     /// Incarnation of the owner.
     pub fn incarnation(&self) -> u32 {
         self.load64(header::INCARNATION) as u32
+    }
+    /// Whether the thread that held the owner's latch has died.
+    pub fn latch_is_open(&self) -> bool {
+        latch::is_open(self.load64(header::LATCH))
     }
     /// What the owner last said before it died.
     pub fn last_words(&self) -> String {
@@ -232,6 +253,10 @@ impl OwnedPage {
     /// Opens one whose header may be damaged, to mend it.
     pub(crate) fn open_damaged(path: &Path, words: usize) -> Result<OwnedPage, PageError> {
         open_any(path, words, Access::Write).map(|mapping| OwnedPage { mapping })
+    }
+    /// Holds the latch for as long as the calling thread lives; false where the system refuses. The page has to stay mapped as long.
+    pub fn hold_latch(&self) -> bool {
+        self.mapping.words64()[header::LATCH..].first_chunk().is_some_and(latch::hold)
     }
     /// A 32-bit word.
     pub fn load32(&self, index: usize) -> u32 {

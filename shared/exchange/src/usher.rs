@@ -190,7 +190,14 @@ impl Desk {
 
 /// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
 pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
-    start(station, me, interests, move |guest| connect_port(guest, links.as_ref()))
+    let segments = format!("/dev/shm/{}", station.prefix());
+    start(station, me, interests, move |guest| {
+        let arrival = connect_port(guest, links.as_ref());
+        if matches!(&arrival, Ok(Some(Arrival { port: Port::Stream(..), .. }))) {
+            system::touch_mapped(&segments, ".data");
+        }
+        arrival
+    })
 }
 
 /// Starts an usher for a process that reads pages alone.

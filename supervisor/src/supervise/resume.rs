@@ -1,6 +1,7 @@
 //! How a supervisor begins, and begins again after its own death: the engines live on, and what it had begun is finished or undone.
 
 use super::Supervisor;
+use crate::fault::Death;
 use crate::intent::{Deed, Intent};
 use crate::journal;
 use crate::policy::{self, Event, Exit};
@@ -34,7 +35,7 @@ impl Supervisor {
                 // It died while nobody watched, or waits for its successor since before.
                 if !self.faults.knows_dead(slot, incarnation) {
                     let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
-                    self.mourn(slot, incarnation, Exit::Unknown, now_ns, beat_ns);
+                    self.mourn(slot, incarnation, Exit::Unknown, Death { at_ns: now_ns, open_ns: None, beat_ns });
                 }
                 self.spawner.mark_dead(slot, incarnation);
                 self.spawner.bury(slot, incarnation);

@@ -164,7 +164,7 @@ impl Figures {
                 self.reasons.push(format!("fault {index}: {reason}"));
             }
         };
-        for other in sequel.others().filter(|fault| fault.dead && fault.detected_by == "pidfd") {
+        for other in sequel.others().filter(|fault| fault.is_found_dead()) {
             saw("others died", May::OthersDie, format!("{} died too ({})", other.target, other.exit));
         }
         if sequel.began_anew() {
