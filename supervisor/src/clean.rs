@@ -10,16 +10,11 @@ use std::process::Stdio;
 
 /// A clean-up that takes longer is killed.
 pub const WATCHDOG_NS: u64 = 5_000_000_000;
-/// Between a death and the clean-up: the successor comes first, and deaths that come together are cleaned together. What a reader still has of the dead
-/// when it is cleaned up he unmaps at his next look, real time or not: 50 MB for a tissue. By now he has the successor's in its place.
-pub const PAUSE_NS: u64 = 3_000_000_000;
-/// Longest time that deaths which follow each other may hold it up.
-const MOST_PAUSE_NS: u64 = 10_000_000_000;
+/// Between a death and the clean-up: the successor comes first, and deaths that come together are cleaned together.
+pub const PAUSE_NS: u64 = 300_000_000;
 /// Between two looks for segments that the dead have left without a size: a living maker gives one its size at once, and is not taken for a dead one
 /// unless it stands for so long.
 const UNBORN_NS: u64 = 1_000_000_000;
-/// Between a death and the first look for them.
-const UNBORN_PAUSE_NS: u64 = 300_000_000;
 /// Looks after a death.
 const UNBORN_LOOKS: u32 = 4;
 
@@ -27,8 +22,6 @@ const UNBORN_LOOKS: u32 = 4;
 #[derive(Debug, Default)]
 pub struct Cleaner {
     due_ns: Option<u64>,
-    /// The first death that is not cleaned up.
-    first_ns: Option<u64>,
     running: Option<(u32, u64)>,
     unborn: Unborn,
 }
@@ -43,7 +36,7 @@ struct Unborn {
 
 impl Unborn {
     fn ask(&mut self, now_ns: u64) {
-        (self.looks, self.due_ns) = (UNBORN_LOOKS, self.due_ns.max(now_ns + UNBORN_PAUSE_NS));
+        (self.looks, self.due_ns) = (UNBORN_LOOKS, self.due_ns.max(now_ns + PAUSE_NS));
     }
 
     /// Removes those that had no size at the look before either; gives their number.
@@ -64,8 +57,7 @@ impl Unborn {
 impl Cleaner {
     /// Somebody died.
     pub fn ask(&mut self, now_ns: u64) {
-        let first_ns = *self.first_ns.get_or_insert(now_ns);
-        self.due_ns = Some((now_ns + PAUSE_NS).min(first_ns + MOST_PAUSE_NS));
+        self.due_ns = Some(now_ns + PAUSE_NS);
         self.unborn.ask(now_ns);
     }
 
@@ -89,7 +81,7 @@ impl Cleaner {
             return;
         }
         if self.due_ns.is_some_and(|due_ns| due_ns <= now_ns) {
-            (self.due_ns, self.first_ns) = (None, None);
+            self.due_ns = None;
             self.running = start(station).map(|pid| (pid, now_ns));
         }
     }
@@ -139,14 +131,14 @@ mod tests {
         let mut unborn = Unborn::default();
         assert_eq!(unborn.tend(&station, 0), 0, "nobody has died");
         unborn.ask(0);
-        assert_eq!(unborn.tend(&station, UNBORN_PAUSE_NS - 1), 0);
-        assert_eq!(unborn.tend(&station, UNBORN_PAUSE_NS), 0, "one look is not enough");
+        assert_eq!(unborn.tend(&station, PAUSE_NS - 1), 0);
+        assert_eq!(unborn.tend(&station, PAUSE_NS), 0, "one look is not enough");
         std::fs::write(&slow, "now").unwrap();
         std::fs::write(&late, "").unwrap();
-        assert_eq!(unborn.tend(&station, UNBORN_PAUSE_NS + UNBORN_NS - 1), 0);
-        assert_eq!(unborn.tend(&station, UNBORN_PAUSE_NS + UNBORN_NS), 1);
+        assert_eq!(unborn.tend(&station, PAUSE_NS + UNBORN_NS - 1), 0);
+        assert_eq!(unborn.tend(&station, PAUSE_NS + UNBORN_NS), 1);
         assert_eq!([&dead, &slow, &whole, &late].map(|path| path.exists()), [false, true, true, true]);
-        let mut now_ns = UNBORN_PAUSE_NS + UNBORN_NS;
+        let mut now_ns = PAUSE_NS + UNBORN_NS;
         let looks: Vec<usize> = (0..=UNBORN_LOOKS)
             .map(|_| {
                 now_ns += UNBORN_NS;
