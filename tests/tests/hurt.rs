@@ -289,8 +289,15 @@ fn a_zombie_steps_down_or_is_gone_and_nothing_stale_is_applied() {
             }
             station.signal_if_alive(pid, Signal::CONT);
             station.recover();
-            lived += usize::from(station.processes(role).iter().any(|row| row["pid"] == pid && row["state"] != "dead"));
+            let zombie = || station.processes(role).into_iter().find(|row| row["pid"] == pid && row["state"] != "dead");
+            lived += usize::from(zombie().is_some());
             if role != "haptic" {
+                // Who has lost the role says so itself: it follows as a spare, or has won the role again.
+                let knows = || match zombie() {
+                    Some(row) => (row["state"] == if row["active"] == true { "live" } else { "spare" }).then_some(()),
+                    None => Some(()),
+                };
+                assert!(wait_for(RECOVERY_LIMIT, knows).is_some(), "{role}: {}\n{}", station.status(), station.said());
                 // Whoever has the role now, the zombie itself not excepted, has it in an epoch that fences what the zombie was.
                 assert!(station.holder(role).1 > epoch, "{role}: {}\n{}", station.status(), station.said());
             }

@@ -78,7 +78,8 @@ impl Replicas {
             let still = |index: usize| self.seats[index].as_ref().map_or(u32::MAX, |replica| replica.watch.still);
             // An answer that does not count was one from the shadow: there is nothing more to expect of it in this tick.
             let said = |index: usize| self.seats[index].as_ref().is_some_and(|seat| seat.page.load64(header::TICK) >= input.tick);
-            let hope = if said(self.selected) || still(other) < still(self.selected) { other } else { self.selected };
+            let none_to_come = said(self.selected) || self.is_gone(self.selected, life);
+            let hope = if none_to_come || still(other) < still(self.selected) { other } else { self.selected };
             self.wait_for(hope, life, input.tick, deadline_ns + hop::DEADLINE_NS / 2, true);
         }
         self.take(life, input, params)
@@ -170,19 +171,23 @@ impl Replicas {
     /// missed the tick before is not waited for.
     fn wait_for(&self, index: usize, life: &Life, tick: u64, deadline_ns: u64, patient: bool) {
         let Some(replica) = &self.seats[index] else { return };
-        let slot = Slot::new(Role::Haptic, index);
         // Bounded by the deadline; the word changes once a tick.
         loop {
             let news = replica.page.load32(header::NEWS);
             if replica.page.load64(header::TICK) >= tick || system::now_ns() >= deadline_ns {
                 return;
             }
-            let dead = slot.is_some_and(|slot| life.clock.is_dead(slot) && life.clock.incarnation(slot) == replica.incarnation);
-            if dead || (replica.watch.still >= 1 && !patient) {
+            if self.is_gone(index, life) || (replica.watch.still >= 1 && !patient) {
                 return;
             }
             replica.page.wait(header::NEWS, news, deadline_ns);
         }
+    }
+
+    /// Whether the replica is known to be dead.
+    fn is_gone(&self, index: usize, life: &Life) -> bool {
+        let seat = Slot::new(Role::Haptic, index).zip(self.seats[index].as_ref());
+        seat.is_some_and(|(slot, replica)| life.clock.is_dead(slot) && life.clock.incarnation(slot) == replica.incarnation)
     }
 
     /// Whether the replica has a force for this tick that may be chosen: one in its shadow is no reason not to wait for the other.

@@ -37,6 +37,9 @@ pub struct Counters {
     /// Sweeps that changed the mesh.
     #[serde(default)]
     pub cuts: u32,
+    /// Version of the mesh.
+    #[serde(default)]
+    pub topology_version: u32,
     /// Whether a stroke of the electrode is under way.
     #[serde(default)]
     pub is_cutting: bool,
@@ -66,6 +69,10 @@ impl Counters {
             }
             () if after.removed_volume_ml < self.removed_volume_ml => Some("the removed volume went back".into()),
             () if after.cuts < self.cuts => Some(format!("of {} cuts {} are left", self.cuts, after.cuts)),
+            () if after.cuts == self.cuts && after.topology_version != self.topology_version => Some(format!(
+                "the mesh is of version {} after as many cuts as version {} was",
+                after.topology_version, self.topology_version
+            )),
             () if jump_ml.is_nan() || jump_ml > MOST_DEFICIT_ML_PER_TICK * ticks + 0.1 => {
                 Some(format!("the deficit went from {:.3} ml to {:.3} ml in {ticks} ticks", self.deficit_ml, after.deficit_ml))
             }
@@ -149,6 +156,7 @@ mod tests {
             deficit_ml: 5.0,
             removed_volume_ml: 1.0,
             cuts: 7,
+            topology_version: 9,
             is_cutting: true,
             contacts: 0,
             founded_tick: 1,
@@ -160,6 +168,7 @@ mod tests {
             deficit_ml: 12.0,
             removed_volume_ml: 1.0,
             cuts: 9,
+            topology_version: 11,
             is_cutting: false,
             contacts: 3,
             founded_tick: 1,
@@ -170,6 +179,7 @@ mod tests {
             (Counters { fluid_tick: 33, ..good }, "fluid"),
             (Counters { removed_volume_ml: 0.0, ..good }, "removed"),
             (Counters { cuts: 6, ..good }, "of 7 cuts 6"),
+            (Counters { cuts: 7, topology_version: 8, ..good }, "mesh is of version 8"),
             (Counters { deficit_ml: 31.0, ..good }, "deficit"),
             (Counters { founded_tick: 1_500, ..good }, "began anew"),
             (Counters { deficit_ml: f64::NAN, ..good }, "deficit"),

@@ -179,6 +179,7 @@ impl Session {
                 found.tissue_tick = status.state_tick;
                 (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
                 (found.cuts, found.is_cutting) = (status.cuts, status.is_cutting != 0);
+                found.topology_version = status.topology_version;
             }
             for role in [Role::Tissue, Role::Fluid] {
                 let founded = Slot::new(role, index)
