@@ -323,16 +323,16 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
     }
     let late =
         |since_ns: u64, bound_ns: u64| if now_ns.saturating_sub(since_ns) > bound_ns { Opinion::Guilty } else { Opinion::Same };
-    let opinion = match state {
+    let opinion = match (state, ward.open_ns) {
         _ if ward.blamed => Opinion::Same,
         // It dies. One that does not has a bit in its page that flipped.
-        _ if ward.open_ns.is_some() => late(ward.open_ns.unwrap_or(now_ns), LATE_END_NS),
-        ProcessState::Empty | ProcessState::Warming => {
+        (_, Some(open_ns)) => late(open_ns, LATE_END_NS),
+        (ProcessState::Empty | ProcessState::Warming, None) => {
             late(ward.spawned_ns, if is_real_time(slot.role()) { LATE_START_NS } else { LATE_ORDINARY_START_NS })
         }
-        ProcessState::Stopping | ProcessState::Failed => late(beat_ns, LATE_END_NS),
-        ProcessState::Warm | ProcessState::Live if look.is_lockstep => late(beat_ns, LATE_END_NS),
-        ProcessState::Warm | ProcessState::Live => {
+        (ProcessState::Stopping | ProcessState::Failed, None) => late(beat_ns, LATE_END_NS),
+        (ProcessState::Warm | ProcessState::Live, None) if look.is_lockstep => late(beat_ns, LATE_END_NS),
+        (ProcessState::Warm | ProcessState::Live, None) => {
             let thread = ward.thread.as_ref();
             let ask = if is_real_time(slot.role()) { ThreadFiles::state } else { ThreadFiles::state_of_process };
             ward.gauge.look(beat_ns, counted_ns, || thread.and_then(ask))

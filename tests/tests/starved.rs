@@ -52,10 +52,7 @@ fn a_leak_of_memory_or_files_is_found_as_growth_and_the_role_handed_over() {
         assert!(ended.said.lines().any(|line| is_reason(&line)), "{kind} {slot}\n{}", ended.said);
     }
     // One that a busy machine made late had lost its role by then. The supervisor dies nowhere but where it has handed a role over.
-    let is_handed_over = |words: &&str| ended.said.contains(*words);
-    let (handed, died) =
-        (["tissue is handed over", "fluid is handed over"].iter().any(is_handed_over), "the supervisor was restarted");
-    assert!(is_handed_over(&died), "handed over: {handed}\n{}", ended.said);
+    assert!(ended.said.contains("the supervisor was restarted"), "{}", ended.said);
     assert!(ended.died_unasked().is_empty(), "{}", ended.said);
 }
 

@@ -286,6 +286,10 @@ impl Campaign {
     pub fn faults(&self) -> usize {
         self.arms.iter().flat_map(|arm| self.cells.iter().map(|cell| arm.count(cell))).sum()
     }
+    /// Whether the promises are judged in the arm of this name.
+    pub fn judges(&self, arm: &str) -> bool {
+        self.arms.iter().any(|known| known.name == arm && known.judged)
+    }
     /// Whether its stations record.
     pub fn records(&self) -> bool {
         self.station.record.unwrap_or(true)

@@ -47,7 +47,6 @@ pub struct Judgement {
 
 /// Judges what there is so far.
 pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &[StationOutcome]) -> Judgement {
-    let judged = |name: &str| campaign.arms.iter().any(|arm| arm.name == name && arm.judged);
     let blame = Blame::of(campaign, outcomes, stations);
     let mut cells = Vec::new();
     let mut pools = Vec::new();
@@ -68,10 +67,10 @@ pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &
             }
         }
     }
-    let here: Vec<&Figures> = cells.iter().filter(|cell| judged(&cell.arm)).collect();
+    let here: Vec<&Figures> = cells.iter().filter(|cell| campaign.judges(&cell.arm)).collect();
     let done: usize = here.iter().map(|cell| cell.done()).sum();
     let void_share = here.iter().map(|cell| cell.without_verdict).sum::<usize>() as f64 / done.max(1) as f64;
-    let stations: Vec<&StationOutcome> = stations.iter().filter(|station| judged(&station.arm)).collect();
+    let stations: Vec<&StationOutcome> = stations.iter().filter(|station| campaign.judges(&station.arm)).collect();
     let unknown = unknown(campaign, &stations, void_share, blame.lost_elsewhere);
     let mut judgement = Judgement {
         campaign: campaign.name.clone(),

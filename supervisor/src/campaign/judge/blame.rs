@@ -32,7 +32,7 @@ impl<'a> Blame<'a> {
     pub(super) fn of(campaign: &Campaign, outcomes: &'a [Outcome], stations: &[StationOutcome]) -> Blame<'a> {
         let mut blame = Blame::default();
         for station in stations {
-            let is_judged = campaign.arms.iter().any(|arm| arm.name == station.arm && arm.judged);
+            let is_judged = campaign.judges(&station.arm);
             let mut here: Vec<&'a Outcome> = outcomes.iter().filter(|outcome| station.faults.contains(&outcome.index)).collect();
             here.sort_by_key(|outcome| station.faults.iter().position(|index| *index == outcome.index));
             blame.next.extend(here.windows(2).map(|pair| (pair[0].index, pair[1])));
