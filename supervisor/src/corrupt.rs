@@ -6,9 +6,10 @@
 
 use crate::campaign::draw::Draw;
 use crate::faultfile::{DEFAULT_BYTES, Injection, Place};
-use hyst_exchange::{Station, checkpoint};
+use hyst_exchange::{Station, checkpoint, mappings};
 use hyst_messages::Slot;
 use rustix::fs::SeekFrom;
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::ops::Range;
 use std::os::unix::fs::FileExt;
@@ -36,19 +37,10 @@ pub fn corrupt(station: &Station, slot: Slot, incarnation: u32, pid: u32, inject
     Ok(format!("{bytes} bytes in {} files, the first at {first}", files.len()))
 }
 
-/// The files in /dev/shm that a process has mapped, by prefix, ending and rights; in the order of their names.
+/// The files in shared memory that a process has mapped with these rights, in the order of their names.
 fn mapped(pid: u32, prefix: &str, ending: &str, rights: &str) -> Vec<PathBuf> {
-    let text = std::fs::read_to_string(format!("/proc/{pid}/maps")).unwrap_or_default();
-    let mut found: Vec<PathBuf> = text
-        .lines()
-        .filter(|line| line.split_whitespace().nth(1) == Some(rights))
-        .filter_map(|line| line.split_whitespace().nth(5))
-        .filter(|path| path.strip_prefix("/dev/shm/").is_some_and(|name| name.starts_with(prefix)) && path.ends_with(ending))
-        .map(PathBuf::from)
-        .collect();
-    found.sort();
-    found.dedup();
-    found
+    let files = mappings::of_process(pid, prefix, ending).into_iter().filter(|mapping| mapping.rights == rights);
+    files.map(|mapping| mapping.path).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 /// Flips so many bytes of all of them together; gives the place of the first one.

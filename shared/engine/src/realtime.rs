@@ -53,6 +53,10 @@ pub fn core(slot: Slot, cores: usize) -> Option<usize> {
     }
 }
 
+/// Niceness of who will be real time until it is, and of its other threads. At 0, beside four flows of two stations, a newborn got 5 ms in 5 s, and died
+/// of it (2-core VM, 2026-11-23).
+const WARMING: i32 = -10;
+
 /// Whether the core of a slot is one that the hand's own threads are on too.
 pub fn shares_core_with_hand(slot: Slot, cores: usize) -> bool {
     let hand = [Slot::first(Role::Device)].into_iter().chain((0..2).filter_map(|index| Slot::new(Role::Haptic, index)));
@@ -60,15 +64,15 @@ pub fn shares_core_with_hand(slot: Slot, cores: usize) -> bool {
 }
 
 /// How ordinary processes give way to each other: the operator's page before anything else, then pictures, then the flow, the recorder last: it takes a
-/// hundredth of a core, and what it has not read within 4 s is lost. Where that is refused they are alike. Called before a process has threads of its
-/// own, which inherit it.
+/// hundredth of a core, and what it has not read within 4 s is lost; who will be real time counts as much as the flow while it warms up. Where that is refused
+/// they are alike. Called before a process has threads of its own, which inherit it.
 pub fn give_way(life: &Life) {
     let nice = match life.slot.role() {
         Role::Recorder => -15,
         Role::Fluid => -10,
         Role::Rendering => 5,
         Role::Console => 10,
-        _ => return,
+        _ => WARMING,
     };
     let real_time = life.settings.switch("realtime", true).unwrap_or(false);
     if real_time && life.slot.role() == Role::Rendering {

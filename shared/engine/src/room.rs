@@ -5,7 +5,15 @@
 //! a tissue which fills it (2-core VM, 2026-11-23). So who takes most of such a core leaves single periods of its own, before the kernel takes
 //! them from everybody.
 //!
-//! Promise: over a second the thread sleeps for [`SHARE`] of the time at least, beside what it has saved in 20 ms.
+//! Beside another station, or on a machine that is not let run, the time in which it sleeps is not theirs: other real-time threads have it. So an
+//! ordinary thread on the same core, the sentinel, says when it last ran, and until it does every second period is left.
+//!
+//! Promise: over a second the thread sleeps for [`SHARE`] of the time at least, beside what it has saved in 20 ms; while ordinary threads of its core
+//! have had nothing for [`STARVED_NS`] it runs in every second period at most, and never in fewer than half of them for that.
+
+use hyst_exchange::system;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Part of the time in which the thread is to sleep: other real-time threads, which are short, take a third of it.
 pub const SHARE: f64 = 0.12;
@@ -13,16 +21,30 @@ pub const SHARE: f64 = 0.12;
 const MOST_SAVED_NS: f64 = 20e6;
 /// So much sleep that is lacking is remembered, ns: one step that took very long is no reason to leave many.
 const MOST_OWED_NS: f64 = 3e6;
+/// How often the sentinel runs where it may, ns.
+const LOOK_NS: u64 = 20_000_000;
+/// Ordinary threads that have not run on a core for so long are starved, ns.
+pub const STARVED_NS: u64 = 60_000_000;
+/// Niceness of the sentinel: like that of the most important ordinary threads, for it is they whom it stands for.
+const SENTINEL_NICE: i32 = -10;
 
 /// The account of a thread's sleep.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct Room {
     woken_ns: u64,
     ended_ns: u64,
     saved_ns: f64,
+    /// The last period was left because ordinary threads were starved.
+    left: bool,
+    sentinel: Option<Sentinel>,
 }
 
 impl Room {
+    /// For the calling thread, which is real time and tied to its core.
+    pub fn of_this_core() -> Self {
+        Self { sentinel: Sentinel::start(), ..Self::default() }
+    }
+
     /// Takes the time of a wake-up; gives whether the period that begins is to be left to ordinary threads.
     pub fn woken(&mut self, now_ns: u64) -> bool {
         if self.woken_ns != 0 {
@@ -31,12 +53,39 @@ impl Room {
             self.saved_ns = self.saved_ns.clamp(-MOST_OWED_NS, MOST_SAVED_NS);
         }
         self.woken_ns = now_ns;
-        self.saved_ns < 0.0
+        let starved = self.sentinel.as_ref().is_some_and(|sentinel| sentinel.is_starved(now_ns));
+        self.left = starved && !self.left;
+        self.left || self.saved_ns < 0.0
     }
 
     /// Takes the time at which the thread goes to sleep.
     pub fn ended(&mut self, now_ns: u64) {
         self.ended_ns = now_ns;
+    }
+}
+
+/// An ordinary thread on the core of the one that started it, which says when it last ran.
+#[derive(Debug)]
+struct Sentinel(Arc<AtomicU64>);
+
+impl Sentinel {
+    /// `None` where the system gives no more threads: then nobody tells.
+    fn start() -> Option<Self> {
+        let ran_ns = Arc::new(AtomicU64::new(system::now_ns()));
+        let of_thread = Arc::clone(&ran_ns);
+        let body = move || {
+            system::be_nice(SENTINEL_NICE); // refused without rights: then it speaks for the others
+            // Until nobody listens any more.
+            while Arc::strong_count(&of_thread) > 1 {
+                of_thread.store(system::now_ns(), Ordering::Relaxed);
+                system::sleep_ns(LOOK_NS);
+            }
+        };
+        std::thread::Builder::new().name("sentinel".into()).spawn(body).ok().map(|_| Self(ran_ns))
+    }
+
+    fn is_starved(&self, now_ns: u64) -> bool {
+        now_ns.saturating_sub(self.0.load(Ordering::Relaxed)) > STARVED_NS
     }
 }
 
@@ -67,6 +116,34 @@ mod tests {
         assert!((900..=960).contains(&left), "{left}");
         let left = run(&mut Room::default(), 10_000, 1.0);
         assert!((1_150..=1_250).contains(&left), "{left}");
+    }
+
+    #[test]
+    fn while_ordinary_threads_are_starved_every_second_period_is_left() {
+        let starved = || Sentinel(Arc::new(AtomicU64::new(0)));
+        let mut room = Room { sentinel: Some(starved()), ended_ns: 10 * STARVED_NS, ..Room::default() };
+        assert_eq!(run(&mut room, 1_000, 0.5), 500);
+        let left = run(&mut room, 1_000, 1.0);
+        assert!((500..=502).contains(&left), "what is left for them counts as sleep: {left}");
+        let fed = Sentinel(Arc::new(AtomicU64::new(u64::MAX)));
+        assert_eq!(run(&mut Room { sentinel: Some(fed), ..Room::default() }, 1_000, 0.5), 0);
+    }
+
+    #[test]
+    fn a_sentinel_that_may_run_is_not_starved_and_ends_with_who_listens_to_it() {
+        let room = Room::of_this_core();
+        let ran_ns = &room.sentinel.as_ref().expect("a thread").0;
+        let (first_ns, limit_ns) = (ran_ns.load(Ordering::Relaxed), system::now_ns() + 10_000_000_000);
+        while ran_ns.load(Ordering::Relaxed) < first_ns + STARVED_NS && system::now_ns() < limit_ns {
+            std::thread::yield_now();
+        }
+        assert!(ran_ns.load(Ordering::Relaxed) >= first_ns + STARVED_NS, "it does not run");
+        let of_thread = Arc::downgrade(ran_ns);
+        drop(room);
+        while of_thread.strong_count() > 0 && system::now_ns() < limit_ns {
+            std::thread::yield_now();
+        }
+        assert_eq!(of_thread.strong_count(), 0, "it goes on");
     }
 
     #[test]

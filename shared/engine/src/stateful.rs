@@ -150,8 +150,8 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     this.warm()?;
     let granted = realtime::go(life)?;
     let shares = granted.fifo && granted.pinned && realtime::shares_core_with_hand(life.slot, system::cores());
-    this.room = shares.then(Room::default);
     this.stand_apart();
+    this.room = shares.then(Room::of_this_core);
     this.run()
 }
 
@@ -251,7 +251,7 @@ impl<S: Stateful> Loop<'_, S> {
             let late = (SPARE_PHASE * (period * TICK_NS) as f64) as u64;
             pace.set_phase(if holding { 0 } else { late });
             let Some(tick) = pace.wait() else { return Ok(()) };
-            let leaves = self.room.as_mut().is_some_and(|room| room.woken(pace.woken_ns())) && holding;
+            let leaves = self.room.as_mut().is_some_and(|room| room.woken(pace.woken_ns()));
             self.life.misbehave();
             self.receive_ports();
             let holder = self.roster.holder(self.role);
@@ -270,7 +270,7 @@ impl<S: Stateful> Loop<'_, S> {
             } else if self.life.clock.swap(self.role).is_on_trial(holder.incarnation) {
                 self.guard(tick, holder)?;
             } else {
-                self.follow(tick, holder)?;
+                self.follow(tick, holder, leaves)?;
             }
             pace.end();
             self.room.iter_mut().for_each(|room| room.ended(system::now_ns()));
@@ -362,8 +362,8 @@ impl<S: Stateful> Loop<'_, S> {
         Ok(())
     }
 
-    /// The spare's part of a tick.
-    fn follow(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
+    /// The spare's part of a tick; it substitutes nothing in one that it leaves.
+    fn follow(&mut self, tick: u64, holder: Tenure, leaves: bool) -> Result<(), Failure> {
         let Some(state) = self.chain.newest() else { return Ok(()) };
         self.engine.prepare(state.bytes())?;
         let newest = self.chain.key();
@@ -375,6 +375,7 @@ impl<S: Stateful> Loop<'_, S> {
         let most_misses = most_misses(self.holder_hangs(holder));
         match spare_turn(tick, newest, holder.epoch, step, lives, self.misses, most_misses) {
             Turn::Promote => self.begin_epoch(tick, holder),
+            Turn::Substitute(_) if leaves => Ok(()),
             Turn::Substitute(next_tick) => {
                 self.life.page.add64(header::SUBSTITUTES, 1);
                 self.make(next_tick, holder)

@@ -11,6 +11,7 @@ pub mod checkpoint;
 pub mod latch;
 mod loan;
 pub mod machine;
+pub mod mappings;
 pub mod meeting;
 pub mod page;
 pub mod rendezvous;

@@ -79,34 +79,13 @@ pub fn lock_memory() -> bool {
     mlockall(MlockAllFlags::CURRENT).is_ok() && mlockall(MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT).is_ok()
 }
 
-/// Bytes that are touched under one hold of the lock of the memory map.
-const TOUCHED_AT_ONCE: usize = 256 << 10;
-
-/// Touches all that the process has mapped of files whose paths begin and end like this, a little at a time: its own threads find it in the memory map then.
-/// Not on a real-time thread.
-pub fn touch_mapped(beginning: &str, ending: &str) {
-    let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
-    for (start, end) in maps.lines().filter_map(|line| mapped_range(line, beginning, ending)) {
-        for at in (start..end).step_by(TOUCHED_AT_ONCE) {
-            touch(at, TOUCHED_AT_ONCE.min(end - at));
-        }
-    }
-}
-
+/// Brings so many bytes from an address on into the memory map, for reading. Not on a real-time thread.
 #[allow(unsafe_code)]
-fn touch(start: usize, bytes: usize) {
+pub(crate) fn populate(start: usize, bytes: usize) {
     use rustix::mm::{Advice, madvise};
     // SAFETY: to bring pages in for reading changes no memory. A range that has been unmapped meanwhile is refused by the kernel, and one in whose place
     // another was mapped is brought in as well, which is harmless.
     let _ = unsafe { madvise(std::ptr::with_exposed_provenance_mut(start), bytes, Advice::LinuxPopulateRead) };
-}
-
-/// The addresses of a line of /proc/PID/maps if its file's path begins and ends like this.
-fn mapped_range(line: &str, beginning: &str, ending: &str) -> Option<(usize, usize)> {
-    let mut words = line.split_whitespace();
-    let (start, end) = words.next()?.split_once('-')?;
-    words.nth(4).filter(|path| path.starts_with(beginning) && path.ends_with(ending))?;
-    Some((usize::from_str_radix(start, 16).ok()?, usize::from_str_radix(end, 16).ok()?))
 }
 
 /// Makes the calling thread SCHED_FIFO with this priority; children go back to the ordinary class. False where it is refused.
@@ -235,19 +214,6 @@ mod tests {
         let until = now_ns() + 2_000_000;
         sleep_until_ns(until);
         assert!(now_ns() >= until);
-    }
-
-    #[test]
-    fn a_mapping_is_known_by_the_beginning_and_the_end_of_its_path() {
-        let line = "7f9b2cc76000-7f9b30000000 r--s 00000000 00:1a 4711                       /dev/shm/hyst0_a_x1.data";
-        let range = mapped_range(line, "/dev/shm/hyst0_a_", ".data");
-        assert_eq!(range, Some((0x7f9b_2cc7_6000, 0x7f9b_3000_0000)));
-        assert_eq!(mapped_range(line, "/dev/shm/hyst0_b_", ".data"), None, "another station's");
-        assert_eq!(mapped_range(line, "/dev/shm/hyst0_a_", ".connection"), None);
-        for other in ["", "7f9b2cc76000-7f9b30000000 rw-p 00000000 00:00 0", "nonsense r--s 0 0 0 /dev/shm/hyst0_a_x1.data"] {
-            assert_eq!(mapped_range(other, "/dev/shm/", ".data"), None, "{other}");
-        }
-        touch_mapped("/dev/shm/nobody", ".data"); // nothing is found, and nothing happens
     }
 
     #[test]

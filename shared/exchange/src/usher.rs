@@ -4,6 +4,7 @@
 //! Promise: the real-time thread never connects, maps, unmaps or cleans up. A page comes as soon as its process is announced; a stream when
 //! its writer is there. If a queue is full, what does not fit waits with the usher.
 
+use crate::mappings::Touched;
 use crate::page::ReadPage;
 use crate::rendezvous::ProcessClient;
 use crate::station::{Station, StationError, StationPage};
@@ -20,6 +21,9 @@ const QUEUE: usize = 256;
 const EAGER_NS: u64 = 1_000_000;
 /// How often it looks otherwise, ns; a change of the slots wakes it at once.
 const IDLE_NS: u64 = 20_000_000;
+
+/// Steps that it stands ahead of its process's other ordinary threads: it runs rarely, and until it did nobody hears what a newcomer says.
+const AHEAD: i32 = 10;
 
 /// What an engine wants of every process of a role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,11 +194,11 @@ impl Desk {
 
 /// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
 pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
-    let segments = format!("/dev/shm/{}", station.prefix());
+    let (segments, mut touched) = (station.prefix(), Touched::default());
     start(station, me, interests, move |guest| {
         let arrival = connect_port(guest, links.as_ref());
         if matches!(&arrival, Ok(Some(Arrival { port: Port::Stream(..), .. }))) {
-            system::touch_mapped(&segments, ".data");
+            touched.touch_new(&segments, ".data");
         }
         arrival
     })
@@ -221,6 +225,7 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let stopped = Arc::clone(&stop);
     let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new() };
     let body = move || {
+        system::be_nice(-AHEAD); // refused without rights: then it waits like any other thread
         while !stopped.load(Ordering::Acquire) {
             let seen = page.changes();
             while departures.pop().is_ok() {}
