@@ -1,7 +1,7 @@
 //! The control socket: a Unix stream in the station's root, for its user alone. One line of JSON asks, one line of JSON answers.
 //!
 //! Promise: whatever is sent, the answer is a line of JSON with a key `ok`; a line that is too long, a connection too many or a client
-//! that sends nothing is ended; none of them holds the supervisor, which only ever sees whole and valid requests.
+//! that sends nothing or does not read is ended; none of them holds another one or the supervisor, which only ever sees whole and valid requests.
 
 use crate::faultfile::Injection;
 use crate::supervise::Input;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
 /// Longest request or answer line that is accepted, bytes.
@@ -27,6 +27,8 @@ const TRIES: usize = 5;
 const PATIENCE: Duration = Duration::from_secs(2);
 /// The main loop answers within milliseconds.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+/// A client that has not taken its answer by then loses the rest of it.
+const HEARD_WITHIN: Duration = Duration::from_secs(10);
 /// Between two looks at the clients.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -82,8 +84,18 @@ pub fn is_own(stream: &UnixStream) -> bool {
 
 struct Client {
     stream: UnixStream,
-    line: Vec<u8>,
     since: Instant,
+    stage: Stage,
+}
+
+/// How far a client is. Nobody is waited for in any of them: all are looked at in turn.
+enum Stage {
+    /// It has sent so much of its line.
+    Asks(Vec<u8>),
+    /// The main loop has its request.
+    Waits(Receiver<String>),
+    /// It has been told so many bytes of its answer.
+    Hears(Vec<u8>, usize),
 }
 
 fn body(listener: &UnixListener, tell: &Sender<Input>) {
@@ -91,69 +103,104 @@ fn body(listener: &UnixListener, tell: &Sender<Input>) {
     loop {
         for _ in 0..MOST_ACCEPTED {
             let Ok((stream, _)) = listener.accept() else { break };
-            if !is_own(&stream) {
-                send(&stream, &bad("this station belongs to another user"));
-                continue;
-            }
             if stream.set_nonblocking(true).is_err() {
                 continue;
             }
-            let mut client = Client { stream, line: Vec::new(), since: Instant::now() };
-            // Most have sent their line by now, and are done with at once.
-            if tend(&mut client, tell) {
+            let is_own = is_own(&stream);
+            let mut client = Client { stream, since: Instant::now(), stage: Stage::Asks(Vec::new()) };
+            if !is_own {
+                client.tell(&bad("this station belongs to another user"));
+            }
+            // Most have sent their line by now.
+            if client.tend(tell) {
                 if clients.len() >= MOST_CLIENTS {
-                    clients.remove(0); // the one that has said nothing for longest
+                    // The one that has said nothing for longest; if all have asked, the oldest.
+                    let silent = clients.iter().position(|client| matches!(client.stage, Stage::Asks(_)));
+                    clients.remove(silent.unwrap_or(0));
                 }
                 clients.push(client);
             }
         }
-        clients.retain_mut(|client| tend(client, tell));
-        std::thread::sleep(LOOK);
+        clients.retain_mut(|client| client.tend(tell));
+        let is_awaited = clients.iter().any(|client| matches!(client.stage, Stage::Waits(_)));
+        std::thread::sleep(if is_awaited { LOOK / 5 } else { LOOK });
     }
 }
 
-/// Reads what is there; false when the client is done with.
-fn tend(client: &mut Client, tell: &Sender<Input>) -> bool {
+impl Client {
+    /// Takes it as far as it goes now; false when it is done with.
+    fn tend(&mut self, tell: &Sender<Input>) -> bool {
+        // Each stage is left at most once.
+        loop {
+            let is_over = match &mut self.stage {
+                Stage::Asks(line) => match read_line(&mut self.stream, line) {
+                    Ok(None) => return self.since.elapsed() < PATIENCE,
+                    Ok(Some(end)) => match serde_json::from_slice::<Request>(&line[..end]) {
+                        Ok(request) => {
+                            let (reply, inbox) = channel();
+                            // If nobody is there to take it, the reply's end is dropped, and that is seen below.
+                            let _ = tell.send(Input::Request(request, reply));
+                            (self.stage, self.since) = (Stage::Waits(inbox), Instant::now());
+                            None
+                        }
+                        Err(error) => Some(bad(&format!("not a request: {error}"))),
+                    },
+                    Err(LineError::TooLong) => Some(bad("the line is longer than 64 KiB")),
+                    Err(LineError::Gone) => return false,
+                },
+                Stage::Waits(inbox) => match inbox.try_recv() {
+                    Ok(answer) => Some(answer),
+                    Err(TryRecvError::Empty) if self.since.elapsed() < ANSWER_WITHIN => return true,
+                    Err(_) => Some(bad("the supervisor is busy; ask again")),
+                },
+                Stage::Hears(answer, told) => match self.stream.write(&answer[*told..]) {
+                    Ok(count) => {
+                        *told += count;
+                        if count == 0 || *told == answer.len() {
+                            return false;
+                        }
+                        None
+                    }
+                    Err(error) if error.kind() == ErrorKind::Interrupted => None,
+                    Err(error) => return error.kind() == ErrorKind::WouldBlock && self.since.elapsed() < HEARD_WITHIN,
+                },
+            };
+            if let Some(answer) = is_over {
+                self.tell(&answer);
+            }
+        }
+    }
+
+    fn tell(&mut self, answer: &str) {
+        (self.stage, self.since) = (Stage::Hears(format!("{answer}\n").into_bytes(), 0), Instant::now());
+    }
+}
+
+enum LineError {
+    TooLong,
+    Gone,
+}
+
+/// Reads what is there; gives where the line ends, once it does.
+fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> Result<Option<usize>, LineError> {
     let mut buffer = [0u8; 4096];
     // At most one line's worth in one look.
     for _ in 0..=MOST_BYTES / buffer.len() {
-        match client.stream.read(&mut buffer) {
-            Ok(0) => return false,
+        match stream.read(&mut buffer) {
+            Ok(0) => return Err(LineError::Gone),
             Ok(count) => {
-                client.line.extend_from_slice(&buffer[..count]);
-                if let Some(end) = client.line.iter().position(|byte| *byte == b'\n') {
-                    answer(client, end, tell);
-                    return false;
-                }
-                if client.line.len() > MOST_BYTES {
-                    send(&client.stream, &bad("the line is longer than 64 KiB"));
-                    return false;
+                line.extend_from_slice(&buffer[..count]);
+                match line.iter().position(|byte| *byte == b'\n') {
+                    Some(end) if end <= MOST_BYTES => return Ok(Some(end)),
+                    None if line.len() <= MOST_BYTES => {}
+                    _ => return Err(LineError::TooLong),
                 }
             }
             Err(error) if error.kind() == ErrorKind::WouldBlock => break,
-            Err(_) => return false,
+            Err(_) => return Err(LineError::Gone),
         }
     }
-    client.since.elapsed() < PATIENCE
-}
-
-fn answer(client: &Client, end: usize, tell: &Sender<Input>) {
-    let text = match serde_json::from_slice::<Request>(&client.line[..end.min(MOST_BYTES)]) {
-        Err(error) => bad(&format!("not a request: {error}")),
-        Ok(request) => {
-            let (reply, inbox) = channel();
-            let sent = tell.send(Input::Request(request, reply)).is_ok();
-            let answered = if sent { inbox.recv_timeout(ANSWER_WITHIN).ok() } else { None };
-            answered.unwrap_or_else(|| bad("the supervisor is busy; ask again"))
-        }
-    };
-    send(&client.stream, &text);
-}
-
-fn send(mut stream: &UnixStream, text: &str) {
-    let _ = stream.set_nonblocking(false);
-    let _ = stream.set_write_timeout(Some(Duration::from_secs(1)));
-    let _ = stream.write_all(format!("{text}\n").as_bytes()); // a client that has gone loses its answer
+    Ok(None)
 }
 
 /// Asks the supervisor of a station; the error says what to do.
@@ -199,6 +246,9 @@ fn ask_once(station: &Station, request: &Request) -> Result<serde_json::Value, S
 mod tests {
     use super::*;
 
+    /// Bytes of an answer that no socket's buffer takes.
+    const LARGE: usize = 4 << 20;
+
     fn raw(path: &std::path::Path, bytes: &[u8]) -> String {
         let mut stream = UnixStream::connect(path).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
@@ -215,10 +265,15 @@ mod tests {
         std::fs::create_dir(station.root()).unwrap();
         let (tell, inbox) = channel();
         serve(&station, tell).unwrap();
+        let (say_asked, asked) = channel();
         std::thread::spawn(move || {
             for input in inbox {
                 if let Input::Request(request, reply) = input {
-                    let _ = reply.send(good(serde_json::json!(request == Request::Status)));
+                    let large = (request == Request::Report).then(|| good("x".repeat(LARGE).into()));
+                    let _ = reply.send(large.unwrap_or_else(|| good(serde_json::json!(request == Request::Status))));
+                    if request == Request::Report {
+                        let _ = say_asked.send(());
+                    }
                 }
             }
         });
@@ -232,6 +287,16 @@ mod tests {
         assert_eq!(ask(&station, &Request::Status), Ok(serde_json::json!(true)));
         let _idle: Vec<UnixStream> = (0..MOST_CLIENTS / 2).map(|_| UnixStream::connect(&path).unwrap()).collect();
         assert_eq!(ask(&station, &Request::Stop), Ok(serde_json::json!(false)), "idle clients hold nobody");
+        // One who asks for what fills its socket many times over, and does not read.
+        let mut deaf = UnixStream::connect(&path).unwrap();
+        deaf.write_all(format!("{}\n", serde_json::to_string(&Request::Report).unwrap()).as_bytes()).unwrap();
+        asked.recv().unwrap();
+        let begun = Instant::now();
+        assert_eq!(ask(&station, &Request::Stop), Ok(serde_json::json!(false)), "nor do deaf ones");
+        assert!(begun.elapsed() < HEARD_WITHIN / 2, "it waited for the deaf one");
+        let mut heard = String::new();
+        deaf.read_to_string(&mut heard).unwrap();
+        assert!(heard.len() > LARGE && heard.ends_with("}\n"), "who reads late gets the whole answer: {}", heard.len());
         station.wipe();
     }
 }

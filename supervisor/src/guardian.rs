@@ -288,7 +288,9 @@ impl Guardian {
         }
         self.starts += 1;
         self.next_start_ns = now_ns + RESTART_NS;
-        match crate::spawn::start_own(&self.station, "supervise", Role::Supervisor) {
+        // While a swap's elder, ordinary and ahead of all others, keeps the line, a successor had not begun to beat when it was taken for one that hangs.
+        let priority = crate::settings::is_real_time(&self.station).then_some(hyst_engine::realtime::SUPERVISOR_PRIORITY);
+        match crate::spawn::start_own(&self.station, "supervise", Role::Supervisor, priority) {
             // One that is dead already has no start time, and is started again.
             Ok(pid) => self.supervisor = system::process_start(pid).map(|start| Living { pid, start, name: "supervisor".into() }),
             Err(error) => journal::say(&self.station, &format!("cannot start the supervisor: {error}")),

@@ -11,7 +11,7 @@ use std::cell::Cell;
 pub const DIES_AT: &str = "HYSTATION_SUPERVISOR_DIES_AT";
 
 /// Points at which it can be made to die.
-pub const POINTS: [&str; 15] = [
+pub const POINTS: [&str; 17] = [
     "spawn-declared",
     "spawn-paged",
     "spawn-served",
@@ -25,6 +25,8 @@ pub const POINTS: [&str; 15] = [
     "swap-declared",
     "swap-told",
     "swap-adopted",
+    "swap-undone",
+    "swap-cleared",
     "role-promoted",
     "ground-laid",
 ];

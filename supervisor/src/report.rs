@@ -278,7 +278,7 @@ impl Statuses {
     /// The newest status of tissue, fluid and rendering, whoever wrote it.
     fn read(viewer: &mut Viewer) -> Statuses {
         let mut found = Statuses::default();
-        let (mut tissue_tick, mut fluid_tick) = (0, 0);
+        let (mut tissue_tick, mut fluid_key) = (0, (0, 0));
         for index in 0..2 {
             let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= tissue_tick) {
@@ -287,8 +287,8 @@ impl Statuses {
                 (found.removed_volume_ml, found.cuts) = (status.removed_volume_ml, status.cuts);
             }
             let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
-            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= fluid_tick) {
-                (fluid_tick, found.deficit_ml) = (status.state_tick, status.deficit_ml);
+            if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
+                (fluid_key, found.deficit_ml) = ((status.epoch, status.state_tick), status.deficit_ml);
             }
         }
         let status = viewer.slot_page(Slot::first(Role::Rendering)).and_then(|page| page.cell(rendering::STATUS));

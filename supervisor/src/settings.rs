@@ -8,6 +8,13 @@ use hyst_engine::settings::SET_KEYS;
 use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
 use std::path::{Path, PathBuf};
 
+/// Whether the processes of a station that was founded are to be real time, as far as its settings can be read.
+pub fn is_real_time(station: &hyst_exchange::Station) -> bool {
+    let text = std::fs::read_to_string(station.settings()).ok();
+    let settings = text.and_then(|text| toml::from_str::<hyst_engine::Settings>(&text).ok());
+    settings.is_none_or(|settings| settings.switch("realtime", true).unwrap_or(true))
+}
+
 /// A command that is not done, with its exit code and a message that names the cure.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {

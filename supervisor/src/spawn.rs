@@ -56,13 +56,18 @@ enum Service {
 }
 
 /// Starts another process of this very program, `subcommand --station NAME`, in a process group of its own and with the log of `role`: the
-/// supervisor for its guardian, the stand-in of the guardian for the supervisor. Gives its process id; whoever starts it reaps it.
-pub fn start_own(station: &Station, subcommand: &str, role: Role) -> std::io::Result<u32> {
+/// supervisor for its guardian, the stand-in of the guardian for the supervisor. With a priority it is real time from the beginning. Gives its process id;
+/// whoever starts it reaps it.
+pub fn start_own(station: &Station, subcommand: &str, role: Role, priority: Option<i32>) -> std::io::Result<u32> {
     let log = std::fs::OpenOptions::new().append(true).create(true).open(station.log(Slot::first(role)))?;
     let mut command = proc::own_program();
     command.args([subcommand, "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log);
-    Ok(proc::start(&mut command, false)?.id())
+    let child = match priority {
+        Some(priority) => proc::start_at(priority, &mut command)?,
+        None => proc::start(&mut command, false)?,
+    };
+    Ok(child.id())
 }
 
 /// Starts and buries incarnations.

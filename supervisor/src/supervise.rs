@@ -117,6 +117,10 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         return Ok(0); // there is one
     };
     crate::proc::end_on_panic();
+    let real_time = crate::settings::is_real_time(station);
+    if real_time {
+        system::become_fifo(SUPERVISOR_PRIORITY); // refused without rights: then whoever died is replaced when there is time for it
+    }
     let page = Arc::new(station.open_for_keeping()?);
     if Roster::restore_header(station)? {
         crate::journal::say(station, "the roster's page had a damaged header, which was mended");
@@ -126,10 +130,6 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let plan = Plan::read(station)?;
     let (tell, inbox) = channel::<Input>();
     let notices = tell.clone();
-    let real_time = std::fs::read_to_string(station.settings())
-        .ok()
-        .and_then(|text| toml::from_str::<hyst_engine::Settings>(&text).ok())
-        .is_none_or(|settings| settings.switch("realtime", true).unwrap_or(true));
     let watch = Watch::start(Arc::clone(&page), real_time, move |notice| {
         let _ = notices.send(Input::Notice(notice)); // the inbox lives as long as the process
     })
@@ -186,9 +186,6 @@ pub fn register(page: &OwnedPage, role: Role) {
 
 impl Supervisor {
     fn run(&mut self, inbox: &Receiver<Input>) -> u8 {
-        if self.real_time {
-            system::become_fifo(SUPERVISOR_PRIORITY); // refused without rights: then whoever died is replaced when there is time for it
-        }
         let mut stop_since_ns = None;
         loop {
             match inbox.recv_timeout(PERIOD) {

@@ -164,9 +164,20 @@ fn a_scene_that_is_edited_in_mid_session_is_refused_by_a_restarted_engine_and_th
     ended.assert_clean();
 }
 
-/// An engine of another build finds a page whose words lie elsewhere: it says one line, ends with code 2, and disturbs nobody.
+/// Starts an engine by hand, as nobody should; gives its exit code and what it said.
+fn start_by_hand(station: &Station, slot: hyst_messages::Slot, incarnation: u32) -> (Option<i32>, String) {
+    let mut engine = std::process::Command::new(station_tests::binaries().join(slot.role().name()));
+    engine.stdin(std::process::Stdio::null());
+    let (slot, incarnation) = (slot.to_string(), incarnation.to_string());
+    engine.args(["--station", station.name(), "--slot", &slot, "--incarnation", &incarnation]);
+    let (code, _, said) = run(&mut engine);
+    (code, said)
+}
+
+/// An engine of another build finds a page whose words lie elsewhere, a second one of the same life a page that is written: each says one line, ends with
+/// code 2, and disturbs nobody.
 #[test]
-fn an_engine_of_another_version_is_refused_by_the_page_and_the_station_goes_on() {
+fn an_engine_of_another_version_or_of_a_life_that_is_lived_is_refused_by_the_page_and_the_station_goes_on() {
     use hyst_messages::{Role, Slot, page::header};
     let station = Station::start("version", &["--hand", "script:press"]);
     let root = hyst_exchange::Station::named(station.name()).unwrap();
@@ -179,13 +190,17 @@ fn an_engine_of_another_version_is_refused_by_the_page_and_the_station_goes_on()
         let slot = Slot::new(role, index).unwrap();
         let page = root.create_slot(slot, 900_000).unwrap();
         page.store64(header::MAGIC, hyst_exchange::page::magic() ^ 1); // that of another layout
-        let mut engine = std::process::Command::new(station_tests::binaries().join(role.name()));
-        engine.stdin(std::process::Stdio::null());
-        engine.args(["--station", station.name(), "--slot", &slot.to_string(), "--incarnation", "900000"]);
-        let (code, _, said) = run(&mut engine);
+        let (code, said) = start_by_hand(&station, slot, 900_000);
         std::fs::remove_file(root.slot_page(slot, 900_000)).unwrap();
         assert_eq!(code, Some(2), "{slot}: {said}");
         assert!(said.contains("another version") && said.contains("rebuild all binaries"), "{slot}: {said}");
+        assert_eq!(said.trim().lines().count(), 1, "{said}");
+    }
+    for process in ["device", "haptic", "tissue", "fluid", "collision-worker"].iter().flat_map(|role| station.processes(role)) {
+        let slot = Slot::parse(process["name"].as_str().unwrap()).unwrap();
+        let (code, said) = start_by_hand(&station, slot, process["incarnation"].as_u64().unwrap() as u32);
+        assert_eq!(code, Some(2), "{slot}: {said}");
+        assert!(said.contains(&format!("is the life of process {}", process["pid"])), "{slot}: {said}");
         assert_eq!(said.trim().lines().count(), 1, "{said}");
     }
     station.run_ticks(500);

@@ -227,3 +227,58 @@ fn a_supervisor_or_a_holder_that_dies_in_the_middle_of_a_swap_leaves_the_station
     not_shown(&format!("a swap whose holder dies: {TRIES} times the newcomer got no time"));
     station.stop().assert_clean();
 }
+
+/// Wherever a supervisor dies in a swap under the hand, the one after it finishes what was proven and undoes the rest: one engine in all slots of the role,
+/// nobody left in the guest's, and the next swap goes as if nothing had been.
+#[test]
+fn a_supervisor_that_dies_at_a_point_of_a_swap_has_it_finished_or_undone() {
+    // Told twice: that the newcomer is in the shadow, and that it may take the role.
+    let points = [
+        ("tissue", "swap-told:2", None),
+        ("haptic", "swap-told:2", None),
+        ("tissue", "swap-adopted", None),
+        ("haptic", "swap-adopted", None),
+        ("fluid", "swap-undone", Some("off")),
+        ("fluid", "swap-cleared", None),
+    ];
+    for (round, (role, point, flaw)) in points.into_iter().enumerate() {
+        let mortal = format!("HYSTATION_SUPERVISOR_DIES_AT={point}");
+        let station =
+            Station::start_under(&["env", &mortal], &format!("point{round}"), &["--hand", "script:press", "--test-mode"]);
+        let old = station.processes(role)[0]["binary"].clone();
+        let new = match flaw {
+            Some(flaw) => bad_engine(station.folder(), role, flaw),
+            None => copy(&station, role, round),
+        };
+        let mut tried = swap(&station, role, &new);
+        // One that gets no time is rolled back before it comes to that point.
+        for _ in 1..TRIES {
+            if station.supervisor_starts() >= 2 {
+                break;
+            }
+            assert!(got_no_time(&tried.1), "{role} {point}: {:#}\n{}", tried.1, station.said());
+            station.recover();
+            tried = swap(&station, role, &new);
+        }
+        if station.supervisor_starts() < 2 {
+            not_shown(&format!("a supervisor that dies at {point} of a swap of {role}: {TRIES} times the newcomer got no time"));
+            station.stop().assert_clean();
+            continue;
+        }
+        station.recover();
+        let (code, record, said) = tried;
+        // At the last point one may be undone that got no time; the other points say it themselves.
+        let is_proven = |step: &Value| step["what"].as_str().is_some_and(|what| what.contains("its probation is over"));
+        let finished = record["steps"].as_array().into_iter().flatten().any(is_proven);
+        assert!(point == "swap-cleared" || finished == (point == "swap-adopted"), "{role} {point}: {record:#}");
+        assert_eq!(code, Some(if finished { 0 } else { 1 }), "{role} {point}: {record:#}\n{said}\n{}", station.said());
+        let expected = if finished { Value::from(new.to_string_lossy()) } else { old };
+        let rows = station.processes(role);
+        assert!(rows.iter().all(|process| process["binary"] == expected), "{role} {point}: {rows:#?}\n{}", station.said());
+        assert!(rows.len() <= 2, "{role} {point}: somebody is left: {rows:#?}");
+        swap_well(&station, role, &copy(&station, role, round + 1));
+        let ended = station.stop();
+        ended.assert_clean();
+        ended.assert_recorded();
+    }
+}

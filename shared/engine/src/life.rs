@@ -117,7 +117,7 @@ pub struct Life {
 }
 
 impl Life {
-    /// A life in a station that exists, for a page that was made for it.
+    /// A life in a station that exists, for a page that was made for it. Two processes never have the same one: they would write the same words.
     pub fn begin(station: &str, slot: Slot, incarnation: u32) -> Result<Life, Failure> {
         let station = Station::named(station)?;
         let text = std::fs::read_to_string(station.settings()).map_err(|error| {
@@ -128,7 +128,15 @@ impl Life {
         })?;
         let clock = station.open()?;
         let page = Arc::new(station.own_slot(slot, incarnation)?);
-        page.store64(header::PID, std::process::id() as u64);
+        let own = std::process::id() as u64;
+        match page.load64(header::PID) {
+            lived if lived == 0 || lived == own => page.store64(header::PID, own),
+            lived => {
+                return Err(Failure::Input(format!(
+                    "{slot} #{incarnation} is the life of process {lived}; start engines with `hystation run`"
+                )));
+            }
+        }
         page.store64(header::HEARTBEAT_NS, system::now_ns());
         page.set_state(ProcessState::Warming);
         Ok(Life { station, clock, page, slot, incarnation, settings })

@@ -133,8 +133,9 @@ fn read(page: &ReadPage, at: usize, bytes: usize) -> Option<Checkpoint> {
     (checksum == page.load64(at + CHECKSUM)).then_some(Checkpoint { epoch: epoch as u32, tick, words })
 }
 
-/// The newest whole checkpoint of a role up to a tick that is accepted, whose messages have at most `bytes`; and how many copies were damaged, or
-/// held what nobody can go on from. A file that cannot be read counts as one.
+/// The newest whole checkpoint of a role up to a tick that is accepted, whose messages have at most `bytes`: of the last epoch that has one, whatever
+/// a writer that lost the role may have kept since. And how many copies were damaged, or held what nobody can go on from. A file that cannot be
+/// read counts as one.
 pub fn newest(
     station: &Station,
     role: Role,
@@ -159,7 +160,7 @@ pub fn newest(
             }
             match read(&page, at, bytes) {
                 None => damaged += 1,
-                Some(found) if newest.as_ref().is_some_and(|known| (known.tick, known.epoch) >= (found.tick, found.epoch)) => {}
+                Some(found) if newest.as_ref().is_some_and(|known| (known.epoch, known.tick) >= (found.epoch, found.tick)) => {}
                 Some(found) if !accepts(&found) => damaged += 1,
                 Some(found) => newest = Some(found),
             }
@@ -204,6 +205,11 @@ mod tests {
         assert!(!writers[0].write(1, 300, &[3; 25], true), "too long");
         let (found, damaged) = newest(&station, Role::Tissue, 24, u64::MAX, |_| true);
         assert_eq!((found.map(|found| (found.epoch, found.tick)), damaged), (Some((1, 200)), 0));
+        let other = CheckpointWriter::open(&station, Slot::guest(Role::Tissue).unwrap(), 24).unwrap();
+        assert!(other.write(2, 150, &[4; 24], true));
+        let (found, _) = newest(&station, Role::Tissue, 24, u64::MAX, |_| true);
+        assert_eq!(found.map(|found| (found.epoch, found.tick)), Some((2, 150)), "who lost the role keeps nothing that counts");
+        std::fs::remove_file(path(&station, Slot::guest(Role::Tissue).unwrap())).unwrap();
         // One bit of each copy of the newer state.
         for generation in 0..INTERVAL_TICKS.len() {
             let at = start(generation, 0, 24) + DATA + 1;

@@ -111,6 +111,16 @@ pub fn start_in_own_class<T>(start: impl FnOnce() -> T) -> (T, bool) {
     (started, lent)
 }
 
+/// Starts a process that is SCHED_FIFO from its first instruction on, where that is granted; the calling thread, an ordinary one, stays what it is.
+pub fn start_in_class<T>(priority: i32, start: impl FnOnce() -> T) -> T {
+    let lent = schedule(0, libc::SCHED_FIFO, priority);
+    let started = start();
+    if lent {
+        schedule(0, libc::SCHED_OTHER, 0);
+    }
+    started
+}
+
 /// SCHED_FIFO priority of the calling thread, 0 for an ordinary one.
 #[allow(unsafe_code)] // rustix has no scheduler class; one call, proof below
 fn own_priority() -> i32 {
@@ -222,6 +232,13 @@ mod tests {
         let (inside, lent) = start_in_own_class(|| std::thread::spawn(own_priority).join().unwrap_or(-1));
         assert_eq!((inside, lent), if fifo { (2, true) } else { (0, false) });
         assert_eq!(std::thread::spawn(own_priority).join().unwrap_or(-1), 0);
+        let (started, after) = std::thread::spawn(|| {
+            let started = start_in_class(3, || std::thread::spawn(own_priority).join().unwrap_or(-1));
+            (started, own_priority())
+        })
+        .join()
+        .unwrap();
+        assert_eq!((started, after), (if fifo { 3 } else { 0 }, 0));
         assert_eq!(own_priority(), if fifo { 2 } else { 0 });
     }
 

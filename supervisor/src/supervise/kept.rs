@@ -94,7 +94,7 @@ impl Supervisor {
 
     fn start_stand_in(&mut self, now_ns: u64) {
         self.kept.next_start_ns = now_ns + RETRY_NS;
-        match crate::spawn::start_own(&self.station, "stand-in", Role::Guardian) {
+        match crate::spawn::start_own(&self.station, "stand-in", Role::Guardian, None) {
             Ok(pid) => self.kept.started = Some(pid),
             Err(error) => journal::say(&self.station, &format!("cannot start a stand-in for the guardian: {error}")),
         }

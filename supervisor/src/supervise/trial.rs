@@ -152,6 +152,7 @@ impl Supervisor {
                     trial.record.reason = reason.clone();
                 }
                 self.note_step(&format!("rolled back: {reason}"));
+                self.spawner.mortality.pass("swap-undone");
             }
             Action::EndSwap { role, promoted } => self.end_swap(role, promoted),
             _ => {}
@@ -195,6 +196,7 @@ impl Supervisor {
             // One that died is not missed: the fault is over with the swap.
             self.faults.ready(guest, u32::MAX, system::now_ns());
         }
+        self.spawner.mortality.pass("swap-cleared");
         if let Some(trial) = &mut self.trial {
             trial.record.promoted = Some(promoted);
         }

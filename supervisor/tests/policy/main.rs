@@ -17,10 +17,21 @@ const HISTORIES: u64 = 2_000_000;
 /// Threads that play them.
 const THREADS: u64 = 2;
 
-fn slots() -> Vec<Slot> {
-    let slots =
-        [(Role::Hardware, 0), (Role::Device, 0), (Role::Haptic, 0), (Role::Haptic, 1), (Role::Tissue, 0), (Role::Tissue, 1)];
-    slots.into_iter().chain([(Role::Rendering, 0)]).filter_map(|(role, index)| Slot::new(role, index)).collect()
+/// The stations that histories are played in: between them every role.
+fn stations() -> [Vec<Slot>; 2] {
+    let hand = [(Role::Hardware, 1), (Role::Device, 1), (Role::Haptic, 2)];
+    let of = |others: &[(Role, usize)]| {
+        let counts = hand.iter().chain(others);
+        counts.flat_map(|(role, count)| (0..*count).filter_map(|index| Slot::new(*role, index))).collect()
+    };
+    let others = [(Role::Fluid, 2), (Role::CollisionWorker, 2), (Role::Recorder, 1), (Role::Console, 1)];
+    [of(&[(Role::Tissue, 2), (Role::Rendering, 1)]), of(&others)]
+}
+
+/// The slot of a newcomer on trial: of the role with a state that there is.
+fn guest(slots: &[Slot]) -> Slot {
+    let role = slots.iter().map(|slot| slot.role()).find(|role| is_stateful(*role)).expect("a role with a state");
+    Slot::guest(role).expect("its guest's slot")
 }
 
 /// A campaign's generator: a seed names a history.
@@ -53,6 +64,8 @@ struct World {
     /// What comes is the answer to a hang.
     hangs: bool,
     swap: Option<swaps::Seen>,
+    /// Those that run the binary of the last swap.
+    runs_new: BTreeSet<u32>,
     dismissed: Vec<(Slot, u32)>,
     stopped: bool,
     events: u64,
@@ -164,6 +177,7 @@ impl World {
         if succeeds {
             self.next_incarnation += 1;
             self.alive.insert(slot, (self.next_incarnation, false));
+            self.note_binary(slot, self.next_incarnation);
             self.event(state, Event::Spawned { slot, incarnation: self.next_incarnation });
         } else {
             self.event(state, Event::SpawnFailed { slot });
@@ -186,8 +200,7 @@ impl World {
         let killed = std::mem::take(&mut self.killed);
         self.alive.retain(|_, (alive, _)| !killed.contains(alive));
         self.leaving.clear();
-        let here =
-            self.alive.iter().filter(|(slot, _)| slots.contains(slot)).map(|(slot, (alive, ready))| ((*slot, *alive), *ready));
+        let here = self.alive.iter().map(|(slot, (alive, ready))| ((*slot, *alive), *ready));
         let (ready, warming): (Vec<_>, Vec<_>) = here.partition(|(_, ready)| *ready);
         let of = |found: Vec<((Slot, u32), bool)>| found.into_iter().map(|(found, _)| found).collect();
         self.event(state, Event::Started { adopted: of(ready), warming: of(warming) });
@@ -195,6 +208,7 @@ impl World {
         for (role, incarnation) in self.holder.clone() {
             self.event(state, Event::Holds { role, incarnation });
         }
+        self.resume_swap(state);
     }
 
     /// One that is ready: of a servo it is told apart when its work may be used.
@@ -219,10 +233,10 @@ impl World {
     /// One roll of the dice.
     fn play(&mut self, state: &mut State, dice: &mut Dice, slots: &[Slot]) {
         // The guest's slot beside the others.
-        let slot = slots.get(dice.below(slots.len() as u64 + 1) as usize).copied().or(Slot::guest(Role::Tissue)).expect("a slot");
+        let slot = slots.get(dice.below(slots.len() as u64 + 1) as usize).copied().unwrap_or_else(|| guest(slots));
         let living = self.alive.get(&slot).copied();
         match (dice.below(16), living) {
-            (15, _) if dice.below(4) == 0 && !self.stopped && self.swap.is_none() => self.restart_supervisor(state, slots),
+            (15, _) if dice.below(4) == 0 && !self.stopped => self.restart_supervisor(state, slots),
             (12..=14, _) => self.play_swap(state, dice, slot),
             (0..=2, _) => {
                 let succeeds = dice.below(8) != 0;
@@ -294,7 +308,7 @@ impl World {
         given_up.sort();
         assert_eq!(given_up, self.given_up);
         assert_eq!(state.held().collect::<Vec<_>>(), self.held);
-        for role in [Role::Haptic, Role::Tissue] {
+        for role in slots.iter().map(|slot| slot.role()).filter(|role| is_replicated(*role)) {
             let all_gone = slots.iter().filter(|slot| slot.role() == role).all(|slot| self.given_up.contains(slot));
             assert!(!all_gone, "{role:?} has nobody left");
         }
@@ -334,14 +348,15 @@ fn history(seed: u64, slots: &[Slot]) -> u64 {
 
 #[test]
 fn no_history_breaks_a_promise() {
-    let slots = slots();
+    let stations = stations();
     let began = std::time::Instant::now();
     let events: u64 = std::thread::scope(|scope| {
         let play = |thread: u64| {
-            let slots = &slots;
+            let stations = &stations;
             move || {
                 let mut events = 0;
                 for seed in (thread..HISTORIES).step_by(THREADS as usize) {
+                    let slots = &stations[(seed / THREADS) as usize % stations.len()];
                     let played = std::panic::catch_unwind(|| history(seed, slots));
                     events += played.unwrap_or_else(|_| panic!("the history of seed {seed} breaks a promise"));
                 }

@@ -3,12 +3,13 @@
 use super::{Dice, World};
 use hyst_messages::Slot;
 use hyst_messages::page::Stage;
-use hystation::policy::{Action, Event, Exit, LEAVE_WITHIN_NS, PROVE_WITHIN_NS, State, is_replicated, probation_ns};
+use hystation::policy::{Action, Event, Exit, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, State, is_replicated, probation_ns};
 
 /// What was seen of the swap that is under way.
 #[derive(Clone, Copy)]
 pub struct Seen {
     slot: Slot,
+    incumbent: u32,
     agreed: bool,
     trial_ns: Option<u64>,
     retreat_ns: Option<u64>,
@@ -55,6 +56,26 @@ impl World {
         }
     }
 
+    /// Whether one that is started runs the newcomer's binary.
+    pub fn note_binary(&mut self, slot: Slot, incarnation: u32) {
+        if self.swap.is_some_and(|seen| slot == seen.slot || seen.adopted && slot.role() == seen.slot.role()) {
+            self.runs_new.insert(incarnation);
+        }
+    }
+
+    /// A supervisor that died in the middle of a swap has left its file, and who runs which binary can be seen.
+    pub fn resume_swap(&mut self, state: &mut State) {
+        let Some(seen) = &mut self.swap else { return };
+        let (slot, incumbent, proven) = (seen.slot, seen.incumbent, seen.adopted);
+        seen.retreat_ns = None; // what was proven is finished, the rest is undone, from the beginning
+        let runs_new = |incarnation: &u32| self.runs_new.contains(incarnation);
+        let incarnation = self.alive.get(&slot).map_or(0, |(alive, _)| *alive);
+        let incarnation = if slot.is_guest() || runs_new(&incarnation) { incarnation } else { 0 };
+        let others = self.alive.iter().filter(|(other, _)| other.role() == slot.role() && **other != slot);
+        let old = others.filter(|(_, (alive, _))| !runs_new(alive)).map(|(other, (alive, _))| (*other, *alive)).collect();
+        self.event(state, Event::SwapLeft(Left { slot, incarnation, incumbent, proven, old }));
+    }
+
     /// Whoever was dismissed dies; true if there was one.
     fn bury_dismissed(&mut self, state: &mut State) -> bool {
         let Some((slot, incarnation)) = self.dismissed.pop() else { return false };
@@ -71,8 +92,9 @@ impl World {
         match dice.below(5) {
             0 if state.may_swap(slot).is_ok() => {
                 assert!(self.swap.is_none(), "two swaps at a time");
-                self.swap = Some(Seen { slot, agreed: false, trial_ns: None, retreat_ns: None, adopted: false });
                 let incumbent = self.holder.get(&slot.role()).copied().unwrap_or(0);
+                self.swap = Some(Seen { slot, incumbent, agreed: false, trial_ns: None, retreat_ns: None, adopted: false });
+                self.runs_new.clear();
                 self.event(state, Event::SwapAsked { slot, incumbent });
             }
             0 | 1 => {

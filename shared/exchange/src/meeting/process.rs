@@ -19,6 +19,26 @@ struct Seat {
     excluded: bool,
     /// Newest release that named the member.
     named: u32,
+    /// Releases that it missed, until it is forgiven, and those in a row that it joined in time.
+    misses: u32,
+    in_time: u32,
+    /// Until when it is not asked, ns.
+    rests_until_ns: u64,
+}
+
+impl Seat {
+    fn has_missed(&mut self) {
+        self.excluded = true;
+        (self.misses, self.in_time) = (self.misses.saturating_add(1), 0);
+        self.rests_until_ns = system::now_ns() + rules::rest_ns(self.misses);
+    }
+
+    fn was_in_time(&mut self) {
+        self.in_time = self.in_time.saturating_add(1);
+        if self.in_time >= rules::FORGIVEN_AFTER {
+            self.misses = 0;
+        }
+    }
 }
 
 /// The side that releases.
@@ -45,7 +65,8 @@ impl ProcessCoordinator {
                 SeatWord::Member => self.page.store32(header::SHARE_MEMBER + index, incarnation),
             }
         }
-        let before = self.seats[index].replace(Seat { page, incarnation, excluded: false, named: 0 });
+        let seat = Seat { page, incarnation, excluded: false, named: 0, misses: 0, in_time: 0, rests_until_ns: 0 };
+        let before = self.seats[index].replace(seat);
         before.map(|seat| seat.page)
     }
 
@@ -61,16 +82,15 @@ impl ProcessCoordinator {
     }
 
     fn has_joined(&self, seat: &Seat, number: u32) -> bool {
-        let join = seat.page.load32(header::JOIN);
-        rules::is_joined(join, seat.page.load32(header::JOIN_OF), number, self.incarnation)
+        rules::is_joined(seat.page.load64(header::JOINED), number, self.incarnation)
     }
 
-    /// Excluded members that have joined the last release that named them are back.
+    /// Excluded members that have joined the last release that named them, and have rested, are back.
     pub fn readmit(&mut self) {
         let incarnation = self.incarnation;
-        for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded) {
-            let join = seat.page.load32(header::JOIN);
-            seat.excluded = !rules::is_joined(join, seat.page.load32(header::JOIN_OF), seat.named, incarnation);
+        let has_rested = |seat: &Seat| system::now_ns() >= seat.rests_until_ns;
+        for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded && has_rested(seat)) {
+            seat.excluded = !rules::is_joined(seat.page.load64(header::JOINED), seat.named, incarnation);
         }
     }
 
@@ -127,10 +147,10 @@ impl ProcessCoordinator {
                 let look_ns = if lost.is_some() { deadline_ns.min(now_ns + LOOK_NS) } else { deadline_ns };
                 seat.page.wait(header::JOIN, word, look_ns);
             }
-            if joined & (1 << index) == 0
-                && let Some(seat) = &mut self.seats[index]
-            {
-                seat.excluded = true;
+            match &mut self.seats[index] {
+                Some(seat) if joined & (1 << index) == 0 => seat.has_missed(),
+                Some(seat) => seat.was_in_time(),
+                None => {}
             }
         }
         joined
@@ -190,8 +210,10 @@ impl ProcessMember {
     fn say_joined(&self, coordinator: u32, number: u32) {
         for word in rules::JOINING {
             match word {
-                JoinWord::Of => self.page.store32(header::JOIN_OF, coordinator),
-                JoinWord::Release => self.page.store32_and_wake(header::JOIN, number),
+                JoinWord::Joined => self.page.store64(header::JOINED, rules::joined_word(coordinator, number)),
+                JoinWord::Bell => {
+                    self.page.bump_and_wake(header::JOIN);
+                }
             }
         }
     }

@@ -28,23 +28,28 @@ pub const RELEASING: [ReleaseWord; 2] = [ReleaseWord::Seats, ReleaseWord::Releas
 /// The words that a member joins with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JoinWord {
-    /// The coordinator that is answered.
-    Of,
-    /// The release, which wakes.
-    Release,
+    /// What was joined.
+    Joined,
+    /// The bell, which wakes: bumped, for the release of another coordinator may have the same number.
+    Bell,
 }
 
-/// In this order, so that a join is never read as one of a coordinator before.
-pub const JOINING: [JoinWord; 2] = [JoinWord::Of, JoinWord::Release];
+/// In this order, so that whoever wakes finds the join.
+pub const JOINING: [JoinWord; 2] = [JoinWord::Joined, JoinWord::Bell];
+
+/// What a member says that has joined a release of a coordinator.
+pub fn joined_word(coordinator: u32, release: u32) -> u64 {
+    (coordinator as u64) << 32 | release as u64
+}
 
 /// Number of the release after `newest`. Zero is what a fresh page holds, so it is never a release.
 pub fn next_release(newest: u32) -> u32 {
     newest.wrapping_add(1).max(1)
 }
 
-/// Whether a member whose join words these are has joined a release of a coordinator.
-pub fn is_joined(join: u32, join_of: u32, release: u32, coordinator: u32) -> bool {
-    join == release && join_of == coordinator
+/// Whether a member whose word this is has joined a release of a coordinator.
+pub fn is_joined(joined: u64, release: u32, coordinator: u32) -> bool {
+    joined == joined_word(coordinator, release)
 }
 
 /// Whether the release that last named a seat is one that its member has not seen yet.
@@ -55,4 +60,32 @@ pub fn is_fresh(named: u32, seen: u32) -> bool {
 /// Whether a release is over: a newer one has begun since. A seat's word is written before the release word, so it may be ahead of it.
 pub fn is_over(newest: u32, named: u32) -> bool {
     (newest.wrapping_sub(named) as i32) > 0
+}
+
+/// Joins in time, in a row, after which what a member missed before is forgiven.
+pub const FORGIVEN_AFTER: u32 = 32;
+/// The rest after the second miss, ns; each further one doubles it.
+const FIRST_REST_NS: u64 = 4_000_000;
+/// Doublings at most: a member that is slow for good costs a deadline in a quarter of a second.
+const MOST_DOUBLINGS: u32 = 6;
+
+/// How long a member that has missed so often is not asked although it has caught up. The first miss costs it nothing more: the host stalls everybody
+/// now and then. One that is late at each release would cost the deadline of every second one.
+pub fn rest_ns(misses: u32) -> u64 {
+    match misses {
+        0 | 1 => 0,
+        more => FIRST_REST_NS << (more - 2).min(MOST_DOUBLINGS),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rest_doubles_up_to_a_bound() {
+        let rests: Vec<u64> = (0..5).map(rest_ns).collect();
+        assert_eq!(rests, [0, 0, FIRST_REST_NS, 2 * FIRST_REST_NS, 4 * FIRST_REST_NS]);
+        assert_eq!((rest_ns(8), rest_ns(9), rest_ns(u32::MAX)), (256_000_000, 256_000_000, 256_000_000));
+    }
 }

@@ -24,8 +24,10 @@ pub enum Flaw {
     SeatFirst,
     /// `named_in`: the seat's member is not read again.
     ReadOnce,
-    /// `say_joined`: the release before its coordinator.
-    JoinFirst,
+    /// `say_joined`: the bell before what was joined.
+    BellFirst,
+    /// `say_joined`: the coordinator in a word of its own, before the release.
+    TwoWords,
     /// `has_joined`: whatever coordinator the join is for.
     AnyCoordinator,
     /// `release_group`: the release word before the seats' words.
@@ -51,14 +53,12 @@ enum Lead {
     ClearSeat(usize),
     TakeSeat(usize),
     Readmit(usize),
-    ReadmitOf(usize),
     SendJob,
     Begin,
     Name(usize),
     Release,
     Word(usize),
     Join(usize),
-    JoinOf(usize),
     Late(usize),
     Wait(usize),
     Collect(usize),
@@ -90,9 +90,8 @@ struct Coordinator {
     joined: u8,
     done: u8,
     late: bool,
-    /// Join words that were read: to be waited on, and to be compared.
+    /// The bell as it was read, to be waited on.
     word: u8,
-    read: u8,
     /// Who was named for each release: remembered for the properties.
     named: [u8; RELEASES],
 }
@@ -107,8 +106,8 @@ enum Follow {
     Over(usize),
     Job(usize),
     Answer(usize),
-    SayOf,
     Say,
+    Ring,
     Sleep,
     Dead,
     Unborn,
@@ -117,8 +116,10 @@ enum Follow {
 /// A member: its page and stream, and what it knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Member {
-    join: u8,
-    join_of: u8,
+    /// Joins so far, modulo 8.
+    bell: u8,
+    /// Coordinator and release.
+    joined: (u8, u8),
     /// Tick, coordinator, seat.
     contacts: (u8, u8, u8),
     at: Follow,
@@ -138,6 +139,7 @@ pub struct World {
     coordinators: [Coordinator; COORDINATORS],
     members: [Member; MEMBERS],
     is_replaced: bool,
+    is_returned: bool,
     deaths: u8,
     sights: Sights,
 }
@@ -154,6 +156,10 @@ pub struct Meeting {
     deaths: u8,
     /// Deadlines, patience, replacement and takeover happen; without them everybody joins.
     faults: bool,
+    /// A member is replaced.
+    replaces: bool,
+    /// The coordinator that lost the role takes it again, from the other one, dead or alive.
+    returns: bool,
 }
 
 const EXCLUDED: u64 = 1;
@@ -163,6 +169,7 @@ const REFUSED: u64 = 8;
 const REPLACED: u64 = 16;
 const ALL_JOINED: u64 = 32;
 const TAKEN_OVER: u64 = 64;
+const RETURNED: u64 = 128;
 
 type Step = Result<World, String>;
 
@@ -171,8 +178,8 @@ fn bit(index: usize) -> u8 {
 }
 
 const FRESH: Member = Member {
-    join: 0,
-    join_of: 0,
+    bell: 0,
+    joined: (0, 0),
     contacts: (0, 0, 0),
     at: Follow::Unborn,
     follows: 1,
@@ -188,7 +195,7 @@ impl Meeting {
     /// Deaths, a replacement (of the dead, or of a living one that is taken for dead), a takeover, patience.
     fn world(&self, world: &World, out: &mut Vec<(&'static str, Step)>) {
         let next = World { sights: Sights::default(), ..*world };
-        if self.faults && !world.is_replaced {
+        if self.replaces && !world.is_replaced {
             let mut replaced = World { is_replaced: true, sights: Sights(REPLACED), ..next };
             replaced.members[MEMBERS - 1].at = Follow::Between;
             out.push(("a replacement is born", Ok(replaced)));
@@ -199,21 +206,31 @@ impl Meeting {
             taken.coordinators[1].tick = world.coordinators[0].tick;
             out.push(("coordinator 1 takes over", Ok(taken)));
         }
+        let [first, second] = world.coordinators.map(|lead| lead.at);
+        if self.returns && !world.is_returned && world.holder == 1 && first == Lead::End && second != Lead::End {
+            let mut returned = World { holder: 0, is_returned: true, sights: Sights(RETURNED), ..next };
+            returned.coordinators[0].at = Lead::Arrive;
+            returned.coordinators[0].tick = world.coordinators[1].tick;
+            out.push(("coordinator 0 takes the role again", Ok(returned)));
+        }
         if world.deaths >= self.deaths {
             return;
         }
         for member in (0..MEMBERS).filter(|at| !matches!(world.members[*at].at, Follow::Dead | Follow::Unborn)) {
             let mut dead = World { deaths: world.deaths + 1, ..next };
             // Its page and stream stay; what it knew is gone.
-            let Member { join, join_of, contacts, did, .. } = world.members[member];
-            dead.members[member] = Member { join, join_of, contacts, did, at: Follow::Dead, ..FRESH };
+            let Member { bell, joined, contacts, did, .. } = world.members[member];
+            dead.members[member] = Member { bell, joined, contacts, did, at: Follow::Dead, ..FRESH };
             out.push((["member 0 dies", "member 1 dies", "member 2 dies"][member], Ok(dead)));
         }
         // A coordinator's death ends the releases, and shows something only if another takes over.
-        if self.coordinators == 2 && !matches!(world.coordinators[0].at, Lead::Dead | Lead::End) {
-            let mut dead = World { deaths: world.deaths + 1, ..next };
-            dead.coordinators[0].at = Lead::Dead;
-            out.push(("coordinator 0 dies", Ok(dead)));
+        for lead in 0..self.coordinators {
+            let another_comes = if lead == 0 { self.coordinators == 2 } else { self.returns && !world.is_returned };
+            if another_comes && !matches!(world.coordinators[lead].at, Lead::Idle | Lead::Dead | Lead::End) {
+                let mut dead = World { deaths: world.deaths + 1, ..next };
+                dead.coordinators[lead].at = Lead::Dead;
+                out.push((["coordinator 0 dies", "coordinator 1 dies"][lead], Ok(dead)));
+            }
         }
     }
 }
@@ -236,13 +253,12 @@ impl Model for Meeting {
             done: 0,
             late: false,
             word: 0,
-            read: 0,
             named: [0; RELEASES],
         };
         let mut members = [FRESH; MEMBERS];
         members[..self.seats].iter_mut().for_each(|member| member.at = Follow::Between);
         let coordinators = [Coordinator { at: Lead::Arrive, ..idle }, idle];
-        World { holder: 0, coordinators, members, is_replaced: false, deaths: 0, sights: Sights::default() }
+        World { holder: 0, coordinators, members, is_replaced: false, is_returned: false, deaths: 0, sights: Sights::default() }
     }
 
     fn steps(&self, state: &World, out: &mut Vec<(&'static str, Step)>) {
@@ -267,7 +283,8 @@ impl Model for Meeting {
 
     fn is_end(&self, state: &World) -> bool {
         let [first, second] = state.coordinators.map(|lead| lead.at);
-        matches!(first, Lead::End | Lead::Dead) && (second == Lead::End || second == Lead::Idle && first == Lead::End)
+        let is_over = matches!(second, Lead::End | Lead::Dead) || second == Lead::Idle && first == Lead::End;
+        matches!(first, Lead::End | Lead::Dead) && is_over
     }
 
     fn sights(&self, state: &World) -> u64 {
@@ -282,17 +299,27 @@ const ONE: &[u8] = &[0b01];
 
 /// Nothing happens to anybody; one seat or two, in one group or two.
 const fn calm(flaw: Flaw, seats: usize, groups: &'static [u8]) -> Meeting {
-    Meeting { flaw, seats, coordinators: 1, groups, ticks: 3, deaths: 0, faults: false }
+    Meeting { flaw, seats, coordinators: 1, groups, ticks: 3, deaths: 0, faults: false, replaces: false, returns: false }
 }
 
 /// One coordinator; deaths, deadlines, and a replacement in the first seat.
 const fn crew(flaw: Flaw, seats: usize, groups: &'static [u8], ticks: u8, deaths: u8) -> Meeting {
-    Meeting { flaw, seats, coordinators: 1, groups, ticks, deaths, faults: true }
+    Meeting { flaw, seats, coordinators: 1, groups, ticks, deaths, faults: true, replaces: true, returns: false }
 }
 
 /// One seat, and a coordinator that takes over from a dead or living one.
 const fn takeover(flaw: Flaw, ticks: u8, deaths: u8) -> Meeting {
-    Meeting { flaw, seats: 1, coordinators: 2, groups: ONE, ticks, deaths, faults: true }
+    Meeting { flaw, seats: 1, coordinators: 2, groups: ONE, ticks, deaths, faults: true, replaces: true, returns: false }
+}
+
+/// The same, and the first one takes the role again; the member stays.
+const fn there_and_back(flaw: Flaw, ticks: u8, deaths: u8) -> Meeting {
+    Meeting { replaces: false, returns: true, ..takeover(flaw, ticks, deaths) }
+}
+
+/// Both seats, whose members stay, and a coordinator that takes over.
+const fn takeover_of_two(flaw: Flaw, groups: &'static [u8], deaths: u8) -> Meeting {
+    Meeting { seats: 2, groups, replaces: false, ..takeover(flaw, 1, deaths) }
 }
 
 /// Searches a case, and tells how large it was.
@@ -310,12 +337,18 @@ fn no_share_is_lost_and_no_wait_is_endless() {
         assert_eq!(searched(&case).sights, ALL_JOINED, "something happened to somebody");
     }
     let mut sights = 0;
-    for case in
-        [crew(F, 1, ONE, 3, 2), crew(F, 2, BOTH, 1, 1), crew(F, 2, BOTH, 2, 1), crew(F, 2, ONE_BY_ONE, 1, 1), takeover(F, 1, 1)]
-    {
+    for case in [
+        crew(F, 1, ONE, 3, 2),
+        crew(F, 2, BOTH, 1, 1),
+        crew(F, 2, BOTH, 2, 1),
+        crew(F, 2, ONE_BY_ONE, 1, 1),
+        takeover(F, 1, 1),
+        there_and_back(F, 2, 1),
+        takeover_of_two(F, ONE_BY_ONE, 0),
+    ] {
         sights |= searched(&case).sights;
     }
-    let all = EXCLUDED | READMITTED | SLEPT | REFUSED | REPLACED | ALL_JOINED | TAKEN_OVER;
+    let all = EXCLUDED | READMITTED | SLEPT | REFUSED | REPLACED | ALL_JOINED | TAKEN_OVER | RETURNED;
     assert_eq!(sights, all, "not all was searched that should be");
 }
 
@@ -325,7 +358,8 @@ fn every_flaw_is_found() {
     let cases = [
         (by_crew(Flaw::SeatFirst), "did not name it"),
         (by_crew(Flaw::ReadOnce), "did not name it"),
-        (calm(Flaw::JoinFirst, 1, ONE), "no way leads to an end"),
+        (calm(Flaw::BellFirst, 1, ONE), "no way leads to an end"),
+        (there_and_back(Flaw::TwoWords, 2, 0), "has not done the release"),
         (takeover(Flaw::AnyCoordinator, 2, 0), "has not done the release"),
         (calm(Flaw::WakeFirst, 1, ONE), "no way leads to an end"),
         (calm(Flaw::LookThenNumber, 1, ONE), "no way leads to an end"),

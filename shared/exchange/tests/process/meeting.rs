@@ -37,8 +37,9 @@ fn seat(station: &Station, coordinator: &mut ProcessCoordinator, index: usize, i
     coordinator.seat(index, station.read_slot(slot(Role::CollisionWorker), incarnation).unwrap());
 }
 
-fn join_word(station: &Station, incarnation: u32) -> u32 {
-    station.read_slot(slot(Role::CollisionWorker), incarnation).unwrap().load32(header::JOIN)
+/// The release that a member has joined last.
+fn joined(station: &Station, incarnation: u32) -> u32 {
+    station.read_slot(slot(Role::CollisionWorker), incarnation).unwrap().load64(header::JOINED) as u32
 }
 
 /// Releases with a deadline far away and asserts that it was not paid.
@@ -119,8 +120,52 @@ fn a_member_that_stood_is_back_once_it_has_joined_late() {
         slow.await_stop();
         assert_eq!(release_unpaid(&mut coordinator, &[1]), Outcome { joined: 0, missing: 1 });
         slow.go_on();
-        until(|| (join_word(station, 10) != 0).then_some(()));
+        until(|| (joined(station, 10) != 0).then_some(()));
         assert_eq!(release_unpaid(&mut coordinator, &[1]), Outcome { joined: 1, missing: 0 });
+    });
+}
+
+/// A member that comes when nobody waits for it any longer: each time it is asked it costs the deadline.
+fn ask_in_vain(coordinator: &mut ProcessCoordinator, slow: &mut ProcessMember) {
+    until(|| {
+        coordinator.release(&[1], system::now_ns() + 100_000);
+        let release = slow.await_release(system::now_ns())?;
+        slow.join(release);
+        Some(())
+    });
+}
+
+#[test]
+fn a_member_that_is_late_each_time_is_asked_ever_more_rarely_until_it_is_in_time() {
+    isolated(a_member_that_is_late_each_time_is_asked_ever_more_rarely_until_it_is_in_time, |station| {
+        let mut coordinator = coordinator(station, 1);
+        let mut slow = own_member(station, 10, 1);
+        seat(station, &mut coordinator, 0, 10);
+        let begun_ns = system::now_ns();
+        for misses in 1..=6 {
+            ask_in_vain(&mut coordinator, &mut slow);
+            // Whoever asks sooner has not let it rest. The last rest is not over yet.
+            let rested_ns: u64 = (1..misses).map(hyst_exchange::meeting::rules::rest_ns).sum();
+            assert!(system::now_ns() - begun_ns >= rested_ns, "{misses} misses");
+        }
+        let forgiven = hyst_exchange::meeting::rules::FORGIVEN_AFTER;
+        std::thread::scope(|scope| {
+            let slow = &mut slow;
+            scope.spawn(move || {
+                for _ in 0..forgiven {
+                    let release = slow.await_release(far_ns()).unwrap();
+                    slow.join(release);
+                }
+            });
+            let mut joined = 0;
+            until(|| {
+                joined += release_unpaid(&mut coordinator, &[1]).joined;
+                (joined == forgiven).then_some(())
+            });
+        });
+        ask_in_vain(&mut coordinator, &mut slow);
+        coordinator.readmit();
+        assert_eq!(coordinator.present(), 1, "its first miss again");
     });
 }
 
@@ -143,7 +188,7 @@ fn the_late_join_of_a_zombie_counts_for_nothing() {
             });
             replacement.await_stop();
             zombie.go_on();
-            until(|| (join_word(station, 10) != 0).then_some(()));
+            until(|| (joined(station, 10) != 0).then_some(()));
             assert!(!ended.load(Ordering::SeqCst), "the zombie's join ended the release");
             replacement.go_on();
             assert_eq!(releasing.join().unwrap(), Outcome { joined: 1, missing: 0 });
@@ -164,7 +209,7 @@ fn a_member_that_slept_through_its_release_does_no_work_for_it_and_is_back() {
         assert_eq!(coordinator.release(&[0b01], system::now_ns() + SHORT_NS).missing, 0b01);
         assert_eq!(release_unpaid(&mut coordinator, &[0b10]).joined, 0b10);
         sleeper.go_on();
-        until(|| (join_word(station, 10) != 0).then_some(()));
+        until(|| (joined(station, 10) != 0).then_some(()));
         assert_eq!(coordinator.release(&[0b01], system::now_ns() + PAID_NS).missing, 0b01, "it was asked again");
         sleeper.await_death();
     });
@@ -222,7 +267,7 @@ fn groups_run_in_sequence_and_one_whose_time_is_up_is_not_excluded() {
                 for _ in 0..500 {
                     let release = second.await_release(far_ns()).unwrap();
                     assert_eq!(
-                        before.load32(header::JOIN),
+                        before.load64(header::JOINED) as u32,
                         release.number - 1,
                         "the second group began before the first had ended"
                     );

@@ -62,6 +62,9 @@ pub const POOL_BLOCKS: usize = 40;
 pub const FOUNDED_TICK: usize = 41;
 /// Periods that a real-time thread left to ordinary threads of its core.
 pub const LEFT: usize = 42;
+/// What the owner has joined last, as a member: `incarnation of the coordinator << 32 | release`. One word: the coordinators of a role count
+/// alike, and no reader may pair the release of one with another's name.
+pub const JOINED: usize = 43;
 /// The life latch of the owner's main thread, 8 words.
 pub const LATCH: usize = 44;
 /// Histogram of wake-up latencies.
@@ -82,12 +85,10 @@ pub const STATE: usize = 0;
 pub const RELEASE: usize = 1;
 /// 32-bit words: bumped when the owner has written a new value; waited on by its readers.
 pub const NEWS: usize = 2;
-/// 32-bit words: incarnation of the coordinator that the join word answers.
-pub const JOIN_OF: usize = 3;
-/// 32-bit words: the release that the owner has joined, as a member.
-pub const JOIN: usize = 4;
+/// 32-bit words: bumped when the owner has joined a release, as a member; waited on by its coordinator.
+pub const JOIN: usize = 3;
 /// 32-bit words: 1 once the owner's ports are open, so that others may connect to them while it still warms up.
-pub const PORTS_OPEN: usize = 5;
+pub const PORTS_OPEN: usize = 4;
 /// 32-bit words: incarnation of the member that computes share i.
 pub const SHARE_MEMBER: usize = 16;
 /// 32-bit words: the newest release that named share i. A member looks at its own seat's word alone, so it is never released by the mask of

@@ -1,7 +1,7 @@
 //! The coordinator's steps, one access to a shared word each.
 
 use super::*;
-use hyst_exchange::meeting::rules::{RELEASING, ReleaseWord, SEATING, SeatWord, is_joined, next_release};
+use hyst_exchange::meeting::rules::{RELEASING, ReleaseWord, SEATING, SeatWord, is_joined, joined_word, next_release};
 
 impl Meeting {
     /// Who is to sit in a seat: members count from 1, 0 is nobody.
@@ -35,17 +35,15 @@ impl Meeting {
             Lead::Idle | Lead::End | Lead::Dead => return Vec::new(),
             Lead::Arrive | Lead::ClearSeat(_) | Lead::TakeSeat(_) => self.seat(world, lead, me),
             Lead::Readmit(seat) => {
-                lead.word = page_of(lead.seats[seat]).join;
-                lead.at = Lead::ReadmitOf(seat);
-            }
-            Lead::ReadmitOf(seat) => {
-                let (chair, join_of) = (lead.seats[seat], page_of(lead.seats[seat]).join_of);
-                if self.is_joined(lead.word, join_of, chair.named, me) {
-                    lead.seats[seat] = Seat { excluded: false, owes: false, ..chair };
-                    next.sights.0 |= READMITTED;
-                }
-                lead.word = 0;
+                let chair = lead.seats[seat];
+                let is_joined = self.is_joined(page_of(chair).joined, chair.named, me);
                 lead.at = self.readmit_from(lead, seat + 1);
+                if is_joined {
+                    // Unless it has to rest, `rests_until_ns`.
+                    let mut back = World { sights: Sights(READMITTED), ..next };
+                    back.coordinators[me].seats[seat] = Seat { excluded: false, owes: false, ..chair };
+                    return vec![Ok(back), Ok(next)];
+                }
             }
             Lead::SendJob => {
                 lead.job = if lead.seats.iter().all(|seat| seat.excluded || seat.member == 0) { lead.job } else { lead.tick };
@@ -54,22 +52,18 @@ impl Meeting {
             Lead::Begin => return self.begin(next, me),
             Lead::Name(_) | Lead::Release => return vec![self.name(next, me)],
             Lead::Word(seat) => {
-                lead.word = page_of(lead.seats[seat]).join;
+                lead.word = page_of(lead.seats[seat]).bell;
                 lead.at = Lead::Join(seat);
             }
-            Lead::Join(seat) => {
-                lead.read = page_of(lead.seats[seat]).join;
-                lead.at = Lead::JoinOf(seat);
-            }
-            Lead::JoinOf(_) | Lead::Late(_) | Lead::Wait(_) => return self.wait(next, world, me),
+            Lead::Join(_) | Lead::Late(_) | Lead::Wait(_) => return self.wait(next, world, me),
             Lead::Collect(seat) => return vec![self.collect(next, world, me, seat)],
         }
         vec![Ok(next)]
     }
 
-    fn is_joined(&self, join: u8, join_of: u8, release: u8, me: usize) -> bool {
-        let of = if self.flaw == Flaw::AnyCoordinator { me as u8 + 1 } else { join_of };
-        is_joined(join as u32, of as u32, release as u32, me as u32 + 1)
+    fn is_joined(&self, joined: (u8, u8), release: u8, me: usize) -> bool {
+        let of = if self.flaw == Flaw::AnyCoordinator { me as u8 + 1 } else { joined.0 };
+        is_joined(joined_word(of as u32, joined.1 as u32), release as u32, me as u32 + 1)
     }
 
     fn readmit_from(&self, lead: &Coordinator, from: usize) -> Lead {
@@ -168,11 +162,10 @@ impl Meeting {
     fn wait(&self, mut next: World, world: &World, me: usize) -> Vec<Step> {
         let lead = &mut next.coordinators[me];
         match lead.at {
-            Lead::JoinOf(seat) => {
-                let (chair, join) = (lead.seats[seat], lead.read);
+            Lead::Join(seat) => {
+                let chair = lead.seats[seat];
                 let member = &world.members[chair.member as usize - 1];
-                lead.read = 0;
-                if !self.is_joined(join, member.join_of, chair.named, me) {
+                if !self.is_joined(member.joined, chair.named, me) {
                     lead.at = Lead::Late(seat);
                 } else if member.did[me] != chair.named {
                     return vec![Err(format!("seat {seat} is counted as joined and has not done the release"))];
@@ -201,7 +194,7 @@ impl Meeting {
                 }
             }
             Lead::Wait(seat) => {
-                let is_changed = world.members[lead.seats[seat].member as usize - 1].join != lead.word;
+                let is_changed = world.members[lead.seats[seat].member as usize - 1].bell != lead.word;
                 lead.at = Lead::Word(seat);
                 let woken = is_changed.then_some(Ok(next));
                 next.coordinators[me].late = true;

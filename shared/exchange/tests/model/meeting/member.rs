@@ -43,12 +43,12 @@ impl Meeting {
             Follow::Over(seat) => {
                 member.seen = member.named;
                 member.slept = is_over(lead.release as u32, member.named as u32);
-                member.at = if member.slept { Follow::SayOf } else { Follow::Job(seat) };
+                member.at = if member.slept { Follow::Say } else { Follow::Job(seat) };
                 member.number = if member.slept { member.number } else { 0 };
                 next.sights.0 |= if member.slept { SLEPT } else { 0 };
             }
             Follow::Job(_) | Follow::Answer(_) => return vec![self.share(next, world, me)],
-            Follow::SayOf | Follow::Say => self.say(member),
+            Follow::Say | Follow::Ring => self.say(member),
             Follow::Sleep => return self.sleep(next, world, me),
         }
         vec![Ok(next)]
@@ -78,34 +78,38 @@ impl Meeting {
                 if lead.named[member.named as usize] & bit(me + 1) == 0 {
                     return Err(format!("member {me} works for release {}, which did not name it", member.named));
                 }
-                member.at = if lead.job > member.job { Follow::Answer(seat) } else { Follow::SayOf };
+                member.at = if lead.job > member.job { Follow::Answer(seat) } else { Follow::Say };
                 member.job = lead.job;
             }
             Follow::Answer(seat) => {
                 member.contacts = (member.job, member.follows, seat as u8 + 1);
-                member.at = Follow::SayOf;
+                member.at = Follow::Say;
             }
             _ => {}
         }
-        if member.at == Follow::SayOf {
+        if member.at == Follow::Say {
             member.did[member.follows as usize - 1] = member.named;
         }
         Ok(next)
     }
 
-    /// `say_joined`: the coordinator, then the release, which wakes.
+    /// `say_joined`: what was joined, then the bell, which wakes.
     fn say(&self, member: &mut Member) {
-        let is_second = (member.at == Follow::Say) != (self.flaw == Flaw::JoinFirst);
+        let is_second = (member.at == Follow::Ring) != (self.flaw == Flaw::BellFirst);
         match JOINING[usize::from(is_second)] {
-            JoinWord::Release => member.join = member.named,
-            JoinWord::Of => member.join_of = member.follows,
+            JoinWord::Joined if self.flaw == Flaw::TwoWords => member.joined.0 = member.follows,
+            JoinWord::Joined => member.joined = (member.follows, member.named),
+            JoinWord::Bell => {
+                member.bell = (member.bell + 1) % 8;
+                member.joined.1 = if self.flaw == Flaw::TwoWords { member.named } else { member.joined.1 };
+            }
         }
         member.at = match (member.at, member.slept) {
-            (Follow::SayOf, _) => Follow::Say,
+            (Follow::Say, _) => Follow::Ring,
             (_, true) => self.rest(),
             (_, false) => self.between(),
         };
-        if member.at != Follow::Say {
+        if member.at != Follow::Ring {
             (member.slept, member.named) = (false, 0);
         }
     }
