@@ -198,7 +198,9 @@ pub(super) fn resume(now_ns: u64, left: &super::Left, state: &mut State) -> Vec<
     state.swap = Some(swap);
     if left.proven {
         enter(now_ns, Stage::Settling, state);
-        return tend(now_ns, state);
+        // Who died may not have said so any more: until it is said, the elders keep their line.
+        let settled = Action::Told { role: left.slot.role(), stage: Told::Settled, incarnation };
+        return std::iter::once(settled).filter(|_| incarnation != 0).chain(tend(now_ns, state)).collect();
     }
     fail(now_ns, "the supervisor died meanwhile".into(), state)
 }
