@@ -91,7 +91,8 @@ fn start(station: &Station) -> Option<u32> {
     let mut command = crate::proc::own_program();
     command.args(["clean", "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    crate::proc::start(&mut command, false).ok().map(|child| child.id())
+    // Not behind ordinary ones: what it does not clean up fills the lists that newborns connect by.
+    crate::proc::start(&mut command, true).ok().map(|child| child.id())
 }
 
 fn is_over(pid: u32) -> bool {

@@ -114,9 +114,13 @@ fn body(listener: &UnixListener, tell: &Sender<Input>) {
             // Most have sent their line by now.
             if client.tend(tell) {
                 if clients.len() >= MOST_CLIENTS {
-                    // The one that has said nothing for longest; if all have asked, the oldest.
-                    let silent = clients.iter().position(|client| matches!(client.stage, Stage::Asks(_)));
-                    clients.remove(silent.unwrap_or(0));
+                    // The one that has said nothing for longest, or is slow to hear; who waits for the main loop may have had done what it asks for.
+                    let of = |is: fn(&Stage) -> bool| clients.iter().position(|client| is(&client.stage));
+                    let silent = of(|stage| matches!(stage, Stage::Asks(_)));
+                    match silent.or_else(|| of(|stage| matches!(stage, Stage::Hears(..)))) {
+                        Some(at) => drop(clients.remove(at)),
+                        None => continue,
+                    }
                 }
                 clients.push(client);
             }

@@ -287,7 +287,6 @@ impl Guardian {
             return true;
         }
         self.starts += 1;
-        self.next_start_ns = now_ns + RESTART_NS;
         // While a swap's elder, ordinary and ahead of all others, keeps the line, a successor had not begun to beat when it was taken for one that hangs.
         let priority = crate::settings::is_real_time(&self.station).then_some(hyst_engine::realtime::SUPERVISOR_PRIORITY);
         match crate::spawn::start_own(&self.station, "supervise", Role::Supervisor, priority) {
@@ -295,6 +294,8 @@ impl Guardian {
             Ok(pid) => self.supervisor = system::process_start(pid).map(|start| Living { pid, start, name: "supervisor".into() }),
             Err(error) => journal::say(&self.station, &format!("cannot start the supervisor: {error}")),
         }
+        // Its time begins when it was started: the guardian is an ordinary process, and may have waited for that.
+        self.next_start_ns = system::now_ns() + RESTART_NS;
         true
     }
 

@@ -199,6 +199,9 @@ fn an_engine_of_another_version_or_of_a_life_that_is_lived_is_refused_by_the_pag
     for process in ["device", "haptic", "tissue", "fluid", "collision-worker"].iter().flat_map(|role| station.processes(role)) {
         let slot = Slot::parse(process["name"].as_str().unwrap()).unwrap();
         let (code, said) = start_by_hand(&station, slot, process["incarnation"].as_u64().unwrap() as u32);
+        if station.processes(slot.role().name()).iter().all(|now| now["pid"] != process["pid"]) {
+            continue; // a busy machine had it replaced meanwhile
+        }
         assert_eq!(code, Some(2), "{slot}: {said}");
         assert!(said.contains(&format!("is the life of process {}", process["pid"])), "{slot}: {said}");
         assert_eq!(said.trim().lines().count(), 1, "{said}");

@@ -43,6 +43,7 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
     let incarnation = life.incarnation;
     let loses_a_loan = life.loan_loser()?;
     let body = move || {
+        system::demote(0); // a servo is real time while it starts
         let mut device: Option<ReadPage> = None;
         let (mut next, mut refused) = (0, 0);
         while !stopped.load(Ordering::Acquire) {

@@ -202,6 +202,7 @@ impl Collision {
         if let Some(loan) = job.loan {
             loan.send()?;
             let group = (1u32 << self.workers) - 1;
+            let resting = self.coordinator.resting();
             let outcome = release(&mut self.coordinator, life, group);
             let job_hash = fnv_words(0, points_m.as_flattened().iter().map(|value| value.to_bits() as u64));
             for index in members(outcome.joined) {
@@ -222,7 +223,7 @@ impl Collision {
                     Err(why) => refuse(life, worker, why, &mut self.off[index]),
                 }
             }
-            for index in members(outcome.missing & group) {
+            for index in members(outcome.missing & group & !resting) {
                 life.distrust(self.coordinator.incarnation_at(index), Distrust::Missing);
             }
             self.missing += group.count_ones() - done.count_ones();

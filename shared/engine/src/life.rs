@@ -129,13 +129,12 @@ impl Life {
         let clock = station.open()?;
         let page = Arc::new(station.own_slot(slot, incarnation)?);
         let own = std::process::id() as u64;
-        match page.load64(header::PID) {
-            lived if lived == 0 || lived == own => page.store64(header::PID, own),
-            lived => {
-                return Err(Failure::Input(format!(
-                    "{slot} #{incarnation} is the life of process {lived}; start engines with `hystation run`"
-                )));
-            }
+        if let Err(lived) = page.swap64(header::PID, 0, own)
+            && lived != own
+        {
+            return Err(Failure::Input(format!(
+                "{slot} #{incarnation} is the life of process {lived}; start engines with `hystation run`"
+            )));
         }
         page.store64(header::HEARTBEAT_NS, system::now_ns());
         page.set_state(ProcessState::Warming);

@@ -25,8 +25,8 @@ const MOST_OWED_NS: f64 = 3e6;
 const LOOK_NS: u64 = 20_000_000;
 /// Ordinary threads that have not run on a core for so long are starved, ns.
 pub const STARVED_NS: u64 = 60_000_000;
-/// Niceness of the sentinel: like that of the most important ordinary threads, for it is they whom it stands for.
-const SENTINEL_NICE: i32 = -10;
+/// Niceness of the sentinel: it tells whether any ordinary thread may run, and not when its turn would be.
+const SENTINEL_NICE: i32 = -20;
 
 /// The account of a thread's sleep.
 #[derive(Debug, Default)]

@@ -151,7 +151,8 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     let granted = realtime::go(life)?;
     let shares = granted.fifo && granted.pinned && realtime::shares_core_with_hand(life.slot, system::cores());
     this.stand_apart();
-    this.room = shares.then(Room::of_this_core);
+    // A newcomer on trial moves to the other core; what it says of the first one would be of no use.
+    this.room = shares.then(|| if this.is_guest() { Room::default() } else { Room::of_this_core() });
     this.run()
 }
 

@@ -120,9 +120,9 @@ struct Guest {
     tries: u32,
 }
 
-/// Tries to connect to a newcomer, one for each look: about 20 s. A process that dies in its start-up is given up as soon as its slot
-/// says so; this bound is for one that hangs there, and for a supervisor that is dead itself.
-const MAX_TRIES: u32 = 20_000;
+/// Tries to connect to a newcomer at every eager look: about 20 s. Then it is looked for as rarely as if nobody were awaited, and never given up while its slot
+/// names it: one that was not let run for so long comes all the same.
+const EAGER_TRIES: u32 = 20_000;
 
 struct Desk {
     station: Station,
@@ -174,14 +174,14 @@ impl Desk {
                 return;
             }
             let guest = &mut self.waiting[at];
-            guest.tries += 1;
+            guest.tries = guest.tries.saturating_add(1);
             if guest.page.is_none() {
                 // Not there yet, or already gone again: both are seen at the next look.
                 guest.page = self.station.read_slot(guest.slot, guest.incarnation).ok();
             }
             match connect(guest) {
-                Ok(None) if guest.tries <= MAX_TRIES => at += 1,
-                Ok(None) | Err(()) => drop(self.waiting.remove(at)),
+                Ok(None) => at += 1,
+                Err(()) => drop(self.waiting.remove(at)),
                 Ok(Some(arrival)) => {
                     self.waiting.remove(at);
                     // The queue was seen not to be full, and nobody else fills it.
@@ -225,13 +225,14 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let stopped = Arc::clone(&stop);
     let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new() };
     let body = move || {
+        system::demote(0); // of a device or a servo that is real time while it starts
         system::be_nice(-AHEAD); // refused without rights: then it waits like any other thread
         while !stopped.load(Ordering::Acquire) {
             let seen = page.changes();
             while departures.pop().is_ok() {}
             desk.notice(&page);
             desk.seat(&mut arrivals, &mut connect);
-            let pause = if desk.waiting.is_empty() { IDLE_NS } else { EAGER_NS };
+            let pause = if desk.waiting.iter().all(|guest| guest.tries > EAGER_TRIES) { IDLE_NS } else { EAGER_NS };
             page.wait_for_change(seen, system::now_ns() + pause);
         }
     };

@@ -53,6 +53,8 @@ impl Supervisor {
         let (adopted, warming) = adopted.into_iter().partition(is_warm);
         let actions = policy::step(system::now_ns(), Event::Started { adopted, warming }, &mut self.policy);
         self.act(actions);
+        // Before anybody is told to go: a newcomer that holds a role hands it over first.
+        self.note_holders(system::now_ns());
         self.resume_swap();
     }
 

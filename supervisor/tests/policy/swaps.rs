@@ -278,6 +278,8 @@ mod by_hand {
             };
             assert_eq!(actions.last(), Some(&next), "{actions:?}");
             assert_eq!(actions.contains(&Action::HandOver { role, incarnation: 1 }), !proven);
+            let settled = Action::Told { role, stage: Stage::Settled, incarnation: 3 };
+            assert_eq!(actions.contains(&settled), proven, "the elders leave their line only when they are told");
         }
     }
 }

@@ -12,7 +12,7 @@ use std::sync::atomic::{Ordering, fence};
 impl<S: Stateful> Loop<'_, S> {
     /// Gets a state: the holder's, a checkpoint's, or the first. Then computes one step that nobody sees, to touch everything.
     pub(super) fn warm(&mut self) -> Result<(), Failure> {
-        let patience_ns = system::now_ns() + NEWBORN_PATIENCE_NS;
+        let (mut waited_ns, mut looked_ns) = (0, system::now_ns());
         let mut told = false;
         self.life.ports_are_open();
         loop {
@@ -28,7 +28,11 @@ impl<S: Stateful> Loop<'_, S> {
             let holder = self.roster.holder(self.role);
             let nobody = holder.epoch == 0 && self.life.slot.index() == 0;
             let orphaned = holder.epoch > 0 && !self.holder_lives(holder) && !self.has_warm_spare();
-            let late = system::now_ns() > patience_ns;
+            // Of a time in which it was not let run itself only as much counts as between two looks of one that is.
+            let now_ns = system::now_ns();
+            waited_ns += (now_ns - looked_ns).min(2 * TICK_NS);
+            looked_ns = now_ns;
+            let late = waited_ns > NEWBORN_PATIENCE_NS;
             if late && self.is_guest() {
                 return Err(Failure::Broken("no state of the role has come, and a newcomer on trial founds nothing".into()));
             }
@@ -38,7 +42,7 @@ impl<S: Stateful> Loop<'_, S> {
             if late && holder.epoch > 0 && self.holder_lives(holder) {
                 return Err(Failure::Broken("no state has come from the role's holder, although it lives".into()));
             }
-            if !self.founded && !self.is_guest() && (nobody || orphaned || late) {
+            if !self.founded && !self.is_guest() && (nobody || orphaned || late && !self.has_warm_spare()) {
                 if self.is_sound(holder) {
                     self.founded = self.found(holder)?;
                 } else if !std::mem::replace(&mut told, true) {

@@ -19,25 +19,18 @@ struct Seat {
     excluded: bool,
     /// Newest release that named the member.
     named: u32,
-    /// Releases that it missed, until it is forgiven, and those in a row that it joined in time.
+    /// Releases that it missed, less those that it joined in time.
     misses: u32,
-    in_time: u32,
     /// Until when it is not asked, ns.
     rests_until_ns: u64,
 }
 
 impl Seat {
-    fn has_missed(&mut self) {
+    /// `rests`: it may have to rest for it; on a virtual clock nobody does.
+    fn has_missed(&mut self, rests: bool) {
         self.excluded = true;
-        (self.misses, self.in_time) = (self.misses.saturating_add(1), 0);
-        self.rests_until_ns = system::now_ns() + rules::rest_ns(self.misses);
-    }
-
-    fn was_in_time(&mut self) {
-        self.in_time = self.in_time.saturating_add(1);
-        if self.in_time >= rules::FORGIVEN_AFTER {
-            self.misses = 0;
-        }
+        self.misses = self.misses.saturating_add(1);
+        self.rests_until_ns = if rests { system::now_ns() + rules::rest_ns(self.misses) } else { 0 };
     }
 }
 
@@ -65,7 +58,7 @@ impl ProcessCoordinator {
                 SeatWord::Member => self.page.store32(header::SHARE_MEMBER + index, incarnation),
             }
         }
-        let seat = Seat { page, incarnation, excluded: false, named: 0, misses: 0, in_time: 0, rests_until_ns: 0 };
+        let seat = Seat { page, incarnation, excluded: false, named: 0, misses: 0, rests_until_ns: 0 };
         let before = self.seats[index].replace(seat);
         before.map(|seat| seat.page)
     }
@@ -92,6 +85,14 @@ impl ProcessCoordinator {
         for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded && has_rested(seat)) {
             seat.excluded = !rules::is_joined(seat.page.load64(header::JOINED), seat.named, incarnation);
         }
+    }
+
+    /// Seats whose members rest: nobody has asked them, so they have missed nothing.
+    pub fn resting(&self) -> Group {
+        let now_ns = system::now_ns();
+        let rests = |seat: &Seat| seat.excluded && now_ns < seat.rests_until_ns;
+        let bit = |(index, seat): (usize, &Option<Seat>)| seat.as_ref().filter(|seat| rests(seat)).map_or(0, |_| 1 << index);
+        self.seats.iter().enumerate().map(bit).fold(0, |mask, bit: Group| mask | bit)
     }
 
     /// Present members whose page says that they are warm or live.
@@ -148,8 +149,8 @@ impl ProcessCoordinator {
                 seat.page.wait(header::JOIN, word, look_ns);
             }
             match &mut self.seats[index] {
-                Some(seat) if joined & (1 << index) == 0 => seat.has_missed(),
-                Some(seat) => seat.was_in_time(),
+                Some(seat) if joined & (1 << index) == 0 => seat.has_missed(lost.is_none()),
+                Some(seat) => seat.misses = seat.misses.saturating_sub(1),
                 None => {}
             }
         }

@@ -62,14 +62,12 @@ pub fn is_over(newest: u32, named: u32) -> bool {
     (newest.wrapping_sub(named) as i32) > 0
 }
 
-/// Joins in time, in a row, after which what a member missed before is forgiven.
-pub const FORGIVEN_AFTER: u32 = 32;
 /// The rest after the second miss, ns; each further one doubles it.
 const FIRST_REST_NS: u64 = 4_000_000;
-/// Doublings at most: a member that is slow for good costs a deadline in a quarter of a second.
-const MOST_DOUBLINGS: u32 = 6;
+/// Doublings at most: a member that is slow for good costs a deadline in 32 ms, and is asked often enough to be charged with it without a pause.
+const MOST_DOUBLINGS: u32 = 3;
 
-/// How long a member that has missed so often is not asked although it has caught up. The first miss costs it nothing more: the host stalls everybody
+/// How long a member that has missed so often, one less for each join in time, is not asked although it has caught up. The first miss costs it nothing more: the host stalls everybody
 /// now and then. One that is late at each release would cost the deadline of every second one.
 pub fn rest_ns(misses: u32) -> u64 {
     match misses {
@@ -86,6 +84,6 @@ mod tests {
     fn a_rest_doubles_up_to_a_bound() {
         let rests: Vec<u64> = (0..5).map(rest_ns).collect();
         assert_eq!(rests, [0, 0, FIRST_REST_NS, 2 * FIRST_REST_NS, 4 * FIRST_REST_NS]);
-        assert_eq!((rest_ns(8), rest_ns(9), rest_ns(u32::MAX)), (256_000_000, 256_000_000, 256_000_000));
+        assert_eq!((rest_ns(5), rest_ns(6), rest_ns(u32::MAX)), (32_000_000, 32_000_000, 32_000_000));
     }
 }
