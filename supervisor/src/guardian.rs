@@ -294,8 +294,7 @@ impl Guardian {
             Ok(pid) => self.supervisor = system::process_start(pid).map(|start| Living { pid, start, name: "supervisor".into() }),
             Err(error) => journal::say(&self.station, &format!("cannot start the supervisor: {error}")),
         }
-        // Its time begins when it was started: the guardian is an ordinary process, and may have waited for that.
-        self.next_start_ns = system::now_ns() + RESTART_NS;
+        self.next_start_ns = system::now_ns() + RESTART_NS; // this ordinary process may have waited until it could start the other
         true
     }
 
