@@ -126,6 +126,7 @@ fn body(listener: &UnixListener, tell: &Sender<Input>) {
             }
         }
         clients.retain_mut(|client| client.tend(tell));
+        // Sockets and replies are looked at in turn; an answer of the main loop is there within a millisecond, and is not to wait for the usual look.
         let is_awaited = clients.iter().any(|client| matches!(client.stage, Stage::Waits(_)));
         std::thread::sleep(if is_awaited { LOOK / 5 } else { LOOK });
     }

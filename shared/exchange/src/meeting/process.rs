@@ -26,6 +26,15 @@ struct Seat {
 }
 
 impl Seat {
+    /// Whether the member has joined this release of this coordinator.
+    fn has_joined(&self, number: u32, coordinator: u32) -> bool {
+        rules::is_joined(self.page.load64(header::JOINED), number, coordinator)
+    }
+
+    fn rests(&self) -> bool {
+        self.excluded && system::now_ns() < self.rests_until_ns
+    }
+
     /// `rests`: it may have to rest for it; on a virtual clock nobody does.
     fn has_missed(&mut self, rests: bool) {
         self.excluded = true;
@@ -68,38 +77,33 @@ impl ProcessCoordinator {
         self.seats[index].as_ref().map_or(0, |seat| seat.incarnation)
     }
 
-    /// Seats taken by members that are not excluded.
-    pub fn present(&self) -> Group {
-        let present = |(index, seat): (usize, &Option<Seat>)| seat.as_ref().filter(|seat| !seat.excluded).map(|_| 1 << index);
-        self.seats.iter().enumerate().filter_map(present).fold(0, |mask, bit: Group| mask | bit)
+    /// The seats that are taken and of which this is true.
+    fn seats_that(&self, is_so: impl Fn(&Seat) -> bool) -> Group {
+        let so = self.seats.iter().enumerate().filter(|(_, seat)| seat.as_ref().is_some_and(&is_so));
+        so.fold(0, |mask, (index, _)| mask | 1 << index)
     }
 
-    fn has_joined(&self, seat: &Seat, number: u32) -> bool {
-        rules::is_joined(seat.page.load64(header::JOINED), number, self.incarnation)
+    /// Seats taken by members that are not excluded.
+    pub fn present(&self) -> Group {
+        self.seats_that(|seat| !seat.excluded)
     }
 
     /// Excluded members that have joined the last release that named them, and have rested, are back.
     pub fn readmit(&mut self) {
         let incarnation = self.incarnation;
-        let has_rested = |seat: &Seat| system::now_ns() >= seat.rests_until_ns;
-        for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded && has_rested(seat)) {
-            seat.excluded = !rules::is_joined(seat.page.load64(header::JOINED), seat.named, incarnation);
+        for seat in self.seats.iter_mut().flatten().filter(|seat| seat.excluded && !seat.rests()) {
+            seat.excluded = !seat.has_joined(seat.named, incarnation);
         }
     }
 
     /// Seats whose members rest: nobody has asked them, so they have missed nothing.
     pub fn resting(&self) -> Group {
-        let now_ns = system::now_ns();
-        let rests = |seat: &Seat| seat.excluded && now_ns < seat.rests_until_ns;
-        let bit = |(index, seat): (usize, &Option<Seat>)| seat.as_ref().filter(|seat| rests(seat)).map_or(0, |_| 1 << index);
-        self.seats.iter().enumerate().map(bit).fold(0, |mask, bit: Group| mask | bit)
+        self.seats_that(Seat::rests)
     }
 
     /// Present members whose page says that they are warm or live.
     pub fn ready(&self) -> Group {
-        let is_ready = |seat: &Seat| seat.page.state().is_ready();
-        let bit = |(index, seat): (usize, &Option<Seat>)| seat.as_ref().filter(|seat| is_ready(seat)).map_or(0, |_| 1 << index);
-        self.present() & self.seats.iter().enumerate().map(bit).fold(0, |mask, bit: Group| mask | bit)
+        self.seats_that(|seat| !seat.excluded && seat.page.state().is_ready())
     }
 
     /// Releases one group; a member that is `lost` is not waited for any longer. Looks for that every half millisecond.
@@ -137,7 +141,7 @@ impl ProcessCoordinator {
             // Bounded by the deadline: each pass either sees the join, or waits until the word changes or the deadline.
             loop {
                 let word = seat.page.load32(header::JOIN);
-                if self.has_joined(seat, number) {
+                if seat.has_joined(number, self.incarnation) {
                     joined |= 1 << index;
                     break;
                 }
