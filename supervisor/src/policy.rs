@@ -29,6 +29,9 @@ use state::{Life, Place};
 
 /// How long a process that has grown too large waits for a spare to take its work, ns.
 pub const LEAVE_WITHIN_NS: u64 = 10_000_000_000;
+/// How often a role with a state goes back before those are replaced whose streams it reads: an older state costs its work since then, a fresh one of
+/// those others costs nothing, but helps only where a process, and not its state, makes what kills its readers.
+const MISTRUST_AFTER_BACK: usize = 2;
 
 /// Takes an event, changes the state, says what to do.
 pub fn step(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
@@ -233,9 +236,14 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         && let Some(ground) = ladder.holder_died(now_ns, ended_ns, by_itself, ready_ns.is_some())
     {
         actions.push(Action::GoBack { role, ground });
+        let (went_back, was_ready) = (ladder.went_back(), place.was_ready);
         // What killed them is the state; the slots begin anew with another one.
         for (_, place) in state.places.iter_mut().filter(|(slot, _)| slot.role() == role) {
             place.short_lives = 0;
+        }
+        // That was no help once: it may be what they read.
+        if was_ready && went_back == MISTRUST_AFTER_BACK {
+            actions.extend(mistrust(slot, state));
         }
     }
     let settled = ready_ns.is_some_and(|ready_ns| ended_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
@@ -282,8 +290,9 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
         let end = matches!(slot.role(), Role::Hardware | Role::Device).then_some(1);
         return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
     }
-    // One that never was ready died of itself: of its driver, of its disk.
-    let mistrusts = end == End::OfItself && place.was_ready && place.short_lives == limits.mistrust_after();
+    // One that never was ready died of itself: of its driver, of its disk. A role with a state is tried with older ones first: see `died`.
+    let with_state = limits::is_stateful(slot.role());
+    let mistrusts = end == End::OfItself && place.was_ready && !with_state && place.short_lives == limits.mistrust_after();
     let wait_ns = if too_many { limits.most_wait_ns } else { limits.wait_ns(place.short_lives) };
     place.life = Life::Vacant { due_ns: now_ns + wait_ns };
     let mut actions = if mistrusts { mistrust(slot, state) } else { Vec::new() };

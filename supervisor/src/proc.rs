@@ -258,6 +258,7 @@ fn belongs(process: u32, user: u32, name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::process::{Command, Stdio};
 
     #[test]
     fn the_own_process_is_described_and_belongs_to_no_station() {
@@ -290,19 +291,22 @@ mod tests {
 
     #[test]
     fn a_thread_that_panics_ends_the_whole_process() {
-        let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+        let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "proc::tests::a_panicking_thread", "--nocapture"]).env("HYSTATION_TEST_PANIC", "1");
-        let mut child = command.stdin(std::process::Stdio::piped()).stdout(std::process::Stdio::null()).spawn().unwrap();
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
         let _open = child.stdin.take(); // without it the first thread would read the end of its input, and go on
         let status = wait_within(&mut child, 60_000_000_000).expect("it lives on");
         assert_eq!(status.code(), Some(1));
+        // Kept from the test's own output, where the first panic is to be one that nobody wanted.
+        let said = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
+        assert!(said.contains("an invariant is broken"), "{said}");
     }
 
     #[test]
     fn a_segfault_kills_a_program_whose_runtime_swallows_the_first_signal() {
         use std::io::Read;
         use std::os::unix::process::ExitStatusExt;
-        use std::process::{Command, Stdio};
         let mut command = Command::new(std::env::current_exe().unwrap());
         command.args(["--exact", "proc::tests::a_victim", "--nocapture"]).env("HYSTATION_TEST_VICTIM", "1");
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();

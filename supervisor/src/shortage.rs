@@ -23,8 +23,9 @@ const PIECES_BYTES: [u64; 2] = [1 << 20, 4 << 10];
 const MOST_PIECES: u64 = (MOST_FREE_BYTES >> 20) + 512;
 /// Between two helpings, ns: what others free meanwhile is taken again.
 const HELPING_NS: u64 = 20_000_000;
-/// The ballast gives way to everybody.
-const NICE: i32 = 19;
+/// A file system that has not become full after so long, ns, is not held full for the time that was asked for: who fills it is an ordinary thread, behind
+/// all that is real time.
+pub const FILL_WITHIN_NS: u64 = 10_000_000_000;
 
 /// A soft limit that was lowered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -136,7 +137,6 @@ pub fn fill(ballast: &Path) -> Result<(), String> {
     let file = std::fs::OpenOptions::new().write(true).create_new(true).open(ballast).map_err(failed)?;
     let path = ballast.to_path_buf();
     let body = move || {
-        system::be_nice(NICE);
         let mut bytes = 0;
         while path.is_file() {
             bytes = helping(&file, &path, bytes);

@@ -9,7 +9,7 @@ pub mod shown;
 pub mod windows;
 
 use hyst_exchange::ReadPage;
-use hyst_messages::{HardwareSample, Role, Slot, TissueStatus};
+use hyst_messages::{FluidStatus, HardwareSample, Role, Slot, TissueStatus};
 use hyst_recording::Recording;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -293,14 +293,23 @@ impl Station {
         self.sample().force_n.iter().map(|c| (*c as f64).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Deficit of the medium as the fluid that holds the role says it, ml, and the tick of its state.
+    /// Deficit of the medium as the fluid says it that spoke last in the newest epoch, ml, and the tick of its state.
     pub fn deficit(&self) -> (f64, u64) {
+        let newest = self.fluid_statuses().into_iter().max_by_key(|status| (status.epoch, status.state_tick));
+        newest.map(|status| (status.deficit_ml, status.state_tick)).unwrap_or_default()
+    }
+
+    /// Whether the fluid that holds the role has said something of a step of its own; one that is held still makes none.
+    pub fn has_fluid_spoken(&self) -> bool {
+        let holder = hyst_exchange::Roster::open(&self.place()).expect("the roster").holder(Role::Fluid);
+        self.fluid_statuses().iter().any(|status| (status.epoch, status.incarnation) == (holder.epoch, holder.incarnation))
+    }
+
+    fn fluid_statuses(&self) -> Vec<FluidStatus> {
         let (station, clock) = (self.place(), self.clock());
-        let statuses = clock.occupied(Role::Fluid).filter_map(|(slot, incarnation)| {
-            let (_, status) = station.read_slot(slot, incarnation).ok()?.cell(hyst_messages::page::fluid::STATUS)?;
-            Some((status.deficit_ml, status.state_tick))
-        });
-        statuses.max_by_key(|status| status.1).unwrap_or_default()
+        let read =
+            |(slot, incarnation)| Some(station.read_slot(slot, incarnation).ok()?.cell(hyst_messages::page::fluid::STATUS)?.1);
+        clock.occupied(Role::Fluid).filter_map(read).collect()
     }
 
     /// What the tissue says of its newest state, whoever made it.

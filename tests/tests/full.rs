@@ -4,6 +4,9 @@ use serde_json::Value;
 use station_tests::{Folder, binaries, run};
 use std::process::Command;
 
+/// How long a station runs: on a busy machine a file system may take seconds until it is full, and a process as long until it is back.
+const SECONDS: u32 = 20;
+
 /// Runs a station in a namespace with a small file system at a place; gives its report and what it said. `None` where this user may not.
 fn run_on_small(name: &str, folder: &Folder, mount: &str, record: &str, faults: &str) -> Option<(Value, String)> {
     let (code, _, said) = run(Command::new("unshare").args(["-m", "true"]));
@@ -15,7 +18,7 @@ fn run_on_small(name: &str, folder: &Folder, mount: &str, record: &str, faults: 
     let faults = folder.write("faults.toml", faults);
     let report = folder.path("report.json");
     let script = format!(
-        "{mount} && \"{}\" --name {name}-{} run --headless --for 12s --hand script:press --test-mode --faults {faults} --record {record} \
+        "{mount} && \"{}\" --name {name}-{} run --headless --for {SECONDS}s --hand script:press --test-mode --faults {faults} --record {record} \
          --report {report}; code=$?; cp {record} {} 2>/dev/null; ls $(dirname {record}) >&2; exit $code",
         binaries().join("hystation").display(),
         std::process::id(),

@@ -160,12 +160,13 @@ impl FaultKind {
         (
             FaultKind::DiskFull,
             "disk-full",
-            "of the recorder: a ballast fills the file system of the recording; needs --for, and at most 1 GiB free there",
+            "of the recorder: a ballast fills the file system of the recording and holds it full; needs --for, and at most 1 GiB free there",
         ),
         (
             FaultKind::ShmFull,
             "shm-full",
-            "a ballast fills /dev/shm, whichever process is named; needs --for, and at most 1 GiB free there (`unshare -m`, a tmpfs of its own)",
+            "a ballast fills /dev/shm and holds it full, whichever process is named; needs --for, and at most 1 GiB free there (`unshare -m`, a \
+             tmpfs of its own)",
         ),
         (FaultKind::Undo, "undo", "whatever was done to it for a time ends: what it was asked to do, a limit, a ballast"),
     ];

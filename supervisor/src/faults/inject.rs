@@ -4,7 +4,7 @@ use super::Faults;
 use crate::active::active_now;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
-use crate::shortage::{self, Lowered};
+use crate::shortage::{self, FILL_WITHIN_NS, Lowered};
 use crate::view::Viewer;
 use crate::{corrupt, journal, mischief, moment, proc, remains};
 use hyst_exchange::system;
@@ -79,7 +79,7 @@ impl Faults {
         mischief::ask(&self.page, victim.slot, victim.incarnation, injection, now_ns)
     }
 
-    /// What is done to a process beside a signal; a ballast only `first`, since there is one file system.
+    /// What is done to a process beside a signal; a file system is filled only for the `first`, since there is one.
     fn deed(&self, victim: &Victim, injection: &Injection, now_ns: u64, first: bool) -> Result<Deed, String> {
         let until_ns = Some(injection.for_s.map_or(0, |for_s| now_ns + (for_s * 1e9) as u64));
         match injection.kind {
@@ -89,8 +89,9 @@ impl Faults {
                 Ok(Deed { until_ns, lowered, manifested: kind == FaultKind::NoFiles, ..Deed::default() })
             }
             kind @ (FaultKind::DiskFull | FaultKind::ShmFull) => {
-                let ballast = shortage::ballast(&self.station, kind).filter(|_| first);
-                ballast.as_deref().map_or(Ok(()), shortage::fill)?;
+                let ballast = shortage::ballast(&self.station, kind);
+                ballast.as_deref().filter(|_| first).map_or(Ok(()), shortage::fill)?;
+                let until_ns = until_ns.map(|until_ns| until_ns + FILL_WITHIN_NS); // its time begins when it is full
                 Ok(Deed { until_ns, ballast, ..Deed::default() })
             }
             FaultKind::Corrupt => {

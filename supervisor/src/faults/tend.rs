@@ -4,8 +4,9 @@ use super::Faults;
 use crate::active::active_now;
 use crate::fault::{Fault, us};
 use crate::faultfile::FaultKind;
+use crate::shortage::{self, FILL_WITHIN_NS};
 use crate::view::Viewer;
-use crate::{mischief, proc, remains, shortage};
+use crate::{mischief, proc, remains};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 
@@ -88,10 +89,15 @@ fn look_at_starts(fault: &mut Fault, slot: Slot, viewer: &mut Viewer) {
     }
 }
 
-/// Looks whether a file system is full; puts back what was lowered, and removes a ballast, when its time is over.
+/// Looks whether a file system is full, from when its time counts; puts back what was lowered, and removes a ballast, when its time is over.
 fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
-    if let Some((ballast, until_ns)) = &fault.ballast {
-        fault.manifested |= shortage::is_full(ballast);
+    if let Some((ballast, until_ns)) = &mut fault.ballast {
+        if !fault.manifested && now_ns < *until_ns && shortage::is_full(ballast) {
+            fault.manifested = true;
+            let for_ns = until_ns.saturating_sub(fault.injected_ns + FILL_WITHIN_NS);
+            *until_ns = now_ns + for_ns;
+            fault.asked = fault.asked.map(|(_, done)| (now_ns + for_ns, done));
+        }
         if now_ns >= *until_ns {
             shortage::relieve(ballast);
             fault.ballast = None;

@@ -85,6 +85,11 @@ impl Ladder {
         self.holder.map_or(0, |(incarnation, _)| incarnation)
     }
 
+    /// How often it went back in this trouble, being held still included.
+    pub fn went_back(&self) -> usize {
+        self.rung
+    }
+
     /// Whether the role is held still.
     pub fn is_held(&self) -> bool {
         self.rung > BACK_NS.len()

@@ -132,24 +132,65 @@ fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
 #[test]
 fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
     let tissue = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
-    let reader = Slot::first(Role::Fluid);
+    let reader = Slot::first(Role::CollisionWorker);
     let mut state = State::new(&[tissue[0], tissue[1], reader]);
     step(0, Event::Started { adopted: vec![(tissue[0], 1), (tissue[1], 2), (reader, 3)], warming: Vec::new() }, &mut state);
     step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+    let limits = limits(Role::CollisionWorker);
     let (mut now_ns, mut incarnation, mut mistrusted) = (0, 3, Vec::new());
-    for lives in 1..limits(Role::Fluid).most_short_lives {
+    for lives in 1..limits.most_short_lives {
         let actions = step(now_ns, Event::Died { slot: reader, incarnation, exit: Exit::Signal(11) }, &mut state);
         mistrusted.extend(actions.iter().any(|action| matches!(action, Action::Mistrust { .. })).then_some(lives));
-        if lives == limits(Role::Fluid).mistrust_after() {
+        if lives == limits.mistrust_after() {
             assert!(actions.contains(&Action::Mistrust { slot: tissue[0], incarnation: 1, reader }), "{actions:?}");
             assert!(!actions.iter().any(|action| matches!(action, Action::Mistrust { slot, .. } if *slot == tissue[1])));
         }
-        now_ns += limits(Role::Fluid).most_wait_ns;
+        now_ns += limits.most_wait_ns;
         step(now_ns, Event::Tick, &mut state);
         incarnation += 1;
         step(now_ns, Event::Spawned { slot: reader, incarnation }, &mut state);
     }
-    assert_eq!(mistrusted, [limits(Role::Fluid).mistrust_after()], "once in a row of short lives");
+    assert_eq!(mistrusted, [limits.mistrust_after()], "once in a row of short lives");
+}
+
+/// However the deaths of its holders and of its spares fall: by their number alone, the tissue was replaced or not as the machine had time.
+#[test]
+fn a_role_with_a_state_goes_back_before_it_mistrusts_what_it_reads_and_does_that_once() {
+    let (tissue, fluid) = (Slot::first(Role::Tissue), [Slot::new(Role::Fluid, 0).unwrap(), Slot::new(Role::Fluid, 1).unwrap()]);
+    for spares_die in [false, true] {
+        let mut state = State::new(&[tissue, fluid[0], fluid[1]]);
+        step(0, Event::Started { adopted: vec![(tissue, 1), (fluid[0], 2), (fluid[1], 3)], warming: Vec::new() }, &mut state);
+        step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+        let (mut now_ns, mut newest, mut of_slot, mut story) = (0, 3, [2, 3], Vec::new());
+        for death in 0..40 {
+            let (holder, spare) = (death % 2, (death + 1) % 2);
+            step(now_ns, Event::Holds { role: Role::Fluid, incarnation: of_slot[holder] }, &mut state);
+            for dies in [Some(holder), spares_die.then_some(spare)].into_iter().flatten() {
+                let actions = step(
+                    now_ns,
+                    Event::Died { slot: fluid[dies], incarnation: of_slot[dies], exit: Exit::Signal(11) },
+                    &mut state,
+                );
+                story.extend(
+                    actions.into_iter().filter(|action| matches!(action, Action::GoBack { .. } | Action::Mistrust { .. })),
+                );
+                now_ns += limits(Role::Fluid).most_wait_ns;
+                step(now_ns, Event::Tick, &mut state);
+                newest += 1;
+                of_slot[dies] = newest;
+                step(now_ns, Event::Spawned { slot: fluid[dies], incarnation: newest }, &mut state);
+                step(now_ns, Event::Ready { slot: fluid[dies], incarnation: newest }, &mut state);
+            }
+        }
+        let told = |action: &Action| match action {
+            Action::GoBack { ground: Ground::Before(_), .. } => "back",
+            Action::GoBack { ground: Ground::Hold(_), .. } => "held",
+            Action::Mistrust { slot, incarnation: 1, .. } if *slot == tissue => "mistrust",
+            _ => "else",
+        };
+        let story: Vec<&str> = story.iter().map(told).collect();
+        assert_eq!(story, ["back", "back", "mistrust", "held"], "spares die: {spares_die}");
+    }
 }
 
 #[test]
