@@ -154,6 +154,12 @@ pub struct InjectArgs {
     /// After this time a stopped process is continued, or ends what it was asked to do.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
+    /// Not now, but at this tick of the station: a number, or +N for N ticks from now. At most an hour ahead.
+    #[arg(long)]
+    pub tick: Option<String>,
+    /// With --tick: so many µs after the tick has begun, 0 to 999.
+    #[arg(long = "phase", requires = "tick", value_parser = clap::value_parser!(u32).range(0..1_000))]
+    pub phase_us: Option<u32>,
     /// slow: a step takes so many times as long, 1 to 100.
     #[arg(long)]
     pub factor: Option<f64>,

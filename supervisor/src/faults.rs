@@ -27,10 +27,28 @@ const GIVE_UP_START_NS: u64 = 240_000_000_000;
 /// How long a closed window waits for a control of its own, ticks; then it shares another fault's.
 const CONTROL_WAIT_TICKS: u64 = 3_000;
 
+/// A fault of the schedule that did not come about, and why.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NotInjected {
+    kind: String,
+    target: String,
+    /// Station tick for which it was asked.
+    tick: u64,
+    reason: String,
+}
+
+impl NotInjected {
+    fn of(injection: &Injection, reason: &str) -> NotInjected {
+        let Injection { kind, target, tick, .. } = injection;
+        NotInjected { kind: kind.name().into(), target: target.clone(), tick: *tick, reason: reason.into() }
+    }
+}
+
 /// What outlives the supervisor beside the closed faults.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct Open {
     injected: usize,
+    refused: Vec<NotInjected>,
     faults: Vec<Fault>,
     counted: Counted,
 }
@@ -86,6 +104,13 @@ impl Faults {
     /// All faults, closed first.
     pub fn all(&self) -> impl Iterator<Item = &Fault> {
         self.closed.iter().chain(&self.open.faults)
+    }
+
+    /// The faults of the schedule that did not come about so far: those that were refused, and those whose tick has not come.
+    pub fn not_injected(&self) -> Vec<NotInjected> {
+        let later =
+            self.schedule.iter().skip(self.open.injected).map(|injection| NotInjected::of(injection, "its tick did not come"));
+        self.open.refused.iter().cloned().chain(later).collect()
     }
 
     /// Whether the death of an incarnation is known.

@@ -5,6 +5,7 @@
 //! for a `hystation run` of the same name and settings. If both die at once the engines run on, and that same command takes them over.
 
 mod found;
+mod kept;
 mod order;
 mod printer;
 
@@ -13,7 +14,7 @@ use crate::journal::{self, Verdict};
 use crate::name;
 use crate::notify::Notifier;
 use crate::plan::Plan;
-use crate::remains::{self, Living};
+use crate::remains;
 use crate::report;
 use crate::settings::{Refusal, prepare};
 use crate::supervise::register;
@@ -23,6 +24,7 @@ use hyst_engine::Address;
 use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
+use kept::Kept;
 use order::Order;
 use printer::Printer;
 use rustix::process::WaitOptions;
@@ -35,17 +37,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const LOOK_NS: u64 = 20_000_000;
 /// Between two drawings of the table.
 const DRAW_NS: u64 = 500_000_000;
-/// Between two starts of the supervisor, so that one that cannot start does not take the machine.
-const RESTART_NS: u64 = 250_000_000;
-/// Lines of a dead supervisor's log that are shown.
-const LAST_WORDS: usize = 8;
-/// Starts of the supervisor in a row without a sign of life before the station ends. One that works for a moment each time is started as often
-/// as it dies: the engines need it for their restarts alone.
-const MOST_STARTS: u32 = 10;
-/// A supervisor that still beats so long after its start has adopted the engines.
-const SIGN_OF_LIFE_NS: u64 = 50_000_000;
-/// A supervisor whose heartbeat is older hangs. It beats every 5 ms.
-const SUPERVISOR_LATE_NS: u64 = 3_000_000_000;
 /// How long `--for` waits for the last process to become ready before it counts.
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
@@ -71,11 +62,7 @@ struct Guardian {
     order: Order,
     name: UnixListener,
     notifier: Notifier,
-    supervisor: Option<Living>,
-    starts: u32,
-    /// The last supervisor that was found hanging.
-    condemned: u32,
-    next_start_ns: u64,
+    kept: Kept,
     seen: usize,
     lines: Vec<String>,
     /// Where the operator's page is, as it was last said.
@@ -154,16 +141,12 @@ impl Signals {
     }
 }
 
-fn living_supervisor(station: &Station) -> Option<Living> {
-    remains::slot_alive(&station.open().ok()?, Slot::first(Role::Supervisor).number())
-}
-
 impl Guardian {
     fn new(station: Station, name: UnixListener, ground: Ground, draw: bool) -> Result<Guardian, Refusal> {
         let printer = Printer::start().map_err(|e| Refusal::failed(format!("a thread: {e}; look at the limit of processes")))?;
         // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
         let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
-        let supervisor = living_supervisor(&station);
+        let kept = Kept::new(&station);
         if ground.adopted {
             let who = if ground.order.stand_in { "a stand-in for the guardian" } else { "the guardian" };
             journal::say(&station, &format!("{who} (pid {}) has taken over the station", std::process::id()));
@@ -174,10 +157,7 @@ impl Guardian {
             order: ground.order,
             name,
             notifier: Notifier::of_environment(),
-            supervisor,
-            starts: 0,
-            condemned: 0,
-            next_start_ns: 0,
+            kept,
             seen: 0,
             lines: Vec::new(),
             page_url: None,
@@ -202,7 +182,10 @@ impl Guardian {
             if signals.pause.swap(false, Ordering::Relaxed) {
                 self.tell("a station does not pause; Ctrl-C ends it");
             }
-            if signals.stop.load(Ordering::Relaxed) || self.page.load32(layout::STOP) != 0 || !self.keep_supervisor(now_ns) {
+            if signals.stop.load(Ordering::Relaxed)
+                || self.page.load32(layout::STOP) != 0
+                || !self.kept.keep(&self.station, &self.page, now_ns)
+            {
                 return End::Stop;
             }
             if name::was_knocked(&self.name) && self.order.stand_in {
@@ -218,8 +201,7 @@ impl Guardian {
             if self.is_over(plan, now_ns) {
                 return End::Stop;
             }
-            let beat_ns = self.page.load64(layout::SUPERVISOR_NS);
-            self.notifier.watchdog(|| now_ns.saturating_sub(beat_ns.max(begin_ns)) < SUPERVISOR_LATE_NS);
+            self.notifier.watchdog(|| !self.kept.hangs());
             if now_ns >= next_draw_ns {
                 next_draw_ns = now_ns + DRAW_NS;
                 self.draw(&mut viewer);
@@ -253,56 +235,7 @@ impl Guardian {
     /// Reaps every dead child: the supervisor, and engines that a dead supervisor left.
     fn reap(&mut self) {
         while let Ok(Some(_)) = rustix::process::wait(WaitOptions::NOHANG) {}
-        self.supervisor = self.supervisor.take().filter(Living::is_alive);
-    }
-
-    /// Starts the supervisor if there is none, and ends one that hangs. False when it cannot be kept alive.
-    fn keep_supervisor(&mut self, now_ns: u64) -> bool {
-        if let Some(supervisor) = &self.supervisor {
-            let beat_ns = self.page.load64(layout::SUPERVISOR_NS);
-            if beat_ns > self.next_start_ns.saturating_sub(RESTART_NS) + SIGN_OF_LIFE_NS {
-                self.starts = 0;
-            }
-            if now_ns.saturating_sub(beat_ns.max(self.next_start_ns)) > SUPERVISOR_LATE_NS {
-                if self.condemned != supervisor.pid {
-                    self.condemned = supervisor.pid;
-                    journal::say(&self.station, "the supervisor hangs and is replaced");
-                }
-                // It has no priority that could hurt anybody while it dies.
-                crate::proc::signal(supervisor.pid, rustix::process::Signal::KILL);
-            }
-            return true;
-        }
-        if now_ns < self.next_start_ns {
-            return true;
-        }
-        if self.starts >= MOST_STARTS {
-            let message = format!("the supervisor died {MOST_STARTS} times in a row; its last words:\n{}", self.last_words());
-            Verdict { code: 1, message }.write(&self.station);
-            return false;
-        }
-        // A guardian before this one may have started one that had not registered when this one looked.
-        self.supervisor = living_supervisor(&self.station);
-        if self.supervisor.is_some() {
-            return true;
-        }
-        self.starts += 1;
-        // While a swap's elder, ordinary and ahead of all others, keeps the line, a successor had not begun to beat when it was taken for one that hangs.
-        let priority = crate::settings::is_real_time(&self.station).then_some(hyst_engine::realtime::SUPERVISOR_PRIORITY);
-        match crate::spawn::start_own(&self.station, "supervise", Role::Supervisor, priority) {
-            // One that is dead already has no start time, and is started again.
-            Ok(pid) => self.supervisor = system::process_start(pid).map(|start| Living { pid, start, name: "supervisor".into() }),
-            Err(error) => journal::say(&self.station, &format!("cannot start the supervisor: {error}")),
-        }
-        self.next_start_ns = system::now_ns() + RESTART_NS; // this ordinary process may have waited until it could start the other
-        true
-    }
-
-    /// The end of the supervisor's log, which goes with the station.
-    fn last_words(&self) -> String {
-        let log = std::fs::read_to_string(self.station.log(Slot::first(Role::Supervisor))).unwrap_or_default();
-        let lines: Vec<&str> = log.lines().collect();
-        lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+        self.kept.reaped();
     }
 
     fn tell(&mut self, line: &str) {

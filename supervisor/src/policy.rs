@@ -19,7 +19,7 @@ mod swap;
 
 pub use event::{Action, Event, Exit, Left};
 pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
-pub use limits::{Limits, is_replicated, is_stateful, limits, sources};
+pub use limits::{Limits, is_judged, is_replicated, is_stateful, limits, sources};
 pub use record::Record;
 pub use state::State;
 pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};

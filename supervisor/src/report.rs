@@ -82,6 +82,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "processes": processes,
         "device": device(faults),
         "faults": faults.all().map(|fault| serde_json::to_value(fault).unwrap_or_default()).collect::<Vec<_>>(),
+        "faults_not_injected": faults.not_injected(),
         "by_target": by_target(faults),
         "invalid_applied": faults.ledger.invalid_applied,
         "stale_applied": faults.ledger.stale_applied,
@@ -253,8 +254,12 @@ pub fn summary(report: &Value) -> String {
         _ => ", none of them judged".into(),
     };
     let s = if count == 1 { "" } else { "s" };
+    let left = match report["faults_not_injected"].as_array().map_or(0, Vec::len) {
+        0 => String::new(),
+        left => format!("; {left} of those asked for did not come about, see the report"),
+    };
     format!(
-        "{} ticks: {} fresh, {} held, {} ramped, {} void; {count} fault{s}{misses}",
+        "{} ticks: {} fresh, {} held, {} ramped, {} void; {count} fault{s}{misses}{left}",
         device["ticks"], device["fresh"], device["held"], device["ramped"], device["voided"]
     )
 }

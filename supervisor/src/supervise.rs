@@ -383,7 +383,7 @@ impl Supervisor {
                     Err(reason) => control::bad(&reason),
                 }
             }
-            Request::Fault(_) => control::bad("faults are refused outside of test mode; start the station with --test-mode"),
+            Request::Fault(_) => control::bad(crate::keepers::OUTSIDE_OF_TEST_MODE),
         }
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::proc::{self, ThreadFiles};
 use crate::suspicion::{Gauge, Opinion, is_real_time};
+use hyst_engine::Silence;
 use hyst_engine::realtime::WATCH_PRIORITY;
 use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::page::{ProcessState, header, station as layout};
@@ -162,24 +163,6 @@ pub struct Watch {
     silence: Silence,
 }
 
-/// For how long the thread has not looked, in time in which its reader did.
-#[derive(Debug, Default)]
-struct Silence {
-    looks: u64,
-    asked_ns: u64,
-    silent_ns: u64,
-}
-
-impl Silence {
-    /// Whether the thread hangs: nobody would see an engine die. What the reader itself was not let run for is no silence of the thread.
-    fn is_long(&mut self, now_ns: u64, looks: u64) -> bool {
-        let passed_ns = now_ns.saturating_sub(self.asked_ns).min(MOST_PASSED_NS);
-        self.silent_ns = if looks == self.looks { self.silent_ns + passed_ns } else { 0 };
-        (self.looks, self.asked_ns) = (looks, now_ns);
-        self.silent_ns > SILENT_NS
-    }
-}
-
 impl Watch {
     /// Starts the thread; notices go to `tell`.
     pub fn start(page: Arc<OwnedPage>, real_time: bool, tell: impl Fn(Notice) + Send + 'static) -> std::io::Result<Watch> {
@@ -196,12 +179,12 @@ impl Watch {
             }
             body(&page, &set, &own_bell, &arrivals, &own_looks, &tell);
         })?;
-        Ok(Watch { wards, bell, looks, silence: Silence::default() })
+        Ok(Watch { wards, bell, looks, silence: Silence::new(system::now_ns(), MOST_PASSED_NS) })
     }
 
-    /// Whether the thread hangs; to be asked all the time.
+    /// Whether the thread hangs, and nobody would see an engine die; to be asked all the time.
     pub fn hangs(&mut self, now_ns: u64) -> bool {
-        self.silence.is_long(now_ns, self.looks.load(Ordering::Relaxed))
+        self.silence.look(now_ns, self.looks.load(Ordering::Relaxed)) > SILENT_NS
     }
 
     /// Watches one more incarnation.
@@ -353,25 +336,5 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
             }
             tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns });
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_thread_that_looks_no_more_hangs_and_a_pause_of_the_machine_is_no_silence() {
-        let (mut silence, mut now_ns) = (Silence::default(), 1_000_000_000_000);
-        assert!(!silence.is_long(now_ns, 0), "it has just begun");
-        let mut pass = |passed_ns: u64, looks: u64| {
-            now_ns += passed_ns;
-            silence.is_long(now_ns, looks)
-        };
-        assert!((1..3_000).all(|looks| !pass(5_000_000, looks)));
-        assert!((0..50).all(|_| !pass(3_600_000_000_000, 3_000)), "nobody was let run for hours");
-        assert!(!pass(5_000_000, 3_001));
-        let until = (1..1_000).find(|_| pass(5_000_000, 3_001));
-        assert_eq!(until, Some(SILENT_NS as usize / 5_000_000 + 1));
     }
 }

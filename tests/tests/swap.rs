@@ -80,7 +80,7 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
     let (mut windows, mut runs_example) = (Pairs::default(), false);
     let example = binaries().join("example-engine");
     for round in 0..swaps() {
-        for role in ["tissue", "haptic", "collision-worker", "recorder"] {
+        for role in ["tissue", "haptic", "collision-worker", "recorder", "console"] {
             let copy = copy(&station, role, round);
             windows.around(&station, CONTROL_TICKS, || swap_well(&station, role, &copy));
         }
@@ -122,6 +122,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         ("haptic", "stop", ""),
         ("collision-worker", "segfault", "died"),
         ("recorder", "exit", "died"),
+        ("console", "mute", "out of tolerance: its page"),
         ("device", "abort", "died"),
     ];
     let mut windows = Pairs::default();

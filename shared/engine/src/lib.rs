@@ -10,6 +10,7 @@ pub mod pace;
 pub mod realtime;
 pub mod room;
 pub mod settings;
+pub mod silence;
 pub mod stateful;
 pub mod verify;
 
@@ -18,6 +19,7 @@ pub use life::{Failure, Life, run};
 pub use mischief::{Lies, Output};
 pub use pace::Pace;
 pub use settings::Settings;
+pub use silence::Silence;
 pub use stateful::{Stateful, StepContext, run_stateful};
 
 /// Counts allocations on real-time threads; every engine installs it, so that the station itself reports them.

@@ -172,6 +172,7 @@ impl Session {
     /// What tissue and fluid say of themselves: the newest of either, whoever wrote it.
     fn counters(&mut self) -> Counters {
         let mut found = Counters { tick: self.tick(), ..Counters::default() };
+        let mut fluid_key = (0, 0);
         let Some(viewer) = &mut self.viewer else { return found };
         for index in 0..2 {
             let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
@@ -188,7 +189,9 @@ impl Session {
                 found.founded_tick = found.founded_tick.max(founded);
             }
             let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
-            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= found.fluid_tick) {
+            // By epoch: one that goes on from an older state has a smaller tick than what is over.
+            if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
+                fluid_key = (status.epoch, status.state_tick);
                 (found.fluid_tick, found.deficit_ml) = (status.state_tick, status.deficit_ml);
             }
         }

@@ -6,7 +6,7 @@ use crate::faultfile::{Aim, FaultKind, Injection, Place};
 use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::{keepers, shortage};
-use hyst_exchange::Station;
+use hyst_exchange::{Station, system};
 
 /// Lists the kinds, injects one, or many by a campaign.
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
@@ -22,8 +22,15 @@ pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
     }
 }
 
+/// A fault is asked for this long before its tick, ns: less than the supervisor waits for one.
+const ASK_AHEAD_NS: u64 = 40_000_000;
+/// Between two looks whether the station still runs, ns.
+const LOOK_NS: u64 = 100_000_000;
+/// Most ticks that are waited for: an hour.
+const MOST_AHEAD_TICKS: u64 = 3_600_000;
+
 fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
-    let injection = injection(args)?;
+    let mut injection = injection(args)?;
     let aim = injection.check().map_err(Refusal::input)?;
     if !station.root().is_dir() {
         return Err(super::no_station(station));
@@ -32,12 +39,51 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
         injection.check_in(&plan.slots()).map_err(Refusal::input)?;
     }
     shortage::check(station, injection.kind).map_err(Refusal::input)?;
+    if let Some(words) = &args.tick {
+        injection.tick = wait_for_tick(station, words)?;
+        injection.phase_us = args.phase_us.unwrap_or(0);
+    }
     match aim {
         Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),
         Aim::Engines(_) => control::ask(station, &Request::Fault(injection)).map(drop),
     }
     .map_err(Refusal::failed)?;
     Ok(0)
+}
+
+/// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
+fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
+    let page = station.open().map_err(|error| Refusal::failed(error.to_string()))?;
+    if !page.test_mode() {
+        return Err(Refusal::failed(keepers::OUTSIDE_OF_TEST_MODE));
+    }
+    if page.is_lockstep() {
+        return Err(Refusal::input("--tick: a station in lock-step takes faults with a tick from its --faults FILE"));
+    }
+    let tick = tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("--tick {words}: {why}")))?;
+    let ask_ns = page.start_of(tick).saturating_sub(ASK_AHEAD_NS);
+    loop {
+        let now_ns = system::now_ns();
+        if now_ns >= ask_ns {
+            return Ok(tick);
+        }
+        if page.stop_requested() {
+            return Err(Refusal::failed(format!("the station stopped before its tick {tick}")));
+        }
+        system::sleep_ns((ask_ns - now_ns).min(LOOK_NS));
+    }
+}
+
+/// The tick that the words name, where it is `now`.
+fn tick_of(words: &str, now: u64) -> Result<u64, String> {
+    let number = words.strip_prefix('+').unwrap_or(words);
+    let number: u64 = number.parse().map_err(|_| "a tick is a number, or +N for N ticks from now".to_string())?;
+    let tick = if words.starts_with('+') { now.saturating_add(number) } else { number };
+    match tick.checked_sub(now) {
+        None | Some(0) => Err(format!("it has passed; it is {now} now")),
+        Some(1..=MOST_AHEAD_TICKS) => Ok(tick),
+        Some(_) => Err(format!("it is more than an hour ahead; it is {now} now")),
+    }
 }
 
 /// What the arguments say.
@@ -51,4 +97,22 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
     });
     let place = place.transpose()?;
     Ok(Injection { for_s, factor, extra_s, jitter, rate, times, place, bytes, seed, ..Injection::now(kind, &args.target) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tick_is_a_number_that_comes_or_a_distance_and_anything_else_is_refused() {
+        assert_eq!(tick_of("1500", 1_000), Ok(1_500));
+        assert_eq!(tick_of("+500", 1_000), Ok(1_500));
+        assert_eq!(tick_of("+3600000", 7), Ok(3_600_007));
+        for words in
+            ["1000", "999", "0", "+0", "", "+", "-5", "1.5", "1e6", "soon", "18446744073709551615", "+18446744073709551615"]
+        {
+            assert!(tick_of(words, 1_000).is_err(), "{words}");
+        }
+        assert!(tick_of("999", 1_000).unwrap_err().contains("it is 1000 now"));
+    }
 }

@@ -14,6 +14,7 @@ pub mod swap;
 use crate::cli::{Cli, Command};
 use crate::settings::Refusal;
 use hyst_exchange::Station;
+use hyst_messages::Role;
 use std::process::ExitCode;
 
 /// Does what the command line says.
@@ -64,7 +65,12 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Judge { station, role, guest } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
             let role = crate::swap::role_of(&role).map_err(Refusal::input)?;
-            crate::swap::judge::judge(&station, role, guest).map(|()| 0).map_err(Refusal::failed)
+            let judged = if role == Role::Console {
+                crate::swap::visit(&station)
+            } else {
+                crate::swap::judge::judge(&station, role, guest)
+            };
+            judged.map(|()| 0).map_err(Refusal::failed)
         }
         Command::Clean { station } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;

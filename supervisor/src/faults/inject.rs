@@ -1,6 +1,6 @@
 //! How a fault begins: whom it hits, at which moment, what is done to them; and how it is undone.
 
-use super::Faults;
+use super::{Faults, NotInjected};
 use crate::active::active_now;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
@@ -172,6 +172,7 @@ impl Faults {
             self.open.injected += 1;
             if let Err(reason) = self.inject(&injection, viewer) {
                 journal::say(&self.station, &format!("fault {} was not injected: {reason}", injection.kind.name()));
+                self.open.refused.push(NotInjected::of(&injection, &reason));
             }
         }
     }

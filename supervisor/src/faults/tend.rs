@@ -10,6 +10,8 @@ use crate::{mischief, proc, remains};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 
+/// A scheduled fault is waited for from so many ticks before its own on: the supervisor looks every 5 ms, and the fault comes at its phase.
+const AHEAD_TICKS: u64 = 10;
 /// An engine that was asked to do wrong for a time may be found out this long after its end, and is replaced then, ns.
 const SETTLE_NS: u64 = 20_000_000;
 
@@ -18,7 +20,7 @@ impl Faults {
     pub fn tend(&mut self, now_ns: u64, viewer: &mut Viewer) {
         self.note_active(now_ns, viewer);
         if !viewer.page().is_lockstep() {
-            self.inject_due(viewer.page().tick_at(now_ns), viewer);
+            self.inject_due(viewer.page().tick_at(now_ns) + AHEAD_TICKS, viewer);
         }
         self.look_at_the_asked(now_ns, viewer);
         for fault in &mut self.open.faults {

@@ -12,7 +12,7 @@
 mod retreat;
 mod settle;
 
-use super::{Action, Life, State, is_replicated, is_stateful};
+use super::{Action, Life, State, is_judged, is_replicated, is_stateful};
 use hyst_messages::page::Stage as Told;
 use hyst_messages::{Role, Slot};
 use retreat::{fail, retreated};
@@ -37,14 +37,14 @@ const GIVE_BACK_WITHIN_NS: u64 = 5_000_000_000;
 pub const fn probation_ns(role: Role) -> u64 {
     match role {
         Role::Rendering => 12_000_000_000,
-        Role::Fluid | Role::Recorder => 4_000_000_000,
+        Role::Fluid | Role::Recorder | Role::Console => 4_000_000_000,
         _ => 2_000_000_000,
     }
 }
 
 const fn arrive_within_ns(role: Role) -> u64 {
     match role {
-        Role::Rendering | Role::Recorder => ARRIVE_ORDINARY_WITHIN_NS,
+        Role::Rendering | Role::Recorder | Role::Console => ARRIVE_ORDINARY_WITHIN_NS,
         _ => ARRIVE_WITHIN_NS,
     }
 }
@@ -77,7 +77,7 @@ pub struct Swap {
     /// The newcomer was told to go.
     dismissed: bool,
     losses: u32,
-    /// It was compared for long enough on this probation, and agrees; asked of a role whose old engine keeps stepping its own state.
+    /// It was compared for long enough on this probation, and agrees; asked of a role that has a judge.
     agrees: bool,
 }
 
@@ -91,7 +91,7 @@ impl Swap {
     }
     fn begin_probation(&mut self, now_ns: u64) {
         self.enter(now_ns, Stage::Probation);
-        self.agrees = !is_stateful(self.role());
+        self.agrees = !is_judged(self.role());
     }
     fn is_proven(&self) -> bool {
         matches!(self.stage, Stage::Settling | Stage::Returning | Stage::Leaving)
@@ -347,7 +347,7 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
         Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => fail(now_ns, "it did not take the role".into(), state),
         Stage::Probation if swap.agrees && passed_ns >= probation_ns(role) => settle::begin(now_ns, &swap, state),
         Stage::Probation if passed_ns > PROVE_WITHIN_NS => {
-            fail(now_ns, "it could not be compared with the old engine on its probation".into(), state)
+            fail(now_ns, "it could not be compared on its probation".into(), state)
         }
         Stage::Settling => settle::next(now_ns, state),
         Stage::Returning if state.holder(role) != swap.incarnation => {

@@ -5,6 +5,7 @@ use crate::journal;
 use crate::proc::ThreadFiles;
 use crate::remains::{self, Living};
 use crate::suspicion::Thread;
+use hyst_engine::Silence;
 use hyst_exchange::system;
 use hyst_messages::{Role, Slot};
 
@@ -14,9 +15,10 @@ const LOOK_NS: u64 = 50_000_000;
 const WAIT_NS: u64 = 500_000_000;
 /// Between two starts of a stand-in.
 const RETRY_NS: u64 = 1_000_000_000;
-/// How long the last stand-in may take to be there.
-const LAST_NS: u64 = 1_000_000_000;
-
+/// How long a stand-in may take to be there, ns; one that takes longer hangs. It starts as an ordinary process behind all that is real time.
+const START_WITHIN_NS: u64 = 10_000_000_000;
+/// How long the last one is waited for.
+const LAST_NS: u64 = 5_000_000_000;
 /// How long a guardian may be stopped, ns: as long as a supervisor may hang. Nobody else would end it, and it holds the name.
 const STOPPED_NS: u64 = 3_000_000_000;
 
@@ -28,7 +30,8 @@ pub struct Kept {
     dead_since_ns: Option<u64>,
     stopped_since_ns: Option<u64>,
     next_start_ns: u64,
-    started: Option<u32>,
+    /// The stand-in that was started last, as long as it lives, and for how long it has not taken its place.
+    started: Option<(Living, Silence)>,
 }
 
 impl Supervisor {
@@ -53,7 +56,6 @@ impl Supervisor {
         }
         let since_ns = self.kept.dead_since_ns.unwrap_or(now_ns);
         if now_ns - since_ns >= WAIT_NS && now_ns >= self.kept.next_start_ns {
-            journal::say(&self.station, "the guardian died; a stand-in takes its place");
             self.start_stand_in(now_ns);
         }
     }
@@ -85,17 +87,30 @@ impl Supervisor {
     }
 
     fn guardian_lives(&mut self) -> bool {
-        if let Some(pid) = self.kept.started {
-            crate::spawn::reap(pid); // a stand-in that has ended, for whatever reason
+        if let Some((stand_in, _)) = &self.kept.started {
+            crate::spawn::reap(stand_in.pid); // it has ended, for whatever reason
         }
+        self.kept.started = self.kept.started.take().filter(|(stand_in, _)| stand_in.is_alive());
         self.kept.guardian = remains::slot_alive(self.viewer.page(), Slot::first(Role::Guardian).number());
         self.kept.guardian.is_some()
     }
 
+    /// Starts a stand-in, unless one is on its way.
     fn start_stand_in(&mut self, now_ns: u64) {
+        if let Some((stand_in, silence)) = &mut self.kept.started {
+            if silence.look(now_ns, 0) > START_WITHIN_NS {
+                journal::say(&self.station, "the stand-in for the guardian hangs in its start, and another one is started");
+                crate::proc::signal(stand_in.pid, rustix::process::Signal::KILL);
+            }
+            return;
+        }
+        journal::say(&self.station, "the guardian died; a stand-in takes its place");
         self.kept.next_start_ns = now_ns + RETRY_NS;
         match crate::spawn::start_own(&self.station, "stand-in", Role::Guardian, None) {
-            Ok(pid) => self.kept.started = Some(pid),
+            Ok(pid) => {
+                let living = |start| Living { pid, start, name: "stand-in".into() };
+                self.kept.started = system::process_start(pid).map(|start| (living(start), Silence::new(now_ns, 2 * LOOK_NS)));
+            }
             Err(error) => journal::say(&self.station, &format!("cannot start a stand-in for the guardian: {error}")),
         }
     }

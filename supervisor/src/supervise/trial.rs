@@ -170,7 +170,7 @@ impl Supervisor {
         let in_place = !policy::is_replicated(role);
         if let Some(trial) = &mut self.trial {
             (trial.stage, trial.since_ns, trial.record.incarnation) = (stage, system::now_ns(), incarnation);
-            if stage == Stage::Shadow && policy::is_stateful(role) {
+            if stage == if policy::is_stateful(role) { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
                 trial.judge = start_judge(&self.station, role, incarnation, self.tell_self.clone());
             }
         }

@@ -41,6 +41,18 @@ pub struct Seen {
     pub text: String,
 }
 
+impl Seen {
+    /// One more comparison: how far apart, in parts of what is allowed, and in words.
+    pub fn note(&mut self, (ratio, text): (f64, String)) {
+        self.compared += 1;
+        self.outside = if ratio <= 1.0 { 0 } else { self.outside + 1 };
+        // JSON has no infinity.
+        self.ratio = ratio.min(f64::MAX);
+        self.worst = self.worst.max(self.ratio);
+        self.text = text;
+    }
+}
+
 /// One side's state of a tick.
 struct State {
     is_shadow: bool,
@@ -113,15 +125,14 @@ impl Pairs {
     }
 
     fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {
-        let (ratio, text) = found.unwrap_or_else(|error| (f64::INFINITY, error.to_string()));
-        let seen = &mut self.seen;
-        seen.compared += 1;
-        seen.outside = if ratio <= 1.0 { 0 } else { seen.outside + 1 };
-        // JSON has no infinity.
-        seen.ratio = ratio.min(f64::MAX);
-        seen.worst = seen.worst.max(seen.ratio);
-        seen.text = text;
+        self.seen.note(found.unwrap_or_else(|error| (f64::INFINITY, error.to_string())));
     }
+}
+
+/// Writes a line of what was seen; false if nobody reads it: the supervisor has gone, or needs no judge any more.
+pub fn tell(seen: &Seen) -> Result<bool, String> {
+    let line = serde_json::to_string(seen).map_err(|error| error.to_string())?;
+    Ok(writeln!(std::io::stdout(), "{line}").and_then(|()| std::io::stdout().flush()).is_ok())
 }
 
 /// The helper itself: writes a line of JSON again and again until nobody reads it or the station stops.
@@ -144,9 +155,8 @@ pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
         let now_ns = system::now_ns();
         if now_ns >= next_line_ns {
             next_line_ns = now_ns + LINE_NS;
-            let line = serde_json::to_string(&pairs.seen).map_err(|error| error.to_string())?;
-            if writeln!(std::io::stdout(), "{line}").and_then(|()| std::io::stdout().flush()).is_err() {
-                return Ok(()); // the supervisor has gone, or needs no judge any more
+            if !tell(&pairs.seen)? {
+                return Ok(());
             }
             let living: Vec<u32> = clock.occupied(role).map(|(_, incarnation)| incarnation).collect();
             streams.retain(|incarnation, _| living.contains(incarnation));

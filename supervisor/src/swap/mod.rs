@@ -2,6 +2,9 @@
 //! so that a supervisor that dies in the middle leaves what its successor needs, and whoever asked can read how it goes.
 
 pub mod judge;
+mod visit;
+
+pub use visit::visit;
 
 pub use hyst_engine::verify;
 
@@ -96,7 +99,7 @@ pub fn role_of(name: &str) -> Result<Role, String> {
 }
 
 fn is_engine(role: Role) -> bool {
-    !matches!(role, Role::Hardware | Role::Supervisor | Role::Guardian | Role::Console)
+    !matches!(role, Role::Hardware | Role::Supervisor | Role::Guardian)
 }
 
 /// The slot in which a swap of a role begins: the guest's, or that of the servo which the device does not follow, or the first.
@@ -138,10 +141,10 @@ mod tests {
         assert_eq!(Record::read(&station), Some(record.clone()));
         assert_eq!(record.slot(), Slot::guest(Role::Fluid));
         station.wipe();
-        for name in ["device", "haptic", "tissue", "fluid", "rendering", "recorder", "collision-worker"] {
+        for name in ["device", "haptic", "tissue", "fluid", "rendering", "recorder", "collision-worker", "console"] {
             assert_eq!(role_of(name).map(Role::name), Ok(name));
         }
-        for name in ["hardware", "supervisor", "guardian", "console", "", "fluid:0", "Fluid"] {
+        for name in ["hardware", "supervisor", "guardian", "", "fluid:0", "Fluid"] {
             assert!(role_of(name).is_err(), "{name}");
         }
         assert_eq!(first_slot(Role::Tissue, None).to_string(), "tissue:2");

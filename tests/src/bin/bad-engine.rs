@@ -5,7 +5,7 @@
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted};
 use hyst_exchange::{Links, system};
-use hyst_messages::page::ProcessState;
+use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Kind, Message, Role, StreamHeader, TICK_NS};
 use rustix::process::{Signal, getpid, kill_process};
 use std::process::ExitCode;
@@ -171,11 +171,12 @@ fn sabotage(life: &Life, kind: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// An engine that is not linked here: it beats, and that is all.
+/// An engine that is not linked here, or says nothing: it beats, and that is all.
 fn beat(life: &Life) -> Result<(), Failure> {
     life.page.set_state(ProcessState::Live);
     while !life.clock.stop_requested() {
         life.heartbeat();
+        life.page.add64(header::STEPS, 1);
         system::sleep_ns(TICK_NS);
     }
     Ok(())
@@ -184,6 +185,7 @@ fn beat(life: &Life) -> Result<(), Failure> {
 fn run(life: &Life, kind: &str) -> Result<(), Failure> {
     match (life.slot.role(), kind) {
         (_, "start") => Err(Failure::Broken("it cannot even start".into())),
+        (_, "mute") => beat(life),
         (Role::Tissue, kind) => stateful(life, tissue::engine(life)?, kind),
         (Role::Fluid, kind) => stateful(life, fluid::engine(life)?, kind),
         (role, kind) => {

@@ -2,6 +2,7 @@
 //! to touch everything. Whoever finds nobody alive founds the role anew, from the ground that the supervisor allows.
 
 use super::{Loop, NEWBORN_PATIENCE_NS, Stateful};
+use crate::Silence;
 use crate::life::Failure;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::{checkpoint, system};
@@ -12,7 +13,7 @@ use std::sync::atomic::{Ordering, fence};
 impl<S: Stateful> Loop<'_, S> {
     /// Gets a state: the holder's, a checkpoint's, or the first. Then computes one step that nobody sees, to touch everything.
     pub(super) fn warm(&mut self) -> Result<(), Failure> {
-        let (mut waited_ns, mut looked_ns) = (0, system::now_ns());
+        let mut silence = Silence::new(system::now_ns(), 2 * TICK_NS);
         let mut told = false;
         self.life.ports_are_open();
         loop {
@@ -28,11 +29,7 @@ impl<S: Stateful> Loop<'_, S> {
             let holder = self.roster.holder(self.role);
             let nobody = holder.epoch == 0 && self.life.slot.index() == 0;
             let orphaned = holder.epoch > 0 && !self.holder_lives(holder) && !self.has_warm_spare();
-            // Of a time in which it was not let run itself only as much counts as between two looks of one that is.
-            let now_ns = system::now_ns();
-            waited_ns += (now_ns - looked_ns).min(2 * TICK_NS);
-            looked_ns = now_ns;
-            let late = waited_ns > NEWBORN_PATIENCE_NS;
+            let late = silence.look(system::now_ns(), 0) > NEWBORN_PATIENCE_NS; // no sign: no state has come
             if late && self.is_guest() {
                 return Err(Failure::Broken("no state of the role has come, and a newcomer on trial founds nothing".into()));
             }

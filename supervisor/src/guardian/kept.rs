@@ -1,0 +1,109 @@
+//! The supervisor, as its guardian keeps it: started again when it died, ended when it hangs, and given up when it dies at each start.
+
+use super::LOOK_NS;
+use crate::journal::{self, Verdict};
+use crate::remains::{self, Living};
+use hyst_engine::Silence;
+use hyst_engine::realtime::SUPERVISOR_PRIORITY;
+use hyst_exchange::{OwnedPage, Station, system};
+use hyst_messages::page::station as layout;
+use hyst_messages::{Role, Slot};
+
+/// Between two starts of the supervisor, so that one that cannot start does not take the machine.
+const RESTART_NS: u64 = 250_000_000;
+/// Lines of a dead supervisor's log that are shown.
+const LAST_WORDS: usize = 8;
+/// Starts of the supervisor in a row without a sign of life before the station ends. One that works for a moment each time is started as often
+/// as it dies: the engines need it for their restarts alone.
+const MOST_STARTS: u32 = 10;
+/// A supervisor that still beats so long after its start has adopted the engines.
+const SIGN_OF_LIFE_NS: u64 = 50_000_000;
+/// A supervisor that is silent for longer hangs. It beats every 5 ms.
+const LATE_NS: u64 = 3_000_000_000;
+
+/// The supervisor and its starts.
+#[derive(Debug)]
+pub(super) struct Kept {
+    supervisor: Option<Living>,
+    starts: u32,
+    /// The last one that was found hanging.
+    condemned: u32,
+    next_start_ns: u64,
+    silence: Silence,
+}
+
+impl Kept {
+    /// Whoever lives already.
+    pub(super) fn new(station: &Station) -> Kept {
+        let silence = Silence::new(system::now_ns(), 2 * LOOK_NS);
+        Kept { supervisor: living(station), starts: 0, condemned: 0, next_start_ns: 0, silence }
+    }
+
+    /// The dead children were reaped: the supervisor may be one of them.
+    pub(super) fn reaped(&mut self) {
+        self.supervisor = self.supervisor.take().filter(Living::is_alive);
+    }
+
+    /// Whether it has shown no sign of life for longer than one that works does, in time in which the guardian looked.
+    pub(super) fn hangs(&self) -> bool {
+        self.silence.ns() > LATE_NS
+    }
+
+    /// Starts the supervisor if there is none, and ends one that hangs. False when it cannot be kept alive.
+    pub(super) fn keep(&mut self, station: &Station, page: &OwnedPage, now_ns: u64) -> bool {
+        let beat_ns = page.load64(layout::SUPERVISOR_NS);
+        self.silence.look(now_ns, beat_ns);
+        if let Some(supervisor) = &self.supervisor {
+            if beat_ns > self.next_start_ns.saturating_sub(RESTART_NS) + SIGN_OF_LIFE_NS {
+                self.starts = 0;
+            }
+            if self.hangs() {
+                if self.condemned != supervisor.pid {
+                    self.condemned = supervisor.pid;
+                    journal::say(station, "the supervisor hangs and is replaced");
+                }
+                crate::proc::signal(supervisor.pid, rustix::process::Signal::KILL);
+            }
+            return true;
+        }
+        if now_ns < self.next_start_ns {
+            return true;
+        }
+        if self.starts >= MOST_STARTS {
+            let message = format!("the supervisor died {MOST_STARTS} times in a row; its last words:\n{}", last_words(station));
+            Verdict { code: 1, message }.write(station);
+            return false;
+        }
+        // A guardian before this one may have started one that had not registered when this one looked.
+        self.supervisor = living(station);
+        if self.supervisor.is_none() {
+            self.start(station);
+        }
+        true
+    }
+
+    fn start(&mut self, station: &Station) {
+        self.starts += 1;
+        // While a swap's elder, ordinary and ahead of all others, keeps the line, a successor had not begun to beat when it was taken for one that hangs.
+        let priority = crate::settings::is_real_time(station).then_some(SUPERVISOR_PRIORITY);
+        match crate::spawn::start_own(station, "supervise", Role::Supervisor, priority) {
+            // One that is dead already has no start time, and is started again.
+            Ok(pid) => self.supervisor = system::process_start(pid).map(|start| Living { pid, start, name: "supervisor".into() }),
+            Err(error) => journal::say(station, &format!("cannot start the supervisor: {error}")),
+        }
+        let now_ns = system::now_ns(); // this ordinary process may have waited until it could start the other
+        self.next_start_ns = now_ns + RESTART_NS;
+        self.silence = Silence::new(now_ns, 2 * LOOK_NS);
+    }
+}
+
+fn living(station: &Station) -> Option<Living> {
+    remains::slot_alive(&station.open().ok()?, Slot::first(Role::Supervisor).number())
+}
+
+/// The end of the supervisor's log, which goes with the station.
+fn last_words(station: &Station) -> String {
+    let log = std::fs::read_to_string(station.log(Slot::first(Role::Supervisor))).unwrap_or_default();
+    let lines: Vec<&str> = log.lines().collect();
+    lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+}
