@@ -96,6 +96,9 @@ pub struct Fault {
     pub(crate) lowered: Option<Lowered>,
     /// The file that fills a file system, and until when, ns.
     pub(crate) ballast: Option<(PathBuf, u64)>,
+    /// It has been full.
+    #[serde(default)]
+    pub(crate) was_full: bool,
     /// So many of its successors are still to be hindered in their start.
     pub(crate) starts_left: Option<u32>,
 }

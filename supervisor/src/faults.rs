@@ -20,10 +20,12 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
 
-/// A fault that has not recovered by then is closed as it is, ns.
+/// A fault that has not recovered so long after it, or after the end of what was asked for, is closed as it is, ns.
 const GIVE_UP_NS: u64 = 40_000_000_000;
 /// The same for one that makes a successor hang in its start: an ordinary process has 180 s for that.
 const GIVE_UP_START_NS: u64 = 240_000_000_000;
+/// Faults of the schedule that did not come about and are named.
+const MOST_NAMED: usize = 100;
 /// How long a closed window waits for a control of its own, ticks; then it shares another fault's.
 const CONTROL_WAIT_TICKS: u64 = 3_000;
 
@@ -46,9 +48,11 @@ impl NotInjected {
 
 /// What outlives the supervisor beside the closed faults.
 #[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)] // a station may have been founded by an older build
 struct Open {
     injected: usize,
-    refused: Vec<NotInjected>,
+    /// How many of the schedule were refused, and the first of them.
+    refused: (usize, Vec<NotInjected>),
     faults: Vec<Fault>,
     counted: Counted,
 }
@@ -106,11 +110,21 @@ impl Faults {
         self.closed.iter().chain(&self.open.faults)
     }
 
-    /// The faults of the schedule that did not come about so far: those that were refused, and those whose tick has not come.
-    pub fn not_injected(&self) -> Vec<NotInjected> {
-        let later =
-            self.schedule.iter().skip(self.open.injected).map(|injection| NotInjected::of(injection, "its tick did not come"));
-        self.open.refused.iter().cloned().chain(later).collect()
+    /// The faults of the schedule that did not come about so far, those that were refused and those whose tick has not come: their number, and the
+    /// first of them.
+    pub fn not_injected(&self) -> (usize, Vec<NotInjected>) {
+        let (refused, first) = &self.open.refused;
+        let later = self.schedule.iter().skip(self.open.injected);
+        let of_later = later.clone().map(|injection| NotInjected::of(injection, "its tick did not come"));
+        (refused + later.count(), first.iter().cloned().chain(of_later).take(MOST_NAMED).collect())
+    }
+
+    fn refuse(&mut self, injection: &Injection, reason: &str) {
+        let (count, first) = &mut self.open.refused;
+        *count += 1;
+        if first.len() < MOST_NAMED {
+            first.push(NotInjected::of(injection, reason));
+        }
     }
 
     /// Whether the death of an incarnation is known.
@@ -282,7 +296,8 @@ impl Faults {
             let (from_tick, to_tick) = bounds(fault);
             let patience_ticks = CONTROL_WAIT_TICKS.max(to_tick - from_tick + CONTROL_WAIT_TICKS / 3); // a long window has a long control
             let give_up_ns = if fault.kind == FaultKind::HangStart.name() { GIVE_UP_START_NS } else { GIVE_UP_NS };
-            let over = system::now_ns().saturating_sub(fault.injected_ns) > give_up_ns;
+            let until_ns = fault.asked.map_or(0, |(until_ns, _)| until_ns);
+            let over = system::now_ns().saturating_sub(fault.injected_ns.max(until_ns)) > give_up_ns;
             let recovered = fault.recovered_us.is_some() && newest_tick >= to_tick;
             over || recovered && (has_control || newest_tick >= to_tick + patience_ticks)
         });

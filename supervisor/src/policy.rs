@@ -236,15 +236,17 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         && let Some(ground) = ladder.holder_died(now_ns, ended_ns, by_itself, ready_ns.is_some())
     {
         actions.push(Action::GoBack { role, ground });
-        let (went_back, was_ready) = (ladder.went_back(), place.was_ready);
+        let may_mistrust = place.was_ready && ladder.went_back() >= MISTRUST_AFTER_BACK && !ladder.mistrusted;
         // What killed them is the state; the slots begin anew with another one.
         for (_, place) in state.places.iter_mut().filter(|(slot, _)| slot.role() == role) {
             place.short_lives = 0;
         }
-        // That was no help once: it may be what they read.
-        if was_ready && went_back == MISTRUST_AFTER_BACK {
-            actions.extend(mistrust(slot, state));
+        // That was no help: it may be what they read. Once in a trouble, or later where nobody could be replaced then.
+        let mistrusted = if may_mistrust { mistrust(slot, state) } else { Vec::new() };
+        if let Some(ladder) = state.ladders.get_mut(&role) {
+            ladder.mistrusted |= !mistrusted.is_empty();
         }
+        actions.extend(mistrusted);
     }
     let settled = ready_ns.is_some_and(|ready_ns| ended_ns.saturating_sub(ready_ns) >= limits(role).settled_ns);
     let end = match (settled, by_itself) {

@@ -82,7 +82,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "processes": processes,
         "device": device(faults),
         "faults": faults.all().map(|fault| serde_json::to_value(fault).unwrap_or_default()).collect::<Vec<_>>(),
-        "faults_not_injected": faults.not_injected(),
+        "faults_not_injected": not_injected(faults),
         "by_target": by_target(faults),
         "invalid_applied": faults.ledger.invalid_applied,
         "stale_applied": faults.ledger.stale_applied,
@@ -99,6 +99,11 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "held": policy.held().map(Role::name).collect::<Vec<_>>(),
         "leftovers": { "processes": 0, "shared_memory": 0, "files": 0 },
     })
+}
+
+fn not_injected(faults: &Faults) -> Value {
+    let (count, first) = faults.not_injected();
+    json!({ "count": count, "first": first })
 }
 
 fn active_slot(viewer: &mut Viewer, faults: &Faults, role: Role) -> Option<Slot> {
@@ -254,7 +259,7 @@ pub fn summary(report: &Value) -> String {
         _ => ", none of them judged".into(),
     };
     let s = if count == 1 { "" } else { "s" };
-    let left = match report["faults_not_injected"].as_array().map_or(0, Vec::len) {
+    let left = match report["faults_not_injected"]["count"].as_u64().unwrap_or(0) {
         0 => String::new(),
         left => format!("; {left} of those asked for did not come about, see the report"),
     };

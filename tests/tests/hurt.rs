@@ -1,13 +1,12 @@
 //! Engines that hang, lie and come back from the dead, while the scripted hand presses on the tissue. What they cost is judged at the simulated
 //! hardware, in fault windows against control windows of the same run; what was applied is judged tick by tick.
 
-use hyst_exchange::system;
-use hyst_messages::{Role, TICK_NS};
+use hyst_messages::Role;
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::{Promise, not_shown};
 use station_tests::windows::{Spinners, compare};
-use station_tests::{RECOVERY_LIMIT, Station, binaries, hystation, run, wait_for};
+use station_tests::{RECOVERY_LIMIT, Station, binaries, wait_for};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -342,49 +341,4 @@ fn a_client_of_the_lowest_priority_that_floods_the_tissue_and_is_killed_costs_th
     compare("a client that floods the tissue", &station, begin, |_| drop(load.borrow_mut().take()));
     station.recover();
     station.stop().assert_clean();
-}
-
-/// A tester names the tick and the place in it, on the command line and in a file; what cannot come about is refused, or named in the report.
-#[test]
-fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_come_is_named() {
-    const PHASE_US: u64 = 300;
-    /// The file's tick, by which the station is to be whole, and that of the command line, so long after now.
-    const AT_TICK: u64 = 12_000;
-    const LATER_TICKS: u64 = 1_500;
-    const LATE_TICKS: u64 = 200;
-    let folder = station_tests::Folder::new("moments");
-    let fault = |target: &str, tick: u64| {
-        format!("[[fault]]\nkind = \"kill\"\ntarget = \"{target}\"\ntick = {tick}\nphase_us = {PHASE_US}\n")
-    };
-    let file = folder.write("faults.toml", &(fault("haptic:spare", AT_TICK) + &fault("fluid:spare", 3_000_000)));
-    let station = Station::start("moments", &["--hand", "script:press", "--test-mode", "--faults", &file]);
-    let clock = station.clock();
-    let is_early = clock.tick_at(system::now_ns()) < AT_TICK;
-    for words in ["--tick 1", "--tick soon", "--tick +0", "--phase 5", "--tick +9000000", "--tick +50 --phase 1000"] {
-        let inject = ["--name", station.name(), "fault", "inject", "kill", "fluid:spare"];
-        let (code, _, said) = run(hystation().args(inject).args(words.split(' ')));
-        assert_eq!(code, Some(2), "{words}: {said}");
-    }
-    let asked = wait_for(RECOVERY_LIMIT, || (clock.tick_at(system::now_ns()) > AT_TICK + LATE_TICKS).then_some(()));
-    assert!(asked.is_some(), "{}", station.said());
-    station.recover();
-    let later_tick = clock.tick_at(system::now_ns()) + LATER_TICKS;
-    station.inject(&format!("kill tissue:spare --tick {later_tick} --phase {PHASE_US}"));
-    station.run_ticks(1_000);
-    station.recover();
-    let ended = station.stop();
-    ended.assert_clean();
-    let faults = ended.faults("kill");
-    for (tick, role) in [(AT_TICK, "haptic"), (later_tick, "tissue")].into_iter().filter(|(tick, _)| is_early || *tick != AT_TICK)
-    {
-        let of_role = |fault: &&&Value| fault["target"].as_str().is_some_and(|target| target.starts_with(role));
-        let fault = faults.iter().find(of_role).unwrap_or_else(|| panic!("{role}: {faults:#?}\n{}", ended.said));
-        let late_ns = fault["injected_ns"].as_u64().expect("a time") as i64 - (clock.start_of(tick) + PHASE_US * 1_000) as i64;
-        println!("{role}: {} us after its moment", late_ns / 1_000);
-        assert!((0..(LATE_TICKS * TICK_NS) as i64).contains(&late_ns), "{late_ns} ns late: {fault:#}");
-    }
-    let left = ended.report["faults_not_injected"].as_array().expect("a list");
-    let last = left.last().expect("one");
-    assert!(last["target"] == "fluid:spare" && last["tick"] == 3_000_000 && (left.len() == 1 || !is_early), "{left:?}");
-    assert!(ended.said.contains("of those asked for did not come about"), "{}", ended.said);
 }

@@ -192,7 +192,7 @@ impl Group {
 /// The role of a swap that faults may fall into.
 fn swapped(name: &str, target: &str) -> Result<Role, String> {
     let role = crate::swap::role_of(name).map_err(|reason| format!("swap: {reason}"))?;
-    if matches!(role, Role::Device | Role::Rendering) {
+    if matches!(role, Role::Device | Role::Rendering | Role::Console) {
         return Err(format!(
             "swap = {name:?}: it has no spare, so that its swap is a restart; take fluid, tissue, haptic, collision-worker or recorder"
         ));

@@ -1,6 +1,6 @@
 //! How a fault begins: whom it hits, at which moment, what is done to them; and how it is undone.
 
-use super::{Faults, NotInjected};
+use super::Faults;
 use crate::active::active_now;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
@@ -11,6 +11,9 @@ use hyst_exchange::system;
 use hyst_messages::{Role, SLOTS, Slot};
 use rustix::process::Signal;
 use std::path::PathBuf;
+
+/// Who is hit is looked up this long before the moment, ns: it is to be who has the role then.
+const AIM_NS: u64 = 1_000_000;
 
 /// After bytes were flipped: how long somebody may take to notice before the fault is over with nothing come of it, ns.
 const NOTICE_NS: u64 = 1_000_000_000;
@@ -42,10 +45,13 @@ impl Faults {
         let target = injection.engines()?;
         let kind = injection.kind;
         shortage::check(&self.station, kind)?;
-        let victims = self.victims(target, injection, viewer)?;
         let at_once = injection.tick == 0 || viewer.page().is_lockstep(); // a virtual clock stands still meanwhile
         let phase_ns = u64::from(injection.phase_us) * 1_000;
         let moment_ns = if at_once { 0 } else { viewer.page().start_of(injection.tick) + phase_ns };
+        if moment_ns.saturating_sub(system::now_ns()) <= moment::MOST_AHEAD_NS {
+            system::sleep_until_ns(moment_ns.saturating_sub(AIM_NS));
+        }
+        let victims = self.victims(target, injection, viewer)?;
         self.note_active(system::now_ns(), viewer);
         let hinders = kind.mischief().is_some_and(|what| what.is_of_start());
         if hinders {
@@ -89,9 +95,9 @@ impl Faults {
                 Ok(Deed { until_ns, lowered, manifested: kind == FaultKind::NoFiles, ..Deed::default() })
             }
             kind @ (FaultKind::DiskFull | FaultKind::ShmFull) => {
-                let ballast = shortage::ballast(&self.station, kind);
-                ballast.as_deref().filter(|_| first).map_or(Ok(()), shortage::fill)?;
-                let until_ns = until_ns.map(|until_ns| until_ns + FILL_WITHIN_NS); // its time begins when it is full
+                let ballast = shortage::ballast(&self.station, kind).filter(|_| first);
+                ballast.as_deref().map_or(Ok(()), shortage::fill)?;
+                let until_ns = until_ns.map(|until_ns| until_ns + if first { FILL_WITHIN_NS } else { 0 }); // its time begins when it is full
                 Ok(Deed { until_ns, ballast, ..Deed::default() })
             }
             FaultKind::Corrupt => {
@@ -172,7 +178,12 @@ impl Faults {
             self.open.injected += 1;
             if let Err(reason) = self.inject(&injection, viewer) {
                 journal::say(&self.station, &format!("fault {} was not injected: {reason}", injection.kind.name()));
-                self.open.refused.push(NotInjected::of(&injection, &reason));
+                self.refuse(&injection, &reason);
+            }
+            // Whoever died of this one is seen first.
+            let is_together = |next: &Injection| next.tick == injection.tick || viewer.page().is_lockstep();
+            if !self.schedule.get(self.open.injected).is_some_and(is_together) {
+                return;
             }
         }
     }

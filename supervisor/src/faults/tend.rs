@@ -10,8 +10,8 @@ use crate::{mischief, proc, remains};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 
-/// A scheduled fault is waited for from so many ticks before its own on: the supervisor looks every 5 ms, and the fault comes at its phase.
-const AHEAD_TICKS: u64 = 10;
+/// A scheduled fault is waited for from so many ticks before its own on: the supervisor looks every 5 ms, or 10 where it has much to do, and the fault comes at its phase.
+const AHEAD_TICKS: u64 = 12;
 /// An engine that was asked to do wrong for a time may be found out this long after its end, and is replaced then, ns.
 const SETTLE_NS: u64 = 20_000_000;
 
@@ -94,9 +94,10 @@ fn look_at_starts(fault: &mut Fault, slot: Slot, viewer: &mut Viewer) {
 /// Looks whether a file system is full, from when its time counts; puts back what was lowered, and removes a ballast, when its time is over.
 fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
     if let Some((ballast, until_ns)) = &mut fault.ballast {
-        if !fault.manifested && now_ns < *until_ns && shortage::is_full(ballast) {
-            fault.manifested = true;
-            let for_ns = until_ns.saturating_sub(fault.injected_ns + FILL_WITHIN_NS);
+        let fill_until_ns = fault.injected_ns + FILL_WITHIN_NS;
+        if !fault.was_full && now_ns < fill_until_ns.min(*until_ns) && shortage::is_full(ballast) {
+            (fault.was_full, fault.manifested) = (true, true);
+            let for_ns = until_ns.saturating_sub(fill_until_ns);
             *until_ns = now_ns + for_ns;
             fault.asked = fault.asked.map(|(_, done)| (now_ns + for_ns, done));
         }

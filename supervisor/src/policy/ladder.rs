@@ -48,12 +48,14 @@ pub struct Ladder {
     /// When what is held is tried again; 0 if that is not known yet.
     try_ns: u64,
     hold_ns: u64,
+    /// Those whose streams the role reads were mistrusted in this trouble.
+    pub(super) mistrusted: bool,
 }
 
 impl Default for Ladder {
     fn default() -> Ladder {
         let (holder, lives, doomed, rung, trouble_ns, moved, early) = (None, false, 0, 0, 0, false, false);
-        Ladder { holder, lives, doomed, rung, trouble_ns, moved, early, try_ns: 0, hold_ns: FIRST_HOLD_NS }
+        Ladder { holder, lives, doomed, rung, trouble_ns, moved, early, try_ns: 0, hold_ns: FIRST_HOLD_NS, mistrusted: false }
     }
 }
 

@@ -18,7 +18,7 @@ const RETRY_NS: u64 = 1_000_000_000;
 /// How long a stand-in may take to be there, ns; one that takes longer hangs. It starts as an ordinary process behind all that is real time.
 const START_WITHIN_NS: u64 = 10_000_000_000;
 /// How long the last one is waited for.
-const LAST_NS: u64 = 5_000_000_000;
+const LAST_NS: u64 = 2_000_000_000;
 /// How long a guardian may be stopped, ns: as long as a supervisor may hang. Nobody else would end it, and it holds the name.
 const STOPPED_NS: u64 = 3_000_000_000;
 
@@ -99,6 +99,7 @@ impl Supervisor {
     fn start_stand_in(&mut self, now_ns: u64) {
         if let Some((stand_in, silence)) = &mut self.kept.started {
             if silence.look(now_ns, 0) > START_WITHIN_NS {
+                *silence = Silence::new(now_ns, 2 * LOOK_NS);
                 journal::say(&self.station, "the stand-in for the guardian hangs in its start, and another one is started");
                 crate::proc::signal(stand_in.pid, rustix::process::Signal::KILL);
             }

@@ -1,0 +1,66 @@
+//! A tester names the tick of a fault and the place in it, on the command line and in a file; what cannot come about is refused, or named in the report.
+
+use hyst_exchange::system;
+use hyst_messages::TICK_NS;
+use station_tests::shown::not_shown;
+use station_tests::{Folder, RECOVERY_LIMIT, Station, hystation, run, wait_for};
+
+/// Place in the tick, us.
+const PHASE_US: u64 = 300;
+/// The file's tick, by which the station is to be whole; that of the command line is so long after it is asked for.
+const AT_TICK: u64 = 12_000;
+const LATER_TICKS: u64 = 1_500;
+/// A fault that comes later than this was kept off by the machine.
+const LATE_TICKS: u64 = 200;
+
+#[test]
+fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_come_is_named() {
+    let folder = Folder::new("moments");
+    let fault = |target: &str, tick: u64| {
+        format!("[[fault]]\nkind = \"kill\"\ntarget = \"{target}\"\ntick = {tick}\nphase_us = {PHASE_US}\n")
+    };
+    let file = folder.write("faults.toml", &(fault("haptic:spare", AT_TICK) + &fault("fluid:spare", 3_000_000)));
+    let station = Station::start("moments", &["--hand", "script:press", "--test-mode", "--faults", &file]);
+    let clock = station.clock();
+    let is_early = clock.tick_at(system::now_ns()) < AT_TICK;
+    for words in ["--tick 1", "--tick soon", "--tick +0", "--phase 5", "--tick +9000000", "--tick +50 --phase 1000"] {
+        let inject = ["--name", station.name(), "fault", "inject", "kill", "fluid:spare"];
+        let (code, _, said) = run(hystation().args(inject).args(words.split(' ')));
+        assert_eq!(code, Some(2), "{words}: {said}");
+    }
+    let asked = wait_for(RECOVERY_LIMIT, || (clock.tick_at(system::now_ns()) > AT_TICK + LATE_TICKS).then_some(()));
+    assert!(asked.is_some(), "{}", station.said());
+    station.recover();
+    // A stall may let the tick pass, or leave no spare, while it is asked for.
+    let asked = wait_for(RECOVERY_LIMIT, || {
+        let tick = clock.tick_at(system::now_ns()) + LATER_TICKS;
+        let words = format!("kill tissue:spare --tick {tick} --phase {PHASE_US}");
+        let asked = run(hystation().args(["--name", station.name(), "fault", "inject"]).args(words.split(' ')));
+        (asked.0 == Some(0)).then_some(tick)
+    });
+    let later_tick = asked.unwrap_or_else(|| panic!("not injected\n{}", station.said()));
+    station.run_ticks(1_000);
+    station.recover();
+    let ended = station.stop();
+    ended.assert_clean();
+    let faults = ended.faults("kill");
+    let of = |role: &str| faults.iter().find(|fault| fault["target"].as_str().is_some_and(|target| target.starts_with(role)));
+    for (tick, role) in [(AT_TICK, "haptic"), (later_tick, "tissue")] {
+        let Some(fault) = of(role).filter(|_| is_early || tick != AT_TICK) else {
+            assert_eq!(tick, AT_TICK, "{faults:#?}");
+            not_shown("a fault of a file at its tick: its victim was not there then");
+            continue;
+        };
+        let late_ns = fault["injected_ns"].as_u64().expect("a time") as i64 - (clock.start_of(tick) + PHASE_US * 1_000) as i64;
+        println!("{role}: {} us after its moment", late_ns / 1_000);
+        assert!(late_ns >= 0, "{late_ns} ns late: {fault:#}");
+        if late_ns > (LATE_TICKS * TICK_NS) as i64 {
+            not_shown(&format!("a fault at its tick: {late_ns} ns late"));
+        }
+    }
+    let left = &ended.report["faults_not_injected"];
+    let last = left["first"].as_array().and_then(|first| first.last()).expect("one");
+    assert!(last["target"] == "fluid:spare" && last["tick"] == 3_000_000, "{left:?}");
+    assert_eq!(left["count"], 2 - usize::from(of("haptic").is_some()), "{left:?}");
+    assert!(ended.said.contains("of those asked for did not come about"), "{}", ended.said);
+}
