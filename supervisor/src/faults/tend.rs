@@ -10,7 +10,8 @@ use crate::{mischief, proc, remains};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 
-/// A scheduled fault is waited for from so many ticks before its own on: the supervisor looks every 5 ms, or 10 where it has much to do, and the fault comes at its phase.
+/// A scheduled fault is waited for from so many ticks before its own on, so that it comes at its phase: the supervisor looks every 5 ms, or 10 where
+/// it has much to do.
 const AHEAD_TICKS: u64 = 12;
 /// An engine that was asked to do wrong for a time may be found out this long after its end, and is replaced then, ns.
 const SETTLE_NS: u64 = 20_000_000;
