@@ -1,6 +1,7 @@
 //! The command line, as design.md fixes it.
 
 use clap::{Args, Parser, Subcommand};
+use hyst_engine::settings::Replay;
 use std::path::PathBuf;
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
@@ -87,9 +88,8 @@ pub enum Command {
     },
     /// The report of a recorded session: raw values, scores, and what the station itself did, from the recording alone.
     Report(ReportArgs),
-    /// Not part of this build.
-    #[command(hide = true)]
-    Replay(Rest),
+    /// Do a recorded session again in the same engines: the same hand, the same forces, to the bit.
+    Replay(ReplayArgs),
     /// The supervisor of a station; started by the guardian.
     #[command(hide = true)]
     Supervise {
@@ -126,11 +126,49 @@ pub enum Command {
     },
 }
 
-/// Arguments of commands that this build does not have.
-#[derive(Debug, Args)]
-pub struct Rest {
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-    rest: Vec<String>,
+/// Arguments of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// The recording (MCAP), as `run --record` writes it.
+    pub file: PathBuf,
+    /// Compare every force and every state with what was recorded, as fast as the machine manages; without pictures.
+    #[arg(long)]
+    pub verify: bool,
+    /// Show it from this time on; what was before is done as fast as the machine manages.
+    #[arg(long = "from", value_parser = seconds, conflicts_with = "verify")]
+    pub from_s: Option<f64>,
+    /// So many times as fast as it was, 0.01 to 100, as far as the machine manages.
+    #[arg(long, conflicts_with = "verify", value_parser = speed)]
+    pub speed: Option<f64>,
+    /// No window even if there is a display.
+    #[arg(long)]
+    pub headless: bool,
+    /// The scene, if it is no longer where it was.
+    #[arg(long)]
+    pub scene: Option<PathBuf>,
+    /// Write pictures (PNG) into this folder.
+    #[arg(long)]
+    pub pictures: Option<PathBuf>,
+    /// Allow faults to be injected.
+    #[arg(long)]
+    pub test_mode: bool,
+    /// Inject the faults of this file (TOML); needs --test-mode.
+    #[arg(long)]
+    pub faults: Option<PathBuf>,
+    /// Number of collision workers, 0 to 16.
+    #[arg(long)]
+    pub workers: Option<usize>,
+    /// key=value, as for `run`.
+    #[arg(long = "set")]
+    pub set: Vec<String>,
+    /// Folder of the engines' binaries; default: that of this program.
+    #[arg(long, hide = true)]
+    pub binaries: Option<PathBuf>,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse::<f64>().ok().filter(|speed| (0.01..=100.0).contains(speed));
+    speed.ok_or_else(|| format!("{text:?} is no speed between 0.01 and 100"))
 }
 
 /// Faults on purpose.
@@ -241,7 +279,7 @@ pub struct RunArgs {
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
-    /// script:NAME, mouse or idle. Default: the mouse in a window, script:press without one.
+    /// script:NAME, replay:FILE, mouse or idle. Default: the mouse in a window, script:press without one.
     #[arg(long)]
     pub hand: Option<String>,
     /// Record the session (MCAP).
@@ -280,6 +318,30 @@ pub struct RunArgs {
     /// Stop when the process that started this one has ended, however.
     #[arg(long, hide = true)]
     pub with_parent: bool,
+    /// The recording of `hand` is done again, tick by tick.
+    #[arg(skip)]
+    pub again: Option<Again>,
+}
+
+/// How `replay` runs a station.
+#[derive(Clone, Debug)]
+pub struct Again {
+    /// From where, and how fast.
+    pub replay: Replay,
+    /// Hash of the scene that was recorded.
+    pub scene_hash: u64,
+    /// The last tick.
+    pub end_tick: u64,
+}
+
+impl RunArgs {
+    /// The arguments of a plain `hystation run`.
+    pub fn plain() -> RunArgs {
+        match <Cli as Parser>::parse_from(["hystation", "run"]).command {
+            Command::Run(args) => *args,
+            _ => unreachable!("`run` is read as Run"),
+        }
+    }
 }
 
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.

@@ -89,7 +89,8 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
     let order = Order { report, for_s: args.for_s, ..Order::default() };
     let name = take_name(&station)?;
-    let ground = settle(&station, &settings, &plan, order)?;
+    let recorded_scene = args.again.as_ref().map(|again| again.scene_hash);
+    let ground = settle(&station, &settings, &plan, order, recorded_scene)?;
     let draw = std::io::stdout().is_terminal() && !args.quiet;
     let mut guardian = Guardian::new(station, name, ground, draw)?;
     guardian.keep(&plan, &signals);

@@ -6,6 +6,7 @@ use crate::plan::{self, Plan};
 use hyst_engine::Settings;
 use hyst_engine::settings::SET_KEYS;
 use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
+use hyst_recording::Reader;
 use std::path::{Path, PathBuf};
 
 /// Whether the processes of a station that was founded are to be real time, as far as its settings can be read.
@@ -62,10 +63,14 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         pictures: args.pictures.as_deref().map(absolute).transpose()?,
         test_mode: args.test_mode,
         lockstep: args.lockstep,
+        replay: args.again.as_ref().map(|again| again.replay),
         ..Settings::default()
     };
     if args.lockstep && settings.hand == "mouse" {
         return Err(Refusal::input("--lockstep --hand mouse: a hand on a virtual clock is scripted; use script:press or idle"));
+    }
+    if let Some(file) = settings.recording() {
+        settings.hand = format!("replay:{}", absolute(file)?.display());
     }
     check_hand(&settings)?;
     for pair in &args.set {
@@ -95,8 +100,7 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         fault.check_in(&slots).map_err(|reason| Refusal::input(at(reason)))?;
     }
     let slots = slots.iter().map(ToString::to_string).collect();
-    let end_tick = args.for_s.filter(|_| args.lockstep).map(|for_s| ((for_s * 1e9) as u64 / TICK_NS).max(1));
-    let plan = Plan { binaries, slots, swapped: Default::default(), end_tick, faults };
+    let plan = Plan { binaries, slots, swapped: Default::default(), end_tick: end_tick(args), faults };
     let missing = plan.missing();
     if !missing.is_empty() {
         let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();
@@ -106,6 +110,12 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         )));
     }
     Ok((settings, plan))
+}
+
+/// The tick at which a station on a virtual clock ends.
+fn end_tick(args: &RunArgs) -> Option<u64> {
+    let of_time = args.for_s.filter(|_| args.lockstep).map(|for_s| ((for_s * 1e9) as u64 / TICK_NS).max(1));
+    args.again.as_ref().map(|again| again.end_tick).or(of_time)
 }
 
 fn has_display() -> bool {
@@ -132,8 +142,11 @@ fn check_hand(settings: &Settings) -> Result<(), Refusal> {
         }
         None if hand == "mouse" => Ok(()),
         Some(("script", name)) if !name.is_empty() => Ok(()),
-        Some(("replay", _)) => bad("this build does not replay recordings; write script:NAME, mouse or idle"),
-        _ => bad("write script:idle, script:press, script:explore, script:polyp, mouse or idle"),
+        Some(("replay", file)) => match Reader::open(Path::new(file)) {
+            Ok(_) => Ok(()),
+            Err(error) => bad(&error.to_string()),
+        },
+        _ => bad("write script:idle, script:press, script:explore, script:polyp, replay:FILE, mouse or idle"),
     }
 }
 

@@ -6,6 +6,7 @@ mod commands;
 mod firmware;
 mod hand;
 mod ledger;
+mod score;
 mod sequencer;
 
 pub use firmware::run;

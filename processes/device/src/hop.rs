@@ -4,8 +4,9 @@
 //! Promise: what is applied is finite, within the force and slew limit, and computed for this tick; with neither servo there it is held for
 //! 2 ticks, then ramped to zero in 20 ms. The way from hand to force touches station pages alone: no lock, no allocation, no stream.
 
+use crate::again::{Again, Given};
 use crate::models::Models;
-use crate::replicas::Replicas;
+use crate::replicas::{Chosen, Replicas};
 use hyst_coupling::{AppliedKind, HardwareParams, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
@@ -28,6 +29,7 @@ struct Hop<'a> {
     params: LastHopParams,
     state: LastHopState,
     lies: Lies,
+    again: Option<Again>,
 }
 
 /// The whole life of the device.
@@ -47,7 +49,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     };
     let lies = Lies::new(life, size_of::<ForceCommand>());
     let (params, state) = (LastHopParams::default(), LastHopState::default());
-    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, lies };
+    let again = life.is_replay().then(Again::default);
+    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, lies, again };
     realtime::go(life)?;
     hop.resume();
     hop.run()
@@ -88,10 +91,17 @@ impl Hop<'_> {
             if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
                 sample = newest;
             }
+            let Some(given) = self.given(tick) else {
+                pace.end();
+                continue;
+            };
+            if let Some(state) = given.newborn {
+                (self.state, next_tick) = (state, None);
+            }
             let silent_ticks = next_tick.map_or(0, |next| tick.saturating_sub(next)).min(u64::from(u32::MAX)) as u32;
             self.state = self.state.after_silence(&HardwareParams::default(), silent_ticks, sample.force_n);
             next_tick = Some(tick + 1);
-            self.tick(tick, sample, pace.woken_ns());
+            self.tick(tick, sample, &given, pace.woken_ns());
             pace.end();
         }
         Ok(())
@@ -128,14 +138,32 @@ impl Hop<'_> {
         found.unwrap_or_else(|| self.newest_model(tick))
     }
 
-    fn tick(&mut self, tick: u64, sample: HardwareSample, woken_ns: u64) {
+    /// What is known of the tick before the servos are asked; `None` if the recording of a replay says that the device made none.
+    fn given(&mut self, tick: u64) -> Option<Given> {
+        let (model, medium) = if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
+        match &mut self.again {
+            Some(again) => again.given(&self.hardware, tick, model),
+            None => Some(Given { model, medium, ..Given::default() }),
+        }
+    }
+
+    fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, woken_ns: u64) {
         let page = &self.life.page;
-        let (model, Medium { pressure_pa, pieces }) =
-            if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
+        let Given { model, medium: Medium { pressure_pa, pieces }, lag: replayed_lag, .. } = *given;
         let device_incarnation = self.life.incarnation as u64;
         let applied_n = self.state.applied_n;
         let selected_incarnation = self.replicas.selected_incarnation() as u64;
-        let input = InputRecord { tick, device_incarnation, sample, model, applied_n, pressure_pa, pieces, selected_incarnation };
+        let input = InputRecord {
+            tick,
+            device_incarnation,
+            sample,
+            model,
+            applied_n,
+            pressure_pa,
+            pieces,
+            selected_incarnation,
+            replayed_lag,
+        };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);
         page.bump_and_wake(header::NEWS);
@@ -145,6 +173,7 @@ impl Hop<'_> {
             let deadline_ns = self.life.clock.start_of(tick) + DEADLINE_NS;
             self.replicas.choose(self.life, &input, &self.params, deadline_ns)
         };
+        let chosen = if given.is_mute { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
         let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n);
         self.state = state;
         let kind = match kind {
@@ -177,6 +206,11 @@ impl Hop<'_> {
             model_epoch: model.epoch,
             model_incarnation: model.incarnation,
             sent_ns: if self.life.is_lockstep() { 0 } else { sent_ns },
+            before_n: applied_n,
+            lag: chosen.lag,
+            pieces,
+            pressure_pa,
+            reserved: 0,
         };
         page.push(layout::APPLIED, tick, &record);
     }

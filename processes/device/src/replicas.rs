@@ -36,6 +36,8 @@ pub struct Chosen {
     pub tick: u64,
     /// Whose it is.
     pub incarnation: u32,
+    /// Its [`ForceRecord::lag`].
+    pub lag: u32,
 }
 
 /// The replicas, and the one that is followed.
@@ -140,10 +142,10 @@ impl Replicas {
         let incarnation = self.selected_incarnation();
         if choice.force_n.is_some() {
             // The record's own stamp: whoever judges what was applied is not to take this process's word for it.
-            let tick = records[choice.index].map_or(0, |record| record.tick);
-            self.last = Chosen { force_n: choice.force_n, tick, incarnation };
+            let (tick, lag) = records[choice.index].map_or((0, 0), |record| (record.tick, record.lag()));
+            self.last = Chosen { force_n: choice.force_n, tick, incarnation, lag };
         } else {
-            self.last.force_n = None;
+            (self.last.force_n, self.last.lag) = (None, 0);
         }
         let slot = Slot::new(Role::Haptic, self.selected).map_or(0, Slot::number);
         life.page.store64(layout::SELECTED, slot as u64);

@@ -4,7 +4,7 @@
 //!
 //! The loop is paced by the device's input records, not by a clock of its own: it computes for the tick that the hand is in.
 
-use crate::accord::{self, LONELY_TICKS, Other, Seat};
+use crate::accord::{self, LONELY_TICKS, Origin, Other, Seat};
 use crate::drain;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
 use hyst_engine::{Failure, Lies, Life, realtime};
@@ -127,11 +127,21 @@ impl Servo<'_> {
         Some(Other { seat, newest, before: page.ring(haptic::FORCES, tick - 1) })
     }
 
+    /// In a replay, what the recorded force went on from where that was not the tick before.
+    fn replayed(&self, input: &InputRecord) -> Option<Origin> {
+        let lag = Some(input.replayed_lag).filter(|lag| *lag > 1)?;
+        let tick = input.tick.checked_sub(lag)?;
+        let own = self.life.page.ring(haptic::FORCES, tick);
+        let record = own.or_else(|| self.peer.as_ref()?.ring(haptic::FORCES, tick))?;
+        Some(Origin { state: accord::state_of(&record), astray: false })
+    }
+
     fn tick(&mut self, input: &InputRecord, woken_ns: u64) {
         let other = self.other(input.tick);
         let me = Seat { incarnation: self.life.incarnation, index: self.life.slot.index() };
         let selected = input.selected_incarnation as u32;
         let from = accord::origin(&self.params, me, &self.last, other.as_ref(), input.tick, selected);
+        let from = self.replayed(input).unwrap_or(from);
         let model = contact_model(input);
         let age = input.tick.saturating_sub(input.model.state_tick).min(u32::MAX as u64) as u32;
         let request = ServoInput {
@@ -149,7 +159,10 @@ impl Servo<'_> {
             tick: input.tick,
             input_hash: fnv_words(0, cell::words_of(input)),
             force_n: output.force_n,
-            flags: (output.flags & 3) | bit(FORCE_SHADOW, self.shadow) | bit(FORCE_ASTRAY, from.astray),
+            flags: (output.flags & 3)
+                | bit(FORCE_SHADOW, self.shadow)
+                | bit(FORCE_ASTRAY, from.astray)
+                | ForceRecord::lag_bits(input.tick, from.state.tick),
             servo_state: [0; SERVO_STATE_WORDS],
         };
         bytemuck::cast_slice_mut(&mut record.servo_state)[..size_of::<ServoState>()].copy_from_slice(bytemuck::bytes_of(&state));

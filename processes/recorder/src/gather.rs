@@ -5,7 +5,7 @@ use hyst_exchange::stream::READER_BUFFER;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot};
+use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
 use hyst_recording::sequence::RING_TICKS;
 use hyst_recording::{Block, Collector, Event, History, Level, TickRange};
 use std::cell::Cell;
@@ -13,6 +13,8 @@ use std::cell::Cell;
 /// How often the device's ring is looked at when the station stops, ns, and how often at most.
 const LAST_LOOK_NS: u64 = 4_000_000;
 const LAST_LOOKS: usize = 15;
+/// Ticks between the newest force and the newest step that were written, at most.
+const MISSED_TICKS: u64 = 400;
 /// Looks without a new tick after which the device counts as stopped.
 const QUIET_LOOKS: usize = 3;
 
@@ -44,12 +46,22 @@ struct StatusPage {
     incarnation: u32,
     page: ReadPage,
     seen: u64,
+    /// The tick after the newest step of a tissue that was taken.
+    next_step: u64,
 }
 
 impl StatusPage {
     fn note<T>(&mut self, number: u64, value: T) -> T {
         self.seen = number;
         value
+    }
+
+    /// The steps of a tissue that are new.
+    fn steps(&mut self) -> impl Iterator<Item = StepRecord> + '_ {
+        let end = if self.slot.role() == Role::Tissue { self.page.ring_end(tissue::STEPS) } else { 0 };
+        let first = self.next_step.max(end.saturating_sub(tissue::STEPS.entries as u64));
+        self.next_step = self.next_step.max(end);
+        (first..end).filter_map(|tick| self.page.ring(tissue::STEPS, tick))
     }
 }
 
@@ -60,6 +72,10 @@ pub struct Gather {
     lives: Vec<DeviceLife>,
     streams: Vec<(Slot, Subscriber)>,
     statuses: Vec<StatusPage>,
+    /// Steps of tissues that have gone.
+    steps: Vec<StepRecord>,
+    /// The tick from which on steps are taken: a predecessor has written those before.
+    first_step: u64,
 }
 
 impl Gather {
@@ -74,7 +90,17 @@ impl Gather {
         ];
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         let collector = Collector::after(last_tick);
-        Ok(Gather { inbox, collector, lives: Vec::new(), streams: Vec::new(), statuses: Vec::new() })
+        // It may have missed the steps of its last look; one that is written twice counts once.
+        let first_step = last_tick.map_or(0, |tick| tick.saturating_sub(MISSED_TICKS));
+        Ok(Gather {
+            inbox,
+            collector,
+            lives: Vec::new(),
+            streams: Vec::new(),
+            statuses: Vec::new(),
+            steps: Vec::new(),
+            first_step,
+        })
     }
 
     /// Adds everything that is new to the block.
@@ -122,9 +148,17 @@ impl Gather {
             Port::Page(page) if slot.role() == Role::Device => self.lives.push(DeviceLife { page, began: Cell::new(None) }),
             Port::Page(page) => {
                 if let Some(at) = self.statuses.iter().position(|status| status.slot == slot) {
+                    let last: Vec<_> = self.statuses[at].steps().collect();
+                    self.steps.extend(last);
                     self.inbox.retire(Departure::Page(self.statuses.swap_remove(at).page));
                 }
-                self.statuses.push(StatusPage { slot, incarnation: arrival.incarnation, page, seen: 0 });
+                self.statuses.push(StatusPage {
+                    slot,
+                    incarnation: arrival.incarnation,
+                    page,
+                    seen: 0,
+                    next_step: self.first_step,
+                });
             }
             Port::Client(..) => {} // none was asked for
         }
@@ -156,9 +190,11 @@ impl Gather {
         }
     }
 
-    /// The newest statuses of those who hold the roles.
+    /// The newest statuses of those who hold the roles, and the steps of every tissue: a spare's may be the one that counted.
     fn read_statuses(&mut self, roster: &Roster, block: &mut Block) {
+        block.steps.append(&mut self.steps);
         for status in &mut self.statuses {
+            block.steps.extend(status.steps());
             let role = status.slot.role();
             if roster.holder(role).incarnation != status.incarnation {
                 continue;

@@ -150,6 +150,7 @@ fn drop_oldest(queue: &mut Block) {
     for record in queue.applied.drain(..over) {
         TickRange::extend(&mut queue.lost, record.tick);
     }
+    queue.steps.drain(..queue.steps.len().saturating_sub(2 * MAX_TICKS));
     queue.tissue.drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
     queue.fluid.drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));
     queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));

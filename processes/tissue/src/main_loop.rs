@@ -27,7 +27,7 @@ use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
-    BUTTON_ENERGIZED, ContactModel, ContactPlane, Kind, Message, MessageMut, Pose, Role, StreamHeader, TissueStatus,
+    BUTTON_ENERGIZED, ContactModel, ContactPlane, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
 };
 use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
 use std::cell::Cell;
@@ -191,10 +191,18 @@ impl Stateful for MainLoop<'_> {
         true
     }
 
-    /// The input record of the tick before, if the device made one.
+    /// The input record of the tick before, or the one that a replay names, if the device made it.
     fn is_supplied(&mut self, tick: u64, _next_tick: u64) -> bool {
-        let Some(wanted) = tick.checked_sub(1).filter(|wanted| *wanted > 0) else { return true };
-        let made = self.life.clock.page().load64(station::INPUT_TICK);
+        let page = self.life.clock.page();
+        let mut wanted = tick.saturating_sub(1);
+        if self.life.is_replay() {
+            self.step_ticks.set(page.load64(station::REPLAY_STEP_TICKS).clamp(1, LONGEST_STEP));
+            wanted = page.load64(station::REPLAY_INPUT_TICK);
+        }
+        if wanted == 0 {
+            return true;
+        }
+        let made = page.load64(station::INPUT_TICK);
         made < wanted || self.device.as_ref().is_some_and(|page| page.ring(device::INPUTS, wanted).is_some())
     }
 
@@ -300,6 +308,20 @@ impl Stateful for MainLoop<'_> {
         self.status.step_ticks = context.step_ticks as u32;
         self.status.topology_version = message.header().topology_version;
         page.write(tissue::STATUS, &self.status);
+        // What nobody goes on from, because it is computed beside the role, is nobody's step.
+        if context.tenure.epoch > 0 {
+            let step = StepRecord {
+                tick: context.next_tick,
+                state_hash: self.status.state_hash,
+                input_tick: message.header().input_tick,
+                from_tick: context.tick,
+                from_incarnation: context.state_writer,
+                epoch: context.tenure.epoch,
+                incarnation: self.life.incarnation,
+                step_ticks: context.step_ticks as u32,
+            };
+            page.push(tissue::STEPS, step.tick, &step);
+        }
         page.store64(header::COPIED_BYTES, page.load64(header::COPIED_BYTES) + self.collision.copied_bytes());
     }
 

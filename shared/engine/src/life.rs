@@ -178,6 +178,11 @@ impl Life {
         self.settings.lockstep
     }
 
+    /// Whether the station does again what a recording says; then it also runs in lock-step.
+    pub fn is_replay(&self) -> bool {
+        self.settings.replay.is_some()
+    }
+
     /// Says something in the process's log. Not on a real-time thread.
     pub fn say(&self, text: &str) {
         eprintln!("[{:>9}] {} #{}: {text}", self.tick(), self.slot, self.incarnation);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The station's settings, written once by `hystation run`, read by every engine. TOML.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,8 +24,20 @@ pub struct Settings {
     pub test_mode: bool,
     /// The station runs on a virtual clock.
     pub lockstep: bool,
+    /// The station does again what the recording of `hand` says: of each tick the sample, the medium, and who stepped from what. In lock-step.
+    pub replay: Option<Replay>,
     /// `--set key=value`, as given.
     pub set: BTreeMap<String, String>,
+}
+
+/// How a recording is shown again.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Replay {
+    /// Until this tick as fast as the machine manages.
+    pub from_tick: u64,
+    /// From there on so many times as fast as it was; 0: as fast as the machine manages.
+    pub speed: f64,
 }
 
 impl Default for Settings {
@@ -39,8 +51,16 @@ impl Default for Settings {
             pictures: None,
             test_mode: false,
             lockstep: false,
+            replay: None,
             set: BTreeMap::new(),
         }
+    }
+}
+
+impl Settings {
+    /// The recording that the hand follows, if it follows one.
+    pub fn recording(&self) -> Option<&Path> {
+        self.hand.strip_prefix("replay:").map(Path::new)
     }
 }
 

@@ -10,12 +10,14 @@ pub mod mischief;
 mod object;
 pub mod page;
 pub mod record;
+pub mod replay;
 pub mod role;
 pub mod stream;
 pub mod tolerance;
 
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
 pub use record::*;
+pub use replay::{ReplayRecord, StepRecord};
 pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 
@@ -23,7 +25,7 @@ pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 8;
+pub const LAYOUT_VERSION: u32 = 9;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 1;
@@ -41,6 +43,8 @@ pub const fn layout_hash() -> u64 {
         size_of::<ForceRecord>(),
         size_of::<ForceCommand>(),
         size_of::<AppliedRecord>(),
+        size_of::<StepRecord>(),
+        size_of::<ReplayRecord>(),
         size_of::<HardwareSample>(),
         size_of::<LedgerEntry>(),
         size_of::<ContactModel>(),

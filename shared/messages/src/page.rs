@@ -7,6 +7,7 @@ mod swap;
 
 use crate::SLOTS;
 use crate::record::*;
+use crate::replay::{ReplayRecord, StepRecord};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 
@@ -86,6 +87,8 @@ pub mod hardware {
     pub const TOTALS: usize = LEDGER.end();
     /// Number of totals.
     pub const TOTAL_COUNT: usize = 16;
+    /// In a replay: the tick as it was recorded.
+    pub const REPLAY: CellAt<ReplayRecord> = CellAt::new(TOTALS + TOTAL_COUNT);
     /// What is counted in [`TOTALS`].
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[repr(usize)]
@@ -114,7 +117,7 @@ pub mod hardware {
         Trips = 10,
     }
     /// Words of the page.
-    pub const WORDS: usize = TOTALS + TOTAL_COUNT;
+    pub const WORDS: usize = REPLAY.end();
 }
 
 /// The device's page.
@@ -158,8 +161,10 @@ pub mod tissue {
     pub const MODEL: CellAt<ContactModel> = CellAt::new(header::END);
     /// Newest status.
     pub const STATUS: CellAt<TissueStatus> = CellAt::new(MODEL.end());
+    /// The steps of about 4 s, keyed by the tick of the state that was made.
+    pub const STEPS: RingAt<StepRecord> = RingAt::new(STATUS.end(), 4_096);
     /// Words of the page.
-    pub const WORDS: usize = STATUS.end();
+    pub const WORDS: usize = STEPS.end();
 }
 
 /// A fluid's page.
@@ -246,6 +251,10 @@ pub mod station {
     pub const RUN_TO: usize = 13;
     /// What the supervisor is about to do, so that a successor finishes or undoes it; 0 if nothing.
     pub const INTENT: usize = 14;
+    /// In a replay, written by the sequencer before the tissue is released: tick of the input record that its step was made from, 0 if none.
+    pub const REPLAY_INPUT_TICK: usize = 15;
+    /// And how long the step was, ticks.
+    pub const REPLAY_STEP_TICKS: usize = 16;
     /// Start time of the process in each slot (field 22 of /proc/PID/stat).
     pub const SLOT_START: usize = 64;
     /// Restarts of each slot after a fault.

@@ -157,6 +157,8 @@ pub struct InputRecord {
     pub pieces: [PieceFlow; MAX_PIECES],
     /// Incarnation of the servo that the device follows, 0 if none: where both servos lost ticks, the other one adopts its state.
     pub selected_incarnation: u64,
+    /// In a replay: how many ticks before this one the servo's state is from that the recorded force went on from; else 0, and the servo knows.
+    pub replayed_lag: u64,
 }
 
 /// What one replica of the servo answers.
@@ -169,10 +171,26 @@ pub struct ForceRecord {
     pub input_hash: u64,
     /// Force on the hand, N.
     pub force_n: [f32; 3],
-    /// Flags of the servo: bit 0 in contact, bit 1 saturated, [`FORCE_SHADOW`], [`FORCE_ASTRAY`].
+    /// Flags of the servo: bit 0 in contact, bit 1 saturated, [`FORCE_SHADOW`], [`FORCE_ASTRAY`], and its [`ForceRecord::lag`].
     pub flags: u32,
     /// Filter state after this tick; a newborn replica goes on from it.
     pub servo_state: [u64; SERVO_STATE_WORDS],
+}
+
+/// Bits of [`ForceRecord::flags`] from here on: its lag.
+const LAG_SHIFT: u32 = 8;
+/// Longest lag that is told, ticks.
+const MOST_LAG: u64 = 255;
+
+impl ForceRecord {
+    /// How many ticks before `tick` the servo's state is from that this force went on from: 1, unless it lost ticks; 255 also stands for more.
+    pub fn lag(&self) -> u32 {
+        self.flags >> LAG_SHIFT & MOST_LAG as u32
+    }
+    /// The bits that say so.
+    pub fn lag_bits(tick: u64, from_tick: u64) -> u32 {
+        (tick.saturating_sub(from_tick).min(MOST_LAG) as u32) << LAG_SHIFT
+    }
 }
 
 /// Bit of [`ForceRecord::flags`]: the replica is in its shadow phase and must not be chosen.
@@ -230,6 +248,23 @@ pub struct AppliedRecord {
     pub model_incarnation: u32,
     /// When the command was there for the hardware, CLOCK_MONOTONIC, ns; 0 in lock-step, and not recorded.
     pub sent_ns: u64,
+    /// Force applied in the tick before, N, as the tick's input says it: that of the record before, unless the device is newborn.
+    pub before_n: [f32; 3],
+    /// The servo's [`ForceRecord::lag`]; 0 if none was followed.
+    pub lag: u32,
+    /// The medium, as the tick's input says it.
+    pub pieces: [PieceFlow; MAX_PIECES],
+    /// Pressure in the cavity, Pa, likewise.
+    pub pressure_pa: f32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+impl AppliedRecord {
+    /// What the tick's input says of the medium.
+    pub fn medium(&self) -> Medium {
+        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces }
+    }
 }
 
 /// One tick of the hardware's ledger.

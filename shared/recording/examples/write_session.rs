@@ -27,7 +27,7 @@ fn record(tick: u64) -> AppliedRecord {
         force_n: command.force_n,
         ..Default::default()
     };
-    AppliedRecord { tick, command, sample, model_tick: tick, model_epoch: 1, model_incarnation: 7, sent_ns: 0 }
+    AppliedRecord { tick, command, sample, model_tick: tick, model_epoch: 1, model_incarnation: 7, ..Default::default() }
 }
 
 fn main() -> Result<(), WriteError> {

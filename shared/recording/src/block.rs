@@ -1,10 +1,11 @@
 //! A block: what is recorded in some 200 ms, and its bytes: one chunk with its own schemas and channels, then its message indexes, then a
 //! metadata record for each range of ticks that was lost. A block stands for itself, so that damage to another costs it nothing.
 
+use crate::again::{Input, Step};
 use crate::channels::{Channel, time_of_ns};
 use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool};
 use crate::{Session, WriteError};
-use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
+use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, MetadataIndex};
 use mcap::write::WriteOptions;
 use serde::Serialize;
@@ -82,6 +83,8 @@ impl TickRange {
 pub struct Block {
     /// Force and tool records, ticks ascending.
     pub applied: Vec<AppliedRecord>,
+    /// Steps of the tissue.
+    pub steps: Vec<StepRecord>,
     /// Statuses of the tissue.
     pub tissue: Vec<TissueStatus>,
     /// Statuses of the fluid.
@@ -96,6 +99,7 @@ impl Block {
     /// Whether there is nothing in it.
     pub fn is_empty(&self) -> bool {
         self.applied.is_empty()
+            && self.steps.is_empty()
             && self.tissue.is_empty()
             && self.fluid.is_empty()
             && self.events.is_empty()
@@ -152,13 +156,20 @@ impl Pen {
 
     fn put_all(&mut self, block: &Block) -> Result<(), WriteError> {
         let mut controls = None;
+        let mut before = None;
         for record in &block.applied {
+            if let Some(input) = Input::of(record, before.replace(record)) {
+                self.put(Channel::Input, record.tick, &input)?;
+            }
             if controls != Some(record.sample.controls) {
                 controls = Some(record.sample.controls);
                 self.put(Channel::Controls, record.tick, &ControlsMessage::of(record.tick, &record.sample.controls))?;
             }
             self.put(Channel::Tool, record.tick, &Tool::of(record))?;
             self.put(Channel::Force, record.tick, &Force::of(record))?;
+        }
+        for step in &block.steps {
+            self.put(Channel::Steps, step.tick, &Step::of(step))?;
         }
         for status in &block.tissue {
             self.put(Channel::Tissue, status.state_tick, &Tissue::of(status))?;

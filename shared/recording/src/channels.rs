@@ -19,12 +19,24 @@ pub enum Channel {
     Tissue = 5,
     /// Status of the fluid, as often as the recorder looks.
     Fluid = 6,
+    /// What the tick's input says of the medium: on change, once in each block, and where a servo or a device did not go on from the tick before.
+    Input = 7,
+    /// Every step of the tissue: what it was made from, and the hash of what came of it.
+    Steps = 8,
 }
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 6] =
-        [Channel::Tool, Channel::Force, Channel::Controls, Channel::Events, Channel::Tissue, Channel::Fluid];
+    pub const ALL: [Channel; 8] = [
+        Channel::Tool,
+        Channel::Force,
+        Channel::Controls,
+        Channel::Events,
+        Channel::Tissue,
+        Channel::Fluid,
+        Channel::Input,
+        Channel::Steps,
+    ];
 
     /// The topic.
     pub const fn topic(self) -> &'static str {
@@ -35,6 +47,8 @@ impl Channel {
             Channel::Events => "/events",
             Channel::Tissue => "/tissue",
             Channel::Fluid => "/fluid",
+            Channel::Input => "/input",
+            Channel::Steps => "/steps",
         }
     }
 
@@ -47,6 +61,8 @@ impl Channel {
             Channel::Events => "foxglove.Log",
             Channel::Tissue => "hyst.Tissue",
             Channel::Fluid => "hyst.Fluid",
+            Channel::Input => "hyst.Input",
+            Channel::Steps => "hyst.Step",
         }
     }
 
@@ -98,6 +114,19 @@ impl Channel {
                 let mut fields = json!({});
                 add(&mut fields, "integer", &["tick", "alarms"]);
                 add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "pressure_pa", "inflow_ml_min", "outflow_ml_min"]);
+                fields
+            }
+            Channel::Input => {
+                let piece = json!({"type": "object", "properties": {"object": {"type": "integer"}, "velocity_m_s": xyz}});
+                let mut fields = json!({"before_n": xyz, "pieces": {"type": "array", "items": piece}});
+                add(&mut fields, "integer", &["tick", "lag"]);
+                add(&mut fields, "number", &["pressure_pa"]);
+                fields
+            }
+            Channel::Steps => {
+                let mut fields = json!({"state_hash": {"type": "string"}});
+                let numbers = ["tick", "input_tick", "from_tick", "from_incarnation", "epoch", "incarnation", "step_ticks"];
+                add(&mut fields, "integer", &numbers);
                 fields
             }
         };

@@ -7,10 +7,12 @@
 //!
 //! Times in the file are station time: tick × 1 ms in ns, from the start of tick 0. Format: <https://mcap.dev/spec>.
 
+mod again;
 mod block;
 pub mod channels;
 mod frame;
 mod messages;
+mod playback;
 mod reader;
 mod recover;
 pub mod sequence;
@@ -18,6 +20,7 @@ mod summary;
 mod writer;
 
 pub use block::{Block, Event, Level, TickRange};
+pub use playback::{Moment, Playback};
 pub use reader::{Damage, Ending, ReadError, Reader, Recording};
 pub use sequence::{Collector, History, Taken};
 pub use writer::{WriteError, Writer};
@@ -26,4 +29,7 @@ pub use writer::{WriteError, Writer};
 pub type Session = std::collections::BTreeMap<String, String>;
 
 /// Version of channels and framing; a file of another version is not continued.
-pub const FORMAT: &str = "1";
+pub const FORMAT: &str = "2";
+
+/// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed.
+pub const READ_FORMATS: [&str; 2] = ["1", FORMAT];

@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A number that may be NaN: `null` in JSON.
 #[derive(Clone, Copy, Debug)]
-struct Number(f32);
+pub(crate) struct Number(pub(crate) f32);
 
 impl Serialize for Number {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -22,17 +22,17 @@ impl<'de> Deserialize<'de> for Number {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Xyz {
+pub(crate) struct Xyz {
     x: Number,
     y: Number,
     z: Number,
 }
 
 impl Xyz {
-    fn of([x, y, z]: [f32; 3]) -> Xyz {
+    pub(crate) fn of([x, y, z]: [f32; 3]) -> Xyz {
         Xyz { x: Number(x), y: Number(y), z: Number(z) }
     }
-    fn array(&self) -> [f32; 3] {
+    pub(crate) fn array(&self) -> [f32; 3] {
         [self.x.0, self.y.0, self.z.0]
     }
 }
@@ -134,7 +134,7 @@ impl Force {
     }
 }
 
-/// The record of a tick from its messages; the command's tick is the record's.
+/// The record of a tick from its messages, but for what its input says; the command's tick is the record's.
 pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> AppliedRecord {
     let Xyzw { x, y, z, w } = &tool.pose.orientation;
     let pose = Pose {
@@ -167,7 +167,7 @@ pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> Applied
         model_tick: force.model_tick,
         model_epoch: force.model_epoch,
         model_incarnation: force.model_incarnation,
-        sent_ns: 0,
+        ..AppliedRecord::default()
     }
 }
 

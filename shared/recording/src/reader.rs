@@ -2,11 +2,12 @@
 //!
 //! Promise: what is damaged is named with its byte and left out, what follows it is read; a record that is given is what was written.
 
+use crate::again::{Input, Step};
 use crate::block::{Block, LOST, STATION};
 use crate::channels::Channel;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, MAX_RECORD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool, applied};
-use crate::{FORMAT, Session, recover};
+use crate::{READ_FORMATS, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
 use mcap::records::op;
 use serde::de::DeserializeOwned;
@@ -93,7 +94,8 @@ impl<R: Read + Seek> Reader<R> {
         let facts = facts.ok_or_else(|| foreign("has no facts of a session"))?;
         let body = walk.body(&facts, u64::MAX).map_err(refused)?;
         let facts = metadata(&body).map_err(|e| foreign(&e))?;
-        if facts.name != STATION || facts.metadata.get("format").map(String::as_str) != Some(FORMAT) {
+        let is_read = facts.metadata.get("format").is_some_and(|format| READ_FORMATS.contains(&format.as_str()));
+        if facts.name != STATION || !is_read {
             return Err(foreign("is not a recording of this version"));
         }
         Ok(Reader { walk, path: path.to_path_buf(), session: facts.metadata, damage: Vec::new(), ending: None })
@@ -261,6 +263,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
     let mut block = Block::default();
     let mut ticks: BTreeMap<u64, Tick> = BTreeMap::new();
     let mut controls: BTreeMap<u64, Controls> = BTreeMap::new();
+    let mut inputs: BTreeMap<u64, Input> = BTreeMap::new();
     messages(body, |id, _, data| {
         match Channel::from_id(id).ok_or_else(|| format!("has a message of an unknown channel {id}"))? {
             Channel::Tool => {
@@ -280,6 +283,11 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
             Channel::Events => block.events.push(json::<EventMessage>(data)?.event()),
             Channel::Tissue => block.tissue.push(json::<Tissue>(data)?.status()),
             Channel::Fluid => block.fluid.push(json::<Fluid>(data)?.status()),
+            Channel::Input => {
+                let input: Input = json(data)?;
+                inputs.insert(input.tick, input);
+            }
+            Channel::Steps => block.steps.push(json::<Step>(data)?.record()?),
         }
         Ok(())
     })?;
@@ -290,6 +298,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
         let controls = controls.range(..=tick).next_back().ok_or_else(|| format!("has no controls for tick {tick}"))?;
         block.applied.push(applied(tool, force, *controls.1));
     }
+    Input::complete(&mut block.applied, &inputs);
     Ok(block)
 }
 
@@ -317,6 +326,7 @@ impl Recording {
         let mut content = Block::default();
         while let Some(mut block) = reader.next_block()? {
             content.applied.append(&mut block.applied);
+            content.steps.append(&mut block.steps);
             content.tissue.append(&mut block.tissue);
             content.fluid.append(&mut block.fluid);
             content.events.append(&mut block.events);
@@ -326,7 +336,7 @@ impl Recording {
         Ok(Recording { session: reader.session, content, damage: reader.damage, ending })
     }
 
-    /// Forces and poses by tick: for a replay.
+    /// Forces and poses by tick.
     pub fn applied(&self) -> &[AppliedRecord] {
         &self.content.applied
     }

@@ -6,6 +6,7 @@ pub mod conformance;
 pub mod doctor;
 pub mod fault;
 pub mod logs;
+pub mod replay;
 pub mod report;
 pub mod status;
 pub mod stop;
@@ -26,11 +27,6 @@ pub fn run(cli: Cli) -> ExitCode {
             ExitCode::from(refusal.code)
         }
     }
-}
-
-/// A command that this build does not have.
-pub fn not_here(what: &str) -> Result<u8, Refusal> {
-    Err(Refusal::input(format!("{what}: this build does not offer it; `hystation --help` lists what it does")))
 }
 
 fn choose(cli: Cli) -> Result<u8, Refusal> {
@@ -54,7 +50,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
         Command::Conformance { role, binary, json } => conformance::conformance(&role, &binary, json),
         Command::Report(args) => report::report(&args),
-        Command::Replay(_) => not_here("replay"),
+        Command::Replay(args) => replay::replay(&station, &args),
         Command::Supervise { station } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
             crate::supervise::supervise(&station).map_err(|e| Refusal::failed(e.to_string()))

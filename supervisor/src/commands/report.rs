@@ -87,7 +87,8 @@ fn whole(path: &Path) -> PathBuf {
     path.canonicalize().ok().or_else(through_folder).unwrap_or_else(|| path.to_path_buf())
 }
 
-fn open(path: &Path) -> Result<Reader<File>, Refusal> {
+/// Opens a recording, if it is one.
+pub fn open(path: &Path) -> Result<Reader<File>, Refusal> {
     // What is no file may wait for a writer, or have no end.
     if std::fs::metadata(path).is_ok_and(|data| !data.is_file()) {
         return Err(Refusal::input(format!(

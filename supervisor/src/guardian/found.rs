@@ -57,8 +57,15 @@ pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
     }
 }
 
-/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings.
-pub fn settle(station: &Station, settings: &Settings, plan: &Plan, order: Order) -> Result<Ground, Refusal> {
+/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings. `recorded_scene` is the hash of the
+/// scene that a replay is of.
+pub fn settle(
+    station: &Station,
+    settings: &Settings,
+    plan: &Plan,
+    order: Order,
+    recorded_scene: Option<u64>,
+) -> Result<Ground, Refusal> {
     if let Some(page) = living(station)? {
         same(station, settings, plan)?;
         register(&page, Role::Guardian);
@@ -73,6 +80,12 @@ pub fn settle(station: &Station, settings: &Settings, plan: &Plan, order: Order)
         station.wipe();
     }
     let admitted = crate::commands::check::admit(settings, plan)?;
+    if let Some(hash) = recorded_scene.filter(|hash| *hash != admitted.hash) {
+        let (was, is) = (format!("{hash:016x}"), format!("{:016x}", admitted.hash));
+        return Err(Refusal::input(format!(
+            "the recording is of another scene ({was}, this one is {is}); give the one that was recorded with --scene"
+        )));
+    }
     let page = found(station, settings, plan, &admitted)?;
     order.write(station);
     Ok(Ground { page, order, adopted: false })

@@ -1,9 +1,12 @@
-//! The hand that holds the simulated device: it follows a script, or the pointer in the window, and gives way to the force like a hand.
+//! The hand that holds the simulated device: it follows a script, or the pointer in the window, and gives way to the force like a hand; or it does
+//! what the hand of a recording did, whatever it feels.
 
+use super::score::Score;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Pose};
 use hyst_scene::{HandLeg, LoadedHand, LoadedScene};
+use std::path::Path;
 
 /// Time that the hand rests before a script begins, s: the station is warm by then.
 const REST_S: f64 = 1.0;
@@ -20,6 +23,7 @@ enum Will {
     Way(LoadedHand),
     Legs(Vec<Leg>),
     Script(HandScript),
+    Score(Score),
 }
 
 /// The hand.
@@ -61,10 +65,11 @@ fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
     match hand {
         "idle" | "script:idle" => Ok(Will::Idle),
         "mouse" => Ok(Will::Pointer),
+        other if other.starts_with("replay:") => Ok(Will::Score(Score::open(Path::new(&other["replay:".len()..]))?)),
         other => {
             let name = other
                 .strip_prefix("script:")
-                .ok_or_else(|| Failure::Input(format!("--hand {other}: use script:NAME, mouse or idle")))?;
+                .ok_or_else(|| Failure::Input(format!("--hand {other}: use script:NAME, replay:FILE, mouse or idle")))?;
             let found = scene.hand(name).ok_or_else(|| Failure::Input(format!("--hand {other}: this scene has {}", names())))?;
             if !found.legs.is_empty() {
                 return Ok(Will::Legs(found.legs.iter().map(leg).collect()));
@@ -85,7 +90,11 @@ impl Hand {
         let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
         life.admit_scene(scene.hash)?;
-        Hand::in_scene(&scene, &life.settings.hand)
+        let mut hand = Hand::in_scene(&scene, &life.settings.hand)?;
+        if let Will::Score(score) = &mut hand.will {
+            score.waits = life.is_lockstep();
+        }
+        Ok(hand)
     }
 
     /// A hand by its name, as the settings give it, in a scene.
@@ -107,7 +116,7 @@ impl Hand {
             Will::Way(hand) => pose4(hand.way.first().unwrap_or(&scene.rest)),
             Will::Legs(legs) => legs.last().map_or(pose4(&scene.rest), |leg| leg.to),
             Will::Script(script) => script.rest,
-            Will::Idle | Will::Pointer => pose4(&scene.rest),
+            Will::Idle | Will::Pointer | Will::Score(_) => pose4(&scene.rest),
         };
         let controls = Controls {
             inflow_valve: 1.0,
@@ -133,7 +142,11 @@ impl Hand {
     pub fn step(&mut self, tick: u64, force_n: [f32; 3], pointer: Option<&PointerRecord>) -> Held {
         let time_s = (tick as f64 * 1e-3 - REST_S).max(0.0);
         let mut buttons = 0;
-        let target = match &self.will {
+        let target = match &mut self.will {
+            Will::Score(score) => {
+                let sample = if time_s > 0.0 { score.next_sample() } else { score.first() };
+                return Held { pose: sample.pose, velocity_m_s: sample.velocity_m_s, controls: sample.controls };
+            }
             Will::Idle => self.rest,
             Will::Way(hand) => pose4(&hand.pose_at(time_s)),
             Will::Legs(legs) => {

@@ -4,20 +4,26 @@
 //! the holder of the fluid (state T), and at last the device with the spares of those that have stepped. If a holder is missing, its spare
 //! is released in its place and steps. So whatever is exchanged in tick T is of one exact tick, whoever died.
 //!
+//! In a replay the recording says at which ticks the tissue stepped and the device made a tick.
+//!
 //! A member is missing when it is known to be dead or gave no sign of life for 2 s; a newcomer is a member from the first release after it
 //! has said that it is warm. The sequencer holds at the tick that the supervisor says, and while the recorder is too far behind.
 
+use hyst_engine::settings::Replay;
 use hyst_engine::{Failure, Life, lockstep};
 use hyst_exchange::meeting::{Group, ProcessCoordinator};
 use hyst_exchange::{OwnedPage, ReadPage, Roster, system};
 use hyst_messages::page::{recorder, station};
-use hyst_messages::{Role, Slot};
+use hyst_messages::{Role, Slot, StepRecord, TICK_NS};
 use std::sync::Arc;
 
 /// Ticks that the recorder may be behind: half of what the device's ring keeps.
 const RECORDER_LAG_TICKS: u64 = 2_000;
 /// Longest wait for a group, ns: a member that beats all the time and still does not end its step.
 const LONGEST_NS: u64 = 30_000_000_000;
+
+/// How late a replay may be, ns, before it gives up the time that it lost.
+const MOST_LATE_NS: u64 = 50_000_000;
 
 /// The sequencer.
 pub struct Sequencer<'a> {
@@ -31,6 +37,9 @@ pub struct Sequencer<'a> {
     tick: u64,
     tissue_period: u64,
     fluid_period: u64,
+    replay: Option<Replay>,
+    /// Of a replay that keeps a pace: a tick, and when it began, ns.
+    anchor: (u64, u64),
 }
 
 impl<'a> Sequencer<'a> {
@@ -52,6 +61,8 @@ impl<'a> Sequencer<'a> {
             tick,
             tissue_period,
             fluid_period: scene.fluid.period_ticks(),
+            replay: life.settings.replay,
+            anchor: (tick, 0),
         })
     }
 
@@ -61,6 +72,7 @@ impl<'a> Sequencer<'a> {
             self.life.heartbeat();
             if self.tick < self.station.load64(station::RUN_TO) && !self.recorder_is_behind() {
                 self.tick += 1;
+                self.keep_pace();
                 self.station.store64(station::BEGUN_TICK, self.tick);
                 return Some(self.tick);
             }
@@ -69,11 +81,31 @@ impl<'a> Sequencer<'a> {
         None
     }
 
-    /// Releases the members for the tick, group by group, and ends it.
-    pub fn release(&mut self, tick: u64) {
+    /// In a replay that is to be as fast as it was, or so many times as fast: waits until it is time for the tick. One that is slower begins anew to
+    /// keep the pace, and hurries after nothing.
+    fn keep_pace(&mut self) {
+        let Some(replay) = self.replay.filter(|replay| replay.speed > 0.0 && self.tick > replay.from_tick) else { return };
+        let due_ns = |(tick, ns): (u64, u64)| ns + ((self.tick - tick) as f64 * TICK_NS as f64 / replay.speed) as u64;
+        let now_ns = system::now_ns();
+        if now_ns > due_ns(self.anchor) + MOST_LATE_NS {
+            self.anchor = (self.tick, now_ns);
+        }
+        let due_ns = due_ns(self.anchor);
+        while !self.life.clock.stop_requested() && system::now_ns() < due_ns {
+            self.life.heartbeat();
+            system::sleep_until_ns(due_ns.min(system::now_ns() + 20 * lockstep::LOOK_NS));
+        }
+    }
+
+    /// Releases the members for the tick, group by group, and ends it. In a replay the tissue steps where it is recorded that it did.
+    pub fn release(&mut self, tick: u64, recorded: Option<Option<StepRecord>>) {
         self.seat_newcomers();
         let mut last = 1 << Slot::first(Role::Device).number();
-        if tick.is_multiple_of(self.tissue_period) {
+        if let Some(step) = recorded.flatten() {
+            self.station.store64(station::REPLAY_INPUT_TICK, step.input_tick);
+            self.station.store64(station::REPLAY_STEP_TICKS, u64::from(step.step_ticks));
+        }
+        if recorded.map_or(tick.is_multiple_of(self.tissue_period), |step| step.is_some()) {
             last |= self.release_role(Role::Tissue, tick, station::TISSUE_TICK);
         }
         if tick.is_multiple_of(self.fluid_period) {

@@ -3,7 +3,7 @@
 use super::MainLoop;
 use crate::knife::wire_m;
 use crate::state::Core;
-use hyst_messages::page::device;
+use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
 
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
@@ -21,9 +21,13 @@ pub(super) struct Hand {
 }
 
 impl MainLoop<'_> {
-    /// The input for the step from `tick`: the record of the tick before, or the newest one within reach.
+    /// The input for the step from `tick`: the record of the tick before, or the newest one within reach; in a replay the one that was recorded.
     pub(super) fn input(&self, tick: u64) -> Option<InputRecord> {
         let page = self.device.as_ref()?;
+        if self.life.is_replay() {
+            let named = self.life.clock.page().load64(station::REPLAY_INPUT_TICK);
+            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten();
+        }
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
     }
 

@@ -65,7 +65,8 @@ impl<S: Stateful> Loop<'_, S> {
             if !self.is_sound(holder) {
                 // The supervisor mends it; a stop ends the wait.
             } else if holder.incarnation == self.me() {
-                let follows = newest_tick + self.engine.step_ticks() >= tick;
+                // The recording of a replay may say that ticks were lost.
+                let follows = self.life.is_replay() || newest_tick + self.engine.step_ticks() >= tick;
                 if late || (follows && self.engine.is_supplied(newest_tick, tick)) {
                     self.make(tick, holder)?;
                     if self.roster.holder(self.role) == holder {

@@ -1,0 +1,109 @@
+//! The JSON messages by which a session can be done again: what a tick's input says beside the sample, and what each step of the tissue was made from.
+
+use crate::messages::{Number, Xyz};
+use hyst_messages::{AppliedRecord, MAX_PIECES, PieceFlow, StepRecord};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+#[derive(Serialize, Deserialize)]
+struct Piece {
+    object: u32,
+    velocity_m_s: Xyz,
+}
+
+/// Message of `/input`. What is left out is as ever: the force of the tick before was the one recorded for it, the servo went on from there.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Input {
+    pub(crate) tick: u64,
+    pressure_pa: Number,
+    pieces: Vec<Piece>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    before_n: Option<Xyz>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<u32>,
+}
+
+/// The usual lag of a servo.
+pub(crate) const USUAL_LAG: u32 = 1;
+
+impl Input {
+    /// The message of a record after the one before, `None` if that says it all.
+    pub(crate) fn of(record: &AppliedRecord, before: Option<&AppliedRecord>) -> Option<Input> {
+        let bits = |force_n: [f32; 3]| force_n.map(f32::to_bits);
+        let is_usual = before.is_some_and(|before| bits(before.command.force_n) == bits(record.before_n));
+        let lag = Some(record.lag).filter(|lag| *lag != USUAL_LAG);
+        let medium = |record: &AppliedRecord| (record.pressure_pa.to_bits(), record.pieces);
+        let is_told = before.is_some_and(|before| medium(before) == medium(record));
+        if is_usual && is_told && lag.is_none() {
+            return None;
+        }
+        let pieces = record.pieces.iter().filter(|piece| piece.object != 0);
+        Some(Input {
+            tick: record.tick,
+            pressure_pa: Number(record.pressure_pa),
+            pieces: pieces.map(|piece| Piece { object: piece.object, velocity_m_s: Xyz::of(piece.velocity_m_s) }).collect(),
+            before_n: (!is_usual).then(|| Xyz::of(record.before_n)),
+            lag,
+        })
+    }
+
+    /// Completes the records of a block by its messages of this kind, by tick.
+    pub(crate) fn complete(records: &mut [AppliedRecord], inputs: &BTreeMap<u64, Input>) {
+        let mut before_n = [0.0; 3];
+        for record in records {
+            if let Some((tick, input)) = inputs.range(..=record.tick).next_back() {
+                record.pressure_pa = input.pressure_pa.0;
+                for (to, piece) in record.pieces.iter_mut().zip(input.pieces.iter().take(MAX_PIECES)) {
+                    *to = PieceFlow { object: piece.object, velocity_m_s: piece.velocity_m_s.array() };
+                }
+                let own = Some(input).filter(|_| *tick == record.tick);
+                before_n = own.and_then(|own| own.before_n.as_ref()).map_or(before_n, Xyz::array);
+                record.lag = own.and_then(|own| own.lag).unwrap_or(USUAL_LAG);
+            }
+            record.before_n = before_n;
+            before_n = record.command.force_n;
+        }
+    }
+}
+
+/// Message of `/steps`.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Step {
+    tick: u64,
+    /// Hexadecimal, because readers in JavaScript have 53 bits.
+    state_hash: String,
+    input_tick: u64,
+    from_tick: u64,
+    from_incarnation: u32,
+    epoch: u32,
+    incarnation: u32,
+    step_ticks: u32,
+}
+
+impl Step {
+    pub(crate) fn of(record: &StepRecord) -> Step {
+        Step {
+            tick: record.tick,
+            state_hash: format!("{:016x}", record.state_hash),
+            input_tick: record.input_tick,
+            from_tick: record.from_tick,
+            from_incarnation: record.from_incarnation,
+            epoch: record.epoch,
+            incarnation: record.incarnation,
+            step_ticks: record.step_ticks,
+        }
+    }
+    pub(crate) fn record(&self) -> Result<StepRecord, String> {
+        let hash = u64::from_str_radix(&self.state_hash, 16);
+        Ok(StepRecord {
+            tick: self.tick,
+            state_hash: hash.map_err(|_| format!("has a step whose hash is {:?}", self.state_hash))?,
+            input_tick: self.input_tick,
+            from_tick: self.from_tick,
+            from_incarnation: self.from_incarnation,
+            epoch: self.epoch,
+            incarnation: self.incarnation,
+            step_ticks: self.step_ticks,
+        })
+    }
+}

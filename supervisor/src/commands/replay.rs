@@ -1,0 +1,230 @@
+//! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
+//! forces and the same states; `--verify` records it and compares tick by tick.
+
+use crate::cli::{Again, ReplayArgs, RunArgs};
+use crate::settings::Refusal;
+use hyst_engine::settings::{Replay, Settings};
+use hyst_exchange::Station;
+use hyst_messages::{Applied, AppliedRecord, FluidStatus};
+use hyst_recording::{Moment, Playback, Session, TickRange};
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+
+/// States of the tissue that a force may have its contact model of.
+const LINE: usize = 1_024;
+/// Differences that are named one by one.
+const MOST_TOLD: usize = 5;
+/// Why a recording cannot be done again.
+const TOO_OLD: &str =
+    "does not say what each step was made from: it was recorded by an older version; `hystation report` reads it";
+
+/// What a recording says of itself, before anything starts.
+struct Whole {
+    session: Session,
+    /// The last tick up to which nothing is missing.
+    end_tick: u64,
+    /// Why it ends there, if that is not its end.
+    missing: Option<String>,
+}
+
+/// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing.
+pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
+    let whole = look_through(&args.file)?;
+    let from_tick = args.from_s.map_or(0, |from_s| (from_s * 1e3) as u64);
+    if from_tick > whole.end_tick {
+        let end_s = whole.end_tick as f64 * 1e-3;
+        return Err(Refusal::input(format!("--from: the recording {} ends at {end_s:.1} s", args.file.display())));
+    }
+    let speed = if args.verify { 0.0 } else { args.speed.unwrap_or(1.0) };
+    let beside =
+        args.verify.then(|| std::env::temp_dir().join(format!("hystation-{}-{}.mcap", station.name(), std::process::id())));
+    let run = run_args(args, &whole, Replay { from_tick, speed }, beside.as_deref())?;
+    let ended = crate::guardian::run(station.name(), &run);
+    let verdict = match (&beside, ended) {
+        (Some(again), Ok(0)) => compare(&args.file, again, whole.end_tick),
+        (_, ended) => ended,
+    };
+    if let Some(path) = &beside {
+        let _ = std::fs::remove_file(path); // it may not have come about
+    }
+    let code = verdict?;
+    if let Some(missing) = &whole.missing {
+        eprintln!("hystation: {}: {missing}; what is after tick {} was not done again", args.file.display(), whole.end_tick);
+    }
+    Ok(if code == 0 && whole.missing.is_some() { 3 } else { code })
+}
+
+/// Reads the recording once, from its beginning to its end.
+fn look_through(path: &Path) -> Result<Whole, Refusal> {
+    let refuse = |what: &str| Refusal::input(format!("recording {}: {what}", path.display()));
+    let mut reader = super::report::open(path)?;
+    let session = reader.session().clone();
+    let (mut last_tick, mut first_lost, mut has_steps) = (None, None, false);
+    let ended = reader.each_block(1, |block| {
+        last_tick = block.applied.last().map(|record| record.tick).or(last_tick);
+        has_steps |= !block.steps.is_empty();
+        first_lost = first_lost.or(block.lost.first().copied());
+    });
+    let last_tick = last_tick.ok_or_else(|| refuse("holds no tick of a session"))?;
+    if !has_steps {
+        return Err(refuse(TOO_OLD));
+    }
+    let missing = |reason: String, end_tick| (Some(reason), end_tick);
+    let (missing, end_tick) = match (first_lost, reader.damage().first(), ended) {
+        (Some(TickRange { first, .. }), ..) => missing(format!("tick {first} is lost"), first.saturating_sub(1)),
+        (None, Some(damage), _) => missing(format!("byte {} {}", damage.at, damage.reason), first_gap(path, damage.at)?),
+        (None, None, Err(error)) => missing(error.to_string(), last_tick),
+        (None, None, Ok(())) => (None, last_tick),
+    };
+    if end_tick == 0 {
+        return Err(refuse(missing.as_deref().unwrap_or("holds no tick of a session")));
+    }
+    Ok(Whole { session, end_tick, missing })
+}
+
+/// The last tick before the damage at a byte.
+fn first_gap(path: &Path, at: u64) -> Result<u64, Refusal> {
+    let mut reader = super::report::open(path)?;
+    let mut last_tick = 0;
+    while let Ok(Some(block)) = reader.next_block() {
+        if reader.damage().first().is_some_and(|damage| damage.at <= at) {
+            break;
+        }
+        last_tick = block.applied.last().map_or(last_tick, |record| record.tick);
+    }
+    Ok(last_tick)
+}
+
+/// The run that does the recording again.
+fn run_args(args: &ReplayArgs, whole: &Whole, replay: Replay, record: Option<&Path>) -> Result<RunArgs, Refusal> {
+    let refuse = |what: String| Refusal::input(format!("recording {}: {what}", args.file.display()));
+    let fact = |name: &str| whole.session.get(name).ok_or_else(|| refuse(format!("does not say its {name}")));
+    let scene_hash = u64::from_str_radix(fact("scene_hash")?, 16).map_err(|_| refuse("names no scene".into()))?;
+    let settings: Settings =
+        toml::from_str(fact("settings")?).map_err(|error| refuse(format!("has settings that are none: {error}")))?;
+    let recorded = settings.set.get("isa").map(|isa| format!("isa={isa}"));
+    let quiet = [("console", "off")].map(|(key, value)| format!("{key}={value}"));
+    let set = recorded.into_iter().chain(quiet.into_iter().filter(|_| args.verify)).chain(args.set.iter().cloned());
+    let roles = ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "recorder"].map(String::from).to_vec();
+    Ok(RunArgs {
+        scene: args.scene.clone().or(settings.scene),
+        headless: args.headless || args.verify,
+        hand: Some(format!("replay:{}", args.file.display())),
+        record: record.map(PathBuf::from),
+        pictures: args.pictures.clone(),
+        lockstep: true,
+        test_mode: args.test_mode,
+        faults: args.faults.clone(),
+        workers: Some(args.workers.unwrap_or(settings.workers)),
+        set: set.collect(),
+        roles: args.verify.then_some(roles),
+        binaries: args.binaries.clone(),
+        quiet: args.verify,
+        again: Some(Again { replay, scene_hash, end_tick: whole.end_tick }),
+        ..RunArgs::plain()
+    })
+}
+
+/// What was compared, and what differed.
+#[derive(Default)]
+struct Verdict {
+    forces: u64,
+    states: u64,
+    pumps: u64,
+    /// Ticks that the replay's device did not make: even a virtual clock goes on without who is not let run for its whole patience.
+    unmade: u64,
+    /// Forces that cannot be compared: their contact model, or that of a tick from which they still differ, was of a state that nobody went on from.
+    orphans: u64,
+    /// Whether the force before was such a one.
+    is_orphan: bool,
+    /// Ticks of the states that were gone on from, of the last seconds.
+    line: VecDeque<u64>,
+    different: u64,
+    told: Vec<String>,
+}
+
+impl Verdict {
+    fn say(&mut self, what: String) {
+        self.different += 1;
+        if self.told.len() < MOST_TOLD {
+            self.told.push(what);
+        }
+    }
+
+    /// Compares a tick. The model of a tick is made before the device's part of it.
+    fn tick(&mut self, tick: u64, recorded: &Moment, again: &Moment, is_lockstep: bool) {
+        if let Some(step) = &recorded.step {
+            self.line.push_back(step.tick);
+            self.line.drain(..self.line.len().saturating_sub(LINE));
+        }
+        if let Some(was) = &recorded.applied {
+            self.forces += 1;
+            let bits = |record: &AppliedRecord| (record.command.force_n.map(f32::to_bits), record.command.kind);
+            let is_same = again.applied.as_ref().is_some_and(|is| bits(is) == bits(was));
+            let is_made = was.model_epoch == 0 || self.line.iter().rev().any(|tick| *tick == was.model_tick);
+            self.is_orphan = !is_same && (self.is_orphan || !is_made);
+            match &again.applied {
+                _ if is_same => {}
+                _ if self.is_orphan => self.orphans += 1,
+                Some(is) => self.say(format!("tick {tick}: force {} recorded, {} now", newton(was), newton(is))),
+                None => self.unmade += 1,
+            }
+        }
+        if let Some(was) = &recorded.step {
+            self.states += 1;
+            let now = again.step.map(|is| is.state_hash);
+            if now != Some(was.state_hash) {
+                let now = now.map_or("none".into(), |hash| format!("{hash:016x}"));
+                self.say(format!("tick {tick}: state {:016x} recorded, {now} now", was.state_hash));
+            }
+        }
+        // What the pump did in real time depended on moments that nobody wrote down; what of it was felt was done again with the input.
+        if let (true, Some(was), Some(is)) = (is_lockstep, &recorded.fluid, &again.fluid) {
+            self.pumps += 1;
+            let bits = |status: &FluidStatus| {
+                (status.deficit_ml.to_bits(), status.cavity_volume_ml.to_bits(), status.pressure_pa.to_bits())
+            };
+            if bits(was) != bits(is) {
+                self.say(format!("tick {tick}: deficit {} ml recorded, {} ml now", was.deficit_ml, is.deficit_ml));
+            }
+        }
+    }
+}
+
+fn newton(record: &AppliedRecord) -> String {
+    let [x, y, z] = record.command.force_n;
+    let kind = if record.command.kind == Applied::Fresh as u32 { "" } else { " (not fresh)" };
+    format!("({x}, {y}, {z}) N{kind}")
+}
+
+/// Compares a recording with what was recorded of its replay.
+fn compare(recorded: &Path, again: &Path, end_tick: u64) -> Result<u8, Refusal> {
+    let open = |path: &Path| super::report::open(path).map(Playback::new);
+    let unread = |error: hyst_recording::ReadError| Refusal::input(error.to_string());
+    let (mut was, mut is) = (open(recorded)?, open(again)?);
+    let settings = was.session().get("settings").and_then(|text| toml::from_str::<Settings>(text).ok());
+    let is_lockstep = settings.is_some_and(|settings| settings.lockstep);
+    let mut verdict = Verdict::default();
+    for tick in 0..=end_tick {
+        let moments = (was.at(tick).map_err(unread)?, is.at(tick).map_err(unread)?);
+        verdict.tick(tick, &moments.0.unwrap_or_default(), &moments.1.unwrap_or_default(), is_lockstep);
+    }
+    let Verdict { forces, states, pumps, unmade, orphans, different, told, .. } = verdict;
+    let forces = forces - orphans - unmade;
+    if unmade > 0 {
+        println!(
+            "{unmade} forces were not made again: this machine did not let the device run for two seconds; verify once more"
+        );
+    }
+    if orphans > 0 {
+        println!("{orphans} forces are not compared: the states of their contact models were made and nobody went on from them");
+    }
+    let pumps = if is_lockstep { format!(", {pumps} figures of the pump") } else { String::new() };
+    if different == 0 {
+        println!("the same to the bit: {forces} forces, {states} states{pumps}");
+        return Ok(if unmade > 0 { 3 } else { 0 });
+    }
+    println!("{different} of {forces} forces, {states} states{pumps} differ:");
+    told.iter().for_each(|line| println!("  {line}"));
+    Ok(1)
+}

@@ -1,0 +1,144 @@
+//! A recorded session is done again to the bit: one in lock-step, one in real time while engines were killed and something was cut, and again while
+//! engines are killed in the replay itself. And what cannot be replayed is refused, or done as far as it goes.
+
+use serde_json::Value;
+use station_tests::{Folder, hystation, run};
+use std::path::Path;
+
+const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
+
+/// Records a session.
+fn record(name: &str, file: &str, arguments: &[&str]) -> String {
+    let station = format!("w{}-{name}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &station, "run", "--headless", "--roles", ROLES, "--record", file]).args(arguments);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{name}: {said}");
+    said
+}
+
+/// Exit code, verdict and messages of `replay --verify`.
+fn verify(name: &str, file: &str, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let station = format!("v{}-{name}", std::process::id());
+    run(hystation().args(["--name", &station, "replay", file, "--verify"]).args(arguments))
+}
+
+/// How many forces and states were the same.
+fn same(said: &str) -> (u64, u64) {
+    let line = said.lines().find(|line| line.starts_with("the same to the bit")).unwrap_or_else(|| panic!("{said}"));
+    let numbers: Vec<u64> = line.split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect();
+    (numbers[0], numbers[1])
+}
+
+fn faults(folder: &Folder, faults: &[(u64, &str, &str)]) -> String {
+    let path = folder.path("faults.toml");
+    let tables = faults.iter().map(|(tick, kind, target)| {
+        let forth = if *kind == "stop" { "for = 0.3\n" } else { "" };
+        format!("[[fault]]\nkind = \"{kind}\"\ntarget = \"{target}\"\ntick = {tick}\n{forth}")
+    });
+    std::fs::write(&path, format!("seed = 1\n{}", tables.collect::<String>())).unwrap();
+    path
+}
+
+#[test]
+fn a_session_in_lock_step_is_done_again_also_while_engines_die_in_the_replay() {
+    let folder = Folder::new("replay-locked");
+    let file = folder.path("session.mcap");
+    record("locked", &file, &["--lockstep", "--for", "2500ms"]);
+    let (code, said, complained) = verify("locked", &file, &[]);
+    assert_eq!(code, Some(0), "{said}{complained}");
+    assert_eq!(same(&said), (2_500, 2_500), "{said}");
+    assert!(said.contains("figures of the pump"), "{said}");
+
+    let kills = [(1_300, "kill", "tissue:active"), (1_500, "kill", "haptic:active"), (1_800, "kill", "collision-worker:0")];
+    let kills = faults(&folder, &kills);
+    let (code, said, complained) = verify("hurt", &file, &["--test-mode", "--faults", &kills, "--workers", "1"]);
+    assert_eq!((code, same(&said)), (Some(0), (2_500, 2_500)), "{said}{complained}");
+
+    // Its force was another: found at that tick.
+    let lie = folder.path("lie.mcap");
+    change_one_force(&file, &lie, 2_000);
+    let (code, said, complained) = verify("lie", &lie, &[]);
+    assert_eq!(code, Some(1), "{said}{complained}");
+    assert!(said.contains("tick 2000: force"), "{said}");
+
+    // Half of it is done again as far as it goes, and that is said.
+    let bytes = std::fs::read(&file).unwrap();
+    let cut = folder.path("cut.mcap");
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let (code, said, complained) = verify("cut", &cut, &[]);
+    let (forces, _) = same(&said);
+    assert!(code == Some(0) && (500..2_500).contains(&forces), "{code:?} {said}{complained}");
+    let mut damaged = bytes.clone();
+    let at = bytes.len() / 2;
+    damaged[at..at + 4_096].fill(0x55);
+    std::fs::write(&cut, damaged).unwrap();
+    let (code, said, complained) = verify("damaged", &cut, &[]);
+    assert!(code == Some(3) && complained.contains("was not done again"), "{code:?} {said}{complained}");
+}
+
+/// A copy of a recording in which the force of one tick is another.
+fn change_one_force(from: &str, to: &str, tick: u64) {
+    let mut reader = hyst_recording::Reader::open(Path::new(from)).unwrap();
+    let mut writer = hyst_recording::Writer::open(Path::new(to), reader.session()).unwrap();
+    while let Some(mut block) = reader.next_block().unwrap() {
+        for record in block.applied.iter_mut().filter(|record| record.tick == tick) {
+            record.command.force_n[0] += 1e-6;
+        }
+        writer.append(&block).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_session_in_real_time_with_faults_and_cuts_is_done_again_to_the_bit() {
+    let folder = Folder::new("replay-real");
+    let [file, report] = ["session.mcap", "report.json"].map(|name| folder.path(name));
+    let hurt = [
+        (3_000, "kill", "tissue:active"),
+        (4_500, "kill", "haptic:active"),
+        (6_000, "stop", "tissue:active"),
+        (7_000, "kill", "device"),
+    ];
+    let hurt = faults(&folder, &hurt);
+    let arguments = ["--for", "10s", "--hand", "script:polyp", "--test-mode", "--faults", &hurt, "--report", &report];
+    let said = record("real", &file, &arguments);
+    let report: Value = serde_json::from_str(&folder.read("report.json")).unwrap();
+    assert!(report["cuts"].as_u64() > Some(0), "nothing was cut: {said}");
+    let (code, said, complained) = verify("real", &file, &[]);
+    // 3: this machine did not let the device of the replay run.
+    assert!(matches!(code, Some(0 | 3)), "{code:?} {said}{complained}");
+    let (forces, states) = same(&said);
+    assert!(forces > 5_000 && states > 1_000, "{said}");
+}
+
+#[test]
+fn a_recorded_hand_is_played_in_a_station_of_another_kind_and_what_is_no_recording_is_refused() {
+    let folder = Folder::new("replay-hand");
+    let [first, second, none] = ["first.mcap", "second.mcap", "none.mcap"].map(|name| folder.path(name));
+    record("first", &first, &["--lockstep", "--for", "2s"]);
+    record("second", &second, &["--lockstep", "--for", "2s", "--hand", &format!("replay:{first}")]);
+    let poses = |file: &str| {
+        let recording = hyst_recording::Recording::read(Path::new(file)).unwrap();
+        recording.applied().iter().map(|record| record.sample.pose.position_m.map(f32::to_bits)).collect::<Vec<_>>()
+    };
+    let (was, is) = (poses(&first), poses(&second));
+    // The hand rests for its first second, wherever it is.
+    assert!(is[1_000..1_900] == was[..900], "another way");
+
+    std::fs::write(&none, "not MCAP").unwrap();
+    let missing = folder.path("missing.mcap");
+    for (arguments, word) in [
+        (vec!["replay", none.as_str()], "is not an MCAP file"),
+        (vec!["replay", missing.as_str()], "missing.mcap"),
+        (vec!["replay", first.as_str(), "--from", "1h"], "--from"),
+        (vec!["replay", first.as_str(), "--speed", "0"], "between 0.01 and 100"),
+        (vec!["replay", first.as_str(), "--verify", "--scene", "assets/scenes/myoma.toml"], "another scene"),
+        (vec!["run", "--headless", "--hand", "replay:/nowhere.mcap"], "/nowhere.mcap"),
+    ] {
+        let station = format!("n{}", std::process::id());
+        let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+        let (code, _, said) = run(hystation().current_dir(root).args(["--name", &station]).args(&arguments));
+        assert!(code == Some(2) && said.contains(word), "{arguments:?}: {code:?} {said}");
+    }
+}
