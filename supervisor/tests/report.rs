@@ -127,8 +127,8 @@ fn what_is_no_recording_is_refused_with_one_message_and_nothing_is_written() {
     // Another version: the value of the fact `format`, after its key and its length.
     let mut other = bytes.clone();
     let key = other.windows(6).position(|window| window == b"format").unwrap();
-    assert_eq!(other[key + 10], b'1');
-    other[key + 10] = b'2';
+    assert_eq!(other[key + 10], b'2');
+    other[key + 10] = b'9';
     let cases = [
         (folder.file("missing.mcap"), "No such file"),
         (folder.0.clone(), "is not a file"),
