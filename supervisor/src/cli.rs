@@ -140,12 +140,20 @@ pub struct ReplayArgs {
     /// So many times as fast as it was, 0.01 to 100, as far as the machine manages.
     #[arg(long, conflicts_with = "verify", value_parser = speed)]
     pub speed: Option<f64>,
-    /// No window even if there is a display.
-    #[arg(long)]
-    pub headless: bool,
     /// The scene, if it is no longer where it was.
     #[arg(long)]
     pub scene: Option<PathBuf>,
+    /// As for `run`.
+    #[command(flatten)]
+    pub station: StationArgs,
+}
+
+/// Arguments of every command that starts a station.
+#[derive(Clone, Debug, Default, Args)]
+pub struct StationArgs {
+    /// No window even if there is a display.
+    #[arg(long)]
+    pub headless: bool,
     /// Write pictures (PNG) into this folder.
     #[arg(long)]
     pub pictures: Option<PathBuf>,
@@ -158,7 +166,7 @@ pub struct ReplayArgs {
     /// Number of collision workers, 0 to 16.
     #[arg(long)]
     pub workers: Option<usize>,
-    /// key=value, as for `run`.
+    /// key=value; an unknown key lists those that exist.
     #[arg(long = "set")]
     pub set: Vec<String>,
     /// Folder of the engines' binaries; default: that of this program.
@@ -269,13 +277,10 @@ pub struct ReportArgs {
 }
 
 /// Arguments of `run`.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct RunArgs {
     /// Scene (.toml) or mesh; without it, the embedded scene.
     pub scene: Option<PathBuf>,
-    /// No window even if there is a display.
-    #[arg(long)]
-    pub headless: bool,
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
@@ -288,36 +293,21 @@ pub struct RunArgs {
     /// Write a report (JSON) at the end.
     #[arg(long)]
     pub report: Option<PathBuf>,
-    /// Write pictures (PNG) into this folder.
-    #[arg(long)]
-    pub pictures: Option<PathBuf>,
     /// Run on a virtual clock: the same forces to the bit, whatever dies; --for is virtual time.
     #[arg(long)]
     pub lockstep: bool,
-    /// Allow faults to be injected.
-    #[arg(long)]
-    pub test_mode: bool,
-    /// Inject the faults of this file (TOML); needs --test-mode.
-    #[arg(long)]
-    pub faults: Option<PathBuf>,
-    /// Number of collision workers, 0 to 16.
-    #[arg(long)]
-    pub workers: Option<usize>,
-    /// key=value; an unknown key lists those that exist.
-    #[arg(long = "set")]
-    pub set: Vec<String>,
     /// Only these roles, for tests of single engines.
     #[arg(long, hide = true, value_delimiter = ',')]
     pub roles: Option<Vec<String>>,
-    /// Folder of the engines' binaries; default: that of this program.
-    #[arg(long, hide = true)]
-    pub binaries: Option<PathBuf>,
     /// No live table even on a terminal.
     #[arg(long, hide = true)]
     pub quiet: bool,
     /// Stop when the process that started this one has ended, however.
     #[arg(long, hide = true)]
     pub with_parent: bool,
+    /// What it shares with `replay`.
+    #[command(flatten)]
+    pub station: StationArgs,
     /// The recording of `hand` is done again, tick by tick.
     #[arg(skip)]
     pub again: Option<Again>,
@@ -332,16 +322,6 @@ pub struct Again {
     pub scene_hash: u64,
     /// The last tick.
     pub end_tick: u64,
-}
-
-impl RunArgs {
-    /// The arguments of a plain `hystation run`.
-    pub fn plain() -> RunArgs {
-        match <Cli as Parser>::parse_from(["hystation", "run"]).command {
-            Command::Run(args) => *args,
-            _ => unreachable!("`run` is read as Run"),
-        }
-    }
 }
 
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.
@@ -378,7 +358,7 @@ mod tests {
                     --lockstep --test-mode --faults f.toml --workers 3 --set isa=avx2 --set drift_ppm=3 --pictures out";
         let cli = Cli::try_parse_from(line.split_whitespace()).unwrap();
         let Command::Run(run) = cli.command else { panic!("not run") };
-        assert_eq!((cli.name.as_str(), run.for_s, run.workers, run.set.len()), ("a", Some(30.0), Some(3), 2));
+        assert_eq!((cli.name.as_str(), run.for_s, run.station.workers, run.station.set.len()), ("a", Some(30.0), Some(3), 2));
         for line in [
             "hystation status --json --name b",
             "hystation swap tissue ./x",

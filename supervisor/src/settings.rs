@@ -42,15 +42,15 @@ fn absolute(path: &Path) -> Result<PathBuf, Refusal> {
 
 /// The settings and the plan of a run.
 pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
-    if !args.test_mode && std::env::var_os(crate::intent::DIES_AT).is_some() {
+    if !args.station.test_mode && std::env::var_os(crate::intent::DIES_AT).is_some() {
         return Err(Refusal::input(format!(
             "{}: it ends the supervisor, in test mode alone; unset it, or add --test-mode",
             crate::intent::DIES_AT
         )));
     }
-    let headless = args.headless || !has_display();
+    let headless = args.station.headless || !has_display();
     let scripted = headless || args.lockstep;
-    let workers = args.workers.unwrap_or(Settings::default().workers);
+    let workers = args.station.workers.unwrap_or(Settings::default().workers);
     if workers > MAX_WORKERS {
         return Err(Refusal::input(format!("--workers {workers}: at most {MAX_WORKERS} are allowed")));
     }
@@ -60,8 +60,8 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         headless,
         workers,
         record: args.record.as_deref().map(absolute).transpose()?,
-        pictures: args.pictures.as_deref().map(absolute).transpose()?,
-        test_mode: args.test_mode,
+        pictures: args.station.pictures.as_deref().map(absolute).transpose()?,
+        test_mode: args.station.test_mode,
         lockstep: args.lockstep,
         replay: args.again.as_ref().map(|again| again.replay),
         ..Settings::default()
@@ -73,7 +73,7 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         settings.hand = format!("replay:{}", absolute(file)?.display());
     }
     check_hand(&settings)?;
-    for pair in &args.set {
+    for pair in &args.station.set {
         let (key, value) =
             pair.split_once('=').ok_or_else(|| Refusal::input(format!("--set {pair}: write key=value\n{}", known_keys())))?;
         check_set(key, value)?;
@@ -90,7 +90,7 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         .as_ref()
         .map(|names| names.iter().map(|name| known_role(name)).collect::<Result<Vec<Role>, _>>())
         .transpose()?;
-    let binaries = match &args.binaries {
+    let binaries = match &args.station.binaries {
         Some(folder) => absolute(folder)?,
         None => own_folder()?,
     };
@@ -176,10 +176,10 @@ fn check_outputs(args: &RunArgs, settings: &Settings) -> Result<(), Refusal> {
 }
 
 fn read_faults(args: &RunArgs) -> Result<Vec<Injection>, Refusal> {
-    let Some(path) = &args.faults else {
+    let Some(path) = &args.station.faults else {
         return Ok(Vec::new());
     };
-    if !args.test_mode {
+    if !args.station.test_mode {
         return Err(Refusal::input("--faults: faults are injected in test mode alone; add --test-mode"));
     }
     Ok(faultfile::read(path).map_err(|e| Refusal::input(e.to_string()))?.fault)

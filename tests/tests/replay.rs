@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 use station_tests::{Folder, hystation, run};
+use std::ops::Range;
 use std::path::Path;
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
@@ -69,12 +70,27 @@ fn a_session_in_lock_step_is_done_again_also_while_engines_die_in_the_replay() {
     let (code, said, complained) = verify("cut", &cut, &[]);
     let (forces, _) = same(&said);
     assert!(code == Some(0) && (500..2_500).contains(&forces), "{code:?} {said}{complained}");
-    let mut damaged = bytes.clone();
-    let at = bytes.len() / 2;
-    damaged[at..at + 4_096].fill(0x55);
+    assert!(complained.contains("is not whole"), "{complained}");
+    let mut damaged = bytes;
+    let block = block_in_the_middle(&damaged);
+    damaged[block].fill(0x55);
     std::fs::write(&cut, damaged).unwrap();
     let (code, said, complained) = verify("damaged", &cut, &[]);
     assert!(code == Some(3) && complained.contains("was not done again"), "{code:?} {said}{complained}");
+}
+
+/// Where the content of the block lies that the file's middle is in, or of the next.
+fn block_in_the_middle(bytes: &[u8]) -> Range<usize> {
+    // MCAP: eight bytes of magic, then records of an opcode, a length and so many bytes.
+    const CHUNK: u8 = 6;
+    let mut at = 8;
+    loop {
+        let content = at + 9..at + 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == CHUNK && content.end > bytes.len() / 2 {
+            return content;
+        }
+        at = content.end;
+    }
 }
 
 /// A copy of a recording in which the force of one tick is another.

@@ -24,7 +24,7 @@ pub(crate) struct Input {
 }
 
 /// The usual lag of a servo.
-pub(crate) const USUAL_LAG: u32 = 1;
+const USUAL_LAG: u32 = 1;
 
 impl Input {
     /// The message of a record after the one before, `None` if that says it all.

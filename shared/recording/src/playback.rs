@@ -4,8 +4,8 @@
 //! later. Memory does not grow with the recording. Every step that was made is recorded, also a spare's substitute that nobody went on from; those
 //! count from which the newest one known descends.
 
+use crate::Session;
 use crate::reader::{ReadError, Reader};
-use crate::{Session, TickRange};
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
@@ -34,7 +34,6 @@ pub struct Playback<R> {
     /// Of each tick the step that counts.
     line: BTreeMap<u64, StepRecord>,
     fluid: BTreeMap<u64, FluidStatus>,
-    lost: Vec<TickRange>,
     has_ended: bool,
 }
 
@@ -54,7 +53,6 @@ impl<R: Read + Seek> Playback<R> {
             steps: BTreeMap::new(),
             line: BTreeMap::new(),
             fluid: BTreeMap::new(),
-            lost: Vec::new(),
             has_ended: false,
         }
     }
@@ -62,16 +60,6 @@ impl<R: Read + Seek> Playback<R> {
     /// The session's facts.
     pub fn session(&self) -> &Session {
         self.reader.session()
-    }
-
-    /// What the reader left out so far.
-    pub fn damage(&self) -> &[crate::Damage] {
-        self.reader.damage()
-    }
-
-    /// Ticks that are said to be lost, as far as was read.
-    pub fn lost(&self) -> &[TickRange] {
-        &self.lost
     }
 
     /// The first tick of the device that is there; `None` if there is none.
@@ -117,7 +105,6 @@ impl<R: Read + Seek> Playback<R> {
                 }
             }
             self.fluid.extend(block.fluid.into_iter().map(|status| (status.state_tick, status)));
-            self.lost.extend(block.lost);
             has_read = true;
         }
         if has_read {

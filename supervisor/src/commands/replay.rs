@@ -1,12 +1,12 @@
 //! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
-use crate::cli::{Again, ReplayArgs, RunArgs};
+use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::Station;
 use hyst_messages::{Applied, AppliedRecord, FluidStatus};
-use hyst_recording::{Moment, Playback, Session, TickRange};
+use hyst_recording::{Ending, Moment, Playback, Session, TickRange};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
@@ -25,6 +25,8 @@ struct Whole {
     end_tick: u64,
     /// Why it ends there, if that is not its end.
     missing: Option<String>,
+    /// The byte at which the file ends without having been closed.
+    cut_at: Option<u64>,
 }
 
 /// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing.
@@ -48,6 +50,10 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         let _ = std::fs::remove_file(path); // it may not have come about
     }
     let code = verdict?;
+    if let Some(at) = whole.cut_at {
+        let file = args.file.display();
+        eprintln!("hystation: {file} is not whole: it ends at byte {at}; it was done again up to tick {}", whole.end_tick);
+    }
     if let Some(missing) = &whole.missing {
         eprintln!("hystation: {}: {missing}; what is after tick {} was not done again", args.file.display(), whole.end_tick);
     }
@@ -59,12 +65,20 @@ fn look_through(path: &Path) -> Result<Whole, Refusal> {
     let refuse = |what: &str| Refusal::input(format!("recording {}: {what}", path.display()));
     let mut reader = super::report::open(path)?;
     let session = reader.session().clone();
-    let (mut last_tick, mut first_lost, mut has_steps) = (None, None, false);
-    let ended = reader.each_block(1, |block| {
+    let (mut last_tick, mut whole_tick, mut first_lost, mut has_steps) = (None, 0, None, false);
+    let ended = loop {
+        let block = match reader.next_block() {
+            Ok(Some(block)) => block,
+            Ok(None) => break Ok(()),
+            Err(error) => break Err(error),
+        };
         last_tick = block.applied.last().map(|record| record.tick).or(last_tick);
+        if reader.damage().is_empty() {
+            whole_tick = last_tick.unwrap_or(0);
+        }
         has_steps |= !block.steps.is_empty();
         first_lost = first_lost.or(block.lost.first().copied());
-    });
+    };
     let last_tick = last_tick.ok_or_else(|| refuse("holds no tick of a session"))?;
     if !has_steps {
         return Err(refuse(TOO_OLD));
@@ -72,27 +86,18 @@ fn look_through(path: &Path) -> Result<Whole, Refusal> {
     let missing = |reason: String, end_tick| (Some(reason), end_tick);
     let (missing, end_tick) = match (first_lost, reader.damage().first(), ended) {
         (Some(TickRange { first, .. }), ..) => missing(format!("tick {first} is lost"), first.saturating_sub(1)),
-        (None, Some(damage), _) => missing(format!("byte {} {}", damage.at, damage.reason), first_gap(path, damage.at)?),
+        (None, Some(damage), _) => missing(format!("byte {} {}", damage.at, damage.reason), whole_tick),
         (None, None, Err(error)) => missing(error.to_string(), last_tick),
         (None, None, Ok(())) => (None, last_tick),
     };
     if end_tick == 0 {
         return Err(refuse(missing.as_deref().unwrap_or("holds no tick of a session")));
     }
-    Ok(Whole { session, end_tick, missing })
-}
-
-/// The last tick before the damage at a byte.
-fn first_gap(path: &Path, at: u64) -> Result<u64, Refusal> {
-    let mut reader = super::report::open(path)?;
-    let mut last_tick = 0;
-    while let Ok(Some(block)) = reader.next_block() {
-        if reader.damage().first().is_some_and(|damage| damage.at <= at) {
-            break;
-        }
-        last_tick = block.applied.last().map_or(last_tick, |record| record.tick);
-    }
-    Ok(last_tick)
+    let cut_at = match reader.ending() {
+        Some(Ending::Cut { at }) if missing.is_none() => Some(at),
+        _ => None,
+    };
+    Ok(Whole { session, end_tick, missing, cut_at })
 }
 
 /// The run that does the recording again.
@@ -104,24 +109,23 @@ fn run_args(args: &ReplayArgs, whole: &Whole, replay: Replay, record: Option<&Pa
         toml::from_str(fact("settings")?).map_err(|error| refuse(format!("has settings that are none: {error}")))?;
     let recorded = settings.set.get("isa").map(|isa| format!("isa={isa}"));
     let quiet = [("console", "off")].map(|(key, value)| format!("{key}={value}"));
-    let set = recorded.into_iter().chain(quiet.into_iter().filter(|_| args.verify)).chain(args.set.iter().cloned());
+    let set = recorded.into_iter().chain(quiet.into_iter().filter(|_| args.verify)).chain(args.station.set.iter().cloned());
     let roles = ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "recorder"].map(String::from).to_vec();
     Ok(RunArgs {
         scene: args.scene.clone().or(settings.scene),
-        headless: args.headless || args.verify,
         hand: Some(format!("replay:{}", args.file.display())),
         record: record.map(PathBuf::from),
-        pictures: args.pictures.clone(),
         lockstep: true,
-        test_mode: args.test_mode,
-        faults: args.faults.clone(),
-        workers: Some(args.workers.unwrap_or(settings.workers)),
-        set: set.collect(),
         roles: args.verify.then_some(roles),
-        binaries: args.binaries.clone(),
         quiet: args.verify,
         again: Some(Again { replay, scene_hash, end_tick: whole.end_tick }),
-        ..RunArgs::plain()
+        station: StationArgs {
+            headless: args.station.headless || args.verify,
+            workers: Some(args.station.workers.unwrap_or(settings.workers)),
+            set: set.collect(),
+            ..args.station.clone()
+        },
+        ..RunArgs::default()
     })
 }
 

@@ -5,7 +5,6 @@ use super::canary::Canaries;
 use super::commands::Commands;
 use super::hand::Hand;
 use super::ledger::{Judged, Ledger};
-use super::score::Score;
 use super::sequencer::Sequencer;
 use hyst_coupling::{HardwareParams, HardwareState, hardware_step};
 use hyst_engine::{Failure, Life, realtime};
@@ -16,16 +15,6 @@ use hyst_messages::{HardwareSample, ReplayRecord, Role, TICK_NS};
 
 /// Drift of the simulated clock against the station's, ppm: an ordinary crystal.
 const DRIFT_PPM: f64 = 20.0;
-
-/// A tick of the hardware's clock.
-#[derive(Clone, Copy)]
-struct Tick {
-    hardware_tick: u64,
-    time_ns: u64,
-    station_tick: u64,
-    /// The hardware was not let run, and the tick is over.
-    has_passed: bool,
-}
 
 struct Firmware<'a> {
     life: &'a Life,
@@ -44,7 +33,6 @@ struct Firmware<'a> {
 pub fn run(life: &Life) -> Result<(), Failure> {
     let drift = life.settings.number("drift_ppm", DRIFT_PPM, -500.0..=500.0, "a number from -500 to 500")?;
     let period_ns = TICK_NS as f64 * (1.0 + drift * 1e-6);
-    let score = life.is_replay().then(|| life.settings.recording().map(Score::open)).flatten().transpose()?;
     let hand = Hand::of(life)?;
     let inbox = page_usher(&life.station, life.incarnation, &[Role::Device, Role::Rendering])?;
     let canaries = Canaries::start(life)?;
@@ -64,7 +52,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let sequencer = if life.is_lockstep() { Some(Sequencer::new(life)?) } else { None };
     life.page.set_state(ProcessState::Live);
     match sequencer {
-        Some(sequencer) => firmware.run_in_lockstep(sequencer, score),
+        Some(sequencer) => firmware.run_in_lockstep(sequencer),
         None => firmware.run(period_ns),
     }
     Ok(())
@@ -101,16 +89,15 @@ impl Firmware<'_> {
     }
 
     /// The station's ticks one after the other, each as soon as everybody has ended the one before. Time is virtual.
-    fn run_in_lockstep(&mut self, mut sequencer: Sequencer<'_>, mut score: Option<Score>) {
+    fn run_in_lockstep(&mut self, mut sequencer: Sequencer<'_>) {
         while let Some(tick) = sequencer.begin() {
             self.receive_ports();
-            let moment = score.as_mut().map(|score| score.at(tick));
+            let moment = self.life.is_replay().then(|| self.hand.again(tick));
             if let Some(moment) = &moment {
                 let recorded = moment.applied.unwrap_or_default();
                 self.life.page.write(hardware::REPLAY, &ReplayRecord { tick, recorded });
             }
-            let again = score.as_ref().map(Score::sample);
-            self.tick_at(Tick { hardware_tick: tick, time_ns: tick * TICK_NS, station_tick: tick, has_passed: false }, again);
+            self.tick_at(tick, tick * TICK_NS, tick, false);
             let begun_ns = system::now_ns();
             sequencer.release(tick, moment.map(|moment| moment.step));
             let page = &self.life.page;
@@ -131,13 +118,10 @@ impl Firmware<'_> {
     }
 
     fn tick(&mut self, hardware_tick: u64, time_ns: u64, has_passed: bool) {
-        let station_tick = self.life.clock.tick_at(time_ns);
-        self.tick_at(Tick { hardware_tick, time_ns, station_tick, has_passed }, None);
+        self.tick_at(hardware_tick, time_ns, self.life.clock.tick_at(time_ns), has_passed);
     }
 
-    /// A tick, with the hand that a replay does `again`.
-    fn tick_at(&mut self, tick: Tick, again: Option<HardwareSample>) {
-        let Tick { hardware_tick, time_ns, station_tick, has_passed } = tick;
+    fn tick_at(&mut self, hardware_tick: u64, time_ns: u64, station_tick: u64, has_passed: bool) {
         let (tip_m, max_force_n) = (self.tip_m, self.params.max_force_n);
         let command = self.device.as_ref().and_then(|page| match has_passed {
             true => self.commands.past_one(page, station_tick, time_ns, max_force_n),
@@ -154,10 +138,9 @@ impl Firmware<'_> {
             time_ns,
             pose: hand.pose,
             velocity_m_s: hand.velocity_m_s,
-            force_n,
+            force_n: hand.felt_n.unwrap_or(force_n),
             controls: hand.controls,
         };
-        let sample = again.map_or(sample, |again| HardwareSample { hardware_tick, time_ns, ..again });
         self.life.page.write(hardware::SAMPLE, &sample);
         self.life.page.store64(header::VALUE_NS, time_ns);
         let judged = Judged {

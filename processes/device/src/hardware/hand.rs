@@ -4,7 +4,8 @@
 use super::score::Score;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Pose};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose};
+use hyst_recording::Moment;
 use hyst_scene::{HandLeg, LoadedHand, LoadedScene};
 use std::path::Path;
 
@@ -38,6 +39,8 @@ pub struct Hand {
     /// How far the loop electrode goes out, and how far it is, m.
     loop_reach_m: f32,
     loop_extension_m: f32,
+    /// In a replay: the tick that [`Hand::again`] was asked for last is what it does.
+    is_again: bool,
 }
 
 /// The hand at one tick.
@@ -48,6 +51,8 @@ pub struct Held {
     pub velocity_m_s: [f32; 3],
     /// What the hand sets.
     pub controls: Controls,
+    /// In a replay: the force that the motors made then, N.
+    pub felt_n: Option<[f32; 3]>,
 }
 
 fn pose4(pose: &hyst_scene::Pose) -> Pose4 {
@@ -62,10 +67,12 @@ fn leg(leg: &HandLeg) -> Leg {
 
 fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
     let names = || scene.hands.iter().map(|hand| hand.name.as_str()).collect::<Vec<_>>().join(", ");
+    if let Some(file) = hand.strip_prefix("replay:") {
+        return Ok(Will::Score(Score::open(Path::new(file))?));
+    }
     match hand {
         "idle" | "script:idle" => Ok(Will::Idle),
         "mouse" => Ok(Will::Pointer),
-        other if other.starts_with("replay:") => Ok(Will::Score(Score::open(Path::new(&other["replay:".len()..]))?)),
         other => {
             let name = other
                 .strip_prefix("script:")
@@ -94,6 +101,7 @@ impl Hand {
         if let Will::Score(score) = &mut hand.will {
             score.waits = life.is_lockstep();
         }
+        hand.is_again = life.is_replay();
         Ok(hand)
     }
 
@@ -135,7 +143,16 @@ impl Hand {
             controls,
             loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
             loop_extension_m: 0.0,
+            is_again: false,
         })
+    }
+
+    /// In a replay: what was recorded of a tick, which the hand then does. Asked for ascending ticks.
+    pub fn again(&mut self, tick: u64) -> Moment {
+        match &mut self.will {
+            Will::Score(score) => score.at(tick),
+            _ => Moment::default(),
+        }
     }
 
     /// One tick of the hand, pushed by the force of the motors, N.
@@ -144,8 +161,10 @@ impl Hand {
         let mut buttons = 0;
         let target = match &mut self.will {
             Will::Score(score) => {
-                let sample = if time_s > 0.0 { score.next_sample() } else { score.first() };
-                return Held { pose: sample.pose, velocity_m_s: sample.velocity_m_s, controls: sample.controls };
+                // Before its script begins the hand is where it will begin.
+                let sample = if self.is_again || time_s == 0.0 { score.sample() } else { score.next_sample() };
+                let HardwareSample { pose, velocity_m_s, controls, force_n, .. } = sample;
+                return Held { pose, velocity_m_s, controls, felt_n: self.is_again.then_some(force_n) };
             }
             Will::Idle => self.rest,
             Will::Way(hand) => pose4(&hand.pose_at(time_s)),
@@ -187,6 +206,7 @@ impl Hand {
             },
             velocity_m_s: self.state.velocity_m_s,
             controls: self.controls,
+            felt_n: None,
         }
     }
 }

@@ -45,11 +45,6 @@ impl Score {
         Ok(Score { moments, first_tick, next_tick: first_tick, waits: false, sample })
     }
 
-    /// What the hand did first.
-    pub fn first(&self) -> HardwareSample {
-        self.sample
-    }
-
     /// The hand in the tick after the one before; where the device made none, and after the end, as it was. A reader that is late holds it up, but no tick.
     pub fn next_sample(&mut self) -> HardwareSample {
         let next = if self.waits { self.moments.recv().ok() } else { self.moments.try_recv().ok() };
@@ -70,7 +65,7 @@ impl Score {
         moment
     }
 
-    /// The hand as it was in the last tick that was asked for.
+    /// The hand as it was in the last tick that was asked for; before any, in the first.
     pub fn sample(&self) -> HardwareSample {
         self.sample
     }
