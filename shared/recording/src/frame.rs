@@ -1,7 +1,8 @@
 //! The records of a file one after the other, by their frames (opcode, length, body) alone, with the byte at which each begins. Nothing is
-//! believed beyond the file's length, and nothing longer than [`MAX_RECORD_BYTES`] is read.
+//! believed beyond the file's length, and nothing longer than [`MAX_RECORD_BYTES`] is read. Behind what is no record the walk goes on at the next
+//! chunk, which is known by its compression's name and by the two lengths in it that agree.
 
-use mcap::records::Record;
+use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -16,6 +17,14 @@ pub(crate) const HEAD_BYTES: u64 = 9;
 pub(crate) const INDEX_HEAD_BYTES: u64 = 6;
 /// Bytes of a data end.
 pub(crate) const DATA_END_BYTES: u64 = 4;
+
+/// What stands in the head of every chunk that a recorder writes, and where: the compression's name with its length.
+const COMPRESSION: &[u8] = b"\x04\0\0\0zstd";
+const COMPRESSION_AT: usize = HEAD_BYTES as usize + 28;
+/// Bytes of a chunk's head, up to the blocks' messages: opcode and length, two times, size, checksum, compression, compressed size.
+const CHUNK_HEAD_BYTES: usize = COMPRESSION_AT + 16;
+/// Bytes in which the next chunk is looked for at once.
+const WINDOW_BYTES: usize = 1 << 20;
 
 /// Place of a record.
 #[derive(Clone, Copy, Debug)]
@@ -53,22 +62,53 @@ impl<R: Read + Seek> Walk<R> {
         Ok((magic == mcap::MAGIC).then_some(Walk { inner, at, length }))
     }
 
-    /// The next record that lies in the file as a whole. Zeros are none: what a power cut or a hole left of a file ends it there, and is not
-    /// walked through nine bytes at a time.
+    /// The next record that lies in the file as a whole, here or behind what is none. Zeros are none: what a power cut or a hole left of a file is
+    /// not walked through nine bytes at a time.
     pub(crate) fn next(&mut self) -> io::Result<Option<Frame>> {
-        if self.length - self.at < HEAD_BYTES {
+        let frame = match self.frame_at(self.at)? {
+            Some(frame) => Some(frame),
+            None => self.chunk_behind(self.at)?,
+        };
+        self.at = frame.map_or(self.at, |frame| frame.end());
+        Ok(frame)
+    }
+
+    /// The record at a byte, if there can be one.
+    fn frame_at(&mut self, at: u64) -> io::Result<Option<Frame>> {
+        if self.length - at < HEAD_BYTES {
             return Ok(None);
         }
         let mut head = [0; HEAD_BYTES as usize];
-        self.inner.seek(SeekFrom::Start(self.at))?;
+        self.inner.seek(SeekFrom::Start(at))?;
         self.inner.read_exact(&mut head)?;
         let [opcode, length @ ..] = head;
-        let frame = Frame { at: self.at, opcode, length: u64::from_le_bytes(length) };
-        if opcode == NO_RECORD || frame.length > self.length - self.at - HEAD_BYTES {
-            return Ok(None);
+        let frame = Frame { at, opcode, length: u64::from_le_bytes(length) };
+        let longest = MAX_RECORD_BYTES.min(self.length - at - HEAD_BYTES);
+        Ok((opcode != NO_RECORD && frame.length <= longest).then_some(frame))
+    }
+
+    /// The first chunk behind a byte, as far as a record may reach.
+    fn chunk_behind(&mut self, at: u64) -> io::Result<Option<Frame>> {
+        let end = self.length.min(at + MAX_RECORD_BYTES);
+        let mut window = Vec::new();
+        let mut from = at + 1;
+        while from + CHUNK_HEAD_BYTES as u64 <= end {
+            window.resize(WINDOW_BYTES.min((end - from) as usize), 0);
+            self.inner.seek(SeekFrom::Start(from))?;
+            self.inner.read_exact(&mut window)?;
+            for name in memchr::memmem::find_iter(&window, COMPRESSION) {
+                let head = name.checked_sub(COMPRESSION_AT).and_then(|first| window.get(first..first + CHUNK_HEAD_BYTES));
+                if let Some(length) = head.and_then(chunk_length)
+                    && let Some(frame) = self.frame_at(from + (name - COMPRESSION_AT) as u64)?
+                    && frame.length == length
+                {
+                    return Ok(Some(frame));
+                }
+            }
+            // A head may lie across the border.
+            from += (window.len() - CHUNK_HEAD_BYTES + 1) as u64;
         }
-        self.at = frame.end();
-        Ok(Some(frame))
+        Ok(None)
     }
 
     /// Where the next record begins.
@@ -88,6 +128,15 @@ impl<R: Read + Seek> Walk<R> {
         self.inner.read_exact(&mut body)?;
         Ok(body)
     }
+}
+
+/// The length that the head of a chunk says twice; `None` if it does not.
+fn chunk_length(head: &[u8]) -> Option<u64> {
+    let word = |at: usize| head.get(at..at + 8)?.try_into().ok().map(u64::from_le_bytes);
+    let length = word(1)?;
+    let compressed = word(COMPRESSION_AT + COMPRESSION.len())?;
+    (head.first() == Some(&op::CHUNK) && compressed.checked_add((CHUNK_HEAD_BYTES as u64) - HEAD_BYTES)? == length)
+        .then_some(length)
 }
 
 /// A metadata record's name and facts.

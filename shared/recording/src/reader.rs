@@ -5,7 +5,7 @@
 use crate::again::{Input, Step};
 use crate::block::{Block, LOST, STATION};
 use crate::channels::Channel;
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, MAX_RECORD_BYTES, Walk, messages, metadata};
+use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool, applied};
 use crate::{READ_FORMATS, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
@@ -121,7 +121,7 @@ impl<R: Read + Seek> Reader<R> {
         while let Some(raw) = self.next_raw()? {
             match raw.decode() {
                 Ok(block) => return Ok(Some(block)),
-                Err(reason) => self.damaged(&raw.frame, &reason),
+                Err(reason) => self.damaged(raw.frame.at, reason),
             }
         }
         Ok(None)
@@ -135,7 +135,7 @@ impl<R: Read + Seek> Reader<R> {
             for (raw, decoded) in batch.iter().zip(decode(&batch, threads)) {
                 match decoded {
                     Ok(block) => take(block),
-                    Err(reason) => self.damaged(&raw.frame, &reason),
+                    Err(reason) => self.damaged(raw.frame.at, reason),
                 }
             }
             self.damage.sort_by_key(|damage| damage.at);
@@ -166,20 +166,22 @@ impl<R: Read + Seek> Reader<R> {
         let path = self.path.clone();
         let refused = move |source| ReadError::File { path: path.clone(), source };
         while self.ending.is_none() {
+            let at = self.walk.at();
             let Some(frame) = self.walk.next().map_err(&refused)? else {
-                let at = self.walk.at();
                 self.ending = Some(Ending::Cut { at });
                 break;
             };
+            if frame.at > at {
+                self.damaged(at, format!("is none; nothing can be read up to byte {}", frame.at));
+            }
             match frame.opcode {
                 op::MESSAGE_INDEX if self.is_index(&frame).map_err(&refused)? => {}
                 op::DATA_END if frame.length == DATA_END_BYTES => self.ending = Some(self.close().map_err(&refused)?),
-                op::CHUNK | op::METADATA if frame.length > MAX_RECORD_BYTES => self.damaged(&frame, "is longer than any block"),
                 op::CHUNK | op::METADATA => {
                     let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
                     return Ok(Some(Raw { frame, body }));
                 }
-                _ => self.damaged(&frame, "is of a kind that no recorder writes"),
+                _ => self.damaged(frame.at, "is of a kind that no recorder writes".into()),
             }
         }
         Ok(None)
@@ -192,9 +194,9 @@ impl<R: Read + Seek> Reader<R> {
         Ok(said.is_some_and(|said| said as u64 + INDEX_HEAD_BYTES == frame.length))
     }
 
-    fn damaged(&mut self, frame: &Frame, reason: &str) {
+    fn damaged(&mut self, at: u64, reason: String) {
         if self.damage.len() < MOST_DAMAGE {
-            self.damage.push(Damage { at: frame.at, reason: reason.to_string() });
+            self.damage.push(Damage { at, reason });
         }
     }
 

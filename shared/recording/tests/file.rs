@@ -146,6 +146,32 @@ fn a_hole_of_zeros_is_the_end_and_is_not_walked_through() {
 }
 
 #[test]
+fn a_block_whose_length_was_hit_is_left_out_and_what_follows_it_is_read_and_continued() {
+    let folder = Folder::new("length");
+    let ends: Vec<usize> = [1u64, 4, 7].map(|first| write(&folder.file(), &[block(first..first + 3)]).bytes() as usize).into();
+    let unfinished = std::fs::read(folder.file()).unwrap();
+    write(&folder.file(), &[]).finish().unwrap();
+    let finished = std::fs::read(folder.file()).unwrap();
+    for fill in [0x00, 0x06, 0x55, 0xff] {
+        let mut bad = finished.clone();
+        bad[ends[0]..ends[0] + 100].fill(fill);
+        let recording = read_bytes(&bad).unwrap();
+        assert_eq!((ticks(&recording), recording.ending), (vec![1, 2, 3, 7, 8, 9], Ending::Complete), "{fill}");
+        assert_eq!(recording.damage[0].at, ends[0] as u64, "{fill}: {:?}", recording.damage);
+
+        let mut bad = unfinished.clone();
+        bad[ends[0]..ends[0] + 100].fill(fill);
+        std::fs::write(folder.file(), &bad).unwrap();
+        let mut writer = Writer::open(&folder.file(), &session()).unwrap();
+        assert_eq!((writer.last_tick(), writer.bytes()), (Some(9), bad.len() as u64), "{fill}");
+        writer.append(&block(10..13)).unwrap();
+        writer.finish().unwrap();
+        let recording = Recording::read(&folder.file()).unwrap();
+        assert_eq!((ticks(&recording), recording.ending), (vec![1, 2, 3, 7, 8, 9, 10, 11, 12], Ending::Complete), "{fill}");
+    }
+}
+
+#[test]
 fn a_flipped_bit_anywhere_is_found_or_changes_no_record() {
     let folder = Folder::new("flip");
     write(&folder.file(), &[block(1..4), block(4..7), block(7..10)]).finish().unwrap();
