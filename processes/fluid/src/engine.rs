@@ -7,6 +7,7 @@ mod tests;
 use crate::cavity::Cavity;
 use crate::crew::Crew;
 use crate::pieces::Pieces;
+use crate::wounds::Wounds;
 use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
@@ -69,6 +70,7 @@ pub struct FlowEngine<'a> {
     crew: Crew,
     cavity: Cavity,
     pieces: Pieces,
+    wounds: Wounds,
     radius_m: f32,
     seed_m: [f32; 3],
     period_ticks: u64,
@@ -97,6 +99,10 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     let mut model = FlowModel::new(Grid::new(cells, spacing_m, figures.box_min_m)?);
     model.medium =
         Medium { density_kg_m3: figures.density_kg_m3, viscosity_m2_s: figures.viscosity_pa_s / figures.density_kg_m3, ..named };
+    let vessels = &figures.vessels;
+    model.blood.vessel_pa = vessels.pressure_pa;
+    model.blood.conductance_ml_s_pa = vessels.conductance_ml_s_pa;
+    model.blood.seed = vessels.seed;
     Ok(model)
 }
 
@@ -118,6 +124,7 @@ impl<'a> FlowEngine<'a> {
             crew,
             cavity: Cavity::new(grid),
             pieces: Pieces::new(grid.cell_count()),
+            wounds: Wounds::new(&figures.vessels),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             period_ticks: figures.period_ticks(),
@@ -176,12 +183,18 @@ impl<'a> FlowEngine<'a> {
             self.crew.solver().set_mask(self.cavity.mask()).map_err(|error| Failure::Broken(error.to_string()))?;
         }
         self.pieces.locate(&self.cavity, positions, tets, owner);
+        self.wounds.take(&topology)?;
+        self.wounds.locate(state.section(3)?);
         Ok(state.header().tick)
     }
 
     fn inputs(&self, dt_s: f32) -> FlowInputs {
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
-        sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| inputs_of(&sample, self.radius_m, dt_s))
+        let mut inputs =
+            sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| inputs_of(&sample, self.radius_m, dt_s));
+        inputs.blood = self.wounds.sources();
+        inputs.pump.open_veins = self.wounds.open_veins();
+        inputs
     }
 
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {

@@ -5,6 +5,7 @@ mod cavity;
 mod crew;
 mod engine;
 mod pieces;
+mod wounds;
 
 pub use bench::run as bench;
 pub use crew::broken;

@@ -3,6 +3,7 @@
 //! Frame of every position: metres, origin at the pivot in the cervix, +z along the canal into the uterus, +y anterior, +x to the
 //! patient's left. Angles are in degrees here and in radians everywhere after loading.
 
+use crate::fluid::{Fluid, Vessels};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -27,6 +28,9 @@ pub struct Scene {
     /// The fluid in the cavity.
     #[serde(default)]
     pub fluid: Fluid,
+    /// The vessels of the tissue.
+    #[serde(default)]
+    pub vessels: Vessels,
     /// Optic and light.
     #[serde(default)]
     pub view: View,
@@ -268,58 +272,6 @@ impl Default for Workspace {
             yaw_deg: [-tilt, tilt],
             roll_deg: [-roll, roll],
             insertion_m: [0.0, 0.09],
-        }
-    }
-}
-
-/// What fills the cavity. Monopolar cutting in saline does not work: it conducts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Medium {
-    /// Isotonic saline.
-    Saline,
-    /// Glycine 1.5 %, hypotonic.
-    Glycine,
-    /// Sorbitol and mannitol, hypotonic.
-    Sorbitol,
-}
-
-/// The fluid and its grid.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Fluid {
-    /// Cells along x, y and z: 4 to 512 each, at most 4 million in all. Default: 32 × 32 × 18.
-    pub grid: [u32; 3],
-    /// Steps per second, 1 to 1 000.
-    pub rate_hz: f64,
-    /// The medium.
-    pub medium: Medium,
-    /// Set pressure of the pump, 0 to 20 kPa (150 mmHg). Default: 9.3 kPa (70 mmHg).
-    pub set_pressure_pa: f64,
-    /// Dynamic viscosity.
-    pub viscosity_pa_s: f64,
-    /// Density.
-    pub density_kg_m3: f64,
-    /// Lowest corner of the grid. Default: around the hollow of the first organ, or around the space before it.
-    pub box_min_m: Option<[f64; 3]>,
-    /// Highest corner of the grid; both corners or none.
-    pub box_max_m: Option<[f64; 3]>,
-    /// Added on each side of a box that was found from the geometry.
-    pub margin_m: f64,
-}
-
-impl Default for Fluid {
-    fn default() -> Self {
-        Fluid {
-            grid: [32, 32, 18],
-            rate_hz: 30.0,
-            medium: Medium::Saline,
-            set_pressure_pa: 9_333.0,
-            viscosity_pa_s: 1.0e-3,
-            density_kg_m3: 1_000.0,
-            box_min_m: None,
-            box_max_m: None,
-            margin_m: 0.002,
         }
     }
 }

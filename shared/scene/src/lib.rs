@@ -17,6 +17,7 @@ mod embedded;
 mod error;
 mod file;
 mod fixed;
+mod fluid;
 mod hands;
 mod hash;
 mod load;
@@ -37,11 +38,12 @@ mod wrap;
 pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{
-    Deformable, DeformableKind, Electrode, Fixed, Fluid, Hand, HandPose, Look, Material, Medium, Place, Rigid, RigidKind, Scene,
-    Tip, View, Workspace,
+    Deformable, DeformableKind, Electrode, Fixed, Hand, HandPose, Look, Material, Place, Rigid, RigidKind, Scene, Tip, View,
+    Workspace,
 };
+pub use fluid::{Fluid, LoadedFluid, Medium, PumpChange, Vessels};
 pub use load::{load, load_embedded, load_or_embedded};
-pub use loaded::{Attach, AttachedNode, LoadedDeformable, LoadedFluid, LoadedScene, LoadedWorkspace};
+pub use loaded::{Attach, AttachedNode, LoadedDeformable, LoadedScene, LoadedWorkspace};
 pub use object::{MAX_TETS, MAX_TRIANGLES};
 pub use parse::MAX_SCENE_BYTES;
 pub use pose::{HandLeg, LoadedHand, Pose};

@@ -4,9 +4,10 @@ use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Rigid, Scene};
 use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
+use crate::fluid::LoadedFluid;
 use crate::hands::{self, Probe};
 use crate::hash::Fnv;
-use crate::loaded::{LoadedDeformable, LoadedFluid, LoadedScene, LoadedWorkspace};
+use crate::loaded::{LoadedDeformable, LoadedScene, LoadedWorkspace};
 use crate::locate::{Locator, bounds};
 use crate::object::{self, RawObject};
 use crate::parse::MAX_SCENE_BYTES;
@@ -245,16 +246,7 @@ fn fluid(scene: &Scene, organ: &LoadedDeformable, hollow: &[usize], pivot_m: [f3
             ((low - margin).to_array(), (high + margin).to_array())
         }
     };
-    LoadedFluid {
-        grid: fluid.grid,
-        box_min_m,
-        box_max_m,
-        rate_hz: fluid.rate_hz as f32,
-        medium: fluid.medium,
-        set_pressure_pa: fluid.set_pressure_pa as f32,
-        viscosity_pa_s: fluid.viscosity_pa_s as f32,
-        density_kg_m3: fluid.density_kg_m3 as f32,
-    }
+    LoadedFluid::new(fluid, &scene.vessels, [box_min_m, box_max_m])
 }
 
 fn content_hash(loaded: &LoadedScene) -> u64 {

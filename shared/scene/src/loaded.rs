@@ -1,6 +1,7 @@
 //! A scene with its meshes read, checked, placed and bound: what the engines start from.
 
-use crate::file::{DeformableKind, Look, Material, Medium, Scene};
+use crate::file::{DeformableKind, Look, Material, Scene};
+use crate::fluid::LoadedFluid;
 use crate::pose::{LoadedHand, Pose};
 use crate::rigid::LoadedRigid;
 use hyst_mesh::{Binding, TetMesh, TriangleMesh};
@@ -28,13 +29,6 @@ pub struct LoadedScene {
     pub hash: u64,
     /// What was found, assumed or repaired, one sentence each.
     pub notes: Vec<String>,
-}
-
-impl LoadedFluid {
-    /// Ticks of 1 ms from one step to the next.
-    pub fn period_ticks(&self) -> u64 {
-        (1_000.0 / self.rate_hz).round().max(1.0) as u64
-    }
 }
 
 impl LoadedScene {
@@ -102,25 +96,4 @@ pub struct LoadedWorkspace {
     pub roll_rad: [f32; 2],
     /// Shortest and longest insertion.
     pub insertion_m: [f32; 2],
-}
-
-/// The fluid's grid and figures.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LoadedFluid {
-    /// Cells along x, y and z.
-    pub grid: [u32; 3],
-    /// Lowest corner of the grid.
-    pub box_min_m: [f32; 3],
-    /// Highest corner of the grid.
-    pub box_max_m: [f32; 3],
-    /// Steps per second.
-    pub rate_hz: f32,
-    /// The medium.
-    pub medium: Medium,
-    /// Set pressure of the pump.
-    pub set_pressure_pa: f32,
-    /// Dynamic viscosity.
-    pub viscosity_pa_s: f32,
-    /// Density.
-    pub density_kg_m3: f32,
 }

@@ -1,13 +1,12 @@
 //! What the text of a scene alone can show to be wrong: ranges, names, attachments.
 
 use crate::error::{SceneError, SceneErrorKind as Kind};
-use crate::file::{Deformable, Fixed, Fluid, Hand, HandPose, Rigid, Scene, View, Workspace};
+use crate::file::{Deformable, Fixed, Hand, HandPose, Rigid, Scene, View, Workspace};
+use crate::fluid;
 use crate::names::{attachments, names};
 
 /// Most objects of each kind and most hands in a scene: each costs time at every tick or at every start.
 const MAX_OBJECTS: usize = 64;
-/// Most cells of the fluid's grid: four million cells are 0.3 GB of fields.
-const MAX_CELLS: u64 = 4_000_000;
 
 pub(crate) type Checked = Result<(), SceneError>;
 
@@ -37,7 +36,8 @@ pub(crate) fn validate(scene: &Scene) -> Checked {
         rigid(object, &format!("rigid[{index}]"))?;
     }
     workspace(&scene.workspace)?;
-    fluid(&scene.fluid)?;
+    fluid::validate(&scene.fluid)?;
+    fluid::validate_vessels(&scene.vessels)?;
     view(&scene.view)?;
     for (name, script) in &scene.hand {
         hand(script, &format!("hand.{name}"), scene)?;
@@ -45,7 +45,7 @@ pub(crate) fn validate(scene: &Scene) -> Checked {
     Ok(())
 }
 
-fn range(key: impl Into<String>, value: f64, low: f64, high: f64, unit: &str) -> Checked {
+pub(crate) fn range(key: impl Into<String>, value: f64, low: f64, high: f64, unit: &str) -> Checked {
     if value >= low && value <= high {
         return Ok(());
     }
@@ -107,7 +107,7 @@ fn fixed(shape: &Fixed, key: &str) -> Checked {
     }
 }
 
-fn corners(key: &str, min_m: &[f64; 3], max_m: &[f64; 3]) -> Checked {
+pub(crate) fn corners(key: &str, min_m: &[f64; 3], max_m: &[f64; 3]) -> Checked {
     for axis in 0..3 {
         range(key, min_m[axis], -10.0, 10.0, "m")?;
         range(key, max_m[axis], -10.0, 10.0, "m")?;
@@ -138,27 +138,6 @@ fn workspace(limits: &Workspace) -> Checked {
     ordered("workspace.yaw_deg".to_owned(), limits.yaw_deg, -80.0, 80.0, "°")?;
     ordered("workspace.roll_deg".to_owned(), limits.roll_deg, -360.0, 360.0, "°")?;
     ordered("workspace.insertion_m".to_owned(), limits.insertion_m, 0.0, 0.5, "m")
-}
-
-fn fluid(fluid: &Fluid) -> Checked {
-    for cells in fluid.grid {
-        range("fluid.grid", f64::from(cells), 4.0, 512.0, "cells")?;
-    }
-    let cells: u64 = fluid.grid.iter().map(|&n| u64::from(n)).product();
-    range("fluid.grid", cells as f64, 64.0, MAX_CELLS as f64, "cells in all")?;
-    range("fluid.rate_hz", fluid.rate_hz, 1.0, 1_000.0, "Hz")?;
-    range("fluid.set_pressure_pa", fluid.set_pressure_pa, 0.0, 20_000.0, "Pa")?;
-    range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;
-    range("fluid.density_kg_m3", fluid.density_kg_m3, 100.0, 5_000.0, "kg/m³")?;
-    range("fluid.margin_m", fluid.margin_m, 0.0, 0.1, "m")?;
-    match (&fluid.box_min_m, &fluid.box_max_m) {
-        (Some(min_m), Some(max_m)) => corners("fluid.box_min_m", min_m, max_m),
-        (None, None) => Ok(()),
-        _ => {
-            let what = "only one of box_min_m and box_max_m is given";
-            Err(SceneError::new(Kind::Incomplete, "fluid", what, "give both, or none to have the box found"))
-        }
-    }
 }
 
 fn view(view: &View) -> Checked {

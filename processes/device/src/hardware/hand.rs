@@ -6,7 +6,8 @@ use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, han
 use hyst_engine::{Failure, Life};
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose};
 use hyst_recording::Moment;
-use hyst_scene::{HandLeg, LoadedHand, LoadedScene};
+use hyst_scene::{HandLeg, LoadedHand, LoadedScene, PumpChange};
+use std::collections::VecDeque;
 use std::path::Path;
 
 /// Time that the hand rests before a script begins, s: the station is warm by then.
@@ -36,6 +37,8 @@ pub struct Hand {
     model: HandModel,
     state: HandState,
     controls: Controls,
+    /// What the scene's script still has to set of them.
+    changes: VecDeque<PumpChange>,
     /// How far the loop electrode goes out, and how far it is, m.
     loop_reach_m: f32,
     loop_extension_m: f32,
@@ -141,6 +144,7 @@ impl Hand {
             state: HandState::at_rest(&model, &rest),
             model,
             controls,
+            changes: scene.fluid.changes.iter().copied().collect(),
             loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
             loop_extension_m: 0.0,
             is_again: false,
@@ -155,10 +159,26 @@ impl Hand {
         }
     }
 
+    /// Sets what the script has come to.
+    fn change(&mut self, time_s: f64) {
+        while let Some(change) = self.changes.pop_front_if(|change| change.at_s <= time_s) {
+            let or = |value: Option<f64>, before: f32| value.map_or(before, |value| value as f32);
+            self.controls = Controls {
+                set_pressure_pa: or(change.set_pressure_pa, self.controls.set_pressure_pa),
+                inflow_valve: or(change.inflow_valve, self.controls.inflow_valve),
+                outflow_valve: or(change.outflow_valve, self.controls.outflow_valve),
+                ..self.controls
+            };
+        }
+    }
+
     /// One tick of the hand, pushed by the force of the motors, N.
     pub fn step(&mut self, tick: u64, force_n: [f32; 3], pointer: Option<&PointerRecord>) -> Held {
         let time_s = (tick as f64 * 1e-3 - REST_S).max(0.0);
         let mut buttons = 0;
+        if !matches!(self.will, Will::Pointer | Will::Score(_)) {
+            self.change(time_s);
+        }
         let target = match &mut self.will {
             Will::Score(score) => {
                 // Before its script begins the hand is where it will begin.

@@ -1,0 +1,186 @@
+//! The fluid of a scene: its figures and its grid, the vessels that a cut opens, and what a scripted hand does with valves and pressure.
+
+use crate::error::{SceneError, SceneErrorKind as Kind};
+use crate::validate::{Checked, range};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Most cells of the fluid's grid: four million cells are 0.3 GB of fields.
+const MAX_CELLS: u64 = 4_000_000;
+/// Most changes of the pump in a scene.
+const MAX_CHANGES: usize = 1_000;
+
+/// What fills the cavity. Monopolar cutting in saline does not work: it conducts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Medium {
+    /// Isotonic saline.
+    Saline,
+    /// Glycine 1.5 %, hypotonic.
+    Glycine,
+    /// Sorbitol and mannitol, hypotonic.
+    Sorbitol,
+}
+
+/// The fluid and its grid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Fluid {
+    /// Cells along x, y and z: 4 to 512 each, at most 4 million in all. Default: 32 × 32 × 18.
+    pub grid: [u32; 3],
+    /// Steps per second, 1 to 1 000.
+    pub rate_hz: f64,
+    /// The medium.
+    pub medium: Medium,
+    /// Set pressure of the pump, 0 to 20 kPa (150 mmHg). Default: 9.3 kPa (70 mmHg).
+    pub set_pressure_pa: f64,
+    /// Dynamic viscosity.
+    pub viscosity_pa_s: f64,
+    /// Density.
+    pub density_kg_m3: f64,
+    /// Lowest corner of the grid. Default: around the hollow of the first organ, or around the space before it.
+    pub box_min_m: Option<[f64; 3]>,
+    /// Highest corner of the grid; both corners or none.
+    pub box_max_m: Option<[f64; 3]>,
+    /// Added on each side of a box that was found from the geometry.
+    pub margin_m: f64,
+    /// What a scripted hand sets at the pump and the valves, in the order of its time.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub change: Vec<PumpChange>,
+}
+
+impl Default for Fluid {
+    fn default() -> Self {
+        Fluid {
+            grid: [32, 32, 18],
+            rate_hz: 30.0,
+            medium: Medium::Saline,
+            set_pressure_pa: 9_333.0,
+            viscosity_pa_s: 1.0e-3,
+            density_kg_m3: 1_000.0,
+            box_min_m: None,
+            box_max_m: None,
+            margin_m: 0.002,
+            change: Vec::new(),
+        }
+    }
+}
+
+/// What a scripted hand sets at one time; what is not named stays as it is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PumpChange {
+    /// Time since the hand began, 0 to 86 400 s.
+    pub at_s: f64,
+    /// Set pressure of the pump, 0 to 20 kPa.
+    pub set_pressure_pa: Option<f64>,
+    /// Inflow valve, 0 shut to 1 open.
+    pub inflow_valve: Option<f64>,
+    /// Outflow valve, 0 shut to 1 open.
+    pub outflow_valve: Option<f64>,
+}
+
+/// The vessels of the tissue: one in each cube of it, of a calibre that is drawn for each, and open as far as a wound reaches into the cube.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Vessels {
+    /// Edge of the cubes, 0.5 to 50 mm. Default: 4 mm.
+    pub spacing_m: f64,
+    /// Pressure in them, 0 to 40 kPa: under it in the cavity they bleed. Default: 12 kPa, a mean arterial pressure of 90 mmHg.
+    pub pressure_pa: f64,
+    /// Flow out of the widest for each Pa that the pressure in the cavity is lower, 0 (nothing bleeds) to 1e-3 ml/(s·Pa). Default: 1e-5.
+    pub conductance_ml_s_pa: f64,
+    /// What the calibres are drawn from.
+    pub seed: u64,
+}
+
+impl Default for Vessels {
+    fn default() -> Self {
+        Vessels { spacing_m: 0.004, pressure_pa: 12_000.0, conductance_ml_s_pa: 1e-5, seed: 1 }
+    }
+}
+
+/// The fluid's grid and figures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadedFluid {
+    /// Cells along x, y and z.
+    pub grid: [u32; 3],
+    /// Lowest corner of the grid.
+    pub box_min_m: [f32; 3],
+    /// Highest corner of the grid.
+    pub box_max_m: [f32; 3],
+    /// Steps per second.
+    pub rate_hz: f32,
+    /// The medium.
+    pub medium: Medium,
+    /// Set pressure of the pump.
+    pub set_pressure_pa: f32,
+    /// Dynamic viscosity.
+    pub viscosity_pa_s: f32,
+    /// Density.
+    pub density_kg_m3: f32,
+    /// The vessels.
+    pub vessels: Vessels,
+    /// What a scripted hand sets, in the order of its time.
+    pub changes: Vec<PumpChange>,
+}
+
+impl LoadedFluid {
+    /// The figures of a fluid in a box.
+    pub(crate) fn new(fluid: &Fluid, vessels: &Vessels, [box_min_m, box_max_m]: [[f32; 3]; 2]) -> LoadedFluid {
+        LoadedFluid {
+            grid: fluid.grid,
+            box_min_m,
+            box_max_m,
+            rate_hz: fluid.rate_hz as f32,
+            medium: fluid.medium,
+            set_pressure_pa: fluid.set_pressure_pa as f32,
+            viscosity_pa_s: fluid.viscosity_pa_s as f32,
+            density_kg_m3: fluid.density_kg_m3 as f32,
+            vessels: vessels.clone(),
+            changes: fluid.change.clone(),
+        }
+    }
+
+    /// Ticks of 1 ms from one step to the next.
+    pub fn period_ticks(&self) -> u64 {
+        (1_000.0 / self.rate_hz).round().max(1.0) as u64
+    }
+}
+
+pub(crate) fn validate(fluid: &Fluid) -> Checked {
+    for cells in fluid.grid {
+        range("fluid.grid", f64::from(cells), 4.0, 512.0, "cells")?;
+    }
+    let cells: u64 = fluid.grid.iter().map(|&n| u64::from(n)).product();
+    range("fluid.grid", cells as f64, 64.0, MAX_CELLS as f64, "cells in all")?;
+    range("fluid.rate_hz", fluid.rate_hz, 1.0, 1_000.0, "Hz")?;
+    range("fluid.set_pressure_pa", fluid.set_pressure_pa, 0.0, 20_000.0, "Pa")?;
+    range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;
+    range("fluid.density_kg_m3", fluid.density_kg_m3, 100.0, 5_000.0, "kg/m³")?;
+    range("fluid.margin_m", fluid.margin_m, 0.0, 0.1, "m")?;
+    range("fluid.change", fluid.change.len() as f64, 0.0, MAX_CHANGES as f64, "entries")?;
+    let mut before_s = 0.0;
+    for (index, change) in fluid.change.iter().enumerate() {
+        let key = |name: &str| format!("fluid.change[{index}].{name}");
+        range(key("at_s"), change.at_s, before_s, 86_400.0, "s")?;
+        range(key("set_pressure_pa"), change.set_pressure_pa.unwrap_or(0.0), 0.0, 20_000.0, "Pa")?;
+        range(key("inflow_valve"), change.inflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
+        range(key("outflow_valve"), change.outflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
+        before_s = change.at_s;
+    }
+    match (&fluid.box_min_m, &fluid.box_max_m) {
+        (Some(min_m), Some(max_m)) => crate::validate::corners("fluid.box_min_m", min_m, max_m),
+        (None, None) => Ok(()),
+        _ => {
+            let what = "only one of box_min_m and box_max_m is given";
+            Err(SceneError::new(Kind::Incomplete, "fluid", what, "give both, or none to have the box found"))
+        }
+    }
+}
+
+pub(crate) fn validate_vessels(vessels: &Vessels) -> Checked {
+    range("vessels.spacing_m", vessels.spacing_m, 5e-4, 0.05, "m")?;
+    range("vessels.pressure_pa", vessels.pressure_pa, 0.0, 40_000.0, "Pa")?;
+    range("vessels.conductance_ml_s_pa", vessels.conductance_ml_s_pa, 0.0, 1e-3, "ml/(s·Pa)")
+}
