@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 }
 
 /// Replacement in the good scene, and the kind, the line (0 for none) and the key of the error that it must give.
-const CASES: [(&str, &str, Kind, usize, &str); 37] = [
+const CASES: [(&str, &str, Kind, usize, &str); 48] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
@@ -65,6 +65,17 @@ const CASES: [(&str, &str, Kind, usize, &str); 37] = [
     ("grid = [32, 32, 18]", "grid = [1000000000, 32, 18]", Kind::Range, 14, "fluid.grid"),
     ("grid = [32, 32, 18]", "grid = [512, 512, 512]", Kind::Range, 14, "fluid.grid"),
     ("grid = [32, 32, 18]", "box_min_m = [0.0, 0.0, 0.0]", Kind::Incomplete, 13, "fluid"),
+    ("grid = [32, 32, 18]", "change = [{ inflow_valve = 0.5 }]", Kind::Incomplete, 14, "fluid.change[0]"),
+    ("grid = [32, 32, 18]", "change = [{ at_s = 1.0, valve = 0.5 }]", Kind::UnknownKey, 14, "fluid.change[0].valve"),
+    ("grid = [32, 32, 18]", "change = [{ at_s = 2.0 }, { at_s = 1.0 }]", Kind::Range, 14, "fluid.change[1].at_s"),
+    ("grid = [32, 32, 18]", "change = [{ at_s = nan }]", Kind::Range, 14, "fluid.change[0].at_s"),
+    ("grid = [32, 32, 18]", "change = [{ at_s = 1.0, inflow_valve = 1.5 }]", Kind::Range, 14, "fluid.change[0].inflow_valve"),
+    ("grid = [32, 32, 18]", "change = [{ at_s = 1.0, outflow_valve = -0.1 }]", Kind::Range, 14, "fluid.change[0].outflow_valve"),
+    ("grid = [32, 32, 18]", "change = [{ at_s = 1, set_pressure_pa = inf }]", Kind::Range, 14, "fluid.change[0].set_pressure_pa"),
+    ("[hand.mine]", "[vessels]\nspacing_m = 0.0\n[hand.mine]", Kind::Range, 16, "vessels.spacing_m"),
+    ("[hand.mine]", "[vessels]\npressure_pa = nan\n[hand.mine]", Kind::Range, 16, "vessels.pressure_pa"),
+    ("[hand.mine]", "[vessels]\nconductance_ml_s_pa = 1.0\n[hand.mine]", Kind::Range, 16, "vessels.conductance_ml_s_pa"),
+    ("[hand.mine]", "[vessels]\npressure = 1.0\n[hand.mine]", Kind::UnknownKey, 16, "vessels.pressure"),
     ("insertion_m = 0.03", "insertion_m = 0.3", Kind::Range, 17, "hand.mine.into.insertion_m"),
     ("period_s = 2.0", "period_s = 0.0", Kind::Range, 18, "hand.mine.period_s"),
     ("period_s = 2.0", "period_s = 2.0\ntarget = \"myoma\"", Kind::Name, 19, "hand.mine.target"),
