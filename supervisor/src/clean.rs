@@ -2,6 +2,7 @@
 //! `hystation clean`, at most one at a time. It takes 4 to 30 ms for each of the dead and has been seen to hang, so it is never done
 //! by the supervisor itself.
 
+use hyst_engine::realtime::SUPERVISOR_PRIORITY;
 use hyst_exchange::{Links, Station};
 use rustix::process::{PidfdFlags, Signal};
 use std::os::unix::process::CommandExt;
@@ -18,9 +19,13 @@ const UNBORN_NS: u64 = 1_000_000_000;
 /// Looks after a death.
 const UNBORN_LOOKS: u32 = 4;
 
+/// Its SCHED_FIFO priority: above ordinary processes, below the supervisor and whoever starts.
+const PRIORITY: i32 = SUPERVISOR_PRIORITY - 1;
+
 /// At most one clean-up at a time.
 #[derive(Debug, Default)]
 pub struct Cleaner {
+    is_real_time: bool,
     due_ns: Option<u64>,
     running: Option<(u32, u64)>,
     unborn: Unborn,
@@ -55,6 +60,11 @@ impl Unborn {
 }
 
 impl Cleaner {
+    /// One that has nobody to clean up after yet.
+    pub fn new(is_real_time: bool) -> Cleaner {
+        Cleaner { is_real_time, ..Cleaner::default() }
+    }
+
     /// Somebody died.
     pub fn ask(&mut self, now_ns: u64) {
         self.due_ns = Some(now_ns + PAUSE_NS);
@@ -82,17 +92,19 @@ impl Cleaner {
         }
         if self.due_ns.is_some_and(|due_ns| due_ns <= now_ns) {
             self.due_ns = None;
-            self.running = start(station).map(|pid| (pid, now_ns));
+            self.running = start(station, self.is_real_time).map(|pid| (pid, now_ns));
         }
     }
 }
 
-fn start(station: &Station) -> Option<u32> {
+fn start(station: &Station, is_real_time: bool) -> Option<u32> {
     let mut command = crate::proc::own_program();
     command.args(["clean", "--station", station.name()]).process_group(0);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     // Not behind ordinary ones: what it does not clean up fills the lists that newborns connect by.
-    crate::proc::start(&mut command, true).ok().map(|child| child.id())
+    let child =
+        if is_real_time { crate::proc::start_at(PRIORITY, &mut command) } else { crate::proc::start(&mut command, false) };
+    child.ok().map(|child| child.id())
 }
 
 fn is_over(pid: u32) -> bool {

@@ -19,6 +19,8 @@ pub const MOST_BYTES: usize = 64 * 1024;
 const MOST_ANSWER_BYTES: usize = 16 * 1024 * 1024;
 /// Clients that are waited for at the same time; the oldest makes room for a newcomer.
 const MOST_CLIENTS: usize = 64;
+/// Requests that the main loop may have at the same time: it takes deaths first, and these one at a time.
+const MOST_ASKED: usize = 8;
 /// Connections that are taken between two looks at those that wait.
 const MOST_ACCEPTED: usize = 256;
 /// Times that a client asks: in a flood it may be the one that made room.
@@ -112,7 +114,7 @@ fn body(listener: &UnixListener, tell: &Sender<Input>) {
                 client.tell(&bad("this station belongs to another user"));
             }
             // Most have sent their line by now.
-            if client.tend(tell) {
+            if client.tend(tell, waiting(&clients) < MOST_ASKED) {
                 if clients.len() >= MOST_CLIENTS {
                     // The one that has said nothing for longest, or is slow to hear; who waits for the main loop may have had done what it asks for.
                     let of = |is: fn(&Stage) -> bool| clients.iter().position(|client| is(&client.stage));
@@ -125,22 +127,33 @@ fn body(listener: &UnixListener, tell: &Sender<Input>) {
                 clients.push(client);
             }
         }
-        clients.retain_mut(|client| client.tend(tell));
+        let mut waiting = waiting(&clients);
+        clients.retain_mut(|client| {
+            let waited = usize::from(matches!(client.stage, Stage::Waits(_)));
+            let is_kept = client.tend(tell, waiting < MOST_ASKED);
+            waiting = waiting + usize::from(matches!(client.stage, Stage::Waits(_))) - waited;
+            is_kept
+        });
         // Sockets and replies are looked at in turn; an answer of the main loop is there within a millisecond, and is not to wait for the usual look.
-        let is_awaited = clients.iter().any(|client| matches!(client.stage, Stage::Waits(_)));
-        std::thread::sleep(if is_awaited { LOOK / 5 } else { LOOK });
+        std::thread::sleep(if waiting > 0 { LOOK / 5 } else { LOOK });
     }
 }
 
+/// Clients whose requests the main loop has.
+fn waiting(clients: &[Client]) -> usize {
+    clients.iter().filter(|client| matches!(client.stage, Stage::Waits(_))).count()
+}
+
 impl Client {
-    /// Takes it as far as it goes now; false when it is done with.
-    fn tend(&mut self, tell: &Sender<Input>) -> bool {
+    /// Takes it as far as it goes now; false when it is done with. Its request stays with it unless it `may_ask`.
+    fn tend(&mut self, tell: &Sender<Input>, may_ask: bool) -> bool {
         // Each stage is left at most once.
         loop {
             let is_over = match &mut self.stage {
                 Stage::Asks(line) => match read_line(&mut self.stream, line) {
                     Ok(None) => return self.since.elapsed() < PATIENCE,
                     Ok(Some(end)) => match serde_json::from_slice::<Request>(&line[..end]) {
+                        Ok(_) if !may_ask => return self.since.elapsed() < ANSWER_WITHIN,
                         Ok(request) => {
                             let (reply, inbox) = channel();
                             // If nobody is there to take it, the reply's end is dropped, and that is seen below.
@@ -188,6 +201,9 @@ enum LineError {
 
 /// Reads what is there; gives where the line ends, once it does.
 fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> Result<Option<usize>, LineError> {
+    if let Some(end) = line.iter().position(|byte| *byte == b'\n') {
+        return Ok(Some(end)); // it was not its turn yet
+    }
     let mut buffer = [0u8; 4096];
     // At most one line's worth in one look.
     for _ in 0..=MOST_BYTES / buffer.len() {
@@ -211,8 +227,9 @@ fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> Result<Option<usize
 /// Asks the supervisor of a station; the error says what to do.
 pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
     let mut answer = ask_once(station, request);
-    // A swap may have been begun by one who died before he could say so: it is not asked for twice.
-    let tries = if matches!(request, Request::Swap { .. }) { 1 } else { TRIES };
+    // A swap or a fault may have been begun by one who died, or had to make room, before he could say so: it is not asked for twice.
+    let is_deed = matches!(request, Request::Swap { .. } | Request::Fault(_));
+    let tries = if is_deed { 1 } else { TRIES };
     for _ in 1..tries {
         if !matches!(&answer, Err(reason) if reason.ends_with(CUT_OFF)) {
             break;
@@ -261,6 +278,43 @@ mod tests {
         let mut answer = Vec::new();
         let _ = stream.read_to_end(&mut answer);
         String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    #[test]
+    fn the_main_loop_never_has_more_than_a_few_requests_and_everybody_gets_an_answer() {
+        let station = Station::named(&format!("t{}-crowd", std::process::id())).unwrap();
+        station.wipe();
+        std::fs::create_dir(station.root()).unwrap();
+        let (tell, inbox) = channel();
+        serve(&station, tell).unwrap();
+        let path = station.control_socket();
+        // Half of them hang up; a main loop that is busy has heard of none of them yet.
+        let ask = |hangs_up: bool| {
+            let mut stream = UnixStream::connect(&path).unwrap();
+            stream.write_all(b"{\"do\":\"report\"}\n").unwrap();
+            (!hangs_up).then_some(stream)
+        };
+        let waiting: Vec<UnixStream> = (0..MOST_CLIENTS / 2).filter_map(|index| ask(index % 2 == 0)).collect();
+        let mut most = 0;
+        let mut answered = 0;
+        while answered < MOST_CLIENTS / 2 {
+            // One by one, as the main loop does; the first waits until the thread has taken what it will.
+            let Input::Request(_, reply) = inbox.recv_timeout(Duration::from_secs(20)).unwrap() else { panic!() };
+            let mut asked = vec![reply];
+            while let Ok(Input::Request(_, reply)) = inbox.recv_timeout(4 * LOOK) {
+                asked.push(reply);
+            }
+            most = most.max(asked.len());
+            answered += asked.len();
+            asked.into_iter().for_each(|reply| drop(reply.send(good(serde_json::json!(1)))));
+        }
+        assert!((2..=MOST_ASKED).contains(&most), "{most}");
+        for mut stream in waiting {
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).unwrap();
+            assert!(answer.contains("true"), "{answer:?}");
+        }
+        station.wipe();
     }
 
     #[test]

@@ -52,3 +52,26 @@ fn address(path: &str) -> Option<SocketAddr> {
         None => SocketAddr::from_pathname(path).ok(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn systemd_is_told_that_all_is_well_only_while_it_is_and_only_when_that_is_due() {
+        let path = std::env::temp_dir().join(format!("notify-{}", std::process::id()));
+        let socket = UnixDatagram::bind(&path).unwrap();
+        socket.set_nonblocking(true).unwrap();
+        let address = address(path.to_str().unwrap()).unwrap();
+        let mut notifier =
+            Notifier { socket: Some((UnixDatagram::unbound().unwrap(), address)), every_ns: Some(u64::MAX / 4), next_ns: 0 };
+        let told = || socket.recv(&mut [0; 64]).ok();
+        notifier.watchdog(|| false);
+        assert_eq!(told(), None, "the supervisor hangs");
+        notifier.watchdog(|| unreachable!("it is not due"));
+        notifier.next_ns = 0;
+        notifier.watchdog(|| true);
+        assert_eq!(told(), Some("WATCHDOG=1\n".len()));
+        std::fs::remove_file(&path).unwrap();
+    }
+}

@@ -160,6 +160,14 @@ pub fn has_ended(pidfd: &OwnedFd) -> bool {
     rustix::event::poll(&mut asked, Some(&Timespec::default())).is_ok_and(|count| count > 0)
 }
 
+/// Lets the threads that are left of a dying process end before whoever is below this priority: they are ordinary, and on full cores the last of them got
+/// no time for tens of milliseconds. Refused without rights: then it ends as it can.
+pub fn hasten(process: u32, priority: i32) {
+    for thread in threads(process) {
+        system::hasten(thread, priority);
+    }
+}
+
 fn demote(role: Option<Role>, process: u32) {
     if role != Some(Role::Device) {
         for thread in threads(process) {

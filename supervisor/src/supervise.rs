@@ -1,6 +1,7 @@
 //! The supervisor: it takes events (deaths, late heartbeats, requests, time), asks the policy, and does what the policy says. It links no
 //! simulation. Engines do not depend on its life: a supervisor that is restarted adopts those that it finds.
 
+mod accounting;
 mod distrust;
 mod effects;
 mod kept;
@@ -14,23 +15,22 @@ use crate::clean::Cleaner;
 use crate::control::{self, Request};
 use crate::fault::Death;
 use crate::faults::Faults;
-use crate::growth::{Growth, Use};
+use crate::growth::Growth;
 use crate::journal;
 use crate::lockstep::Permit;
 use crate::name;
 use crate::oom::OutOfMemory;
 use crate::plan::{Plan, PlanError};
 use crate::policy::{self, Event, Exit, State};
-use crate::proc;
 use crate::spawn::{self, Spawner};
 use crate::swap::judge::Seen;
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
-use hyst_engine::realtime::SUPERVISOR_PRIORITY;
+use hyst_engine::realtime::{DEVICE_RETURNS_PRIORITY, SUPERVISOR_PRIORITY};
 use hyst_exchange::{LinkError, OwnedPage, Roster, Station, StationError, system};
-use hyst_messages::page::{ProcessState, station as layout};
+use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
@@ -95,6 +95,10 @@ struct Supervisor {
     slots: Vec<Slot>,
     next_ledger_ns: u64,
     next_accounts_ns: u64,
+    /// The next part of the accounts, from 0, while they are under way.
+    accounting: Option<usize>,
+    /// Requests that wait until no notice does.
+    asked: VecDeque<(Request, Sender<String>)>,
     /// Incarnations that were replaced because others distrust them.
     heeded: BTreeSet<u32>,
     /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
@@ -129,8 +133,11 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     page.fetch_add64(layout::SUPERVISOR_STARTS, 1);
     let plan = Plan::read(station)?;
     let (tell, inbox) = channel::<Input>();
-    let notices = tell.clone();
+    let (notices, main_thread) = (tell.clone(), system::thread_id());
     let watch = Watch::start(Arc::clone(&page), real_time, move |notice| {
+        if real_time && notice.is_end_of_device() {
+            system::hasten(main_thread, DEVICE_RETURNS_PRIORITY); // until it has started another
+        }
         let _ = notices.send(Input::Notice(notice)); // the inbox lives as long as the process
     })
     .map_err(system_error)?;
@@ -144,7 +151,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         spawner: Spawner::new(station, Arc::clone(&page), plan.clone())?,
         policy,
         watch,
-        cleaner: Cleaner::default(),
+        cleaner: Cleaner::new(real_time),
         viewer: Viewer::open(station)?,
         accounts: Accounts::read(station),
         faults: Faults::new(station, &plan.faults)?,
@@ -157,6 +164,8 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         page,
         next_ledger_ns: 0,
         next_accounts_ns: 0,
+        accounting: None,
+        asked: VecDeque::new(),
         heeded: BTreeSet::new(),
         standing: BTreeMap::new(),
         unsound: BTreeSet::new(),
@@ -188,9 +197,9 @@ impl Supervisor {
     fn run(&mut self, inbox: &Receiver<Input>) -> u8 {
         let mut stop_since_ns = None;
         loop {
-            match inbox.recv_timeout(PERIOD) {
+            match inbox.recv_timeout(if self.asked.is_empty() { PERIOD } else { Duration::ZERO }) {
                 Ok(input) => self.take(input),
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => self.answer_one(),
             }
             let now_ns = system::now_ns();
             self.page.store64(layout::SUPERVISOR_NS, now_ns);
@@ -235,56 +244,18 @@ impl Supervisor {
         }
         if now_ns >= self.next_accounts_ns {
             self.next_accounts_ns = now_ns + ACCOUNTS_NS;
-            self.sample_all(now_ns);
-            self.heed_states(now_ns);
-            self.accounts.write(&self.station);
-            journal::keep_small(&self.station, &self.slots);
-            self.memory.look();
-            self.faults.keep_open();
-            self.hand_over();
+            self.accounting = self.accounting.or(Some(0));
+        }
+        if let Some(part) = self.accounting {
+            self.accounting = self.account(now_ns, part).then_some(part + 1);
         }
     }
 
-    fn hand_over(&mut self) {
-        let report = crate::report::build(&mut self.viewer, &self.accounts, &self.faults, &self.policy);
-        crate::report::hand_over(&self.station, &report);
-    }
-
-    fn sample_all(&mut self, now_ns: u64) {
-        for slot in self.slots.clone() {
-            let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
-            self.sample(now_ns, slot, (!dead).then_some(pid));
-            if pid != 0 && !dead && self.policy.is_ready(slot) {
-                self.measure(now_ns, slot, pid);
-            }
+    /// Answers the request that has waited for longest.
+    fn answer_one(&mut self) {
+        if let Some((request, reply)) = self.asked.pop_front() {
+            let _ = reply.send(self.answer(&request)); // who asked may have gone
         }
-    }
-
-    /// Replaces a process that grows without end before the system kills it.
-    fn measure(&mut self, now_ns: u64, slot: Slot, pid: u32) {
-        let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
-        let incarnation = self.viewer.page().incarnation(slot);
-        let used = Use { resident_mib: resident_mib as u64, files };
-        let grown = self.growth.sample(slot, incarnation, used);
-        if let Some(text) = grown.as_ref().filter(|_| slot.role() == Role::Hardware) {
-            // It stands for a thing outside of the station, which nobody here replaces.
-            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) grows: {text}"));
-        } else if let Some(text) = grown {
-            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {text}"));
-            self.faults.late(slot, incarnation, now_ns, now_ns, "growth");
-            let unfit = Event::Unfit { slot, incarnation, reason: "it grows and grows" };
-            let actions = policy::step(now_ns, unfit, &mut self.policy);
-            self.act(actions);
-        }
-    }
-
-    fn sample(&mut self, now_ns: u64, slot: Slot, process: Option<u32>) {
-        let incarnation = self.viewer.page().incarnation(slot);
-        let Some(page) = self.viewer.slot_page(slot) else {
-            return;
-        };
-        let ready = page.state().is_ready() || page.state() == ProcessState::Stopping;
-        self.accounts.sample(now_ns, slot, incarnation, page, process, ready);
     }
 
     fn take(&mut self, input: Input) {
@@ -322,36 +293,51 @@ impl Supervisor {
             }
             Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, open_ns, beat_ns }) => {
                 let exit = self.memory.blame(spawn::reap(pid));
-                self.spawner.mortality.pass("reaped");
-                self.note_holders(at_ns); // one that took the role and died since the last look held it
-                if self.dismissed.remove(&incarnation) {
-                    self.sample(at_ns, slot, None);
-                    self.cleaner.ask(at_ns);
-                } else if !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0 {
-                    self.mourn(slot, incarnation, exit, Death { at_ns, open_ns, beat_ns });
-                }
-                let actions = policy::step(at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
-                self.act(actions);
+                self.died(slot, incarnation, exit, Death { at_ns, open_ns, beat_ns });
             }
             Input::Judged { incarnation, seen } => self.judged(incarnation, &seen),
-            Input::Request(request, reply) => {
-                let _ = reply.send(self.answer(&request)); // who asked may have gone
-            }
+            Input::Request(request, reply) => self.asked.push_back((request, reply)),
         }
     }
 
-    fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death) {
-        let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
+    /// Somebody is dead: it is told, and what follows from it is done; of the device, without which the hand has nobody, first done and then told.
+    fn died(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death) {
+        self.spawner.mortality.pass("reaped");
+        self.note_holders(death.at_ns); // one that took the role and died since the last look held it
+        let is_urgent = slot.role() == Role::Device;
+        let is_dismissed = self.dismissed.remove(&incarnation);
+        let is_mourned = !is_dismissed && !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0;
+        let words = self.last_words(slot);
+        if is_dismissed || is_mourned {
+            self.sample(death.at_ns, slot, None);
+            self.cleaner.ask(death.at_ns);
+        }
+        if is_mourned && !is_urgent {
+            self.mourn(slot, incarnation, exit, death, &words);
+        }
+        let actions = policy::step(death.at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
+        self.act(actions);
+        if is_urgent && self.real_time {
+            system::become_fifo(SUPERVISOR_PRIORITY); // the watch had hastened this thread
+        }
+        if is_mourned && is_urgent {
+            self.mourn(slot, incarnation, exit, death, &words);
+        }
+    }
+
+    fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death, words: &str) {
         let words = if words.is_empty() { String::new() } else { format!(": {words}") };
         let was_last = slot.role() == Role::Haptic && !self.has_another_servo(slot);
         journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) died, {exit}{words}"));
         if was_last {
             journal::say(&self.station, "no servo is left: the force fades, and comes back with the next one");
         }
-        self.sample(death.at_ns, slot, None);
         self.faults.died(slot, incarnation, exit, death);
         self.page.fetch_add64(layout::SLOT_RESTARTS + slot.number(), 1);
-        self.cleaner.ask(death.at_ns);
+    }
+
+    fn last_words(&mut self, slot: Slot) -> String {
+        self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default()
     }
 
     /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.
@@ -370,7 +356,9 @@ impl Supervisor {
             Request::Kinds => control::good(crate::faultfile::FaultKind::described()),
             Request::Status => control::good(serde_json::to_value(self.viewer.look()).unwrap_or_default()),
             Request::Report => {
-                self.sample_all(system::now_ns());
+                for slot in self.slots.clone() {
+                    self.sample_and_measure(system::now_ns(), slot);
+                }
                 control::good(crate::report::build(&mut self.viewer, &self.accounts, &self.faults, &self.policy))
             }
             Request::Swap { role, binary } => match self.begin_swap(role, binary) {

@@ -6,7 +6,7 @@
 use crate::proc::{self, ThreadFiles};
 use crate::suspicion::{Gauge, Opinion, is_real_time};
 use hyst_engine::Silence;
-use hyst_engine::realtime::WATCH_PRIORITY;
+use hyst_engine::realtime::{DEVICE_RETURNS_PRIORITY, WATCH_PRIORITY};
 use hyst_exchange::{OwnedPage, ReadPage, system};
 use hyst_messages::page::{ProcessState, header, station as layout};
 use hyst_messages::{Role, SLOTS, Slot, TICK_NS};
@@ -154,6 +154,13 @@ pub enum Notice {
     },
 }
 
+impl Notice {
+    /// Whether the hand has nobody from now on.
+    pub fn is_end_of_device(&self) -> bool {
+        matches!(self, Notice::Died { slot, .. } if slot.role() == Role::Device)
+    }
+}
+
 /// The way to the thread.
 #[derive(Debug)]
 pub struct Watch {
@@ -274,6 +281,9 @@ fn look_at_all(page: &OwnedPage, wards: &mut [Ward], look: Look, tell: &dyn Fn(N
         if !look.is_lockstep && ward.open_ns.is_none() && ward.page.latch_is_open() {
             ward.open_ns = Some(look.now_ns);
             mark_dead(page, ward);
+            if ward.slot.role() == Role::Device {
+                proc::hasten(ward.pid, DEVICE_RETURNS_PRIORITY);
+            }
         }
         let beat_ns = ward.page.load64(header::HEARTBEAT_NS);
         if std::mem::replace(&mut ward.beat_ns, beat_ns) != beat_ns {

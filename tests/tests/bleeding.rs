@@ -18,8 +18,9 @@ fn scene(folder: &Folder, vessel_pa: f64, conductance_ml_s_pa: f64, change: &str
     let scenes = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes");
     let meshes = scenes.join("../meshes");
     let text = std::fs::read_to_string(scenes.join("default.toml")).unwrap().replace("../meshes", meshes.to_str().unwrap());
-    let vessels =
-        format!("\n[vessels]\npressure_pa = {vessel_pa:.1}\nconductance_ml_s_pa = {conductance_ml_s_pa:e}\n\n[fluid]\n{change}\n");
+    let vessels = format!(
+        "\n[vessels]\npressure_pa = {vessel_pa:.1}\nconductance_ml_s_pa = {conductance_ml_s_pa:e}\n\n[fluid]\n{change}\n"
+    );
     assert!(text.contains("\n[fluid]\n") && !text.contains("[vessels]"));
     folder.write("scene.toml", &text.replace("\n[fluid]\n", &vessels))
 }

@@ -229,6 +229,7 @@ fn the_device_is_back_before_the_hardware_has_let_go() {
     println!("device: back after {recovered_ms:.0?} ms; bare starts {starts_ms:.1?} ms");
     assert_eq!(recovered_ms.len(), faults.len(), "{faults:#?}");
     Promise { allowed, least: 5 }.judge("kills of the device, excess misses", &excess, || ended.said.clone());
+    Promise { allowed, least: 5 }.judge("kills of the device, ms until it is back", &recovered_ms, || ended.said.clone());
     assert!(ended.number("device.own_faults.count") >= 5.0, "reported apart: {}", ended.report["device"]);
 }
 

@@ -1,5 +1,5 @@
 //! What does not come from a well-meaning operator, in whole stations: nonsense in the roster's page while engines feel the tissue, and a flood of
-//! valid requests on the control socket. Each is refused or mended, said, and costs the hand nothing.
+//! requests and garbage on the control socket. Each is refused or mended, said, and costs the hand nothing.
 
 use hyst_exchange::Roster;
 use hyst_messages::page::{WORDS32, header, roster};
@@ -21,8 +21,10 @@ const MOST_LINES: usize = 2;
 const ALLOWED: f64 = 0.1;
 /// Words that must count for it.
 const LEAST: usize = 6;
-/// Threads that ask for the status all the time.
-const ASKERS: usize = 4;
+/// Threads that ask for the status all the time; that ask for a report and hang up; that send what is no request.
+const ASKERS: [fn(&std::path::Path, &Flood); 6] = [ask, ask, ask, ask_and_hang_up, ask_and_hang_up, send_garbage];
+/// Connections that a flood makes at least.
+const FLOOD: u64 = 10_000;
 /// The last epoch that there is.
 const LAST_EPOCH: u64 = 0x7fff_ffff;
 
@@ -136,41 +138,85 @@ fn nonsense_in_the_roster_is_mended_once_and_said_and_the_role_lives_on() {
     ended.assert_recorded();
 }
 
-/// Asks again and again until it is told to end; gives the number of whole answers.
-fn ask(path: &std::path::Path, ends: &AtomicBool, answers: &AtomicU64) {
-    while !ends.load(Ordering::Relaxed) {
-        let Ok(mut stream) = UnixStream::connect(path) else { continue };
-        let mut text = String::new();
-        let sent = stream.write_all(b"{\"do\":\"status\"}\n").and_then(|()| stream.read_to_string(&mut text));
-        let is_whole = sent.is_ok() && text.starts_with('{') && text.ends_with("}\n") && text.contains("\"ok\":true");
-        answers.fetch_add(u64::from(is_whole), Ordering::Relaxed);
+/// Whether a flood is to end, the connections that it made, and the whole answers that it got.
+#[derive(Default)]
+struct Flood {
+    ends: AtomicBool,
+    connections: AtomicU64,
+    answers: AtomicU64,
+}
+
+impl Flood {
+    /// A connection, unless it is over; none if there was no room for it.
+    fn connect(&self, path: &std::path::Path) -> Option<Option<UnixStream>> {
+        if self.ends.load(Ordering::Relaxed) {
+            return None;
+        }
+        let stream = UnixStream::connect(path).ok();
+        self.connections.fetch_add(u64::from(stream.is_some()), Ordering::Relaxed);
+        Some(stream)
     }
 }
 
-/// Each request is valid, so each makes the supervisor look at every page of the station and write an answer.
+/// Asks again and again.
+fn ask(path: &std::path::Path, flood: &Flood) {
+    while let Some(stream) = flood.connect(path) {
+        let Some(mut stream) = stream else { continue };
+        let mut text = String::new();
+        let sent = stream.write_all(b"{\"do\":\"status\"}\n").and_then(|()| stream.read_to_string(&mut text));
+        let is_whole = sent.is_ok() && text.starts_with('{') && text.ends_with("}\n") && text.contains("\"ok\":true");
+        flood.answers.fetch_add(u64::from(is_whole), Ordering::Relaxed);
+    }
+}
+
+/// Asks for the largest answer that there is, and is gone before it comes.
+fn ask_and_hang_up(path: &std::path::Path, flood: &Flood) {
+    while let Some(stream) = flood.connect(path) {
+        let _ = stream.map(|mut stream| stream.write_all(b"{\"do\":\"report\"}\n"));
+    }
+}
+
+/// Sends what is no request.
+fn send_garbage(path: &std::path::Path, flood: &Flood) {
+    let garbage: [&[u8]; 5] = [b"", b"{\"do\":", b"\xff\xfe\x00\n", b"{\"do\":\"status\",\"x\":1}\n", b"[[[[[[[[[[[[\n"];
+    for line in garbage.iter().cycle() {
+        match flood.connect(path) {
+            Some(stream) => drop(stream.map(|mut stream| stream.write_all(line))),
+            None => return,
+        }
+    }
+}
+
+/// Each valid request makes the supervisor look at every page of the station and write an answer; deaths come first.
 #[test]
-fn a_flood_of_valid_requests_costs_the_engines_no_tick_and_no_process() {
+fn a_flood_of_requests_and_garbage_costs_the_engines_no_tick_and_no_process_and_who_dies_meanwhile_comes_back() {
     let station = Station::start("flood", &["--hand", "script:press"]);
     let (before, supervisor) = (station.census(), station.keeper(Role::Supervisor));
-    let (ends, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
-    let flood = std::cell::RefCell::new(Vec::new());
+    let flood = Arc::new(Flood::default());
+    let askers = std::cell::RefCell::new(Vec::new());
     let begin = |station: &Station| {
-        ends.store(false, Ordering::Relaxed);
+        flood.ends.store(false, Ordering::Relaxed);
         let path = station.place().control_socket();
-        flood.borrow_mut().extend((0..ASKERS).map(|_| {
-            let (path, ends, answers) = (path.clone(), Arc::clone(&ends), Arc::clone(&answers));
-            std::thread::spawn(move || ask(&path, &ends, &answers))
+        askers.borrow_mut().extend(ASKERS.map(|asker| {
+            let (path, flood) = (path.clone(), Arc::clone(&flood));
+            std::thread::spawn(move || asker(&path, &flood))
         }));
     };
     let end = |_: &Station| {
-        ends.store(true, Ordering::Relaxed);
-        flood.borrow_mut().drain(..).for_each(|asker| asker.join().expect("an asker"));
+        flood.ends.store(true, Ordering::Relaxed);
+        askers.borrow_mut().drain(..).for_each(|asker| asker.join().expect("an asker"));
     };
-    compare("a flood of valid requests", &station, begin, end);
-    let answers = answers.load(Ordering::Relaxed);
-    println!("{answers} requests were answered");
-    assert!(answers > 100, "{answers}\n{}", station.events());
-    before.assert_untouched(&station, "a flood of valid requests", &[]);
+    compare("a flood of requests and garbage", &station, begin, end);
+    before.assert_untouched(&station, "a flood of requests and garbage", &[]);
+    begin(&station);
+    let connections = || Some(flood.connections.load(Ordering::Relaxed)).filter(|connections| *connections >= FLOOD);
+    assert!(wait_for(RECOVERY_LIMIT, connections).is_some(), "{:?} connections in all", flood.connections);
+    for (role, active) in [("haptic", true), ("tissue", true), ("device", true), ("collision-worker", false)] {
+        station.kill(role, active); // waits until another one is there
+    }
+    end(&station);
+    println!("{:?} requests of {:?} connections were answered", flood.answers, flood.connections);
+    assert!(flood.answers.load(Ordering::Relaxed) > 100, "{:?}\n{}", flood.answers, station.events());
     assert_eq!(station.keeper(Role::Supervisor), supervisor, "{}", station.events());
     let ended = station.stop();
     ended.assert_clean();

@@ -17,6 +17,8 @@ pub struct Given {
     pub model: ContactModel,
     /// What the tissue is told of the medium.
     pub medium: Medium,
+    /// Epoch and tick of the fluid's state that it is from.
+    pub medium_key: (u32, u64),
     /// How far back the servo's state is that the force goes on from, ticks, if not by its own rule; else 0.
     pub lag: u64,
     /// In a replay: no servo had answered in time, so none counts.
@@ -61,6 +63,7 @@ impl Again {
             lag: u64::from(recorded.lag),
             is_mute: recorded.command.kind != Applied::Fresh as u32,
             newborn: is_newborn.then(born),
+            ..Given::default()
         })
     }
 }

@@ -11,14 +11,19 @@ use hyst_coupling::{AppliedKind, HardwareParams, LastHopParams, LastHopState, la
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
-use hyst_messages::page::{ProcessState, device as layout, hardware, header, station};
-use hyst_messages::{Applied, AppliedRecord, ContactModel, ForceCommand, HardwareSample, InputRecord, Medium, Role};
+use hyst_messages::page::{ProcessState, device as layout, haptic, hardware, header, station};
+use hyst_messages::{Applied, AppliedRecord, ForceCommand, HardwareSample, InputRecord, Medium, Role};
 
 /// Time after the start of a tick by which a servo's force must be there, ns: it needs about 50 µs, and the hardware reads the command at
 /// any phase of the tick, so that what comes later than this may be felt one tick later.
 pub const DEADLINE_NS: u64 = 400_000;
 /// How long a device that was started waits for the hardware's page before it says so, ns.
 const PATIENCE_NS: u64 = 5_000_000_000;
+
+/// Longest that it waits then for the pages of those who live, ns: nobody makes a force meanwhile.
+const SEATING_NS: u64 = 10_000_000;
+/// Between two looks for them, ns.
+const LOOK_NS: u64 = 100_000;
 
 struct Hop<'a> {
     life: &'a Life,
@@ -37,16 +42,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid])?;
     let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()));
     let mut replicas = Replicas::default();
-    let patience_ns = system::now_ns() + PATIENCE_NS;
-    let hardware = loop {
-        match inbox.take() {
-            Some(arrival) if arrival.slot.role() == Role::Hardware => break arrival.page,
-            Some(arrival) => seat(life, arrival, &mut models, &mut replicas, &mut inbox),
-            None if system::now_ns() > patience_ns => return Err(Failure::Broken("the hardware's page has not come".into())),
-            None => system::sleep_ns(hyst_messages::TICK_NS),
-        }
-        life.heartbeat();
-    };
+    let hardware = first_pages(life, &mut inbox, &mut models, &mut replicas)?;
     let lies = Lies::new(life, size_of::<ForceCommand>());
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
@@ -56,6 +52,42 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     hop.run()
 }
 
+/// Waits for the hardware's page, which it gives back, and then a little for those of all who live: a model that stood in a spare's page for long would
+/// else be the newest of the first tick.
+fn first_pages(life: &Life, inbox: &mut PageInbox, models: &mut Models, replicas: &mut Replicas) -> Result<ReadPage, Failure> {
+    let started_ns = system::now_ns();
+    let mut hardware: Option<(ReadPage, u64)> = None;
+    loop {
+        let waited_ns = |since_ns: u64| system::now_ns().saturating_sub(since_ns);
+        match (inbox.take(), hardware.take()) {
+            (Some(arrival), before) if arrival.slot.role() == Role::Hardware => {
+                let since_ns = before.as_ref().map_or_else(system::now_ns, |(_, since_ns)| *since_ns);
+                hardware = Some((arrival.page, since_ns));
+                if let Some((page, _)) = before {
+                    inbox.retire(page);
+                }
+            }
+            (Some(arrival), before) => {
+                hardware = before;
+                seat(life, arrival, models, replicas, inbox);
+            }
+            (None, Some((page, since_ns))) => {
+                let are_all_seated = models.are_all_seated(&life.clock) && replicas.are_all_seated(&life.clock);
+                if are_all_seated || waited_ns(since_ns) > SEATING_NS {
+                    return Ok(page);
+                }
+                hardware = Some((page, since_ns));
+                system::sleep_ns(LOOK_NS);
+            }
+            (None, None) if waited_ns(started_ns) > PATIENCE_NS => {
+                return Err(Failure::Broken("the hardware's page has not come".into()));
+            }
+            (None, None) => system::sleep_ns(LOOK_NS),
+        }
+        life.heartbeat();
+    }
+}
+
 /// Puts a page where it belongs and hands its predecessor's back.
 fn seat(life: &Life, arrival: PageArrival, models: &mut Models, replicas: &mut Replicas, inbox: &mut PageInbox) {
     let page = arrival.page;
@@ -63,7 +95,12 @@ fn seat(life: &Life, arrival: PageArrival, models: &mut Models, replicas: &mut R
     models.newest(life, life.tick());
     models.medium(life, life.tick());
     let before = match arrival.slot.role() {
-        Role::Haptic => replicas.seat(arrival.slot.index(), page),
+        Role::Haptic => {
+            if let Some((_, before)) = page.cell(haptic::INPUT) {
+                models.go_on_from(&before, life);
+            }
+            replicas.seat(arrival.slot.index(), page)
+        }
         Role::Tissue => models.seat(arrival.slot.index(), page),
         Role::Fluid => models.seat_fluid(arrival.slot.index(), page),
         _ => Some(page),
@@ -121,12 +158,13 @@ impl Hop<'_> {
     }
 
     /// Contact model and medium as the tissues and fluids have them now.
-    fn newest_model(&mut self, tick: u64) -> (ContactModel, Medium) {
-        (self.models.newest(self.life, tick), self.models.medium(self.life, tick))
+    fn newest_model(&mut self, tick: u64) -> Given {
+        let (medium, medium_key) = self.models.medium(self.life, tick);
+        Given { model: self.models.newest(self.life, tick), medium, medium_key, ..Given::default() }
     }
 
     /// In lock-step: those of the ticks that the sequencer has seen finished; and every servo of the station has its seat.
-    fn exact_model(&mut self, tick: u64) -> (ContactModel, Medium) {
+    fn exact_model(&mut self, tick: u64) -> Given {
         let life = self.life;
         let tick_of = |word: usize| life.clock.page().load64(word);
         let found = lockstep::wait_for(life, || {
@@ -140,16 +178,17 @@ impl Hop<'_> {
 
     /// What is known of the tick before the servos are asked; `None` if the recording of a replay says that the device made none.
     fn given(&mut self, tick: u64) -> Option<Given> {
-        let (model, medium) = if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
+        let given = if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
         match &mut self.again {
-            Some(again) => again.given(&self.hardware, tick, model),
-            None => Some(Given { model, medium, ..Given::default() }),
+            Some(again) => again.given(&self.hardware, tick, given.model),
+            None => Some(given),
         }
     }
 
     fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, woken_ns: u64) {
         let page = &self.life.page;
         let Given { model, medium: Medium { pressure_pa, pieces }, lag: replayed_lag, .. } = *given;
+        let (medium_epoch, medium_tick) = given.medium_key;
         let device_incarnation = self.life.incarnation as u64;
         let applied_n = self.state.applied_n;
         let selected_incarnation = self.replicas.selected_incarnation() as u64;
@@ -163,6 +202,9 @@ impl Hop<'_> {
             pieces,
             selected_incarnation,
             replayed_lag,
+            medium_tick,
+            medium_epoch,
+            reserved: 0,
         };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);

@@ -1,12 +1,13 @@
 //! The newest valid contact model: the highest (epoch, state tick) over the pages of all tissues, and the newest valid word of the medium over
 //! those of all fluids. What is not finite, out of range, of another input than it names, or without progress is refused and counted, and its writer is
-//! distrusted; what has a lower epoch than one seen before is fenced.
+//! distrusted; what has a lower epoch than one seen before is fenced. A newborn device goes
+//! on from what its predecessor used last, as a servo remembers it, so that nothing older is used after a restart either.
 
 use hyst_engine::Life;
-use hyst_exchange::{Horizon, OwnedPage, ReadPage};
+use hyst_exchange::{Horizon, OwnedPage, ReadPage, StationPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
-use hyst_messages::{ContactModel, FluidStatus, MAX_FLOW_M_S, MAX_PLANES, Medium};
+use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_FLOW_M_S, MAX_PLANES, Medium, Role};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -78,13 +79,38 @@ impl Models {
         }
     }
 
+    /// Takes model and medium of an input record that a device before this one sent, if they are newer than what is known here.
+    pub fn go_on_from(&mut self, before: &InputRecord, life: &Life) {
+        let model = &before.model;
+        let key = (model.epoch, model.state_tick);
+        if key > (self.newest.epoch, self.newest.state_tick) && is_valid(model) && !is_ahead(&self.horizons[0], key, life) {
+            self.newest = *model;
+        }
+        let (key, medium) = ((before.medium_epoch, before.medium_tick), before.medium());
+        if key > self.medium_key && is_medium(&medium) && !is_ahead(&self.horizons[1], key, life) {
+            (self.medium_key, self.medium) = (key, medium);
+        }
+    }
+
+    /// Whether every tissue and fluid that lives in the station has its seat. Until then the newest model known here may be an old one, that of a spare.
+    pub fn are_all_seated(&self, clock: &StationPage) -> bool {
+        let tissue = |index: usize| self.tissues.get(index).map(|place| place.as_ref().map(|tissue| tissue.page.incarnation()));
+        let fluid = |index: usize| self.fluids.get(index).map(|place| place.as_ref().map(|fluid| fluid.page.incarnation()));
+        let is_seated = |role: Role, seat: &dyn Fn(usize) -> Option<Option<u32>>| {
+            let mut living = clock.occupied(role).filter(|(slot, _)| !clock.is_dead(*slot));
+            living.all(|(slot, incarnation)| seat(slot.index()).is_none_or(|seated| seated == Some(incarnation)))
+        };
+        is_seated(Role::Tissue, &tissue) && is_seated(Role::Fluid, &fluid)
+    }
+
     /// Whether the newest model and medium are of these ticks, or later ones.
     pub fn has_reached(&self, tissue_tick: u64, fluid_tick: u64) -> bool {
         self.newest.state_tick >= tissue_tick && self.medium_key.1 >= fluid_tick
     }
 
-    /// What the newest valid status of a fluid says. It goes to the tissue in the input record, so that a substitute uses the same.
-    pub fn medium(&mut self, life: &Life, tick: u64) -> Medium {
+    /// What the newest valid status of a fluid says, and its epoch and tick. It goes to the tissue in the input record, so that a substitute uses the
+    /// same.
+    pub fn medium(&mut self, life: &Life, tick: u64) -> (Medium, (u32, u64)) {
         for fluid in self.fluids.iter_mut().flatten() {
             let number = fluid.page.cell_number(fluid::STATUS);
             if number == fluid.number {
@@ -108,7 +134,7 @@ impl Models {
                 (self.medium_key, self.medium) = (key, medium);
             }
         }
-        self.medium
+        (self.medium, self.medium_key)
     }
 
     /// The model to use in this tick.
@@ -165,12 +191,16 @@ fn is_valid(model: &ContactModel) -> bool {
         })
 }
 
+/// Whether pressure and flow are in their ranges.
+fn is_medium(medium: &Medium) -> bool {
+    let mut speeds = medium.pieces.iter().flat_map(|flow| flow.velocity_m_s);
+    (0.0..=MAX_PRESSURE_PA).contains(&medium.pressure_pa) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+}
+
 /// Whether a status is in range and goes on from the one before it: a deficit that stands still while something flows is an old one.
 fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -> Result<(), Distrust> {
-    let mut speeds = status.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-    let in_range = (0.0..=MAX_PRESSURE_PA).contains(&status.pressure_pa)
-        && status.deficit_ml.is_finite()
-        && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S);
+    let medium = Medium { pressure_pa: status.pressure_pa, pieces: status.pieces };
+    let in_range = is_medium(&medium) && status.deficit_ml.is_finite();
     if !in_range || status.state_tick > tick + MOST_AHEAD_TICKS {
         return Err(Distrust::Invalid);
     }
@@ -186,7 +216,9 @@ fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::ContactPlane;
+    use hyst_exchange::Station;
+    use hyst_messages::page::station;
+    use hyst_messages::{ContactPlane, Slot};
 
     #[test]
     fn a_model_with_any_number_out_of_range_is_refused() {
@@ -208,6 +240,73 @@ mod tests {
             change(&mut bad.planes[0]);
             assert!(!is_valid(&bad), "{:?}", bad.planes[0]);
         }
+    }
+
+    #[test]
+    fn a_newborn_device_has_all_seated_only_with_the_page_of_each_tissue_and_fluid_that_lives() {
+        let station = Station::named(&format!("t{}-seats", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (keeping, clock) = (station.open_for_keeping().unwrap(), station.open().unwrap());
+        let slots = [(Role::Tissue, 0), (Role::Tissue, 1), (Role::Fluid, 0)].map(|(role, index)| Slot::new(role, index).unwrap());
+        for (slot, incarnation) in slots.into_iter().zip(3..) {
+            station.create_slot(slot, incarnation).unwrap();
+            keeping.store32(station::SLOT_INCARNATION + slot.number(), incarnation);
+        }
+        let page = |at: usize| station.read_slot(slots[at], 3 + at as u32).unwrap();
+        let mut models = Models::new([None, None]);
+        assert!(!models.are_all_seated(&clock));
+        assert!(models.seat(0, page(0)).is_none() && models.seat_fluid(0, page(2)).is_none());
+        assert!(!models.are_all_seated(&clock), "the second tissue's page is missing");
+        assert!(models.seat(1, page(1)).is_none());
+        assert!(models.are_all_seated(&clock));
+        station.create_slot(slots[1], 9).unwrap();
+        keeping.store32(station::SLOT_INCARNATION + slots[1].number(), 9);
+        assert!(!models.are_all_seated(&clock), "its successor has another page");
+        keeping.store32(station::SLOT_DEAD + slots[1].number(), 1);
+        assert!(models.are_all_seated(&clock), "nobody waits for the dead");
+        station.wipe();
+    }
+
+    #[test]
+    fn a_newborn_device_uses_no_model_and_no_medium_older_than_its_predecessors() {
+        let station = Station::named(&format!("t{}-newborn", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        std::fs::write(station.settings(), "").unwrap();
+        let slots = [(Role::Device, 0), (Role::Tissue, 0), (Role::Tissue, 1), (Role::Fluid, 1)];
+        let [own, first, spare, fluid] = slots.map(|(role, index)| Slot::new(role, index).unwrap());
+        let pages = [(own, 9), (first, 3), (spare, 4), (fluid, 5)].map(|(slot, life)| station.create_slot(slot, life).unwrap());
+        let life = Life::begin(station.name(), own, 9).unwrap();
+        let model = |epoch: u32, state_tick: u64| ContactModel { epoch, state_tick, ..ContactModel::default() };
+        let status = |epoch: u32, state_tick: u64| FluidStatus { epoch, state_tick, pressure_pa: 1_000.0, ..Default::default() };
+        pages[2].write(tissue::MODEL, &model(2, 9)); // from when it held the role
+        pages[3].write(fluid::STATUS, &status(1, 12));
+        let mut models = Models::new([None, None]);
+        models.seat(1, station.read_slot(spare, 4).unwrap());
+        models.seat_fluid(1, station.read_slot(fluid, 5).unwrap());
+        let before =
+            InputRecord { model: model(3, 7), pressure_pa: 5_000.0, medium_epoch: 1, medium_tick: 40, ..InputRecord::default() };
+        models.go_on_from(&before, &life);
+        let key = |model: ContactModel| (model.epoch, model.state_tick);
+        assert_eq!(key(models.newest(&life, 20)), (3, 7), "the spare's page has an older one");
+        assert_eq!(models.medium(&life, 20), (before.medium(), (1, 40)));
+        models.seat(0, station.read_slot(first, 3).unwrap());
+        pages[1].write(tissue::MODEL, &model(3, 6));
+        assert_eq!(key(models.newest(&life, 20)), (3, 7));
+        pages[1].write(tissue::MODEL, &model(3, 8));
+        assert_eq!(key(models.newest(&life, 20)), (3, 8));
+        pages[3].write(fluid::STATUS, &status(1, 45));
+        assert_eq!(models.medium(&life, 20).1, (1, 45));
+        for nonsense in [
+            InputRecord { model: ContactModel { plane_count: 99, ..model(4, 9) }, ..before },
+            InputRecord { medium_tick: 50, pressure_pa: f32::NAN, ..before },
+            InputRecord::default(),
+        ] {
+            models.go_on_from(&nonsense, &life);
+            assert_eq!((key(models.newest(&life, 20)), models.medium(&life, 20).1), ((3, 8), (1, 45)));
+        }
+        station.wipe();
     }
 
     #[test]

@@ -337,6 +337,13 @@ impl Stateful for FlowEngine<'_> {
             && sample.is_some_and(|(_, sample)| sample.hardware_tick == next_tick)
     }
 
+    fn is_connected(&mut self) -> bool {
+        self.receive();
+        let lives = |role: Role| self.life.clock.occupied(role).any(|(slot, _)| !self.life.clock.is_dead(slot));
+        (self.hardware.is_some() || !lives(Role::Hardware))
+            && (self.state.as_ref().is_some_and(|state| self.has_walls_of(state)) || !lives(Role::Tissue))
+    }
+
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let message = Message::parse(now, Kind::FluidState)?;

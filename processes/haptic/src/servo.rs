@@ -16,6 +16,8 @@ use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
 
 /// Ticks that a newborn must agree with the other replica before it may be chosen.
 pub const SHADOW_TICKS: u32 = 20;
+/// Ticks for which a newborn waits for the page of another servo that lives, before it is taken for alone: that page may be one that nobody can map.
+const UNSEEN_TICKS: u32 = 500;
 /// How long the servo sleeps at most without an input, ns: then it looks for a successor of the device, and for the station's end.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
 
@@ -28,6 +30,8 @@ struct Servo<'a> {
     /// What this replica said last.
     last: ForceRecord,
     agreed: u32,
+    /// Ticks in which another servo lived and its page was not there.
+    unseen: u32,
     shadow: bool,
     allocations: u64,
     lies: Lies,
@@ -47,6 +51,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         params: ServoParams::default(),
         last: ForceRecord::default(),
         agreed: 0,
+        unseen: 0,
         shadow: true,
         allocations: 0,
         lies: Lies::new(life, size_of::<ForceRecord>()),
@@ -70,6 +75,12 @@ impl Servo<'_> {
         let known = |incarnation: u32| self.peer.as_ref().is_some_and(|page| page.incarnation() == incarnation);
         let mut servos = clock.occupied(Role::Haptic).filter(|(slot, _)| *slot != self.life.slot && !clock.is_dead(*slot));
         self.device.is_some() && (!self.life.is_lockstep() || servos.all(|(_, incarnation)| known(incarnation)))
+    }
+
+    /// Whether the station has another servo that is not known to be dead.
+    fn another_lives(&self) -> bool {
+        let clock = &self.life.clock;
+        clock.occupied(Role::Haptic).any(|(slot, _)| slot != self.life.slot && !clock.is_dead(slot))
     }
 
     fn receive_ports(&mut self) {
@@ -174,6 +185,7 @@ impl Servo<'_> {
         page.write(haptic::FORCE, &told);
         page.store64(header::TICK, told.tick);
         page.bump_and_wake(header::NEWS);
+        page.write(haptic::INPUT, input); // for a device that is born after this one
         self.last = record;
     }
 
@@ -181,6 +193,11 @@ impl Servo<'_> {
     /// nobody to agree with.
     fn leave_shadow(&mut self, tick: u64, other: Option<&Other>) {
         if !self.shadow {
+            return;
+        }
+        // Its page comes from an ordinary thread, which may have to wait for a core.
+        if other.is_none() && self.unseen < UNSEEN_TICKS && self.another_lives() {
+            self.unseen += 1;
             return;
         }
         let heard = other.filter(|other| other.newest.tick + LONELY_TICKS > tick);

@@ -12,9 +12,12 @@ use hyst_messages::{Role, Slot};
 
 /// Priority of the supervisor's watch: it must be able to demote any engine that spins.
 pub const WATCH_PRIORITY: i32 = 90;
-/// Priority of the supervisor, and of a device or a servo while it starts: below all engines that are real time, above whoever is not. Nobody does the
-/// work of a device that died, and the hardware ramps the force to zero within 20 ms; while one servo starts, the other has nobody beside it.
+/// Priority of the supervisor, and of a servo while it starts: below all engines that are real time, above whoever is not. While one servo starts, the
+/// other has nobody beside it.
 pub const SUPERVISOR_PRIORITY: i32 = 5;
+/// Priority of what is left of a device that dies, of the supervisor while it starts another, and of that one until it is ready: above tissues and
+/// workers, below the servos. Nobody does its work, and the hardware ramps the force to zero within 20 ms; what a tissue computes meanwhile no hand feels.
+pub const DEVICE_RETURNS_PRIORITY: i32 = 65;
 /// Priority of the spare of a stateful role above its incumbent: a spare below could not take over from one that spins.
 pub const SPARE_ABOVE: i32 = 2;
 

@@ -31,6 +31,9 @@ pub const SPARE_PHASE: f64 = 0.6;
 /// How long a newborn waits for a living holder's state before it takes the role itself.
 pub const NEWBORN_PATIENCE_NS: u64 = 3_000_000_000;
 
+/// How long a newborn waits for what it reads of others who live: their ports are open within some tenths of a second of their start.
+pub const CONNECTED_NS: u64 = 1_000_000_000;
+
 /// What a step is told beside the state.
 #[derive(Clone, Copy, Debug)]
 pub struct StepContext {
@@ -81,6 +84,11 @@ pub trait Stateful {
     /// In lock-step: whether everything that the step from the state of `tick` to `next_tick` reads is there, each of its exact tick. Asked
     /// again and again until it is, or the patience of [`crate::lockstep`] ends.
     fn is_supplied(&mut self, _tick: u64, _next_tick: u64) -> bool {
+        true
+    }
+    /// Whether what its steps read of others has come, as far as those live: a newborn is not warm before, or its first steps were those of an engine that
+    /// is alone. It does not wait longer than [`CONNECTED_NS`].
+    fn is_connected(&mut self) -> bool {
         true
     }
     /// Makes itself ready to go on from a state that another wrote: called by who follows, before it may be his turn.

@@ -111,13 +111,16 @@ pub fn start_in_own_class<T>(start: impl FnOnce() -> T) -> (T, bool) {
     (started, lent)
 }
 
-/// Starts a process that is SCHED_FIFO from its first instruction on, where that is granted; the calling thread, an ordinary one, stays what it is.
+/// Starts a process that is SCHED_FIFO from its first instruction on, where that is granted; the calling thread stays what it is.
 pub fn start_in_class<T>(priority: i32, start: impl FnOnce() -> T) -> T {
+    let own = own_priority();
     let lent = schedule(0, libc::SCHED_FIFO, priority);
     let started = start();
-    if lent {
-        schedule(0, libc::SCHED_OTHER, 0);
-    }
+    match lent {
+        true if own > 0 => schedule(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, own),
+        true => schedule(0, libc::SCHED_OTHER, 0),
+        false => false,
+    };
     started
 }
 
@@ -134,6 +137,17 @@ fn own_priority() -> i32 {
 /// the core that the thread is tied to has ordinary work (rendering in software, 2-core VM, 2026-11-23). False where it is refused.
 pub fn demote(thread_id: i32) -> bool {
     schedule(thread_id, libc::SCHED_OTHER, 0)
+}
+
+/// Makes a thread by its id SCHED_FIFO with this priority: one that is dying, so that it is gone sooner, or one that does the next thing that somebody
+/// waits for. False where it is refused.
+pub fn hasten(thread_id: i32, priority: i32) -> bool {
+    schedule(thread_id, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority)
+}
+
+/// The calling thread's id, as the other functions here take it.
+pub fn thread_id() -> i32 {
+    rustix::thread::gettid().as_raw_nonzero().get()
 }
 
 /// Gives a thread (0: the calling one) a scheduling class and a priority in it.

@@ -19,6 +19,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const QUEUE: usize = 256;
 /// How often the usher looks while somebody is warming up, ns.
 const EAGER_NS: u64 = 1_000_000;
+/// Stack of a thread that opens nothing but pages, bytes: locked memory is brought in whole, and a device that starts has no time for more.
+const PAGES_STACK: usize = 256 << 10;
 /// How often it looks otherwise, ns; a change of the slots wakes it at once.
 const IDLE_NS: u64 = 20_000_000;
 
@@ -195,7 +197,7 @@ impl Desk {
 /// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
 pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
     let (segments, mut touched) = (station.prefix(), Touched::default());
-    start(station, me, interests, move |guest| {
+    start(station, me, interests, None, move |guest| {
         let arrival = connect_port(guest, links.as_ref());
         if matches!(&arrival, Ok(Some(Arrival { port: Port::Stream(..), .. }))) {
             touched.touch_new(&segments, ".data");
@@ -204,10 +206,11 @@ pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(R
     })
 }
 
-/// Starts an usher for a process that reads pages alone.
+/// Starts an usher for a process that reads pages alone. The caller, who is not real time yet, opens those of all who live by then himself: an ordinary
+/// thread may have to wait for a core, and a device that starts has nobody who does its work.
 pub fn page_usher(station: &Station, me: u32, roles: &[Role]) -> Result<PageInbox, StationError> {
     let interests = roles.iter().map(|role| (*role, Wanted::Page)).collect();
-    start(station, me, interests, |guest| {
+    start(station, me, interests, Some(PAGES_STACK), |guest| {
         Ok(guest.page.take().map(|page| PageArrival { slot: guest.slot, incarnation: guest.incarnation, page }))
     })
 }
@@ -216,6 +219,7 @@ fn start<A: Send + 'static, D: Send + 'static>(
     station: &Station,
     me: u32,
     interests: Vec<(Role, Wanted)>,
+    pages_stack: Option<usize>,
     mut connect: impl FnMut(&mut Guest) -> Result<Option<A>, ()> + Send + 'static,
 ) -> Result<Inbox<A, D>, StationError> {
     let (mut arrivals, inbox_arrivals) = rtrb::RingBuffer::new(QUEUE);
@@ -224,6 +228,10 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new() };
+    if pages_stack.is_some() {
+        desk.notice(&page);
+        desk.seat(&mut arrivals, &mut connect);
+    }
     let body = move || {
         system::demote(0); // of a device or a servo that is real time while it starts
         system::be_nice(-AHEAD); // refused without rights: then it waits like any other thread
@@ -236,7 +244,8 @@ fn start<A: Send + 'static, D: Send + 'static>(
             page.wait_for_change(seen, system::now_ns() + pause);
         }
     };
-    let handle = std::thread::Builder::new()
+    let handle = pages_stack
+        .map_or_else(std::thread::Builder::new, |bytes| std::thread::Builder::new().stack_size(bytes))
         .name("usher".into())
         .spawn(body)
         .map_err(|source| StationError::Root { path: station.root().to_path_buf(), source })?;

@@ -150,8 +150,10 @@ pub mod haptic {
     pub const FORCE: CellAt<ForceRecord> = CellAt::new(header::END);
     /// Forces of the last 8 ticks: the other servo finds the tick before here although the present one is written already.
     pub const FORCES: RingAt<ForceRecord> = RingAt::new(FORCE.end(), 8);
+    /// The input record that was answered last: a newborn device goes on from its contact model and medium, and takes none that is older.
+    pub const INPUT: CellAt<InputRecord> = CellAt::new(FORCES.end());
     /// Words of the page.
-    pub const WORDS: usize = FORCES.end();
+    pub const WORDS: usize = INPUT.end();
 }
 
 /// A tissue's page.

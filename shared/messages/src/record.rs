@@ -159,6 +159,19 @@ pub struct InputRecord {
     pub selected_incarnation: u64,
     /// In a replay: how many ticks before this one the servo's state is from that the recorded force went on from; else 0, and the servo knows.
     pub replayed_lag: u64,
+    /// Tick of the fluid's state that pressure and flow are from; 0 in a replay, whose recording does not say it.
+    pub medium_tick: u64,
+    /// Its epoch; 0 if there has been none.
+    pub medium_epoch: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+impl InputRecord {
+    /// What it says of the medium.
+    pub fn medium(&self) -> Medium {
+        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces }
+    }
 }
 
 /// What one replica of the servo answers.

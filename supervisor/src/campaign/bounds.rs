@@ -2,15 +2,15 @@
 //!
 //! Counts are tiny and mostly zero, so nothing here is approximated by a normal distribution. Of `n` faults, `worse` missed more ticks in
 //! their window than in their control, `better` missed fewer: what is not the fault's doing falls on both alike. The figure is
-//! `(worse − better) / n`: a fault counts once, however many ticks a burst of the host took. Its interval puts the ends of the exact
-//! intervals of Clopper and Pearson ("The use of confidence or fiducial limits", Biometrika 1934) together, each end with 2.5 %: by
-//! Bonferroni the truth lies above `upper95`, or below `lower95`, with at most 5 % each. That is conservative: it never promises too much.
+//! `(worse − better) / n`: a fault counts once, however many ticks a burst of the host took. The truth lies above `upper95`, or below `lower95`, with at
+//! most 5 % each, by an exact test for pairs ([`paired`]); single proportions are bounded by Clopper and Pearson ("The use of confidence or fiducial
+//! limits", Biometrika 1934).
+
+mod paired;
 
 use crate::faultfile::MOST_FAULTS;
 use serde::{Deserialize, Serialize};
 
-/// Of each end of either binomial.
-const TAIL: f64 = 0.025;
 /// Halvings of [0, 1]: to the last bit.
 const HALVINGS: usize = 60;
 
@@ -39,8 +39,8 @@ impl Excess {
             worse,
             better,
             mean: (worse as f64 - better as f64) / faults.max(1) as f64,
-            lower95: lower(worse, faults) - upper(better, faults),
-            upper95: upper(worse, faults) - lower(better, faults),
+            lower95: -paired::upper(faults, better, worse),
+            upper95: paired::upper(faults, worse, better),
         }
     }
 }
@@ -68,7 +68,7 @@ impl Sides {
 
 /// Fewest faults that can show a limit of the upper end: so many without an excess miss. `None` for a limit of 0 or less, which nothing can show.
 pub fn least_faults(limit_upper95: f64) -> Option<usize> {
-    let within = |faults: &usize| upper(0, *faults) <= limit_upper95;
+    let within = |faults: &usize| paired::upper(*faults, 0, 0) <= limit_upper95;
     let (mut too_few, mut enough) = (0, 1);
     while !within(&enough) {
         (too_few, enough) = (enough, enough * 2);
@@ -94,22 +94,22 @@ fn at_most(k: usize, n: usize, p: f64) -> f64 {
     sum
 }
 
-/// Upper end for `k` of `n`.
-fn upper(k: usize, n: usize) -> f64 {
+/// Upper end for `k` of `n`, above which the truth lies with at most this doubt.
+fn upper(k: usize, n: usize, doubt: f64) -> f64 {
     if k >= n {
         return 1.0;
     }
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
-        if at_most(k, n, middle) > TAIL { low = middle } else { high = middle }
+        if at_most(k, n, middle) > doubt { low = middle } else { high = middle }
     }
     high
 }
 
 /// Lower end for `k` of `n`.
-fn lower(k: usize, n: usize) -> f64 {
-    if n == 0 { 0.0 } else { 1.0 - upper(n - k.min(n), n) }
+fn lower(k: usize, n: usize, doubt: f64) -> f64 {
+    if n == 0 { 0.0 } else { 1.0 - upper(n - k.min(n), n, doubt) }
 }
 
 #[cfg(test)]
@@ -123,38 +123,34 @@ mod tests {
     #[test]
     fn the_ends_by_hand() {
         // No success: (1 − p)^n = 0.025.
-        near(upper(0, 300), 1.0 - 0.025f64.powf(1.0 / 300.0));
-        near(lower(10, 10), 0.025f64.powf(0.1));
+        near(upper(0, 300, 0.025), 1.0 - 0.025f64.powf(1.0 / 300.0));
+        near(lower(10, 10, 0.025), 0.025f64.powf(0.1));
         // One of two: (1 − p)² + 2 p (1 − p) = 1 − p² = 0.025.
-        near(upper(1, 2), 0.975f64.sqrt());
-        near(lower(1, 2), 1.0 - 0.975f64.sqrt());
+        near(upper(1, 2, 0.025), 0.975f64.sqrt());
+        near(lower(1, 2, 0.025), 1.0 - 0.975f64.sqrt());
         // Clopper and Pearson's table: 5 of 10.
-        assert!((lower(5, 10) - 0.1871).abs() < 1e-4 && (upper(5, 10) - 0.8129).abs() < 1e-4);
-        assert_eq!((lower(0, 7), upper(7, 7), lower(0, 0), upper(0, 0)), (0.0, 1.0, 0.0, 1.0));
+        assert!((lower(5, 10, 0.025) - 0.1871).abs() < 1e-4 && (upper(5, 10, 0.025) - 0.8129).abs() < 1e-4);
+        let nothing = [lower(0, 7, 0.025), upper(7, 7, 0.025), lower(0, 0, 0.025), upper(0, 0, 0.025)];
+        assert_eq!(nothing, [0.0, 1.0, 0.0, 1.0]);
     }
 
     #[test]
     fn a_limit_takes_so_many_faults() {
-        // (1 − limit)^n ≤ 0.025: 71.9, 182.6, 1.
-        assert_eq!([0.05, 0.02, 1.0].map(least_faults), [Some(72), Some(183), Some(1)]);
-        assert_eq!([0.0, -1.0, f64::NAN].map(least_faults), [None; 3]);
-        for (limit, least) in [(0.05, 72), (0.3, 11)] {
-            assert!(Excess::of(least, 0, 0).upper95 <= limit && Excess::of(least - 1, 0, 0).upper95 > limit);
+        // About (1 − limit)^n ≤ 0.049: 58.8, 149.3, 1.
+        for (limit, about) in [(0.05, 59..70), (0.02, 150..175), (1.0, 1..2)] {
+            let least = least_faults(limit).unwrap();
+            assert!(about.contains(&least), "{limit}: {least}");
+            assert!(Excess::of(least, 0, 0).upper95 <= limit && (least == 1 || Excess::of(least - 1, 0, 0).upper95 > limit));
         }
+        assert_eq!([0.0, -1.0, f64::NAN].map(least_faults), [None; 3]);
     }
 
     #[test]
-    fn the_excess_by_hand() {
-        let none = Excess::of(300, 0, 0);
-        near(none.upper95, 0.012221);
-        near(none.lower95, -0.012221);
-        let one = Excess::of(2, 1, 1);
-        near(one.mean, 0.0);
-        near(one.upper95, 0.975f64.sqrt() - (1.0 - 0.975f64.sqrt()));
+    fn both_ends_are_the_same_the_other_way_round() {
+        let (here, there) = (Excess::of(120, 7, 3), Excess::of(120, 3, 7));
+        assert_eq!((here.lower95, here.upper95, here.mean), (-there.upper95, -there.lower95, -there.mean));
+        assert!(here.lower95 < here.mean && here.mean < here.upper95);
         assert_eq!((Excess::of(0, 0, 0).upper95, Excess::of(0, 0, 0).lower95), (1.0, -1.0), "nothing is known");
-        let all = Excess::of(4, 4, 0);
-        assert!(all.lower95 < all.mean && all.lower95 > -0.21 && all.upper95 == 1.0);
-        near(all.lower95, 0.025f64.powf(0.25) - (1.0 - 0.025f64.powf(0.25)));
     }
 
     #[test]
@@ -167,7 +163,7 @@ mod tests {
 
     #[test]
     fn large_counts_stay_finite() {
-        let many = Excess::of(100_000, 50_000, 20);
-        assert!(many.lower95 > 0.49 && many.upper95 < 0.51, "{many:?}");
+        let many = Excess::of(20_000, 10_000, 20);
+        assert!(many.lower95 > 0.48 && many.upper95 < 0.52, "{many:?}");
     }
 }

@@ -35,7 +35,10 @@ impl Supervisor {
                 // It died while nobody watched, or waits for its successor since before.
                 if !self.faults.knows_dead(slot, incarnation) {
                     let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
-                    self.mourn(slot, incarnation, Exit::Unknown, Death { at_ns: now_ns, open_ns: None, beat_ns });
+                    let words = self.last_words(slot);
+                    self.sample(now_ns, slot, None);
+                    self.cleaner.ask(now_ns);
+                    self.mourn(slot, incarnation, Exit::Unknown, Death { at_ns: now_ns, open_ns: None, beat_ns }, &words);
                 }
                 self.spawner.mark_dead(slot, incarnation);
                 self.spawner.bury(slot, incarnation);

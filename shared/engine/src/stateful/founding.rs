@@ -1,7 +1,7 @@
 //! How a process of a role with a state comes by its first state: the holder's, a checkpoint's, or the scene's; then one step that nobody sees,
 //! to touch everything. Whoever finds nobody alive founds the role anew, from the ground that the supervisor allows.
 
-use super::{Loop, NEWBORN_PATIENCE_NS, Stateful};
+use super::{CONNECTED_NS, Loop, NEWBORN_PATIENCE_NS, Stateful};
 use crate::Silence;
 use crate::life::Failure;
 use hyst_exchange::roster::Tenure;
@@ -49,6 +49,7 @@ impl<S: Stateful> Loop<'_, S> {
             }
             system::sleep_ns(TICK_NS / 2);
         }
+        self.connect();
         if self.is_held() {
             return Ok(());
         }
@@ -61,6 +62,17 @@ impl<S: Stateful> Loop<'_, S> {
             self.engine.step(&context, newest.bytes(), loan.bytes_mut())?;
         }
         Ok(())
+    }
+
+    /// Waits for what a step reads of others.
+    fn connect(&mut self) {
+        let until_ns = system::now_ns() + CONNECTED_NS;
+        while !self.engine.is_connected() && system::now_ns() < until_ns && !self.life.clock.stop_requested() {
+            self.life.heartbeat();
+            system::sleep_ns(TICK_NS / 2);
+            self.receive_ports();
+            self.receive_states();
+        }
     }
 
     /// Takes the role without a predecessor's state: from the newest checkpoint, or from the beginning.

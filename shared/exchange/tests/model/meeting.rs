@@ -344,7 +344,7 @@ fn no_share_is_lost_and_no_wait_is_endless() {
         crew(F, 2, ONE_BY_ONE, 1, 1),
         takeover(F, 1, 1),
         there_and_back(F, 2, 1),
-        takeover_of_two(F, ONE_BY_ONE, 0),
+        takeover_of_two(F, ONE_BY_ONE, 1),
     ] {
         sights |= searched(&case).sights;
     }

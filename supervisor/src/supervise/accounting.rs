@@ -1,0 +1,69 @@
+//! The supervisor's books: what each process did, whether it grows, and the report as it is now, each second and in parts, so that a death never waits for
+//! all of it.
+
+use super::Supervisor;
+use crate::growth::Use;
+use crate::journal;
+use crate::policy::{self, Event};
+use crate::proc;
+use hyst_messages::page::ProcessState;
+use hyst_messages::{Role, Slot};
+
+impl Supervisor {
+    /// Does one part of the accounts, of which each may take a millisecond or some: a death is not to wait for all of them. False after the last.
+    pub(super) fn account(&mut self, now_ns: u64, part: usize) -> bool {
+        let after = part.checked_sub(self.slots.len());
+        match after {
+            None => self.sample_and_measure(now_ns, self.slots[part]),
+            Some(0) => self.heed_states(now_ns),
+            Some(1) => self.accounts.write(&self.station),
+            Some(2) => {
+                journal::keep_small(&self.station, &self.slots);
+                self.memory.look();
+            }
+            Some(3) => self.faults.keep_open(),
+            Some(_) => self.hand_over(),
+        }
+        after.is_none_or(|after| after <= 3)
+    }
+
+    pub(super) fn hand_over(&mut self) {
+        let report = crate::report::build(&mut self.viewer, &self.accounts, &self.faults, &self.policy);
+        crate::report::hand_over(&self.station, &report);
+    }
+
+    pub(super) fn sample_and_measure(&mut self, now_ns: u64, slot: Slot) {
+        let (pid, dead) = (self.viewer.page().pid(slot), self.viewer.page().is_dead(slot));
+        self.sample(now_ns, slot, (!dead).then_some(pid));
+        if pid != 0 && !dead && self.policy.is_ready(slot) {
+            self.measure(now_ns, slot, pid);
+        }
+    }
+
+    /// Replaces a process that grows without end before the system kills it.
+    fn measure(&mut self, now_ns: u64, slot: Slot, pid: u32) {
+        let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
+        let incarnation = self.viewer.page().incarnation(slot);
+        let used = Use { resident_mib: resident_mib as u64, files };
+        let grown = self.growth.sample(slot, incarnation, used);
+        if let Some(text) = grown.as_ref().filter(|_| slot.role() == Role::Hardware) {
+            // It stands for a thing outside of the station, which nobody here replaces.
+            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) grows: {text}"));
+        } else if let Some(text) = grown {
+            journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) is replaced: {text}"));
+            self.faults.late(slot, incarnation, now_ns, now_ns, "growth");
+            let unfit = Event::Unfit { slot, incarnation, reason: "it grows and grows" };
+            let actions = policy::step(now_ns, unfit, &mut self.policy);
+            self.act(actions);
+        }
+    }
+
+    pub(super) fn sample(&mut self, now_ns: u64, slot: Slot, process: Option<u32>) {
+        let incarnation = self.viewer.page().incarnation(slot);
+        let Some(page) = self.viewer.slot_page(slot) else {
+            return;
+        };
+        let ready = page.state().is_ready() || page.state() == ProcessState::Stopping;
+        self.accounts.sample(now_ns, slot, incarnation, page, process, ready);
+    }
+}
