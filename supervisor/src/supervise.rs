@@ -37,6 +37,8 @@ use std::time::Duration;
 
 /// Longest wait of the main loop: a stop, an injection or a due restart is seen this soon.
 const PERIOD: Duration = Duration::from_millis(5);
+/// Between two answers while somebody else waits for one: a flood of requests leaves pictures and flow their cores.
+const ANSWER_PAUSE_NS: u64 = 4_000_000;
 /// Between two readings of the hardware's ledger, which holds 16 s.
 const LEDGER_NS: u64 = 100_000_000;
 /// Between two readings of all pages for the accounts and the report.
@@ -99,6 +101,8 @@ struct Supervisor {
     accounting: Option<usize>,
     /// Requests that wait until no notice does.
     asked: VecDeque<(Request, Sender<String>)>,
+    /// When the last one was answered.
+    answered_ns: u64,
     /// Incarnations that were replaced because others distrust them.
     heeded: BTreeSet<u32>,
     /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
@@ -166,6 +170,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         next_accounts_ns: 0,
         accounting: None,
         asked: VecDeque::new(),
+        answered_ns: 0,
         heeded: BTreeSet::new(),
         standing: BTreeMap::new(),
         unsound: BTreeSet::new(),
@@ -197,7 +202,8 @@ impl Supervisor {
     fn run(&mut self, inbox: &Receiver<Input>) -> u8 {
         let mut stop_since_ns = None;
         loop {
-            match inbox.recv_timeout(if self.asked.is_empty() { PERIOD } else { Duration::ZERO }) {
+            let pause = Duration::from_nanos((self.answered_ns + ANSWER_PAUSE_NS).saturating_sub(system::now_ns()));
+            match inbox.recv_timeout(if self.asked.is_empty() { PERIOD } else { pause }) {
                 Ok(input) => self.take(input),
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => self.answer_one(),
             }
@@ -255,6 +261,7 @@ impl Supervisor {
     fn answer_one(&mut self) {
         if let Some((request, reply)) = self.asked.pop_front() {
             let _ = reply.send(self.answer(&request)); // who asked may have gone
+            self.answered_ns = system::now_ns();
         }
     }
 

@@ -211,7 +211,7 @@ fn a_flood_of_requests_and_garbage_costs_the_engines_no_tick_and_no_process_and_
     begin(&station);
     let connections = || Some(flood.connections.load(Ordering::Relaxed)).filter(|connections| *connections >= FLOOD);
     assert!(wait_for(RECOVERY_LIMIT, connections).is_some(), "{:?} connections in all", flood.connections);
-    for (role, active) in [("haptic", true), ("tissue", true), ("device", true), ("collision-worker", false)] {
+    for (role, active) in [("haptic", true), ("tissue", true), ("device", true), ("collision-worker", true)] {
         station.kill(role, active); // waits until another one is there
     }
     end(&station);
