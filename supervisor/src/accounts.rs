@@ -1,6 +1,7 @@
 //! What each slot did over the run, summed over its incarnations: steps, latencies, overruns, values refused, memory, processor time.
 //! Kept in a file in the station's root, so that a supervisor that is restarted goes on from it.
 
+use crate::growth::Growth;
 use hyst_exchange::{ReadPage, Station};
 use hyst_messages::page::header;
 use hyst_messages::{LATENCY_BUCKETS, Slot};
@@ -143,6 +144,9 @@ impl Account {
 pub struct Accounts {
     /// By the slot's name.
     pub slots: BTreeMap<String, Account>,
+    /// Who grows.
+    #[serde(default)]
+    pub growth: Growth,
 }
 
 impl Accounts {

@@ -15,7 +15,6 @@ use crate::clean::Cleaner;
 use crate::control::{self, Request};
 use crate::fault::Death;
 use crate::faults::Faults;
-use crate::growth::Growth;
 use crate::journal;
 use crate::lockstep::Permit;
 use crate::name;
@@ -92,7 +91,6 @@ struct Supervisor {
     permit: Option<Permit>,
     holders: roles::Holders,
     kept: kept::Kept,
-    growth: Growth,
     memory: OutOfMemory,
     slots: Vec<Slot>,
     next_ledger_ns: u64,
@@ -162,7 +160,6 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         permit: Permit::new(&page, plan.end_tick),
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),
-        growth: Growth::default(),
         memory: OutOfMemory::watch(),
         slots,
         page,

@@ -2,4 +2,4 @@
 
 mod worker;
 
-pub use worker::run;
+pub use worker::{run, run_telling};

@@ -44,11 +44,17 @@ struct Worker<'a> {
     /// The source whose page the member has.
     followed: Option<usize>,
     hits: Vec<Hit>,
+    tells: fn(usize) -> usize,
     lies: Lies,
 }
 
 /// The whole life of a worker.
 pub fn run(life: &Life) -> Result<(), Failure> {
+    run_telling(life, |found| found)
+}
+
+/// The same of one that tells only so many of the hits that it has found: for whoever tries what becomes of a worker that leaves some out.
+pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let bytes = message_bytes(&[MAX_HITS * size_of::<Hit>(), size_of::<u64>()]);
     let publisher = links.publisher(Role::CollisionWorker, life.incarnation, Kind::Contacts, bytes)?;
@@ -65,6 +71,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         sources: Default::default(),
         followed: None,
         hits: vec![Hit::default(); MAX_HITS],
+        tells,
         lies: Lies::new(life, bytes),
     };
     let mut member = ProcessMember::new(Arc::clone(&life.page));
@@ -200,7 +207,7 @@ impl Worker<'_> {
             return None;
         }
         let job_hash = fnv_words(0, job.section::<u32>(0).ok()?.iter().map(|word| *word as u64));
-        self.answer(*job.header(), share, found.count, job_hash)
+        self.answer(*job.header(), share, (self.tells)(found.count).min(found.count), job_hash)
     }
 
     /// The hits, and which points they are of: hits that stand still while the tool moves are not taken for new ones.

@@ -39,7 +39,8 @@ struct Hop<'a> {
 
 /// The whole life of the device.
 pub fn run(life: &Life) -> Result<(), Failure> {
-    let mut inbox = page_usher(&life.station, life.incarnation, &[Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid])?;
+    let roles = [Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid];
+    let mut inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()));
     let mut replicas = Replicas::default();
     let hardware = first_pages(life, &mut inbox, &mut models, &mut replicas)?;

@@ -42,7 +42,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let _drain = drain::start(life, links)?;
     life.ports_are_open();
-    let inbox = page_usher(&life.station, life.incarnation, &[Role::Device, Role::Haptic])?;
+    let roles = [Role::Device, Role::Haptic];
+    let inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let mut servo = Servo {
         life,
         inbox,

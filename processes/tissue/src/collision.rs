@@ -4,7 +4,7 @@
 use crate::contacts;
 use crate::points::ContactPoints;
 use crate::world::World;
-use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, intersect, merge};
+use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Share, Split, are_true, has_all_of, intersect, merge};
 use hyst_engine::{Failure, Life, StepContext, lockstep};
 use hyst_exchange::meeting::{Coordinator, Group, Outcome, ProcessCoordinator, members};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port};
@@ -21,6 +21,10 @@ const PATIENCE_NS: u64 = 300_000;
 /// Answers of another step in a row after which a worker is distrusted: one may be late, and then there is one more.
 const OFF_IN_A_ROW: u32 = 3;
 
+/// Parts of a share, of which one of one worker is computed here too in each step: whoever leaves hits out is found, where something was hit in the step
+/// before at once, elsewhere within so many steps for each worker.
+const PARTS: u32 = 16;
+
 /// The coordinator's side.
 pub struct Collision {
     workers: usize,
@@ -35,6 +39,9 @@ pub struct Collision {
     /// Answers of each worker in a row that were of another step.
     off: [u32; MAX_WORKERS],
     found: usize,
+    /// Parts that were computed beside their worker so far, and the hits of the last one.
+    parts: u32,
+    part: Vec<Hit>,
     missing: u32,
     copied_bytes: u64,
 }
@@ -83,6 +90,8 @@ impl Collision {
             hits: Vec::new(),
             off: [0; MAX_WORKERS],
             found: 0,
+            parts: 0,
+            part: Vec::new(),
             missing: 0,
             copied_bytes: 0,
         };
@@ -98,6 +107,7 @@ impl Collision {
         self.shares.iter_mut().for_each(|share| share.resize(room, Hit::default()));
         self.counts.fill(0);
         self.hits.resize(room, Hit::default());
+        self.part.resize(room, Hit::default());
         self.found = 0;
     }
 
@@ -183,8 +193,8 @@ impl Collision {
         HashRef::in_words(&self.own_hash).map_err(|error| Failure::Broken(error.to_string()))
     }
 
-    /// Runs the test; the hits are the same whoever computed them. What a worker says is checked: it is true to the last bit, or it is
-    /// computed here, and the worker is distrusted.
+    /// Runs the test; the hits are the same whoever computed them. What a worker says is checked: it is true to the last bit and leaves out nothing that is
+    /// known here, or it is computed here, and the worker is distrusted.
     pub fn test(
         &mut self,
         life: &Life,
@@ -205,15 +215,23 @@ impl Collision {
             let resting = self.coordinator.resting();
             let outcome = release(&mut self.coordinator, life, group);
             let job_hash = fnv_words(0, points_m.as_flattened().iter().map(|value| value.to_bits() as u64));
+            self.parts = self.parts.wrapping_add(1);
+            let (looked_at, number) = (self.parts as usize % count, self.parts / count as u32);
             for index in members(outcome.joined) {
                 let worker = self.coordinator.incarnation_at(index);
                 let Some(held) = self.contacts[index].as_ref().and_then(|stream| stream.newest().ok()?) else { continue };
                 let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
+                let part = match index == looked_at {
+                    true => intersect(share.part(number, PARTS), &hash, points, &tissue, &mut self.part).map_err(broken)?.count,
+                    false => 0,
+                };
+                let known = [&self.part[..part], &self.hits[..self.found]];
                 let taken = share_of(&held, context, worker, share, job_hash).and_then(|hits| {
                     let place = self.shares[index].get_mut(..hits.len()).ok_or(Distrust::Invalid)?;
                     place.copy_from_slice(hits); // checked where the worker cannot change it
-                    let found = are_true(place, share, points_m, points, &tissue).then_some(hits.len());
-                    found.ok_or(Distrust::Invalid)
+                    let is_whole = are_true(place, share, points_m, points, &tissue)
+                        && known.iter().all(|known| has_all_of(known, place, share, points_m, points, &tissue));
+                    is_whole.then_some(hits.len()).ok_or(Distrust::Invalid)
                 });
                 match taken {
                     Ok(found) => {

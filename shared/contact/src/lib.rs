@@ -49,5 +49,5 @@ pub use sweep::{Crossing, first_crossing, segment_triangle};
 pub use tet::TetTest;
 pub use topology::{NONE, PointGraph, Topology};
 pub use types::{Found, Hit, Points, Share, Split, Tissue};
-pub use verify::are_true;
+pub use verify::{are_true, has_all_of};
 pub use walk::{Exit, exit_along};

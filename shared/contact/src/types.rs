@@ -51,6 +51,12 @@ impl Share {
     /// The one share that holds everything.
     pub const ALL: Share = Share { index: 0, count: 1, split: Split::Points };
 
+    /// One of `of` parts of a share of tets, by a number that may be larger: together they are the share.
+    pub fn part(self, number: u32, of: u32) -> Share {
+        let of = of.max(1);
+        Share { index: self.index + self.count * (number % of), count: self.count * of, split: self.split }
+    }
+
     /// The half-open range of sorted points of this share among `len`; shares of points differ by at most one.
     ///
     /// # Errors

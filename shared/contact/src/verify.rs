@@ -1,5 +1,5 @@
-//! Whether hits that somebody else found are true: those of this share, of these points, in these tets, to the last bit. It costs a test for
-//! each hit, a small part of the search. A hit that is missing is not seen.
+//! Whether hits that somebody else found are true: those of this share, of these points, in these tets, to the last bit; and whether any is missing of
+//! those that are likely. It costs a test for each hit and candidate, a small part of the search.
 
 use crate::lanes::TETS;
 use crate::tet::TetTest;
@@ -12,11 +12,43 @@ pub fn are_true(hits: &[Hit], share: Share, points_m: &[[f32; 3]], points: &Poin
         && hits.iter().all(|hit| holds(share, hit.tet) && is_true(hit, points_m, points, tissue))
 }
 
+/// Whether none of these candidates is missing: each whose tet is of the share, and whose point lies in it now, has a hit of its point in the same object
+/// in that tet or in a lower one, which is what [`crate::intersect`] keeps. The hits are in its order. Candidates that are not true count for nothing, so that hits
+/// of a step before, or of a part of the share, will do.
+pub fn has_all_of(
+    candidates: &[Hit],
+    hits: &[Hit],
+    share: Share,
+    points_m: &[[f32; 3]],
+    points: &Points<'_>,
+    tissue: &Tissue<'_>,
+) -> bool {
+    let is_same_object = |hit: &Hit, candidate: &Hit| {
+        (hit.tet as usize) < tissue.tets.len() && tissue.owner(hit.tet) == tissue.owner(candidate.tet)
+    };
+    let is_told = |candidate: &Hit| {
+        let from = hits.partition_point(|hit| hit.point < candidate.point);
+        let mut of_point = hits[from..].iter().take_while(|hit| hit.point == candidate.point && hit.tet <= candidate.tet);
+        of_point.any(|hit| is_same_object(hit, candidate))
+    };
+    let is_true_now = |candidate: &&Hit| holds(share, candidate.tet) && is_inside(candidate, points_m, points, tissue);
+    candidates.iter().filter(is_true_now).all(is_told)
+}
+
 fn holds(share: Share, tet: u32) -> bool {
     match share.split {
         Split::Points => true,
         Split::Tets => (tet / TETS as u32) % share.count.max(1) == share.index,
     }
+}
+
+/// Whether the hit's point lies in its tet, whatever its weights say.
+fn is_inside(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> bool {
+    let (Some(point), Some(nodes)) = (points_m.get(hit.point as usize), tissue.tets.get(hit.tet as usize)) else {
+        return false;
+    };
+    TetTest::new(&tissue.corners(hit.tet)).is_some_and(|test| test.weights(*point).is_some())
+        && points.may_hit(hit.point, nodes, tissue.owner(hit.tet))
 }
 
 fn is_true(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> bool {

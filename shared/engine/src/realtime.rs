@@ -15,8 +15,8 @@ pub const WATCH_PRIORITY: i32 = 90;
 /// Priority of the supervisor, and of a servo while it starts: below all engines that are real time, above whoever is not. While one servo starts, the
 /// other has nobody beside it.
 pub const SUPERVISOR_PRIORITY: i32 = 5;
-/// Priority of what is left of a device that dies, of the supervisor while it starts another, and of that one until it is ready: above tissues and
-/// workers, below the servos. Nobody does its work, and the hardware ramps the force to zero within 20 ms; what a tissue computes meanwhile no hand feels.
+/// Priority of what is left of a device that dies, of the supervisor while it starts another, of that one until it is ready, and of the threads that map
+/// its page in servos and hardware: above tissues and workers, below the servos. Nobody does its work, and the hardware ramps the force to zero within 20 ms; what a tissue computes meanwhile no hand feels.
 pub const DEVICE_RETURNS_PRIORITY: i32 = 65;
 /// Priority of the spare of a stateful role above its incumbent: a spare below could not take over from one that spins.
 pub const SPARE_ABOVE: i32 = 2;
@@ -64,6 +64,11 @@ const WARMING: i32 = -10;
 pub fn shares_core_with_hand(slot: Slot, cores: usize) -> bool {
     let hand = [Slot::first(Role::Device)].into_iter().chain((0..2).filter_map(|index| Slot::new(Role::Haptic, index)));
     core(slot, cores).is_some_and(|own| hand.into_iter().any(|other| core(other, cores) == Some(own)))
+}
+
+/// Priority of the thread that maps pages in a process which reads pages alone; `None` where the settings want no real time.
+pub fn pages_priority(life: &Life) -> Option<i32> {
+    life.settings.switch("realtime", true).unwrap_or(false).then_some(DEVICE_RETURNS_PRIORITY)
 }
 
 /// How ordinary processes give way to each other: the operator's page before anything else, then pictures, then the flow, the recorder last: it takes a

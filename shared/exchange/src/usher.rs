@@ -1,4 +1,4 @@
-//! The usher: an ordinary thread of an engine that opens, maps and touches the pages and streams of newcomers, and hands the finished
+//! The usher: a thread beside an engine's real-time thread that opens, maps and touches the pages and streams of newcomers, and hands the finished
 //! ports to the real-time thread through a wait-free queue; what the real-time thread has done with comes back to be unmapped here.
 //!
 //! Promise: the real-time thread never connects, maps, unmaps or cleans up. A page comes as soon as its process is announced; a stream when
@@ -197,7 +197,7 @@ impl Desk {
 /// Starts an usher for the process with incarnation `me`. `links` is needed if any stream or rendezvous is wanted.
 pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(Role, Wanted)>) -> Result<Inbox, StationError> {
     let (segments, mut touched) = (station.prefix(), Touched::default());
-    start(station, me, interests, None, move |guest| {
+    start(station, me, interests, Manner::default(), move |guest| {
         let arrival = connect_port(guest, links.as_ref());
         if matches!(&arrival, Ok(Some(Arrival { port: Port::Stream(..), .. }))) {
             touched.touch_new(&segments, ".data");
@@ -206,20 +206,39 @@ pub fn usher(station: &Station, links: Option<Links>, me: u32, interests: Vec<(R
     })
 }
 
-/// Starts an usher for a process that reads pages alone. The caller, who is not real time yet, opens those of all who live by then himself: an ordinary
-/// thread may have to wait for a core, and a device that starts has nobody who does its work.
-pub fn page_usher(station: &Station, me: u32, roles: &[Role]) -> Result<PageInbox, StationError> {
+/// Starts an usher for a process that reads pages alone, which are on the way from hand to force: an ordinary thread may have to wait for a core, and a
+/// device that returns waits for all who map its page. So the caller, who is not real time yet, opens those of all who live by then himself, and the thread
+/// gets a SCHED_FIFO priority, if there is one for it; it runs for some tenths of a millisecond when somebody comes or goes.
+pub fn page_usher(station: &Station, me: u32, roles: &[Role], priority: Option<i32>) -> Result<PageInbox, StationError> {
     let interests = roles.iter().map(|role| (*role, Wanted::Page)).collect();
-    start(station, me, interests, Some(PAGES_STACK), |guest| {
+    start(station, me, interests, Manner { pages_alone: true, priority }, |guest| {
         Ok(guest.page.take().map(|page| PageArrival { slot: guest.slot, incarnation: guest.incarnation, page }))
     })
+}
+
+/// How an usher works.
+#[derive(Clone, Copy, Default)]
+struct Manner {
+    /// It maps pages and nothing else.
+    pages_alone: bool,
+    priority: Option<i32>,
+}
+
+impl Manner {
+    /// The calling thread's class; without rights it waits like any other thread.
+    fn take_class(self) {
+        if !self.priority.is_some_and(system::become_fifo) {
+            system::demote(0); // of a device or a servo that is real time while it starts
+            system::be_nice(-AHEAD);
+        }
+    }
 }
 
 fn start<A: Send + 'static, D: Send + 'static>(
     station: &Station,
     me: u32,
     interests: Vec<(Role, Wanted)>,
-    pages_stack: Option<usize>,
+    manner: Manner,
     mut connect: impl FnMut(&mut Guest) -> Result<Option<A>, ()> + Send + 'static,
 ) -> Result<Inbox<A, D>, StationError> {
     let (mut arrivals, inbox_arrivals) = rtrb::RingBuffer::new(QUEUE);
@@ -228,13 +247,12 @@ fn start<A: Send + 'static, D: Send + 'static>(
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     let mut desk = Desk { station: station.clone(), me, interests, known: Vec::new(), waiting: Vec::new() };
-    if pages_stack.is_some() {
+    if manner.pages_alone {
         desk.notice(&page);
         desk.seat(&mut arrivals, &mut connect);
     }
     let body = move || {
-        system::demote(0); // of a device or a servo that is real time while it starts
-        system::be_nice(-AHEAD); // refused without rights: then it waits like any other thread
+        manner.take_class();
         while !stopped.load(Ordering::Acquire) {
             let seen = page.changes();
             while departures.pop().is_ok() {}
@@ -244,9 +262,8 @@ fn start<A: Send + 'static, D: Send + 'static>(
             page.wait_for_change(seen, system::now_ns() + pause);
         }
     };
-    let handle = pages_stack
-        .map_or_else(std::thread::Builder::new, |bytes| std::thread::Builder::new().stack_size(bytes))
-        .name("usher".into())
+    let builder = std::thread::Builder::new().name("usher".into());
+    let handle = if manner.pages_alone { builder.stack_size(PAGES_STACK) } else { builder }
         .spawn(body)
         .map_err(|source| StationError::Root { path: station.root().to_path_buf(), source })?;
     Ok(Inbox { arrivals: inbox_arrivals, departures: inbox_departures, stop, handle: Some(handle) })

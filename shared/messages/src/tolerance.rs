@@ -3,7 +3,7 @@
 //!
 //! Promise: a number that is none is beyond every tolerance; a state that lacks a section gives an error, never a panic.
 
-use crate::record::FluidStatus;
+use crate::record::{ContactModel, ContactPlane, FluidStatus};
 use crate::stream::{Kind, Message, StreamHeader, WireError};
 
 /// The epoch of what is computed beside the role, by a newcomer on trial or by whom it has replaced: below any epoch in which a role is held.
@@ -62,6 +62,13 @@ const MOST_PRESSURE_PA: f64 = 1_000.0;
 const MOST_VOLUME_ML: f64 = 2.0;
 const MOST_FLOW_ML_MIN: f64 = 80.0;
 
+/// Of contact models: how deep below a plane the hand is tried, m, and how fast it goes in, m/s; and by how much the forces may differ there, N and as a
+/// share of the larger one. A surface that is as far out of place as [`TISSUE`] allows changes the force by a quarter; a plane that is missing, by all of it.
+const MODEL_DEPTH_M: f32 = 2e-3;
+const MODEL_SPEED_M_S: f32 = 0.05;
+const MOST_FORCE_N: f64 = 0.05;
+const MOST_FORCE_SHARE: f64 = 0.4;
+
 /// The tolerance of a role's states, as a person reads it.
 pub fn stated(kind: Kind) -> Vec<String> {
     let numbers = fields(kind).iter().map(|field| {
@@ -73,7 +80,13 @@ pub fn stated(kind: Kind) -> Vec<String> {
         format!("deficit and volume within {MOST_VOLUME_ML} ml"),
         format!("flows within {MOST_FLOW_ML_MIN} ml/min"),
     ];
-    numbers.chain(pump.into_iter().filter(|_| kind == Kind::FluidState)).collect()
+    let model = format!(
+        "force of the contact model {} mm deep within {MOST_FORCE_N} N and {} %",
+        1e3 * MODEL_DEPTH_M,
+        100.0 * MOST_FORCE_SHARE
+    );
+    let model = (kind == Kind::TissueState).then_some(model);
+    numbers.chain(pump.into_iter().filter(|_| kind == Kind::FluidState)).chain(model).collect()
 }
 
 fn fields(kind: Kind) -> &'static [Field] {
@@ -110,6 +123,40 @@ pub fn compare(kind: Kind, a: &[u8], b: &[u8]) -> Result<Deviation, WireError> {
         note("outflow", "ml/min", f64::from(x.outflow_ml_min - y.outflow_ml_min).abs(), MOST_FLOW_ML_MIN);
     }
     Ok(worst)
+}
+
+/// How far apart two contact models of one tick are: the force of either below each plane of both, where it differs most.
+pub fn compare_models(a: &ContactModel, b: &ContactModel) -> Deviation {
+    let mut worst = Deviation { what: "contact force", unit: "N", by: 0.0, most: MOST_FORCE_N };
+    let planes = |model: &ContactModel| model.planes[..(model.plane_count as usize).min(model.planes.len())].to_vec();
+    for plane in planes(a).iter().chain(&planes(b)) {
+        let at_m: [f32; 3] = std::array::from_fn(|axis| plane.point_m[axis] - MODEL_DEPTH_M * plane.normal[axis]);
+        let velocity_m_s = plane.normal.map(|component| -MODEL_SPEED_M_S * component);
+        let forces_n = [a, b].map(|model| force_n(&planes(model), at_m, velocity_m_s));
+        let length_n = |force_n: [f64; 3]| force_n.iter().map(|component| component * component).sum::<f64>().sqrt();
+        let by = length_n(std::array::from_fn(|axis| forces_n[0][axis] - forces_n[1][axis]));
+        let most = MOST_FORCE_N + MOST_FORCE_SHARE * length_n(forces_n[0]).max(length_n(forces_n[1]));
+        let found = Deviation { by: if by.is_finite() { by } else { f64::INFINITY }, most, ..worst };
+        if found.ratio() > worst.ratio() {
+            worst = found;
+        }
+    }
+    worst
+}
+
+/// The force of planes on a point that moves, N.
+fn force_n(planes: &[ContactPlane], at_m: [f32; 3], velocity_m_s: [f32; 3]) -> [f64; 3] {
+    let mut sum_n = [0.0; 3];
+    for plane in planes {
+        let along = |vector: &dyn Fn(usize) -> f32| (0..3).map(|axis| f64::from(vector(axis) * plane.normal[axis])).sum::<f64>();
+        let depth_m = along(&|axis| plane.point_m[axis] - at_m[axis]);
+        if depth_m > 0.0 || depth_m.is_nan() {
+            let inwards_m_s = -along(&|axis| velocity_m_s[axis]);
+            let push_n = f64::from(plane.stiffness_n_m) * depth_m + f64::from(plane.damping_n_s_m) * inwards_m_s;
+            sum_n.iter_mut().zip(plane.normal).for_each(|(sum, component)| *sum += push_n * f64::from(component));
+        }
+    }
+    sum_n
 }
 
 /// Every fluid's state begins with its status.
@@ -169,6 +216,32 @@ mod tests {
         for bad in [f32::NAN, f32::INFINITY] {
             assert_eq!(of(Kind::TissueState, &tissue(0.01), &tissue(bad)).ratio(), f64::INFINITY, "{bad}");
         }
+    }
+
+    fn model(planes: &[([f32; 3], f32, [f32; 3])]) -> ContactModel {
+        let mut model = ContactModel { plane_count: planes.len() as u32, ..ContactModel::default() };
+        for (to, (point_m, stiffness_n_m, normal)) in model.planes.iter_mut().zip(planes) {
+            *to = ContactPlane { point_m: *point_m, stiffness_n_m: *stiffness_n_m, normal: *normal, damping_n_s_m: 1.0 };
+        }
+        model
+    }
+
+    #[test]
+    fn contact_models_count_by_the_force_that_the_hand_would_feel() {
+        let wall = ([0.0, 0.0, 0.05], 400.0, [0.0, 0.0, -1.0]);
+        let at = model(&[wall]);
+        assert_eq!(compare_models(&at, &at).ratio(), 0.0);
+        assert_eq!(compare_models(&model(&[]), &model(&[])).ratio(), 0.0);
+        // None at all: 400 N/m · 2 mm + 1 N·s/m · 0.05 m/s = 0.85 N, 0.05 + 0.4 · 0.85 are allowed.
+        let found = compare_models(&at, &model(&[]));
+        assert!((found.by - 0.85).abs() < 1e-5 && (found.ratio() - 0.85 / 0.39).abs() < 1e-4, "{found:?}");
+        assert_eq!(compare_models(&model(&[]), &at).ratio(), found.ratio());
+        // Half a millimetre further in: 0.2 N of 0.85 or 1.05.
+        let moved = compare_models(&at, &model(&[([0.0, 0.0, 0.0505], 400.0, [0.0, 0.0, -1.0])]));
+        assert!(moved.ratio() < 0.6 && (moved.by - 0.2).abs() < 1e-4, "{moved:?}");
+        assert!(compare_models(&at, &model(&[([0.0, 0.0, 0.05], 900.0, [0.0, 0.0, -1.0])])).ratio() > 1.0, "twice as stiff");
+        assert!(compare_models(&at, &model(&[([0.0, 0.0, 0.05], 400.0, [0.0, 0.0, 1.0])])).ratio() > 1.0, "it pulls");
+        assert_eq!(compare_models(&at, &model(&[([f32::NAN; 3], 400.0, [0.0, 0.0, -1.0])])).ratio(), f64::INFINITY);
     }
 
     #[test]

@@ -45,7 +45,7 @@ impl Supervisor {
         let Some((resident_mib, files)) = proc::resident_mib(pid).zip(proc::open_files(pid)) else { return };
         let incarnation = self.viewer.page().incarnation(slot);
         let used = Use { resident_mib: resident_mib as u64, files };
-        let grown = self.growth.sample(slot, incarnation, used);
+        let grown = self.accounts.growth.sample(slot, incarnation, used);
         if let Some(text) = grown.as_ref().filter(|_| slot.role() == Role::Hardware) {
             // It stands for a thing outside of the station, which nobody here replaces.
             journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) grows: {text}"));

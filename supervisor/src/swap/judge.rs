@@ -2,9 +2,10 @@
 //! newcomer computes with what the old engine computes, by the role's stated tolerance. It decides nothing and nobody waits for it: the
 //! supervisor reads its lines. A helper, because a reader trusts offsets in memory that the newcomer writes.
 
-use hyst_exchange::{Links, Station, Subscriber, system};
-use hyst_messages::tolerance::compare;
-use hyst_messages::{Kind, Message, Role, StreamHeader, kinds_of};
+use hyst_exchange::{Links, ReadPage, Station, StationPage, Subscriber, system};
+use hyst_messages::page::tissue;
+use hyst_messages::tolerance::{Deviation, SHADOW_EPOCH, compare, compare_models};
+use hyst_messages::{ContactModel, Kind, Message, Role, StreamHeader, kinds_of};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -67,6 +68,9 @@ struct Pairs {
     role: (u32, u64),
     line: u64,
     leapt: Option<u64>,
+    /// Contact models of ticks, and what was seen of them.
+    models: BTreeMap<u64, [Option<ContactModel>; 2]>,
+    felt: Seen,
 }
 
 impl Pairs {
@@ -90,12 +94,7 @@ impl Pairs {
         {
             let found = compare(kind, &old.bytes, &new.bytes);
             self.waiting.remove(&header.tick);
-            self.note(found.map(|found| {
-                (
-                    found.ratio(),
-                    format!("{} differ by {:.3e} {}, {:.3e} is allowed", found.what, found.by, found.unit, found.most),
-                )
-            }));
+            self.note(found.map(said));
         }
         while self.waiting.len() > MOST_WAITING {
             self.waiting.pop_first();
@@ -124,8 +123,68 @@ impl Pairs {
         }
     }
 
+    /// Takes a contact model that was just read from the page of one side; compares as for states. Not each of them is seen: a page has the newest.
+    fn take_model(&mut self, model: ContactModel, guest: u32) {
+        if self.leapt.is_some_and(|leapt| model.state_tick < leapt + FORGET_TICKS) {
+            return;
+        }
+        let pair = self.models.entry(model.state_tick).or_default();
+        pair[usize::from(model.incarnation == guest)] = Some(model);
+        if let [Some(old), Some(new)] = pair
+            && (old.epoch == SHADOW_EPOCH) != (new.epoch == SHADOW_EPOCH)
+        {
+            let found = compare_models(old, new);
+            self.models.remove(&model.state_tick);
+            self.felt.note(said(found));
+        }
+        while self.models.len() > MOST_WAITING {
+            self.models.pop_first();
+        }
+    }
+
+    /// What was seen so far: as many pairs as states, and what is worse of states and contact models.
+    fn seen(&self) -> Seen {
+        let (states, felt) = (&self.seen, &self.felt);
+        let worse = if (felt.outside, felt.ratio) > (states.outside, states.ratio) { felt } else { states };
+        Seen { compared: states.compared, worst: states.worst.max(felt.worst), ..worse.clone() }
+    }
+
     fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {
         self.seen.note(found.unwrap_or_else(|error| (f64::INFINITY, error.to_string())));
+    }
+}
+
+/// How far apart two are, and in words.
+fn said(found: Deviation) -> (f64, String) {
+    (found.ratio(), format!("{} differ by {:.3e} {}, {:.3e} is allowed", found.what, found.by, found.unit, found.most))
+}
+
+/// The pages of a role's living incarnations, and the number of each contact model that was taken last.
+#[derive(Default)]
+struct Pages(BTreeMap<u32, (ReadPage, u64)>);
+
+impl Pages {
+    /// Opens those of newcomers, and drops those of the dead.
+    fn follow(&mut self, station: &Station, clock: &StationPage, role: Role) {
+        let living: Vec<_> = clock.occupied(role).collect();
+        self.0.retain(|incarnation, _| living.iter().any(|(_, lives)| lives == incarnation));
+        for (slot, incarnation) in living {
+            if !self.0.contains_key(&incarnation)
+                && let Ok(page) = station.read_slot(slot, incarnation)
+            {
+                self.0.insert(incarnation, (page, 0));
+            }
+        }
+    }
+
+    /// The contact models that are new, each with its writer's own number in it.
+    fn news(&mut self) -> impl Iterator<Item = ContactModel> + '_ {
+        self.0.iter_mut().filter_map(|(incarnation, (page, seen))| {
+            let number = page.cell_number(tissue::MODEL);
+            let (number, model) = (number != *seen).then(|| page.cell(tissue::MODEL)).flatten()?;
+            *seen = number;
+            Some(ContactModel { incarnation: *incarnation, ..model })
+        })
     }
 }
 
@@ -143,7 +202,7 @@ pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
     let links = Links::join(station, "judge").map_err(|error| error.to_string())?;
     let kind = *kinds_of(role).first().ok_or_else(|| format!("{} has no state", role.name()))?;
     let mut streams: BTreeMap<u32, Subscriber> = BTreeMap::new();
-    let mut pairs = Pairs::default();
+    let (mut pairs, mut pages) = (Pairs::default(), Pages::default());
     let mut next_line_ns = 0;
     while !clock.stop_requested() {
         for stream in streams.values() {
@@ -152,12 +211,16 @@ pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
                 pairs.take(kind, held.bytes(), guest);
             }
         }
+        if role == Role::Tissue {
+            pages.news().for_each(|model| pairs.take_model(model, guest));
+        }
         let now_ns = system::now_ns();
         if now_ns >= next_line_ns {
             next_line_ns = now_ns + LINE_NS;
-            if !tell(&pairs.seen)? {
+            if !tell(&pairs.seen())? {
                 return Ok(());
             }
+            pages.follow(station, &clock, role);
             let living: Vec<u32> = clock.occupied(role).map(|(_, incarnation)| incarnation).collect();
             streams.retain(|incarnation, _| living.contains(incarnation));
             for incarnation in living {
@@ -213,6 +276,33 @@ mod tests {
         pairs.take(Kind::FluidState, &state(0, 6, 198, 9_000.0), 17);
         assert_eq!((pairs.seen.compared, pairs.seen.outside), (6, 0));
         assert!(pairs.waiting.len() <= MOST_WAITING);
+    }
+
+    #[test]
+    fn a_newcomer_whose_states_are_right_and_whose_contact_model_has_no_planes_is_out_of_tolerance() {
+        let mut pairs = Pairs::default();
+        let model = |epoch: u32, incarnation: u32, state_tick: u64, plane_count: u32| {
+            let mut model = ContactModel { epoch, incarnation, state_tick, plane_count, ..ContactModel::default() };
+            (model.planes[0].stiffness_n_m, model.planes[0].normal) = (400.0, [0.0, 0.0, 1.0]);
+            model
+        };
+        pairs.take(Kind::FluidState, &state(4, 6, 33, 9_000.0), 17);
+        pairs.take(Kind::FluidState, &state(0, 17, 33, 9_000.0), 17);
+        for tick in 40..43 {
+            pairs.take_model(model(4, 6, tick, 1), 17);
+            pairs.take_model(model(0, 17, tick, 1), 17);
+        }
+        assert_eq!((pairs.seen().compared, pairs.seen().outside, pairs.felt.compared), (1, 0, 3));
+        for tick in 43..46 {
+            pairs.take_model(model(0, 17, tick, 0), 17);
+            pairs.take_model(model(4, 6, tick, 1), 17);
+        }
+        let seen = pairs.seen();
+        assert_eq!((seen.compared, seen.outside), (1, 3));
+        assert!(seen.worst > 1.0 && seen.text.starts_with("contact force differ by"), "{seen:?}");
+        pairs.take_model(model(4, 6, 46, 1), 17);
+        pairs.take_model(model(5, 17, 46, 0), 17);
+        assert_eq!(pairs.felt.compared, 6, "both are of the role: not for the judge");
     }
 
     #[test]

@@ -5,8 +5,8 @@
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted};
 use hyst_exchange::{Links, system};
-use hyst_messages::page::{ProcessState, header};
-use hyst_messages::{Kind, Message, Role, StreamHeader, TICK_NS};
+use hyst_messages::page::{ProcessState, header, tissue as tissue_page};
+use hyst_messages::{ContactModel, Kind, Message, Role, StreamHeader, TICK_NS};
 use rustix::process::{Signal, getpid, kill_process};
 use std::process::ExitCode;
 
@@ -32,7 +32,8 @@ fn stop() {
 }
 
 /// The real engine with one defect.
-struct Bad<S> {
+struct Bad<'a, S> {
+    life: &'a Life,
     engine: S,
     kind: String,
     shadowed: u32,
@@ -41,7 +42,7 @@ struct Bad<S> {
     blank: Vec<u8>,
 }
 
-impl<S: Stateful> Bad<S> {
+impl<S: Stateful> Bad<'_, S> {
     /// What is wrong with a step, before it is computed.
     fn fail(&mut self, context: &StepContext) {
         let in_shadow = self.kind.starts_with("shadow-") && self.shadowed > AFTER;
@@ -97,15 +98,21 @@ fn place(bytes: &[u8], kind: Kind, section: usize) -> Option<(usize, usize)> {
     Some((found.as_ptr() as usize - bytes.as_ptr() as usize, found.len()))
 }
 
-impl<S: Stateful> Stateful for Bad<S> {
+impl<S: Stateful> Stateful for Bad<'_, S> {
     fn kind(&self) -> Kind {
         self.engine.kind()
     }
     fn message_bytes(&self) -> usize {
         self.engine.message_bytes()
     }
+    fn next_bytes(&self, now: &[u8]) -> usize {
+        self.engine.next_bytes(now)
+    }
     fn step_ticks(&self) -> u64 {
         self.engine.step_ticks()
+    }
+    fn backlog(&self) -> u64 {
+        self.engine.backlog()
     }
     fn interests(&self) -> Vec<(Role, Wanted)> {
         self.engine.interests()
@@ -127,6 +134,12 @@ impl<S: Stateful> Stateful for Bad<S> {
     fn is_supplied(&mut self, tick: u64, next_tick: u64) -> bool {
         self.engine.is_supplied(tick, next_tick)
     }
+    fn is_connected(&mut self) -> bool {
+        self.engine.is_connected()
+    }
+    fn prepare(&mut self, newest: &[u8]) -> Result<(), Failure> {
+        self.engine.prepare(newest)
+    }
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         if context.holding {
             self.held += 1;
@@ -142,6 +155,13 @@ impl<S: Stateful> Stateful for Bad<S> {
     }
     fn finished(&mut self, context: &StepContext, state: &[u8]) {
         self.engine.finished(context, state);
+        // Its states are right, and the hand feels nothing of them.
+        if self.kind == "numb"
+            && self.held > AFTER
+            && let Some((_, model)) = self.life.page.cell(tissue_page::MODEL)
+        {
+            self.life.page.write(tissue_page::MODEL, &ContactModel { plane_count: 0, planes: Default::default(), ..model });
+        }
     }
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
         self.engine.arrival(arrival, inbox);
@@ -149,7 +169,7 @@ impl<S: Stateful> Stateful for Bad<S> {
 }
 
 fn stateful<S: Stateful>(life: &Life, engine: S, kind: &str) -> Result<(), Failure> {
-    hyst_engine::run_stateful(life, Bad { engine, kind: kind.to_string(), shadowed: 0, held: 0, blank: Vec::new() })
+    hyst_engine::run_stateful(life, Bad { life, engine, kind: kind.to_string(), shadowed: 0, held: 0, blank: Vec::new() })
 }
 
 /// A thread that makes the process fail some time after it is live.
@@ -188,6 +208,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (_, "mute") => beat(life),
         (Role::Tissue, kind) => stateful(life, tissue::engine(life)?, kind),
         (Role::Fluid, kind) => stateful(life, fluid::engine(life)?, kind),
+        (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (role, kind) => {
             sabotage(life, kind)?;
             match role {

@@ -34,7 +34,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let drift = life.settings.number("drift_ppm", DRIFT_PPM, -500.0..=500.0, "a number from -500 to 500")?;
     let period_ns = TICK_NS as f64 * (1.0 + drift * 1e-6);
     let hand = Hand::of(life)?;
-    let inbox = page_usher(&life.station, life.incarnation, &[Role::Device, Role::Rendering])?;
+    let roles = [Role::Device, Role::Rendering];
+    let inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let canaries = Canaries::start(life)?;
     let mut firmware = Firmware {
         life,
