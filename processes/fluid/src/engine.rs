@@ -15,7 +15,7 @@ use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
 use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
+use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, PUMP_ALARMS, Role, StreamHeader};
 use hyst_scene::LoadedScene;
 use std::path::Path;
 
@@ -103,6 +103,7 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     model.blood.vessel_pa = vessels.pressure_pa;
     model.blood.conductance_ml_s_pa = vessels.conductance_ml_s_pa;
     model.blood.seed = vessels.seed;
+    model.pump.container_ml = figures.container_ml.into();
     Ok(model)
 }
 
@@ -268,13 +269,14 @@ fn axis_of(sample: &HardwareSample) -> [f32; 3] {
 /// What the page says of a step.
 pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatus {
     let alarms = &report.pump.alarms;
+    let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
     FluidStatus {
         deficit_ml,
         cavity_volume_ml: cavity_ml,
         pressure_pa: report.pump.pressure_pa as f32,
         inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
-        alarms: u32::from(alarms.pressure) | u32::from(alarms.deficit) << 1 | u32::from(alarms.abnormal_loss) << 2,
+        alarms: PUMP_ALARMS.iter().zip(is_on).map(|((bit, _), is_on)| if is_on { *bit } else { 0 }).sum(),
         ..FluidStatus::default()
     }
 }

@@ -323,9 +323,10 @@ pub struct TissueStatus {
     pub topology_version: u32,
 }
 
-/// Bits of [`FluidStatus::alarms`] and what they say: the pressure is above the set one, more medium is missing than may be, medium goes where it
-/// should not.
-pub const PUMP_ALARMS: [(u32, &str); 3] = [(1, "pressure"), (2, "deficit"), (4, "abnormal loss")];
+/// Bits of [`FluidStatus::alarms`] and what they say: the pressure is above the set one, more medium is missing than may be, much of it goes where it
+/// should not, more than vessels and sheath take, the container is to be changed.
+pub const PUMP_ALARMS: [(u32, &str); 5] =
+    [(1, "pressure"), (2, "deficit"), (4, "abnormal loss"), (8, "perforation"), (16, "container change")];
 
 /// What fluid says of itself each step.
 #[repr(C)]
