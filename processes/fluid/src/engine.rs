@@ -12,7 +12,7 @@ use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
-use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport};
+use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, PumpState, Solver, StateView, StepReport};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, PUMP_ALARMS, Role, StreamHeader};
@@ -267,12 +267,13 @@ fn axis_of(sample: &HardwareSample) -> [f32; 3] {
 }
 
 /// What the page says of a step.
-pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatus {
+pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
     let alarms = &report.pump.alarms;
     let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
     FluidStatus {
-        deficit_ml,
-        cavity_volume_ml: cavity_ml,
+        deficit_ml: pump.deficit_ml(),
+        cavity_volume_ml: pump.cavity_ml,
+        bled_ml: pump.bled_ml,
         pressure_pa: report.pump.pressure_pa as f32,
         inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
@@ -284,7 +285,7 @@ pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidS
 /// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the
 /// role was computed for another tick, and says so by a step of 0.
 fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
-    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.pressure_pa as f64];
+    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.bled_ml, status.pressure_pa as f64];
     let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
     of_tick && numbers.iter().all(|value| value.is_finite())
 }
@@ -351,7 +352,7 @@ impl Stateful for FlowEngine<'_> {
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
-        let status = status_of(&report, pump.deficit_ml(), pump.cavity_ml);
+        let status = status_of(&report, &pump);
         let header = StreamHeader { input_tick, ..*message.header() };
         self.write(header, FluidStatus { state_tick: context.next_tick, ..status }, next)
     }

@@ -39,6 +39,8 @@ pub struct Medium {
     pub highest: Option<Peak>,
     /// Deficit in the newest status, ml.
     pub deficit_ml: Option<f64>,
+    /// Blood that has come into the cavity, in the newest status that says it, ml.
+    pub bled_ml: Option<f64>,
     /// Steepest rise of the deficit over 10 s or more, ml/min; the tick is its end.
     pub steepest: Option<Peak>,
     /// Medium that flowed in, ml.
@@ -91,6 +93,9 @@ impl Medium {
         if status.deficit_ml.is_finite() {
             self.deficit_ml = Some(status.deficit_ml);
             self.rise(status.state_tick, status.deficit_ml);
+        }
+        if status.bled_ml.is_finite() {
+            self.bled_ml = Some(status.bled_ml);
         }
         self.newest = Some(*status);
     }
@@ -175,10 +180,11 @@ mod tests {
                 state_tick: tick,
                 pressure_pa: f32::NAN,
                 deficit_ml: f64::NAN,
+                bled_ml: f64::NAN,
                 ..FluidStatus::default()
             });
         }
-        assert_eq!((medium.known_ticks, medium.highest, medium.deficit_ml), (0, None, None));
+        assert_eq!((medium.known_ticks, medium.highest, medium.deficit_ml, medium.bled_ml), (0, None, None, None));
         medium.tick(&Controls { outflow_valve: f32::NAN, light: 1.0, ..Controls::default() });
         medium.tick(&Controls { outflow_valve: 0.0, light: 1.0, ..Controls::default() });
         assert_eq!((medium.valve_ticks, medium.shut_ticks, medium.dark_ticks), (1, 1, 0));

@@ -4,6 +4,7 @@
 //! Promise: what is read is checked. A record from another version, of another length or with an offset out of range gives
 //! a [`WireError`], never a panic and never a value.
 
+mod fluid;
 pub mod latency;
 mod looks;
 pub mod mischief;
@@ -15,6 +16,7 @@ pub mod role;
 pub mod stream;
 pub mod tolerance;
 
+pub use fluid::{FluidStatus, PUMP_ALARMS};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};
@@ -25,7 +27,7 @@ pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 9;
+pub const LAYOUT_VERSION: u32 = 10;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 1;

@@ -67,7 +67,7 @@ impl Stateful for Still<'_> {
         let still = FlowInputs { dt_s, ..FlowInputs::default() };
         let report = self.solver.step_serial(&sample.map_or(still, |sample| inputs_of(&sample, self.radius_m, dt_s)));
         let (report, (pump, _)) = (report.map_err(broken)?, self.solver.counters().map_err(broken)?);
-        self.status = fluid::status_of(&report, pump.deficit_ml(), pump.cavity_ml);
+        self.status = fluid::status_of(&report, &pump);
         self.status.state_tick = context.next_tick;
         self.write(*message.header(), next)
     }

@@ -24,10 +24,12 @@ fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
     for (alarm, name) in set {
         let mut report = StepReport::default();
         *alarm(&mut report.pump.alarms) = true;
-        let bits = status_of(&report, 0.0, 0.0).alarms;
+        let bits = status_of(&report, &PumpState::default()).alarms;
         assert_eq!(PUMP_ALARMS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
     }
-    assert_eq!(status_of(&StepReport::default(), 0.0, 0.0).alarms, 0);
+    let pump = PumpState { in_ml: 7.0, out_ml: 4.0, cavity_ml: 5.0, bled_ml: 2.0, ..PumpState::default() };
+    let status = status_of(&StepReport::default(), &pump);
+    assert_eq!((status.alarms, status.deficit_ml, status.cavity_volume_ml, status.bled_ml), (0, 3.0, 5.0, 2.0));
 }
 
 #[test]
