@@ -6,6 +6,7 @@ mod tests;
 
 use crate::cavity::Cavity;
 use crate::crew::Crew;
+use crate::gas;
 use crate::pieces::Pieces;
 use crate::wounds::Wounds;
 use bytemuck::{Pod, Zeroable};
@@ -16,7 +17,7 @@ use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, P
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, PUMP_ALARMS, Role, StreamHeader};
-use hyst_scene::LoadedScene;
+use hyst_scene::{LoadedLoop, LoadedScene};
 use std::path::Path;
 
 /// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest).
@@ -72,6 +73,7 @@ pub struct FlowEngine<'a> {
     pieces: Pieces,
     wounds: Wounds,
     radius_m: f32,
+    electrode: Option<LoadedLoop>,
     seed_m: [f32; 3],
     period_ticks: u64,
     /// Epoch and tick of the state that the solver holds.
@@ -127,6 +129,7 @@ impl<'a> FlowEngine<'a> {
             pieces: Pieces::new(grid.cell_count()),
             wounds: Wounds::new(&figures.vessels),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
+            electrode: scene.rigid.first().and_then(|rigid| rigid.electrode.clone()),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             period_ticks: figures.period_ticks(),
             holds: None,
@@ -193,6 +196,7 @@ impl<'a> FlowEngine<'a> {
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let mut inputs =
             sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| inputs_of(&sample, self.radius_m, dt_s));
+        inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.electrode.as_ref(), &sample));
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
         inputs

@@ -4,6 +4,7 @@ mod bench;
 mod cavity;
 mod crew;
 mod engine;
+mod gas;
 mod pieces;
 mod wounds;
 
