@@ -7,6 +7,7 @@ mod tests;
 use crate::cavity::Cavity;
 use crate::crew::Crew;
 use crate::gas;
+use crate::holes::Holes;
 use crate::pieces::Pieces;
 use crate::wounds::Wounds;
 use bytemuck::{Pod, Zeroable};
@@ -72,6 +73,7 @@ pub struct FlowEngine<'a> {
     cavity: Cavity,
     pieces: Pieces,
     wounds: Wounds,
+    holes: Holes,
     radius_m: f32,
     electrode: Option<LoadedLoop>,
     seed_m: [f32; 3],
@@ -128,6 +130,7 @@ impl<'a> FlowEngine<'a> {
             cavity: Cavity::new(grid),
             pieces: Pieces::new(grid.cell_count()),
             wounds: Wounds::new(&figures.vessels),
+            holes: Holes::new(&scene),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
             electrode: scene.rigid.first().and_then(|rigid| rigid.electrode.clone()),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
@@ -188,6 +191,7 @@ impl<'a> FlowEngine<'a> {
         }
         self.pieces.locate(&self.cavity, positions, tets, owner);
         self.wounds.take(&topology)?;
+        self.holes.take(&topology)?;
         self.wounds.locate(state.section(3)?);
         Ok(state.header().tick)
     }
@@ -199,6 +203,7 @@ impl<'a> FlowEngine<'a> {
         inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.electrode.as_ref(), &sample));
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
+        inputs.pump.perforation = self.holes.size();
         inputs
     }
 

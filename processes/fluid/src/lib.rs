@@ -5,6 +5,7 @@ mod cavity;
 mod crew;
 mod engine;
 mod gas;
+mod holes;
 mod pieces;
 mod wounds;
 
