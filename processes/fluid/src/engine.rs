@@ -21,8 +21,8 @@ use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, PUMP
 use hyst_scene::{LoadedLoop, LoadedScene};
 use std::path::Path;
 
-/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest).
-const SECTIONS: usize = 3;
+/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas.
+const SECTIONS: usize = 4;
 /// Length of the scope behind its tip that displaces fluid, m.
 const SHAFT_M: f32 = 0.06;
 /// Radius of the ports at the scope's tip, m.
@@ -147,7 +147,8 @@ impl<'a> FlowEngine<'a> {
 
     fn sections(&self) -> [usize; SECTIONS] {
         let solver = self.crew.solver();
-        [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4]
+        let gas = hyst_flow::MAX_BUBBLES * size_of::<hyst_flow::Particle>();
+        [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4, gas]
     }
 
     /// Takes the tissue's newest state and topology.
@@ -210,7 +211,7 @@ impl<'a> FlowEngine<'a> {
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let sections = self.sections();
-        let [head, block, density, ..] = MessageMut::format(next, Kind::FluidState, header, &sections)?.split();
+        let [head, block, density, gas, ..] = MessageMut::format(next, Kind::FluidState, header, &sections)?.split();
         let solver = self.crew.solver();
         solver.store(block).map_err(broken)?;
         let view = StateView::new(block).map_err(broken)?;
@@ -218,6 +219,7 @@ impl<'a> FlowEngine<'a> {
         for (out, value) in density.iter_mut().zip(view.density()) {
             *out = *value;
         }
+        gas.copy_from_slice(bytemuck::cast_slice(view.bubbles()));
         let status = FluidStatus { pieces: self.pieces.flows(&view), ..status };
         head.copy_from_slice(bytemuck::bytes_of(&Head::of(status, &solver.model().grid)));
         self.status = status;
@@ -373,8 +375,8 @@ impl Stateful for FlowEngine<'_> {
         let page = &self.life.page;
         page.write(fluid::STATUS, &told);
         let sections = self.sections();
-        // The solver computes in its own layered fields; its block and the density are then copied into the loan.
-        page.add64(header::COPIED_BYTES, (sections[1] + sections[2]) as u64);
+        // The solver computes in its own layered fields; its block, density and gas are then copied into the loan.
+        page.add64(header::COPIED_BYTES, (sections[1] + sections[2] + sections[3]) as u64);
     }
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
