@@ -90,6 +90,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "force_trace_hash": hash(total(faults, Total::TraceHash)),
         "state_hash": hash(status.state_hash),
         "fluid_deficit_ml": status.deficit_ml,
+        "fluid_bled_ml": status.bled_ml,
         "removed_volume_ml": status.removed_volume_ml,
         "cuts": status.cuts,
         "rss_mib": accounts.slots.values().map(|account| account.resident_mib).sum::<f64>(),
@@ -281,6 +282,7 @@ struct Statuses {
     removed_volume_ml: f64,
     cuts: u32,
     deficit_ml: f64,
+    bled_ml: f64,
     copied_per_frame: Option<u64>,
 }
 
@@ -298,7 +300,8 @@ impl Statuses {
             }
             let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
-                (fluid_key, found.deficit_ml) = ((status.epoch, status.state_tick), status.deficit_ml);
+                fluid_key = (status.epoch, status.state_tick);
+                (found.deficit_ml, found.bled_ml) = (status.deficit_ml, status.bled_ml);
             }
         }
         let status = viewer.slot_page(Slot::first(Role::Rendering)).and_then(|page| page.cell(rendering::STATUS));

@@ -40,6 +40,7 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
         "force_trace_hash",
         "state_hash",
         "fluid_deficit_ml",
+        "fluid_bled_ml",
         "removed_volume_ml",
         "cuts",
     ] {

@@ -51,6 +51,8 @@ fn a_cut_bleeds_below_the_pressure_of_its_vessels_and_a_kill_loses_none_of_it() 
     let bled_ml = deficit_ml(&dry) - deficit_ml(&bled);
     println!("deficit {} ml dry, {} ml bled", deficit_ml(&dry), deficit_ml(&bled));
     assert!((0.05..=50.0).contains(&bled_ml), "{bled_ml} ml");
+    let [counted_ml, none_ml] = [&bled, &dry].map(|report| report["fluid_bled_ml"].as_f64().unwrap());
+    assert!(none_ml == 0.0 && counted_ml >= bled_ml, "{counted_ml} ml of blood made room for {bled_ml} ml of medium");
     let weak = resection("weak", [1_000.0, WIDE], "", "");
     assert_eq!(deficit_ml(&weak).to_bits(), deficit_ml(&dry).to_bits(), "vessels weaker than the distension do not bleed");
     let targets = ["fluid:active", "tissue:active", "fluid:spare", "fluid:active"];
@@ -61,7 +63,7 @@ fn a_cut_bleeds_below_the_pressure_of_its_vessels_and_a_kill_loses_none_of_it() 
     let kills: String = targets.iter().cycle().take(12).enumerate().map(fault).collect();
     let hurt = resection("hurt", [12_000.0, WIDE], "", &kills);
     assert_eq!(hurt["faults"].as_array().unwrap().len(), 12);
-    for key in ["cuts", "state_hash", "force_trace_hash", "fluid_deficit_ml"] {
+    for key in ["cuts", "state_hash", "force_trace_hash", "fluid_deficit_ml", "fluid_bled_ml"] {
         assert_eq!(bled[key], hurt[key], "{key}");
     }
 }

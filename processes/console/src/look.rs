@@ -84,6 +84,8 @@ pub struct Pump {
     pub deficit_ml: f64,
     /// Volume of the cavity, ml.
     pub cavity_ml: f64,
+    /// Blood that has come into it, ml.
+    pub bled_ml: f64,
     /// Alarms.
     pub alarms: Vec<String>,
 }
@@ -99,9 +101,11 @@ impl Pump {
             outflow_ml_min: f64::from(status.outflow_ml_min),
             deficit_ml: status.deficit_ml,
             cavity_ml: status.cavity_volume_ml,
+            bled_ml: status.bled_ml,
             alarms: alarms(status.alarms),
         };
-        let figures = [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml];
+        let figures =
+            [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml, pump.bled_ml];
         figures.iter().all(|figure| figure.is_finite()).then_some(pump)
     }
 }
@@ -187,12 +191,16 @@ mod tests {
 
     #[test]
     fn a_pump_is_shown_in_the_units_of_the_table_with_its_alarms_and_nonsense_is_not_shown() {
-        let status = FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, alarms: 1 | 4 | 64, ..FluidStatus::default() };
+        let status =
+            FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, bled_ml: 1.5, alarms: 1 | 4 | 64, ..FluidStatus::default() };
         let mut sample = HardwareSample::default();
         sample.controls.set_pressure_pa = 13_332.2;
         let pump = Pump::new(&status, Some(&sample)).unwrap();
         assert!((pump.pressure_mmhg - 70.0).abs() < 1e-3 && (pump.set_mmhg.unwrap() - 100.0).abs() < 1e-3, "{pump:?}");
-        assert_eq!((pump.deficit_ml, pump.alarms.join(", ")), (12.5, "pressure, abnormal loss, unknown (0x40)".to_string()));
+        assert_eq!(
+            (pump.deficit_ml, pump.bled_ml, pump.alarms.join(", ")),
+            (12.5, 1.5, "pressure, abnormal loss, unknown (0x40)".to_string())
+        );
         assert_eq!(Pump::new(&status, None).unwrap().set_mmhg, None);
         assert_eq!(Pump::new(&FluidStatus { deficit_ml: f64::NAN, ..status }, None), None);
     }

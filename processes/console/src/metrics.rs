@@ -90,6 +90,7 @@ fn pump(look: &Look, registry: &mut Registry) {
     figure(registry, "pump_outflow_milliliters_per_minute", "Flow out of the cavity", pump.outflow_ml_min);
     figure(registry, "pump_deficit_milliliters", "Volume in minus volume out since the start", pump.deficit_ml);
     figure(registry, "pump_cavity_milliliters", "Volume of the cavity", pump.cavity_ml);
+    figure(registry, "pump_bled_milliliters", "Blood that has come into the cavity since the start", pump.bled_ml);
     let alarms = Figures::default();
     for (_, name) in PUMP_ALARMS {
         let is_on = pump.alarms.iter().any(|alarm| alarm == name);
@@ -115,7 +116,7 @@ mod tests {
             ..Process::default()
         };
         let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], ..Status::default() };
-        let pump = Pump { deficit_ml: 12.5, alarms: vec!["deficit".into()], ..Pump::default() };
+        let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms: vec!["deficit".into()], ..Pump::default() };
         let text = text(&Look { status, silence: None, pump: Some(pump) });
         for line in [
             "hystation_tick 1234.0",
@@ -125,6 +126,7 @@ mod tests {
             "hystation_process_rate_hertz{process=\"haptic:1\",role=\"haptic\"} 999.5",
             "hystation_process_restarts_total{process=\"haptic:1\",role=\"haptic\"} 3",
             "hystation_pump_deficit_milliliters 12.5",
+            "hystation_pump_bled_milliliters 1.5",
             "hystation_pump_alarm{alarm=\"deficit\"} 1.0",
             "hystation_pump_alarm{alarm=\"pressure\"} 0.0",
         ] {

@@ -6,21 +6,23 @@ mod tests;
 
 use crate::cavity::Cavity;
 use crate::crew::Crew;
+use crate::gas;
+use crate::holes::Holes;
 use crate::pieces::Pieces;
 use crate::wounds::Wounds;
 use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
-use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport};
+use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, PumpState, Solver, StateView, StepReport};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
-use hyst_scene::LoadedScene;
+use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, PUMP_ALARMS, Role, StreamHeader};
+use hyst_scene::{LoadedLoop, LoadedScene};
 use std::path::Path;
 
-/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest).
-const SECTIONS: usize = 3;
+/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas.
+const SECTIONS: usize = 4;
 /// Length of the scope behind its tip that displaces fluid, m.
 const SHAFT_M: f32 = 0.06;
 /// Radius of the ports at the scope's tip, m.
@@ -71,7 +73,9 @@ pub struct FlowEngine<'a> {
     cavity: Cavity,
     pieces: Pieces,
     wounds: Wounds,
+    holes: Holes,
     radius_m: f32,
+    electrode: Option<LoadedLoop>,
     seed_m: [f32; 3],
     period_ticks: u64,
     /// Epoch and tick of the state that the solver holds.
@@ -103,6 +107,7 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     model.blood.vessel_pa = vessels.pressure_pa;
     model.blood.conductance_ml_s_pa = vessels.conductance_ml_s_pa;
     model.blood.seed = vessels.seed;
+    model.pump.container_ml = figures.container_ml.into();
     Ok(model)
 }
 
@@ -125,7 +130,9 @@ impl<'a> FlowEngine<'a> {
             cavity: Cavity::new(grid),
             pieces: Pieces::new(grid.cell_count()),
             wounds: Wounds::new(&figures.vessels),
+            holes: Holes::new(&scene),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
+            electrode: scene.rigid.first().and_then(|rigid| rigid.electrode.clone()),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             period_ticks: figures.period_ticks(),
             holds: None,
@@ -140,7 +147,8 @@ impl<'a> FlowEngine<'a> {
 
     fn sections(&self) -> [usize; SECTIONS] {
         let solver = self.crew.solver();
-        [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4]
+        let gas = hyst_flow::MAX_BUBBLES * size_of::<hyst_flow::Particle>();
+        [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4, gas]
     }
 
     /// Takes the tissue's newest state and topology.
@@ -184,6 +192,7 @@ impl<'a> FlowEngine<'a> {
         }
         self.pieces.locate(&self.cavity, positions, tets, owner);
         self.wounds.take(&topology)?;
+        self.holes.take(&topology)?;
         self.wounds.locate(state.section(3)?);
         Ok(state.header().tick)
     }
@@ -192,15 +201,17 @@ impl<'a> FlowEngine<'a> {
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let mut inputs =
             sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| inputs_of(&sample, self.radius_m, dt_s));
+        inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.electrode.as_ref(), &sample));
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
+        inputs.pump.perforation = self.holes.size();
         inputs
     }
 
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let sections = self.sections();
-        let [head, block, density, ..] = MessageMut::format(next, Kind::FluidState, header, &sections)?.split();
+        let [head, block, density, gas, ..] = MessageMut::format(next, Kind::FluidState, header, &sections)?.split();
         let solver = self.crew.solver();
         solver.store(block).map_err(broken)?;
         let view = StateView::new(block).map_err(broken)?;
@@ -208,6 +219,7 @@ impl<'a> FlowEngine<'a> {
         for (out, value) in density.iter_mut().zip(view.density()) {
             *out = *value;
         }
+        gas.copy_from_slice(bytemuck::cast_slice(view.bubbles()));
         let status = FluidStatus { pieces: self.pieces.flows(&view), ..status };
         head.copy_from_slice(bytemuck::bytes_of(&Head::of(status, &solver.model().grid)));
         self.status = status;
@@ -266,15 +278,17 @@ fn axis_of(sample: &HardwareSample) -> [f32; 3] {
 }
 
 /// What the page says of a step.
-pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidStatus {
+pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
     let alarms = &report.pump.alarms;
+    let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
     FluidStatus {
-        deficit_ml,
-        cavity_volume_ml: cavity_ml,
+        deficit_ml: pump.deficit_ml(),
+        cavity_volume_ml: pump.cavity_ml,
+        bled_ml: pump.bled_ml,
         pressure_pa: report.pump.pressure_pa as f32,
         inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
-        alarms: u32::from(alarms.pressure) | u32::from(alarms.deficit) << 1 | u32::from(alarms.abnormal_loss) << 2,
+        alarms: PUMP_ALARMS.iter().zip(is_on).map(|((bit, _), is_on)| if is_on { *bit } else { 0 }).sum(),
         ..FluidStatus::default()
     }
 }
@@ -282,7 +296,7 @@ pub fn status_of(report: &StepReport, deficit_ml: f64, cavity_ml: f64) -> FluidS
 /// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the
 /// role was computed for another tick, and says so by a step of 0.
 fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
-    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.pressure_pa as f64];
+    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.bled_ml, status.pressure_pa as f64];
     let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
     of_tick && numbers.iter().all(|value| value.is_finite())
 }
@@ -356,7 +370,7 @@ impl Stateful for FlowEngine<'_> {
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
-        let status = status_of(&report, pump.deficit_ml(), pump.cavity_ml);
+        let status = status_of(&report, &pump);
         let header = StreamHeader { input_tick, ..*message.header() };
         self.write(header, FluidStatus { state_tick: context.next_tick, ..status }, next)
     }
@@ -368,8 +382,8 @@ impl Stateful for FlowEngine<'_> {
         let page = &self.life.page;
         page.write(fluid::STATUS, &told);
         let sections = self.sections();
-        // The solver computes in its own layered fields; its block and the density are then copied into the loan.
-        page.add64(header::COPIED_BYTES, (sections[1] + sections[2]) as u64);
+        // The solver computes in its own layered fields; its block, density and gas are then copied into the loan.
+        page.add64(header::COPIED_BYTES, (sections[1] + sections[2] + sections[3]) as u64);
     }
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {

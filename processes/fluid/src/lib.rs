@@ -4,6 +4,8 @@ mod bench;
 mod cavity;
 mod crew;
 mod engine;
+mod gas;
+mod holes;
 mod pieces;
 mod wounds;
 

@@ -6,6 +6,7 @@
 //!
 //! Technique: forward shading with solid noise at rest positions (Perlin 2002), smooth normals by a gather over incident triangles,
 //! inverse-square spotlight, a filmic curve, and a radial lens polynomial of degree 4.
+mod bubbles;
 mod camera;
 mod error;
 mod fluid;
@@ -26,6 +27,7 @@ mod timing;
 mod uniforms;
 mod window;
 
+pub use bubbles::Bubbles;
 pub use camera::{Camera, Endoscope, External, View};
 pub use error::RenderError;
 pub use fluid::{FluidField, MAX_CELLS};

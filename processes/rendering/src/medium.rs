@@ -1,4 +1,4 @@
-//! Blood in the cavity, from the Flow Engine's state: its grid and the optical density of each cell, read in place.
+//! Blood and gas in the cavity, from the Flow Engine's state: its grid, the optical density of each cell, the parcels of gas, read in place.
 //!
 //! Promise: a clear medium costs no pass over the picture; a grid whose numbers contradict each other is refused.
 
@@ -8,6 +8,8 @@ use rendering::FluidField;
 
 /// Section of the densities in a fluid state, x fastest; the head is section 0.
 const DENSITIES: usize = 2;
+/// Section of the parcels of gas.
+const GAS: usize = 3;
 /// Extinction of undiluted blood as drawn, 1/m: opaque over the width of a cavity, with what lies before it still to be seen.
 const EXTINCTION_PER_M: f32 = 500.0;
 /// Density under which the medium is clear: it takes a fortieth of the light over 5 cm.
@@ -48,6 +50,12 @@ pub fn field(state: &[u8]) -> Result<Option<FluidField<'_>>, WireError> {
     }))
 }
 
+/// The parcels of gas in a fluid state: place, m, and volume, ml; of a fluid that knows of no gas none.
+pub fn gas(state: &[u8]) -> Result<&[[f32; 4]], WireError> {
+    let message = Message::parse(state, Kind::FluidState)?;
+    if message.header().sections as usize <= GAS { Ok(&[]) } else { message.section(GAS) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -70,6 +78,7 @@ mod tests {
     fn a_clear_medium_is_no_field_and_blood_is_one_over_the_whole_grid() {
         let clear = state([2, 1, 3], &[0.0; 6]);
         assert!(field(bytemuck::cast_slice(&clear)).unwrap().is_none());
+        assert!(gas(bytemuck::cast_slice(&clear)).unwrap().is_empty(), "a fluid that knows of no gas");
         let bloody = state([2, 1, 3], &[0.0, 0.0, 0.5, 0.0, f32::NAN, 0.0]);
         let seen = field(bytemuck::cast_slice(&bloody)).unwrap().unwrap();
         assert_eq!((seen.dims, seen.density.len()), ([2, 1, 3], 6));

@@ -14,6 +14,8 @@ const TOOL: u64 = 1 << 32;
 /// Those of its loop electrode: the ring, which is bare and glows with current in it, and the arms, which are not.
 const RING: u64 = TOOL + 1;
 const ARMS: u64 = TOOL + 2;
+/// That of the bubbles.
+pub const BUBBLES: u64 = TOOL + 3;
 /// Length of the arms, m: farther than any loop reaches, so that they end in the sheath, behind the lens.
 const ARM_M: f32 = 0.06;
 /// A loop that is in lies this far behind the tip, in the sheath, m: behind the lens as well.

@@ -8,7 +8,7 @@ use crate::looks::distortion;
 use crate::medium;
 use crate::pulse::Pulse;
 use crate::relay::Relay;
-use crate::scenery::{Refused, Scenery};
+use crate::scenery::{BUBBLES, Refused, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
 use hyst_engine::settings::SetError;
@@ -16,7 +16,9 @@ use hyst_engine::{Failure, Life, Pace};
 use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
-use rendering::{Camera, Endoscope, External, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale};
+use rendering::{
+    Bubbles, Camera, Endoscope, External, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale,
+};
 
 /// Period of the pictures, ticks: 30 in a second, the rate of the paper's display.
 const PERIOD_TICKS: u64 = 33;
@@ -40,6 +42,7 @@ struct Vision<'a> {
     life: &'a Life,
     renderer: Renderer,
     scenery: Scenery,
+    bubbles: Bubbles,
     view: View,
     external: bool,
     strip: Strip,
@@ -131,6 +134,7 @@ impl<'a> Vision<'a> {
             life,
             renderer,
             scenery,
+            bubbles: Bubbles::new(BUBBLES),
             view: View::new(Camera::Endoscope(Endoscope::default())),
             external,
             strip: Strip::default(),
@@ -256,6 +260,11 @@ impl<'a> Vision<'a> {
         let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
         match self.renderer.set_fluid(field) {
             Ok(()) => self.uploaded += bytes,
+            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
+            Err(_) => self.life.page.add64(header::INVALID, 1),
+        }
+        match self.bubbles.show(self.renderer.stage(), medium::gas(state).unwrap_or_default()) {
+            Ok(bytes) => self.uploaded += bytes,
             Err(error @ RenderError::DeviceLost(_)) => return Err(error),
             Err(_) => self.life.page.add64(header::INVALID, 1),
         }

@@ -1,7 +1,7 @@
 //! Statements about pictures: what a trainee would miss at once if it were broken.
 mod stand;
 
-use rendering::{Appearance, Camera, FluidField, Material, Overlay, RenderError, SurfaceMesh, shapes};
+use rendering::{Appearance, Bubbles, Camera, FluidField, Material, Overlay, RenderError, SurfaceMesh, shapes};
 use stand::*;
 
 #[test]
@@ -205,4 +205,30 @@ fn the_first_picture_is_not_overexposed_by_the_empty_stage_before_it() {
     view.adaptation = 1.0;
     let metered = picture(&mut r, &view);
     assert_eq!(changed(&first, &metered), 0);
+}
+
+#[test]
+fn a_bubble_is_seen_where_it_is_and_nonsense_is_not() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let view = through_scope();
+    let before = picture(&mut r, &view);
+    let mut bubbles = Bubbles::new(77);
+    // 1e-3 ml is a ball of 1.24 mm, here 8 mm before the lens: some 12 of the 120 pixels of 90°, so an area of about a hundred.
+    let parcels =
+        [[0.0, 0.0, 0.023, 1e-3], [0.0; 4], [f32::NAN, 0.0, 0.02, 1e-3], [0.0, 0.0, 0.023, 1e9], [0.0, 0.0, 0.02, -1.0]];
+    assert!(bubbles.show(r.stage(), &parcels).unwrap() > 0);
+    let with = picture(&mut r, &view);
+    let seen = changed(&before, &with);
+    assert!((30..1_000).contains(&seen), "{seen} pixels");
+    let middle = [pixel(&before, WIDTH / 2, HEIGHT / 2), pixel(&with, WIDTH / 2, HEIGHT / 2)];
+    assert_ne!(middle[0], middle[1]);
+    // More than there was room for, then more than are ever drawn, then none: nothing is left of them.
+    for count in [100, 5_000] {
+        bubbles.show(r.stage(), &vec![[0.0, 0.0, 0.023, 1e-3]; count]).unwrap();
+        assert_eq!(changed(&with, &picture(&mut r, &view)), 0, "{count} in one place");
+    }
+    assert_eq!(bubbles.show(r.stage(), &parcels[1..]).unwrap(), 0);
+    assert!(!r.stage().ids().any(|id| id == 77));
+    picture(&mut r, &view); // the exposure comes back
+    assert_eq!(changed(&before, &picture(&mut r, &view)), 0);
 }

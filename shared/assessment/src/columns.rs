@@ -2,8 +2,8 @@
 
 use crate::assess::Assessment;
 use crate::markup::plain;
-use crate::medium::ALARMS;
 use crate::metric::{Scores, scores};
+use hyst_messages::PUMP_ALARMS;
 use hyst_recording::Level;
 
 /// One recording.
@@ -82,7 +82,9 @@ impl Column {
             || NONE.to_string(),
             |step| format!("{} N at {:.3} s", number(step.value), seconds(conduct.since_start(step.tick))),
         );
-        let alarms = ALARMS.iter().zip(measured.medium.alarms).map(|(name, count)| format!("{name} {count}"));
+        let alarms = PUMP_ALARMS.iter().zip(measured.medium.alarms).map(|((_, name), count)| format!("{name} {count}"));
+        let alarms: Vec<String> = alarms.collect();
+        let (first, further) = alarms.split_at(PUMP_ALARMS.len().div_ceil(2)); // in one line they are too wide for the text
         vec![
             ("ticks in the recording", conduct.ticks.to_string()),
             ("ticks missing", format!("{} in {} gaps{longest}", conduct.missing, conduct.gaps)),
@@ -97,7 +99,8 @@ impl Column {
             ("largest step of the force", step),
             ("takeovers of a role", conduct.takeovers.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
-            ("alarms of the pump", alarms.collect::<Vec<_>>().join(", ")),
+            ("alarms of the pump", first.join(", ")),
+            ("further alarms of the pump", further.join(", ")),
         ]
     }
 }

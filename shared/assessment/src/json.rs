@@ -1,9 +1,9 @@
 //! The report for programs. Numbers are not rounded; what is not recorded is `null`.
 
 use crate::columns::{Column, Sessions, seconds, word};
-use crate::medium::ALARMS;
 use crate::metric::{Group, Metric};
 use crate::table::ABSENT;
+use hyst_messages::PUMP_ALARMS;
 use hyst_recording::Event;
 use serde_json::{Map, Value, json};
 
@@ -67,7 +67,7 @@ fn station(column: &Column) -> Value {
         })
     };
     let alarms: Map<String, Value> =
-        ALARMS.iter().zip(measured.medium.alarms).map(|(name, count)| (name.to_string(), json!(count))).collect();
+        PUMP_ALARMS.iter().zip(measured.medium.alarms).map(|((_, name), count)| (name.to_string(), json!(count))).collect();
     json!({
         "first_tick": conduct.first_tick,
         "last_tick": conduct.first_tick.map(|_| conduct.last_tick),

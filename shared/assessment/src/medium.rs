@@ -2,7 +2,7 @@
 //! second; and the valves and the light, from the records of the ticks.
 
 use crate::conduct::Peak;
-use hyst_messages::{Controls, FluidStatus};
+use hyst_messages::{Controls, FluidStatus, PUMP_ALARMS};
 use std::collections::VecDeque;
 
 /// Pascal per millimetre of mercury.
@@ -20,8 +20,6 @@ const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;
 /// Valves below this are shut, and light below it is none; 0 to 1.
 const SHUT: f32 = 0.05;
-/// Names of the alarm bits, lowest first.
-pub(crate) const ALARMS: [&str; 3] = ["pressure", "deficit", "abnormal loss"];
 
 /// Medium, valves and light so far.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -41,12 +39,14 @@ pub struct Medium {
     pub highest: Option<Peak>,
     /// Deficit in the newest status, ml.
     pub deficit_ml: Option<f64>,
+    /// Blood that has come into the cavity, in the newest status that says it, ml.
+    pub bled_ml: Option<f64>,
     /// Steepest rise of the deficit over 10 s or more, ml/min; the tick is its end.
     pub steepest: Option<Peak>,
     /// Medium that flowed in, ml.
     pub inflow_ml: Option<f64>,
-    /// How often an alarm came up, by its bit.
-    pub alarms: [u64; ALARMS.len()],
+    /// How often each of [`PUMP_ALARMS`] came up.
+    pub alarms: [u64; PUMP_ALARMS.len()],
     /// Ticks whose valves are known.
     pub valve_ticks: u64,
     /// Of them with the outflow shut.
@@ -83,8 +83,8 @@ impl Medium {
             self.hold(&before, held_ticks);
         }
         let came_up = status.alarms & !before.map_or(0, |before| before.alarms);
-        for (bit, count) in self.alarms.iter_mut().enumerate() {
-            *count += u64::from((came_up >> bit) & 1);
+        for ((bit, _), count) in PUMP_ALARMS.iter().zip(&mut self.alarms) {
+            *count += u64::from(came_up & bit != 0);
         }
         let pressure_pa = f64::from(status.pressure_pa);
         if pressure_pa.is_finite() {
@@ -93,6 +93,9 @@ impl Medium {
         if status.deficit_ml.is_finite() {
             self.deficit_ml = Some(status.deficit_ml);
             self.rise(status.state_tick, status.deficit_ml);
+        }
+        if status.bled_ml.is_finite() {
+            self.bled_ml = Some(status.bled_ml);
         }
         self.newest = Some(*status);
     }
@@ -140,14 +143,15 @@ mod tests {
     #[test]
     fn each_status_holds_until_the_next_and_for_a_second_at_most() {
         let mut medium = Medium::default();
-        for (tick, pressure_mmhg, alarms) in [(0, 20.0, 0), (500, 38.0, 1), (1_000, 120.0, 5), (1_500, 70.0, 1), (9_000, 70.0, 0)]
+        for (tick, pressure_mmhg, alarms) in
+            [(0, 20.0, 0), (500, 38.0, 1), (1_000, 120.0, 29), (1_500, 70.0, 1), (9_000, 70.0, 0)]
         {
             medium.status(&status(tick, pressure_mmhg, 0.0, alarms));
         }
         // 20, 38 and 120 mmHg for 500 ticks each, 70 for 1 000 of 7 500.
         let known = (medium.known_ticks, medium.low_ticks, medium.high_ticks, medium.parted_ticks, medium.alarm_ticks);
         assert_eq!(known, (2_500, 500, 500, 1_500, 2_000));
-        assert_eq!((medium.alarms, medium.highest.unwrap().tick), ([1, 0, 1], 1_000));
+        assert_eq!((medium.alarms, medium.highest.unwrap().tick), ([1, 0, 1, 1, 1], 1_000));
         assert!((medium.inflow_ml.unwrap() - 5.0).abs() < 1e-9, "2.5 s of 120 ml/min");
         medium.status(&status(9_000, 500.0, 99.0, 7));
         assert_eq!(medium.deficit_ml, Some(0.0), "it is not newer");
@@ -176,10 +180,11 @@ mod tests {
                 state_tick: tick,
                 pressure_pa: f32::NAN,
                 deficit_ml: f64::NAN,
+                bled_ml: f64::NAN,
                 ..FluidStatus::default()
             });
         }
-        assert_eq!((medium.known_ticks, medium.highest, medium.deficit_ml), (0, None, None));
+        assert_eq!((medium.known_ticks, medium.highest, medium.deficit_ml, medium.bled_ml), (0, None, None, None));
         medium.tick(&Controls { outflow_valve: f32::NAN, light: 1.0, ..Controls::default() });
         medium.tick(&Controls { outflow_valve: 0.0, light: 1.0, ..Controls::default() });
         assert_eq!((medium.valve_ticks, medium.shut_ticks, medium.dark_ticks), (1, 1, 0));

@@ -11,7 +11,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 27] = [
+pub static METRICS: [Definition; 28] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -239,6 +239,15 @@ pub static METRICS: [Definition; 27] = [
     },
     Definition {
         group: Group::Fluid,
+        key: "bled",
+        name: "blood that came into the cavity",
+        unit: "ml",
+        scale: None,
+        value: |m| m.medium.bled_ml,
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Fluid,
         key: "alarm",
         name: "time with an alarm of the pump",
         unit: "%",
@@ -259,7 +268,7 @@ pub static METRICS: [Definition; 27] = [
 
 /// What trainees are scored on and no recording holds: group, what, why.
 pub const ABSENT: [(Group, &str, &str); 4] = [
-    (Group::Visualisation, "how cloudy the view was", "pictures and blood are not recorded"),
+    (Group::Visualisation, "how cloudy the view was", "pictures are not recorded"),
     (Group::Visualisation, "landmarks that were seen", "pictures are not recorded"),
     (Group::Safety, "percent of the pathology removed", "only the removed volume is recorded"),
     (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),

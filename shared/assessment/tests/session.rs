@@ -24,7 +24,7 @@ fn a_square_has_its_length_its_time_and_no_score_for_what_is_not_recorded() {
     let assessment = of_blocks("square", &[Block { applied: square(1_000), ..Block::default() }]);
     assert!(is_near(&assessment, "path", 0.04) && is_near(&assessment, "time", 0.041));
     assert!(is_near(&assessment, "economy", 100.0 * 2f64.sqrt() / 4.0));
-    for key in ["distended", "pressure_low", "deficit", "inflow", "cuts", "removed", "energised_free"] {
+    for key in ["distended", "pressure_low", "deficit", "inflow", "bled", "cuts", "removed", "energised_free"] {
         assert_eq!(value(&assessment, key), None, "{key}");
     }
     let scores = scores(&assessment.measured);
@@ -70,9 +70,14 @@ fn the_medium_and_the_cuts_are_those_of_the_statuses() {
     let blocks: Vec<Block> = (0..21).map(|second| block(1_000 * second)).collect();
     let assessment = of_blocks("medium", &blocks);
     // 1 s of 20 mmHg, 19 s of 70; the last status has no time. 0.5 ml/s are 30 ml/min; 60 ml/min for 20 s are 20 ml.
-    for (key, exact) in
-        [("pressure_low", 5.0), ("pressure_high", 0.0), ("distended", 95.0), ("deficit", 10.0), ("deficit_rate", 30.0)]
-    {
+    for (key, exact) in [
+        ("pressure_low", 5.0),
+        ("pressure_high", 0.0),
+        ("distended", 95.0),
+        ("deficit", 10.0),
+        ("deficit_rate", 30.0),
+        ("bled", 1.0),
+    ] {
         assert!(is_near(&assessment, key, exact), "{key}: {:?}", value(&assessment, key));
     }
     assert!(is_near(&assessment, "inflow", 20.0) && is_near(&assessment, "cuts", 20.0) && is_near(&assessment, "removed", 0.1));

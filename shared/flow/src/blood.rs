@@ -36,13 +36,13 @@ impl BloodSource {
     }
 }
 
-/// A droplet that moves with the medium. Volume 0: the place in the ring is free.
+/// A droplet of blood that moves with the medium, or a parcel of gas in it. Volume 0: the place in the ring is free.
 #[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Particle {
     /// Position, m, station frame.
     pub position_m: [f32; 3],
-    /// Volume of blood that it stands for, ml.
+    /// Volume of blood or gas that it stands for, ml.
     pub volume_ml: f32,
 }
 
@@ -93,7 +93,7 @@ fn cell_of(grid: &Grid, layout: &Layout, position_m: [f32; 3]) -> (usize, usize,
 }
 
 /// Velocity at a point in cells (inside the grid), m/s: trilinear on the staggered components.
-fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]) -> [f32; 3] {
+pub(crate) fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|component| {
         let mut base = [0usize; 3];
         let mut t = [0.0f32; 3];
@@ -180,7 +180,7 @@ impl Solver {
     }
 
     /// A scattered point around a source, in a fluid cell if there is one next to it.
-    fn place(&self, at_m: [f32; 3], counter: u64) -> Result<[f32; 3], FlowError> {
+    pub(crate) fn place(&self, at_m: [f32; 3], counter: u64) -> Result<[f32; 3], FlowError> {
         let (grid, layout) = (&self.model.grid, &*self.layout);
         let fluid = self.fluid.read()?;
         let h = grid.spacing_m();

@@ -1,6 +1,7 @@
 //! What happens between the phases: which phase is next, sums over layers in fixed order, pump, sources, components, blood.
 
-use crate::blood::{BloodState, bleed};
+use crate::blood::{BloodState, Particle, bleed};
+use crate::bubbles::{BubbleState, MAX_BUBBLES};
 use crate::error::FlowError;
 use crate::grid::Layout;
 use crate::inputs::FlowInputs;
@@ -47,6 +48,9 @@ pub(crate) struct Coordinator {
     pub built: bool,
     pub pump: PumpState,
     pub blood: BloodState,
+    pub gas: BubbleState,
+    /// The ring of parcels of gas.
+    pub bubbles: Vec<Particle>,
     pub report: StepReport,
     pub components: Components,
     pub sizes: [u32; MAX_COMPONENTS],
@@ -68,6 +72,8 @@ impl Coordinator {
             built: false,
             pump: PumpState::default(),
             blood: BloodState::default(),
+            gas: BubbleState::default(),
+            bubbles: vec![Particle::default(); MAX_BUBBLES],
             report: StepReport::default(),
             components: Components::new(layout),
             sizes: [0; MAX_COMPONENTS],
@@ -155,6 +161,14 @@ impl Solver {
         Ok((c.pump, c.blood))
     }
 
+    /// Counters of the gas.
+    ///
+    /// # Errors
+    /// As [`Self::report`].
+    pub fn gas(&self) -> Result<BubbleState, FlowError> {
+        Ok(self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?.gas)
+    }
+
     fn after(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<Option<Phase>, FlowError> {
         let serial_from = self.hierarchy.serial_from as u8;
         let coarsen = |l: u8| {
@@ -184,6 +198,7 @@ impl Solver {
             }
             Phase::Particles => {
                 self.settle_blood(&plan.inputs, plan.dye, &mut c.blood)?;
+                self.settle_bubbles(c, plan)?;
                 c.report.step += 1;
                 c.report.time_s += f64::from(plan.inputs.dt_s);
                 return Ok(None);

@@ -3,6 +3,7 @@
 //! Promise: after [`FlowInputs::neutralised`] every number is finite and in range; what was replaced is counted, never obeyed.
 
 use crate::blood::BloodSource;
+use crate::bubbles::GasSource;
 use crate::pump::PumpInput;
 
 /// Capsules, ports and bleeding points per step at most: one scope, one sheath, one electrode, and room to spare.
@@ -59,6 +60,8 @@ pub struct FlowInputs {
     pub ports: [Port; MAX_PORTS],
     /// Where vessels are open.
     pub blood: [BloodSource; MAX_SOURCES],
+    /// Where gas comes into being.
+    pub gas: GasSource,
     /// Settings of the pump.
     pub pump: PumpInput,
     /// Acceleration of the medium, m/s² (zero in the paper: gravity is balanced by the hydrostatic pressure).
@@ -104,7 +107,7 @@ impl FlowInputs {
         for source in &mut inputs.blood {
             count += source.tame();
         }
-        count += inputs.pump.tame();
+        count += inputs.gas.tame() + inputs.pump.tame();
         (inputs, count)
     }
 }

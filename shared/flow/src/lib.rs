@@ -1,4 +1,4 @@
-//! The Flow Engine's mathematics: distension medium in the cavity, pump, and blood.
+//! The Flow Engine's mathematics: distension medium in the cavity, pump, blood, and gas.
 //!
 //! Incompressible Navier–Stokes on a staggered grid with solid cells and moving tools, in the order of the paper (Stam 1999; Zátonyi
 //! et al., MedIA 2005): forces with in- and outflow, diffusion, self-advection, mass conservation. No threads, no clock, no files here.
@@ -9,6 +9,7 @@
 //!   several threads compute bands of layers with the same result, bit for bit.
 
 mod blood;
+mod bubbles;
 mod coarsen;
 mod coarsest;
 mod coordinator;
@@ -35,6 +36,7 @@ mod transport;
 mod walls;
 
 pub use blood::{BloodSource, BloodState, Particle};
+pub use bubbles::{BubbleModel, BubbleState, GasSource, MAX_BUBBLES};
 pub use coordinator::{MAX_SWEEPS, StepReport};
 pub use error::FlowError;
 pub use grid::{Grid, MAX_AXIS, MAX_BANDS, MAX_CELLS};

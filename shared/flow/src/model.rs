@@ -1,5 +1,6 @@
 //! The model: what does not change while a case runs. Medium, walls, pump, vessels, accuracy. The state is another type.
 
+use crate::bubbles::BubbleModel;
 use crate::error::FlowError;
 use crate::grid::Grid;
 use crate::pump::PumpModel;
@@ -69,6 +70,8 @@ pub struct FlowModel {
     pub pump: PumpModel,
     /// Bleeding.
     pub blood: BloodModel,
+    /// Gas.
+    pub bubbles: BubbleModel,
 }
 
 impl FlowModel {
@@ -82,6 +85,7 @@ impl FlowModel {
             max_iterations: 60,
             pump: PumpModel::default(),
             blood: BloodModel::default(),
+            bubbles: BubbleModel::default(),
         }
     }
 
@@ -105,6 +109,7 @@ impl FlowModel {
                 }
             }
         }
+        self.bubbles.check()?;
         self.pump.check()
     }
 }

@@ -51,6 +51,12 @@ pub struct PumpModel {
     pub pressure_alarm_pa: f64,
     /// Alarm: loss (not seen at the outflow) faster than this, ml/s (300 ml/min).
     pub loss_alarm_ml_s: f64,
+    /// Alarm: loss faster by this than all veins and the sheath's leak together can take at the pressure, ml/s (60 ml/min).
+    pub hole_alarm_ml_s: f64,
+    /// What a container of medium holds, ml (a bag of 3 l).
+    pub container_ml: f64,
+    /// Alarm: no more than this is left in the container, ml (at 300 ml/min enough for 20 s).
+    pub container_alarm_ml: f64,
 }
 
 impl Default for PumpModel {
@@ -72,6 +78,9 @@ impl Default for PumpModel {
             perforation_ml_s_pa: 2e-3,
             pressure_alarm_pa: 20.0 * PA_PER_MMHG,
             loss_alarm_ml_s: 5.0,
+            hole_alarm_ml_s: 1.0,
+            container_ml: 3_000.0,
+            container_alarm_ml: 100.0,
         }
     }
 }
@@ -133,6 +142,10 @@ impl PumpState {
     pub fn deficit_ml(&self) -> f64 {
         self.in_ml - self.out_ml
     }
+    /// What left the cavity and did not come back, ml.
+    fn lost_ml(&self) -> f64 {
+        self.intravasated_ml + self.leaked_ml + self.perforated_ml
+    }
     /// The counters' balance, ml: 0 but for rounding, from an empty cavity on.
     pub fn imbalance_ml(&self) -> f64 {
         self.in_ml + self.bled_ml - self.out_ml - self.intravasated_ml - self.leaked_ml - self.perforated_ml - self.cavity_ml
@@ -146,8 +159,12 @@ pub struct Alarms {
     pub pressure: bool,
     /// Deficit at its limit: 1 000 ml for hypotonic, 2 500 ml for isotonic medium.
     pub deficit: bool,
-    /// Medium disappears faster than vessels take it: a perforation.
+    /// Much medium disappears, wherever to: into vessels, past the sheath, through a hole.
     pub abnormal_loss: bool,
+    /// More disappears than vessels and the sheath's leak can take at this pressure, were every vein open: only a hole explains it.
+    pub perforation: bool,
+    /// The container is nearly empty and is to be changed. The next one flows without a pause (two hang side by side).
+    pub container: bool,
 }
 
 /// Flows and pressure at the end of a step.
@@ -198,6 +215,9 @@ impl PumpModel {
         range("pump.venous_pa", self.venous_pa, 0.0, 1e5, "0 to 1e5")?;
         range("pump.pressure_alarm_pa", self.pressure_alarm_pa, 0.0, 1e5, "0 to 1e5")?;
         range("pump.loss_alarm_ml_s", self.loss_alarm_ml_s, 0.0, 1e3, "0 to 1000")?;
+        range("pump.hole_alarm_ml_s", self.hole_alarm_ml_s, 0.0, 1e3, "0 to 1000")?;
+        range("pump.container_ml", self.container_ml, 100.0, 1e5, "100 to 1e5")?;
+        range("pump.container_alarm_ml", self.container_alarm_ml, 0.0, 1e5, "0 to 1e5")?;
         let conductances = [self.inflow_ml_s_pa, self.outflow_ml_s_pa, self.leak_ml_s_pa, self.intravasation_ml_s_pa];
         for value in conductances.into_iter().chain([self.perforation_ml_s_pa]) {
             range("pump.…_ml_s_pa", value, 0.0, 1.0, "0 to 1")?;
@@ -233,6 +253,7 @@ impl PumpModel {
     /// One step of `dt_s` with neutralised input; `bled_ml` is the blood that entered during the step.
     pub fn step(&self, state: &mut PumpState, input: &PumpInput, isotonic: bool, bled_ml: f64, dt_s: f64) -> PumpReport {
         let before = *state;
+        let before_pa = self.pressure_pa(state.cavity_ml + f64::from(input.displaced_ml));
         state.cavity_ml += bled_ml;
         state.bled_ml += bled_ml;
         let parts = (dt_s / INNER_STEP_S).ceil().max(1.0);
@@ -248,9 +269,6 @@ impl PumpModel {
         }
         let per_s = if dt_s > 0.0 { 1.0 / dt_s } else { 0.0 };
         let pressure_pa = self.pressure_pa(state.cavity_ml + f64::from(input.displaced_ml));
-        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
-        let lost = state.intravasated_ml + state.leaked_ml + state.perforated_ml;
-        let lost_before = before.intravasated_ml + before.leaked_ml + before.perforated_ml;
         PumpReport {
             pressure_pa,
             in_ml_s: (state.in_ml - before.in_ml) * per_s,
@@ -258,12 +276,36 @@ impl PumpModel {
             intravasation_ml_s: (state.intravasated_ml - before.intravasated_ml) * per_s,
             leak_ml_s: (state.leaked_ml - before.leaked_ml) * per_s,
             perforation_ml_s: (state.perforated_ml - before.perforated_ml) * per_s,
-            alarms: Alarms {
-                pressure: pressure_pa > set_pa + self.pressure_alarm_pa,
-                deficit: state.deficit_ml() >= if isotonic { 2_500.0 } else { 1_000.0 },
-                abnormal_loss: (lost - lost_before) * per_s > self.loss_alarm_ml_s,
-            },
+            alarms: self.alarms(state, input, isotonic, (state.lost_ml() - before.lost_ml()) * per_s, [before_pa, pressure_pa]),
         }
+    }
+
+    /// The alarms at the end of a step in which so much was lost, with the pressures at its begin and end.
+    fn alarms(
+        &self,
+        state: &PumpState,
+        input: &PumpInput,
+        isotonic: bool,
+        lost_ml_s: f64,
+        [before_pa, pressure_pa]: [f64; 2],
+    ) -> Alarms {
+        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        // At the higher pressure of the two, so that a pressure that falls does not make a hole of what went into veins.
+        let highest_pa = before_pa.max(pressure_pa);
+        let veins_ml_s = self.intravasation_ml_s_pa * (highest_pa - self.venous_pa).max(0.0);
+        let explained_ml_s = veins_ml_s + self.leak_ml_s_pa * highest_pa;
+        Alarms {
+            pressure: pressure_pa > set_pa + self.pressure_alarm_pa,
+            deficit: state.deficit_ml() >= if isotonic { 2_500.0 } else { 1_000.0 },
+            abnormal_loss: lost_ml_s > self.loss_alarm_ml_s,
+            perforation: lost_ml_s > explained_ml_s + self.hole_alarm_ml_s,
+            container: self.container_left_ml(state) <= self.container_alarm_ml,
+        }
+    }
+
+    /// What is left in the container that hangs now, ml: each is as full as the first one was.
+    pub fn container_left_ml(&self, state: &PumpState) -> f64 {
+        self.container_ml - state.in_ml % self.container_ml
     }
 
     /// The flows at the end of a step of `h_s`: net(V) falls with V, so V = V₀ + h·net(V) has one root; bisection finds it.

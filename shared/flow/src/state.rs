@@ -1,13 +1,14 @@
 //! The state as a message: one flat block of plain data, written in place and checked on reading.
 //!
 //! Layout, native byte order, offsets from [`Offsets`]: header, then f32 arrays u, v, w (m/s, on the low faces of each cell), pressure
-//! (Pa, mean 0, to be added to the cavity's), dye and density (volume fraction), x fastest, then y, then z; then the particles, then
-//! one byte per cell of the case's mask. Promise: [`Solver::load`] of what [`Solver::store`] wrote continues with the same bits; any
+//! (Pa, mean 0, to be added to the cavity's), dye and density (volume fraction), x fastest, then y, then z; then the particles,
+//! the parcels of gas, and one byte per cell of the case's mask. Promise: [`Solver::load`] of what [`Solver::store`] wrote continues with the same bits; any
 //! other bytes are refused with a typed error and leave the solver as it was.
 
 use bytemuck::Zeroable;
 
 use crate::blood::{BloodState, Particle};
+use crate::bubbles::{BubbleState, MAX_BUBBLES};
 use crate::error::FlowError;
 use crate::field::Field;
 use crate::grid::Grid;
@@ -16,7 +17,7 @@ use crate::pump::PumpState;
 use crate::solver::Solver;
 
 const MAGIC: u64 = 0x6879_7374_666c_6f77; // "hystflow"
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Fields of f32 per cell.
 const FIELDS: usize = 6;
 const NAMES: [&str; FIELDS] = ["u", "v", "w", "pressure", "dye", "density"];
@@ -38,12 +39,14 @@ struct Header {
     pressure_pa: f64,
     pump: PumpState,
     blood: BloodState,
+    gas: BubbleState,
 }
 
 /// Where the parts of a block begin, bytes.
 struct Offsets {
     cells: usize,
     particles: usize,
+    bubbles: usize,
     mask: usize,
     total: usize,
 }
@@ -52,8 +55,9 @@ impl Offsets {
     fn new(grid: &Grid, capacity: usize) -> Self {
         let cells = grid.cell_count();
         let particles = (size_of::<Header>() + FIELDS * 4 * cells).next_multiple_of(8);
-        let mask = particles + capacity * size_of::<Particle>();
-        Self { cells, particles, mask, total: (mask + cells).next_multiple_of(8) }
+        let bubbles = particles + capacity * size_of::<Particle>();
+        let mask = bubbles + MAX_BUBBLES * size_of::<Particle>();
+        Self { cells, particles, bubbles, mask, total: (mask + cells).next_multiple_of(8) }
     }
     fn field(&self, index: usize) -> std::ops::Range<usize> {
         let from = size_of::<Header>() + index * 4 * self.cells;
@@ -133,11 +137,15 @@ impl<'a> StateView<'a> {
         if let Some(index) = self.particles().iter().position(|p| !good(p)) {
             return Err(FlowError::StateValue { field: "particles", index });
         }
-        let (p, b) = (&self.header.pump, &self.header.blood);
+        if let Some(index) = self.bubbles().iter().position(|p| !good(p)) {
+            return Err(FlowError::StateValue { field: "bubbles", index });
+        }
+        let (p, b, g) = (&self.header.pump, &self.header.blood, &self.header.gas);
         let pump = [p.cavity_ml, p.in_ml, p.out_ml, p.intravasated_ml, p.leaked_ml, p.perforated_ml, p.bled_ml];
         let blood = [b.emitted_ml, b.entered_ml, b.washed_ml, b.buried_ml, self.header.time_s, self.header.pressure_pa.abs()];
-        for (index, x) in pump.into_iter().chain(blood).chain(b.pending_ml).enumerate() {
-            // A counter of pending blood may be a rounding error below 0.
+        let gas = [g.made_ml, g.vented_ml, g.dissolved_ml];
+        for (index, x) in pump.into_iter().chain(blood).chain(gas).chain(b.pending_ml).chain(g.pending_ml).enumerate() {
+            // A counter of what waits may be a rounding error below 0.
             if !(-1e-3..=1e15).contains(&x) {
                 return Err(FlowError::StateValue { field: "counters", index });
             }
@@ -172,7 +180,12 @@ impl<'a> StateView<'a> {
     /// The ring of particles; those of volume 0 are free places.
     pub fn particles(&self) -> &'a [Particle] {
         let at = Offsets::new(&self.grid, self.header.capacity as usize);
-        bytemuck::cast_slice(&self.bytes[at.particles..at.mask])
+        bytemuck::cast_slice(&self.bytes[at.particles..at.bubbles])
+    }
+    /// The ring of parcels of gas; those of volume 0 are free places.
+    pub fn bubbles(&self) -> &'a [Particle] {
+        let at = Offsets::new(&self.grid, self.header.capacity as usize);
+        bytemuck::cast_slice(&self.bytes[at.bubbles..at.mask])
     }
     /// The case's mask, 0 = fluid.
     pub fn mask(&self) -> &'a [u8] {
@@ -186,6 +199,10 @@ impl<'a> StateView<'a> {
     /// Counters of the blood, ml.
     pub fn blood(&self) -> &'a BloodState {
         &self.header.blood
+    }
+    /// Counters of the gas.
+    pub fn gas(&self) -> &'a BubbleState {
+        &self.header.gas
     }
     /// Pressure in the cavity, Pa.
     pub fn cavity_pa(&self) -> f64 {
@@ -225,11 +242,12 @@ impl Solver {
         for (index, field) in self.stored_fields()?.into_iter().enumerate() {
             self.copy_out(field, bytemuck::cast_slice_mut(&mut bytes[at.field(index)]))?;
         }
-        let ring: &mut [Particle] = bytemuck::cast_slice_mut(&mut bytes[at.particles..at.mask]);
+        let ring: &mut [Particle] = bytemuck::cast_slice_mut(&mut bytes[at.particles..at.bubbles]);
         for band in 0..self.bands {
             let share = self.particles[band].try_read().ok_or(FlowError::PhaseConflict)?;
             ring[self.share_start(band)..][..share.len()].copy_from_slice(&share);
         }
+        bytes[at.bubbles..at.mask].copy_from_slice(bytemuck::cast_slice(&c.bubbles));
         bytes[at.mask..at.mask + at.cells].copy_from_slice(&self.base.try_read().ok_or(FlowError::PhaseConflict)?);
         let grid = &self.model.grid;
         let mut header = Header {
@@ -245,6 +263,7 @@ impl Solver {
             pressure_pa: c.report.pump.pressure_pa,
             pump: c.pump,
             blood: c.blood,
+            gas: c.gas,
             ..Header::zeroed()
         };
         bytes[..size_of::<Header>()].copy_from_slice(bytemuck::bytes_of(&header));
@@ -276,7 +295,8 @@ impl Solver {
             share.copy_from_slice(&view.particles()[self.share_start(band)..][..len]);
         }
         self.set_mask(view.mask())?;
-        (c.pump, c.blood) = (view.header.pump, view.header.blood);
+        (c.pump, c.blood, c.gas) = (view.header.pump, view.header.blood, view.header.gas);
+        c.bubbles.copy_from_slice(view.bubbles());
         c.report = Default::default();
         (c.report.step, c.report.time_s) = view.time();
         c.report.pump.pressure_pa = view.header.pressure_pa;

@@ -39,6 +39,9 @@ fn absurd_models_are_refused_and_the_error_names_the_parameter() {
     refused(&|m| m.blood.capacity = usize::MAX, "capacity");
     refused(&|m| m.pump.volume_150_mmhg_ml = 0.0, "volume_150_mmhg_ml");
     refused(&|m| m.pump.band_pa = f64::NAN, "band_pa");
+    refused(&|m| m.pump.container_ml = 0.0, "container_ml");
+    refused(&|m| m.pump.container_ml = f64::INFINITY, "container_ml");
+    refused(&|m| m.pump.hole_alarm_ml_s = -1.0, "hole_alarm_ml_s");
     refused(&|m| m.walls[0] = Wall::NoSlip([f32::INFINITY, 0.0, 0.0]), "walls");
     assert!(matches!(Solver::new(good, 0), Err(FlowError::Bands { .. })));
     assert!(matches!(Solver::new(good, 7), Err(FlowError::Bands { most: 6, .. })));

@@ -1,7 +1,7 @@
 //! The flow against solutions that somebody else knows: Poiseuille, Couette with its return flow, Taylor–Green, and the lid-driven
 //! cavity of Ghia et al. 1982.
 
-use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, Wall};
+use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView, StepReport, Wall};
 
 /// The state of a solver in aligned memory.
 fn state(solver: &Solver) -> Vec<u64> {
@@ -81,8 +81,9 @@ fn an_obstacle_that_slides_drags_the_medium_and_as_much_returns() {
     assert!(net.abs() < 1e-4 * speed * gap as f32, "as much returns as is dragged along: {net}");
 }
 
-#[test]
-fn taylor_green_vortex_decays_at_the_viscous_rate() {
+/// What is left of a Taylor–Green vortex of speed 1 in a box of edge 1 after a second in so many steps, and what is to be left; the report of
+/// the first step.
+fn taylor_green(steps: u16) -> (f64, f64, StepReport) {
     let n = 32;
     let (h, viscosity, pi) = (1.0 / n as f32, 0.01f32, std::f32::consts::PI);
     let mut model = flat([n, n], h, viscosity);
@@ -98,16 +99,34 @@ fn taylor_green_vortex_decays_at_the_viscous_rate() {
     }
     solver.set_velocity_m_s(0, &u).unwrap();
     solver.set_velocity_m_s(1, &v).unwrap();
-    let (dt, steps) = (0.01, 100);
-    for _ in 0..steps {
-        solver.step_serial(&FlowInputs { dt_s: dt, ..Default::default() }).unwrap();
-    }
+    let inputs = FlowInputs { dt_s: 1.0 / f32::from(steps), ..Default::default() };
+    let reports: Vec<StepReport> = (0..steps).map(|_| solver.step_serial(&inputs).unwrap()).collect();
     let block = state(&solver);
     let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
     let energy = |a: &[f32]| a.iter().map(|x| f64::from(x * x)).sum::<f64>();
     let left = (energy(view.velocity_m_s(0)) / energy(&u)).sqrt();
-    let exact = f64::from(-2.0 * pi * pi * viscosity * dt * steps as f32).exp();
+    (left, f64::from(-2.0 * pi * pi * viscosity).exp(), reports[0])
+}
+
+#[test]
+fn taylor_green_vortex_decays_at_the_viscous_rate() {
+    let (left, exact, _) = taylor_green(100);
     assert!((left / exact - 1.0).abs() < 0.025, "amplitude {left:.4} left, exact {exact:.4}, 2.5 % allowed");
+}
+
+#[test]
+fn steps_beyond_the_courant_limit_are_made_of_sweeps_and_are_wrong_by_their_length_and_no_more() {
+    // A speed of 1 crosses 32 cells of 1/32 in a second: 1.3 in a step of 1/25 s, 3.2 in a tenth, 8 in a quarter. The splitting of the operators is of
+    // first order: it takes up to two parts in each second of a step's length, and never adds any.
+    for (steps, sweeps) in [(50, 1), (25, 2), (10, 4), (4, 8)] {
+        let (left, exact, first) = taylor_green(steps);
+        assert!(first.sweeps == sweeps && !first.slowed, "{steps} steps: {first:?}");
+        let (off, dt_s) = (left / exact - 1.0, 1.0 / f64::from(steps));
+        assert!(
+            (-2.0 * dt_s..=0.0).contains(&off),
+            "steps of {dt_s} s: amplitude {left:.4} left, exact {exact:.4}, off by {off:.4}"
+        );
+    }
 }
 
 /// Position on a centreline and the velocity there, in units of the lid's length and speed.

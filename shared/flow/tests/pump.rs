@@ -78,6 +78,46 @@ fn alarms_follow_pressure_deficit_by_medium_and_abnormal_loss() {
 }
 
 #[test]
+fn what_veins_and_sheath_cannot_take_is_a_hole_and_no_loss_below_that_is() {
+    let model = PumpModel::default();
+    // 10·(8 − p) = 0.5·p + 0.25·2·p: p = 80/11 = 7.2727 kPa; through the hole 0.5·7.2727 = 3.6364 ml/s. All veins together could take
+    // 0.2·(7.2727 − 1.3332) = 1.1879 ml/s: 2.4485 ml/s are left, more than 1; but 3.6364 are fewer than the 5 of an abnormal loss.
+    let (_, report) = run(&model, &PumpInput { perforation: 0.25, ..open(8_000.0) }, 60.0);
+    assert!((report.perforation_ml_s - 3.636_4).abs() < 1e-3, "{report:?}");
+    assert!(report.alarms.perforation && !report.alarms.abnormal_loss, "{report:?}");
+    // A hole of a tenth of its size, with every vein open: 10·(8 − p) = 0.5·p + 0.05·p + 0.2·(p − 1.3332), p = 7.4664 kPa. 0.3733 ml/s through the
+    // hole and 1.2266 into veins, which explain all but the 0.3733: no alarm.
+    let (_, report) = run(&model, &PumpInput { perforation: 0.025, open_veins: 1.0, ..open(8_000.0) }, 60.0);
+    assert!((report.perforation_ml_s - 0.373_3).abs() < 1e-3 && !report.alarms.perforation, "{report:?}");
+    // Through a sheath that leaks 1e-3·p and the outflow the pump's limit of 10 ml/s = 1.5·p, p = 6.6667 kPa, of which 6.6667 ml/s leak: an
+    // abnormal loss, but the leak explains it.
+    let leaky = PumpModel { leak_ml_s_pa: 1e-3, ..model };
+    let (mut state, report) = run(&leaky, &open(8_000.0), 60.0);
+    assert!((report.leak_ml_s - 6.666_7).abs() < 1e-3, "{report:?}");
+    assert!(report.alarms.abnormal_loss && !report.alarms.perforation, "{report:?}");
+    // Nor is a hole made of a pressure that falls by much in one step: what left, left at the higher pressure.
+    let emptied = PumpInput { set_pa: 0.0, ..open(8_000.0) };
+    assert!(!leaky.step(&mut state, &emptied, true, 0.0, 0.25).alarms.perforation);
+}
+
+#[test]
+fn a_container_is_to_be_changed_when_a_hundred_ml_are_left_in_it() {
+    let model = PumpModel::default();
+    let alarm = |in_ml: f64| {
+        let mut state = PumpState { in_ml, ..Default::default() };
+        model.step(&mut state, &PumpInput::default(), true, 0.0, 0.01).alarms.container
+    };
+    // Containers of 3 000 ml: 2 900 ml pumped leave 100, 3 000 begin the second, 5 899 leave 101 of it.
+    let cases =
+        [(0.0, false), (2_899.9, false), (2_900.0, true), (2_999.9, true), (3_000.0, false), (5_899.0, false), (5_900.1, true)];
+    for (in_ml, expected) in cases {
+        assert_eq!(alarm(in_ml), expected, "{in_ml} ml pumped");
+    }
+    let small = PumpModel { container_ml: 1_000.0, ..model };
+    assert_eq!(small.container_left_ml(&PumpState { in_ml: 2_250.0, ..Default::default() }), 750.0);
+}
+
+#[test]
 fn long_steps_give_the_steady_state_of_short_ones() {
     let model = PumpModel::default();
     let (mut state, mut report) = (PumpState::default(), PumpReport::default());

@@ -4,6 +4,7 @@
 //! Promise: what is read is checked. A record from another version, of another length or with an offset out of range gives
 //! a [`WireError`], never a panic and never a value.
 
+mod fluid;
 pub mod latency;
 mod looks;
 pub mod mischief;
@@ -15,6 +16,7 @@ pub mod role;
 pub mod stream;
 pub mod tolerance;
 
+pub use fluid::{FluidStatus, PUMP_ALARMS};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};

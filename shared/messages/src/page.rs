@@ -6,6 +6,7 @@ mod state;
 mod swap;
 
 use crate::SLOTS;
+use crate::fluid::FluidStatus;
 use crate::record::*;
 use crate::replay::{ReplayRecord, StepRecord};
 use bytemuck::Pod;

@@ -3,7 +3,8 @@
 //!
 //! Promise: a number that is none is beyond every tolerance; a state that lacks a section gives an error, never a panic.
 
-use crate::record::{ContactModel, ContactPlane, FluidStatus};
+use crate::fluid::FluidStatus;
+use crate::record::{ContactModel, ContactPlane};
 use crate::stream::{Kind, Message, StreamHeader, WireError};
 
 /// The epoch of what is computed beside the role, by a newcomer on trial or by whom it has replaced: below any epoch in which a role is held.
@@ -77,7 +78,7 @@ pub fn stated(kind: Kind) -> Vec<String> {
     });
     let pump = [
         format!("pressure within {MOST_PRESSURE_PA} Pa"),
-        format!("deficit and volume within {MOST_VOLUME_ML} ml"),
+        format!("deficit, blood and volume within {MOST_VOLUME_ML} ml"),
         format!("flows within {MOST_FLOW_ML_MIN} ml/min"),
     ];
     let model = format!(
@@ -118,6 +119,7 @@ pub fn compare(kind: Kind, a: &[u8], b: &[u8]) -> Result<Deviation, WireError> {
         let (x, y) = (status_of(&a)?, status_of(&b)?);
         note("pressure", "Pa", f64::from(x.pressure_pa - y.pressure_pa).abs(), MOST_PRESSURE_PA);
         note("deficit", "ml", (x.deficit_ml - y.deficit_ml).abs(), MOST_VOLUME_ML);
+        note("blood", "ml", (x.bled_ml - y.bled_ml).abs(), MOST_VOLUME_ML);
         note("volume", "ml", (x.cavity_volume_ml - y.cavity_volume_ml).abs(), MOST_VOLUME_ML);
         note("inflow", "ml/min", f64::from(x.inflow_ml_min - y.inflow_ml_min).abs(), MOST_FLOW_ML_MIN);
         note("outflow", "ml/min", f64::from(x.outflow_ml_min - y.outflow_ml_min).abs(), MOST_FLOW_ML_MIN);
@@ -259,6 +261,8 @@ mod tests {
         let off = FluidStatus { pressure_pa: 9_500.0, deficit_ml: 6.0, ..good };
         let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(off, 0.0));
         assert_eq!((found.what, found.ratio()), ("deficit", 1.5));
+        let bled = FluidStatus { bled_ml: 3.0, ..good };
+        assert_eq!(of(Kind::FluidState, &fluid(good, 0.0), &fluid(bled, 0.0)).what, "blood");
         // One of four cells differs by 0.2: the root of the mean square is 0.1.
         let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(good, 0.2));
         assert!((found.ratio() - 2.0).abs() < 1e-6, "{found:?}");

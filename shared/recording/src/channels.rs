@@ -113,7 +113,11 @@ impl Channel {
             Channel::Fluid => {
                 let mut fields = json!({});
                 add(&mut fields, "integer", &["tick", "alarms"]);
-                add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "pressure_pa", "inflow_ml_min", "outflow_ml_min"]);
+                add(
+                    &mut fields,
+                    "number",
+                    &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa", "inflow_ml_min", "outflow_ml_min"],
+                );
                 fields
             }
             Channel::Input => {

@@ -330,6 +330,9 @@ pub(crate) struct Fluid {
     inflow_ml_min: Number,
     outflow_ml_min: Number,
     alarms: u32,
+    /// Older recordings do not have it: no number then.
+    #[serde(default = "unknown", deserialize_with = "number")]
+    bled_ml: f64,
 }
 
 impl Fluid {
@@ -342,6 +345,7 @@ impl Fluid {
             inflow_ml_min: Number(status.inflow_ml_min),
             outflow_ml_min: Number(status.outflow_ml_min),
             alarms: status.alarms,
+            bled_ml: status.bled_ml,
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -353,11 +357,32 @@ impl Fluid {
             inflow_ml_min: self.inflow_ml_min.0,
             outflow_ml_min: self.outflow_ml_min.0,
             alarms: self.alarms,
+            bled_ml: self.bled_ml,
             ..FluidStatus::default()
         }
     }
 }
 
+fn unknown() -> f64 {
+    f64::NAN
+}
+
 fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_blood_of_a_recording_from_before_it_was_recorded_is_no_number() {
+        let status = FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, ..FluidStatus::default() };
+        let mut json = serde_json::to_value(Fluid::of(&status)).unwrap();
+        let read = |json: &serde_json::Value| serde_json::from_value::<Fluid>(json.clone()).unwrap().status();
+        assert_eq!(read(&json), status);
+        json.as_object_mut().unwrap().remove("bled_ml").unwrap();
+        let old = read(&json);
+        assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5, "{old:?}");
+    }
 }

@@ -111,6 +111,64 @@ fn each_fault_has_its_kind_its_line_and_its_key() {
     }
 }
 
+/// Tables and keys of fluid, pump and vessels, and what none of them may be beside no number and no end.
+const FIGURES: [(&str, &str, &[&str]); 14] = [
+    ("fluid", "rate_hz", &["0.0", "-30.0", "0.9", "1001.0", "1e30"]),
+    ("fluid", "set_pressure_pa", &["-1.0", "20000.1", "1e30"]),
+    ("fluid", "container_ml", &["0.0", "-3000.0", "99.9", "20001", "1e30"]),
+    ("fluid", "viscosity_pa_s", &["0.0", "-1e-3", "1.1", "1e30"]),
+    ("fluid", "density_kg_m3", &["0.0", "-1000.0", "99.0", "1e30"]),
+    ("fluid", "margin_m", &["-0.001", "0.11", "1e30"]),
+    ("fluid", "box_min_m", &["[0.0, 1e30, 0.0]\nbox_max_m = [1.0, 1.0, 1.0]", "[1.0, 1.0, 1.0]\nbox_max_m = [1.0, 1.0, 1.0]"]),
+    ("vessels", "spacing_m", &["0.0", "-0.004", "0.0004", "0.051", "1e30"]),
+    ("vessels", "pressure_pa", &["-1.0", "40000.1", "1e30"]),
+    ("vessels", "conductance_ml_s_pa", &["-1e-9", "0.0011", "1e30"]),
+    ("[fluid.change]", "at_s", &["-1.0", "86401.0", "1e30"]),
+    ("[fluid.change]", "set_pressure_pa", &["-1.0", "20000.1", "1e30"]),
+    ("[fluid.change]", "inflow_valve", &["-0.1", "1.1", "1e30"]),
+    ("[fluid.change]", "outflow_valve", &["-0.1", "1.1", "1e30"]),
+];
+
+#[test]
+fn no_figure_of_fluid_pump_and_vessels_may_be_nonsense() {
+    for (table, key, bad) in FIGURES {
+        for value in bad.iter().chain(&["nan", "inf", "-inf", "1e999"]).filter(|value| key != "box_min_m" || value.contains('['))
+        {
+            let time = if table == "[fluid.change]" && key != "at_s" { "at_s = 1.0\n" } else { "" };
+            let lines = format!("[{table}]\n{time}{key} = {value}\n");
+            let text = match table {
+                "fluid" => GOOD.replace("[fluid]\n", &lines),
+                _ => format!("{GOOD}{lines}"),
+            };
+            let error = parse(&text).expect_err(&lines);
+            let named = table.replace("[fluid.change]", "fluid.change[0]");
+            let said = error.to_string();
+            let found = error.key.strip_prefix(&named).and_then(|key| key.strip_prefix('.')).unwrap_or_default();
+            assert!(error.kind == Kind::Range && found.starts_with(key), "{lines}{error}");
+            let wrong_line = text.lines().nth(error.line_column.unwrap_or_default().0.saturating_sub(1)).unwrap();
+            assert!(wrong_line.starts_with(key), "{said}: {wrong_line}");
+            assert!(said.starts_with("scene.toml:") && !error.cure.is_empty() && !said.contains('\n'), "{said}");
+        }
+    }
+}
+
+#[test]
+fn a_seed_and_a_grid_are_whole_and_changes_of_the_pump_are_bounded() {
+    let kind_of = |bad: &str| if bad.contains("nan") { Kind::Range } else { Kind::Syntax };
+    for bad in ["seed = -1", "seed = 1.5", "seed = nan", "seed = \"x\""] {
+        let error = parse(&format!("{GOOD}[vessels]\n{bad}\n")).expect_err(bad);
+        assert_eq!((error.kind, error.key.as_str()), (kind_of(bad), "vessels.seed"), "{bad}: {error}");
+    }
+    for bad in ["[-1, 32, 18]", "[32.5, 32, 18]", "[nan, 32, 18]", "[32, 32]", "[5000000000, 32, 18]"] {
+        let error = error_with("grid = [32, 32, 18]", &format!("grid = {bad}"));
+        assert!(error.kind == kind_of(bad) && error.key.starts_with("fluid.grid"), "{bad}: {error}");
+    }
+    let changes = |count: usize| format!("{GOOD}{}", "[[fluid.change]]\nat_s = 1.0\n".repeat(count));
+    assert_eq!(parse(&changes(1_000)).unwrap().fluid.change.len(), 1_000);
+    let error = parse(&changes(1_001)).unwrap_err();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Range, "fluid.change"), "{error}");
+}
+
 #[test]
 fn a_range_error_names_what_is_allowed_and_an_unknown_key_what_there_is() {
     assert!(error_with("3e4", "2e9").to_string().contains("0 to 1000000000 Pa"));

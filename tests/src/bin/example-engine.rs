@@ -6,7 +6,7 @@ use fluid::{Head, broken, inputs_of, load_scene, model_of};
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::ReadPage;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
-use hyst_flow::{FlowInputs, Solver, StateView};
+use hyst_flow::{FlowInputs, MAX_BUBBLES, Particle, Solver, StateView};
 use hyst_messages::page::{fluid as layout, hardware};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
@@ -21,16 +21,18 @@ struct Still<'a> {
 }
 
 impl Still<'_> {
-    fn sections(&self) -> [usize; 3] {
-        [size_of::<Head>(), self.solver.state_bytes(), self.solver.model().grid.cell_count() * 4]
+    fn sections(&self) -> [usize; 4] {
+        let gas = MAX_BUBBLES * size_of::<Particle>();
+        [size_of::<Head>(), self.solver.state_bytes(), self.solver.model().grid.cell_count() * 4, gas]
     }
 
     fn write(&self, header: StreamHeader, next: &mut [u8]) -> Result<(), Failure> {
-        let [head, block, density, ..] = MessageMut::format(next, Kind::FluidState, header, &self.sections())?.split();
+        let [head, block, density, gas, ..] = MessageMut::format(next, Kind::FluidState, header, &self.sections())?.split();
         self.solver.store(block).map_err(broken)?;
         let view = StateView::new(block).map_err(broken)?;
         let density: &mut [f32] = bytemuck::cast_slice_mut(density);
         density.iter_mut().zip(view.density()).for_each(|(out, value)| *out = *value);
+        gas.copy_from_slice(bytemuck::cast_slice(view.bubbles()));
         let grid = &self.solver.model().grid;
         let cells = grid.cells().map(|count| count as u32);
         let says = Head { status: self.status, origin_m: grid.origin_m(), spacing_m: grid.spacing_m(), cells, ..Head::default() };
@@ -67,7 +69,7 @@ impl Stateful for Still<'_> {
         let still = FlowInputs { dt_s, ..FlowInputs::default() };
         let report = self.solver.step_serial(&sample.map_or(still, |sample| inputs_of(&sample, self.radius_m, dt_s)));
         let (report, (pump, _)) = (report.map_err(broken)?, self.solver.counters().map_err(broken)?);
-        self.status = fluid::status_of(&report, pump.deficit_ml(), pump.cavity_ml);
+        self.status = fluid::status_of(&report, &pump);
         self.status.state_tick = context.next_tick;
         self.write(*message.header(), next)
     }

@@ -6,10 +6,31 @@ mod loans;
 use super::*;
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
+use hyst_flow::Alarms;
 use hyst_messages::Slot;
 use loans::written;
 
 const STEPS: u64 = 3;
+
+#[test]
+fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
+    let set: [(fn(&mut Alarms) -> &mut bool, &str); 5] = [
+        (|alarms| &mut alarms.pressure, "pressure"),
+        (|alarms| &mut alarms.deficit, "deficit"),
+        (|alarms| &mut alarms.abnormal_loss, "abnormal loss"),
+        (|alarms| &mut alarms.perforation, "perforation"),
+        (|alarms| &mut alarms.container, "container change"),
+    ];
+    for (alarm, name) in set {
+        let mut report = StepReport::default();
+        *alarm(&mut report.pump.alarms) = true;
+        let bits = status_of(&report, &PumpState::default()).alarms;
+        assert_eq!(PUMP_ALARMS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
+    }
+    let pump = PumpState { in_ml: 7.0, out_ml: 4.0, cavity_ml: 5.0, bled_ml: 2.0, ..PumpState::default() };
+    let status = status_of(&StepReport::default(), &pump);
+    assert_eq!((status.alarms, status.deficit_ml, status.cavity_volume_ml, status.bled_ml), (0, 3.0, 5.0, 2.0));
+}
 
 #[test]
 fn states_have_the_same_bytes_whatever_lay_in_the_loan() {

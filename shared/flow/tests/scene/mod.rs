@@ -1,7 +1,7 @@
 //! A cavity with a moving sheath, in- and outflow and bleeding, for several tests.
 #![allow(dead_code)] // each test file uses its part
 
-use hyst_flow::{BloodSource, Capsule, FlowInputs, FlowModel, Grid, Port, PumpInput, Solver};
+use hyst_flow::{BloodSource, Capsule, FlowInputs, FlowModel, GasSource, Grid, Port, PumpInput, Solver};
 
 /// A box of 48×48×27 mm around the origin.
 pub const SIZE_M: [f32; 3] = [0.048, 0.048, 0.027];
@@ -32,7 +32,7 @@ pub fn ellipsoid(grid: Grid) -> Vec<u8> {
     solid
 }
 
-/// Inputs of step `step`: the sheath circles, medium jets out of its tip, blood wells up at the wall.
+/// Inputs of step `step`: the sheath circles, medium jets out of its tip, blood wells up at the wall, gas before the tip.
 pub fn inputs(step: u32) -> FlowInputs {
     let angle = step as f32 * 0.05;
     let tip = [0.005 * angle.sin(), 0.005 * angle.cos(), 0.0];
@@ -50,6 +50,7 @@ pub fn inputs(step: u32) -> FlowInputs {
     inputs.ports[0] = Port { centre_m: front, radius_m: 0.003, direction: [0.0, 0.0, 1.0], share: 1.0, inflow: true, dye: 0.0 };
     inputs.ports[1] = Port { centre_m: [0.0, 0.0, -0.008], radius_m: 0.004, share: 1.0, ..Default::default() };
     inputs.blood[0] = BloodSource { position_m: [0.012, 0.004, 0.002], opening: 1.0 };
+    inputs.gas = GasSource { position_m: front, flow_ml_s: 0.05 };
     inputs.blood[1] = BloodSource { position_m: [-0.01, 0.0, -0.003], opening: 0.5 };
     inputs
 }

@@ -1,0 +1,276 @@
+//! Gas in the medium: what a loop under current makes, and the air that comes in with a new container. It rises against gravity, is carried by the
+//! flow, slowed by the walls, gathers under the ceiling, and leaves through the outflow.
+//!
+//! A parcel in a ring of fixed size stands for equal bubbles; it takes no room and drives no flow. Promise: made = in the ring + vented + dissolved,
+//! in ml; no parcel enters a solid cell; the scatter is a function of the seed and of the parcels made so far, so that a spare makes the same ones.
+
+use crate::blood::{Particle, velocity_at};
+use crate::coordinator::{Coordinator, MAX_SWEEPS};
+use crate::error::FlowError;
+use crate::field::Read;
+use crate::grid::Layout;
+use crate::inputs::{FlowInputs, tame};
+use crate::model::range;
+use crate::plan::Plan;
+use crate::solver::Solver;
+
+/// Parcels in the ring. When it is full the oldest dissolves.
+pub const MAX_BUBBLES: usize = 256;
+/// Parcels that one source makes in one step at most; what is more makes them larger.
+const MADE_PER_STEP: usize = 16;
+/// Standard gravity, m/s².
+const GRAVITY_M_S2: f64 = 9.806_65;
+/// Share of a cell that a parcel moves in one sweep at most, so that none leaps over a wall.
+const LEAP_CELLS: f32 = 0.9;
+/// Under a ceiling made of cells a slope is a staircase; steps of up to so many cells are slid along.
+const STEP_CELLS: usize = 4;
+/// Faxén 1922, leading term: along a wall at the distance s a sphere of radius a is slower by this times a/s.
+const FAXEN: f32 = 9.0 / 16.0;
+/// Apart from the numbers of the blood's particles, so that gas and blood are not scattered alike.
+const OWN_NUMBERS: u64 = 1 << 40;
+
+/// The gas in the cavity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BubbleModel {
+    /// Against gravity, a unit vector. +y: the patient lies on her back.
+    pub up: [f32; 3],
+    /// Diameter of a bubble, m.
+    pub diameter_m: f32,
+    /// Volume that one parcel stands for, ml. 1e-3: fifteen bubbles of 0.5 mm.
+    pub parcel_ml: f32,
+    /// Air that comes in with each new container, ml (assumed).
+    pub change_ml: f64,
+}
+
+impl Default for BubbleModel {
+    fn default() -> Self {
+        Self { up: [0.0, 1.0, 0.0], diameter_m: 5e-4, parcel_ml: 1e-3, change_ml: 0.05 }
+    }
+}
+
+impl BubbleModel {
+    pub(crate) fn check(&self) -> Result<(), FlowError> {
+        let length2: f32 = self.up.iter().map(|x| x * x).sum();
+        range("bubbles.up", length2.into(), 0.999, 1.001, "of length 1")?;
+        range("bubbles.diameter_m", self.diameter_m.into(), 1e-5, 5e-3, "1e-5 to 5e-3")?;
+        range("bubbles.parcel_ml", self.parcel_ml.into(), 1e-6, 1.0, "1e-6 to 1")?;
+        range("bubbles.change_ml", self.change_ml, 0.0, 1.0, "0 to 1")
+    }
+
+    /// Speed at which a bubble rises in a medium at rest, far from walls, m/s: a smooth sphere (Ferguson and Church 2004, C₁ = 18, C₂ = 0.4) that
+    /// weighs nothing; surfactants in body fluids make bubbles of this size as rigid as that.
+    pub fn rise_m_s(&self, viscosity_m2_s: f32) -> f32 {
+        let diameter_m = f64::from(self.diameter_m);
+        let drive = GRAVITY_M_S2 * diameter_m * diameter_m;
+        (drive / (18.0 * f64::from(viscosity_m2_s) + (0.75 * 0.4 * drive * diameter_m).sqrt())) as f32
+    }
+}
+
+/// Where gas comes into being.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GasSource {
+    /// Where, m, station frame.
+    pub position_m: [f32; 3],
+    /// How much, ml/s; 0 switches it off.
+    pub flow_ml_s: f32,
+}
+
+impl GasSource {
+    pub(crate) fn tame(&mut self) -> u32 {
+        let mut count = 0;
+        for x in &mut self.position_m {
+            tame(x, -1e3, 1e3, 0.0, &mut count);
+        }
+        tame(&mut self.flow_ml_s, 0.0, 10.0, 0.0, &mut count);
+        if count > 0 {
+            self.flow_ml_s = 0.0;
+        }
+        count
+    }
+}
+
+/// Counters of the gas, and the ring's place.
+#[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct BubbleState {
+    /// Parcels made so far; modulo the ring's size it is the next place in it.
+    pub made: u64,
+    /// Containers that have been emptied.
+    pub containers: u64,
+    /// Gas that came into the cavity as parcels, ml.
+    pub made_ml: f64,
+    /// Gas that left through outflow ports, ml.
+    pub vented_ml: f64,
+    /// Gas that the ring could not hold, ml.
+    pub dissolved_ml: f64,
+    /// Not yet a whole parcel, of the source and of the inflow, ml.
+    pub pending_ml: [f64; 2],
+}
+
+/// The cells that a parcel may be in.
+struct Room<'a> {
+    layout: &'a Layout,
+    fluid: Read<'a>,
+    /// Along which axis, and whether to its high end, gravity pushes gas most.
+    up: (usize, bool),
+    /// Edge of a cell, m.
+    spacing_m: [f32; 3],
+    radius_m: f32,
+}
+
+impl Room<'_> {
+    /// The cell of a place in cells, if it is in the grid and no solid.
+    fn open(&self, place: [f32; 3]) -> Option<[usize; 3]> {
+        let n = self.layout.n;
+        let cell: [usize; 3] = std::array::from_fn(|a| (place[a].max(0.0) as usize).min(n[a] - 1));
+        let is_inside = (0..3).all(|a| place[a] >= 0.0 && place[a] < n[a] as f32);
+        (is_inside && self.fluid.layer(cell[2] + 1)[self.layout.row(cell[1]) + cell[0]] > 0.0).then_some(cell)
+    }
+
+    /// The open cell beside a cell.
+    fn beside(&self, cell: [usize; 3], axis: usize, to_high: bool) -> Option<[usize; 3]> {
+        let mut place = cell.map(|index| index as f32 + 0.5);
+        place[axis] += if to_high { 1.0 } else { -1.0 };
+        self.open(place)
+    }
+
+    /// Out of a cell that a wall or a tool has taken, into one beside it; without one the parcel waits.
+    fn freed(&self, place: [f32; 3]) -> [f32; 3] {
+        if self.open(place).is_some() {
+            return place;
+        }
+        let cell: [usize; 3] = std::array::from_fn(|a| (place[a].max(0.0) as usize).min(self.layout.n[a] - 1));
+        let mut ways = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
+        let free = ways.find_map(|(axis, to_high)| self.beside(cell, axis, to_high));
+        free.map_or(place, |cell| cell.map(|index| index as f32 + 0.5))
+    }
+
+    /// How fast a bubble rises in this cell, in parts of its speed far from walls.
+    fn slowed(&self, cell: [usize; 3], place: [f32; 3]) -> f32 {
+        let mut nearest_m = f32::INFINITY;
+        for axis in 0..3 {
+            let low_m = (place[axis] - cell[axis] as f32) * self.spacing_m[axis];
+            for (to_high, distance_m) in [(false, low_m), (true, self.spacing_m[axis] - low_m)] {
+                if self.beside(cell, axis, to_high).is_none() {
+                    nearest_m = nearest_m.min(distance_m);
+                }
+            }
+        }
+        1.0 - FAXEN * self.radius_m / nearest_m.max(self.radius_m)
+    }
+
+    /// Whether a bubble under a ceiling slides along an axis, and to which end: to where the way up is open, the nearest first.
+    fn slope(&self, cell: [usize; 3]) -> Option<(usize, bool)> {
+        let (up, to_high) = self.up;
+        if self.beside(cell, up, to_high).is_some() {
+            return None;
+        }
+        let steps = |axis: usize, side: bool| {
+            let row =
+                std::iter::successors(self.beside(cell, axis, side), |next| self.beside(*next, axis, side)).take(STEP_CELLS);
+            row.enumerate().find(|(_, next)| self.beside(*next, up, to_high).is_some()).map(|(steps, _)| steps)
+        };
+        let ways = (0..3).filter(|axis| *axis != up).flat_map(|axis| [(axis, false), (axis, true)]);
+        let open = ways.filter_map(|(axis, side)| Some((steps(axis, side)?, axis, side)));
+        open.min_by_key(|(steps, ..)| *steps).map(|(_, axis, side)| (axis, side))
+    }
+
+    /// Moves a parcel; where a wall is in its way, axis by axis up to a radius before it.
+    fn moved(&self, place: [f32; 3], by_cells: [f32; 3]) -> [f32; 3] {
+        let by: [f32; 3] = by_cells.map(|by| by.clamp(-LEAP_CELLS, LEAP_CELLS));
+        let next = std::array::from_fn(|a| place[a] + by[a]);
+        if self.open(next).is_some() {
+            return next;
+        }
+        let mut place = place;
+        for axis in 0..3 {
+            let mut next = place;
+            next[axis] += by[axis];
+            if self.open(next).is_some() {
+                place = next;
+                continue;
+            }
+            let gap = (self.radius_m / self.spacing_m[axis]).min(0.5);
+            let face = place[axis].floor();
+            place[axis] = if by[axis] > 0.0 { place[axis].max(face + 1.0 - gap) } else { place[axis].min(face + gap) };
+        }
+        place
+    }
+}
+
+impl Solver {
+    /// After Particles: carries the gas, counts what has left, and makes what has come in.
+    pub(crate) fn settle_bubbles(&self, c: &mut Coordinator, plan: &Plan) -> Result<(), FlowError> {
+        if c.bubbles.iter().any(|bubble| bubble.volume_ml > 0.0) {
+            self.carry_bubbles(c, plan)?;
+        }
+        self.make_bubbles(c, &plan.inputs)
+    }
+
+    fn carry_bubbles(&self, c: &mut Coordinator, plan: &Plan) -> Result<(), FlowError> {
+        let (grid, layout, model) = (&self.model.grid, &*self.layout, &self.model.bubbles);
+        let velocity = self.read_velocity(plan.roles.now)?;
+        let (h, low, up) = (grid.spacing_m(), grid.origin_m(), model.up);
+        let steepest = (0..3).max_by(|a, b| up[*a].abs().total_cmp(&up[*b].abs())).unwrap_or(1);
+        let room = Room {
+            layout,
+            fluid: self.fluid.read()?,
+            up: (steepest, up[steepest] > 0.0),
+            spacing_m: h,
+            radius_m: 0.5 * model.diameter_m,
+        };
+        let rise_m_s = model.rise_m_s(self.model.medium.viscosity_m2_s);
+        let least_m = h[0].min(h[1]).min(h[2]);
+        let risen_cells = rise_m_s * plan.inputs.dt_s / (LEAP_CELLS * least_m);
+        let sweeps = (risen_cells.ceil() as usize).max(plan.particle_sweeps).min(MAX_SWEEPS as usize);
+        let dt_s = plan.inputs.dt_s / sweeps as f32;
+        for bubble in c.bubbles.iter_mut().filter(|bubble| bubble.volume_ml > 0.0) {
+            let mut place = room.freed(grid.to_cells(bubble.position_m));
+            for _ in 0..sweeps {
+                let Some(cell) = room.open(place) else { break };
+                if plan.sinks[(cell[2] * layout.n[1] + cell[1]) * layout.n[0] + cell[0]] {
+                    c.gas.vented_ml += f64::from(bubble.volume_ml);
+                    *bubble = Particle::default();
+                    break;
+                }
+                let rise_m_s = rise_m_s * room.slowed(cell, place);
+                let mut v = velocity_at(&velocity, layout, place);
+                (0..3).for_each(|a| v[a] += rise_m_s * up[a]);
+                if let Some((axis, to_high)) = room.slope(cell) {
+                    v[axis] += if to_high { rise_m_s } else { -rise_m_s };
+                }
+                place = room.moved(place, std::array::from_fn(|a| v[a] * dt_s / h[a]));
+            }
+            if bubble.volume_ml > 0.0 {
+                bubble.position_m = std::array::from_fn(|a| low[a] + place[a] * h[a]);
+            }
+        }
+        Ok(())
+    }
+
+    fn make_bubbles(&self, c: &mut Coordinator, inputs: &FlowInputs) -> Result<(), FlowError> {
+        let emptied = (c.pump.in_ml / self.model.pump.container_ml) as u64;
+        c.gas.pending_ml[0] += f64::from(inputs.gas.flow_ml_s) * f64::from(inputs.dt_s);
+        c.gas.pending_ml[1] += emptied.saturating_sub(c.gas.containers) as f64 * self.model.bubbles.change_ml;
+        c.gas.containers = emptied;
+        let inflow = inputs.ports.iter().find(|port| port.inflow && port.share > 0.0);
+        let places = [Some(inputs.gas.position_m), inflow.map(|port| port.centre_m)];
+        let unit_ml = f64::from(self.model.bubbles.parcel_ml);
+        for (n, place_m) in places.into_iter().enumerate() {
+            let Some(place_m) = place_m else { continue };
+            let whole = (c.gas.pending_ml[n] / unit_ml).floor();
+            let count = whole.min(MADE_PER_STEP as f64);
+            for _ in 0..count as usize {
+                let volume_ml = (whole * unit_ml / count) as f32;
+                let position_m = self.place(place_m, OWN_NUMBERS + c.gas.made)?;
+                let next = (c.gas.made % MAX_BUBBLES as u64) as usize;
+                let old = std::mem::replace(&mut c.bubbles[next], Particle { position_m, volume_ml });
+                c.gas.dissolved_ml += f64::from(old.volume_ml);
+                c.gas.made += 1;
+                c.gas.made_ml += f64::from(volume_ml);
+                c.gas.pending_ml[n] -= f64::from(volume_ml);
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,37 @@
+//! What the fluid says of itself: pump, cavity, blood, and the flow at what floats.
+
+use crate::record::{MAX_PIECES, PieceFlow};
+use bytemuck::{Pod, Zeroable};
+
+/// Bits of [`FluidStatus::alarms`] and what they say: the pressure is above the set one, more medium is missing than may be, much of it goes where it
+/// should not, more than vessels and sheath take, the container is to be changed.
+pub const PUMP_ALARMS: [(u32, &str); 5] =
+    [(1, "pressure"), (2, "deficit"), (4, "abnormal loss"), (8, "perforation"), (16, "container change")];
+
+/// What fluid says of itself each step.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct FluidStatus {
+    /// Tick of the newest state.
+    pub state_tick: u64,
+    /// Volume in minus volume out since the start, ml.
+    pub deficit_ml: f64,
+    /// Volume of the cavity, ml.
+    pub cavity_volume_ml: f64,
+    /// Blood that has come into the cavity since the start, ml.
+    pub bled_ml: f64,
+    /// Pressure in the cavity, Pa.
+    pub pressure_pa: f32,
+    /// Flow into the cavity, ml/min.
+    pub inflow_ml_min: f32,
+    /// Flow out of the cavity, ml/min.
+    pub outflow_ml_min: f32,
+    /// Alarm bits of the pump, [`PUMP_ALARMS`].
+    pub alarms: u32,
+    /// Epoch and incarnation of the owner, as its page says it; 0 where the status lies in a state, which is the same whoever made it.
+    pub epoch: u32,
+    /// See `epoch`.
+    pub incarnation: u32,
+    /// The flow at the largest free pieces, in the order of the objects.
+    pub pieces: [PieceFlow; MAX_PIECES],
+}
