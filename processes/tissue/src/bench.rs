@@ -153,8 +153,8 @@ fn complete(row: &mut Value, scene: &LoadedScene, press: &Press, record: &Record
     row["scene"] = json!(scene.scene.name);
     row["hand"] = json!(press.hand());
     row["tets"] = json!(press.tets());
-    let [tool, all] = press.points();
-    (row["points"], row["points_of_tissue"]) = (json!(tool), json!(all - tool));
+    let [shaft, of_tissue] = press.points();
+    (row["points"], row["points_of_tissue"]) = (json!(shaft), json!(of_tissue));
     row["contacts_max"] = json!(record.contacts);
     row["steps"] = json!(steps_ns.len());
     row["step_us"] = spread(&mut steps_ns, US);

@@ -20,6 +20,8 @@ const TISSUE_STIFFNESS_N_M3: f32 = 1.0e7;
 const MAX_TISSUE_DEPTH_M: f32 = 0.003;
 /// No tool point is taken deeper than this, m: a thick wall.
 const MAX_DEPTH_M: f32 = 0.02;
+/// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons.
+const MAX_LOOP_DEPTH_M: f32 = 0.003;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
 const ANTICIPATION_M: f32 = 0.002;
 
@@ -143,7 +145,9 @@ impl Contacts {
             } else {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
-                let (offset_m, stiffness_n_m) = (along + found.depth_m, STIFFNESS_N_M3 * area_m2);
+                let is_loop = found.point as usize >= world.case.tool.shaft;
+                let depth_m = if is_loop { found.depth_m.min(MAX_LOOP_DEPTH_M) } else { found.depth_m };
+                let (offset_m, stiffness_n_m) = (along + depth_m, STIFFNESS_N_M3 * area_m2);
                 let velocity_m_s = tool.velocity_m_s;
                 self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, velocity_m_s, stiffness_n_m });
                 let direction = found.direction;

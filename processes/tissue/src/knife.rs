@@ -17,14 +17,26 @@ const STEP_M: f64 = 0.5e-3;
 /// Below this the loop is in its sheath, m.
 const LEAST_EXTENSION_M: f32 = 1e-3;
 
+/// How far the loop is out, m, and whether there is current in it; `None` in its sheath.
+fn out_m(electrode: &LoadedLoop, controls: &Controls) -> Option<(f32, bool)> {
+    const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
+    let out_m = Some(controls.loop_extension_m).filter(|out_m| out_m.is_finite())?.min(electrode.reach_m);
+    (out_m >= LEAST_EXTENSION_M).then_some((out_m, controls.buttons & CUTS == CUTS))
+}
+
 /// Where the wire is, m, if it cuts.
 pub fn wire_m(electrode: Option<&LoadedLoop>, pose: &Pose, controls: &Controls) -> Option<Vec<[f32; 3]>> {
-    const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
-    let electrode = electrode.filter(|_| controls.buttons & CUTS == CUTS)?;
-    let out_m = Some(controls.loop_extension_m).filter(|out_m| out_m.is_finite())?.min(electrode.reach_m);
+    let electrode = electrode?;
+    let (out_m, cuts) = out_m(electrode, controls)?;
     let (tip, turn) = (Vec3::from(pose.position_m), Quat::from_array(pose.orientation));
     let place = |point: [f32; 3]| (tip + turn * Vec3::from(point)).to_array();
-    (out_m >= LEAST_EXTENSION_M).then(|| electrode.wire_at(out_m).map(place).collect())
+    cuts.then(|| electrode.wire_at(out_m).map(place).collect())
+}
+
+/// How far the loop is out, m, where it is solid; 0 in its sheath, and while it cuts.
+pub fn solid_m(electrode: Option<&LoadedLoop>, controls: &Controls) -> f32 {
+    let out = electrode.and_then(|electrode| out_m(electrode, controls));
+    out.filter(|(_, cuts)| !cuts).map_or(0.0, |(out_m, _)| out_m)
 }
 
 /// Longest stroke section of a state, bytes.

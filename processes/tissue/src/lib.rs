@@ -10,6 +10,7 @@ mod contacts;
 mod drift;
 mod knife;
 mod main_loop;
+mod materials;
 mod points;
 mod site;
 mod state;

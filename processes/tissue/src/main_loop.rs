@@ -13,13 +13,12 @@ mod tests;
 use crate::afford::{LONGEST_STEP, affordable_step};
 use crate::clerk::Clerk;
 use crate::collision::Collision;
-use crate::contacts::{Contacts, LAW, ToolMotion};
+use crate::contacts::{Contacts, LAW};
 use crate::drift::drift_forces;
 use crate::knife::Knife;
 use crate::site::SiteManager;
 use crate::state::{Core, hash, is_sound, most_bytes, sections};
 use crate::world::{Workshop, World};
-use hand::Hand;
 use hyst_contact::PlaneSet;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
@@ -216,13 +215,13 @@ impl Stateful for MainLoop<'_> {
         self.adopt(&message)?;
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
-        let Hand { input_tick, pose, velocity_m_s, wire_m, next_medium } = self.hand(context.tick, &before);
+        let hand = self.hand(context.tick, &before);
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
-        let (is_cut, removed_ml) = self.cut(&message, wire_m.as_deref(), (positions, velocities))?;
+        let (is_cut, removed_ml) = self.cut(&message, hand.wire_m.as_deref(), (positions, velocities))?;
         let context = &StepContext { holding: context.holding && !is_cut, ..*context };
         let (positions, velocities) = if is_cut { self.knife.moved() } else { (positions, velocities) };
         let world = &*self.world;
-        let header = StreamHeader { input_tick, topology_version: world.version, ..*message.header() };
+        let header = StreamHeader { input_tick: hand.input_tick, topology_version: world.version, ..*message.header() };
         let sections = sections(world, self.knife.stroke_bytes());
         let [core, next_positions, next_velocities, surface, memory, body, next_stroke, ..] =
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
@@ -231,14 +230,13 @@ impl Stateful for MainLoop<'_> {
         memory.copy_from_slice(message.section::<u8>(4)?);
 
         // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
-        world.points.place(&world.case.tool, &pose, positions, &mut self.points_m);
+        world.points.place(&world.case.tool, (&hand.pose, hand.loop_m), positions, &mut self.points_m);
         let job = self.collision.hash(context, &self.points_m, &world.points, world.case.cell_m)?;
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
 
         // Response: contacts as springs for the deformation, the fluid's pressure as forces.
-        let back = std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]);
-        let tool = ToolMotion { points_m: &self.points_m, velocity_m_s, tip_m: pose.position_m, back };
+        let tool = hand.motion(world.case.pivot_m, &self.points_m);
         self.contacts.meet(world, self.collision.hits(), &tool, positions, bytemuck::cast_slice_mut(memory))?;
         medium_forces(world, &before, positions, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
@@ -264,17 +262,7 @@ impl Stateful for MainLoop<'_> {
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
         let (planes, force_n) = self.contacts.planes(world, &self.collision.table()?, &tool, &after, &self.scratch)?;
         self.planes = planes;
-        let core_now = Core {
-            pose,
-            velocity_m_s,
-            force_n,
-            removed_volume_ml: before.removed_volume_ml + removed_ml,
-            pressure_pa: next_medium.pressure_pa,
-            contact_count: self.contacts.count() as u32,
-            cuts: before.cuts + u32::from(is_cut),
-            is_cutting: u32::from(wire_m.is_some()),
-            pieces: next_medium.pieces,
-        };
+        let core_now = hand.core(&before, force_n, self.contacts.count(), (is_cut, removed_ml));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
         self.status = status_of(self.status, &core_now, before.pressure_pa, self.collision.missing(), times_ns);

@@ -94,10 +94,10 @@ impl ContactPoints {
         Points { owner: &self.owner, node: &self.node, self_contact: false }
     }
 
-    /// Puts the tool's points where the pose says, and the others where their nodes are.
-    pub fn place(&self, tool: &Tool, pose: &Pose, positions_m: &[[f32; 3]], out_m: &mut [[f32; 3]]) {
+    /// Puts the tool's points where the pose and its loop's way out say, and the others where their nodes are.
+    pub fn place(&self, tool: &Tool, (pose, loop_m): (&Pose, f32), positions_m: &[[f32; 3]], out_m: &mut [[f32; 3]]) {
         let (of_tool, of_tissue) = out_m.split_at_mut(self.tool.min(out_m.len()));
-        tool.place(pose, of_tool);
+        tool.place(pose, loop_m, of_tool);
         for (out, node) in of_tissue.iter_mut().zip(&self.node[self.tool..]) {
             *out = positions_m.get(*node as usize).copied().unwrap_or([f32::NAN; 3]);
         }

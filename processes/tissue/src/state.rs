@@ -34,6 +34,10 @@ pub struct Core {
     pub cuts: u32,
     /// 1 while a stroke is under way.
     pub is_cutting: u32,
+    /// How far the loop is out where it is solid, m; 0 in its sheath, and while it cuts.
+    pub loop_m: f32,
+    /// For what comes after it to begin at whole words.
+    pub reserved: u32,
     /// The flow at free pieces to be used by the next step.
     pub pieces: [PieceFlow; MAX_PIECES],
 }
@@ -42,7 +46,8 @@ impl Core {
     /// Whether what counts and what the next step uses of it are numbers that can be.
     pub fn is_sane(&self) -> bool {
         let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-        self.removed_volume_ml.is_finite() && self.pressure_pa.is_finite() && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+        let numbers = [self.removed_volume_ml as f32, self.pressure_pa, self.loop_m];
+        numbers.iter().all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
     }
 }
 

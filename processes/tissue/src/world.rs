@@ -2,6 +2,7 @@
 
 use crate::body::{Body, Room, version_of};
 use crate::drift::{Drifter, weight_n_kg};
+use crate::materials::{lowered, materials};
 use crate::points::ContactPoints;
 use crate::site::{MAX_OBJECTS, object};
 use crate::tool::Tool;
@@ -10,7 +11,7 @@ use hyst_engine::{Failure, Life, Settings};
 use hyst_mesh::{Binding, TetMesh};
 use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedLoop, LoadedRigid, LoadedScene, Look};
-use hyst_tissue::{Attachment, Isa, Material, Model, ModelError, ModelMaker, ModelReport, Options, Skin, join};
+use hyst_tissue::{Attachment, Isa, Model, ModelError, ModelMaker, ModelReport, Options, Skin, join};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -143,7 +144,7 @@ impl Workshop {
         // Cuts make no stiffer tissue, and looking for the frequency takes longer than all else.
         workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
         let mut world = World::with(&workshop.case, body, model)?;
-        world.notes = notes(&report);
+        world.notes = [lowered(scene), notes(&report)].concat();
         Ok((workshop, world))
     }
 
@@ -214,7 +215,7 @@ impl Case {
             roots: roots(scene, body, starts),
             cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
             room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
-            tool: Tool::new(rigid.points_m.clone()),
+            tool: Tool::new(rigid.points_m.clone(), rigid.electrode.as_ref()),
             electrode: rigid.electrode.clone(),
             looks: scene.objects.iter().map(|object| object.look).collect(),
             scope: scope(scene, rigid),
@@ -341,18 +342,6 @@ fn notes(report: &ModelReport) -> Vec<String> {
         ));
     }
     notes
-}
-
-/// The material of each object; its region is the object's index.
-pub fn materials(scene: &LoadedScene) -> Result<Vec<(u32, Material)>, Failure> {
-    let made = scene.objects.iter().enumerate().map(|(index, object)| {
-        let stuff = &object.material;
-        // Plain tets lock above: 6 % too stiff at 0.45, 30 % at 0.49.
-        let poisson = stuff.poisson_ratio.min(0.45);
-        let material = Material::new(stuff.youngs_modulus_pa, poisson, stuff.density_kg_m3, stuff.damping_per_s);
-        material.map(|material| (index as u32, material)).map_err(|error| Failure::Input(format!("{}: {error}", object.name)))
-    });
-    made.collect()
 }
 
 fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [u32; 3]), Attachment> {

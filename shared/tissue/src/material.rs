@@ -3,7 +3,7 @@
 //! Promise: a [`Material`] that exists has finite Lamé constants and a positive density.
 
 /// Largest Poisson ratio that is accepted: linear tets lock above it (6 % too stiff at 0.45, 30 % at 0.49).
-const POISSON_RATIO_MAX: f64 = 0.45;
+pub const POISSON_RATIO_MAX: f64 = 0.45;
 
 /// An isotropic, linear elastic material with damping proportional to mass.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,7 +2,8 @@
 //! made anew after each tick in which the mesh changed.
 
 use super::press::text;
-use crate::world::{Workshop, World, materials};
+use crate::materials::materials;
+use crate::world::{Workshop, World};
 use hyst_contact::Topology;
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};

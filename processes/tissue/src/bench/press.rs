@@ -143,9 +143,9 @@ impl Press {
         self.shared.world.model.tets().len()
     }
 
-    /// Number of points, the tool's first.
+    /// Number of points: of the shaft, and of tissue; the loop stays in its sheath.
     pub fn points(&self) -> [usize; 2] {
-        [self.shared.world.points.tool, self.points_m.len()]
+        [self.shared.world.case.tool.shaft, self.points_m.len() - self.shared.world.points.tool]
     }
 
     /// What the hand does.
@@ -201,7 +201,7 @@ impl Press {
 
         {
             let mut input = shared.input.write();
-            world.points.place(&world.case.tool, &pose, &input.positions_m, &mut self.points_m);
+            world.points.place(&world.case.tool, (&pose, 0.0), &input.positions_m, &mut self.points_m);
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
             hash.build(&self.points_m, world.case.cell_m, Layout::Auto).map_err(text)?;
         }

@@ -1,7 +1,8 @@
 //! What a step takes from its input: the hand, and what the medium does.
 
 use super::MainLoop;
-use crate::knife::wire_m;
+use crate::contacts::ToolMotion;
+use crate::knife::{solid_m, wire_m};
 use crate::state::Core;
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
@@ -16,8 +17,36 @@ pub(super) struct Hand {
     pub(super) velocity_m_s: [f32; 3],
     /// Where the wire is, m, if it cuts.
     pub(super) wire_m: Option<Vec<[f32; 3]>>,
+    /// How far the loop is out, m, if it is solid; else 0.
+    pub(super) loop_m: f32,
     /// What the medium does, to be used by the next step.
     pub(super) next_medium: Medium,
+}
+
+impl Hand {
+    /// The tool's points as they move; the way back is that to the pivot.
+    pub(super) fn motion<'a>(&self, pivot_m: [f32; 3], points_m: &'a [[f32; 3]]) -> ToolMotion<'a> {
+        let tip_m = self.pose.position_m;
+        let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
+        ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back }
+    }
+
+    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts, and what was cut and removed, ml.
+    pub(super) fn core(&self, before: &Core, force_n: [f32; 3], contacts: usize, (is_cut, removed_ml): (bool, f64)) -> Core {
+        Core {
+            pose: self.pose,
+            velocity_m_s: self.velocity_m_s,
+            force_n,
+            removed_volume_ml: before.removed_volume_ml + removed_ml,
+            pressure_pa: self.next_medium.pressure_pa,
+            contact_count: contacts as u32,
+            cuts: before.cuts + u32::from(is_cut),
+            is_cutting: u32::from(self.wire_m.is_some()),
+            loop_m: self.loop_m,
+            reserved: 0,
+            pieces: self.next_medium.pieces,
+        }
+    }
 }
 
 impl MainLoop<'_> {
@@ -31,12 +60,13 @@ impl MainLoop<'_> {
         (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
     }
 
-    /// What the hand does in the step from `tick`; without an input it stays where it was, and the wire cuts nothing. What the next step uses of
+    /// What the hand does in the step from `tick`; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of
     /// the medium is part of this state, so that a substitute for it uses the same.
     pub(super) fn hand(&self, tick: u64, before: &Core) -> Hand {
         let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces };
         let Some(input) = self.input(tick) else {
-            return Hand { input_tick: 0, pose: before.pose, velocity_m_s: [0.0; 3], wire_m: None, next_medium: medium };
+            let (pose, loop_m) = (before.pose, before.loop_m);
+            return Hand { input_tick: 0, pose, velocity_m_s: [0.0; 3], wire_m: None, loop_m, next_medium: medium };
         };
         let sample = &input.sample;
         Hand {
@@ -44,6 +74,7 @@ impl MainLoop<'_> {
             pose: sample.pose,
             velocity_m_s: sample.velocity_m_s,
             wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
+            loop_m: solid_m(self.world.case.electrode.as_ref(), &sample.controls),
             next_medium: if input.pressure_pa > 0.0 {
                 Medium { pressure_pa: input.pressure_pa, pieces: input.pieces }
             } else {

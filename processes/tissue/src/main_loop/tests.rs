@@ -1,5 +1,6 @@
 //! Promise of the Main Loop: a state and a job are written in full, so that what an older message left in the loan is nowhere in them.
 
+mod cold;
 mod held;
 mod pieces;
 mod thrust;
@@ -81,10 +82,29 @@ fn first_state(main: &mut MainLoop<'_>) -> Vec<u64> {
 fn stepped(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], tick: u64, pose: Pose, flow: PieceFlow) -> Vec<u64> {
     let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
     (record.sample.pose, record.pieces[0]) = (pose, flow);
-    device.push(device::INPUTS, tick, &record);
-    let mut next = vec![0u64; main.next_bytes(bytemuck::cast_slice(now)) / 8];
-    main.step(&context(tick + 1), bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+    fed(main, device, now, &record)
+}
+
+/// The state after a tick with an input.
+fn fed(main: &mut MainLoop<'_>, device: &OwnedPage, now: &[u64], record: &InputRecord) -> Vec<u64> {
+    device.push(device::INPUTS, record.tick, record);
+    // The states of these tests have no ticks, by which the engine would look for the input.
+    let may_cut = record.sample.controls.buttons & BUTTON_ENERGIZED != 0;
+    let bytes = if may_cut { main.message_bytes() } else { main.next_bytes(bytemuck::cast_slice(now)) };
+    let mut next = vec![0u64; bytes / 8];
+    main.step(&context(record.tick + 1), bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
     next
+}
+
+/// What a state says beside its nodes.
+fn core_of(now: &[u64]) -> Core {
+    Message::parse(bytemuck::cast_slice(now), Kind::TissueState).unwrap().record(0).unwrap()
+}
+
+/// Largest displacement from rest, m.
+fn displaced_m(main: &MainLoop<'_>, now: &[u64]) -> f32 {
+    let away_m = |(now, rest): (&[f32; 3], &[f32; 3])| (0..3).map(|axis| (now[axis] - rest[axis]).powi(2)).sum::<f32>().sqrt();
+    positions(now).iter().zip(main.world.model.rest_m()).map(away_m).fold(0.0, f32::max)
 }
 
 /// Where the nodes of a state are, m.

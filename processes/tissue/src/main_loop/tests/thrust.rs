@@ -14,12 +14,6 @@ const FAR_M: f32 = 0.02;
 /// How far from its place a node may be at the end, m.
 const BACK_M: f32 = 0.3e-3;
 
-/// Largest displacement from rest, m.
-fn displaced_m(main: &MainLoop<'_>, now: &[u64]) -> f32 {
-    let away = |(now, rest): (&[f32; 3], &[f32; 3])| Vec3::from(*now).distance(Vec3::from(*rest));
-    positions(now).iter().zip(main.world.model.rest_m()).map(away).fold(0.0, f32::max)
-}
-
 #[test]
 fn a_tool_that_is_thrust_in_is_met_and_the_tissue_comes_back() {
     let (station, pages) = founded("thrust", "workers = 0");
@@ -49,8 +43,7 @@ fn a_tool_that_is_thrust_in_is_met_and_the_tissue_comes_back() {
     for (tick, pose) in (1..).zip(poses) {
         now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
         assert!(main.accepts(bytemuck::cast_slice(&now)), "the state of tick {tick} is none");
-        let core: Core = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().record(0).unwrap();
-        let force_n = Vec3::from(core.force_n);
+        let force_n = Vec3::from(core_of(&now).force_n);
         assert!(force_n.is_finite(), "{force_n} at tick {tick}");
         (most_m, most_n) = (most_m.max(displaced_m(&main, &now)), most_n.max(force_n.length()));
         if tick == thrust + STAY {
