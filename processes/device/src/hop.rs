@@ -188,10 +188,9 @@ impl Hop<'_> {
 
     fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, woken_ns: u64) {
         let page = &self.life.page;
-        let Given { model, medium: Medium { pressure_pa, pieces }, lag: replayed_lag, .. } = *given;
-        let (medium_epoch, medium_tick) = given.medium_key;
-        let device_incarnation = self.life.incarnation as u64;
-        let applied_n = self.state.applied_n;
+        let Given { model, medium: Medium { pressure_pa, pieces }, medium_key, lag: replayed_lag, .. } = *given;
+        let (medium_epoch, medium_tick) = medium_key;
+        let (device_incarnation, applied_n) = (self.life.incarnation as u64, self.state.applied_n);
         let selected_incarnation = self.replicas.selected_incarnation() as u64;
         let input = InputRecord {
             tick,

@@ -9,15 +9,15 @@ use crate::crew::Crew;
 use crate::gas;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
+use crate::status::{Head, is_of, status_of};
 use crate::wounds::Wounds;
-use bytemuck::{Pod, Zeroable};
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
-use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, PumpState, Solver, StateView, StepReport};
+use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, PUMP_ALARMS, Role, StreamHeader};
+use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
 use hyst_scene::{LoadedLoop, LoadedScene};
 use std::path::Path;
 
@@ -33,30 +33,6 @@ const MAX_FLOW_ML_MIN: f32 = 800.0;
 const FARTHEST_M: f32 = 10.0;
 /// Tissues whose streams are read: holder, spare and a newcomer on trial.
 const TISSUES: usize = 3;
-
-/// First section of a fluid state.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-pub struct Head {
-    /// What the page says too.
-    pub status: FluidStatus,
-    /// Lowest corner of the grid, m.
-    pub origin_m: [f32; 3],
-    /// Edges of a cell, m.
-    pub spacing_m: [f32; 3],
-    /// Cells along x, y, z.
-    pub cells: [u32; 3],
-    /// Padding, zero.
-    pub reserved: u32,
-}
-
-impl Head {
-    /// Of a status and the grid that the state is on.
-    pub fn of(status: FluidStatus, grid: &Grid) -> Head {
-        let cells = grid.cells().map(|count| count as u32);
-        Head { status, origin_m: grid.origin_m(), spacing_m: grid.spacing_m(), cells, reserved: 0 }
-    }
-}
 
 #[derive(Default)]
 struct TissueSource {
@@ -275,30 +251,6 @@ pub fn inputs_of(sample: &HardwareSample, radius_m: f32, dt_s: f32) -> FlowInput
 
 fn axis_of(sample: &HardwareSample) -> [f32; 3] {
     (glam::Quat::from_array(sample.pose.orientation) * glam::Vec3::Z).to_array()
-}
-
-/// What the page says of a step.
-pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
-    let alarms = &report.pump.alarms;
-    let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
-    FluidStatus {
-        deficit_ml: pump.deficit_ml(),
-        cavity_volume_ml: pump.cavity_ml,
-        bled_ml: pump.bled_ml,
-        pressure_pa: report.pump.pressure_pa as f32,
-        inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
-        outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
-        alarms: PUMP_ALARMS.iter().zip(is_on).map(|((bit, _), is_on)| if is_on { *bit } else { 0 }).sum(),
-        ..FluidStatus::default()
-    }
-}
-
-/// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the
-/// role was computed for another tick, and says so by a step of 0.
-fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
-    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.bled_ml, status.pressure_pa as f64];
-    let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
-    of_tick && numbers.iter().all(|value| value.is_finite())
 }
 
 impl Stateful for FlowEngine<'_> {

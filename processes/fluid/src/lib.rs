@@ -7,11 +7,13 @@ mod engine;
 mod gas;
 mod holes;
 mod pieces;
+mod status;
 mod wounds;
 
 pub use bench::run as bench;
 pub use crew::broken;
-pub use engine::{Head, inputs_of, load_scene, model_of, status_of};
+pub use engine::{inputs_of, load_scene, model_of};
+pub use status::{Head, status_of};
 
 use hyst_engine::{Failure, Life, Stateful};
 

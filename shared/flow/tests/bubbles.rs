@@ -145,7 +145,8 @@ fn gas_that_is_no_number_is_none_and_nonsense_in_the_model_is_refused() {
         let report = solver.step_serial(&FlowInputs { gas: bad, dt_s: DT_S, ..Default::default() }).unwrap();
         assert_eq!((report.neutralised, solver.gas().unwrap().made), (1, 0));
     }
-    let refused: [(&str, fn(&mut BubbleModel)); 4] = [
+    type Change = fn(&mut BubbleModel);
+    let refused: [(&str, Change); 4] = [
         ("bubbles.up", |model| model.up = [0.0; 3]),
         ("bubbles.diameter_m", |model| model.diameter_m = f32::NAN),
         ("bubbles.parcel_ml", |model| model.parcel_ml = 0.0),

@@ -6,15 +6,16 @@ mod loans;
 use super::*;
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
-use hyst_flow::Alarms;
-use hyst_messages::Slot;
+use hyst_flow::{Alarms, PumpState, StepReport};
+use hyst_messages::{PUMP_ALARMS, Slot};
 use loans::written;
 
 const STEPS: u64 = 3;
 
 #[test]
 fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
-    let set: [(fn(&mut Alarms) -> &mut bool, &str); 5] = [
+    type Place = fn(&mut Alarms) -> &mut bool;
+    let set: [(Place, &str); 5] = [
         (|alarms| &mut alarms.pressure, "pressure"),
         (|alarms| &mut alarms.deficit, "deficit"),
         (|alarms| &mut alarms.abnormal_loss, "abnormal loss"),

@@ -178,24 +178,16 @@ mod tests {
         let n = 40;
         let table = ln_factorials(n);
         let most = 24; // outcomes with more are less than 1e-6 of all
-        let mut bounds = vec![vec![0.0; most + 1]; most + 1];
-        for worse in 0..=most {
-            for better in 0..=most - worse {
-                bounds[worse][better] = upper(n, worse, better);
-            }
-        }
+        let outcomes = (0..=most).flat_map(|worse| (0..=most - worse).map(move |better| (worse, better)));
+        let bounds: Vec<_> = outcomes.map(|(worse, better)| (worse, better, upper(n, worse, better))).collect();
         for (p, q) in [(0.01, 0.01), (0.05, 0.0), (0.08, 0.02), (0.1, 0.1), (0.02, 0.08), (0.12, 0.05), (0.03, 0.0), (0.07, 0.0)]
         {
             let mut wrong = 0.0;
-            for worse in 0..=most {
-                for better in 0..=most - worse {
-                    if bounds[worse][better] < p - q {
-                        let rest = n - worse - better;
-                        let ln = table[n] - table[worse] - table[better] - table[rest];
-                        let better_part = if better == 0 { 1.0 } else { f64::powi(q, better as i32) };
-                        wrong += ln.exp() * f64::powi(p, worse as i32) * better_part * f64::powi(1.0 - p - q, rest as i32);
-                    }
-                }
+            for &(worse, better, _) in bounds.iter().filter(|(_, _, bound)| *bound < p - q) {
+                let rest = n - worse - better;
+                let ln = table[n] - table[worse] - table[better] - table[rest];
+                let better_part = if better == 0 { 1.0 } else { f64::powi(q, better as i32) };
+                wrong += ln.exp() * f64::powi(p, worse as i32) * better_part * f64::powi(1.0 - p - q, rest as i32);
             }
             assert!(wrong <= DOUBT + 1e-6, "p {p}, q {q}: {wrong}");
         }

@@ -1,0 +1,53 @@
+//! What a fluid says of itself: the first section of its states, and the status in it, which its page has too.
+
+use bytemuck::{Pod, Zeroable};
+use hyst_flow::{Grid, PumpState, StepReport};
+use hyst_messages::{FluidStatus, PUMP_ALARMS, StreamHeader};
+
+/// First section of a fluid state.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Head {
+    /// What the page says too.
+    pub status: FluidStatus,
+    /// Lowest corner of the grid, m.
+    pub origin_m: [f32; 3],
+    /// Edges of a cell, m.
+    pub spacing_m: [f32; 3],
+    /// Cells along x, y, z.
+    pub cells: [u32; 3],
+    /// Padding, zero.
+    pub reserved: u32,
+}
+
+impl Head {
+    /// Of a status and the grid that the state is on.
+    pub fn of(status: FluidStatus, grid: &Grid) -> Head {
+        let cells = grid.cells().map(|count| count as u32);
+        Head { status, origin_m: grid.origin_m(), spacing_m: grid.spacing_m(), cells, reserved: 0 }
+    }
+}
+
+/// What the page says of a step.
+pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
+    let alarms = &report.pump.alarms;
+    let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
+    FluidStatus {
+        deficit_ml: pump.deficit_ml(),
+        cavity_volume_ml: pump.cavity_ml,
+        bled_ml: pump.bled_ml,
+        pressure_pa: report.pump.pressure_pa as f32,
+        inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
+        outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
+        alarms: PUMP_ALARMS.iter().zip(is_on).map(|((bit, _), is_on)| if is_on { *bit } else { 0 }).sum(),
+        ..FluidStatus::default()
+    }
+}
+
+/// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the
+/// role was computed for another tick, and says so by a step of 0.
+pub(crate) fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
+    let numbers = [status.deficit_ml, status.cavity_volume_ml, status.bled_ml, status.pressure_pa as f64];
+    let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
+    of_tick && numbers.iter().all(|value| value.is_finite())
+}
