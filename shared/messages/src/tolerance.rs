@@ -275,7 +275,7 @@ mod tests {
         let (short, good) = (tissue(0.0), fluid(FluidStatus::default(), 0.0));
         assert!(compare(Kind::FluidState, bytemuck::cast_slice(&short), bytemuck::cast_slice(&good)).is_err());
         assert!(compare(Kind::TissueState, &[0; 5], bytemuck::cast_slice(&short)).is_err());
-        assert_eq!(stated(Kind::TissueState).len(), 3);
+        assert_eq!(stated(Kind::TissueState).len(), 4);
         assert_eq!(stated(Kind::FluidState).len(), 4);
     }
 }
