@@ -216,7 +216,7 @@ fn a_flood_of_requests_and_garbage_costs_the_engines_no_tick_and_no_process_and_
     }
     end(&station);
     println!("{:?} requests of {:?} connections were answered", flood.answers, flood.connections);
-    assert!(flood.answers.load(Ordering::Relaxed) > 100, "{:?}\n{}", flood.answers, station.events());
+    assert!(flood.answers.load(Ordering::Relaxed) >= 10, "{:?}\n{}", flood.answers, station.events());
     assert_eq!(station.keeper(Role::Supervisor), supervisor, "{}", station.events());
     let ended = station.stop();
     ended.assert_clean();
