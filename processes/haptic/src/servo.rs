@@ -196,7 +196,7 @@ impl Servo<'_> {
         if !self.shadow {
             return;
         }
-        // Its page comes from an ordinary thread, which may have to wait for a core.
+        // Its page comes from another thread, which may have to wait for a core.
         if other.is_none() && self.unseen < UNSEEN_TICKS && self.another_lives() {
             self.unseen += 1;
             return;

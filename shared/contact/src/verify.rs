@@ -31,7 +31,7 @@ pub fn has_all_of(
         let mut of_point = hits[from..].iter().take_while(|hit| hit.point == candidate.point && hit.tet <= candidate.tet);
         of_point.any(|hit| is_same_object(hit, candidate))
     };
-    let is_true_now = |candidate: &&Hit| holds(share, candidate.tet) && is_inside(candidate, points_m, points, tissue);
+    let is_true_now = |candidate: &&Hit| holds(share, candidate.tet) && weights_of(candidate, points_m, points, tissue).is_some();
     candidates.iter().filter(is_true_now).all(is_told)
 }
 
@@ -42,20 +42,13 @@ fn holds(share: Share, tet: u32) -> bool {
     }
 }
 
-/// Whether the hit's point lies in its tet, whatever its weights say.
-fn is_inside(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> bool {
-    let (Some(point), Some(nodes)) = (points_m.get(hit.point as usize), tissue.tets.get(hit.tet as usize)) else {
-        return false;
-    };
-    TetTest::new(&tissue.corners(hit.tet)).is_some_and(|test| test.weights(*point).is_some())
-        && points.may_hit(hit.point, nodes, tissue.owner(hit.tet))
+/// The weights of the hit's point in its tet, if it lies there and may hit it.
+fn weights_of(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> Option<[f32; 4]> {
+    let (point, nodes) = (points_m.get(hit.point as usize)?, tissue.tets.get(hit.tet as usize)?);
+    let weights = TetTest::new(&tissue.corners(hit.tet))?.weights(*point)?;
+    points.may_hit(hit.point, nodes, tissue.owner(hit.tet)).then_some(weights)
 }
 
 fn is_true(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> bool {
-    let (Some(point), Some(nodes)) = (points_m.get(hit.point as usize), tissue.tets.get(hit.tet as usize)) else {
-        return false;
-    };
-    let weights = TetTest::new(&tissue.corners(hit.tet)).and_then(|test| test.weights(*point));
-    weights.is_some_and(|weights| weights.map(f32::to_bits) == hit.weights.map(f32::to_bits))
-        && points.may_hit(hit.point, nodes, tissue.owner(hit.tet))
+    weights_of(hit, points_m, points, tissue).is_some_and(|weights| weights.map(f32::to_bits) == hit.weights.map(f32::to_bits))
 }
