@@ -219,6 +219,24 @@ fn what_hangs_leaves_no_trace() {
     assert_eq!(trace(&report), *quiet());
 }
 
+/// The one servo that knows the hand is still in its shadow when the other dies, and the tick lasts long enough for a successor to be born within it:
+/// that one is not taken for the one that was followed, whose seat it has.
+#[test]
+fn a_servo_born_within_a_long_tick_leaves_no_trace() {
+    let folder = Folder::new("lockstep-born");
+    let file = folder.as_path().join("born.toml");
+    let kills = [1_700, 1_902, 1_904].map(|tick| (tick, "haptic:active"));
+    std::fs::write(&file, faults("kill", &kills) + &faults("stop", &[(1_904, "tissue:active")])).unwrap();
+    let report = report("born", &["--roles", ROLES, "--test-mode", "--faults", file.to_str().unwrap()]);
+    let faults = report["faults"].as_array().unwrap();
+    let [_, _, servo, tissue] = &faults[..] else { panic!("{faults:#?}") };
+    let whole_us = |fault: &Value| fault["recovered_us"].as_f64().expect("it is back");
+    assert!(servo["target"] == "haptic:0" && tissue["detected_by"] == "heartbeat", "{faults:#?}");
+    // The tick lasted until then: the tissue is waited for before anybody is asked for a force.
+    assert!(whole_us(servo) < tissue["detected_us"].as_f64().unwrap(), "it was born after that tick: {faults:#?}");
+    assert_eq!(trace(&report), *quiet());
+}
+
 /// The supervisor lets the sequencer run on and injects the faults; it dies in the middle of that, and its successor goes on with both.
 #[test]
 fn a_supervisor_that_dies_between_two_faults_leaves_no_trace() {
@@ -234,6 +252,9 @@ fn a_supervisor_that_dies_between_two_faults_leaves_no_trace() {
         };
         assert_eq!(of("external", "supervisor"), 1, "{point}: {}", report["faults"]);
         assert_eq!(of("kill", ""), 7, "{point}: {}", report["faults"]);
+        let kills = report["faults"].as_array().unwrap().iter().filter(|fault| fault["kind"] == "kill");
+        // Also of whom the second supervisor adopted, and the guardian reaped.
+        assert!(kills.clone().all(|fault| fault["exit"] == "signal 9"), "{point}: {}", report["faults"]);
         assert_eq!(trace(&report), *quiet(), "{point}");
     }
 }

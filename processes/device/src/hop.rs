@@ -100,7 +100,7 @@ fn seat(life: &Life, arrival: PageArrival, models: &mut Models, replicas: &mut R
             if let Some((_, before)) = page.cell(haptic::INPUT) {
                 models.go_on_from(&before, life);
             }
-            replicas.seat(arrival.slot.index(), page)
+            replicas.seat(arrival.slot.index(), page, life)
         }
         Role::Tissue => models.seat(arrival.slot.index(), page),
         Role::Fluid => models.seat_fluid(arrival.slot.index(), page),

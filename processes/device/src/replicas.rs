@@ -54,9 +54,13 @@ pub fn input_hash(input: &InputRecord) -> u64 {
 }
 
 impl Replicas {
-    /// Takes the page of a new incarnation; gives back the one before.
-    pub fn seat(&mut self, index: usize, page: ReadPage) -> Option<ReadPage> {
+    /// Takes the page of a new incarnation; gives back the one before. Who sits where the one that was followed sat is not the one that was followed.
+    pub fn seat(&mut self, index: usize, page: ReadPage, life: &Life) -> Option<ReadPage> {
         let incarnation = page.incarnation();
+        let other = 1 - index.min(1);
+        if index == self.selected && self.seats[index].is_some() && self.seats[other].is_some() && !self.is_gone(other, life) {
+            self.selected = other;
+        }
         match self.seats.get_mut(index) {
             Some(place) => {
                 let newcomer = Replica { page, incarnation, watch: WatchState::default(), same: false, stood: 0 };
@@ -286,7 +290,8 @@ mod tests {
         let pages = [0, 1].map(|index| station.create_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap());
         let mut replicas = Replicas::default();
         for index in 0..2 {
-            assert!(replicas.seat(index, station.read_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap()).is_none());
+            let page = station.read_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap();
+            assert!(replicas.seat(index, page, &life).is_none());
         }
         let distrusted = |index: usize| life.page.load64(layout::DISTRUSTED + index) >> 32;
         let mut take = |tick, said| {
@@ -304,6 +309,18 @@ mod tests {
         assert_eq!(take(6, [None, here(0.15)]), (Some(0.15), 3), "what is of another tick is not taken");
         assert_eq!(take(7, [shadow(0.16), shadow(0.16)]).0, None, "nobody is out of the shadow");
         assert_eq!(take(8, [here(9.9), None]).0, None, "beyond any motor");
+        assert_eq!(take(9, [here(0.17), None]), (Some(0.17), 2));
+        let mut born = |index: usize, incarnation: u32| {
+            drop(station.create_slot(slot(Role::Haptic, index), incarnation).unwrap());
+            let page = station.read_slot(slot(Role::Haptic, index), incarnation).unwrap();
+            assert!(replicas.seat(index, page, &life).is_some());
+            replicas.selected_incarnation()
+        };
+        assert_eq!(born(0, 9), 3, "who sits where the one that was followed sat is another");
+        let keeping = station.open_for_keeping().unwrap();
+        keeping.store32(station::SLOT_INCARNATION + slot(Role::Haptic, 0).number(), 9);
+        keeping.store32(station::SLOT_DEAD + slot(Role::Haptic, 0).number(), 1);
+        assert_eq!(born(1, 10), 10, "the other one is dead");
         drop(replicas);
         station.wipe();
     }

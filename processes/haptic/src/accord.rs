@@ -2,7 +2,8 @@
 //!
 //! A servo is *astray* when its state is not the one that the hand has felt: it lost ticks, or it is newborn and differs. It goes on from
 //! the other's state at the tick before, as soon as that can be read, unless the other has no better claim. Of two that are both astray,
-//! the one that the device follows is right, because its force is what the hand felt; without it, the one in the first slot.
+//! the one that the device follows is right, because its force is what the hand felt; without it, the one in the first slot. Who has said
+//! nothing yet goes on from whoever has said the tick before, in the shadow or not.
 
 use hyst_coupling::{ServoParams, ServoState};
 use hyst_messages::ForceRecord;
@@ -63,8 +64,9 @@ pub fn origin(params: &ServoParams, me: Seat, last: &ForceRecord, other: Option<
     let own = |astray| Origin { state: state_of(last), astray };
     let heard = other.filter(|other| other.newest.tick + LONELY_TICKS > tick);
     let said = heard.map(|other| (other.before.unwrap_or(other.newest), other.seat));
-    let led = said.is_some_and(|(word, seat)| leads(&word, seat, me, selected));
     let before = heard.and_then(|other| other.before);
+    let says_its_first = last.tick == 0 && before.is_some();
+    let led = said.is_some_and(|(word, seat)| says_its_first || leads(&word, seat, me, selected));
     let whole = last.tick + 1 == tick && last.flags & FORCE_ASTRAY == 0;
     let newborn = last.flags & FORCE_SHADOW != 0 || last.tick == 0;
     let differs = newborn && before.is_some_and(|before| !agree(&before, last));
@@ -120,6 +122,21 @@ mod tests {
         assert_eq!(gone_on(mine, theirs, Some(theirs), PEER.incarnation), (0.1, false));
         let newborn = said(99, 0.1, FORCE_SHADOW);
         assert_eq!(gone_on(newborn, theirs, Some(theirs), 0), (0.2, false), "but a newborn does");
+    }
+
+    /// Both are newborn, the one that was followed is dead: whatever the device says of whom it follows, the history is the other's.
+    #[test]
+    fn who_has_said_nothing_yet_goes_on_from_another_in_the_shadow() {
+        let theirs = said(99, 0.2, FORCE_SHADOW);
+        let (first, second) = (Seat { index: 0, ..ME }, Seat { index: 1, ..PEER });
+        let other = Other { seat: second, newest: theirs, before: Some(theirs) };
+        for selected in [0, 3, first.incarnation, second.incarnation] {
+            let from = origin(&ServoParams::default(), first, &ForceRecord::default(), Some(&other), 100, selected);
+            assert_eq!((from.state.energy_j, from.astray), (0.2, false), "{selected} is selected");
+        }
+        let none_before = Other { newest: said(100, 0.2, FORCE_SHADOW), before: None, ..other };
+        let from = origin(&ServoParams::default(), first, &ForceRecord::default(), Some(&none_before), 100, 0);
+        assert_eq!((from.state.tick, from.astray), (0, false), "both begin");
     }
 
     #[test]
