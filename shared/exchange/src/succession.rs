@@ -97,6 +97,7 @@ mod tests {
         assert_eq!(spare_turn(9, (1, 7), 2, 1, true, 2, 3), Turn::Rest);
         assert_eq!(spare_turn(9, (2, 7), 2, 1, true, 3, 3), Turn::Promote);
         assert_eq!(spare_turn(8, (2, 7), 2, 1, false, 1, 3), Turn::Promote);
+        assert_eq!(spare_turn(9, (1, 7), 2, 1, false, 1, 3), Turn::Promote, "a winner that died before its first state");
         assert!(supersedes((1, 5), None) && supersedes((2, 4), Some((1, 5))));
         assert!(!supersedes((1, 5), Some((1, 5))) && !supersedes((1, 9), Some((2, 4))));
     }

@@ -36,6 +36,8 @@ enum Flaw {
     Unfenced,
     /// In lock-step the role is taken with what was received before the death was known.
     Hasty,
+    /// The spare waits for the first state of an epoch also if its winner is dead.
+    Patient,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -116,6 +118,13 @@ struct World {
     seen: Sights,
 }
 
+impl World {
+    /// Whether the role's holder is known to be dead, and somebody lives who could take it.
+    fn is_orphaned(&self) -> bool {
+        self.processes[self.roster.1 as usize].known_dead && self.processes.iter().any(|p| !matches!(p.at, At::Dead | At::Unborn))
+    }
+}
+
 type Step = Result<World, String>;
 
 struct Chain {
@@ -189,6 +198,9 @@ impl Chain {
         let mut turn = spare_turn(tick, key, epoch as u32, 1, lives, misses as u32, self.misses);
         if self.flaw == Flaw::SpareBegins && turn == Turn::Rest && key.1 < tick {
             turn = Turn::Substitute(key.1 + 1);
+        }
+        if self.flaw == Flaw::Patient && key.0 != epoch as u32 {
+            turn = Turn::Rest;
         }
         let at = match turn {
             Turn::Promote => At::Promote { epoch, holder },
@@ -357,9 +369,10 @@ impl Model for Chain {
         Ok(())
     }
 
-    /// All time has passed, and whoever lives sleeps.
+    /// All time has passed, whoever lives sleeps, and somebody who lives has the role, or nobody could take it.
     fn is_end(&self, state: &World) -> bool {
-        state.clock == self.ticks && state.processes.iter().all(|p| matches!(p.at, At::Dead | At::Unborn | At::Idle))
+        let sleeps = |p: &Process| matches!(p.at, At::Dead | At::Unborn | At::Idle);
+        state.clock >= self.ticks && state.processes.iter().all(sleeps) && !state.is_orphaned()
     }
 
     fn sights(&self, state: &World) -> u64 {

@@ -36,6 +36,7 @@ fn every_flaw_is_found() {
         (Flaw::Store, (3, 1, 0, 2), "two states"),
         (Flaw::Anything, (3, 0, 0, 2), "after (1, 1)"),
         (Flaw::Trusting, (3, 0, 1, 2), "after"),
+        (Flaw::Patient, (3, 1, 0, 2), "no way leads to an end"),
     ];
     for (flaw, size, expected) in cases {
         let broken = searched(flaw, size).expect_err("the search found nothing");
