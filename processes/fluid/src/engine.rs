@@ -54,8 +54,8 @@ pub struct FlowEngine<'a> {
     electrode: Option<LoadedLoop>,
     seed_m: [f32; 3],
     period_ticks: u64,
-    /// Epoch and tick of the state that the solver holds.
-    holds: Option<(u32, u64)>,
+    /// Epoch, tick and writer of the state that the solver holds.
+    holds: Option<(u32, u64, u32)>,
     sources: [TissueSource; TISSUES],
     state: Option<Held>,
     hardware: Option<ReadPage>,
@@ -313,7 +313,7 @@ impl Stateful for FlowEngine<'_> {
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let message = Message::parse(now, Kind::FluidState)?;
-        let key = (message.header().epoch, message.header().tick);
+        let key = (message.header().epoch, message.header().tick, message.header().incarnation);
         if self.holds != Some(key) {
             self.crew.solver().load(message.section(1)?).map_err(broken)?;
         }
@@ -328,7 +328,7 @@ impl Stateful for FlowEngine<'_> {
     }
 
     fn finished(&mut self, context: &StepContext, _state: &[u8]) {
-        self.holds = Some((context.tenure.epoch, context.next_tick));
+        self.holds = Some((context.tenure.epoch, context.next_tick, self.life.incarnation));
         let mut told = FluidStatus { epoch: context.tenure.epoch, incarnation: context.tenure.incarnation, ..self.status };
         self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
