@@ -23,11 +23,11 @@ use found::{Ground, settle, take_name};
 use hyst_engine::Address;
 use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
-use hyst_messages::{Role, Slot};
+use hyst_messages::{Role, SLOTS, Slot};
 use kept::Kept;
 use order::Order;
 use printer::Printer;
-use rustix::process::WaitOptions;
+use rustix::process::{WaitId, WaitIdOptions, WaitOptions, waitid};
 use std::io::IsTerminal;
 use std::os::unix::net::UnixListener;
 use std::sync::Arc;
@@ -233,8 +233,19 @@ impl Guardian {
         }
     }
 
-    /// Reaps every dead child: the supervisor, and engines that a dead supervisor left.
+    /// Reaps every dead child: the supervisor, and engines that a dead supervisor left. How those ended is said first, for the next one.
     fn reap(&mut self) {
+        let peek = |id| waitid(id, WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT).ok().flatten();
+        if peek(WaitId::All).is_some() {
+            for slot in 0..SLOTS {
+                let pid = self.page.load32(layout::SLOT_PID + slot);
+                let status = crate::proc::pid(pid).and_then(|pid| peek(WaitId::Pid(pid)));
+                let raw = status.and_then(|it| it.terminating_signal().or_else(|| it.exit_status().map(|code| code << 8)));
+                if let Some(raw) = raw {
+                    self.page.store64(layout::SLOT_EXIT + slot, layout::exit_word(pid, raw));
+                }
+            }
+        }
         while let Ok(Some(_)) = rustix::process::wait(WaitOptions::NOHANG) {}
         self.kept.reaped();
     }

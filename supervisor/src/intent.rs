@@ -41,6 +41,10 @@ pub enum Deed {
     Kill = 2,
     /// The page of a dead process is removed.
     Bury = 3,
+    /// A process is killed because it hangs.
+    EndHung = 4,
+    /// A process is killed that has made room for another, and is missed by nobody.
+    Dismiss = 5,
 }
 
 /// What is done to whom.
@@ -63,6 +67,8 @@ impl Intent {
             1 => Deed::Spawn,
             2 => Deed::Kill,
             3 => Deed::Bury,
+            4 => Deed::EndHung,
+            5 => Deed::Dismiss,
             _ => return None,
         };
         let slot = Slot::from_number((word >> 32) as usize & 0xff_ffff)?;
@@ -120,11 +126,11 @@ mod tests {
 
     #[test]
     fn an_intent_is_read_back_and_nonsense_is_none() {
-        for deed in [Deed::Spawn, Deed::Kill, Deed::Bury] {
+        for deed in [Deed::Spawn, Deed::Kill, Deed::Bury, Deed::EndHung, Deed::Dismiss] {
             let intent = Intent { deed, slot: Slot::new(Role::Tissue, 1).unwrap(), incarnation: u32::MAX };
             assert_eq!(Intent::from_word(intent.word()), Some(intent));
         }
-        for word in [0, 7, u64::MAX, 4 << 56, 1 << 56 | 200 << 32] {
+        for word in [0, 7, u64::MAX, 6 << 56, 1 << 56 | 200 << 32] {
             assert_eq!(Intent::from_word(word), None, "{word:x}");
         }
     }

@@ -14,6 +14,8 @@ const MOST_LOG_BYTES: u64 = 4 << 20;
 const KEPT_LOG_BYTES: u64 = 1 << 16;
 /// Longest line; last words may be long.
 const MOST_BYTES: usize = 1_000;
+/// Most characters of a process's own line that are quoted.
+const MOST_QUOTED: usize = 300;
 /// Lines of a sort that can come at any rate, within [`SELDOM_NS`]: enough to see that there is a cause which goes on.
 const MOST_SELDOM: u64 = 8;
 /// How long those count, ns.
@@ -96,6 +98,32 @@ fn shorten(path: &Path) -> std::io::Result<()> {
     file.write_all(&[b"(what was said before is not kept)\n", tail.get(whole..).unwrap_or_default()].concat())
 }
 
+/// How the line begins that stands before what an incarnation prints: its predecessors wrote into the same file.
+const BIRTH: &str = "-- incarnation ";
+
+/// Opens the log of a slot for an incarnation that is about to start.
+pub fn open_log(station: &Station, slot: Slot, incarnation: u32) -> std::io::Result<std::fs::File> {
+    let mut log = std::fs::OpenOptions::new().append(true).create(true).open(station.log(slot))?;
+    let _ = writeln!(log, "{BIRTH}{incarnation}"); // a full disk costs the line, not the start
+    Ok(log)
+}
+
+/// The last line that the present incarnation of a slot has printed, shortened; empty if it printed nothing.
+pub fn last_line(station: &Station, slot: Slot) -> String {
+    let line = last_line_of(&station.log(slot)).unwrap_or_default();
+    if line.starts_with(BIRTH) { String::new() } else { line.chars().take(MOST_QUOTED).collect() }
+}
+
+fn last_line_of(path: &Path) -> std::io::Result<String> {
+    let mut file = std::fs::File::open(path)?;
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(MOST_BYTES as u64)))?;
+    let mut tail = Vec::new();
+    file.take(MOST_BYTES as u64).read_to_end(&mut tail)?;
+    let text = String::from_utf8_lossy(&tail);
+    Ok(text.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default().to_string())
+}
+
 /// How the station ended by itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
@@ -149,6 +177,7 @@ mod tests {
         writer.write_all(lines.as_bytes()).unwrap();
         shorten(&path).unwrap();
         writer.write_all(b"the next\n").unwrap();
+        assert_eq!(last_line_of(&path).unwrap(), "the next");
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::remove_file(&path).unwrap();
         assert!(text.len() as u64 <= KEPT_LOG_BYTES + 100, "{} bytes", text.len());

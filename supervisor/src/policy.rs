@@ -229,8 +229,8 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         actions.push(Action::GiveUp { slot, reason, end: Some(2) });
         return actions;
     }
-    // SIGKILL comes from outside, unless it was this supervisor's answer to a hang.
-    let by_itself = hung || exit != Exit::Signal(9);
+    // SIGKILL comes from outside, unless it was a supervisor's answer to a hang; and nobody is blamed for an end of which nothing is known.
+    let by_itself = hung || !matches!(exit, Exit::Signal(9) | Exit::Unknown);
     let role = slot.role();
     if let Some(ladder) = state.ladders.get_mut(&role).filter(|ladder| ladder.holder() == incarnation)
         && let Some(ground) = ladder.holder_died(now_ns, ended_ns, by_itself, ready_ns.is_some())
@@ -294,10 +294,16 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
     }
     // One that never was ready died of itself: of its driver, of its disk. A role with a state is tried with older ones first: see `died`.
     let with_state = limits::is_stateful(slot.role());
-    let mistrusts = end == End::OfItself && place.was_ready && !with_state && place.short_lives == limits.mistrust_after();
+    place.mistrusted &= place.short_lives > 0;
+    let is_enough = place.short_lives >= limits.mistrust_after() && !place.mistrusted;
+    let mistrusts = end == End::OfItself && place.was_ready && !with_state && is_enough;
     let wait_ns = if too_many { limits.most_wait_ns } else { limits.wait_ns(place.short_lives) };
     place.life = Life::Vacant { due_ns: now_ns + wait_ns };
+    // Once in such a row, or at a later death where nobody could be replaced at this one.
     let mut actions = if mistrusts { mistrust(slot, state) } else { Vec::new() };
+    if let Some(place) = state.places.get_mut(&slot) {
+        place.mistrusted |= !actions.is_empty();
+    }
     if let Some((slot, other)) = sibling.and_then(|sibling| Some((sibling, state.places.get_mut(&sibling)?)))
         && other.life == Life::GivenUp
     {

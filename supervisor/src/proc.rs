@@ -16,6 +16,8 @@ pub use hyst_engine::verify::wait_within;
 
 /// Clock ticks per second of /proc/PID/stat; fixed for all architectures that Linux supports here.
 pub const CLOCK_HZ: f64 = 100.0;
+/// Fields of /proc/PID/stat between the state and the exit code.
+const EXIT_CODE_AFTER_STATE: usize = 48;
 /// Most threads of one process that are demoted; engines have a dozen.
 const MOST_THREADS: usize = 256;
 /// How often SIGSEGV is sent again before its sender goes on with its own work, and tries later: an engine that runs has died of the second.
@@ -136,6 +138,16 @@ fn state_letter(stat: &File) -> Option<u8> {
     let text = bytes.get(..length)?;
     let close = text.iter().rposition(|byte| *byte == b')')?;
     text.get(close + 2).copied()
+}
+
+/// How a process ended that nobody has reaped yet, as `waitpid` would say it: an adopted one is the guardian's to reap, who looks every 20 ms. `None` if it
+/// lives, is reaped, or ended with 0, which is also what the kernel says where it does not tell.
+pub fn status_of_zombie(process: u32) -> Option<i32> {
+    let text = std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    let mut fields = text.rsplit_once(')')?.1.split_whitespace();
+    let is_zombie = fields.next()? == "Z";
+    let status = fields.nth(EXIT_CODE_AFTER_STATE)?.parse().ok()?; // proc(5): field 52, the state is 3
+    (is_zombie && status != 0).then_some(status)
 }
 
 /// Kills a process, of a role if that is known. Before that, all of its threads are made ordinary ones, so that its tear-down disturbs nobody who is real
@@ -266,6 +278,7 @@ fn belongs(process: u32, user: u32, name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::process::ExitStatusExt;
     use std::process::{Command, Stdio};
 
     #[test]
@@ -276,6 +289,25 @@ mod tests {
         let station = Station::named(&format!("t{me}-nobody")).unwrap();
         assert_eq!(of_station(&station), Vec::<u32>::new());
         assert!(!signal(0, Signal::KILL) && pid(u32::MAX).is_none());
+    }
+
+    #[test]
+    fn how_a_zombie_ended_is_known_before_it_is_reaped_and_nothing_afterwards() {
+        let ended = |script: &str| {
+            let mut child = Command::new("sh").args(["-c", script]).spawn().unwrap();
+            let stat = File::open(format!("/proc/{}/stat", child.id())).unwrap();
+            let deadline_ns = system::now_ns() + 20_000_000_000;
+            while state_letter(&stat) != Some(b'Z') {
+                assert!(system::now_ns() < deadline_ns, "{script}: it does not end");
+                system::sleep_ns(1_000_000);
+            }
+            let status = status_of_zombie(child.id());
+            assert_eq!(child.wait().unwrap().into_raw(), status.unwrap_or_default(), "{script}");
+            assert_eq!(status_of_zombie(child.id()), None, "{script}: reaped");
+            status
+        };
+        assert_eq!([ended("exit 3"), ended("kill -9 $$"), ended("exit 0")], [Some(3 << 8), Some(9), None]);
+        assert_eq!(status_of_zombie(std::process::id()), None);
     }
 
     /// Runs as a program of its own below: the runtime's handler is there, as in an engine.

@@ -64,6 +64,14 @@ pub fn living(station: &Station) -> Vec<Living> {
     found
 }
 
+/// Waits until a process that was killed is dead, [`GRACE_NS`] at most.
+pub fn wait_until_dead(living: &Living) {
+    let deadline_ns = system::now_ns() + GRACE_NS;
+    while living.is_alive() && system::now_ns() < deadline_ns {
+        system::sleep_ns(POLL_NS);
+    }
+}
+
 /// Waits until none of the station but the guardian lives, or the deadline has passed; true if none lives.
 pub fn wait_until_gone(station: &Station, deadline_ns: u64, mut meanwhile: impl FnMut()) -> bool {
     loop {

@@ -17,9 +17,9 @@ use hyst_messages::page::station as layout;
 use hyst_messages::{Kind, Role, Slot, kinds_of};
 use rustix::process::{PidfdFlags, WaitOptions};
 use std::collections::BTreeMap;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::sync::Arc;
 
 /// Why an incarnation could not be started.
@@ -131,7 +131,7 @@ impl Spawner {
         let binary = on_trial.unwrap_or_else(|| self.plan.binary(slot.role()));
         let log_path = self.station.log(slot);
         let fail = |path: &std::path::Path, source| SpawnError::Process { slot, path: path.display().to_string(), source };
-        let log = std::fs::OpenOptions::new().append(true).create(true).open(&log_path).map_err(|e| fail(&log_path, e))?;
+        let log = crate::journal::open_log(&self.station, slot, incarnation).map_err(|e| fail(&log_path, e))?;
         let second = log.try_clone().map_err(|e| fail(&log_path, e))?;
         let spawned_ns = system::now_ns();
         // Without pre_exec the standard library uses posix_spawn, which does not copy this process.
@@ -161,6 +161,8 @@ impl Spawner {
     pub fn enter(&self, slot: Slot, incarnation: u32, pid: u32) {
         let at = slot.number();
         // A child that has already exited is still a zombie of this process: it has no start time, but a pidfd.
+        // Nobody is there in between: who died here must not be taken for alive.
+        self.page.store32(layout::SLOT_INCARNATION + at, 0);
         self.page.store64(layout::SLOT_START + at, system::process_start(pid).unwrap_or(0));
         self.page.store32(layout::SLOT_PID + at, pid);
         self.page.store32(layout::SLOT_DEAD + at, 0);
@@ -243,17 +245,27 @@ impl Spawner {
     }
 }
 
-/// Takes the exit status of a dead child; an adopted process is not a child, and its end stays unknown.
+/// Takes the exit status of a dead child.
 pub fn reap(pid: u32) -> Exit {
-    let Some(pid) = proc::pid(pid) else {
-        return Exit::Unknown;
-    };
-    match rustix::process::waitpid(Some(pid), WaitOptions::NOHANG) {
-        Ok(Some((_, status))) => match (status.exit_status(), status.terminating_signal()) {
-            (Some(code), _) => Exit::Code(code),
-            (None, Some(signal)) => Exit::Signal(signal),
-            (None, None) => Exit::Unknown,
-        },
+    let reaped = proc::pid(pid).and_then(|pid| rustix::process::waitpid(Some(pid), WaitOptions::NOHANG).ok().flatten());
+    reaped.map_or(Exit::Unknown, |(_, status)| exit_of(status.as_raw()))
+}
+
+/// How the process that is or was last in a slot ended. An adopted one is the guardian's child: until that has reaped it it is a zombie, and before that the
+/// guardian says in the station's page how it ended.
+pub fn reap_in_slot(page: &OwnedPage, slot: Slot, pid: u32) -> Exit {
+    let known = || layout::exit_of(page.load64(layout::SLOT_EXIT + slot.number()), pid);
+    match reap(pid) {
+        Exit::Unknown => known().or_else(|| proc::status_of_zombie(pid)).or_else(known).map_or(Exit::Unknown, exit_of),
+        exit => exit,
+    }
+}
+
+fn exit_of(status: i32) -> Exit {
+    let status = ExitStatus::from_raw(status);
+    match Some((status.code(), status.signal())) {
+        Some((Some(code), _)) => Exit::Code(code),
+        Some((None, Some(signal))) => Exit::Signal(signal),
         _ => Exit::Unknown,
     }
 }

@@ -296,7 +296,7 @@ impl Supervisor {
                 self.act(actions);
             }
             Input::Notice(Notice::Died { slot, incarnation, pid, at_ns, open_ns, beat_ns }) => {
-                let exit = self.memory.blame(spawn::reap(pid));
+                let exit = self.memory.blame(spawn::reap_in_slot(&self.page, slot, pid));
                 self.died(slot, incarnation, exit, Death { at_ns, open_ns, beat_ns });
             }
             Input::Judged { incarnation, seen } => self.judged(incarnation, &seen),
@@ -320,6 +320,7 @@ impl Supervisor {
             self.mourn(slot, incarnation, exit, death, &words);
         }
         let actions = policy::step(death.at_ns, Event::Died { slot, incarnation, exit }, &mut self.policy);
+        self.page.store32(layout::SLOT_BOOKED + slot.number(), incarnation);
         self.act(actions);
         if is_urgent && self.real_time {
             system::become_fifo(SUPERVISOR_PRIORITY); // the watch had hastened this thread
@@ -330,7 +331,14 @@ impl Supervisor {
     }
 
     fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death, words: &str) {
-        let words = if words.is_empty() { String::new() } else { format!(": {words}") };
+        // Who is killed has nothing to say of it.
+        let is_unexplained = words.is_empty() && exit != Exit::Signal(9);
+        let printed = if is_unexplained { journal::last_line(&self.station, slot) } else { String::new() };
+        let words = match (words.is_empty(), printed.is_empty()) {
+            (false, _) => format!(": {words}"),
+            (true, false) => format!("; it had printed: {printed}"),
+            (true, true) => String::new(),
+        };
         let was_last = slot.role() == Role::Haptic && !self.has_another_servo(slot);
         journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) died, {exit}{words}"));
         if was_last {

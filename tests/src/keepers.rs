@@ -19,26 +19,30 @@ pub struct Engine {
     pub start: u64,
 }
 
-/// The engines of a station at some time, and how many the station itself had said by then that it had a reason to replace.
+/// The engines of a station at some time, and what it had said by then of reasons to replace one.
 #[derive(Debug)]
 pub struct Census {
     /// The engines.
     pub engines: Vec<Engine>,
-    reasons: usize,
+    reasons: Vec<String>,
 }
 
 impl Census {
-    /// Every engine, but for those in `killed`, is still the process that it was, unless the station itself says that it had a reason to replace one: on a
-    /// busy machine one may hang, or be late.
-    pub fn assert_untouched(&self, station: &Station, what: &str, killed: &[i32]) {
+    /// Every engine, but for those in `killed`, is still the process that it was, unless the station itself says that it had a reason to replace that one:
+    /// on a busy machine one may hang, or be late. Gives how many those are.
+    pub fn assert_untouched(&self, station: &Station, what: &str, killed: &[i32]) -> usize {
         let now = station.census();
         let is_gone = |engine: &&Engine| !killed.contains(&engine.pid) && !now.engines.contains(engine);
         let touched: Vec<&Engine> = self.engines.iter().filter(is_gone).collect();
-        let reasons = now.reasons - self.reasons;
-        if !touched.is_empty() {
-            println!("{what}: {} engines were replaced, for which the station gives {reasons} reasons of its own", touched.len());
+        let reasons = &now.reasons[self.reasons.len()..];
+        for engine in &touched {
+            let of_it = reasons.iter().find(|line| line.contains(&format!(" {} ", engine.name)));
+            let reason = of_it.unwrap_or_else(|| {
+                panic!("{what}: {engine:?} is gone for no reason, {:?} live\n{}", now.engines, station.events())
+            });
+            println!("{what}: {} was replaced: {reason}", engine.name);
         }
-        assert!(touched.len() <= reasons, "{what}: {touched:?} are gone, {:?} live\n{}", now.engines, station.events());
+        touched.len()
     }
 }
 
@@ -46,7 +50,8 @@ impl Station {
     /// Who lives now.
     pub fn census(&self) -> Census {
         let is_reason = |line: &&str| [" hangs (", "is distrusted by", "is replaced: "].iter().any(|what| line.contains(what));
-        Census { engines: self.engines(), reasons: self.events().lines().filter(is_reason).count() }
+        let reasons = self.events().lines().filter(is_reason).map(str::to_string).collect();
+        Census { engines: self.engines(), reasons }
     }
 
     /// The station's page.

@@ -17,6 +17,9 @@ const TRIES: usize = 2;
 const MOST_UNWATCHED: usize = 10;
 /// Excess misses per kill that are allowed: nobody who dies here is on the way from hand to force.
 const ALLOWED: f64 = 0.1;
+/// Engines that may be replaced for a reason of their own: so many, or one in so many rounds.
+const MOST_REPLACED: usize = 2;
+const ROUNDS_OF_ONE: usize = 20;
 /// Who dies.
 const KINDS: [(&str, &[Role]); 3] =
     [("supervisor", &[Role::Supervisor]), ("guardian", &[Role::Guardian]), ("both", &[Role::Guardian, Role::Supervisor])];
@@ -49,7 +52,7 @@ fn the_keepers_are_killed_again_and_again_and_the_engines_keep_their_processes_a
     let mut station = Station::start("adopted", &["--hand", "script:press", "--test-mode"]);
     assert_eq!(station.engines().len(), ENGINES, "{}", station.status());
     let mut costs: [Beside; KINDS.len()] = Default::default();
-    let mut killed = [0; KINDS.len()];
+    let (mut killed, mut replaced) = ([0; KINDS.len()], 0);
     let wanted = kills();
     for round in 0..wanted * TRIES {
         for (index, (kind, roles)) in KINDS.into_iter().enumerate() {
@@ -64,9 +67,15 @@ fn the_keepers_are_killed_again_and_again_and_the_engines_keep_their_processes_a
                 replace(station, roles, guardian, starts);
             });
             killed[index] += 1;
-            before.assert_untouched(&station, &format!("round {round}: {kind}"), &[]);
+            replaced += before.assert_untouched(&station, &format!("round {round}: {kind}"), &[]);
         }
     }
+    // What a busy machine makes hang is rare; a supervisor that blames whom it adopts would do so in every round.
+    assert!(
+        replaced <= MOST_REPLACED.max(killed.iter().sum::<usize>() / ROUNDS_OF_ONE),
+        "{replaced} engines\n{}",
+        station.events()
+    );
     for ((kind, _), cost) in KINDS.into_iter().zip(&costs) {
         cost.judge(kind, ALLOWED, wanted, &station);
     }

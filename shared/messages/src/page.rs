@@ -275,8 +275,20 @@ pub mod station {
     pub const MISCHIEF_WORDS: usize = 3;
     /// For each role: the newcomer on trial and how far it is ([`super::Swap`]); 0 if there is none. Written by the supervisor.
     pub const SWAP: usize = MISCHIEF + MISCHIEF_WORDS * SLOTS;
+    /// How the process that was last in each slot ended, if the guardian was its parent: see [`exit_word`]. Written by the guardian before it reaps.
+    pub const SLOT_EXIT: usize = SWAP + 16;
     /// Words of the page.
-    pub const WORDS: usize = SWAP + 16;
+    pub const WORDS: usize = SLOT_EXIT + SLOTS;
+
+    /// A word of [`SLOT_EXIT`]: the process, and its end as `waitpid` says it.
+    pub const fn exit_word(pid: u32, status: i32) -> u64 {
+        (pid as u64) << 32 | status as u32 as u64
+    }
+
+    /// The end of a process, if a word is of that one.
+    pub const fn exit_of(word: u64, pid: u32) -> Option<i32> {
+        if word >> 32 == pid as u64 && pid != 0 { Some(word as u32 as i32) } else { None }
+    }
 
     /// 32-bit words: nonzero once the page is ready.
     pub const READY: usize = 0;
@@ -306,7 +318,9 @@ pub mod station {
     pub const SLOT_RECORD: usize = SLOT_SUSPECT + SLOTS;
     /// 32-bit words, one for each role: where it stands on its way back to older states, for the supervisor's successor.
     pub const LADDER: usize = SLOT_RECORD + SLOTS;
-    const _: () = assert!(LADDER + 16 <= 2 * WORDS);
+    /// 32-bit words: the incarnation of each slot whose death the supervisor dealt with last, for its successor.
+    pub const SLOT_BOOKED: usize = LADDER + 16;
+    const _: () = assert!(SLOT_BOOKED + SLOTS <= 2 * WORDS);
 }
 
 /// The roster: one 64-bit word for each role, `epoch << 32 | incarnation`. Only promotion writes it, by compare-and-swap.

@@ -176,6 +176,7 @@ impl Faults {
     pub fn inject_due(&mut self, tick: u64, viewer: &mut Viewer) {
         while let Some(injection) = self.schedule.get(self.open.injected).filter(|injection| injection.tick <= tick).cloned() {
             self.open.injected += 1;
+            self.keep_open(); // a supervisor after this one must not do it a second time
             if let Err(reason) = self.inject(&injection, viewer) {
                 journal::say(&self.station, &format!("fault {} was not injected: {reason}", injection.kind.name()));
                 self.refuse(&injection, &reason);

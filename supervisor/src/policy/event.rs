@@ -13,7 +13,7 @@ pub enum Exit {
     Signal(i32),
     /// SIGKILL by the kernel, because memory was short.
     OutOfMemory,
-    /// The process was adopted: nobody but its parent learns how it ended.
+    /// The process was adopted, and reaped before anybody could ask.
     Unknown,
 }
 

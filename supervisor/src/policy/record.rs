@@ -1,5 +1,5 @@
 //! What outlives a supervisor of what the policy knows: how often in a row a slot's incarnations lived for too short a time, and whether it was given up.
-//! So a restart of the supervisor is no way around the bounds.
+//! So a restart of the supervisor is no way around the count of short lives; the bound on deaths in a window of time begins anew with it.
 
 use super::{Life, Place, State, limits};
 use hyst_messages::Slot;

@@ -34,6 +34,8 @@ pub(super) struct Place {
     pub(super) serves: u32,
     /// The incarnation that is killed, and whose death is awaited.
     pub(super) killed: u32,
+    /// Those whose streams it reads were mistrusted in this row of short lives.
+    pub(super) mistrusted: bool,
     /// The incarnation that is to be replaced, since when, and whether it was told.
     pub(super) leaving: Option<(u32, u64, bool)>,
 }
@@ -59,6 +61,7 @@ impl State {
             hung: (0, 0),
             serves: 0,
             killed: 0,
+            mistrusted: false,
             leaving: None,
         };
         let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
@@ -97,6 +100,10 @@ impl State {
     /// Whether any incarnation is alive or being spawned.
     pub fn anyone_alive(&self) -> bool {
         self.places.values().any(|place| matches!(place.life, Life::Alive { .. } | Life::Spawning))
+    }
+    /// Whether an incarnation is known to hang, so that its end is its own doing.
+    pub fn hangs(&self, slot: Slot, incarnation: u32) -> bool {
+        self.places.get(&slot).is_some_and(|place| place.hung.0 == incarnation)
     }
     /// Whether the slot has an incarnation that is ready.
     pub fn is_ready(&self, slot: Slot) -> bool {

@@ -5,7 +5,7 @@ use crate::intent::{Deed, Intent};
 use crate::journal::{self, Verdict};
 use crate::policy::{self, Action, Event, Record};
 use crate::spawn::SpawnError;
-use hyst_exchange::{Station, system};
+use hyst_exchange::system;
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
@@ -53,7 +53,12 @@ impl Supervisor {
                         && slot.role() != Role::Hardware
                         && let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number())
                     {
-                        Intent { deed: Deed::Kill, slot, incarnation }.declare(&self.page);
+                        let deed = match () {
+                            () if self.dismissed.contains(&incarnation) => Deed::Dismiss,
+                            () if self.policy.hangs(slot, incarnation) => Deed::EndHung,
+                            () => Deed::Kill,
+                        };
+                        Intent { deed, slot, incarnation }.declare(&self.page);
                         self.spawner.mortality.pass("kill-declared");
                         crate::proc::end(Some(slot.role()), living.pid);
                         self.spawner.mortality.pass("kill-done");
@@ -105,7 +110,8 @@ impl Supervisor {
 
     fn give_up(&mut self, slot: Slot, reason: &str, end: Option<u8>) {
         let mut message = format!("{slot} is given up: {reason}; `hystation logs {slot}` has its words");
-        if let Some(line) = last_line(&self.station, slot) {
+        let line = journal::last_line(&self.station, slot);
+        if !line.is_empty() {
             message.push_str(&format!(" (last: {line})"));
         }
         journal::say(&self.station, &message);
@@ -132,10 +138,4 @@ impl Supervisor {
         self.leave_a_guardian();
         0
     }
-}
-
-fn last_line(station: &Station, slot: Slot) -> Option<String> {
-    let text = std::fs::read(station.log(slot)).ok()?;
-    let text = String::from_utf8_lossy(&text);
-    text.lines().rev().find(|line| !line.trim().is_empty()).map(|line| line.chars().take(300).collect())
 }

@@ -4,16 +4,17 @@ use super::Supervisor;
 use crate::fault::Death;
 use crate::intent::{Deed, Intent};
 use crate::journal;
-use crate::policy::{self, Event, Exit};
+use crate::policy::{self, Event};
 use hyst_exchange::system;
 use hyst_messages::Slot;
 use hyst_messages::page::{ProcessState, header, station as layout};
 
 impl Supervisor {
-    /// Adopts who lives, finishes or undoes what a supervisor before this one had begun, mourns who died while nobody watched.
+    /// Adopts who lives, finishes or undoes what a supervisor before this one had begun, mourns who died while nobody watched: for the policy that dies
+    /// now, so that a death which takes the supervisor along counts as any other.
     pub(super) fn start(&mut self) {
-        self.finish_intent();
-        let mut adopted = Vec::new();
+        let left = self.finish_intent();
+        let (mut adopted, mut unseen) = (Vec::new(), Vec::new());
         for slot in self.slots.clone() {
             if let Some(ward) = self.spawner.adopt(slot) {
                 adopted.push((slot, ward.incarnation));
@@ -31,17 +32,16 @@ impl Supervisor {
                 // One that lives and cannot be watched, since its page is damaged, must not go on beside its successor.
                 if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()) {
                     crate::proc::end(Some(slot.role()), living.pid);
+                    crate::remains::wait_until_dead(&living);
                 }
-                // It died while nobody watched, or waits for its successor since before.
-                if !self.faults.knows_dead(slot, incarnation) {
-                    let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
-                    let words = self.last_words(slot);
-                    self.sample(now_ns, slot, None);
-                    self.cleaner.ask(now_ns);
-                    self.mourn(slot, incarnation, Exit::Unknown, Death { at_ns: now_ns, open_ns: None, beat_ns }, &words);
+                // It waits for its successor since before, or died while nobody watched.
+                if self.page.load32(layout::SLOT_BOOKED + slot.number()) == incarnation {
+                    self.spawner.mark_dead(slot, incarnation);
+                    self.spawner.bury(slot, incarnation);
+                } else {
+                    self.spawner.mark_dead(slot, incarnation);
+                    unseen.push((slot, incarnation));
                 }
-                self.spawner.mark_dead(slot, incarnation);
-                self.spawner.bury(slot, incarnation);
             }
         }
         if self.page.load64(layout::SUPERVISOR_STARTS) > 1 {
@@ -53,12 +53,35 @@ impl Supervisor {
             let state = self.viewer.slot_page(*slot).map(|page| page.state());
             slot.is_guest() || state.is_none_or(ProcessState::is_ready)
         };
-        let (adopted, warming) = adopted.into_iter().partition(is_warm);
+        let (adopted, warming) = adopted.iter().chain(&unseen).copied().partition(is_warm);
         let actions = policy::step(system::now_ns(), Event::Started { adopted, warming }, &mut self.policy);
         self.act(actions);
         // Before anybody is told to go: a newcomer that holds a role hands it over first.
         self.note_holders(system::now_ns());
+        self.say_whom_it_ended(left);
+        for (slot, incarnation) in unseen {
+            self.dismissed.extend(self.faults.knows_dead(slot, incarnation).then_some(incarnation)); // it was mourned already
+            let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+            let exit = crate::spawn::reap_in_slot(&self.page, slot, self.viewer.page().pid(slot));
+            self.died(slot, incarnation, exit, Death { at_ns: now_ns, open_ns: None, beat_ns });
+        }
         self.resume_swap();
+    }
+
+    /// What the supervisor before this one had killed, and why, counts as its own deed.
+    fn say_whom_it_ended(&mut self, left: Option<Intent>) {
+        match left {
+            Some(Intent { deed: Deed::Dismiss, incarnation, .. }) => {
+                self.dismissed.insert(incarnation);
+            }
+            Some(Intent { deed: Deed::EndHung, slot, incarnation }) => {
+                let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+                let late = Event::HeartbeatLate { slot, incarnation, beat_ns };
+                let actions = policy::step(system::now_ns(), late, &mut self.policy);
+                self.act(actions);
+            }
+            _ => {}
+        }
     }
 
     /// Ends processes of this station that no slot knows: a supervisor died between their spawn and their entry in the page.
@@ -70,9 +93,10 @@ impl Supervisor {
         }
     }
 
-    /// Finishes or undoes what a supervisor before this one was about to do when it died.
-    fn finish_intent(&mut self) {
-        let Some(Intent { deed, slot, incarnation }) = Intent::left(&self.page) else { return };
+    /// Finishes or undoes what a supervisor before this one was about to do when it died, and gives it.
+    fn finish_intent(&mut self) -> Option<Intent> {
+        let left = Intent::left(&self.page)?;
+        let Intent { deed, slot, incarnation } = left;
         let entered = self.viewer.page().incarnation(slot) == incarnation;
         let done = match deed {
             Deed::Spawn if entered => "its start was finished",
@@ -86,7 +110,7 @@ impl Supervisor {
                     "its start is undone"
                 }
             },
-            Deed::Kill => {
+            Deed::Kill | Deed::EndHung | Deed::Dismiss => {
                 if let Some(living) = crate::remains::slot_alive(self.viewer.page(), slot.number()).filter(|_| entered) {
                     crate::proc::end(Some(slot.role()), living.pid);
                 }
@@ -102,5 +126,6 @@ impl Supervisor {
             &self.station,
             &format!("the supervisor died while it was busy with {slot} (incarnation {incarnation}): {done}"),
         );
+        Some(left)
     }
 }

@@ -129,8 +129,8 @@ fn two_servos_that_grow_at_the_same_instant_go_one_after_the_other() {
     assert_eq!(step(now_ns, Event::Tick, &mut state), [Action::Kill { slot: slots[1], incarnation: 2 }]);
 }
 
-#[test]
-fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
+/// A worker dies again and again, each time in this way; gives the deaths in a row at which the tissue that it reads was mistrusted.
+fn mistrusted_at(exit_of: impl Fn(u32) -> Exit) -> Vec<u32> {
     let tissue = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
     let reader = Slot::first(Role::CollisionWorker);
     let mut state = State::new(&[tissue[0], tissue[1], reader]);
@@ -139,18 +139,42 @@ fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
     let limits = limits(Role::CollisionWorker);
     let (mut now_ns, mut incarnation, mut mistrusted) = (0, 3, Vec::new());
     for lives in 1..limits.most_short_lives {
-        let actions = step(now_ns, Event::Died { slot: reader, incarnation, exit: Exit::Signal(11) }, &mut state);
-        mistrusted.extend(actions.iter().any(|action| matches!(action, Action::Mistrust { .. })).then_some(lives));
-        if lives == limits.mistrust_after() {
+        let actions = step(now_ns, Event::Died { slot: reader, incarnation, exit: exit_of(lives) }, &mut state);
+        if actions.iter().any(|action| matches!(action, Action::Mistrust { .. })) {
             assert!(actions.contains(&Action::Mistrust { slot: tissue[0], incarnation: 1, reader }), "{actions:?}");
             assert!(!actions.iter().any(|action| matches!(action, Action::Mistrust { slot, .. } if *slot == tissue[1])));
+            mistrusted.push(lives);
         }
         now_ns += limits.most_wait_ns;
         step(now_ns, Event::Tick, &mut state);
         incarnation += 1;
         step(now_ns, Event::Spawned { slot: reader, incarnation }, &mut state);
     }
-    assert_eq!(mistrusted, [limits.mistrust_after()], "once in a row of short lives");
+    mistrusted
+}
+
+#[test]
+fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
+    let after = limits(Role::CollisionWorker).mistrust_after();
+    assert_eq!(mistrusted_at(|_| Exit::Signal(11)), [after], "once in a row of short lives");
+    let killed = |lives| if lives == after { Exit::Signal(9) } else { Exit::Signal(11) };
+    assert_eq!(mistrusted_at(killed), [after + 1], "that death told nothing; the next one does");
+    assert_eq!(mistrusted_at(|_| Exit::Unknown), Vec::<u32>::new(), "nobody knows what they died of");
+}
+
+/// A death that takes the supervisor along, or that nobody saw, counts in the row as any other.
+#[test]
+fn deaths_that_nobody_saw_count() {
+    let slot = Slot::first(Role::Rendering);
+    let mut record = Record::default();
+    for lives in 1..=limits(Role::Rendering).most_short_lives {
+        let mut state = State::new(&[slot]);
+        state.set_record(0, slot, record);
+        step(0, Event::Started { adopted: Vec::new(), warming: vec![(slot, lives)] }, &mut state);
+        step(0, Event::Died { slot, incarnation: lives, exit: Exit::Signal(11) }, &mut state);
+        record = state.records().find(|(of, _)| *of == slot).unwrap().1;
+        assert_eq!((record.short_lives, record.given_up), (lives, lives == limits(Role::Rendering).most_short_lives));
+    }
 }
 
 /// However the deaths of its holders and of its spares fall: by their number alone, the tissue was replaced or not as the machine had time.

@@ -195,10 +195,12 @@ impl World {
             next.set_ladder(role, Ladder::resumed(word, before_ns, is_held, self.now_ns));
         }
         *state = next;
-        // What it had begun is undone; whom it killed is dead by now; who grows is found again.
+        // What it had begun is undone; whom it killed died while nobody watched; who grows is found again.
         self.pending.clear();
         let killed = std::mem::take(&mut self.killed);
-        self.alive.retain(|_, (alive, _)| !killed.contains(alive));
+        self.alive.retain(|slot, (alive, _)| !slot.is_guest() || !killed.contains(alive));
+        let unseen = self.alive.iter().map(|(slot, (alive, _))| (*slot, *alive)).filter(|(_, alive)| killed.contains(alive));
+        let unseen: Vec<(Slot, u32)> = unseen.collect();
         self.leaving.clear();
         let here = self.alive.iter().map(|(slot, (alive, ready))| ((*slot, *alive), *ready));
         let (ready, warming): (Vec<_>, Vec<_>) = here.partition(|(_, ready)| *ready);
@@ -207,6 +209,9 @@ impl World {
         self.tell_who_serves(state);
         for (role, incarnation) in self.holder.clone() {
             self.event(state, Event::Holds { role, incarnation });
+        }
+        for (slot, incarnation) in unseen {
+            self.event(state, Event::Died { slot, incarnation, exit: Exit::Unknown });
         }
         self.resume_swap(state);
     }
