@@ -1,5 +1,6 @@
 //! How a station ended: its exit code, its report, its last words and its recording, and what holds of every one of them.
 
+use hyst_messages::AppliedRecord;
 use hyst_recording::Recording;
 use serde_json::Value;
 
@@ -75,11 +76,12 @@ impl Ended {
         let unmade: usize =
             recording.content.events.iter().filter(|event| event.kind == "skipped").map(|event| first_number(&event.text)).sum();
         assert!(absent <= unmade, "{absent} ticks are not there, {unmade} were never made\n{}", self.said);
-        let models =
-            recording.applied().iter().map(|record| (record.model_epoch, record.model_tick)).filter(|model| *model != (0, 0));
-        let models: Vec<(u32, u64)> = models.collect();
-        let stale = models.windows(2).filter(|pair| pair[1] < pair[0]).count();
-        assert_eq!(stale, 0, "contact models older than the one before\n{}", self.said);
+        let stale = |key: fn(&AppliedRecord) -> (u32, u64)| {
+            let keys: Vec<(u32, u64)> = recording.applied().iter().map(key).filter(|key| *key != (0, 0)).collect();
+            keys.windows(2).filter(|pair| pair[1] < pair[0]).count()
+        };
+        assert_eq!(stale(|it| (it.model_epoch, it.model_tick)), 0, "contact models older than the one before\n{}", self.said);
+        assert_eq!(stale(|it| (it.medium_epoch, it.medium_tick)), 0, "media older than the one before\n{}", self.said);
         let lost: u64 = recording.content.lost.iter().map(|range| range.last - range.first + 1).sum();
         assert!(lost <= ticks.len() as u64 / LOST_AT_MOST, "{lost} of {} ticks are lost\n{}", ticks.len(), self.said);
     }

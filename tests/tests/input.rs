@@ -82,6 +82,7 @@ fn a_scene_that_cannot_be_used_is_refused_before_anything_starts() {
 fn arguments_that_mean_nothing_are_refused() {
     refused(&["--set", "colour=red"], &["colour", "realtime"]);
     refused(&["--set", "isa=mmx"], &["isa"]);
+    refused(&["--set", "picture_size=7x7"], &["picture_size", "1920x1080"]);
     refused(&["--hand", "script:juggle"], &["juggle"]);
     refused(&["--workers", "1000"], &["workers"]);
     let (code, _, said) = run(hystation().args(["--name", "No Name", "run", "--headless", "--for", "1s"]));

@@ -43,6 +43,12 @@ fn wait_for_picture(station: &Station, album: &Path, what: &str, after: Option<P
     assert!(found.is_some(), "no picture is {what}; the middle of the last was {last:?}\n{}", station.said());
 }
 
+/// Width and height, px, of a picture that is whole.
+fn size_of(path: &Path) -> Option<[u32; 2]> {
+    let reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path).ok()?)).read_info().ok()?;
+    Some([reader.info().width, reader.info().height])
+}
+
 #[test]
 fn the_pictures_follow_the_scenes_looks_and_light_also_after_the_tissue_died() {
     if std::env::var_os("HYSTATION_NO_GPU").is_some() {
@@ -69,9 +75,12 @@ fn the_pictures_follow_the_scenes_looks_and_light_also_after_the_tissue_died() {
     ] {
         let album = folder.as_path().join(name);
         let shown = album.display().to_string();
-        let station =
-            Station::start(name, &[file.as_str(), "--hand", "idle", "--pictures", &shown, "--set", "picture_every_s=0.2"]);
+        let (size, size_px) = if name == "dark" { ("1280x960", [1_280, 960]) } else { ("640x480", [640, 480]) };
+        let size = format!("picture_size={size}");
+        let arguments = ["--hand", "idle", "--pictures", &shown, "--set", "picture_every_s=0.2", "--set", &size];
+        let station = Station::start(name, &[&[file.as_str()], &arguments[..]].concat());
         wait_for_picture(&station, &album, what, None, is_right);
+        assert_eq!(newest(&album).and_then(|path| size_of(&path)), Some(size_px), "{name}");
         if name == "green" {
             station.kill("tissue", true);
             station.kill("rendering", true);

@@ -252,7 +252,8 @@ impl Hop<'_> {
             lag: chosen.lag,
             pieces,
             pressure_pa,
-            reserved: 0,
+            medium_epoch,
+            medium_tick,
         };
         page.push(layout::APPLIED, tick, &record);
     }

@@ -1,11 +1,27 @@
 //! The window, if there is one to be had: `--headless`, no DISPLAY, or a display that refuses all lead to the same headless station.
 
 use hyst_engine::Life;
-use rendering::{PointerInput, Status, Window};
+use hyst_engine::settings::{SetError, Settings};
+use rendering::{PointerInput, RenderError, Status, Window};
 use std::cell::Cell;
 
-/// Size of the picture and of the window at first, px: what the station is measured with.
-pub const SIZE_PX: [u32; 2] = [640, 480];
+/// Size of the picture, and of the window at first, where a software driver draws, px: what the station is measured with.
+const SOFTWARE_PX: [u32; 2] = [640, 480];
+/// The same on a GPU.
+const GPU_PX: [u32; 2] = [1_920, 1_080];
+
+/// The size that was asked for, px; `None` if it follows from what draws.
+pub fn asked_px(settings: &Settings) -> Result<Option<[u32; 2]>, SetError> {
+    let Some(value) = settings.set.get("picture_size").filter(|value| *value != "auto") else { return Ok(None) };
+    let size_px = value.split_once('x').and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
+    let error = || SetError { key: "picture_size".into(), value: value.clone(), expected: "auto or WIDTHxHEIGHT" };
+    size_px.map(Some).ok_or_else(error)
+}
+
+/// The size of the pictures, px.
+pub fn size_px(asked_px: Option<[u32; 2]>, is_software: bool) -> [u32; 2] {
+    asked_px.unwrap_or(if is_software { SOFTWARE_PX } else { GPU_PX })
+}
 
 thread_local! {
     static AT_THE_DISPLAY: Cell<bool> = const { Cell::new(false) };
@@ -36,7 +52,7 @@ fn at_the_display<T>(call: impl FnOnce() -> T) -> T {
 
 impl Display {
     /// Opens the window, or says why the station goes on headless.
-    pub fn open(life: &Life) -> Display {
+    pub fn open(life: &Life, asked_px: Option<[u32; 2]>) -> Display {
         if life.settings.headless {
             return Display { window: None };
         }
@@ -46,7 +62,8 @@ impl Display {
         }
         spare_the_displays_panics();
         let title = format!("hysteroscopy: {}", life.station.name());
-        match at_the_display(|| Window::open(&title, SIZE_PX[0], SIZE_PX[1])) {
+        let [width, height] = asked_px.unwrap_or(SOFTWARE_PX);
+        match at_the_display(|| Window::open(&title, width, height)) {
             Ok(window) => Display { window: Some(window) },
             Err(error) => {
                 life.say(&format!("{error}; headless"));
@@ -63,6 +80,11 @@ impl Display {
             Ok(Status::Closed) => Err("the window was closed".into()),
             Err(error) => Err(error.to_string()),
         }
+    }
+
+    /// Makes the window as large as the pictures; a display that refuses that shows them smaller.
+    pub fn fit(&self, size_px: [u32; 2]) -> Result<(), RenderError> {
+        self.window.as_ref().map_or(Ok(()), |window| at_the_display(|| window.resize(size_px[0], size_px[1])))
     }
 
     /// The window.

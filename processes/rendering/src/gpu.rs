@@ -6,6 +6,9 @@ use std::sync::{Arc, Mutex};
 
 use crate::error::RenderError;
 
+/// Samples of a texel where edges are smooth: what every adapter must take.
+const SAMPLES: u32 = 4;
+
 /// Which adapter to take where there are several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Prefer {
@@ -22,6 +25,8 @@ pub struct Gpu {
     pub(crate) adapter: wgpu::Adapter,
     /// Kept with the surface: the surface of a window belongs to the instance that made it.
     pub(crate) surface: Option<wgpu::Surface<'static>>,
+    /// Samples of a texel of the scene, whose edges are smooth with more than one.
+    pub(crate) samples: u32,
     faults: Arc<Mutex<Option<String>>>,
 }
 
@@ -80,7 +85,13 @@ impl Gpu {
                 note(&lost, format!("device lost: {text}"));
             }
         });
-        Ok(Self { device, queue, adapter, surface, faults })
+        let samples = if is_software(&adapter) { 1 } else { SAMPLES };
+        Ok(Self { device, queue, adapter, surface, samples, faults })
+    }
+
+    /// With smooth edges, or without: by itself a GPU draws them smooth, and a software driver, which has no time for it, does not.
+    pub fn smooth(self, smooth: bool) -> Self {
+        Self { samples: if smooth { SAMPLES } else { 1 }, ..self }
     }
 
     /// Name and kind of the adapter, for the log.
@@ -91,7 +102,7 @@ impl Gpu {
 
     /// Whether pictures come from the processor, so that they compete with the engines.
     pub fn is_software(&self) -> bool {
-        self.adapter.get_info().device_type == wgpu::DeviceType::Cpu
+        is_software(&self.adapter)
     }
 
     /// The first error that was reported since the last call.
@@ -102,6 +113,10 @@ impl Gpu {
         let fault = self.faults.lock().map_or_else(|held| held.into_inner().take(), |mut held| held.take());
         fault.map_or(Ok(()), |text| Err(RenderError::DeviceLost(one_line(&text))))
     }
+}
+
+fn is_software(adapter: &wgpu::Adapter) -> bool {
+    adapter.get_info().device_type == wgpu::DeviceType::Cpu
 }
 
 fn instance() -> wgpu::Instance {

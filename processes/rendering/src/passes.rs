@@ -26,13 +26,15 @@ impl Renderer {
     }
 
     pub(crate) fn scene_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye) -> u64 {
+        let samples = self.targets.samples.as_ref();
+        let store = if samples.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("scene"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &self.targets.scene,
+                view: samples.unwrap_or(&self.targets.scene),
                 depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store },
+                resolve_target: samples.map(|_| &self.targets.scene),
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store },
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &self.targets.depth,

@@ -54,7 +54,7 @@ impl Pipelines {
         let field_pipelines = pipeline_layout(d, &[&field_layout]);
         let screen = |entry, format| screen_pipeline(d, &post_pipelines, &post_module, entry, format);
         Self {
-            scene: variants().map(|v| (v, scene_pipeline(d, &scene_pipelines, &scene_module, v))).collect(),
+            scene: variants().map(|v| (v, scene_pipeline(gpu, &scene_pipelines, &scene_module, v))).collect(),
             normals: compute_pipeline(d, &shape_pipelines, &normals_module, "main"),
             field: compute_pipeline(d, &field_pipelines, &field_module, "main"),
             shrink: screen("shrink", LIGHT),
@@ -172,12 +172,7 @@ fn compute_pipeline(
     })
 }
 
-fn scene_pipeline(
-    d: &wgpu::Device,
-    layout: &wgpu::PipelineLayout,
-    module: &wgpu::ShaderModule,
-    v: Variant,
-) -> wgpu::RenderPipeline {
+fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule, v: Variant) -> wgpu::RenderPipeline {
     let constants = [("METAL", f64::from(u8::from(v.metal))), ("FLUID", f64::from(u8::from(v.fluid)))];
     let (point, flag) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32);
     let formats = [point, point, point, flag];
@@ -189,7 +184,7 @@ fn scene_pipeline(
         Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes: &attributes[location] })
     });
     let blend = v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING);
-    d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("scene"),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -206,7 +201,7 @@ fn scene_pipeline(
             stencil: Default::default(),
             bias: Default::default(),
         }),
-        multisample: Default::default(),
+        multisample: wgpu::MultisampleState { count: gpu.samples, ..Default::default() },
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some("fragment"),

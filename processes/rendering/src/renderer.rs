@@ -78,7 +78,7 @@ impl Renderer {
         let words = Box::new(overlay::blank());
         let post = post_buffers(&gpu, &words[..]);
         let shown_px = [width_px, height_px].map(|n| n.clamp(16, MAX_SIDE_PX));
-        let targets = Targets::new(d, &pipelines, &post, Sizes { inner: shown_px, shown: shown_px });
+        let targets = Targets::new(&gpu, &pipelines, &post, Sizes { inner: shown_px, shown: shown_px });
         let globals = buffer(d, size_of::<Globals>() as u64, wgpu::BufferUsages::UNIFORM);
         let solids = [noise::fields(), noise::relief()].map(|texels| upload_solid(&gpu, &texels));
         let samplers = [sampler(d, wgpu::AddressMode::Repeat), sampler(d, wgpu::AddressMode::ClampToEdge)];
@@ -192,7 +192,7 @@ impl Renderer {
         let inner = if eye.round { square } else { [w, h] }.map(|n| ((n as f32 * scale) as u32).max(16));
         let sizes = Sizes { inner, shown: self.shown_px };
         if sizes != self.targets.sizes {
-            self.targets = Targets::new(&self.gpu.device, &self.pipelines, &self.post, sizes);
+            self.targets = Targets::new(&self.gpu, &self.pipelines, &self.post, sizes);
         }
     }
 

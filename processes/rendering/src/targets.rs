@@ -1,4 +1,5 @@
 //! The textures that the passes draw into, sized for one inner and one shown resolution, and the bind groups that chain them.
+use crate::gpu::Gpu;
 use crate::pipelines::{DEPTH, LIGHT, PICTURE, Pipelines, group};
 
 /// What a set of targets was made for.
@@ -13,6 +14,8 @@ pub(crate) struct Sizes {
 pub(crate) struct Targets {
     pub sizes: Sizes,
     pub scene: wgpu::TextureView,
+    /// What the scene is drawn into where a texel has several samples, which are resolved into `scene`.
+    pub samples: Option<wgpu::TextureView>,
     pub depth: wgpu::TextureView,
     pub quarter: wgpu::TextureView,
     pub across: wgpu::TextureView,
@@ -35,13 +38,15 @@ pub(crate) struct PostBuffers {
 }
 
 impl Targets {
-    pub(crate) fn new(d: &wgpu::Device, pipelines: &Pipelines, post: &PostBuffers, sizes: Sizes) -> Self {
+    pub(crate) fn new(gpu: &Gpu, pipelines: &Pipelines, post: &PostBuffers, sizes: Sizes) -> Self {
+        let d = &gpu.device;
         let small = sizes.inner.map(|n| (n / 4).max(1));
-        let light = |size| view(&texture(d, size, LIGHT));
+        let light = |size| view(&texture(d, size, LIGHT, 1));
         let (scene, quarter, across, glow) = (light(sizes.inner), light(small), light(small), light(small));
         let dark = light([1, 1]);
-        let depth = view(&texture(d, sizes.inner, DEPTH));
-        let picture = texture(d, sizes.shown, PICTURE);
+        let depth = view(&texture(d, sizes.inner, DEPTH, gpu.samples));
+        let samples = (gpu.samples > 1).then(|| view(&texture(d, sizes.inner, LIGHT, gpu.samples)));
+        let picture = texture(d, sizes.shown, PICTURE, 1);
         let picture_view = view(&picture);
         let chain = |source: &wgpu::TextureView, glow: &wgpu::TextureView| {
             let resources = [
@@ -62,6 +67,7 @@ impl Targets {
             to_picture: chain(&scene, &glow),
             from_picture: chain(&picture_view, &dark),
             scene,
+            samples,
             depth,
             quarter,
             across,
@@ -72,16 +78,17 @@ impl Targets {
     }
 }
 
-fn texture(d: &wgpu::Device, size: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
+fn texture(d: &wgpu::Device, size: [u32; 2], format: wgpu::TextureFormat, samples: u32) -> wgpu::Texture {
     let readable = if format == PICTURE { wgpu::TextureUsages::COPY_SRC } else { wgpu::TextureUsages::empty() };
+    let bound = if samples == 1 { wgpu::TextureUsages::TEXTURE_BINDING } else { wgpu::TextureUsages::empty() };
     d.create_texture(&wgpu::TextureDescriptor {
         label: None,
         size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
         mip_level_count: 1,
-        sample_count: 1,
+        sample_count: samples,
         dimension: wgpu::TextureDimension::D2,
         format,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING | readable,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | bound | readable,
         view_formats: &[],
     })
 }

@@ -1,9 +1,10 @@
 //! Time per pass as the device counts it, where it can.
 
-/// Passes that are timed apart.
-pub(crate) const PASSES: usize = 4;
-/// Their names, in the order of [`FrameStats::passes_ms`](crate::FrameStats).
-pub const PASS_NAMES: [&str; PASSES] = ["normals", "scene", "glow", "finish"];
+/// Names of the passes that are timed apart, in the order of [`FrameStats::passes_ms`](crate::FrameStats).
+pub use hyst_messages::PICTURE_PASSES as PASS_NAMES;
+
+/// How many they are.
+pub(crate) const PASSES: usize = PASS_NAMES.len();
 
 /// A begin and an end for every pass.
 pub(crate) struct Timer {

@@ -2,7 +2,7 @@
 //! operator's page.
 
 use crate::album::Album;
-use crate::display::{Display, SIZE_PX};
+use crate::display::{self, Display};
 use crate::hand::Hand;
 use crate::looks::distortion;
 use crate::medium;
@@ -17,7 +17,7 @@ use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Endoscope, External, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale,
+    Bubbles, Camera, Endoscope, External, FrameStats, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale,
 };
 
 /// Period of the pictures, ticks: 30 in a second, the rate of the paper's display.
@@ -64,17 +64,18 @@ fn wants_external(life: &Life) -> Result<bool, SetError> {
 /// The process.
 pub fn run(life: &Life) -> Result<(), Failure> {
     let mut external = wants_external(life)?;
+    let asked_px = display::asked_px(&life.settings)?;
     let mut album = Album::open(life)?;
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let mut relay = Relay::open(life, &links)?;
     let mut sources = Sources::open(life, links)?;
     life.ports_are_open();
-    let mut display = Display::open(life);
+    let mut display = Display::open(life, asked_px);
     let mut hand = (life.settings.hand == "mouse").then(Hand::default);
     loop {
         let started = {
             let _pulse = Pulse::start(life)?;
-            Vision::start(life, &display, external)
+            Vision::start(life, &display, asked_px, external)
         };
         let mut vision = match started {
             Ok(vision) => vision,
@@ -122,13 +123,15 @@ fn lens_m(pose: &Pose) -> [f32; 3] {
 
 impl<'a> Vision<'a> {
     /// Opens the device and draws a first picture, which compiles what drivers compile late.
-    fn start(life: &'a Life, display: &Display, external: bool) -> Result<Vision<'a>, RenderError> {
+    fn start(life: &'a Life, display: &Display, asked_px: Option<[u32; 2]>, external: bool) -> Result<Vision<'a>, RenderError> {
         let gpu = match display.window() {
             Some(window) => Gpu::with_window(Prefer::Fastest, window)?,
             None => Gpu::new(Prefer::Fastest)?,
         };
         let name = gpu.name();
-        let mut renderer = Renderer::new(gpu, SIZE_PX[0], SIZE_PX[1])?;
+        let [width, height] = display::size_px(asked_px, gpu.is_software());
+        display.fit([width, height])?;
+        let mut renderer = Renderer::new(gpu, width, height)?;
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {
             life,
@@ -145,7 +148,7 @@ impl<'a> Vision<'a> {
         };
         vision.aim(None);
         vision.renderer.render(&vision.view)?;
-        life.say(&format!("{name}, {}x{}", SIZE_PX[0], SIZE_PX[1]));
+        life.say(&format!("{name}, {width}x{height}"));
         Ok(vision)
     }
 
@@ -186,7 +189,7 @@ impl<'a> Vision<'a> {
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);
-            self.report(stats.total_ms);
+            self.report(&stats);
             self.view.quality.scale = next_scale(stats.total_ms, BUDGET_MS, self.view.quality.scale);
             // The glow goes with the last pixels that can be spared, and comes back with the first.
             self.view.quality.bloom = self.view.quality.scale > MIN_SCALE;
@@ -292,11 +295,19 @@ impl<'a> Vision<'a> {
         self.view.camera = if self.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
     }
 
-    fn report(&self, frame_ms: f32) {
+    fn report(&self, stats: &FrameStats) {
         let own = &self.life.page;
         let frames = own.load64(header::STEPS) + 1; // one for each step, over all devices of this life
         let scale = self.view.quality.scale;
-        let status = RenderingStatus { frames, upload_bytes: self.uploaded, copied_bytes: self.copied, frame_ms, scale };
+        let status = RenderingStatus {
+            frames,
+            upload_bytes: self.uploaded,
+            copied_bytes: self.copied,
+            frame_ms: stats.total_ms,
+            scale,
+            passes_ms: stats.passes_ms,
+            size_px: self.renderer.size_px(),
+        };
         own.write(page::STATUS, &status);
         own.store64(header::VALUE_NS, system::now_ns());
         own.add64(header::COPIED_BYTES, self.copied);

@@ -113,6 +113,15 @@ impl Window {
         self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.set_title(title)))
     }
 
+    /// Asks for another size of what is inside, px; the user's display has the last word.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`] if the display went away.
+    pub fn resize(&self, width_px: u32, height_px: u32) -> Result<(), RenderError> {
+        let size = LogicalSize::new(width_px, height_px);
+        self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.request_inner_size(size)).map(|_| ()))
+    }
+
     pub(crate) fn handle(&self) -> Option<Arc<Native>> {
         self.app.native.clone()
     }

@@ -1,7 +1,9 @@
 //! Statements about pictures: what a trainee would miss at once if it were broken.
 mod stand;
 
-use rendering::{Appearance, Bubbles, Camera, FluidField, Material, Overlay, RenderError, SurfaceMesh, shapes};
+use rendering::{
+    Appearance, Bubbles, Camera, FluidField, Gpu, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
+};
 use stand::*;
 
 #[test]
@@ -49,6 +51,27 @@ fn the_tool_covers_pixels_from_outside_follows_its_pose_and_leaves_no_trace() {
     assert!(changed(&empty, &picture(&mut r, &from_outside())) > 300, "a pose that is none leaves it where it was");
     assert!(r.stage().remove_object(TOOL) && !r.stage().remove_object(TOOL));
     assert_eq!(changed(&empty, &picture(&mut r, &from_outside())), 0);
+}
+
+#[test]
+fn edges_are_smooth_with_several_samples() {
+    let Some(mut plain) = renderer() else { return };
+    let gpu = Gpu::new(Prefer::Software).expect("the adapter of before").smooth(true);
+    let mut smooth = Renderer::new(gpu, WIDTH, HEIGHT).expect("the software adapter takes several samples");
+    let [plain, smooth] = [&mut plain, &mut smooth].map(|r| {
+        put(r, TOOL, &shapes::scope(0.004, 0.1, 0.5), Material::Metal);
+        let turn = glam::Quat::from_rotation_y(0.3) * glam::Quat::from_rotation_x(0.3);
+        r.stage().set_pose(TOOL, [0.0, 0.0, 0.05], turn.to_array()).unwrap();
+        picture(r, &from_outside())
+    });
+    // Steep steps from one pixel to the next: an edge without samples between is made of nothing else.
+    let steps = |shot: &[u8]| {
+        let steep = |x: u32, y: u32| (pixel(shot, x, y)[1] - pixel(shot, x + 1, y)[1]).abs() > 60;
+        (0..HEIGHT).flat_map(|y| (0..WIDTH - 1).map(move |x| (x, y))).filter(|&(x, y)| steep(x, y)).count()
+    };
+    let (rough, fine) = (steps(&plain), steps(&smooth));
+    println!("{rough} steep steps, {fine} with several samples; {} pixels differ", changed(&plain, &smooth));
+    assert!(rough > 50 && 4 * fine < 3 * rough, "{rough} and {fine}");
 }
 
 #[test]

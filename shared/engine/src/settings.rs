@@ -83,6 +83,10 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("tissue_step_ticks", "1, 2 or 4: step of the Main Loop in ticks (default: the least that the machine manages)"),
     ("drift_ppm", "-500 to 500: drift of the simulated hardware's clock (default 20)"),
     ("picture_every_s", "0.02 to 3600: seconds between pictures on disk (default 1)"),
+    (
+        "picture_size",
+        "auto, 640x480, 1280x960 or 1920x1080: pixels of the pictures (default auto: 1920x1080 on a GPU, 640x480 in software)",
+    ),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
     ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),

@@ -269,8 +269,10 @@ pub struct AppliedRecord {
     pub pieces: [PieceFlow; MAX_PIECES],
     /// Pressure in the cavity, Pa, likewise.
     pub pressure_pa: f32,
-    /// Zero.
-    pub reserved: u32,
+    /// Epoch of the fluid's state that the medium is from.
+    pub medium_epoch: u32,
+    /// Its tick.
+    pub medium_tick: u64,
 }
 
 impl AppliedRecord {
@@ -362,6 +364,9 @@ pub struct RecorderStatus {
     pub bytes: u64,
 }
 
+/// The passes of a picture that are timed apart, in their order.
+pub const PICTURE_PASSES: [&str; 4] = ["normals", "scene", "glow", "finish"];
+
 /// What rendering says of itself each frame.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -376,4 +381,8 @@ pub struct RenderingStatus {
     pub frame_ms: f32,
     /// Internal scale, 0…1.
     pub scale: f32,
+    /// Time of each of [`PICTURE_PASSES`] as the device counts it, ms; 0 where it keeps no time.
+    pub passes_ms: [f32; PICTURE_PASSES.len()],
+    /// Width and height of the picture, px.
+    pub size_px: [u32; 2],
 }

@@ -87,7 +87,7 @@ impl Channel {
                 let mut fields = json!({"force_n": xyz, "motor_n": xyz, "kind": kind});
                 let words = ["tick", "force_tick", "source_incarnation", "device_incarnation", "model_tick", "model_epoch"];
                 add(&mut fields, "integer", &words);
-                add(&mut fields, "integer", &["model_incarnation"]);
+                add(&mut fields, "integer", &["model_incarnation", "medium_tick", "medium_epoch"]);
                 fields
             }
             Channel::Controls => {

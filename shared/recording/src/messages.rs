@@ -115,6 +115,10 @@ pub(crate) struct Force {
     model_tick: u64,
     model_epoch: u32,
     model_incarnation: u32,
+    #[serde(default)]
+    medium_tick: u64,
+    #[serde(default)]
+    medium_epoch: u32,
 }
 
 impl Force {
@@ -130,6 +134,8 @@ impl Force {
             model_tick: record.model_tick,
             model_epoch: record.model_epoch,
             model_incarnation: record.model_incarnation,
+            medium_tick: record.medium_tick,
+            medium_epoch: record.medium_epoch,
         }
     }
 }
@@ -167,6 +173,8 @@ pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> Applied
         model_tick: force.model_tick,
         model_epoch: force.model_epoch,
         model_incarnation: force.model_incarnation,
+        medium_tick: force.medium_tick,
+        medium_epoch: force.medium_epoch,
         ..AppliedRecord::default()
     }
 }

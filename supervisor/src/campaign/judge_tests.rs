@@ -146,6 +146,7 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
         StationOutcome { exit_code: None, ..good.clone() },
         StationOutcome { exit_code: Some(3), ..good.clone() },
         StationOutcome { stale_models: 1, ..good.clone() },
+        StationOutcome { stale_media: 1, ..good.clone() },
         StationOutcome { deficit_jumps: vec![(7, 1.0)], ..good.clone() },
         StationOutcome { faults: vec![0], trouble: "the station ended by itself".into(), ..good.clone() },
         StationOutcome { given_up: vec!["fluid:0".into()], ..good.clone() },

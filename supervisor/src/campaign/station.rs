@@ -53,6 +53,9 @@ pub struct StationOutcome {
     /// Ticks whose contact model was older than that of the tick before, as the recording has them.
     #[serde(default)]
     pub stale_models: u64,
+    /// The same of the medium that the tissue was told of.
+    #[serde(default)]
+    pub stale_media: u64,
     /// Jumps of the fluid's deficit that its own flows do not explain, as the recording has them: tick of the state and ml.
     #[serde(default)]
     pub deficit_jumps: Vec<(u64, f64)>,
@@ -95,7 +98,7 @@ impl StationOutcome {
             Ok(reader) => reader,
             Err(error) => return self.damage.push(error.to_string()),
         };
-        let mut newest = (0, 0);
+        let (mut newest, mut newest_medium) = ((0, 0), (0, 0));
         let mut fluid: Option<FluidStatus> = None;
         loop {
             match reader.next_block() {
@@ -105,6 +108,9 @@ impl StationOutcome {
                         let model = (applied.model_epoch, applied.model_tick);
                         self.stale_models += u64::from(model < newest && model != (0, 0));
                         newest = newest.max(model);
+                        let medium = (applied.medium_epoch, applied.medium_tick);
+                        self.stale_media += u64::from(medium < newest_medium && medium != (0, 0));
+                        newest_medium = newest_medium.max(medium);
                     }
                     for status in block.fluid {
                         let before = fluid.filter(|before| before.state_tick < status.state_tick);
@@ -154,6 +160,10 @@ impl StationOutcome {
         note(
             self.stale_models > 0,
             format!("{} ticks used a contact model older than that of the tick before", self.stale_models),
+        );
+        note(
+            self.stale_media > 0,
+            format!("{} ticks told the tissue of a medium older than that of the tick before", self.stale_media),
         );
         note(self.invalid_applied > 0, format!("{} invalid forces were applied", self.invalid_applied));
         note(self.stale_applied > 0, format!("{} stale forces were applied", self.stale_applied));

@@ -6,7 +6,7 @@ use crate::view::Viewer;
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::hardware::{TOTAL_COUNT, TOTALS};
 use hyst_messages::page::{device, header, rendering, tissue};
-use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot};
+use hyst_messages::{LATENCY_BUCKETS, RenderingStatus, Role, SLOTS, Slot};
 use std::collections::BTreeMap;
 
 /// Most by which the ends of steps may lie off the ends of a window, in mean steps: one at each end.
@@ -58,8 +58,8 @@ pub struct Spell {
     pub resident_mib: Option<f64>,
     /// SCHED_FIFO was granted.
     pub real_time: bool,
-    /// Time of the last picture, ms, and its inner scale, of a process that draws.
-    pub picture: Option<[f32; 2]>,
+    /// What a process that draws said of its last picture.
+    pub picture: Option<RenderingStatus>,
 }
 
 impl Spell {
@@ -199,7 +199,7 @@ pub fn window(viewer: &mut Viewer, before: &Look, after: &Look) -> Window {
             spell.real_time = page.load64(header::REAL_TIME) & 1 != 0;
             if slot.role() == Role::Rendering {
                 let drawn = page.cell(rendering::STATUS).filter(|(_, status)| status.frames > 0);
-                spell.picture = drawn.map(|(_, status)| [status.frame_ms, status.scale]);
+                spell.picture = drawn.map(|(_, status)| status);
             }
         }
         window.spells.insert(name_of(*slot, before.active.get(slot) == Some(&true)), spell);

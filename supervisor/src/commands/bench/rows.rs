@@ -6,8 +6,8 @@ use super::probe::Spell;
 use super::targets::{Target, figures, median, ratios, step_us};
 use crate::report::latency;
 use hyst_engine::realtime;
-use hyst_messages::Role;
 use hyst_messages::page::hardware::Total;
+use hyst_messages::{PICTURE_PASSES, Role};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -113,11 +113,31 @@ fn process_row(arm: &Arm, name: &str) -> Value {
         "allocations": sum(|spell| spell.allocations),
         "shares_missing": sum(|spell| spell.shares_missing),
     });
-    if let Some([frame_ms, scale]) = spells.last().and_then(|spell| spell.picture) {
-        row["frame_ms"] = json!(frame_ms);
-        row["scale"] = json!(scale);
+    if let Some(picture) = spells.last().and_then(|spell| spell.picture) {
+        row["frame_ms"] = json!(picture.frame_ms);
+        row["scale"] = json!(picture.scale);
+        row["size_px"] = json!(picture.size_px);
+        row["passes_ms"] =
+            PICTURE_PASSES.into_iter().zip(picture.passes_ms).map(|(name, ms)| (name.to_string(), json!(ms))).collect();
     }
     row
+}
+
+/// The last picture of an arm and what its passes took, in words; nothing where none was drawn.
+fn picture(row: &Value) -> Option<String> {
+    let (size_px, passes_ms) = (row["size_px"].as_array()?, row["passes_ms"].as_object()?);
+    let number = |value: &Value| value.as_f64().unwrap_or(0.0);
+    let of_pass = |name: &&str| format!("{name} {:.2}", passes_ms.get(*name).map_or(0.0, number));
+    let passes: Vec<String> = PICTURE_PASSES.iter().map(of_pass).collect();
+    Some(format!(
+        "{}: a picture of {}x{} px, drawn at {:.3} of that, took {:.1} ms: {}\n",
+        row["arm"].as_str().unwrap_or_default(),
+        size_px.first()?,
+        size_px.get(1)?,
+        number(&row["scale"]),
+        number(&row["frame_ms"]),
+        passes.join(", ")
+    ))
 }
 
 /// The same for people.
@@ -139,7 +159,8 @@ pub fn table(arms: &[Arm], bare: &Bare, targets: &[Target]) -> String {
         "max/us",
         "rss/MiB"
     );
-    for row in all(arms, bare, &[]) {
+    let rows = all(arms, bare, &[]);
+    for row in &rows {
         let _ = write!(text, "{:<20} {:<20}", row["arm"].as_str().unwrap_or("-"), row["name"].as_str().unwrap_or("-"));
         let _ = write!(text, " {:>8} {:>6}", number(&row["rate_hz"]), number(&row["cpu_percent"]));
         for latency in [&row["wakeup_us"], &row["loop_us"]] {
@@ -150,6 +171,7 @@ pub fn table(arms: &[Arm], bare: &Bare, targets: &[Target]) -> String {
         }
         let _ = writeln!(text, " | {:>7}", number(&row["rss_mib"]));
     }
+    text.extend(rows.iter().filter_map(picture));
     for target in targets {
         let value = target.value.map_or("-".to_string(), |value| format!("{value:.3}"));
         let bound = if target.at_least { "at least" } else { "at most" };
