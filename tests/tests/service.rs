@@ -1,0 +1,177 @@
+//! The unit under a real systemd, booted here in namespaces of its own and with no other unit than ours: it is ready when the station is, a guardian that is killed or stands still is
+//! replaced, together with its supervisor too, while the engines go on, and a stop leaves nothing.
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use station_tests::{Folder, RECOVERY_LIMIT, binaries, run, wait_for};
+use std::collections::BTreeMap;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// Cgroup hierarchies that a systemd keeps its books in; each gets a folder of its own, lest two systemds meet there. The others stay as they are: a
+/// new group has no share of real time.
+const HIERARCHIES: &str = "systemd pids memory unified";
+/// A systemd with nothing to start is up within a second.
+const BOOT_LIMIT: Duration = Duration::from_secs(30);
+/// Our station's name in the unit.
+const NAME: &str = "service";
+
+/// A systemd of the test's own.
+struct Manager {
+    child: Child,
+    /// Its id outside.
+    pid: u32,
+    folder: Folder,
+}
+
+/// Its folder in each hierarchy.
+fn cgroup(folder: &Folder) -> String {
+    folder.as_path().file_name().expect("a name").to_string_lossy().into_owned()
+}
+
+fn boot_script(cgroup: &str) -> String {
+    format!(
+        "for h in {HIERARCHIES}; do d=/sys/fs/cgroup/$h/{cgroup}; mkdir -p $d 2>/dev/null && echo $$ >$d/cgroup.procs 2>/dev/null; done
+         exec unshare --mount --pid --fork --kill-child --mount-proc --ipc --uts --cgroup sh -ec '
+            mount --make-rprivate /
+            for h in {HIERARCHIES}; do
+                [ -d /sys/fs/cgroup/$h/{cgroup} ] || continue
+                case $h in systemd) o=none,name=systemd; t=cgroup ;; unified) o=rw; t=cgroup2 ;; *) o=$h; t=cgroup ;; esac
+                umount -l /sys/fs/cgroup/$h
+                mount -t $t -o $o none /sys/fs/cgroup/$h
+            done
+            mount -t tmpfs run /run
+            mount -t tmpfs shm /dev/shm
+            # No unit of the machine: those would set up and clean the machine itself.
+            for d in /lib/systemd/system /etc/systemd/system /lib/systemd/system-generators /etc/systemd/system-generators; do
+                [ ! -d $d ] || mount -t tmpfs units $d
+            done
+            mkdir -p /run/systemd/system
+            cp \"$0\"/*.service \"$0\"/*.target /run/systemd/system/
+            exec env container=unshare /lib/systemd/systemd --system --unit=alone.target --show-status=no --log-target=null
+         ' \"$0\""
+    )
+}
+
+impl Manager {
+    /// Boots one that knows the unit; `None` where there is no systemd, or no right to the namespaces.
+    fn boot() -> Option<Manager> {
+        let folder = Folder::new("service");
+        let unit = include_str!("../../assets/systemd/hystation.service")
+            .replace("/opt/hystation/bin", &binaries().display().to_string());
+        folder.write("hystation.service", &unit);
+        for target in ["alone", "sysinit", "basic", "shutdown"] {
+            folder.write(&format!("{target}.target"), "[Unit]\nDescription=nothing else\nDefaultDependencies=no\n");
+        }
+        // Elsewhere another systemd keeps the cgroups, and lets no second one in.
+        let has = |path: &str| std::path::Path::new(path).exists();
+        let may = rustix::process::geteuid().is_root() && has("/lib/systemd/systemd") && has("/sys/fs/cgroup/systemd");
+        if !may || has("/run/systemd/system") {
+            eprintln!(
+                "NOT TRIED: the unit under systemd, which takes root, systemd, cgroups of version 1, and no systemd that runs already"
+            );
+            return None;
+        }
+        let mut command = Command::new("sh");
+        command.args(["-c", &boot_script(&cgroup(&folder))]).arg(folder.as_path()).env_remove("NOTIFY_SOCKET");
+        let log = std::fs::File::create(folder.as_path().join("boot.log")).expect("a log");
+        let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log).spawn().expect("sh");
+        let mut manager = Manager { pid: 0, child, folder };
+        let children = format!("/proc/{0}/task/{0}/children", manager.child.id());
+        let up = wait_for(BOOT_LIMIT, || {
+            let pid = std::fs::read_to_string(&children).ok()?.trim().parse().ok()?;
+            manager.pid = pid;
+            let (_, state, _) = manager.inside("systemctl is-system-running");
+            (state.trim() == "running").then_some(())
+        });
+        assert!(up.is_some(), "systemd does not boot: {}", manager.folder.read("boot.log"));
+        Some(manager)
+    }
+
+    /// Runs a command line beside it.
+    fn inside(&self, script: &str) -> (Option<i32>, String, String) {
+        let pid = self.pid.to_string();
+        run(Command::new("nsenter").args(["-t", &pid, "-m", "-p", "-i", "-u", "sh", "-c", script]))
+    }
+
+    fn hystation(&self, arguments: &str) -> (Option<i32>, String, String) {
+        self.inside(&format!("'{}' --name {NAME} {arguments}", binaries().join("hystation").display()))
+    }
+
+    /// A property of the service.
+    fn show(&self, property: &str) -> String {
+        self.inside(&format!("systemctl show -p {property} --value hystation")).1.trim().to_string()
+    }
+
+    /// The pids of all processes of the station, as they are numbered inside; nothing while one of them is not ready.
+    fn processes(&self) -> Option<BTreeMap<String, i64>> {
+        let (code, out, _) = self.hystation("status --json");
+        let status: Value = serde_json::from_str(&out).ok().filter(|_| code == Some(0))?;
+        let rows = status["processes"].as_array()?;
+        let is_ready = |row: &Value| matches!(row["state"].as_str(), Some("live" | "spare"));
+        rows.iter().map(|row| is_ready(row).then(|| Some((row["name"].as_str()?.into(), row["pid"].as_i64()?)))?).collect()
+    }
+
+    /// Sends signals to keepers, and waits until others keep the station under a unit that is active, and no engine was touched.
+    fn hurt(&self, signal: &str, keepers: &[&str]) {
+        let whole = || wait_for(RECOVERY_LIMIT, || self.processes());
+        let before = whole().unwrap_or_else(|| panic!("{signal}: the station is not whole: {}", self.hystation("status").1));
+        let pids: Vec<String> = keepers.iter().map(|keeper| before[*keeper].to_string()).collect();
+        assert_eq!(self.show("MainPID"), before["guardian"].to_string(), "before {signal} {keepers:?}");
+        let (code, _, said) = self.inside(&format!("kill -s {signal} {}", pids.join(" ")));
+        assert_eq!(code, Some(0), "{said}");
+        let replaced = || {
+            let now = self.processes()?;
+            let is_new = keepers.iter().all(|keeper| now[*keeper] != before[*keeper]);
+            let is_active = self.show("ActiveState") == "active" && self.show("MainPID") == now["guardian"].to_string();
+            (is_new && is_active).then_some(now)
+        };
+        let after = wait_for(RECOVERY_LIMIT, replaced).unwrap_or_else(|| {
+            panic!("{signal} {keepers:?}: {}\n{}", self.inside("systemctl status hystation").1, self.hystation("logs").1)
+        });
+        let engines = |all: &BTreeMap<String, i64>| {
+            let is_engine = |name: &String| !matches!(name.as_str(), "guardian" | "supervisor");
+            all.iter().filter(|(name, _)| is_engine(name)).map(|(name, pid)| (name.clone(), *pid)).collect::<Vec<_>>()
+        };
+        assert_eq!(engines(&after), engines(&before), "{signal} {keepers:?}: engines were touched\n{}", self.hystation("logs").1);
+    }
+}
+
+impl Drop for Manager {
+    fn drop(&mut self) {
+        // All that live in its namespace go with the first process of it.
+        if let Some(first) = i32::try_from(self.pid).ok().and_then(Pid::from_raw) {
+            let _ = kill_process(first, Signal::KILL); // gone is as good
+        } else {
+            let _ = self.child.kill();
+        }
+        let _ = self.child.wait();
+        for hierarchy in HIERARCHIES.split(' ') {
+            let folder = format!("/sys/fs/cgroup/{hierarchy}/{}", cgroup(&self.folder));
+            let _ = run(Command::new("find").args([&folder, "-depth", "-type", "d", "-exec", "rmdir", "{}", ";"])); // absent is as good
+        }
+    }
+}
+
+#[test]
+fn systemd_starts_watches_restarts_and_stops_the_station_and_no_engine_notices() {
+    let Some(manager) = Manager::boot() else { return };
+    let (code, _, said) = manager.inside("systemctl start hystation");
+    assert_eq!(code, Some(0), "{said}\n{}", manager.inside("systemctl status hystation").1);
+    assert_eq!(manager.show("ActiveState"), "active");
+    assert!(manager.processes().is_some(), "ready was said before all were: {}", manager.hystation("status").1);
+    manager.hurt("KILL", &["guardian"]);
+    manager.hurt("KILL", &["guardian", "supervisor"]);
+    manager.hurt("STOP", &["guardian"]);
+    // Nobody is left who could see that but systemd's watchdog.
+    manager.hurt("STOP", &["guardian", "supervisor"]);
+    assert_ne!(manager.show("NRestarts"), "0");
+    let (code, _, said) = manager.inside("systemctl stop hystation");
+    assert_eq!(code, Some(0), "{said}");
+    assert_eq!((manager.show("ActiveState"), manager.show("Result")), ("inactive".into(), "success".into()));
+    let (_, processes, _) = manager.inside("ps -eo args");
+    let left: Vec<&str> =
+        processes.lines().filter(|line| line.contains(&binaries().display().to_string()) && !line.contains("ps -eo")).collect();
+    assert_eq!(left, Vec::<&str>::new());
+    assert_eq!(manager.inside("ls /dev/shm").1, "", "shared memory is left");
+}
