@@ -140,7 +140,7 @@ pub struct ReplayArgs {
     /// So many times as fast as it was, 0.01 to 100, as far as the machine manages.
     #[arg(long, conflicts_with = "verify", value_parser = speed)]
     pub speed: Option<f64>,
-    /// The scene, if it is no longer where it was.
+    /// The scene, or the case, if it is no longer where it was.
     #[arg(long)]
     pub scene: Option<PathBuf>,
     /// As for `run`.
@@ -279,7 +279,7 @@ pub struct ReportArgs {
 /// Arguments of `run`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct RunArgs {
-    /// Scene (.toml) or mesh; without it, the embedded scene.
+    /// Scene or case (.toml), or mesh; without it, the embedded scene.
     pub scene: Option<PathBuf>,
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
@@ -320,8 +320,19 @@ pub struct Again {
     pub replay: Replay,
     /// Hash of the scene that was recorded.
     pub scene_hash: u64,
+    /// The case that was recorded, with its seed, and the file that was named then.
+    pub case: Option<RecordedCase>,
     /// The last tick.
     pub end_tick: u64,
+}
+
+/// A case as a recording has it.
+#[derive(Clone, Debug)]
+pub struct RecordedCase {
+    /// Its text, with the seed and the whole path of its scene.
+    pub text: String,
+    /// The file that was named, absolute.
+    pub file: Option<PathBuf>,
 }
 
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.

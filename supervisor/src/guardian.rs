@@ -9,6 +9,7 @@ mod kept;
 mod order;
 mod printer;
 
+use crate::case::RunCase;
 use crate::cli::RunArgs;
 use crate::journal::{self, Verdict};
 use crate::name;
@@ -19,7 +20,7 @@ use crate::report;
 use crate::settings::{Refusal, prepare};
 use crate::supervise::register;
 use crate::view::{StationView, Viewer, table};
-use found::{Ground, settle, take_name};
+use found::{Ground, Wanted, settle, take_name};
 use hyst_engine::Address;
 use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
@@ -83,14 +84,17 @@ enum End {
 /// Runs a station until it ends; gives the exit code.
 pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
-    let (settings, plan) = prepare(args)?;
+    let case = RunCase::of(&station, args)?;
+    let (settings, plan) = prepare(args, &station, case.as_ref())?;
     let signals = Signals::catch()?;
     let report =
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
     let order = Order { report, for_s: args.for_s, ..Order::default() };
     let name = take_name(&station)?;
     let recorded_scene = args.again.as_ref().map(|again| again.scene_hash);
-    let ground = settle(&station, &settings, &plan, order, recorded_scene)?;
+    let wanted = Wanted { settings: &settings, plan: &plan, case: case.as_ref(), recorded_scene };
+    let ground = settle(&station, &wanted, order)?;
+    drop(case); // the root has it
     let draw = std::io::stdout().is_terminal() && !args.quiet;
     let mut guardian = Guardian::new(station, name, ground, draw)?;
     guardian.keep(&plan, &signals);

@@ -4,6 +4,7 @@
 pub mod accounts;
 pub mod active;
 pub mod campaign;
+pub mod case;
 pub mod clean;
 pub mod cli;
 pub mod commands;

@@ -1,10 +1,12 @@
 //! From the command line to the station's settings, everything checked before anything starts.
 
+use crate::case::RunCase;
 use crate::cli::RunArgs;
 use crate::faultfile::{self, Injection};
 use crate::plan::{self, Plan};
 use hyst_engine::Settings;
 use hyst_engine::settings::SET_KEYS;
+use hyst_exchange::Station;
 use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
 use hyst_recording::Reader;
 use std::path::{Path, PathBuf};
@@ -40,32 +42,15 @@ fn absolute(path: &Path) -> Result<PathBuf, Refusal> {
     std::path::absolute(path).map_err(|e| Refusal::input(format!("{}: {e}", path.display())))
 }
 
-/// The settings and the plan of a run.
-pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
+/// The settings and the plan of a run, of a case if there is one.
+pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<(Settings, Plan), Refusal> {
     if !args.station.test_mode && std::env::var_os(crate::intent::DIES_AT).is_some() {
         return Err(Refusal::input(format!(
             "{}: it ends the supervisor, in test mode alone; unset it, or add --test-mode",
             crate::intent::DIES_AT
         )));
     }
-    let headless = args.station.headless || !has_display();
-    let scripted = headless || args.lockstep;
-    let workers = args.station.workers.unwrap_or(Settings::default().workers);
-    if workers > MAX_WORKERS {
-        return Err(Refusal::input(format!("--workers {workers}: at most {MAX_WORKERS} are allowed")));
-    }
-    let mut settings = Settings {
-        scene: args.scene.as_deref().map(absolute).transpose()?,
-        hand: args.hand.clone().unwrap_or_else(|| if scripted { "script:press".into() } else { "mouse".into() }),
-        headless,
-        workers,
-        record: args.record.as_deref().map(absolute).transpose()?,
-        pictures: args.station.pictures.as_deref().map(absolute).transpose()?,
-        test_mode: args.station.test_mode,
-        lockstep: args.lockstep,
-        replay: args.again.as_ref().map(|again| again.replay),
-        ..Settings::default()
-    };
+    let mut settings = of_args(args, station, case)?;
     if args.lockstep && settings.hand == "mouse" {
         return Err(Refusal::input("--lockstep --hand mouse: a hand on a virtual clock is scripted; use script:press or idle"));
     }
@@ -110,6 +95,32 @@ pub fn prepare(args: &RunArgs) -> Result<(Settings, Plan), Refusal> {
         )));
     }
     Ok((settings, plan))
+}
+
+/// The settings that the command line names, and its defaults; of a case the scene is the copy that the station will have.
+fn of_args(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<Settings, Refusal> {
+    let headless = args.station.headless || !has_display();
+    let scripted = headless || args.lockstep;
+    let workers = args.station.workers.unwrap_or(Settings::default().workers);
+    if workers > MAX_WORKERS {
+        return Err(Refusal::input(format!("--workers {workers}: at most {MAX_WORKERS} are allowed")));
+    }
+    Ok(Settings {
+        scene: match case {
+            Some(_) => Some(station.case()),
+            None => args.scene.as_deref().map(absolute).transpose()?,
+        },
+        case: case.and_then(|case| case.file.clone()),
+        hand: args.hand.clone().unwrap_or_else(|| if scripted { "script:press".into() } else { "mouse".into() }),
+        headless,
+        workers,
+        record: args.record.as_deref().map(absolute).transpose()?,
+        pictures: args.station.pictures.as_deref().map(absolute).transpose()?,
+        test_mode: args.station.test_mode,
+        lockstep: args.lockstep,
+        replay: args.again.as_ref().map(|again| again.replay),
+        ..Settings::default()
+    })
 }
 
 /// The tick at which a station on a virtual clock ends.

@@ -3,7 +3,7 @@
 
 use rustix::process::Signal;
 use serde_json::Value;
-use station_tests::{RECOVERY_LIMIT, Station, binaries, wait_for};
+use station_tests::{Folder, RECOVERY_LIMIT, Station, binaries, wait_for};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
 use std::time::Duration;
@@ -255,5 +255,41 @@ fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_add
     station.recover();
     assert_eq!(page.get("/metrics").status, 200);
     before.assert_untouched(&station, "beside the console", &[console]);
+    station.stop().assert_clean();
+}
+
+/// Goals that a resting hand reaches, and a warning that falls at once.
+const CASE: &str = r#"version = 1
+name = "A rest"
+rung = "distension"
+task = "Do nothing."
+scene = "SCENE"
+[[goal]]
+pressure = { from_pa = 1000.0, to_pa = 13000.0, for_s = 1.0 }
+[[goal]]
+removed = { percent = 100.0 }
+[[warning]]
+time_above_s = 1.0
+"#;
+
+#[test]
+fn the_page_tells_of_the_case_as_it_goes_and_a_new_console_goes_on_with_it() {
+    let scene = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/default.toml");
+    let folder = Folder::new("console-case");
+    let case = folder.write("case.toml", &CASE.replace("SCENE", &scene.display().to_string()));
+    let station = Station::start("case", &[&case, "--hand", "idle"]);
+    let page = Page::of(&station);
+    let reached = |told: &Value| told["goals"][0]["state"] == "reached" && told["warnings"][2]["count"] == 1;
+    let told = page.event("case", reached).unwrap_or_else(|| panic!("{}", station.said()));
+    assert_eq!((told["name"].as_str(), told["task"].as_str()), (Some("A rest"), Some("Do nothing.")), "{told}");
+    assert_eq!((told["goals"][1]["state"].as_str(), told["ended"].is_null()), (Some("open"), true), "{told}");
+    let first_s = told["goals"][0]["at_s"].as_f64().unwrap();
+    assert!(first_s >= 1.0, "{told}");
+
+    station.kill("console", true);
+    let page = Page::of(&station);
+    let again = page.event("case", |told| told["goals"][0]["state"] == "reached").expect("the case");
+    assert_eq!(again["goals"][0]["at_s"].as_f64(), Some(first_s), "reached then, and not once more: {again}");
+    assert_eq!(again["warnings"][2]["at_s"], told["warnings"][2]["at_s"], "{again}");
     station.stop().assert_clean();
 }

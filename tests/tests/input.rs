@@ -79,6 +79,28 @@ fn a_scene_that_cannot_be_used_is_refused_before_anything_starts() {
 }
 
 #[test]
+fn a_case_that_cannot_be_done_is_refused_before_anything_starts() {
+    let folder = Folder::new("input-case");
+    let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let scene = assets.join("scenes/default.toml").display().to_string();
+    let good = std::fs::read_to_string(assets.join("cases/polyp.toml")).unwrap().replace("../scenes/default.toml", &scene);
+    for (from, to, words) in [
+        ("percent = 80.0", "percent = 180.0", ["percent", "0.1 to 100 %"]),
+        ("object = \"uterus\"", "object = \"ovary\"", ["ovary", "uterus, polyp"]),
+        ("energy = \"bipolar\"", "energy = \"monopolar\"", ["goal[1].biopsy", "saline conducts"]),
+        ("deficit_above_ml = 1_000.0", "deficit_above_ml = 2_500.0", ["deficit_above_ml", "ends before"]),
+        (&scene, "nowhere.toml", ["scene", "nowhere.toml"]),
+    ] {
+        assert!(good.contains(from), "{from}");
+        refused(&[&folder.write("case.toml", &good.replace(from, to))], &[&["case.toml:"], &words[..]].concat());
+    }
+    let case = folder.write("case.toml", &good);
+    refused(&[&case, "--set", "seed=-1"], &["seed=-1", "whole number"]);
+    refused(&[&case, "--set", "seed=1.5"], &["seed=1.5", "whole number"]);
+    refused(&["--set", "seed=1"], &["seed=1", "a case alone has a seed"]);
+}
+
+#[test]
 fn arguments_that_mean_nothing_are_refused() {
     refused(&["--set", "colour=red"], &["colour", "realtime"]);
     refused(&["--set", "isa=mmx"], &["isa"]);

@@ -1,4 +1,4 @@
-//! A session from its start to its report: the hand that resects the polyp is recorded, and the report says what it did.
+//! A session from its start to its report: the hand that resects the polyp is recorded, and the report says what it did, and what its case says of it.
 
 use serde_json::Value;
 use station_tests::{Folder, hystation, run};
@@ -47,4 +47,65 @@ fn a_scripted_trainee_resects_the_polyp_and_the_report_says_so() {
     assert_eq!(folder.read("session.html").matches("class=\"curve ").count(), 5);
     let (_, second, _) = run(hystation().args(["report", &session, "--json", "-"]));
     assert!(first == second, "not the same bytes");
+}
+
+/// The polyp case of the assets, with other lines; its scene lies where it was.
+fn polyp_case(changes: &[(&str, &str)]) -> String {
+    let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let mut text = std::fs::read_to_string(assets.join("cases/polyp.toml")).unwrap();
+    let scene = assets.join("scenes/default.toml").display().to_string();
+    for (from, to) in changes.iter().chain(&[("../scenes/default.toml", scene.as_str())]) {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    text
+}
+
+/// Who holds the role after the second has loaded the case anew.
+const KILLS: &str = "[[fault]]\nkind = \"kill\"\ntarget = \"tissue:active\"\ntick = 3000\n\
+                     [[fault]]\nkind = \"kill\"\ntarget = \"tissue:active\"\ntick = 7000\n";
+
+/// The trainee has a time that ends in the recording, an engine dies on the way and loads the case again, and the case file is gone before the replay.
+#[test]
+fn a_scripted_trainee_does_the_polyp_case_from_start_to_report() {
+    let folder = Folder::new("session-case");
+    let case = folder
+        .write("case.toml", &polyp_case(&[("time_s = 900.0", "time_s = 14.0"), ("time_above_s = 720.0", "time_above_s = 12.0")]));
+    let faults = folder.write("faults.toml", KILLS);
+    let [session, page] = ["session.mcap", "session.html"].map(|name| folder.path(name));
+    let station = format!("c{}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &station, "run", &case, "--set", "seed=2", "--headless", "--lockstep", "--hand", "script:polyp"]);
+    command.args(["--roles", ROLES, "--for", ROUND, "--record", &session, "--test-mode", "--faults", &faults]);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("polyp: ") && said.contains("as stiff as the scene has it"), "what was drawn is said: {said}");
+    std::fs::write(&case, "no case any more").unwrap();
+
+    let (code, first, said) = run(hystation().args(["report", &session, "--html", &page, "--json", "-"]));
+    assert_eq!(code, Some(0), "{said}");
+    let report: Value = serde_json::from_str(&first).unwrap();
+    let judged = &report["case"];
+    assert_eq!((judged["name"].as_str(), judged["seed"].as_u64()), (Some("Resection of a polyp"), Some(2)), "{judged}");
+    let state = |goal: usize| judged["goals"][goal]["state"].as_str().unwrap();
+    assert_eq!([state(0), state(1), state(2)], ["reached", "reached", "open"], "{judged}");
+    let (seen_s, cut_s) = (judged["goals"][0]["at_s"].as_f64().unwrap(), judged["goals"][1]["at_s"].as_f64().unwrap());
+    assert!(0.0 < seen_s && seen_s < cut_s && cut_s < 14.0, "{judged}");
+    let removed_percent = value(&report, "pathology");
+    assert!((1.0..20.0).contains(&removed_percent), "{removed_percent} % with one chip");
+    assert_eq!((judged["ended"]["by"].as_str(), judged["ended"]["at_s"].as_f64()), (Some("time"), Some(14.0)), "{judged}");
+    let late = judged["warnings"].as_array().unwrap().iter().find(|warning| warning["words"] == "12 minutes are over").unwrap();
+    assert_eq!((late["count"].as_u64(), late["at_s"][0].as_f64()), (Some(1), Some(12.001)), "{judged}");
+    assert!((value(&report, "time") - 14.001).abs() < 1e-9, "what comes after the end counts for nothing");
+    assert_eq!(report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == "pathology").unwrap()["weight"], 4.0);
+    assert!(report["groups"]["Task"].as_f64().is_some_and(|score| (0.0..100.0).contains(&score)), "{}", report["groups"]);
+    let page = folder.read("session.html");
+    assert!(page.contains("<h2>Case: Resection of a polyp</h2>") && page.contains("the time was over"), "{page}");
+
+    let (code, said, complained) = run(hystation().args(["--name", &format!("{station}v"), "replay", &session, "--verify"]));
+    assert_eq!(code, Some(0), "{said}{complained}");
+    assert!(said.contains("the same to the bit"), "{said}");
+    let mut other = hystation();
+    let (code, _, complained) = run(other.args(["--name", &station, "replay", &session, "--verify", "--set", "seed=3"]));
+    assert!(code == Some(2) && complained.contains("another scene"), "another anatomy: {complained}");
 }

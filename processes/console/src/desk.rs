@@ -41,6 +41,8 @@ struct Known {
     look: Look,
     history: History,
     lines: VecDeque<Line>,
+    /// The newest message about the case, if the station has one.
+    case: Option<Bytes>,
 }
 
 /// A message of a stream of events (WHATWG HTML, server-sent events). JSON in one line has no line break.
@@ -87,6 +89,13 @@ impl Desk {
         self.known().look.pump = pump;
     }
 
+    /// Case and judgement.
+    pub fn note_case(&self, told: &serde_json::Value) {
+        let case = message("case", None, told);
+        self.known().case = Some(case.clone());
+        let _ = self.news.send(case); // nobody looks
+    }
+
     /// What happened.
     pub fn tell(&self, lines: Vec<Line>) {
         let mut known = self.known();
@@ -106,6 +115,7 @@ impl Desk {
         let after = if known.lines.back().is_some_and(|line| line.id < after) { 0 } else { after };
         let lines = known.lines.iter().filter(|line| line.id > after);
         let mut first = VecDeque::from([Bytes::from_static(b"retry: 500\n\n"), message("look", None, &known.look)]);
+        first.extend(known.case.clone());
         first.extend(lines.map(|line| message("said", Some(line.id), &line.text)));
         (first, self.news.subscribe())
     }

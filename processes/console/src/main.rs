@@ -9,6 +9,7 @@ mod journal;
 mod look;
 mod metrics;
 mod picture;
+mod referee;
 mod session;
 mod sources;
 mod web;

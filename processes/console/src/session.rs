@@ -1,9 +1,10 @@
-//! The whole life of the console, on one thread: twenty times a second what happened, the pump, the newest picture; between that, browsers. So a
+//! The whole life of the console, on one thread: twenty times a second what happened, the pump, the case, the newest picture; between that, browsers. So a
 //! console that beats also answers. Promise: it comes back at the address that it had, and a browser that stalls costs it nothing but a seat.
 
 use crate::desk::Desk;
 use crate::door::{Door, Visitors};
 use crate::journal::Journal;
+use crate::referee::Referee;
 use crate::sources::Sources;
 use crate::{ask, web};
 use hyst_engine::{Failure, Life};
@@ -28,7 +29,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 }
 
 async fn live(life: &Life, door: Door) -> Result<(), Failure> {
-    let mut sources = Sources::open(life)?;
+    let mut referee = Referee::of(life);
+    let mut sources = Sources::open(life, referee.is_some())?;
     let mut journal = Journal::open(&life.station);
     let desk = Arc::new(Desk::new(door.address, life.clock.test_mode(), life.station.control_socket()));
     tokio::spawn(web::serve(Visitors::welcome(door.listener)?, Arc::clone(&desk)));
@@ -43,6 +45,9 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         desk.tell(journal.news());
         sources.welcome();
         desk.note_pump(sources.pump());
+        if let Some(told) = referee.as_mut().and_then(|referee| referee.look(&sources)) {
+            desk.note_case(&told);
+        }
         let until_ns = desk.pictures_until_ns();
         life.page.store64(layout::PICTURES_UNTIL_NS, until_ns);
         if until_ns > begun_ns

@@ -1,16 +1,17 @@
-//! What the console reads of the engines, in place: rendering's pictures while somebody looks, the fluid's and the hardware's pages. Its usher opens
-//! them.
+//! What the console reads of the engines, in place: rendering's pictures while somebody looks, the pages of fluid and hardware, and of a station with a
+//! case those of device and tissue. Its usher opens them.
 
 use crate::look::Pump;
 use crate::picture::Picture;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
-use hyst_exchange::{Links, ReadPage, Subscriber};
-use hyst_messages::page::{fluid, hardware, header};
-use hyst_messages::{Kind, Role};
+use hyst_exchange::{Links, ReadPage, Roster, Subscriber};
+use hyst_messages::page::{device, fluid, hardware, header, tissue};
+use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, TissueStatus};
 
-/// Fluids: holder, spare and a newcomer on trial.
+/// Fluids, and tissues: holder, spare and a newcomer on trial.
 const FLUIDS: usize = Role::Fluid.slots().1;
+const TISSUES: usize = Role::Tissue.slots().1;
 
 /// The ports.
 #[derive(Debug)]
@@ -19,16 +20,30 @@ pub struct Sources {
     pictures: Option<Subscriber>,
     fluids: [Option<ReadPage>; FLUIDS],
     hardware: Option<ReadPage>,
+    /// With its incarnation.
+    tissues: [Option<(u32, ReadPage)>; TISSUES],
+    /// The life of the device, and before it the one before, of which the last ticks may not be read yet.
+    devices: [Option<ReadPage>; 2],
 }
 
 impl Sources {
-    /// Asks the usher for everything that is of interest.
-    pub fn open(life: &Life) -> Result<Sources, Failure> {
+    /// Asks the usher for everything that is of interest: more of a session that is judged.
+    pub fn open(life: &Life, is_judged: bool) -> Result<Sources, Failure> {
         let links = Links::join(&life.station, &life.slot.to_string())?;
-        let interests =
+        let mut interests =
             vec![(Role::Rendering, Wanted::Stream(Kind::Picture)), (Role::Fluid, Wanted::Page), (Role::Hardware, Wanted::Page)];
+        if is_judged {
+            interests.extend([(Role::Device, Wanted::Page), (Role::Tissue, Wanted::Page)]);
+        }
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
-        Ok(Sources { inbox, pictures: None, fluids: Default::default(), hardware: None })
+        Ok(Sources {
+            inbox,
+            pictures: None,
+            fluids: Default::default(),
+            hardware: None,
+            tissues: Default::default(),
+            devices: Default::default(),
+        })
     }
 
     /// Takes what the usher has brought.
@@ -41,19 +56,48 @@ impl Sources {
     }
 
     fn seat(&mut self, arrival: Arrival) -> Option<Departure> {
-        let index = arrival.slot.index().min(FLUIDS - 1);
+        let index = arrival.slot.index();
         match (arrival.slot.role(), arrival.port) {
             (Role::Rendering, Port::Stream(_, stream)) => self.pictures.replace(stream).map(Departure::Stream),
-            (Role::Fluid, Port::Page(page)) => self.fluids[index].replace(page).map(Departure::Page),
+            (Role::Fluid, Port::Page(page)) => self.fluids[index.min(FLUIDS - 1)].replace(page).map(Departure::Page),
             (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
+            (Role::Tissue, Port::Page(page)) => {
+                let before = self.tissues[index.min(TISSUES - 1)].replace((arrival.incarnation, page));
+                before.map(|(_, page)| Departure::Page(page))
+            }
+            (Role::Device, Port::Page(page)) => {
+                let before = self.devices[1].replace(page);
+                std::mem::replace(&mut self.devices[0], before).map(Departure::Page)
+            }
             _ => None, // none was asked for
+        }
+    }
+
+    /// What the newest of the fluids says.
+    pub fn fluid(&self) -> Option<FluidStatus> {
+        let statuses = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
+        statuses.filter(|status| status.state_tick > 0).max_by_key(|status| (status.epoch, status.state_tick))
+    }
+
+    /// What the tissue says that holds the role.
+    pub fn tissue(&self, roster: &Roster) -> Option<TissueStatus> {
+        let holder = roster.holder(Role::Tissue).incarnation;
+        let (_, page) = self.tissues.iter().flatten().find(|(incarnation, _)| *incarnation == holder)?;
+        page.cell(tissue::STATUS).map(|(_, status)| status)
+    }
+
+    /// Gives the device's ticks from this one on, as far as its rings hold them.
+    pub fn ticks(&self, from: u64, mut take: impl FnMut(&AppliedRecord)) {
+        for page in self.devices.iter().flatten() {
+            let end = page.ring_end(device::APPLIED);
+            let oldest = end.saturating_sub(device::APPLIED.entries as u64);
+            (oldest.max(from)..end).filter_map(|tick| page.ring(device::APPLIED, tick)).for_each(|record| take(&record));
         }
     }
 
     /// What the newest of the fluids says of the pump, and the hardware of what is set.
     pub fn pump(&self) -> Option<Pump> {
-        let statuses = self.fluids.iter().flatten().filter_map(|page| page.cell(fluid::STATUS)).map(|(_, status)| status);
-        let newest = statuses.filter(|status| status.state_tick > 0).max_by_key(|status| (status.epoch, status.state_tick))?;
+        let newest = self.fluid()?;
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         Pump::new(&newest, sample.as_ref())
     }

@@ -99,7 +99,8 @@ fn with_last_words(life: &Life, mut event: Event) -> Event {
 fn facts(life: &Life) -> Session {
     let t0_ns = life.clock.t0_ns();
     let settings = std::fs::read_to_string(life.station.settings()).unwrap_or_default();
-    let scene = life.settings.scene.as_ref().map_or("embedded".into(), |path| path.display().to_string());
+    let named = life.settings.case.as_ref().or(life.settings.scene.as_ref());
+    let scene = named.map_or("embedded".into(), |path| path.display().to_string());
     let scene_hash = life.clock.page().load64(station::SCENE_HASH);
     let facts = [
         ("session", format!("{}-{t0_ns}", life.station.name())),
@@ -112,5 +113,8 @@ fn facts(life: &Life) -> Session {
         ("layout", format!("{LAYOUT_VERSION}/{:016x}", layout_hash())),
         ("settings", settings),
     ];
-    facts.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+    // Of a case its text, from which its anatomy is drawn again, and what it is judged by.
+    let of_case = [("case_text", life.station.case()), ("case", life.station.brief())];
+    let of_case = of_case.into_iter().filter_map(|(name, path)| Some((name, std::fs::read_to_string(path).ok()?)));
+    facts.into_iter().chain(of_case).map(|(name, value)| (name.to_string(), value)).collect()
 }

@@ -4,9 +4,10 @@ use crate::conduct::Conduct;
 use crate::curves::Curves;
 use crate::electrode::Electrode;
 use crate::force::{Force, TOUCH_N, length};
+use crate::judge::Judge;
 use crate::medium::Medium;
 use crate::motion::{Motion, finite};
-use crate::row::{Row, Rows};
+use crate::row::{Row, Rows, Statuses};
 use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
 use hyst_recording::{Block, Damage, Ending, Reader, Session};
 use std::io::{Read, Seek};
@@ -22,12 +23,16 @@ pub struct Measured {
     pub electrode: Electrode,
     /// Pressure, deficit, flow, valves, light.
     pub medium: Medium,
-    /// The newest status of the tissue.
+    /// The newest status of the tissue, of those before the end.
     pub tissue: Option<TissueStatus>,
+    /// The judgement by the session's case, if it has one.
+    pub judge: Option<Judge>,
     /// What the station did.
     pub conduct: Conduct,
     /// What the page draws.
     pub curves: Curves,
+    /// The newest statuses.
+    latest: Statuses,
 }
 
 /// What came of a recording.
@@ -43,11 +48,15 @@ pub struct Assessment {
     pub ending: Option<Ending>,
     /// Why it could not be read to its end.
     pub trouble: Option<String>,
+    /// Why nothing is judged by the case that the recording names.
+    pub unread: Option<String>,
 }
 
 /// Reads a recording to its end, with so many threads, and gives ten rows a second to `give`.
 pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: impl FnMut(&Row)) -> Assessment {
-    let mut measured = Measured::default();
+    let judge = reader.session().get("case").map(|brief| Judge::read(brief));
+    let (judge, unread) = judge.transpose().map_or_else(|error| (None, Some(error)), |judge| (judge, None));
+    let mut measured = Measured { judge, ..Measured::default() };
     let mut rows = Rows::default();
     let read = reader.each_block(threads, |block| measured.take(block, &mut rows, &mut give));
     rows.finish().iter().for_each(&mut give);
@@ -57,6 +66,7 @@ pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: i
         damage: reader.damage().to_vec(),
         ending: reader.ending(),
         trouble: read.err().map(|error| error.to_string()),
+        unread,
     }
 }
 
@@ -69,7 +79,7 @@ impl Assessment {
     /// What is missing of the recording, a sentence each; nothing of one that is whole. Ticks that the device skipped are none of it: there was nothing
     /// to be recorded.
     pub fn missing(&self) -> Vec<String> {
-        let mut sentences: Vec<String> = self.trouble.iter().cloned().collect();
+        let mut sentences: Vec<String> = self.trouble.iter().chain(&self.unread).cloned().collect();
         for damage in &self.damage {
             sentences.push(format!("the record at byte {} was left out: {}", damage.at, damage.reason));
         }
@@ -99,13 +109,23 @@ impl Measured {
             }
             if is_new {
                 let since_ticks = self.tick(record);
-                let statuses = (self.tissue, self.medium.newest().copied());
-                rows.tick(record, since_ticks, statuses).iter().for_each(&mut *give);
+                rows.tick(record, since_ticks, self.latest).iter().for_each(&mut *give);
             }
         }
         tissue.for_each(|status| self.tissue(status));
         fluid.for_each(|status| self.fluid(status));
         block.events.into_iter().for_each(|event| self.conduct.note(event));
+    }
+
+    /// Whether the session is over: what comes now is told, and counts for nothing.
+    fn is_over(&self) -> bool {
+        self.judge.as_ref().is_some_and(|judge| judge.ended.is_some())
+    }
+
+    /// Time from the first tick to the end of the session, or of the recording, ticks.
+    pub fn session_ticks(&self) -> u64 {
+        let ended = self.judge.as_ref().and_then(|judge| judge.ended);
+        ended.map_or(self.conduct.length_ticks(), |(_, tick)| self.conduct.since_start(tick).saturating_add(1))
     }
 
     /// Takes a tick; answers how long after the first it is.
@@ -114,33 +134,57 @@ impl Measured {
         let since_ticks = self.conduct.since_start(record.tick);
         let force_n = finite(record.command.force_n).map(length);
         if let Some(force_n) = force_n {
+            self.curves.force_n.add(since_ticks, force_n);
+        }
+        self.curves.insertion_m.add(since_ticks, f64::from(sample.pose.insertion_m));
+        self.curves.trace.add(sample.pose.position_m);
+        if self.is_over() {
+            return since_ticks;
+        }
+        if let Some(force_n) = force_n {
             if self.force.peak.is_none_or(|peak| force_n > peak.value) {
                 self.curves.peak_at_m = finite(sample.pose.position_m).map(|_| sample.pose.position_m);
             }
             self.force.tick(record.tick, force_n);
-            self.curves.force_n.add(since_ticks, force_n);
         }
         self.motion.tick(sample);
         self.medium.tick(&sample.controls);
         self.electrode.tick(record.tick, &sample.controls, force_n.is_some_and(|force_n| force_n >= TOUCH_N));
-        self.curves.insertion_m.add(since_ticks, f64::from(sample.pose.insertion_m));
-        self.curves.trace.add(sample.pose.position_m);
+        if let Some(judge) = &mut self.judge {
+            judge.tick(record);
+        }
         since_ticks
     }
 
     fn tissue(&mut self, status: &TissueStatus) {
-        if self.tissue.is_some_and(|newest| status.state_tick < newest.state_tick) {
+        if self.latest.0.is_some_and(|newest| status.state_tick < newest.state_tick) {
             return; // of a holder that was followed by another one
         }
-        self.electrode.status(status);
+        self.latest.0 = Some(*status);
         self.curves.removed_ml.add(self.conduct.since_start(status.state_tick), status.removed_volume_ml);
+        if self.is_over() {
+            return;
+        }
+        self.electrode.status(status);
         self.tissue = Some(*status);
+        if let Some(judge) = &mut self.judge {
+            judge.tissue(status);
+        }
     }
 
     fn fluid(&mut self, status: &FluidStatus) {
         let since_ticks = self.conduct.since_start(status.state_tick);
-        self.medium.status(status);
+        if self.latest.1.is_none_or(|newest| status.state_tick > newest.state_tick) {
+            self.latest.1 = Some(*status);
+        }
         self.curves.pressure_pa.add(since_ticks, f64::from(status.pressure_pa));
         self.curves.deficit_ml.add(since_ticks, status.deficit_ml);
+        if self.is_over() {
+            return;
+        }
+        self.medium.status(status);
+        if let Some(judge) = &mut self.judge {
+            judge.fluid(status);
+        }
     }
 }

@@ -63,7 +63,7 @@ impl Column {
         vec![
             ("recording", self.file.clone()),
             ("session", self.fact("session")),
-            ("scene", format!("{} ({})", self.fact("scene"), self.fact("scene_hash"))),
+            ("scene or case", format!("{} ({})", self.fact("scene"), self.fact("scene_hash"))),
             ("hand", self.fact("hand")),
             ("station's version", self.fact("version")),
             ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),

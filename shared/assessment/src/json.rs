@@ -1,6 +1,7 @@
 //! The report for programs. Numbers are not rounded; what is not recorded is `null`.
 
 use crate::columns::{Column, Sessions, seconds, word};
+use crate::judge::Judge;
 use crate::metric::{Group, Metric};
 use crate::table::ABSENT;
 use hyst_messages::PUMP_ALARMS;
@@ -27,6 +28,7 @@ fn session(column: &Column) -> Value {
         "length_s": seconds(assessment.measured.conduct.length_ticks()),
         "is_whole": assessment.missing().is_empty(),
         "missing": assessment.missing(),
+        "case": assessment.measured.judge.as_ref().map(Judge::json),
         "score": scores.total,
         "groups": groups,
         "metrics": scores.metrics.iter().map(metric).collect::<Value>(),
@@ -36,7 +38,7 @@ fn session(column: &Column) -> Value {
 
 fn metric(metric: &Metric) -> Value {
     let definition = metric.definition;
-    let scale = definition.scale;
+    let scale = metric.scale;
     json!({
         "key": definition.key,
         "name": definition.name,
@@ -47,7 +49,7 @@ fn metric(metric: &Metric) -> Value {
         "full_at": scale.map(|scale| scale.full),
         "zero_at": scale.map(|scale| scale.none),
         "weight": scale.map(|scale| scale.weight),
-        "source": definition.source,
+        "source": metric.source,
     })
 }
 

@@ -1,16 +1,19 @@
 //! The report of a training session, computed from its recording alone: raw values with scores in the four groups of Bajka et al. 2010
-//! (visualisation, ergonomics, safety, fluid handling), and what the station itself did.
+//! (visualisation, ergonomics, safety, fluid handling), the judgement by the session's case, and what the station itself did. The same judgement, of a
+//! session that runs, is [`Judge`].
 //!
 //! Promise: the same recording gives the same bytes, whatever the number of threads; memory does not grow with the recording's length; what the
 //! recording does not hold is called absent and not invented; a raw value stands beside each score. Nothing in a recording causes a panic.
 
 mod assess;
+mod case;
 mod columns;
 mod conduct;
 mod curves;
 mod electrode;
 mod force;
 mod json;
+mod judge;
 mod markup;
 mod medium;
 mod metric;
@@ -29,6 +32,7 @@ pub use curves::{Curves, Series, Trace};
 pub use electrode::Electrode;
 pub use force::{Force, LIMIT_N, TOUCH_N};
 pub use json::json;
+pub use judge::{EndedBy, GoalState, Judge, WarningState};
 pub use markup::{escape, plain};
 pub use medium::{HIGH_PA, LOW_PA, Medium, PA_PER_MMHG, PARTED_PA};
 pub use metric::{Definition, Group, Metric, Scale, Scores, scores};

@@ -2,8 +2,12 @@
 
 use crate::assess::Measured;
 use crate::table::METRICS;
+use hyst_scene::Score;
 
-/// A group of metrics (Bajka et al. 2010).
+/// Where a scale or a weight comes from that a case has set.
+const OF_CASE: &str = "the case";
+
+/// A group of metrics: the four of Bajka et al. 2010, and the task of the case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
     /// What was seen.
@@ -14,11 +18,13 @@ pub enum Group {
     Safety,
     /// What the medium did.
     Fluid,
+    /// What the case asked for.
+    Task,
 }
 
 impl Group {
     /// All groups, in the order of the report.
-    pub const ALL: [Group; 4] = [Group::Visualisation, Group::Ergonomics, Group::Safety, Group::Fluid];
+    pub const ALL: [Group; 5] = [Group::Visualisation, Group::Ergonomics, Group::Safety, Group::Fluid, Group::Task];
 
     /// The name that people read.
     pub const fn name(self) -> &'static str {
@@ -27,6 +33,7 @@ impl Group {
             Group::Ergonomics => "Ergonomics",
             Group::Safety => "Safety",
             Group::Fluid => "Fluid handling",
+            Group::Task => "Task",
         }
     }
 }
@@ -60,7 +67,7 @@ pub struct Definition {
     pub name: &'static str,
     /// Unit of the value.
     pub unit: &'static str,
-    /// How it is scored; `None` if it is only shown.
+    /// How it is scored where no case says otherwise; `None` if it is only shown then.
     pub scale: Option<Scale>,
     /// The value; `None` if the recording does not hold it.
     pub value: fn(&Measured) -> Option<f64>,
@@ -75,6 +82,10 @@ pub struct Metric {
     pub definition: &'static Definition,
     /// The raw value; `None` if the recording does not hold it.
     pub value: Option<f64>,
+    /// How it is scored in this session; `None` if it is only shown.
+    pub scale: Option<Scale>,
+    /// Where the scale comes from, or why there is none.
+    pub source: &'static str,
     /// The score, %; `None` without a value, or if it is only shown.
     pub score: Option<f64>,
 }
@@ -90,12 +101,15 @@ pub struct Scores {
     pub total: Option<f64>,
 }
 
-/// Values and scores of what was measured. A metric without a value weighs nothing.
+/// Values and scores of what was measured, with the weights and scales of its case. A metric without a value weighs nothing.
 pub fn scores(measured: &Measured) -> Scores {
     let metric = |definition: &'static Definition| {
         let value = (definition.value)(measured).filter(|value| value.is_finite());
-        let score = definition.scale.zip(value).map(|(scale, value)| scale.score(value));
-        Metric { definition, value, score }
+        let case = measured.judge.as_ref().and_then(|judge| judge.brief.score.get(definition.key));
+        let scale = case.map_or(definition.scale, |case| of_case(case, definition.scale));
+        let score = scale.zip(value).map(|(scale, value)| scale.score(value));
+        let source = if case.is_some() { OF_CASE } else { definition.source };
+        Metric { definition, value, scale, source, score }
     };
     let metrics: Vec<Metric> = METRICS.iter().map(metric).collect();
     let groups = Group::ALL.map(|group| mean(metrics.iter().filter(|metric| metric.definition.group == group)));
@@ -103,10 +117,17 @@ pub fn scores(measured: &Measured) -> Scores {
     Scores { metrics, groups, total }
 }
 
+/// The scale of a metric in a case.
+fn of_case(case: &Score, default: Option<Scale>) -> Option<Scale> {
+    let weight = case.weight.or(default.map(|scale| scale.weight)).unwrap_or(1.0);
+    let ends = case.full.zip(case.none).filter(|(full, none)| full != none);
+    ends.map(|(full, none)| Scale { full, none, weight }).or(default.map(|scale| Scale { weight, ..scale }))
+}
+
 fn mean<'a>(metrics: impl Iterator<Item = &'a Metric>) -> Option<f64> {
     let (mut sum, mut weight) = (0.0, 0.0);
     for metric in metrics {
-        if let (Some(score), Some(scale)) = (metric.score, metric.definition.scale) {
+        if let (Some(score), Some(scale)) = (metric.score, metric.scale) {
             sum += scale.weight * score;
             weight += scale.weight;
         }
@@ -147,10 +168,26 @@ mod tests {
     }
 
     #[test]
+    fn a_case_can_weigh_every_metric_of_the_table_and_no_other() {
+        let table: Vec<(&str, bool)> = METRICS.iter().map(|metric| (metric.key, metric.scale.is_some())).collect();
+        assert_eq!(table, hyst_scene::METRIC_KEYS, "keep hyst_scene::METRIC_KEYS in step");
+    }
+
+    #[test]
+    fn weights_and_scales_are_the_cases_where_it_has_some() {
+        let default = Some(Scale { full: 1.0, none: 3.0, weight: 2.0 });
+        let score = |weight, full, none| Score { weight, full, none };
+        assert_eq!(of_case(&score(Some(0.5), None, None), default), Some(Scale { full: 1.0, none: 3.0, weight: 0.5 }));
+        assert_eq!(of_case(&score(None, Some(9.0), Some(0.0)), default), Some(Scale { full: 9.0, none: 0.0, weight: 2.0 }));
+        assert_eq!(of_case(&score(None, Some(9.0), Some(0.0)), None), Some(Scale { full: 9.0, none: 0.0, weight: 1.0 }));
+        assert_eq!(of_case(&score(Some(4.0), None, None), None), None, "without a scale there is no score");
+    }
+
+    #[test]
     fn what_is_not_recorded_is_absent_and_weighs_nothing() {
         let nothing = scores(&Measured::default());
         assert!(nothing.metrics.iter().all(|metric| metric.value.is_none() && metric.score.is_none()));
-        assert_eq!((nothing.groups, nothing.total), ([None; 4], None));
+        assert_eq!((nothing.groups, nothing.total), ([None; 5], None));
         let mut measured = Measured::default();
         measured.force.tick(0, 1.0); // 100 %: largest; 95 % below 1.005 N, at most its 1 N: 66.7 %; above the limit: 100 %; touching: 0 %
         let scores = scores(&measured);

@@ -1,5 +1,6 @@
 //! The report as one page that needs nothing beside it: no script, no network, curves as SVG; for light and dark screens and for paper.
 
+use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::markup::escape;
 use crate::metric::{Group, Metric};
@@ -19,6 +20,9 @@ pub fn html(sessions: &Sessions) -> String {
     facts(&mut page, &reported.session_facts());
     missing(&mut page, sessions);
     tiles(&mut page, reported);
+    if let Some(judge) = &reported.assessment.measured.judge {
+        case::html(&mut page, judge);
+    }
     page.push_str("<section><h2>Values and scores</h2>\n");
     metrics(&mut page, sessions);
     page.push_str("</section>\n<section><h2>Over time</h2>\n<p class=\"note\">Each curve spans from the least to the largest value at its time. The vertical lines \
@@ -109,7 +113,7 @@ fn total(page: &mut String, sessions: &Sessions, score: impl Fn(&Column) -> Opti
 fn row(page: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
     let definition = metric.definition;
     let valued = |metric: &Metric| metric.value.map_or_else(|| NONE.to_string(), number);
-    let score = |metric: &Metric| if definition.scale.is_some() { scored(metric.score) } else { "<td></td>".into() };
+    let score = |metric: &Metric| if metric.scale.is_some() { scored(metric.score) } else { "<td></td>".into() };
     let _ = write!(
         page,
         "<tr><td>{}</td><td>{}</td><td class=\"text\">{}</td>{}",
@@ -123,11 +127,11 @@ fn row(page: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
             let _ = write!(page, "<td>{}</td>{}", valued(metric), score(metric));
         }
     }
-    let _ = match definition.scale {
+    let _ = match metric.scale {
         Some(scale) => write!(page, "<td>{}</td><td>{}</td><td>{}</td>", scale.full, scale.none, scale.weight),
         None => write!(page, "<td></td><td></td><td></td>"),
     };
-    let _ = writeln!(page, "<td class=\"text source\">{}</td></tr>", escape(definition.source));
+    let _ = writeln!(page, "<td class=\"text source\">{}</td></tr>", escape(metric.source));
 }
 
 /// A score with its bar.
@@ -179,7 +183,7 @@ fn origin(page: &mut String) {
         let _ = writeln!(page, "<li>{}: {}; {}</li>", group.name(), escape(what), escape(why));
     }
     page.push_str(
-        "</ul>\n<p class=\"note\">Groups after Bajka et al. 2010. A score goes linearly from 100 % to 0 % between the two values beside it and counts by its \
+        "</ul>\n<p class=\"note\">Groups after Bajka et al. 2010, with the task of the case. A score goes linearly from 100 % to 0 % between the two values beside it and counts by its \
          weight; what was not recorded weighs nothing. Everything is computed from the recording alone, the same each time. This is no certificate: \
          a range that is marked as assumed is a guess until a course has set its own.</p></section>\n",
     );

@@ -21,7 +21,7 @@ td{text-align:right;border-bottom:1px solid var(--line);padding:.28rem .5rem;fon
 th:first-child,td:first-child,td.text,th.text{text-align:left}td.text{white-space:normal}tr.group td{background:var(--panel);font-weight:600}\
 .bar{display:inline-block;width:70px;height:.6em;border-radius:.3em;background:var(--line);margin-left:.5rem;overflow:hidden;vertical-align:.02em}\
 .bar i{display:block;height:100%;background:var(--good)}.bar i.middle{background:var(--warn)}.bar i.low{background:var(--bad)}td.source{color:var(--soft);font-size:12px}\
-.error{color:var(--bad)}.warning{color:var(--warn)}.takeover{color:var(--insertion)}svg{width:100%;height:auto;display:block}\
+.reached{color:var(--good)}.error{color:var(--bad)}.warning{color:var(--warn)}.takeover{color:var(--insertion)}svg{width:100%;height:auto;display:block}\
 svg text{font:11.5px system-ui,sans-serif;fill:var(--soft)}svg text.title{fill:var(--ink);font-weight:600}.grid{stroke:var(--line)}.frame{fill:none;stroke:var(--line)}\
 .band{fill:var(--band)}.limit{stroke:var(--soft);stroke-dasharray:5 4}.curve{stroke-width:1.3;stroke-linejoin:round;fill-opacity:.35}\
 .force{fill:var(--force);stroke:var(--force)}.insertion{fill:var(--insertion);stroke:var(--insertion)}.pressure{fill:var(--pressure);stroke:var(--pressure)}\

@@ -1,6 +1,7 @@
-//! The table of the metrics: what is shown and scored by default, and where that comes from. A recording names no case yet, so every session has the same.
+//! The table of the metrics: what is shown and scored where no case says otherwise, and where that comes from.
 
 use crate::force::LIMIT_N;
+use crate::judge::Judge;
 use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
 use crate::metric::{Definition, Group, Scale};
 
@@ -11,7 +12,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 28] = [
+pub static METRICS: [Definition; 31] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -45,7 +46,7 @@ pub static METRICS: [Definition; 28] = [
         name: "time",
         unit: "s",
         scale: scale(120.0, 600.0, 2.0),
-        value: |m| m.conduct.first_tick.map(|_| m.conduct.length_ticks() as f64 * 1e-3),
+        value: |m| m.conduct.first_tick.map(|_| m.session_ticks() as f64 * 1e-3),
         source: ASSUMED,
     },
     Definition {
@@ -264,13 +265,39 @@ pub static METRICS: [Definition; 28] = [
         value: |m| m.medium.newest().map(|_| m.medium.alarms.iter().sum::<u64>() as f64),
         source: "shown, not scored: its time is",
     },
+    Definition {
+        group: Group::Task,
+        key: "goals",
+        name: "goals of the case that were reached",
+        unit: "%",
+        scale: scale(100.0, 0.0, 3.0),
+        value: |m| m.judge.as_ref().map(Judge::reached_percent),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Task,
+        key: "pathology",
+        name: "pathology removed",
+        unit: "%",
+        scale: None,
+        value: |m| m.judge.as_ref().and_then(Judge::removed_percent),
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Task,
+        key: "warnings",
+        name: "warnings of the case",
+        unit: "",
+        scale: scale(0.0, 5.0, 1.0),
+        value: |m| m.judge.as_ref().map(|judge| judge.warnings.iter().map(|warning| warning.count).sum::<u64>() as f64),
+        source: ASSUMED,
+    },
 ];
 
 /// What trainees are scored on and no recording holds: group, what, why.
-pub const ABSENT: [(Group, &str, &str); 4] = [
+pub const ABSENT: [(Group, &str, &str); 3] = [
     (Group::Visualisation, "how cloudy the view was", "pictures are not recorded"),
     (Group::Visualisation, "landmarks that were seen", "pictures are not recorded"),
-    (Group::Safety, "percent of the pathology removed", "only the removed volume is recorded"),
     (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),
 ];
 

@@ -1,5 +1,6 @@
 //! The report for a terminal of 100 columns; each session beyond three to compare with makes it wider.
 
+use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::metric::{Group, Metric};
 use crate::table::ABSENT;
@@ -20,6 +21,9 @@ pub fn text(sessions: &Sessions) -> String {
     for (index, column) in sessions.earlier.iter().enumerate() {
         let _ =
             writeln!(text, "{:<20}{}, session {}", format!("compared, {}", letter(index)), column.file, column.fact("session"));
+    }
+    if let Some(judge) = &sessions.reported.assessment.measured.judge {
+        case::text(&mut text, judge);
     }
     table(&mut text, sessions);
     text.push_str("\nNot in a recording\n");
@@ -58,9 +62,9 @@ fn table(text: &mut String, sessions: &Sessions) {
 fn row(text: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {
     let shown = |metric: &Metric| metric.value.map_or_else(|| NONE.to_string(), number);
     let definition = metric.definition;
-    let score = if definition.scale.is_some() { percent(metric.score) } else { String::new() };
+    let score = if metric.scale.is_some() { percent(metric.score) } else { String::new() };
     let _ = write!(text, "  {:<44}{:>10} {:<7}{score:>7}", definition.name, shown(metric), definition.unit);
-    if let Some(scale) = definition.scale.filter(|_| sessions.earlier.is_empty()) {
+    if let Some(scale) = metric.scale.filter(|_| sessions.earlier.is_empty()) {
         let _ = write!(text, "{:>17}{:>9}", format!("{} … {}", scale.full, scale.none), scale.weight);
     }
     earlier(text, sessions, |column| column.scores.metrics.get(index).map_or_else(String::new, shown));

@@ -8,8 +8,10 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Scene or mesh file, absolute; the embedded scene if absent.
+    /// Scene or mesh file, absolute; the embedded scene if absent. Of a case the station's own copy.
     pub scene: Option<PathBuf>,
+    /// The case file that was named, absolute.
+    pub case: Option<PathBuf>,
     /// `script:NAME`, `mouse`, `replay:FILE` or `idle`.
     pub hand: String,
     /// No window even if there is a display.
@@ -44,6 +46,7 @@ impl Default for Settings {
     fn default() -> Settings {
         Settings {
             scene: None,
+            case: None,
             hand: "script:press".into(),
             headless: false,
             workers: 2,
@@ -88,6 +91,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
         "auto, 640x480, 1280x960 or 1920x1080: pixels of the pictures (default auto: 1920x1080 on a GPU, 640x480 in software)",
     ),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
+    ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
     ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
     ("console", "on or off: the operator's page in a browser (default on)"),

@@ -91,6 +91,14 @@ impl Station {
     pub fn settings(&self) -> PathBuf {
         self.root.join("settings.toml")
     }
+    /// The station's own copy of the case that it runs, with its seed, if it runs one: whoever edits the file that was named changes nothing here.
+    pub fn case(&self) -> PathBuf {
+        self.root.join("case.toml")
+    }
+    /// What the case is judged by, as JSON.
+    pub fn brief(&self) -> PathBuf {
+        self.root.join("case.json")
+    }
 
     /// Makes root, pages and link configuration. The root must not exist.
     pub fn found(&self) -> Result<(), StationError> {

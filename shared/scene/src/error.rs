@@ -29,6 +29,8 @@ pub enum SceneErrorKind {
     Size,
     /// A surface that does not lie on its tets, or an object that does not touch what it is attached to.
     Apart,
+    /// Goals, rules and ends of a case that cannot all be kept.
+    Contradiction,
 }
 
 /// Why a scene could not be read or loaded. Its text is one line: where, what, what to do.

@@ -3,7 +3,8 @@
 //! [`load`] takes the path of a scene, or of a mesh alone, and returns a [`LoadedScene`]: tets and surfaces in metres in the scene's
 //! frame, sound and bound, with fixed and attached nodes, the instrument's points, the fluid's box and the scripted hands. What a
 //! scene leaves out is found from its geometry, and every repair and assumption is named in the notes. [`load_embedded`] gives the
-//! default scene from the binary itself.
+//! default scene from the binary itself. [`find_case`] reads a case: what a trainee is to do in a scene whose anatomy is drawn from a
+//! seed, and what a session is judged by; wherever a scene is loaded, a case does as well.
 //!
 //! Promise: no file makes anything here panic, wait for ever, or take more memory than a fixed multiple of the file; an error says
 //! which file, line and key, what is wrong and what to do; the same files give the same bits and the same hash.
@@ -12,6 +13,7 @@
 //! instrument follows Tuchschmid et al., “A Flexible Framework for Highly-Modular Surgical Simulation Systems” (ISBMS 2006).
 #![deny(unsafe_code)]
 
+mod case;
 mod electrode;
 mod embedded;
 mod error;
@@ -35,6 +37,10 @@ mod source;
 mod validate;
 mod wrap;
 
+pub use case::{
+    Aim, Alarm, Biopsy, Brief, Case, Cause, End, Energy, Goal, Held, METRIC_KEYS, Named, Place as CasePlace, Region, Removed,
+    Rules, Rung, Score, SettledCase, Staunch, Stop, Vary, Visit, Warning, case_schema_json, find_case,
+};
 pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{

@@ -1,5 +1,6 @@
 //! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
 
+use crate::case::Seat;
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Rigid, Scene};
@@ -14,22 +15,26 @@ use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
 use crate::rigid::{LoadedRigid, collision_points};
 use crate::source::{Folder, read_bounded};
-use crate::{embedded, wrap};
+use crate::{case, embedded, wrap};
 use glam::Vec3;
-use hyst_mesh::TetMesh;
+use hyst_mesh::{TetMesh, TriangleMesh};
 use std::path::Path;
 
-/// Reads a scene, or wraps a mesh in one, and makes it ready to run.
+/// An object in its place: its tets, and its own surface with the name to speak of it by.
+type Placed = (TetMesh, Option<(TriangleMesh, String)>);
+
+/// Reads a scene, or wraps a mesh in one, or draws the scene of a case, and makes it ready to run.
 ///
 /// # Errors
 /// A [`SceneError`] whose text says which file, which line and key, what is wrong and what to do.
 pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
-    let (scene, text, folder) = read_scene(path)?;
-    let origin = path.display().to_string();
-    assemble(scene, &origin, &folder).map_err(|error| error.located(&origin, &text))
+    match read_file(path)? {
+        Found::Scene(read) => read.load(&[]),
+        Found::Case(text) => Ok(case::settle(&text, path, None)?.scene),
+    }
 }
 
-/// The scene or mesh at a path, or the default scene where none is named.
+/// The scene, mesh or case at a path, or the default scene where none is named.
 ///
 /// # Errors
 /// Those of [`load`].
@@ -43,8 +48,8 @@ pub fn load_or_embedded(path: Option<&Path>) -> Result<LoadedScene, SceneError> 
 /// None with the assets as they are; a test loads them.
 pub fn load_embedded() -> Result<LoadedScene, SceneError> {
     let origin = embedded::DEFAULT_ORIGIN;
-    let scene = Scene::embedded_default()?;
-    assemble(scene, origin, &Folder::Embedded).map_err(|error| error.located(origin, embedded::DEFAULT_SCENE))
+    let (scene, text, origin) = (Scene::embedded_default()?, embedded::DEFAULT_SCENE.to_owned(), origin.to_owned());
+    ReadScene { scene, text, origin, folder: Folder::Embedded }.load(&[])
 }
 
 impl Scene {
@@ -57,23 +62,49 @@ impl Scene {
     }
 }
 
-/// The scene of a path, its text, and the folder of its meshes. A file that is not named `.toml` is taken for a mesh.
-pub(crate) fn read_scene(path: &Path) -> Result<(Scene, String, Folder), SceneError> {
+/// A scene as it was read: nothing of its meshes is.
+pub(crate) struct ReadScene {
+    pub(crate) scene: Scene,
+    pub(crate) text: String,
+    pub(crate) origin: String,
+    pub(crate) folder: Folder,
+}
+
+/// What a path names.
+pub(crate) enum Found {
+    Scene(Box<ReadScene>),
+    /// The text of a case.
+    Case(String),
+}
+
+impl ReadScene {
+    /// Makes it ready to run, its objects seated as a case has drawn it.
+    pub(crate) fn load(self, seats: &[Option<Seat>]) -> Result<LoadedScene, SceneError> {
+        assemble(self.scene, &self.origin, &self.folder, seats).map_err(|error| error.located(&self.origin, &self.text))
+    }
+}
+
+/// Reads what a path names. A file that is not named `.toml` is taken for a mesh.
+pub(crate) fn read_file(path: &Path) -> Result<Found, SceneError> {
     let origin = path.display().to_string();
     let folder = Folder::Disk(path.parent().unwrap_or(Path::new("")).to_owned());
     if path.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("toml")) {
-        return Ok((wrap::around_mesh(path)?, String::new(), folder));
+        let scene = wrap::around_mesh(path)?;
+        return Ok(Found::Scene(Box::new(ReadScene { scene, text: String::new(), origin, folder })));
     }
-    let cure = "give the path of a scene (.toml) or of a mesh";
+    let cure = "give the path of a scene or a case (.toml), or of a mesh";
     let bytes = read_bounded(path, MAX_SCENE_BYTES as u64, "", cure).map_err(|error| error.at(&origin))?;
     let text = String::from_utf8(bytes).map_err(|error| {
         let what = format!("byte {} is not UTF-8 text", error.utf8_error().valid_up_to());
-        SceneError::new(Kind::Syntax, "", what, "save the scene as UTF-8").at(&origin)
+        SceneError::new(Kind::Syntax, "", what, "save the file as UTF-8").at(&origin)
     })?;
-    Ok((Scene::parse(&text, &origin)?, text, folder))
+    if case::is_case(&text) {
+        return Ok(Found::Case(text));
+    }
+    Ok(Found::Scene(Box::new(ReadScene { scene: Scene::parse(&text, &origin)?, text, origin, folder })))
 }
 
-fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, SceneError> {
+fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>]) -> Result<LoadedScene, SceneError> {
     let mut notes = Vec::new();
     let raw = scene.deformable.iter().enumerate().map(|(index, one)| object::read(one, index, folder));
     let raw: Vec<RawObject> = raw.collect::<Result<_, _>>()?;
@@ -83,6 +114,7 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, 
     for (index, (raw, transform)) in raw.into_iter().zip(&transforms).enumerate() {
         placed.push(raw.place(&scene.deformable[index], index, transform, &mut notes)?);
     }
+    let drawn = seated(&scene, seats, &mut placed);
     let locators: Vec<Locator> = placed.iter().map(|(mesh, _)| Locator::new(mesh)).collect();
     let meshes: Vec<TetMesh> = placed.iter().map(|(mesh, _)| mesh.clone()).collect();
     let mut objects: Vec<LoadedDeformable> = Vec::new();
@@ -110,9 +142,23 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder) -> Result<LoadedScene, 
     };
     let (hands, rest) = hands::find(&scene, &objects, &probe, &mut notes);
     let mut loaded =
-        LoadedScene { scene, origin: origin.to_owned(), objects, rigid, workspace, fluid, hands, rest, hash: 0, notes };
+        LoadedScene { scene, origin: origin.to_owned(), objects, rigid, workspace, fluid, hands, rest, hash: 0, notes, drawn };
     loaded.hash = content_hash(&loaded);
     Ok(loaded)
+}
+
+/// Moves the objects for which a seat was drawn; says how.
+fn seated(scene: &Scene, seats: &[Option<Seat>], placed: &mut [Placed]) -> Vec<String> {
+    let mut drawn = Vec::new();
+    for (index, seat) in seats.iter().enumerate() {
+        if let (Some(seat), Some(host)) = (seat, host_of(scene, index)) {
+            let host = Locator::new(&placed[host].0);
+            let (mesh, surface) = &mut placed[index];
+            let surface = surface.as_mut().map(|(surface, _)| surface);
+            drawn.extend(seat.take(&scene.deformable[index].name, mesh, surface, &host));
+        }
+    }
+    drawn
 }
 
 fn host_of(scene: &Scene, index: usize) -> Option<usize> {
@@ -164,7 +210,7 @@ fn finish(
     scene: &Scene,
     index: usize,
     mesh: TetMesh,
-    surface: Option<(hyst_mesh::TriangleMesh, String)>,
+    surface: Option<(TriangleMesh, String)>,
     locator: &Locator,
     notes: &mut Vec<String>,
 ) -> Result<(LoadedDeformable, Vec<usize>), SceneError> {

@@ -9,7 +9,7 @@ use hyst_mesh::{Binding, TetMesh, TriangleMesh};
 /// A scene that is ready to run. Metres and radians, in the scene's frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadedScene {
-    /// The scene as it was read.
+    /// The scene as it was read, with what a case has drawn of materials and vessels.
     pub scene: Scene,
     /// The file that it was read from.
     pub origin: String,
@@ -29,6 +29,8 @@ pub struct LoadedScene {
     pub hash: u64,
     /// What was found, assumed or repaired, one sentence each.
     pub notes: Vec<String>,
+    /// What a case has drawn from its seed, one sentence each; nothing of a scene by itself.
+    pub drawn: Vec<String>,
 }
 
 impl LoadedScene {

@@ -3,6 +3,7 @@
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::Scene;
 use crate::validate::validate;
+use serde::de::DeserializeOwned;
 use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -10,26 +11,46 @@ use toml::de::{DeTable, DeValue};
 /// Largest scene file, in bytes: a hundred times the largest that makes sense.
 pub const MAX_SCENE_BYTES: usize = 1 << 20;
 
+/// A kind of file: what it is called, and where its keys are listed.
+pub(crate) struct Format {
+    pub(crate) name: &'static str,
+    pub(crate) schema: &'static str,
+}
+
+const SCENE: Format = Format { name: "scene", schema: "assets/schema/scene.schema.json" };
+
 impl Scene {
     /// Reads and checks a scene. `origin` names the text in errors (its path).
     ///
     /// Checked here is all that the text alone can show: keys, types, ranges, names. Meshes are checked by [`load`](crate::load).
     pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
-        if text.len() > MAX_SCENE_BYTES {
-            let what = format!("the scene has {} bytes, at most {MAX_SCENE_BYTES} are read", text.len());
-            return Err(SceneError::new(Kind::TooLarge, "", what, "check that this is a scene and not a mesh").at(origin));
-        }
-        let table = DeTable::parse(text).map_err(|error| from_toml(&error, None, text).at(origin))?;
-        let values = walk(&table);
-        if let Some(entry) = values.iter().find(|entry| entry.not_finite) {
-            let error = SceneError::new(Kind::Range, entry.path.clone(), "is not a finite number", "give a finite number");
-            return Err(error.located(origin, text));
-        }
-        version(&table, text).map_err(|error| error.located(origin, text))?;
-        let scene: Scene = toml::from_str(text).map_err(|error| from_toml(&error, Some(&values), text).at(origin))?;
+        let scene: Scene = read(text, origin, &SCENE)?;
         validate(&scene).map_err(|error| error.located(origin, text))?;
         Ok(scene)
     }
+}
+
+/// Reads a file of version 1: keys and types are right, and every number is finite.
+pub(crate) fn read<T: DeserializeOwned>(text: &str, origin: &str, format: &Format) -> Result<T, SceneError> {
+    if text.len() > MAX_SCENE_BYTES {
+        let what = format!("the {} has {} bytes, at most {MAX_SCENE_BYTES} are read", format.name, text.len());
+        let cure = format!("check that this is a {} and not a mesh", format.name);
+        return Err(SceneError::new(Kind::TooLarge, "", what, cure).at(origin));
+    }
+    let table = DeTable::parse(text).map_err(|error| from_toml(&error, None, text, format).at(origin))?;
+    let values = walk(&table);
+    if let Some(entry) = values.iter().find(|entry| entry.not_finite) {
+        let error = SceneError::new(Kind::Range, entry.path.clone(), "is not a finite number", "give a finite number");
+        return Err(error.located(origin, text));
+    }
+    version(&table, text).map_err(|error| error.located(origin, text))?;
+    toml::from_str(text).map_err(|error| from_toml(&error, Some(&values), text, format).at(origin))
+}
+
+/// The keys at the top of a text; none of one that is no TOML.
+pub(crate) fn top_keys(text: &str) -> Vec<String> {
+    DeTable::parse(text)
+        .map_or_else(|_| Vec::new(), |table| table.get_ref().keys().map(|key| key.get_ref().to_string()).collect())
 }
 
 /// The version is looked at before anything else, so that a scene of a later version is not called full of unknown keys.
@@ -108,17 +129,19 @@ pub(crate) fn line_column_of_key(text: &str, key: &str) -> Option<(usize, usize)
 }
 
 /// An error of the TOML reader, with the key that it concerns.
-fn from_toml(error: &toml::de::Error, entries: Option<&Vec<Entry>>, text: &str) -> SceneError {
+fn from_toml(error: &toml::de::Error, entries: Option<&Vec<Entry>>, text: &str, format: &Format) -> SceneError {
     let message = error.message().trim().replace('\n', ", ");
     let (kind, cure) = if message.starts_with("unknown field") || message.starts_with("unknown variant") {
-        (Kind::UnknownKey, "correct or remove it")
+        (Kind::UnknownKey, "correct or remove it".to_owned())
     } else if message.starts_with("missing field") {
-        (Kind::Incomplete, "add it; assets/schema/scene.schema.json lists every key")
+        (Kind::Incomplete, format!("add it; {} lists every key", format.schema))
     } else {
-        (Kind::Syntax, "correct the line; assets/schema/scene.schema.json lists every key and its type")
+        (Kind::Syntax, format!("correct the line; {} lists every key and its type", format.schema))
     };
+    // What the whole file lacks concerns no key, though one stands at its beginning.
     let start = error.span().map(|span| span.start);
-    let inside = |entry: &&Entry| start.is_some_and(|byte| entry.span.contains(&byte) || entry.key_span.contains(&byte));
+    let of_key = start.filter(|start| kind != Kind::Incomplete || *start > 0);
+    let inside = |entry: &&Entry| of_key.is_some_and(|byte| entry.span.contains(&byte) || entry.key_span.contains(&byte));
     let key = entries.and_then(|entries| entries.iter().rfind(inside)).map_or(String::new(), |entry| entry.path.clone());
     let mut error = SceneError::new(kind, key, message, cure);
     error.line_column = start.map(|byte| line_column(text, byte));

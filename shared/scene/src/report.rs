@@ -1,9 +1,10 @@
 //! What `hystation check` says of a scene or a mesh: what was found, and what will be done about it. Nothing is started.
 
+use crate::case::{self, Brief};
 use crate::embedded;
 use crate::error::SceneError;
 use crate::file::Scene;
-use crate::load::{load_or_embedded, read_scene};
+use crate::load::{Found, ReadScene, load_or_embedded, read_file};
 use crate::loaded::LoadedScene;
 use crate::object::{self, RawObject};
 use crate::place::is_auto;
@@ -32,6 +33,8 @@ pub struct CheckReport {
     pub hands: Vec<String>,
     /// Hash of all content, 16 hexadecimal digits; empty if it is not runnable.
     pub hash: String,
+    /// The case, if it is one: what its seed has drawn, goals, ends, warnings.
+    pub case: Option<Brief>,
 }
 
 /// What was found in one object's files, before any repair.
@@ -92,6 +95,7 @@ pub fn check(path: Option<&Path>) -> CheckReport {
         notes: Vec::new(),
         hands: Vec::new(),
         hash: String::new(),
+        case: None,
     };
     if let Err(error) = find(path, &mut report) {
         report.refuse(error.to_string());
@@ -100,15 +104,37 @@ pub fn check(path: Option<&Path>) -> CheckReport {
 }
 
 fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError> {
-    let embedded = || Ok((Scene::embedded_default()?, embedded::DEFAULT_SCENE.to_owned(), Folder::Embedded));
-    let (scene, text, folder) = path.map_or_else(embedded, read_scene)?;
-    report.name.clone_from(&scene.name);
-    for (index, deformable) in scene.deformable.iter().enumerate() {
-        let raw = object::read(deformable, index, &folder).map_err(|error| error.located(&report.origin, &text))?;
+    let embedded = || -> Result<ReadScene, SceneError> {
+        let (text, origin) = (embedded::DEFAULT_SCENE.to_owned(), report.origin.clone());
+        Ok(ReadScene { scene: Scene::embedded_default()?, text, origin, folder: Folder::Embedded })
+    };
+    let mut case = None;
+    let read = match path.map(read_file).transpose()? {
+        None => embedded()?,
+        Some(Found::Scene(read)) => *read,
+        Some(Found::Case(text)) => {
+            let (found, read) = case::read_case(&text, path.unwrap_or(Path::new("")))?;
+            case = Some(found);
+            read
+        }
+    };
+    report.name.clone_from(case.as_ref().map_or(&read.scene.name, |case| &case.name));
+    for (index, deformable) in read.scene.deformable.iter().enumerate() {
+        let raw = object::read(deformable, index, &read.folder).map_err(|error| error.located(&read.origin, &read.text))?;
         let scale_to_m = if is_auto(deformable) { None } else { Some(deformable.scale_to_m.unwrap_or(1.0)) };
         report.objects.push(object_report(&deformable.name, scale_to_m, &raw));
     }
-    fill(report, load_or_embedded(path)?);
+    let settled = match (case, path) {
+        (Some(_), Some(path)) => case::find_case(path, None)?,
+        _ => None,
+    };
+    match settled {
+        Some(settled) => {
+            report.case = Some(settled.brief);
+            fill(report, settled.scene);
+        }
+        None => fill(report, load_or_embedded(path)?),
+    }
     Ok(())
 }
 
@@ -247,6 +273,9 @@ impl fmt::Display for CheckReport {
         writeln!(out, "{}{name}", self.origin)?;
         for object in &self.objects {
             write!(out, "{object}")?;
+        }
+        if let Some(case) = &self.case {
+            write!(out, "{case}")?;
         }
         for note in &self.notes {
             writeln!(out, "- {note}")?;

@@ -1,6 +1,7 @@
 //! `hystation check`, and the check that `run` makes before anything starts.
 
 use super::bench::{beside, not_started};
+use crate::case::RunCase;
 use crate::plan::Plan;
 use crate::settings::Refusal;
 use hyst_engine::Settings;
@@ -18,15 +19,18 @@ pub struct Admitted {
 }
 
 /// Loads the scene of a run as the engines will, so that a station is never half-started. What was repaired is said on stderr.
-pub fn admit(settings: &Settings, plan: &Plan) -> Result<Admitted, Refusal> {
-    let loaded = load(settings.scene.as_deref())?;
-    if let Some(path) = &settings.scene {
+pub fn admit(settings: &Settings, plan: &Plan, case: Option<&RunCase>) -> Result<Admitted, Refusal> {
+    let (loaded, path) = match case {
+        Some(case) => (case.settled.scene.clone(), Some(&case.beside)),
+        None => (load(settings.scene.as_deref())?, settings.scene.as_ref()),
+    };
+    if let Some(path) = path {
         let has_tissue = plan.slots().iter().any(|slot| slot.role() == Role::Tissue);
         let isa = settings.set.get("isa").map(String::as_str);
         // On a virtual clock, and with steps that were asked for, the machine may be as slow as it likes.
         let timed = !settings.lockstep && !settings.set.contains_key("tissue_step_ticks");
         let notes = if has_tissue { model(&plan.binary(Role::Tissue), Some(path), isa, timed)? } else { Vec::new() };
-        for note in loaded.notes.iter().chain(&notes) {
+        for note in loaded.drawn.iter().chain(&loaded.notes).chain(&notes) {
             eprintln!("hystation: {note}");
         }
     }
@@ -64,7 +68,7 @@ fn load(path: Option<&Path>) -> Result<LoadedScene, Refusal> {
     hyst_scene::load_or_embedded(path).map_err(|error| Refusal::input(error.to_string()))
 }
 
-/// Prints what was found in a scene or mesh, the default scene where none is named, and what will be done about it; exit code 2 if the station
+/// Prints what was found in a scene, a case or a mesh, the default scene where none is named, and what will be done about it; exit code 2 if the station
 /// cannot run it.
 pub fn check(file: Option<&Path>, json: bool) -> Result<u8, Refusal> {
     let mut report = hyst_scene::check(file);

@@ -1,7 +1,7 @@
 //! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
-use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
+use crate::cli::{Again, RecordedCase, ReplayArgs, RunArgs, StationArgs};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::Station;
@@ -111,14 +111,15 @@ fn run_args(args: &ReplayArgs, whole: &Whole, replay: Replay, record: Option<&Pa
     let quiet = [("console", "off")].map(|(key, value)| format!("{key}={value}"));
     let set = recorded.into_iter().chain(quiet.into_iter().filter(|_| args.verify)).chain(args.station.set.iter().cloned());
     let roles = ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "recorder"].map(String::from).to_vec();
+    let case = whole.session.get("case_text").map(|text| RecordedCase { text: text.clone(), file: settings.case.clone() });
     Ok(RunArgs {
-        scene: args.scene.clone().or(settings.scene),
+        scene: args.scene.clone().or(settings.scene.filter(|_| case.is_none())),
         hand: Some(format!("replay:{}", args.file.display())),
         record: record.map(PathBuf::from),
         lockstep: true,
         roles: args.verify.then_some(roles),
         quiet: args.verify,
-        again: Some(Again { replay, scene_hash, end_tick: whole.end_tick }),
+        again: Some(Again { replay, scene_hash, case, end_tick: whole.end_tick }),
         station: StationArgs {
             headless: args.station.headless || args.verify,
             workers: Some(args.station.workers.unwrap_or(settings.workers)),

@@ -2,6 +2,7 @@
 
 use super::needed_bytes;
 use super::order::Order;
+use crate::case::RunCase;
 use crate::commands::check::Admitted;
 use crate::name;
 use crate::plan::Plan;
@@ -57,17 +58,22 @@ pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
     }
 }
 
-/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings. `recorded_scene` is the hash of the
-/// scene that a replay is of.
-pub fn settle(
-    station: &Station,
-    settings: &Settings,
-    plan: &Plan,
-    order: Order,
-    recorded_scene: Option<u64>,
-) -> Result<Ground, Refusal> {
+/// What a station is to run.
+pub struct Wanted<'a> {
+    /// Its settings.
+    pub settings: &'a Settings,
+    /// Its processes.
+    pub plan: &'a Plan,
+    /// Its case, if it runs one.
+    pub case: Option<&'a RunCase>,
+    /// Hash of the scene that a replay is of.
+    pub recorded_scene: Option<u64>,
+}
+
+/// Founds the station, or takes over the one of this name that lives, if it was started with the same settings.
+pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Ground, Refusal> {
     if let Some(page) = living(station)? {
-        same(station, settings, plan)?;
+        same(station, wanted)?;
         register(&page, Role::Guardian);
         // The end of `--for` counts from when the station was first ready.
         let ready_ns = Order::read(station).and_then(|before| before.ready_ns);
@@ -79,14 +85,14 @@ pub fn settle(
         eprintln!("hystation: removing what a dead station named {:?} left", station.name());
         station.wipe();
     }
-    let admitted = crate::commands::check::admit(settings, plan)?;
-    if let Some(hash) = recorded_scene.filter(|hash| *hash != admitted.hash) {
+    let admitted = crate::commands::check::admit(wanted.settings, wanted.plan, wanted.case)?;
+    if let Some(hash) = wanted.recorded_scene.filter(|hash| *hash != admitted.hash) {
         let (was, is) = (format!("{hash:016x}"), format!("{:016x}", admitted.hash));
         return Err(Refusal::input(format!(
             "the recording is of another scene ({was}, this one is {is}); give the one that was recorded with --scene"
         )));
     }
-    let page = found(station, settings, plan, &admitted)?;
+    let page = found(station, wanted, &admitted)?;
     order.write(station);
     Ok(Ground { page, order, adopted: false })
 }
@@ -110,12 +116,16 @@ fn living(station: &Station) -> Result<Option<OwnedPage>, Refusal> {
 }
 
 /// Whether the station that lives was started with these settings.
-fn same(station: &Station, settings: &Settings, plan: &Plan) -> Result<(), Refusal> {
+fn same(station: &Station, wanted: &Wanted<'_>) -> Result<(), Refusal> {
+    let (settings, plan) = (wanted.settings, wanted.plan);
     let text = std::fs::read_to_string(station.settings()).unwrap_or_default();
     let known: Option<Settings> = toml::from_str(&text).ok();
     // What was swapped meanwhile stays so, whoever keeps the station.
     let begun = Plan::read(station).ok().map(|known| Plan { swapped: plan.swapped.clone(), ..known });
-    if known.as_ref() == Some(settings) && begun.as_ref() == Some(plan) {
+    // A case that was edited since is another one.
+    let is_same_case =
+        wanted.case.is_none_or(|case| std::fs::read_to_string(station.case()).is_ok_and(|text| text == case.settled.text));
+    if is_same_case && known.as_ref() == Some(settings) && begun.as_ref() == Some(plan) {
         return Ok(());
     }
     Err(Refusal::input(format!(
@@ -125,7 +135,8 @@ fn same(station: &Station, settings: &Settings, plan: &Plan) -> Result<(), Refus
     )))
 }
 
-fn found(station: &Station, settings: &Settings, plan: &Plan, scene: &Admitted) -> Result<OwnedPage, Refusal> {
+fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<OwnedPage, Refusal> {
+    let settings = wanted.settings;
     let needed = needed_bytes(scene.state_bytes);
     if let Ok(disk) = rustix::fs::statvfs("/dev/shm")
         && disk.f_bavail * disk.f_frsize < needed
@@ -137,7 +148,7 @@ fn found(station: &Station, settings: &Settings, plan: &Plan, scene: &Admitted) 
              (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)"
         )));
     }
-    let made = make(station, settings, plan);
+    let made = make(station, wanted);
     if made.is_err() {
         station.wipe(); // nothing half-founded stays
     }
@@ -150,12 +161,13 @@ fn found(station: &Station, settings: &Settings, plan: &Plan, scene: &Admitted) 
     Ok(page)
 }
 
-fn make(station: &Station, settings: &Settings, plan: &Plan) -> Result<OwnedPage, Refusal> {
+fn make(station: &Station, wanted: &Wanted<'_>) -> Result<OwnedPage, Refusal> {
     let input = |e: StationError| Refusal::input(e.to_string());
     station.found().map_err(input)?;
-    let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
+    let text = toml::to_string(wanted.settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
     std::fs::write(station.settings(), text)
         .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
-    plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
+    wanted.plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
+    wanted.case.map_or(Ok(()), |case| case.keep(station))?;
     station.open_for_keeping().map_err(input)
 }

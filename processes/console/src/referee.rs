@@ -1,0 +1,76 @@
+//! The session that runs, judged by its case: by the same function as its report, from the same ticks and statuses, a few at each look. Promise: a console
+//! that follows a dead one goes on from its judgement, as long as it comes within the four seconds that the device's ring holds.
+
+use crate::sources::Sources;
+use hyst_assessment::Judge;
+use hyst_engine::Life;
+use hyst_exchange::{Roster, system};
+use serde_json::Value;
+use std::path::PathBuf;
+
+/// Between two writings of the judgement for a successor, and between two tellings of it, ns.
+const KEEP_NS: u64 = 500_000_000;
+const TELL_NS: u64 = 200_000_000;
+
+/// The referee.
+#[derive(Debug)]
+pub struct Referee {
+    judge: Judge,
+    roster: Roster,
+    kept: PathBuf,
+    told: Value,
+    kept_ns: u64,
+    told_ns: u64,
+}
+
+impl Referee {
+    /// Of a station with a case; goes on from what a predecessor has kept.
+    pub fn of(life: &Life) -> Option<Referee> {
+        let brief = std::fs::read_to_string(life.station.brief()).ok()?;
+        let fresh = match Judge::read(&brief) {
+            Ok(judge) => judge,
+            Err(reason) => {
+                life.say(&format!("{}: {reason}", life.station.brief().display()));
+                return None;
+            }
+        };
+        let kept = life.station.brief().with_file_name("judged.json");
+        let before = std::fs::read_to_string(&kept).ok().and_then(|text| serde_json::from_str::<Judge>(&text).ok());
+        let judge = before.filter(|before| before.brief == fresh.brief).unwrap_or(fresh);
+        let roster = Roster::open(&life.station).ok()?;
+        Some(Referee { judge, roster, kept, told: Value::Null, kept_ns: 0, told_ns: 0 })
+    }
+
+    /// Takes what is new; gives case and judgement if they are to be told.
+    pub fn look(&mut self, sources: &Sources) -> Option<Value> {
+        if let Some(status) = sources.tissue(&self.roster) {
+            self.judge.tissue(&status);
+        }
+        if let Some(status) = sources.fluid() {
+            self.judge.fluid(&status);
+        }
+        let judge = &mut self.judge;
+        sources.ticks(judge.first_tick.map_or(0, |_| judge.last_tick + 1), |record| judge.tick(record));
+        let now_ns = system::now_ns();
+        if now_ns >= self.kept_ns + KEEP_NS {
+            self.kept_ns = now_ns;
+            self.keep();
+        }
+        if now_ns < self.told_ns + TELL_NS {
+            return None;
+        }
+        self.told_ns = now_ns;
+        let told = self.judge.json();
+        let is_new = told != self.told;
+        self.told = told;
+        is_new.then(|| self.told.clone())
+    }
+
+    /// Writes the judgement beside the one before, and puts it in its place.
+    fn keep(&self) {
+        let next = self.kept.with_extension("next");
+        let Ok(text) = serde_json::to_string(&self.judge) else { return };
+        // Refused, a successor goes on from an older one, or begins anew.
+        let _ = std::fs::write(&next, text).and_then(|()| std::fs::rename(&next, &self.kept));
+    }
+}

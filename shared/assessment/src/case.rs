@@ -1,0 +1,159 @@
+//! What is told of the case of a session: task, anatomy, goals with their state, end, warnings; as JSON, for a terminal and for the page. The operator's page
+//! shows the same JSON of a session that runs.
+
+use crate::judge::Judge;
+use crate::markup::{escape, plain};
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// Most warnings that are listed with their times.
+const MOST_TIMES: usize = 20;
+/// Most words of a task: a case file has fewer.
+const MOST_WORDS: usize = 1_000;
+/// Columns of a line of the task, and of a goal.
+const LINE: usize = 96;
+
+impl Judge {
+    /// Case and judgement for programs. Times are seconds from the first tick.
+    pub fn json(&self) -> Value {
+        let at_s = |tick: Option<u64>| tick.map(|tick| self.since_start_s(tick));
+        let goals = self.brief.goals.iter().zip(&self.goals).map(|(goal, state)| {
+            json!({
+                "words": plain(&goal.words),
+                "state": if state.reached_tick.is_some() { "reached" } else if state.missed_tick.is_some() { "missed" } else { "open" },
+                "progress": state.progress,
+                "at_s": at_s(state.reached_tick.or(state.missed_tick)),
+            })
+        });
+        let warnings = self.brief.warnings.iter().zip(&self.warnings).enumerate().map(|(index, (warning, state))| {
+            let times = self.told.iter().filter(|(told, _)| *told == index).take(MOST_TIMES);
+            json!({
+                "words": plain(&warning.words),
+                "stands": state.stands && self.ended.is_none(),
+                "count": state.count,
+                "at_s": times.map(|(_, tick)| self.since_start_s(*tick)).collect::<Vec<f64>>(),
+            })
+        });
+        json!({
+            "name": plain(&self.brief.name),
+            "rung": self.brief.rung,
+            "task": self.task(),
+            "seed": self.brief.seed,
+            "drawn": self.brief.drawn.iter().map(|drawn| plain(drawn)).collect::<Vec<String>>(),
+            "goals": goals.collect::<Value>(),
+            "warnings": warnings.collect::<Value>(),
+            "pathology_removed_percent": self.removed_percent(),
+            "ends": self.brief.end.words(),
+            "ended": self.ended.map(|(by, tick)| json!({ "by": by, "words": by.words(), "at_s": self.since_start_s(tick) })),
+        })
+    }
+
+    /// The task in one line.
+    fn task(&self) -> String {
+        self.brief.task.split_whitespace().take(MOST_WORDS).map(plain).collect::<Vec<String>>().join(" ")
+    }
+
+    /// Goals: words, state in words, and a class for the page.
+    fn goal_lines(&self) -> Vec<(String, String, &'static str)> {
+        let line = |(goal, state): (&hyst_scene::Named<hyst_scene::Aim>, &crate::judge::GoalState)| {
+            let (told, class) = match (state.reached_tick, state.missed_tick) {
+                (Some(tick), _) => (format!("reached at {:.1} s", self.since_start_s(tick)), "reached"),
+                (None, Some(tick)) => (format!("missed at {:.1} s", self.since_start_s(tick)), "error"),
+                (None, None) => (format!("not reached ({:.0} % of it)", 100.0 * state.progress), "warning"),
+            };
+            (plain(&goal.words), told, class)
+        };
+        self.brief.goals.iter().zip(&self.goals).map(line).collect()
+    }
+
+    /// Warnings that fell: words, and when.
+    fn warning_lines(&self) -> Vec<(String, String)> {
+        let fallen = self.brief.warnings.iter().zip(&self.warnings).enumerate().filter(|(_, (_, state))| state.count > 0);
+        let line = |(index, (warning, state)): (usize, (&hyst_scene::Named<hyst_scene::Cause>, &crate::judge::WarningState))| {
+            let first_s = self.since_start_s(state.first_tick.unwrap_or(0));
+            let last =
+                self.told.iter().rev().find(|(told, _)| *told == index).map_or(first_s, |(_, tick)| self.since_start_s(*tick));
+            let when = if state.count == 1 {
+                format!("at {first_s:.1} s")
+            } else {
+                format!("{} times, from {first_s:.1} s to {last:.1} s", state.count)
+            };
+            (plain(&warning.words), when)
+        };
+        fallen.map(line).collect()
+    }
+
+    fn ended_line(&self) -> String {
+        match self.ended {
+            Some((by, tick)) => {
+                format!("after {:.1} s: {}; what came later counts for nothing", self.since_start_s(tick), by.words())
+            }
+            None => "not by the case: the recording ends before".to_owned(),
+        }
+    }
+}
+
+/// The case in a report for a terminal.
+pub(crate) fn text(out: &mut String, judge: &Judge) {
+    let _ = writeln!(out, "\nCase: {} (seed {})", cut(&plain(&judge.brief.name)), judge.brief.seed);
+    let mut line = String::from(" ");
+    for word in judge.task().split(' ') {
+        if line.chars().count() + 1 + word.chars().count() > LINE {
+            let _ = writeln!(out, "{line}");
+            line = String::from(" ");
+        }
+        line = line + " " + word;
+    }
+    let _ = writeln!(out, "{line}");
+    for drawn in &judge.brief.drawn {
+        let _ = writeln!(out, "  drawn: {}", cut(&plain(drawn)));
+    }
+    for (words, told, _) in judge.goal_lines() {
+        let _ = writeln!(out, "  {:<60} {told}", cut_to(&words, 60));
+    }
+    let _ = writeln!(out, "  ended {}", judge.ended_line());
+    for (words, when) in judge.warning_lines() {
+        let _ = writeln!(out, "  {:<60} {when}", cut_to(&format!("warning: {words}"), 60));
+    }
+}
+
+/// The case on the page of a report.
+pub(crate) fn html(page: &mut String, judge: &Judge) {
+    let _ = writeln!(
+        page,
+        "<section><h2>Case: {}</h2>\n<p>{}</p>\n<p class=\"note\">Seed {}. {}</p>\n<div class=\"wide\"><table>\n\
+         <tr><th>goal</th><th class=\"text\">what came of it</th></tr>",
+        escape(&judge.brief.name),
+        escape(&judge.task()),
+        judge.brief.seed,
+        escape(&judge.brief.drawn.join("; "))
+    );
+    for (words, told, class) in judge.goal_lines() {
+        let _ = writeln!(
+            page,
+            "<tr><td class=\"text\">{}</td><td class=\"text {class}\">{}</td></tr>",
+            escape(&words),
+            escape(&told)
+        );
+    }
+    let _ = writeln!(page, "</table></div>\n<dl><dt>ended</dt><dd>{}</dd>", escape(&judge.ended_line()));
+    let warnings = judge.warning_lines();
+    if warnings.is_empty() {
+        page.push_str("<dt>warnings</dt><dd>none</dd>\n");
+    }
+    for (words, when) in warnings {
+        let _ = writeln!(page, "<dt>warning</dt><dd class=\"warning\">{}: {}</dd>", escape(&words), escape(&when));
+    }
+    page.push_str("</dl></section>\n");
+}
+
+fn cut(words: &str) -> String {
+    cut_to(words, LINE - 20)
+}
+
+fn cut_to(words: &str, most: usize) -> String {
+    if words.chars().count() <= most {
+        return words.to_owned();
+    }
+    words.chars().take(most - 1).chain(['…']).collect()
+}

@@ -1,0 +1,348 @@
+//! A session judged by its case: which goals were reached and when, what ended it, which warnings fell. One function of what a recording holds (ticks,
+//! statuses of fluid and tissue), computed incrementally, so that the operator's page says of a session that runs what the report says of its recording.
+//!
+//! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
+//! nothing; a status holds for a second, then nothing is known of what it said.
+
+use crate::force::length;
+use crate::motion::finite;
+use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, PUMP_ALARMS, TissueStatus};
+use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// A status holds for so long at most, ticks.
+const HOLD_TICKS: u64 = 1_000;
+/// A warning stands until its cause is gone for so long, ticks: one that flickers is one.
+const CALM_TICKS: u64 = 1_000;
+/// Time over which the rate of a bleeding is taken, and between two points of it, ticks.
+const RATE_TICKS: u64 = 1_000;
+const RATE_POINT_TICKS: u64 = 50;
+/// An inflow valve below this is shut, 0 to 1.
+const SHUT: f32 = 0.05;
+/// Most warnings that are told one by one.
+const MOST_TOLD: usize = 200;
+/// Most goals, and most warnings, of a case that can be judged: a case file has fewer.
+const MOST_ENTRIES: usize = 64;
+
+/// A goal so far.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GoalState {
+    /// When it was reached.
+    pub reached_tick: Option<u64>,
+    /// When it was missed for good: something was to be done in time.
+    pub missed_tick: Option<u64>,
+    /// How far it is, 0 to 1.
+    pub progress: f64,
+    /// Since when what it asks for holds, or was called for.
+    since_tick: Option<u64>,
+    /// Places that were visited.
+    places: usize,
+}
+
+/// A warning so far.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WarningState {
+    /// How often it fell.
+    pub count: u64,
+    /// When it fell first.
+    pub first_tick: Option<u64>,
+    /// Whether it stands.
+    pub stands: bool,
+    /// The newest tick with its cause.
+    cause_tick: u64,
+}
+
+/// What ended a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndedBy {
+    /// All goals were reached.
+    Goals,
+    /// The pump said that the wall is pierced.
+    Perforation,
+    /// The deficit.
+    Deficit,
+    /// The blood.
+    Bleeding,
+    /// The time.
+    Time,
+}
+
+impl EndedBy {
+    /// In words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            EndedBy::Goals => "all goals were reached",
+            EndedBy::Perforation => "the wall was pierced",
+            EndedBy::Deficit => "too much medium was missing",
+            EndedBy::Bleeding => "too much blood was lost",
+            EndedBy::Time => "the time was over",
+        }
+    }
+}
+
+/// What is known of the cavity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Cavity {
+    tick: u64,
+    pressure_pa: Option<f64>,
+    deficit_ml: Option<f64>,
+    bled_ml: Option<f64>,
+    alarms: u32,
+}
+
+/// A session and its case.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Judge {
+    /// The case.
+    pub brief: Brief,
+    /// Goals, in the case's order.
+    pub goals: Vec<GoalState>,
+    /// Warnings, in the case's order.
+    pub warnings: Vec<WarningState>,
+    /// Which warning fell at which tick, the first two hundred.
+    pub told: Vec<(usize, u64)>,
+    /// What ended the session, and when.
+    pub ended: Option<(EndedBy, u64)>,
+    /// First tick.
+    pub first_tick: Option<u64>,
+    /// Newest tick.
+    pub last_tick: u64,
+    /// Volume removed so far, ml.
+    pub removed_ml: Option<f64>,
+    largest_piece_ml: f64,
+    cavity: Option<Cavity>,
+    bled: VecDeque<(u64, f64)>,
+}
+
+impl Judge {
+    /// From what a recording, or a station, says of its case.
+    ///
+    /// # Errors
+    /// Why nobody can be judged by it.
+    pub fn read(brief: &str) -> Result<Judge, String> {
+        let brief: Brief = serde_json::from_str(brief).map_err(|error| format!("the case cannot be read: {error}"))?;
+        let most = brief.goals.len().max(brief.warnings.len());
+        if most > MOST_ENTRIES {
+            return Err(format!("the case cannot be read: {most} entries, at most {MOST_ENTRIES} are judged"));
+        }
+        Ok(Judge::new(brief))
+    }
+
+    /// Before the first tick.
+    pub fn new(brief: Brief) -> Judge {
+        Judge {
+            goals: vec![GoalState::default(); brief.goals.len()],
+            warnings: vec![WarningState::default(); brief.warnings.len()],
+            brief,
+            told: Vec::new(),
+            ended: None,
+            first_tick: None,
+            last_tick: 0,
+            removed_ml: None,
+            largest_piece_ml: 0.0,
+            cavity: None,
+            bled: VecDeque::new(),
+        }
+    }
+
+    /// Takes a status of the fluid.
+    pub fn fluid(&mut self, status: &FluidStatus) {
+        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
+        if self.ended.is_some() || self.cavity.is_some_and(|before| status.state_tick <= before.tick) {
+            return;
+        }
+        let bled_ml = finite(status.bled_ml);
+        self.cavity = Some(Cavity {
+            tick: status.state_tick,
+            pressure_pa: finite(f64::from(status.pressure_pa)),
+            deficit_ml: finite(status.deficit_ml),
+            bled_ml,
+            alarms: status.alarms,
+        });
+        let is_next = self.bled.back().is_none_or(|(tick, _)| status.state_tick >= tick.saturating_add(RATE_POINT_TICKS));
+        if let Some(bled_ml) = bled_ml.filter(|_| is_next) {
+            self.bled.push_back((status.state_tick, bled_ml));
+            while self.bled.get(1).is_some_and(|(tick, _)| status.state_tick - tick >= RATE_TICKS) {
+                self.bled.pop_front();
+            }
+        }
+    }
+
+    /// Takes a status of the tissue. What was removed since the one before is a piece.
+    pub fn tissue(&mut self, status: &TissueStatus) {
+        if self.ended.is_some() || !status.removed_volume_ml.is_finite() {
+            return;
+        }
+        if let Some(before_ml) = self.removed_ml {
+            self.largest_piece_ml = self.largest_piece_ml.max(status.removed_volume_ml - before_ml);
+        }
+        self.removed_ml = Some(status.removed_volume_ml);
+    }
+
+    /// Takes a tick, after the statuses of before it.
+    pub fn tick(&mut self, record: &AppliedRecord) {
+        if self.ended.is_some() || self.first_tick.is_some() && record.tick <= self.last_tick {
+            return;
+        }
+        self.first_tick.get_or_insert(record.tick);
+        self.last_tick = record.tick;
+        for index in 0..self.brief.warnings.len().min(self.warnings.len()) {
+            let is_cause = self.holds(&self.brief.warnings[index].is, record);
+            self.warn(index, is_cause, record.tick);
+        }
+        for index in 0..self.brief.goals.len().min(self.goals.len()) {
+            if self.goals[index].reached_tick.is_none() && self.goals[index].missed_tick.is_none() {
+                self.goals[index] = self.goal(&self.brief.goals[index].is, self.goals[index].clone(), record);
+            }
+        }
+        self.ended = self.end().map(|by| (by, record.tick));
+    }
+
+    /// Percent of the pathology that is removed; `None` without any, or as long as nothing is known. What was burnt elsewhere counts, too.
+    pub fn removed_percent(&self) -> Option<f64> {
+        let of_ml = Some(self.brief.pathology_ml).filter(|ml| *ml > 0.0)?;
+        Some((100.0 * self.removed_ml? / of_ml).clamp(0.0, 100.0))
+    }
+
+    /// Percent of the goals that are reached.
+    pub fn reached_percent(&self) -> f64 {
+        let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
+        100.0 * reached as f64 / self.goals.len().max(1) as f64
+    }
+
+    /// Seconds from the first tick to this one.
+    pub fn since_start_s(&self, tick: u64) -> f64 {
+        tick.saturating_sub(self.first_tick.unwrap_or(tick)) as f64 * 1e-3
+    }
+
+    /// What is known of the cavity at a tick.
+    fn known(&self, tick: u64) -> Cavity {
+        self.cavity.filter(|cavity| tick.saturating_sub(cavity.tick) <= HOLD_TICKS).unwrap_or_default()
+    }
+
+    fn holds(&self, cause: &Cause, record: &AppliedRecord) -> bool {
+        let known = self.known(record.tick);
+        match *cause {
+            Cause::PressureAbove(limit_pa) => known.pressure_pa.is_some_and(|pa| pa > limit_pa),
+            Cause::PressureBelow(limit_pa) => known.pressure_pa.is_some_and(|pa| pa < limit_pa),
+            Cause::DeficitAbove(limit_ml) => known.deficit_ml.is_some_and(|ml| ml > limit_ml),
+            Cause::BledAbove(limit_ml) => known.bled_ml.is_some_and(|ml| ml > limit_ml),
+            Cause::ForceAbove(limit_n) => finite(record.command.force_n).map(length).is_some_and(|n| n > limit_n),
+            Cause::TimeAbove(ticks) => record.tick - self.first_tick.unwrap_or(record.tick) > ticks,
+            Cause::Alarm(alarm) => known.alarms & bit(alarm) != 0,
+            Cause::Current => record.sample.controls.buttons & BUTTON_ENERGIZED != 0,
+        }
+    }
+
+    fn warn(&mut self, index: usize, is_cause: bool, tick: u64) {
+        let warning = &mut self.warnings[index];
+        if is_cause {
+            if !warning.stands {
+                warning.count += 1;
+                warning.first_tick.get_or_insert(tick);
+                if self.told.len() < MOST_TOLD {
+                    self.told.push((index, tick));
+                }
+            }
+            (warning.stands, warning.cause_tick) = (true, tick);
+        } else if tick.saturating_sub(warning.cause_tick) >= CALM_TICKS {
+            warning.stands = false;
+        }
+    }
+
+    /// The goal after a tick.
+    fn goal(&self, aim: &Aim, mut goal: GoalState, record: &AppliedRecord) -> GoalState {
+        let (tick, known) = (record.tick, self.known(record.tick));
+        let share = |is: f64, of: f64| if of > 0.0 { (is / of).clamp(0.0, 1.0) } else { 1.0 };
+        let is_reached = match aim {
+            Aim::Removed(ml) => {
+                goal.progress = share(self.removed_ml.unwrap_or(0.0), *ml);
+                self.removed_ml.is_some_and(|removed_ml| removed_ml >= *ml)
+            }
+            Aim::Piece(ml) => {
+                goal.progress = share(self.largest_piece_ml, *ml);
+                self.largest_piece_ml >= *ml
+            }
+            Aim::Pressure { band_pa: [from_pa, to_pa], ticks } => {
+                goal.hold(known.pressure_pa.is_some_and(|pa| (*from_pa..=*to_pa).contains(&pa)), tick, *ticks)
+            }
+            Aim::Visit { places, stay_ticks } => {
+                let is_there = places.get(goal.places).is_some_and(|place| is_in(&place.is, record));
+                if goal.hold(is_there, tick, *stay_ticks) {
+                    (goal.places, goal.since_tick) = (goal.places + 1, None);
+                }
+                goal.progress = share(goal.places as f64, places.len() as f64);
+                goal.places >= places.len()
+            }
+            Aim::Stop { after, ticks } => {
+                if self.holds(after, record) {
+                    goal.since_tick.get_or_insert(tick);
+                }
+                let controls = &record.sample.controls;
+                let is_stopped = controls.inflow_valve < SHUT && controls.buttons & BUTTON_ENERGIZED == 0;
+                goal.missed_tick = goal.since_tick.filter(|since| !is_stopped && tick - since > *ticks).map(|_| tick);
+                goal.since_tick.is_some() && is_stopped
+            }
+            Aim::Staunch { after_ml, below_ml_min, ticks } => {
+                let is_bleeding = known.bled_ml.is_some_and(|ml| ml >= *after_ml);
+                let is_slow = self.bleeding_ml_min().is_some_and(|rate_ml_min| rate_ml_min <= *below_ml_min);
+                goal.hold(is_bleeding && is_slow, tick, *ticks)
+            }
+        };
+        if is_reached {
+            (goal.reached_tick, goal.progress) = (Some(tick), 1.0);
+        }
+        goal
+    }
+
+    /// How fast it bleeds; `None` before half a second of it is known.
+    fn bleeding_ml_min(&self) -> Option<f64> {
+        let ((first, least_ml), (last, most_ml)) = (self.bled.front()?, self.bled.back()?);
+        let ticks = last - first;
+        (ticks >= RATE_TICKS / 2).then(|| (most_ml - least_ml) / ticks as f64 * 60_000.0)
+    }
+
+    fn end(&self) -> Option<EndedBy> {
+        let (end, known) = (&self.brief.end, self.known(self.last_tick));
+        let reaches = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_some_and(|(value, limit)| value >= limit);
+        let all_reached = !self.goals.is_empty() && self.goals.iter().all(|goal| goal.reached_tick.is_some());
+        let ends = [
+            (EndedBy::Goals, end.goals && all_reached),
+            (EndedBy::Perforation, end.perforation && known.alarms & bit(Alarm::Perforation) != 0),
+            (EndedBy::Deficit, reaches(known.deficit_ml, end.deficit_ml)),
+            (EndedBy::Bleeding, reaches(known.bled_ml, end.bled_ml)),
+            (EndedBy::Time, reaches(Some(self.since_start_s(self.last_tick)), end.time_s)),
+        ];
+        ends.into_iter().find(|(_, is_over)| *is_over).map(|(by, _)| by)
+    }
+}
+
+impl GoalState {
+    /// Something holds at this tick, or not; whether it has held for so many ticks.
+    fn hold(&mut self, is_so: bool, tick: u64, ticks: u64) -> bool {
+        self.since_tick = if is_so { self.since_tick.or(Some(tick)) } else { None };
+        let held = self.since_tick.map(|since| tick - since);
+        self.progress = held.map_or(0.0, |held| if ticks == 0 { 1.0 } else { (held as f64 / ticks as f64).min(1.0) });
+        held.is_some_and(|held| held >= ticks)
+    }
+}
+
+/// Whether the tip is there.
+fn is_in(region: &Region, record: &AppliedRecord) -> bool {
+    let pose = &record.sample.pose;
+    match *region {
+        Region::Ball(centre_m, radius_m) => {
+            let tip_m = finite(pose.position_m);
+            let away_m = tip_m.map(|tip_m| (0..3).map(|axis| (tip_m[axis] - centre_m[axis]).powi(2)).sum::<f64>().sqrt());
+            away_m.is_some_and(|away_m| away_m <= radius_m)
+        }
+        Region::Insertion([least_m, most_m]) => (least_m..=most_m).contains(&f64::from(pose.insertion_m)),
+    }
+}
+
+/// The pump's bit of an alarm.
+fn bit(alarm: Alarm) -> u32 {
+    PUMP_ALARMS.iter().find(|(_, name)| *name == alarm.name()).map_or(0, |(bit, _)| *bit)
+}

@@ -1,0 +1,258 @@
+//! The judgement of a session by its case: each kind of goal, end and warning, by hand; the same from a recording and live; and what a case says of scores.
+#![allow(missing_docs)]
+
+#[allow(dead_code)] // each test file uses its part
+mod fixture;
+
+use fixture::{bytes_of, fluid, record, tissue};
+use hyst_assessment::{Assessment, EndedBy, Judge, Sessions, assess, html, json, text};
+use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED};
+use hyst_recording::{Block, Reader};
+use hyst_scene::Brief;
+use serde_json::{Value, json};
+use std::io::Cursor;
+use std::path::Path;
+
+/// A case with these goals, ends, warnings and scores; 2 ml of pathology.
+fn brief(goals: Value, end: Value, warnings: Value, score: Value) -> Brief {
+    let named = |list: Value| -> Value {
+        let list = list.as_array().unwrap().iter().enumerate();
+        list.map(|(index, is)| json!({ "words": format!("number {index}"), "is": is })).collect()
+    };
+    let mut ends = json!({ "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false });
+    for (key, value) in end.as_object().unwrap() {
+        ends[key] = value.clone();
+    }
+    let brief = json!({
+        "name": "A case <b>", "rung": "polyp", "task": "Do it & well.", "seed": 3, "drawn": ["polyp: larger"], "pathology_ml": 2.0,
+        "goals": named(goals), "end": ends, "warnings": named(warnings), "score": score,
+    });
+    serde_json::from_value(brief).unwrap()
+}
+
+fn judge(goals: Value, end: Value, warnings: Value) -> Judge {
+    Judge::new(brief(goals, end, warnings, json!({})))
+}
+
+fn at(tick: u64, place_m: [f32; 3]) -> AppliedRecord {
+    record(tick, place_m, 0.0)
+}
+
+/// Ticks in which nothing happens.
+fn wait(judge: &mut Judge, ticks: std::ops::Range<u64>) {
+    ticks.for_each(|tick| judge.tick(&at(tick, [0.0, 0.0, 0.02])));
+}
+
+#[test]
+fn a_pressure_is_held_without_a_break_and_of_old_statuses_nothing_is_known() {
+    let mut judge = judge(json!([{ "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": 500 } }]), json!({}), json!([]));
+    for (tick, mmhg) in [(100, 60.0), (400, 90.0), (500, 60.0)] {
+        judge.fluid(&fluid(tick, mmhg, 0.0));
+        wait(&mut judge, tick..tick + 100);
+    }
+    assert_eq!(judge.goals[0].reached_tick, None, "there was a break at 400");
+    wait(&mut judge, 600..2_000);
+    assert_eq!(judge.goals[0].reached_tick, Some(1_000), "in the band since 500");
+    assert_eq!(judge.ended, Some((EndedBy::Goals, 1_000)));
+
+    let mut old = judge.clone();
+    old = Judge::new(old.brief);
+    old.fluid(&fluid(100, 60.0, 0.0));
+    wait(&mut old, 1_000..3_000);
+    assert_eq!(old.goals[0].reached_tick, None, "a status of 100 says nothing from 1101 on");
+}
+
+#[test]
+fn places_are_visited_in_their_order_and_stayed_at() {
+    let places = json!([
+        { "words": "a", "is": { "ball": [[0.01, 0.0, 0.03], 0.005] } },
+        { "words": "b", "is": { "insertion": [0.0, 0.01] } },
+    ]);
+    let mut judge = judge(json!([{ "visit": { "places": places, "stay_ticks": 10 } }]), json!({}), json!([]));
+    let (a, b, nowhere) = ([0.012, 0.001, 0.03], [0.0, 0.0, 0.005], [0.0, 0.0, f32::NAN]);
+    let way = [(b, 20), (a, 9), (nowhere, 1), (a, 10), (a, 1), (b, 10), (b, 1)];
+    let mut tick = 0;
+    let mut progress = Vec::new();
+    for (place, ticks) in way {
+        for _ in 0..ticks {
+            judge.tick(&at(tick, place));
+            tick += 1;
+        }
+        progress.push(judge.goals[0].progress);
+    }
+    assert_eq!(progress, [0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 1.0], "b does not count before a, and a stay has 10 ms");
+    assert_eq!(judge.goals[0].reached_tick, Some(51));
+}
+
+#[test]
+fn what_is_removed_and_the_largest_piece_are_those_of_the_statuses() {
+    let mut judge = judge(json!([{ "removed": 1.0 }, { "piece": 0.4 }]), json!({ "goals": false }), json!([]));
+    for (tick, removed_ml) in [(0, 0.0), (10, 0.3), (20, 0.6), (30, 0.6), (40, 1.1), (50, f64::NAN)] {
+        judge.tissue(&tissue(tick, 1, removed_ml));
+        judge.tick(&at(tick, [0.0; 3]));
+    }
+    let reached: Vec<Option<u64>> = judge.goals.iter().map(|goal| goal.reached_tick).collect();
+    assert_eq!(reached, [Some(40), Some(40)], "pieces of 0.3, 0.3 and 0.5 ml");
+    assert_eq!((judge.removed_percent(), judge.reached_percent(), judge.ended), (Some(55.00000000000001), 100.0, None));
+}
+
+#[test]
+fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
+    let stop = json!([{ "stop": { "after": { "deficit_above": 50.0 }, "ticks": 200 } }]);
+    let shut = |tick: u64, is_energised: bool| {
+        let mut record = at(tick, [0.0; 3]);
+        record.sample.controls.inflow_valve = 0.0;
+        record.sample.controls.buttons = if is_energised { BUTTON_ENERGIZED } else { 0 };
+        record
+    };
+    let mut early = judge(stop.clone(), json!({}), json!([]));
+    early.tick(&shut(0, false));
+    assert_eq!(early.goals[0].reached_tick, None, "nothing has called for it");
+    early.fluid(&fluid(10, 60.0, 51.0));
+    wait(&mut early, 10..100);
+    early.tick(&shut(100, true));
+    assert_eq!(early.goals[0].reached_tick, None, "the current is on");
+    early.tick(&shut(101, false));
+    assert_eq!(early.goals[0].reached_tick, Some(101));
+
+    let mut late = judge(stop, json!({}), json!([]));
+    late.fluid(&fluid(10, 60.0, 51.0));
+    wait(&mut late, 10..212);
+    late.tick(&shut(212, false));
+    assert_eq!((late.goals[0].reached_tick, late.goals[0].missed_tick), (None, Some(211)), "called for at 10");
+    assert_eq!(late.ended, None);
+}
+
+#[test]
+fn a_bleeding_is_staunched_once_it_has_bled_and_does_so_slowly_for_long_enough() {
+    let staunch = json!([{ "staunch": { "after_ml": 1.0, "below_ml_min": 6.0, "ticks": 1_000 } }]);
+    let mut judge = judge(staunch, json!({}), json!([]));
+    for tick in (0..8_000).step_by(50) {
+        let bled_ml = 0.001 * tick.min(4_000) as f64; // 60 ml/min for 4 s, then none
+        judge.fluid(&fluid(tick, 60.0, 10.0 * bled_ml));
+        wait(&mut judge, tick..tick + 50);
+    }
+    // Over the second before 4900 to 4950 it bled below 6 ml/min: 0.1 ml, then less.
+    let reached = judge.goals[0].reached_tick.unwrap();
+    assert!((5_900..=5_950).contains(&reached), "{reached}");
+}
+
+#[test]
+fn each_end_comes_at_its_tick_and_nothing_counts_after_it() {
+    let goals = json!([{ "removed": 1.0 }]);
+    for (end, by, tick) in [
+        (json!({ "time_s": 0.5 }), EndedBy::Time, 500),
+        (json!({ "deficit_ml": 30.0 }), EndedBy::Deficit, 300),
+        (json!({ "bled_ml": 2.0 }), EndedBy::Bleeding, 200),
+        (json!({ "perforation": true }), EndedBy::Perforation, 700),
+    ] {
+        let mut judge = judge(goals.clone(), end.clone(), json!([{ "time_above": 900 }]));
+        for tick in (0..2_000).step_by(100) {
+            let mut status = fluid(tick, 60.0, 0.1 * tick as f64);
+            status.alarms = if tick >= 700 { 8 } else { 4 };
+            judge.fluid(&status);
+            wait(&mut judge, tick..tick + 100);
+        }
+        assert_eq!(judge.ended, Some((by, tick)), "{end}");
+        assert_eq!((judge.last_tick, judge.warnings[0].count), (tick, 0), "{end}");
+    }
+}
+
+#[test]
+fn a_warning_that_flickers_is_one_and_comes_again_after_a_second_of_calm() {
+    let causes = json!([{ "force_above": 1.0 }, { "alarm": "abnormal_loss" }, "current", { "pressure_below": 1_000.0 }]);
+    let mut judge = judge(json!([{ "removed": 1.0 }]), json!({}), causes);
+    let mut status = fluid(0, 60.0, 0.0);
+    status.alarms = 4;
+    judge.fluid(&status);
+    for tick in 0..5_000 {
+        let force_n = if tick < 400 && tick % 3 == 0 || tick == 3_000 { 1.5 } else { 0.0 };
+        let mut record = record(tick, [0.0; 3], force_n);
+        record.sample.controls.buttons = if tick == 10 { BUTTON_ENERGIZED } else { 0 };
+        judge.tick(&record);
+    }
+    let counts: Vec<u64> = judge.warnings.iter().map(|warning| warning.count).collect();
+    assert_eq!(counts, [2, 1, 1, 0]);
+    assert_eq!(judge.told, [(0, 0), (1, 0), (2, 10), (0, 3_000)]);
+    assert!(!judge.warnings[0].stands, "it is over since 4001");
+}
+
+#[test]
+fn a_successor_goes_on_from_what_was_written_down() {
+    let goals = json!([{ "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": 500 } }, { "removed": 1.0 }]);
+    let mut whole = judge(goals, json!({ "time_s": 1.5 }), json!([{ "time_above": 200 }]));
+    let mut first = whole.clone();
+    whole.fluid(&fluid(1, 60.0, 0.0));
+    wait(&mut whole, 1..1_000);
+    first.fluid(&fluid(1, 60.0, 0.0));
+    wait(&mut first, 1..300);
+    let mut second: Judge = serde_json::from_str(&serde_json::to_string(&first).unwrap()).unwrap();
+    wait(&mut second, 250..1_000); // some of them once more
+    assert_eq!(second, whole);
+}
+
+#[test]
+fn ticks_and_statuses_at_the_end_of_time_overflow_nothing() {
+    let goals = json!([
+        { "pressure": { "band_pa": [0.0, 1e4], "ticks": u64::MAX } },
+        { "staunch": { "after_ml": 0.0, "below_ml_min": 1.0, "ticks": 0 } },
+        { "stop": { "after": "current", "ticks": 0 } },
+    ]);
+    let mut judge = judge(goals, json!({ "time_s": 1e300 }), json!([{ "time_above": u64::MAX }]));
+    for tick in [0, 1, u64::MAX - 1, u64::MAX] {
+        judge.fluid(&fluid(tick, f32::INFINITY, f64::NAN));
+        judge.tissue(&tissue(tick, 0, f64::INFINITY));
+        judge.tick(&at(tick, [f32::INFINITY; 3]));
+    }
+    assert_eq!(judge.last_tick, u64::MAX);
+}
+
+/// Three seconds of recording whose pressure is held, with a case.
+fn recorded(name: &str, case: &str) -> Assessment {
+    let blocks: Vec<Block> = (0..15u64).map(|index| fixture::busy(5_000 + 200 * index, 200)).collect();
+    let facts = [("session", "test-1"), ("scene", "/a/case.toml"), ("scene_hash", "00ff"), ("case", case)];
+    let bytes = bytes_of(name, &facts, &blocks);
+    assess(Reader::new(Cursor::new(&bytes), Path::new("session.mcap")).unwrap(), 2, |_| {})
+}
+
+#[test]
+fn a_recording_is_judged_by_its_case_alone_and_scored_with_its_weights() {
+    let goals = json!([{ "pressure": { "band_pa": [6_000.0, 20_000.0], "ticks": 800 } }, { "removed": 0.15 }]);
+    let score = json!({ "time": { "weight": 0.0 }, "goals": { "weight": 1.0 }, "pathology": { "weight": 3.0, "full": 20.0, "none": 0.0 } });
+    let case = brief(goals, json!({}), json!([{ "bled_above": 0.1 }]), score);
+    let assessment = recorded("judged", &serde_json::to_string(&case).unwrap());
+    let judge = assessment.measured.judge.clone().unwrap();
+    // 60 mmHg from 5020 on; 0.16 ml are removed at 6610.
+    assert_eq!(judge.goals.iter().map(|goal| goal.reached_tick).collect::<Vec<_>>(), [Some(5_820), Some(6_610)]);
+    assert_eq!(judge.ended, Some((EndedBy::Goals, 6_610)));
+    let sessions = Sessions::new("a.mcap", assessment);
+    let report = json(&sessions);
+    assert_eq!(report["case"]["ended"], json!({ "by": "goals", "words": "all goals were reached", "at_s": 1.61 }));
+    let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
+    assert_eq!((metric("time")["value"].as_f64(), metric("time")["weight"].as_f64()), (Some(1.611), Some(0.0)), "up to the end");
+    assert_eq!(metric("goals")["score"].as_f64(), Some(100.0));
+    let near = |key: &str, field: &str, exact: f64| (metric(key)[field].as_f64().unwrap() - exact).abs() < 1e-9;
+    assert!(near("removed", "value", 0.16) && near("pathology", "value", 8.0) && near("pathology", "score", 40.0), "{report}");
+    let task = (100.0 + 3.0 * 40.0 + 80.0) / 5.0; // one warning of five
+    assert!((report["groups"]["Task"].as_f64().unwrap() - task).abs() < 1e-9, "{}", report["groups"]);
+    assert!(report["groups"]["Ergonomics"].as_f64().is_some());
+
+    let told = text(&sessions);
+    assert!(told.contains("Case: A case <b> (seed 3)") && told.contains("reached at 0.8 s"), "{told}");
+    assert!(told.contains("ended after 1.6 s: all goals were reached") && told.contains("warning: number 0"), "{told}");
+    assert!(told.lines().all(|line| line.chars().count() <= 100), "{told}");
+    let page = html(&sessions);
+    assert!(page.contains("<h2>Case: A case &lt;b&gt;</h2>") && page.contains("Do it &amp; well."), "{page}");
+    assert!(page.contains("class=\"text reached\">reached at 1.6 s") && !page.contains("<b>\""), "{page}");
+}
+
+#[test]
+fn a_case_that_cannot_be_read_is_missing_and_the_rest_is_told() {
+    for case in ["", "{}", "{\"name\":3}", &"[".repeat(10_000)] {
+        let assessment = recorded("unread", case);
+        assert!(assessment.measured.judge.is_none() && assessment.missing().iter().any(|line| line.contains("case")), "{case}");
+        assert_eq!(assessment.measured.conduct.ticks, 3_000);
+    }
+    let many = brief(json!(vec![json!({ "removed": 1.0 }); 65]), json!({}), json!([]), json!({}));
+    assert!(Judge::read(&serde_json::to_string(&many).unwrap()).unwrap_err().contains("65"));
+}

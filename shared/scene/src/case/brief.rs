@@ -1,0 +1,294 @@
+//! A case as it is judged: names are places, percents have their millilitres, defaults are figures. A station and its recording carry it, so whoever judges
+//! a session needs neither the file nor a mesh.
+
+use super::file::{Alarm, Case, End, Energy, Goal, Rung, Score, Stop, Warning};
+use crate::error::{SceneError, SceneErrorKind as Kind};
+use crate::file::DeformableKind;
+use crate::fluid::Medium;
+use crate::loaded::{LoadedDeformable, LoadedScene};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Pascal per millimetre of mercury, for words.
+const PA_PER_MMHG: f64 = 133.322;
+/// Highest pressure where a case says nothing, Pa: 100 mmHg, a mean arterial pressure, below which to stay (ACOG Committee Opinion 800).
+pub(crate) const MAX_PRESSURE_PA: f64 = 13_332.2;
+
+/// What the pump allows to be missing of a medium, ml (ACOG Committee Opinion 800).
+pub(crate) fn deficit_limit_ml(medium: Medium) -> f64 {
+    match medium {
+        Medium::Saline => 2_500.0,
+        Medium::Glycine | Medium::Sorbitol => 1_000.0,
+    }
+}
+
+/// A case with the anatomy of one seed, ready to be judged by.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Brief {
+    /// Name of the case.
+    pub name: String,
+    /// Rung of the ladder.
+    pub rung: Rung,
+    /// The task in words.
+    pub task: String,
+    /// What the anatomy was drawn from.
+    pub seed: u32,
+    /// What was drawn, a sentence each.
+    pub drawn: Vec<String>,
+    /// Volume of all pathology at the beginning, ml.
+    pub pathology_ml: f64,
+    /// Goals, in the file's order.
+    pub goals: Vec<Named<Aim>>,
+    /// What ends the session.
+    pub end: End,
+    /// Warnings: those of the rules, then the file's.
+    pub warnings: Vec<Named<Cause>>,
+    /// Weights and scales of metrics.
+    pub score: BTreeMap<String, Score>,
+}
+
+/// Something with its words.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Named<T> {
+    /// As the trainee reads it.
+    pub words: String,
+    /// What it is.
+    pub is: T,
+}
+
+/// What a goal asks for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Aim {
+    /// So much pathology removed, ml.
+    Removed(f64),
+    /// A piece of so much at once, ml.
+    Piece(f64),
+    /// The pressure within two values, Pa, for so long, ticks.
+    Pressure {
+        /// Lowest and highest.
+        band_pa: [f64; 2],
+        /// Ticks without a break.
+        ticks: u64,
+    },
+    /// The tip in places, in order.
+    Visit {
+        /// The places.
+        places: Vec<Named<Region>>,
+        /// Ticks in each without a break.
+        stay_ticks: u64,
+    },
+    /// Inflow and current off so soon after a trigger, ticks.
+    Stop {
+        /// What calls for it.
+        after: Cause,
+        /// Ticks.
+        ticks: u64,
+    },
+    /// A bleeding below a rate, ml/min, for so long, after so much.
+    Staunch {
+        /// Blood before it counts.
+        after_ml: f64,
+        /// Fastest bleeding.
+        below_ml_min: f64,
+        /// Ticks without a break.
+        ticks: u64,
+    },
+}
+
+/// Where the tip is to be.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Region {
+    /// A ball: centre and radius, m.
+    Ball([f64; 3], f64),
+    /// A range of the insertion, m.
+    Insertion([f64; 2]),
+}
+
+/// What calls for a warning.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// Pressure above this, Pa.
+    PressureAbove(f64),
+    /// Pressure below this, Pa.
+    PressureBelow(f64),
+    /// Deficit above this, ml.
+    DeficitAbove(f64),
+    /// More blood lost than this, ml.
+    BledAbove(f64),
+    /// Force above this, N.
+    ForceAbove(f64),
+    /// More time passed than this, ticks.
+    TimeAbove(u64),
+    /// An alarm of the pump.
+    Alarm(Alarm),
+    /// Current in the loop, of a kind that is wrong in the medium.
+    Current,
+}
+
+impl Alarm {
+    /// Its name, as the pump shows it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Alarm::Pressure => "pressure",
+            Alarm::Deficit => "deficit",
+            Alarm::AbnormalLoss => "abnormal loss",
+            Alarm::Perforation => "perforation",
+            Alarm::ContainerChange => "container change",
+        }
+    }
+}
+
+fn ticks(seconds: f64) -> u64 {
+    (seconds * 1e3).round() as u64
+}
+
+fn mmhg(pa: f64) -> f64 {
+    pa / PA_PER_MMHG
+}
+
+/// The case as it is judged in a scene that was drawn for it.
+pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
+    let pathologies = scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
+    let pathology_ml: f64 = pathologies.map(volume_ml).sum();
+    let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
+    let goals = case.goal.iter().enumerate().map(goal).collect::<Result<_, _>>()?;
+    let medium = scene.fluid.medium;
+    let rules = &case.rules;
+    let pressure_pa = rules.max_pressure_pa.unwrap_or(MAX_PRESSURE_PA);
+    let deficit_ml = rules.max_deficit_ml.unwrap_or(deficit_limit_ml(medium));
+    let mut warnings = vec![
+        Named { words: format!("pressure above {:.0} mmHg", mmhg(pressure_pa)), is: Cause::PressureAbove(pressure_pa) },
+        Named { words: format!("more than {deficit_ml} ml of medium are missing"), is: Cause::DeficitAbove(deficit_ml) },
+    ];
+    if rules.energy == Energy::Monopolar && medium == Medium::Saline {
+        warnings.push(Named { words: "monopolar current in saline: it conducts".to_owned(), is: Cause::Current });
+    }
+    warnings.extend(case.warning.iter().filter_map(warning));
+    Ok(Brief {
+        name: case.name.clone(),
+        rung: case.rung,
+        task: case.task.clone(),
+        seed: case.seed,
+        drawn: scene.drawn.clone(),
+        pathology_ml,
+        goals,
+        end: case.end.clone(),
+        warnings,
+        score: case.score.clone(),
+    })
+}
+
+fn volume_ml(object: &LoadedDeformable) -> f64 {
+    1e6 * hyst_mesh::check(&object.mesh).volume_m3
+}
+
+fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml: f64) -> Result<Named<Aim>, SceneError> {
+    let (words, is) = if let Some(removed) = &goal.removed {
+        let words = format!("remove {} % of the pathology", removed.percent);
+        (words, Aim::Removed(pathology_ml * removed.percent / 100.0))
+    } else if let Some(biopsy) = &goal.biopsy {
+        if biopsy.at_least_ml > pathology_ml {
+            let what = format!("asks for {} ml, “{}” has {pathology_ml:.3} ml", biopsy.at_least_ml, biopsy.object);
+            let key = format!("goal[{index}].biopsy.at_least_ml");
+            return Err(SceneError::new(Kind::Contradiction, key, what, "ask for less than the object has at its smallest"));
+        }
+        (format!("cut a piece of {} ml from the {}", biopsy.at_least_ml, biopsy.object), Aim::Piece(biopsy.at_least_ml))
+    } else if let Some(held) = &goal.pressure {
+        let words = format!("hold {:.0} to {:.0} mmHg for {} s", mmhg(held.from_pa), mmhg(held.to_pa), held.for_s);
+        (words, Aim::Pressure { band_pa: [held.from_pa, held.to_pa], ticks: ticks(held.for_s) })
+    } else if let Some(visit) = &goal.visit {
+        let places = visit.places.iter().map(|name| region(case, name, scene)).collect();
+        (format!("bring the tip to: {}", visit.places.join(", ")), Aim::Visit { places, stay_ticks: ticks(visit.stay_s) })
+    } else if let Some(stop) = &goal.stop {
+        let (when, after) = trigger(stop);
+        (
+            format!("stop inflow and current within {} s of {when}", stop.within_s),
+            Aim::Stop { after, ticks: ticks(stop.within_s) },
+        )
+    } else {
+        let staunch = goal.staunch.clone().unwrap_or(super::file::Staunch { after_ml: 0.0, below_ml_min: 0.0, for_s: 0.0 });
+        let words = format!("staunch the bleeding: below {} ml/min for {} s", staunch.below_ml_min, staunch.for_s);
+        let (after_ml, below_ml_min) = (staunch.after_ml, staunch.below_ml_min);
+        (words, Aim::Staunch { after_ml, below_ml_min, ticks: ticks(staunch.for_s) })
+    };
+    Ok(Named { words: goal.words.clone().unwrap_or(words), is })
+}
+
+/// A place that the checks have shown to be there.
+fn region(case: &Case, name: &str, scene: &LoadedScene) -> Named<Region> {
+    let place = case.place.iter().find(|place| place.name == name);
+    let is = place.map_or(Region::Insertion([0.0; 2]), |place| match (place.insertion_m, &place.object) {
+        (Some(insertion_m), _) => Region::Insertion(insertion_m),
+        (None, Some(object)) => Region::Ball(middle_m(scene, object), place.within_m.unwrap_or_default()),
+        (None, None) => Region::Ball(place.centre_m.unwrap_or_default(), place.radius_m.unwrap_or_default()),
+    });
+    Named { words: name.to_owned(), is }
+}
+
+/// Mean of an object's nodes.
+fn middle_m(scene: &LoadedScene, name: &str) -> [f64; 3] {
+    let found = scene.objects.iter().find(|object| object.name == name);
+    let nodes = found.map_or(&[][..], |object| &object.mesh.positions_m);
+    let mut sum_m = [0.0; 3];
+    for node in nodes {
+        for (sum, coordinate) in sum_m.iter_mut().zip(node) {
+            *sum += f64::from(*coordinate);
+        }
+    }
+    sum_m.map(|sum| sum / nodes.len().max(1) as f64)
+}
+
+fn trigger(stop: &Stop) -> (String, Cause) {
+    match (stop.alarm, stop.deficit_ml) {
+        (Some(alarm), _) => (format!("the pump's alarm “{}”", alarm.name()), Cause::Alarm(alarm)),
+        (None, Some(deficit_ml)) => (format!("a deficit of {deficit_ml} ml"), Cause::DeficitAbove(deficit_ml)),
+        (None, None) => {
+            let bled_ml = stop.bled_ml.unwrap_or_default();
+            (format!("{bled_ml} ml of blood"), Cause::BledAbove(bled_ml))
+        }
+    }
+}
+
+/// A warning that the checks have shown to have one condition.
+fn warning(warning: &Warning) -> Option<Named<Cause>> {
+    let made = [
+        warning.pressure_above_pa.map(|pa| (format!("pressure above {:.0} mmHg", mmhg(pa)), Cause::PressureAbove(pa))),
+        warning.pressure_below_pa.map(|pa| (format!("pressure below {:.0} mmHg", mmhg(pa)), Cause::PressureBelow(pa))),
+        warning.deficit_above_ml.map(|ml| (format!("more than {ml} ml of medium are missing"), Cause::DeficitAbove(ml))),
+        warning.bled_above_ml.map(|ml| (format!("more than {ml} ml of blood were lost"), Cause::BledAbove(ml))),
+        warning.force_above_n.map(|n| (format!("force above {n} N"), Cause::ForceAbove(n))),
+        warning.time_above_s.map(|s| (format!("{s} s have passed"), Cause::TimeAbove(ticks(s)))),
+        warning.alarm.map(|alarm| (format!("the pump's alarm “{}”", alarm.name()), Cause::Alarm(alarm))),
+    ];
+    let (words, is) = made.into_iter().flatten().next()?;
+    Some(Named { words: warning.words.clone().unwrap_or(words), is })
+}
+
+impl fmt::Display for Brief {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(out, "case: {}", self.task.trim().replace('\n', " "))?;
+        writeln!(out, "  seed {}, {:.3} ml of pathology", self.seed, self.pathology_ml)?;
+        self.drawn.iter().try_for_each(|drawn| writeln!(out, "  drawn: {drawn}"))?;
+        self.goals.iter().try_for_each(|goal| writeln!(out, "  goal: {}", goal.words))?;
+        self.end.words().iter().try_for_each(|end| writeln!(out, "  ends: {end}"))?;
+        self.warnings.iter().try_for_each(|warning| writeln!(out, "  warns: {}", warning.words))
+    }
+}
+
+impl End {
+    /// What ends the session, in words.
+    pub fn words(&self) -> Vec<String> {
+        let ends = [
+            self.goals.then(|| "all goals are reached".to_owned()),
+            self.time_s.map(|time_s| format!("after {time_s} s")),
+            self.deficit_ml.map(|ml| format!("at a deficit of {ml} ml")),
+            self.bled_ml.map(|ml| format!("at {ml} ml of blood")),
+            self.perforation.then(|| "when the wall is pierced".to_owned()),
+        ];
+        ends.into_iter().flatten().collect()
+    }
+}

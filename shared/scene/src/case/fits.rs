@@ -1,0 +1,132 @@
+//! What a case and its scene together show to be wrong: objects that are not there, places out of reach, goals that need another medium.
+
+use super::brief::deficit_limit_ml;
+use super::checks::wrong;
+use super::file::{Case, Energy, Place};
+use crate::electrode::electrode;
+use crate::error::{SceneError, SceneErrorKind as Kind};
+use crate::file::{Deformable, DeformableKind, Scene};
+use crate::fluid::Medium;
+use crate::validate::{Checked, range};
+
+/// What the case and its scene show together.
+pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
+    variations(case, scene)?;
+    for (index, place) in case.place.iter().enumerate() {
+        if let Some(name) = &place.object {
+            find(scene, format!("place[{index}].object"), name)?;
+        }
+        reachable(place, index, scene)?;
+    }
+    goals(case, scene)?;
+    let limit_ml = deficit_limit_ml(case.rules.medium.unwrap_or(scene.fluid.medium));
+    range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
+}
+
+fn find<'a>(scene: &'a Scene, key: String, name: &str) -> Result<&'a Deformable, SceneError> {
+    scene.deformable.iter().find(|object| object.name == name).ok_or_else(|| {
+        let known: Vec<&str> = scene.deformable.iter().map(|object| object.name.as_str()).collect();
+        let what = format!("the scene has no object “{name}”; there are: {}", known.join(", "));
+        SceneError::new(Kind::Name, key, what, "name one of these")
+    })
+}
+
+fn variations(case: &Case, scene: &Scene) -> Checked {
+    for (index, vary) in case.vary.iter().enumerate() {
+        let Some(name) = &vary.object else { continue };
+        let key = format!("vary[{index}].object");
+        let object = find(scene, key.clone(), name)?;
+        if case.vary[..index].iter().any(|before| before.object.as_ref() == Some(name)) {
+            return wrong(Kind::Name, key, format!("“{name}” varies twice"), "put both into one [[vary]] table");
+        }
+        if scene.deformable.iter().any(|other| other.attach_to.as_ref() == Some(name))
+            && (vary.size.is_some() || vary.shift_m.is_some())
+        {
+            return wrong(
+                Kind::Contradiction,
+                key,
+                format!("another object is attached to “{name}”"),
+                "vary its stiffness alone",
+            );
+        }
+        let moves = [("size", vary.size.is_some()), ("shift_m", vary.shift_m.is_some())];
+        if let (None, Some((what, _))) = (&object.attach_to, moves.iter().find(|(_, is)| *is)) {
+            let key = format!("vary[{index}].{what}");
+            return wrong(
+                Kind::Contradiction,
+                key,
+                format!("“{name}” sits on no wall"),
+                "vary what is attached, or stiffness alone",
+            );
+        }
+    }
+    Ok(())
+}
+
+fn goals(case: &Case, scene: &Scene) -> Checked {
+    let pathologies: Vec<&str> = scene
+        .deformable
+        .iter()
+        .filter(|object| object.kind == DeformableKind::Pathology)
+        .map(|object| object.name.as_str())
+        .collect();
+    for (index, goal) in case.goal.iter().enumerate() {
+        if let Some(biopsy) = &goal.biopsy {
+            let key = format!("goal[{index}].biopsy.object");
+            find(scene, key.clone(), &biopsy.object)?;
+            if pathologies != [biopsy.object.as_str()] {
+                let what = format!(
+                    "“{}” is not the only pathology of the scene, and what is removed is counted together",
+                    biopsy.object
+                );
+                return wrong(Kind::Contradiction, key, what, "take a scene with this one pathology");
+            }
+        }
+        let cutting = [("removed", goal.removed.is_some()), ("biopsy", goal.biopsy.is_some())];
+        if let Some((name, _)) = cutting.iter().find(|(_, is)| *is) {
+            cuttable(case, scene, pathologies.is_empty(), &format!("goal[{index}].{name}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether a goal that needs the loop can be reached.
+fn cuttable(case: &Case, scene: &Scene, no_pathology: bool, key: &str) -> Checked {
+    if no_pathology {
+        return wrong(
+            Kind::Contradiction,
+            key,
+            "the scene has no pathology",
+            "mark one with kind = \"pathology\", or remove the goal",
+        );
+    }
+    if scene.rigid.first().and_then(electrode).is_none() {
+        return wrong(Kind::Contradiction, key, "the instrument has no loop to cut with", "give the scene's [[rigid]] one");
+    }
+    let medium = case.rules.medium.unwrap_or(scene.fluid.medium);
+    if case.rules.energy == Energy::Monopolar && medium == Medium::Saline {
+        let what = "needs another medium: saline conducts monopolar current away";
+        return wrong(Kind::Contradiction, key, what, "set rules.energy = \"bipolar\", or rules.medium = \"glycine\"");
+    }
+    Ok(())
+}
+
+fn reachable(place: &Place, index: usize, scene: &Scene) -> Checked {
+    let [shortest_m, longest_m] = scene.workspace.insertion_m;
+    let cure = "move it, or widen the scene's workspace";
+    if let (Some(centre_m), Some(radius_m)) = (place.centre_m, place.radius_m) {
+        let pivot_m = scene.workspace.pivot_m;
+        let away_m = (0..3).map(|axis| (centre_m[axis] - pivot_m[axis]).powi(2)).sum::<f64>().sqrt();
+        if away_m - radius_m > longest_m || away_m + radius_m < shortest_m {
+            let what = format!("is {away_m:.3} m from the pivot, the tip reaches {shortest_m} to {longest_m} m");
+            return wrong(Kind::Contradiction, format!("place[{index}].centre_m"), what, cure);
+        }
+    }
+    match place.insertion_m {
+        Some([least_m, most_m]) if least_m > longest_m || most_m < shortest_m => {
+            let what = format!("the insertion is {shortest_m} to {longest_m} m in this scene");
+            wrong(Kind::Contradiction, format!("place[{index}].insertion_m"), what, cure)
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,256 @@
+//! Each fault of a case gives one error that says where, what and what to do; goals that the rest of the case rules out are faults.
+#![allow(missing_docs)]
+
+use hyst_scene::{Case, SceneError, SceneErrorKind as Kind, find_case};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+use std::path::{Path, PathBuf};
+
+const GOOD: &str = r#"version = 1
+name = "test"
+rung = "polyp"
+task = "Do it."
+scene = "SCENE"
+seed = 7
+[[vary]]
+object = "polyp"
+size = [0.9, 1.1]
+[[vary]]
+vessel_spacing_m = [0.003, 0.004]
+[rules]
+medium = "saline"
+[[place]]
+name = "middle"
+centre_m = [0.0, 0.0, 0.03]
+radius_m = 0.005
+[[goal]]
+removed = { percent = 50.0 }
+[[goal]]
+visit = { places = ["middle"], stay_s = 1.0 }
+[[goal]]
+pressure = { from_pa = 5000.0, to_pa = 9000.0, for_s = 10.0 }
+[end]
+time_s = 60.0
+[[warning]]
+deficit_above_ml = 100.0
+[score]
+time = { weight = 2.0 }
+"#;
+
+/// The assets' scenes, whole.
+fn scene(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes").join(name).display().to_string()
+}
+
+fn good() -> String {
+    GOOD.replace("SCENE", &scene("default.toml"))
+}
+
+/// A file with this text for as long as it is looked at.
+fn find(name: &str, text: &str) -> Result<(), SceneError> {
+    let path: PathBuf = std::env::temp_dir().join(format!("hyst-{}-{name}.toml", std::process::id()));
+    std::fs::write(&path, text).unwrap();
+    let found = find_case(&path, None);
+    std::fs::remove_file(&path).unwrap();
+    found.map(|found| assert!(found.is_some()))
+}
+
+/// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
+const ALONE: [(&str, &str, Kind, usize, &str); 49] = [
+    ("version = 1", "version = 2", Kind::Version, 1, "version"),
+    ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
+    ("name = \"test\"", "name = \"\"", Kind::Name, 2, "name"),
+    ("rung = \"polyp\"", "rung = \"stairs\"", Kind::UnknownKey, 3, "rung"),
+    ("task = \"Do it.\"\n", "", Kind::Incomplete, 1, ""),
+    ("task = \"Do it.\"", "task = \"\\u0007\"", Kind::Name, 4, "task"),
+    ("scene = \"SCENE\"", "scene = \" \"", Kind::Incomplete, 5, "scene"),
+    ("seed = 7", "seed = -1", Kind::Syntax, 6, "seed"),
+    ("seed = 7", "seed = 4294967296", Kind::Syntax, 6, "seed"),
+    ("size = [0.9, 1.1]", "size = [1.1, 0.9]", Kind::Range, 9, "vary[0].size"),
+    ("size = [0.9, 1.1]", "size = [0.0, 1.1]", Kind::Range, 9, "vary[0].size"),
+    ("size = [0.9, 1.1]", "size = [0.9, nan]", Kind::Range, 9, "vary[0].size[1]"),
+    ("size = [0.9, 1.1]", "size = [0.9, inf]", Kind::Range, 9, "vary[0].size[1]"),
+    ("size = [0.9, 1.1]", "shift_m = [0.0, 0.5]", Kind::Range, 9, "vary[0].shift_m"),
+    ("size = [0.9, 1.1]", "stiffness = [-1.0, 1.0]", Kind::Range, 9, "vary[0].stiffness"),
+    ("size = [0.9, 1.1]", "vessel_pressure_pa = [1e3, 2e3]", Kind::Range, 9, "vary[0].vessel_pressure_pa"),
+    ("size = [0.9, 1.1]\n", "", Kind::Incomplete, 7, "vary[0]"),
+    ("vessel_spacing_m = [0.003, 0.004]", "vessel_spacing_m = [0.0, 0.004]", Kind::Range, 11, "vary[1].vessel_spacing_m"),
+    ("vessel_spacing_m = [0.003, 0.004]", "vessel_pressure_pa = [0.0, 1e9]", Kind::Range, 11, "vary[1].vessel_pressure_pa"),
+    ("vessel_spacing_m = [0.003, 0.004]", "size = [1.0, 1.0]", Kind::Range, 11, "vary[1].size"),
+    ("[rules]", "[[vary]]\nvessel_pressure_pa = [1.0, 2.0]\n[rules]", Kind::Name, 12, "vary[2]"),
+    ("medium = \"saline\"", "medium = \"milk\"", Kind::UnknownKey, 13, "rules.medium"),
+    ("medium = \"saline\"", "max_pressure_pa = 0.0", Kind::Range, 13, "rules.max_pressure_pa"),
+    ("medium = \"saline\"", "max_pressure_pa = 30000.0", Kind::Range, 13, "rules.max_pressure_pa"),
+    ("medium = \"saline\"", "max_deficit_ml = 2501.0", Kind::Range, 13, "rules.max_deficit_ml"),
+    ("medium = \"saline\"", "medium = \"glycine\"\nmax_deficit_ml = 1001.0", Kind::Range, 14, "rules.max_deficit_ml"),
+    ("medium = \"saline\"", "set_pressure_pa = 15000.0", Kind::Contradiction, 13, "rules.set_pressure_pa"),
+    ("radius_m = 0.005", "radius_m = 0.0", Kind::Range, 17, "place[0].radius_m"),
+    ("radius_m = 0.005\n", "", Kind::Incomplete, 14, "place[0]"),
+    ("radius_m = 0.005", "radius_m = 0.005\nobject = \"polyp\"", Kind::Range, 18, "place[0].object"),
+    ("radius_m = 0.005", "radius_m = 0.005\nwithin_m = 0.01", Kind::Range, 18, "place[0].within_m"),
+    (
+        "[[goal]]\nremoved",
+        "[[place]]\nname = \"middle\"\ninsertion_m = [0.0, 0.1]\n[[goal]]\nremoved",
+        Kind::Name,
+        19,
+        "place[1].name",
+    ),
+    ("percent = 50.0", "percent = 0.0", Kind::Range, 19, "goal[0].removed.percent"),
+    ("percent = 50.0", "percent = 101.0", Kind::Range, 19, "goal[0].removed.percent"),
+    ("removed = { percent = 50.0 }\n", "", Kind::Incomplete, 18, "goal[0]"),
+    ("removed = { percent = 50.0 }", "removed = { percent = 5.0 }\nvisit = { places = [] }", Kind::Range, 20, "goal[0].visit"),
+    ("places = [\"middle\"]", "places = [\"top\"]", Kind::Name, 21, "goal[1].visit.places"),
+    ("places = [\"middle\"]", "places = []", Kind::Range, 21, "goal[1].visit.places"),
+    ("stay_s = 1.0", "stay_s = 60.0", Kind::Contradiction, 21, "goal[1].visit.stay_s"),
+    ("from_pa = 5000.0", "from_pa = 9000.0", Kind::Contradiction, 23, "goal[2].pressure.from_pa"),
+    ("to_pa = 9000.0", "to_pa = 14000.0", Kind::Contradiction, 23, "goal[2].pressure.to_pa"),
+    ("for_s = 10.0", "for_s = 60.0", Kind::Contradiction, 23, "goal[2].pressure.for_s"),
+    ("time_s = 60.0", "time_s = 0.0", Kind::Range, 25, "end.time_s"),
+    ("time_s = 60.0", "bled_ml = -5.0", Kind::Range, 25, "end.bled_ml"),
+    ("deficit_above_ml = 100.0", "force_above_n = 0.0", Kind::Range, 27, "warning[0].force_above_n"),
+    ("deficit_above_ml = 100.0", "time_above_s = 60.0", Kind::Contradiction, 27, "warning[0].time_above_s"),
+    ("weight = 2.0", "weight = -0.1", Kind::Range, 29, "score.time.weight"),
+    ("weight = 2.0", "full = 2.0", Kind::Incomplete, 29, "score.time"),
+    ("time = {", "beauty = {", Kind::UnknownKey, 29, "score.beauty"),
+];
+
+/// The same, where the scene shows it.
+const TOGETHER: [(&str, &str, Kind, usize, &str); 12] = [
+    ("SCENE", "nowhere.toml", Kind::Missing, 5, "scene"),
+    ("object = \"polyp\"", "object = \"liver\"", Kind::Name, 8, "vary[0].object"),
+    ("object = \"polyp\"", "object = \"uterus\"", Kind::Contradiction, 8, "vary[0].object"),
+    ("[0.0, 0.0, 0.03]", "[0.0, 0.0, 0.09]", Kind::Contradiction, 16, "place[0].centre_m"),
+    (
+        "centre_m = [0.0, 0.0, 0.03]\nradius_m = 0.005",
+        "insertion_m = [0.1, 0.2]",
+        Kind::Contradiction,
+        16,
+        "place[0].insertion_m",
+    ),
+    ("centre_m = [0.0, 0.0, 0.03]\nradius_m = 0.005", "object = \"x\"\nwithin_m = 0.01", Kind::Name, 16, "place[0].object"),
+    ("medium = \"saline\"", "energy = \"monopolar\"", Kind::Contradiction, 19, "goal[0].removed"),
+    (
+        "removed = { percent = 50.0 }",
+        "biopsy = { object = \"liver\", at_least_ml = 0.1 }",
+        Kind::Name,
+        19,
+        "goal[0].biopsy.object",
+    ),
+    (
+        "removed = { percent = 50.0 }",
+        "biopsy = { object = \"uterus\", at_least_ml = 0.1 }",
+        Kind::Contradiction,
+        19,
+        "goal[0].biopsy.object",
+    ),
+    (
+        "removed = { percent = 50.0 }",
+        "biopsy = { object = \"polyp\", at_least_ml = 9.0 }",
+        Kind::Contradiction,
+        19,
+        "goal[0].biopsy.at_least_ml",
+    ),
+    (
+        "removed = { percent = 50.0 }",
+        "stop = { bled_ml = 1.0, deficit_ml = 1.0, within_s = 1.0 }",
+        Kind::Range,
+        19,
+        "goal[0].stop.bled_ml",
+    ),
+    ("removed = { percent = 50.0 }", "stop = { alarm = \"bell\", within_s = 1.0 }", Kind::UnknownKey, 19, "goal[0].stop.alarm"),
+];
+
+fn assert_error(error: &SceneError, origin: &str, (new, kind, line, key): (&str, Kind, usize, &str)) {
+    assert_eq!((error.kind, error.key.as_str()), (kind, key), "{new}: {error}");
+    assert_eq!(error.line_column.map_or(0, |(line, _)| line), line, "{new}: {error}");
+    let text = error.to_string();
+    assert!(text.starts_with(origin) && !error.what.is_empty() && !error.cure.is_empty() && !text.contains('\n'), "{text}");
+}
+
+#[test]
+fn the_good_case_is_good() {
+    find("good", &good()).unwrap_or_else(|error| panic!("{error}"));
+}
+
+#[test]
+fn each_fault_of_the_text_has_its_kind_its_line_and_its_key() {
+    for (old, new, kind, line, key) in ALONE {
+        assert!(GOOD.contains(old), "{old}");
+        let error = Case::parse(&GOOD.replacen(old, new, 1), "case.toml").expect_err(new);
+        assert_error(&error, "case.toml", (new, kind, line, key));
+    }
+}
+
+#[test]
+fn each_fault_that_the_scene_shows_has_its_kind_its_line_and_its_key() {
+    for (old, new, kind, line, key) in TOGETHER {
+        let text = GOOD.replacen(old, new, 1).replace("SCENE", &scene("default.toml"));
+        let error = find("together", &text).expect_err(new);
+        assert_error(&error, &std::env::temp_dir().display().to_string(), (new, kind, line, key));
+    }
+}
+
+#[test]
+fn goals_that_the_end_rules_out_are_refused_in_either_order() {
+    let with = |goal: &str, end: &str| {
+        let text = GOOD.replace("removed = { percent = 50.0 }", goal).replace("time_s = 60.0", end);
+        Case::parse(&text, "case.toml").expect_err(goal)
+    };
+    for (goal, end, key) in [
+        ("stop = { deficit_ml = 300.0, within_s = 5.0 }", "deficit_ml = 200.0", "goal[0].stop.deficit_ml"),
+        ("stop = { bled_ml = 50.0, within_s = 5.0 }", "bled_ml = 50.0", "goal[0].stop.bled_ml"),
+        ("stop = { alarm = \"perforation\", within_s = 5.0 }", "perforation = true", "goal[0].stop.alarm"),
+        ("staunch = { after_ml = 50.0, below_ml_min = 1.0, for_s = 5.0 }", "bled_ml = 40.0", "goal[0].staunch.after_ml"),
+        ("staunch = { after_ml = 5.0, below_ml_min = 1.0, for_s = 50.0 }", "time_s = 40.0", "goal[0].staunch.for_s"),
+    ] {
+        let error = with(goal, end);
+        assert_eq!((error.kind, error.key.as_str()), (Kind::Contradiction, key), "{error}");
+    }
+}
+
+#[test]
+fn a_case_without_a_goal_and_one_of_weights_without_weight_are_refused() {
+    let none = GOOD.split("[[goal]]").next().unwrap();
+    let error = Case::parse(none, "case.toml").unwrap_err();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Incomplete, "goal"), "{error}");
+    let scored = hyst_scene::METRIC_KEYS.iter().filter(|(_, has_scale)| *has_scale);
+    let zeros: String = scored.map(|(key, _)| format!("{key} = {{ weight = 0.0 }}\n")).collect();
+    let error = Case::parse(&GOOD.replace("time = { weight = 2.0 }\n", &zeros), "case.toml").unwrap_err();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Contradiction, "score"), "{error}");
+    let unscaled = Case::parse(&GOOD.replace("time = { weight", "cuts = { weight"), "case.toml").unwrap_err();
+    assert_eq!((unscaled.kind, unscaled.key.as_str()), (Kind::Incomplete, "score.cuts"), "{unscaled}");
+}
+
+#[test]
+fn a_case_of_a_case_is_refused() {
+    let other = std::env::temp_dir().join(format!("hyst-{}-other.toml", std::process::id()));
+    std::fs::write(&other, good()).unwrap();
+    let error = find("of-a-case", &GOOD.replace("SCENE", &other.display().to_string())).unwrap_err();
+    std::fs::remove_file(&other).unwrap();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Missing, "scene"), "{error}");
+}
+
+#[test]
+fn the_fault_of_a_scene_is_told_of_the_scene() {
+    let wrong = std::env::temp_dir().join(format!("hyst-{}-wrong.toml", std::process::id()));
+    std::fs::write(&wrong, "version = 1\nname = \"x\"\ncolour = 3\n").unwrap();
+    let error = find("of-a-wrong-scene", &GOOD.replace("SCENE", &wrong.display().to_string())).unwrap_err();
+    std::fs::remove_file(&wrong).unwrap();
+    assert_eq!((error.origin, error.kind, error.key.as_str()), (wrong.display().to_string(), Kind::UnknownKey, "colour"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(8), failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// No text makes the parser panic: any cut and any exchanged byte of a good case is read or refused with one line.
+    #[test]
+    fn damaged_cases_are_read_or_refused(cut in 0..GOOD.len(), at in 0..GOOD.len(), byte in 32u8..127) {
+        let mut bytes = GOOD.as_bytes().to_vec();
+        bytes[at] = byte;
+        for text in [&GOOD.as_bytes()[..cut], &bytes[..]] {
+            if let Err(error) = Case::parse(std::str::from_utf8(text).unwrap(), "case.toml") {
+                prop_assert!(!error.to_string().contains('\n'), "{error}");
+            }
+        }
+    }
+}

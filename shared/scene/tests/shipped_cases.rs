@@ -1,0 +1,116 @@
+//! The cases that come with the station, and what their seeds draw: no two need be the same, and each is found again to the bit.
+#![allow(missing_docs)]
+
+use hyst_scene::{DeformableKind, LoadedScene, SettledCase, find_case, load};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/cases")
+}
+
+fn settled(name: &str, seed: Option<u32>) -> SettledCase {
+    let path = folder().join(format!("{name}.toml"));
+    find_case(&path, seed).unwrap_or_else(|error| panic!("{error}")).unwrap()
+}
+
+fn names() -> Vec<String> {
+    let entries = std::fs::read_dir(folder()).unwrap();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.unwrap().path().file_stem().unwrap().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// The nodes of an object that lie in its host.
+fn rooted(scene: &LoadedScene, name: &str) -> usize {
+    let object = scene.objects.iter().find(|object| object.name == name).unwrap();
+    object.attach.as_ref().map_or(0, |attach| attach.nodes.len())
+}
+
+#[test]
+fn the_ladder_has_its_rungs_and_each_case_loads_with_goals_and_an_end() {
+    let ladder = ["access", "biopsy", "bleeding", "distension", "fluid-overload", "myoma", "navigation", "perforation", "polyp"];
+    assert_eq!(names(), ladder);
+    for name in ladder {
+        let case = settled(name, None);
+        assert!(!case.brief.goals.is_empty() && !case.brief.end.words().is_empty(), "{name}");
+        assert!(!case.brief.drawn.is_empty(), "{name}: nothing differs from seed to seed");
+        let rung = serde_json::to_value(case.brief.rung).unwrap();
+        assert_eq!(rung.as_str().unwrap().replace('_', "-"), name);
+    }
+}
+
+#[test]
+fn one_seed_is_one_anatomy_to_the_bit_and_others_are_others() {
+    for name in names() {
+        let first = settled(&name, Some(5));
+        assert_eq!(first, settled(&name, Some(5)), "{name}");
+        let hashes: BTreeSet<u64> = (5..9).map(|seed| settled(&name, Some(seed)).scene.hash).collect();
+        assert_eq!(hashes.len(), 4, "{name}: two of four seeds drew the same");
+    }
+}
+
+#[test]
+fn the_settled_text_is_a_case_that_draws_the_same_wherever_it_lies() {
+    let path = std::env::temp_dir().join(format!("hyst-{}-settled.toml", std::process::id()));
+    for (name, seed) in [("polyp", 11), ("myoma", 3), ("navigation", 900_000)] {
+        let case = settled(name, Some(seed));
+        std::fs::write(&path, &case.text).unwrap();
+        let again = find_case(&path, None).unwrap().unwrap();
+        let by_an_engine = load(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!((again.scene.hash, &again.text, &again.brief), (case.scene.hash, &case.text, &case.brief), "{name}");
+        assert_eq!(by_an_engine, case.scene, "{name}");
+    }
+}
+
+#[test]
+fn what_is_drawn_keeps_within_the_case_and_stays_rooted_in_the_wall() {
+    let home = load(&folder().join("../scenes/default.toml")).unwrap();
+    let volume = |scene: &LoadedScene| hyst_mesh::check(&scene.objects[1].mesh).volume_m3;
+    let (mut volumes, mut moduli, mut places) = (Vec::new(), Vec::new(), Vec::new());
+    for seed in 0..24 {
+        let scene = settled("polyp", Some(seed)).scene;
+        let polyp = &scene.objects[1];
+        assert_eq!(polyp.kind, DeformableKind::Pathology);
+        let factor = (volume(&scene) / volume(&home)).cbrt();
+        assert!((0.849..1.101).contains(&factor), "seed {seed}: {factor}");
+        let stiffness = polyp.material.youngs_modulus_pa / home.objects[1].material.youngs_modulus_pa;
+        assert!((0.7..=1.5).contains(&stiffness), "seed {seed}: {stiffness}");
+        let (now, before) = (rooted(&scene, "polyp"), rooted(&home, "polyp"));
+        assert!((before / 2..=2 * before).contains(&now), "seed {seed}: {now} nodes in the wall, {before} at home");
+        let pressure_pa = scene.fluid.vessels.pressure_pa;
+        assert!((10_000.0..=13_000.0).contains(&pressure_pa), "seed {seed}: {pressure_pa}");
+        volumes.push(factor);
+        moduli.push(stiffness);
+        places.push(polyp.mesh.positions_m[0]);
+    }
+    let spread =
+        |values: &[f64]| values.iter().copied().fold(f64::MIN, f64::max) - values.iter().copied().fold(f64::MAX, f64::min);
+    assert!(spread(&volumes) > 0.15 && spread(&moduli) > 0.5, "{volumes:?} {moduli:?}");
+    let across: Vec<f64> = places.iter().map(|place| f64::from(place[1])).collect();
+    assert!(spread(&across) > 0.001, "{across:?}");
+}
+
+#[test]
+fn the_surface_and_the_root_follow_the_tets_that_were_moved() {
+    for seed in 0..6 {
+        let scene = settled("myoma", Some(seed)).scene;
+        let object = &scene.objects[1];
+        let mut bound_m = vec![[0.0; 3]; object.bindings.len()];
+        hyst_mesh::evaluate(&object.bindings, &object.mesh.tets, &object.mesh.positions_m, &mut bound_m);
+        for (bound, drawn) in bound_m.iter().zip(&object.surface.positions_m) {
+            assert!(glam::Vec3::from(*bound).distance(glam::Vec3::from(*drawn)) < 1e-6, "seed {seed}");
+        }
+        assert!(hyst_mesh::check(&object.mesh).inverted.is_empty());
+    }
+}
+
+#[test]
+fn a_scripted_hand_cuts_the_polyp_of_most_seeds() {
+    let cuts = |seed: &u32| settled("polyp", Some(*seed)).scene.hand("polyp").is_some_and(|hand| !hand.legs.is_empty());
+    let with_room = (0..12).filter(cuts).count();
+    assert!(with_room >= 8, "{with_room} of 12");
+    assert!(cuts(&1), "the shipped seed");
+}

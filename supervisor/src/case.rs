@@ -1,0 +1,70 @@
+//! The case of a run, settled before anything starts: its anatomy is drawn from its seed, and a copy that names both lies in the station's root, from which
+//! every engine and its successors draw the same. Whoever edits the case file meanwhile changes nothing.
+
+use crate::cli::RunArgs;
+use crate::settings::Refusal;
+use hyst_exchange::Station;
+use hyst_scene::{SettledCase, find_case};
+use std::path::{Path, PathBuf};
+
+/// A case that can be run.
+pub struct RunCase {
+    /// The file that was named.
+    pub file: Option<PathBuf>,
+    /// What came of it.
+    pub settled: SettledCase,
+    /// A file of its text for as long as this lives: who is asked about its scene before there is a root reads it.
+    pub beside: PathBuf,
+}
+
+impl RunCase {
+    /// The case of a run; `None` if it runs a scene.
+    pub fn of(station: &Station, args: &RunArgs) -> Result<Option<RunCase>, Refusal> {
+        let seed = seed(&args.station.set)?;
+        let input = |error: hyst_scene::SceneError| Refusal::input(error.to_string());
+        let beside = std::env::temp_dir().join(format!("hystation-{}-{}-case.toml", station.name(), std::process::id()));
+        let recorded = args.again.as_ref().and_then(|again| again.case.as_ref()).filter(|_| args.scene.is_none());
+        let (file, settled) = match (recorded, &args.scene) {
+            (Some(recorded), _) => {
+                write(&beside, &recorded.text)?;
+                let settled = find_case(&beside, seed);
+                let _ = std::fs::remove_file(&beside); // written again below
+                (recorded.file.clone(), settled.map_err(input)?)
+            }
+            (None, Some(path)) => (std::path::absolute(path).ok(), find_case(path, seed).map_err(input)?),
+            (None, None) => (None, None),
+        };
+        let Some(settled) = settled else {
+            return match seed {
+                Some(seed) => {
+                    Err(Refusal::input(format!("--set seed={seed}: a case alone has a seed; name one, or leave it out")))
+                }
+                None => Ok(None),
+            };
+        };
+        write(&beside, &settled.text)?;
+        Ok(Some(RunCase { file, settled, beside }))
+    }
+
+    /// Puts the case into the root of a station that was founded.
+    pub fn keep(&self, station: &Station) -> Result<(), Refusal> {
+        let brief = serde_json::to_string(&self.settled.brief).map_err(|error| Refusal::failed(format!("case: {error}")))?;
+        write(&station.case(), &self.settled.text)?;
+        write(&station.brief(), &brief)
+    }
+}
+
+impl Drop for RunCase {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.beside); // it has gone already
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Refusal> {
+    std::fs::write(path, text).map_err(|error| Refusal::input(format!("{}: {error}; look at `df`", path.display())))
+}
+
+fn seed(set: &[String]) -> Result<Option<u32>, Refusal> {
+    let Some(given) = set.iter().rev().find_map(|pair| pair.strip_prefix("seed=")) else { return Ok(None) };
+    given.parse().map(Some).map_err(|_| Refusal::input(format!("--set seed={given}: expected a whole number, 0 to {}", u32::MAX)))
+}
