@@ -4,7 +4,7 @@
 use glam::{Quat, Vec3};
 use hyst_contact::PointGraph;
 use hyst_messages::Pose;
-use hyst_scene::LoadedLoop;
+use hyst_scene::{LoadedLoop, LoadedRigid, Tip};
 
 /// Neighbours that a point is joined with: a point set on a surface has about six.
 const NEIGHBOURS: usize = 6;
@@ -28,9 +28,20 @@ pub struct Tool {
     pub area_m2: Vec<f32>,
     /// Edges between neighbours.
     pub graph: PointGraph,
+    /// Unit vectors out of the tool in its own frame; zero for a wire, which has tissue on all sides.
+    pub outward: Vec<[f32; 3]>,
 }
 
 impl Tool {
+    /// The tool of a scene's instrument.
+    pub fn of(rigid: &LoadedRigid) -> Tool {
+        let mut tool = Tool::new(rigid.points_m.clone(), rigid.electrode.as_ref());
+        for (outward, point) in tool.outward.iter_mut().zip(&rigid.points_m) {
+            *outward = outward_at(rigid, Vec3::from(*point)).to_array();
+        }
+        tool
+    }
+
     /// A tool from the points of its shaft, the first of them foremost, and its loop.
     pub fn new(mut points_m: Vec<[f32; 3]>, electrode: Option<&LoadedLoop>) -> Tool {
         let mut edges = Vec::new();
@@ -60,7 +71,8 @@ impl Tool {
             points_m.extend(wire_m);
         }
         let graph = PointGraph::from_edges(points_m.len(), &edges);
-        Tool { points_m, shaft, area_m2, graph }
+        let outward = vec![[0.0; 3]; points_m.len()];
+        Tool { points_m, shaft, area_m2, graph, outward }
     }
 
     /// Puts the points where the pose says, and the solid loop, if there is one, so far out; 0: nowhere.
@@ -78,6 +90,16 @@ impl Tool {
             };
         }
     }
+}
+
+/// Out of the shaft at one of its points: a capsule, or a cylinder with a flat end.
+fn outward_at(rigid: &LoadedRigid, point: Vec3) -> Vec3 {
+    let middle_z = match rigid.tip {
+        Tip::Round => point.z.min(-rigid.radius_m),
+        Tip::Flat if point.z >= 0.0 => return Vec3::Z,
+        Tip::Flat => point.z,
+    };
+    (point - Vec3::Z * middle_z).normalize_or_zero()
 }
 
 /// The wire at extension 0 from the sheath over the half ring and back into it, and how many points each of its arms has: as many as are out at most.

@@ -3,6 +3,7 @@
 mod cold;
 mod held;
 mod pieces;
+mod sheet;
 mod thrust;
 
 #[path = "../../../../shared/engine/tests/support/loans.rs"]
