@@ -6,7 +6,7 @@
 use crate::through::{Passage, Through};
 use crate::world::{TOOL_ID, World};
 use hyst_contact::{
-    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Penetration, PenetrationInput, PenetrationParams,
+    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput, PenetrationParams,
     PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face, penetration, planes,
 };
 use hyst_engine::Failure;
@@ -119,7 +119,7 @@ impl Contacts {
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let tissue = tissue(world, positions_m);
-        let points = world.points.view();
+        let points = world.points.view(&world.body.rest.positions_m);
         let graph = &world.points.graph;
         let input = PenetrationInput { hits, points_m: tool.points_m, points, graph, tissue, topology: &world.topology };
         let retreats = [Retreat { owner: TOOL_ID, direction: tool.back }];
@@ -150,7 +150,7 @@ impl Contacts {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
             let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
-            if let Some(node) = world.points.view().node_of(found.point) {
+            if let Some(node) = world.points.node.get(found.point as usize).copied().filter(|node| *node != NONE) {
                 let (depth_m, normal) = way_out(world, &tissue, found, point);
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
                 self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, stiffness_n_m });
@@ -218,7 +218,7 @@ impl Contacts {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let count = world.points.tool;
         let (owner, area_m2) = (&world.points.owner[..count], &world.points.area_m2[..count]);
-        let points = Points { owner, node: &[], self_contact: false };
+        let points = Points { owner, node: &[], own: None };
         if world.points.len() == count {
             find_gaps(hash, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
         } else {

@@ -231,7 +231,8 @@ impl Stateful for MainLoop<'_> {
         memory.copy_from_slice(message.section::<u8>(4)?);
 
         // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
-        world.points.place(&world.case.tool, (&hand.pose, hand.loop_m), positions, &mut self.points_m);
+        let (tool, rest) = (&world.case.tool, &world.body.rest.positions_m[..]);
+        world.points.place(tool, (&hand.pose, hand.loop_m), (positions, rest), &mut self.points_m);
         let job = self.collision.hash(context, &self.points_m, &world.points, world.case.cell_m)?;
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();

@@ -175,4 +175,20 @@ mod tests {
         assert_eq!(tool.graph.joined(apex), [apex - 1, apex + 1]);
         assert_eq!(tool.graph.joined(tool.shaft as u32), [0, tool.shaft as u32 + 1], "an end of an arm and the tip");
     }
+
+    #[test]
+    fn the_outside_of_a_capsule_is_where_its_surface_looks() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let tool = Tool::of(&scene.rigid[0]);
+        for (point, outward) in tool.points_m.iter().zip(&tool.outward).take(tool.shaft) {
+            let (point, outward) = (Vec3::from(*point), Vec3::from(*outward));
+            let axis = Vec3::new(0.0, 0.0, point.z.min(-scene.rigid[0].radius_m));
+            assert!(
+                (outward.length() - 1.0).abs() < 1e-5 && outward.dot((point - axis).normalize()) > 0.9999,
+                "{point} {outward}"
+            );
+        }
+        assert_eq!(tool.outward[0], [0.0, 0.0, 1.0]);
+        assert!(tool.outward[tool.shaft..].iter().all(|outward| *outward == [0.0; 3]), "a wire has tissue on all sides");
+    }
 }

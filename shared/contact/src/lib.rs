@@ -48,6 +48,6 @@ pub use shallow::own_face;
 pub use sweep::{Crossing, Sense, SweepInput, first_crossing, sweep, triangles_in_box};
 pub use tet::TetTest;
 pub use topology::{NONE, PointGraph, Topology};
-pub use types::{Found, Hit, Points, Share, Split, Tissue};
+pub use types::{Found, Hit, OwnContact, Points, Share, Split, Tissue};
 pub use verify::are_true;
 pub use walk::{Exit, exit_along};

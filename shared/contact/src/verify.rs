@@ -25,5 +25,5 @@ fn is_true(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissu
     };
     let weights = TetTest::new(&tissue.corners(hit.tet)).and_then(|test| test.weights(*point));
     weights.is_some_and(|weights| weights.map(f32::to_bits) == hit.weights.map(f32::to_bits))
-        && points.may_hit(hit.point, nodes, tissue.owner(hit.tet))
+        && points.may_hit(hit.point, nodes, tissue.owner(hit.tet), &hit.weights)
 }

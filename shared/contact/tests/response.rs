@@ -108,7 +108,7 @@ fn the_force_on_a_deformable_point_goes_to_its_node() {
     let (positions_m, tets) = block([1, 1, 1], 1.0, [0.0; 3]);
     let mut all = positions_m.clone();
     all.push([0.5, 0.4, 0.1]);
-    let points = Points { owner: &[3], node: &[8], self_contact: false };
+    let points = Points { owner: &[3], node: &[8], own: None };
     let tissue = Tissue { positions_m: &all, tets: &tets, tet_owner: &[1; 6] };
     let hit = common::hits(&all[8..], &points, &tissue, 0.5)[0];
     let penetration =

@@ -44,7 +44,8 @@ impl SharedWork for Shared {
         let mut share = self.shares[index].lock();
         let (hits, found) = &mut *share;
         let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
-        let (points, tissue) = (self.world.points.view(), contacts::tissue(&self.world, &input.positions_m));
+        let (points, tissue) =
+            (self.world.points.view(&self.world.body.rest.positions_m), contacts::tissue(&self.world, &input.positions_m));
         let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, hits));
         *found = tested.map_or(0, |found| found.count);
     }
@@ -207,7 +208,8 @@ impl Press {
 
         {
             let mut input = shared.input.write();
-            world.points.place(&world.case.tool, (&pose, 0.0), &input.positions_m, &mut self.points_m);
+            let places = (&input.positions_m[..], &world.body.rest.positions_m[..]);
+            world.points.place(&world.case.tool, (&pose, 0.0), places, &mut self.points_m);
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
             hash.build(&self.points_m, world.case.cell_m, Layout::Auto).map_err(text)?;
         }
@@ -278,7 +280,8 @@ impl Press {
         let mut least_ns = u64::MAX;
         for _ in 0..PASSES {
             let begun_ns = system::now_ns();
-            let found = intersect_brute(&self.points_m, &shared.world.points.view(), &tissue, &mut self.hits).map_err(text)?;
+            let points = shared.world.points.view(&shared.world.body.rest.positions_m);
+            let found = intersect_brute(&self.points_m, &points, &tissue, &mut self.hits).map_err(text)?;
             let _ = std::hint::black_box(found); // only the time is asked for
             least_ns = least_ns.min(system::now_ns() - begun_ns);
         }

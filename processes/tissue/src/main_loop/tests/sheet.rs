@@ -1,6 +1,7 @@
 //! Promise of the Main Loop about thin parts: a sheet of one layer of tets is not passed through, neither by a tool that comes fast nor by one that stays and
 //! presses.
 
+use super::lattice::{self, Lattice};
 use super::*;
 
 /// Sides and thickness of the sheet, m, and its tets' edge along the sides.
@@ -18,65 +19,22 @@ const BEFORE_M: f32 = 1.5e-3;
 /// How deep the tip may lie in the face that it presses on, m.
 const DEEP_M: f32 = 0.8e-3;
 
-/// A folder that is gone, however its test ends.
-struct Folder(std::path::PathBuf);
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 /// A sheet whose rim is held, as a scene.
-fn sheet(name: &str) -> Folder {
-    let folder = Folder(std::env::temp_dir().join(format!("t{}-sheet-{name}", std::process::id())));
-    std::fs::create_dir_all(&folder.0).unwrap();
+fn sheet(name: &str) -> lattice::Folder {
     let cells = (SIDE_M / EDGE_M).round() as usize;
-    let node = |x: usize, y: usize, z: usize| (z * (cells + 1) + y) * (cells + 1) + x;
-    let mut mesh = "# vtk DataFile Version 3.0\nsheet\nASCII\nDATASET UNSTRUCTURED_GRID\n".to_owned();
-    mesh += &format!("POINTS {} float\n", 2 * (cells + 1) * (cells + 1));
-    for (z, y, x) in (0..2).flat_map(|z| (0..=cells).flat_map(move |y| (0..=cells).map(move |x| (z, y, x)))) {
-        let at = |cell: usize| cell as f32 * EDGE_M - SIDE_M / 2.0;
-        mesh += &format!("{} {} {}\n", at(x), at(y), FACE_M + z as f32 * THICK_M);
-    }
-    // Six tets about the diagonal of each cell, all of one handedness.
-    let tets = 6 * cells * cells;
-    mesh += &format!("CELLS {tets} {}\n", 5 * tets);
-    for (x, y) in (0..cells).flat_map(|y| (0..cells).map(move |x| (x, y))) {
-        for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
-            let mut at = [x, y, 0];
-            let mut tet = vec![node(at[0], at[1], at[2])];
-            for axis in order {
-                at[axis] += 1;
-                tet.push(node(at[0], at[1], at[2]));
-            }
-            if [[1, 0, 2], [0, 2, 1], [2, 1, 0]].contains(&order) {
-                tet.swap(2, 3);
-            }
-            mesh += &format!("4 {} {} {} {}\n", tet[0], tet[1], tet[2], tet[3]);
-        }
-    }
-    mesh += &format!("CELL_TYPES {tets}\n{}", "10\n".repeat(tets));
-    std::fs::write(folder.0.join("sheet.vtk"), mesh).unwrap();
     let half = SIDE_M / 2.0;
-    let rim = |low: [f32; 2], high: [f32; 2]| {
-        let [low, high] = [low, high].map(|[x, y]| format!("[{:.4}, {:.4}", x, y));
-        format!("{{ box = {{ min_m = {low}, 0.0], max_m = {high}, 0.1] }} }}")
-    };
+    let lattice = Lattice { cells: [cells, cells, 1], edge_m: [EDGE_M, EDGE_M, THICK_M], low_m: [-half, -half, FACE_M] };
     let (inner, outer) = (half - 1e-4, half + 1e-4);
+    let rim = |[low_x, low_y]: [f32; 2], [high_x, high_y]: [f32; 2]| {
+        format!("{{ box = {{ min_m = [{low_x:.4}, {low_y:.4}, 0.0], max_m = [{high_x:.4}, {high_y:.4}, 0.1] }} }}")
+    };
     let held = [
         rim([-outer, -outer], [-inner, outer]),
         rim([inner, -outer], [outer, outer]),
         rim([-outer, -outer], [outer, -inner]),
         rim([-outer, inner], [outer, outer]),
     ];
-    let scene = format!(
-        "version = 1\nname = \"A sheet\"\n[[deformable]]\nname = \"sheet\"\nmesh = \"sheet.vtk\"\nscale_to_m = 1.0\nfixed = [{}]\n\
-         [[rigid]]\nname = \"hysteroscope\"\nkind = \"hysteroscope\"\n",
-        held.join(", ")
-    );
-    std::fs::write(folder.0.join("scene.toml"), scene).unwrap();
-    folder
+    lattice::scene(name, &lattice, |_| true, &held.join(", "))
 }
 
 /// What came of a run.
@@ -90,7 +48,7 @@ struct Met {
 /// So many ticks with the tip at a place and with a speed along z, m and m/s.
 fn run(name: &str, ticks: u64, tip: impl Fn(u64) -> (f32, f32)) -> Met {
     let folder = sheet(name);
-    let (station, pages) = founded(name, &format!("workers = 0\nscene = {:?}", folder.0.join("scene.toml")));
+    let (station, pages) = founded(name, &format!("workers = 0\nscene = {:?}", folder.scene()));
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
