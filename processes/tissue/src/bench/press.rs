@@ -288,6 +288,14 @@ impl Press {
         Ok(least_ns)
     }
 
+    /// What a peer takes for the same test, where the tissue is now, ns: refit, and query.
+    pub fn parry_ns(&self) -> Result<[u64; 2], String> {
+        let world = &self.shared.world;
+        let input = self.shared.input.read();
+        let tissue = contacts::tissue(world, &input.positions_m);
+        super::peer::parry_ns(&tissue, &self.points_m[..world.case.tool.shaft])
+    }
+
     /// Reading the corners of every tet once, ns: the fastest of a few. No method that looks at all tets takes less.
     pub fn pass_ns(&self) -> u64 {
         let input = self.shared.input.read();
