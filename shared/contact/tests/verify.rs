@@ -29,7 +29,7 @@ impl Scene {
     }
 
     fn points(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &self.node, self_contact: false }
+        Points { owner: &self.owner, node: &self.node, own: None }
     }
 
     fn tissue(&self) -> Tissue<'_> {
