@@ -130,13 +130,15 @@ impl Through {
         ways_m.filter(|way_m| *way_m <= FARTHEST_M).fold(0.0, f32::max)
     }
 
+    /// Notes a point that lies in no tissue but came in with this known. The face that it came in by is as far away now as it has not come back out, and as
+    /// face and tissue may have changed on its way along it.
     fn miss(&mut self, point: usize, known: Option<Memory>, tool: &ToolMotion<'_>) {
         let (Some(known), Some(place)) = (known, tool.points_m.get(point)) else { return };
-        let way_m = Vec3::from(*place).distance(Vec3::from(self.before_m[point]));
-        let reach_m = known.depth_m + way_m + self.tissue_m + SLACK_M;
-        if let Some(out) = Vec3::from(known.direction).try_normalize()
-            && reach_m <= FARTHEST_M
-        {
+        let Some(out) = Vec3::from(known.direction).try_normalize() else { return };
+        let way = Vec3::from(*place) - Vec3::from(self.before_m[point]);
+        let along_m = way.dot(out);
+        let reach_m = known.depth_m - along_m + (way - along_m * out).length() + self.tissue_m + SLACK_M;
+        if reach_m > 0.0 && reach_m <= FARTHEST_M {
             self.missed.push(Missed { point: point as u32, owner: known.owner, out, reach_m });
         }
     }

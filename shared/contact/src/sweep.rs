@@ -56,7 +56,7 @@ pub struct SweepInput<'a> {
 }
 
 /// For each of the first points where its path in the step first goes into tissue; of equals the triangle of lowest index. A triangle that moves is
-/// taken to move as its middle does.
+/// taken to move as its middle does, so where neighbours move differently a path may slip between them, and those beside it do not.
 ///
 /// # Errors
 /// [`ContactError::Length`] if arrays that belong together differ in length.
@@ -65,18 +65,15 @@ pub fn sweep(input: &SweepInput<'_>, entered: &mut [Option<Crossing>]) -> Result
     same_length("crossings of points", from_m.len(), entered.len())?;
     same_length("velocities of nodes", tissue.positions_m.len(), input.velocity_m_s.len())?;
     entered.fill(None);
-    let way_m = |at: usize| {
-        let from = from_m.get(hash.id(at) as usize)?;
-        Some(Vec3::from(*from).distance(hash.position(at).into())).filter(|way_m| *way_m <= farthest_m)
-    };
-    let longest_m = (0..hash.kept()).filter_map(way_m).fold(0.0, f32::max);
+    let Some(cloud) = Cloud::of(hash, from_m, farthest_m) else { return Ok(()) };
     for (index, triangle) in topology.boundary.iter().enumerate() {
         let corners = triangle.map(|node| tissue.node(node));
         let moved = moved_m(input, triangle);
         let [a, b, c] = corners.map(Vec3::from);
-        let grown = Vec3::splat((longest_m + moved.length()).min(farthest_m));
+        let grown = Vec3::splat((cloud.longest_m + moved.length()).min(farthest_m));
         let (low, high) = (a.min(b).min(c) - grown, a.max(b).max(c) + grown);
-        if !(low.is_finite() && high.is_finite()) {
+        let is_near = low.cmple(cloud.high).all() && high.cmpge(cloud.low).all();
+        if !(is_near && low.is_finite() && high.is_finite()) {
             continue;
         }
         let of = |corner: Vec3| corner.to_array().map(|value| [value]);
@@ -97,6 +94,29 @@ pub fn sweep(input: &SweepInput<'_>, entered: &mut [Option<Crossing>]) -> Result
         });
     }
     Ok(())
+}
+
+/// The points that are looked at: a box around them, and the longest way of one that has not jumped, m.
+struct Cloud {
+    low: Vec3,
+    high: Vec3,
+    longest_m: f32,
+}
+
+impl Cloud {
+    /// `None` if there are none.
+    fn of(hash: &HashRef<'_>, from_m: &[[f32; 3]], farthest_m: f32) -> Option<Cloud> {
+        let mut cloud = Cloud { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY, longest_m: 0.0 };
+        for at in 0..hash.kept() {
+            let place = Vec3::from(hash.position(at));
+            let way_m = from_m.get(hash.id(at) as usize).map(|from| Vec3::from(*from).distance(place));
+            if let Some(way_m) = way_m.filter(|way_m| *way_m <= farthest_m) {
+                (cloud.low, cloud.high) = (cloud.low.min(place), cloud.high.max(place));
+                cloud.longest_m = cloud.longest_m.max(way_m);
+            }
+        }
+        (cloud.low.x <= cloud.high.x).then_some(cloud)
+    }
 }
 
 /// The first crossing of a way with some triangles of a surface in one sense; of equals that which comes first.

@@ -3,6 +3,7 @@
 
 use super::lattice::{self, Lattice};
 use super::*;
+use glam::Vec3;
 
 /// Sides and thickness of the sheet, m, and its tets' edge along the sides.
 const SIDE_M: f32 = 0.024;
@@ -14,6 +15,9 @@ const FACE_M: f32 = 0.03;
 const WAY_M: [f32; 2] = [-0.006, 0.008];
 /// Ticks in which the tip stays there.
 const STAY: u64 = 150;
+/// Ticks after it has come out again, and how far from its place a node may be then, m.
+const AFTER: u64 = 500;
+const LEFT_M: f32 = 0.2e-3;
 /// Nodes that are nearer than this to the axis are before the tip, m.
 const BEFORE_M: f32 = 1.5e-3;
 /// How deep the tip may lie in the face that it presses on, m.
@@ -37,53 +41,95 @@ fn sheet(name: &str) -> lattice::Folder {
     lattice::scene(name, &lattice, |_| true, &held.join(", "))
 }
 
-/// What came of a run.
-struct Met {
-    /// Force on the tip back along its way at the end, N.
-    back_n: f32,
-    /// How far the hindmost of the nodes near the axis is before the tip at the end, m; negative behind it.
-    before_m: f32,
+/// A tissue with a sheet before a tool, and the tool.
+struct Bench<'a> {
+    main: MainLoop<'a>,
+    device: &'a OwnedPage,
+    now: Vec<u64>,
+    tick: u64,
+    tip_m: [f32; 3],
 }
 
-/// So many ticks with the tip at a place and with a speed along z, m and m/s.
-fn run(name: &str, ticks: u64, tip: impl Fn(u64) -> (f32, f32)) -> Met {
+impl Bench<'_> {
+    /// The tip goes straight to a place with a speed, m/s, and stays there for so many ticks.
+    fn go(&mut self, to_m: [f32; 3], speed_m_s: f32, stay: u64) {
+        let from = Vec3::from(self.tip_m);
+        let way = Vec3::from(to_m) - from;
+        let ticks = (way.length() / (speed_m_s * 1e-3)).ceil().max(1.0) as u64;
+        for tick in 1..=ticks + stay {
+            let share = tick.min(ticks) as f32 / ticks as f32;
+            self.tip_m = (from + share * way).to_array();
+            self.tick += 1;
+            let mut record =
+                InputRecord { tick: self.tick, pressure_pa: self.main.world.case.rest_pressure_pa, ..InputRecord::default() };
+            record.sample.pose = Pose { position_m: self.tip_m, orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+            record.sample.velocity_m_s = if tick <= ticks { (way / (ticks as f32 * 1e-3)).to_array() } else { [0.0; 3] };
+            self.now = fed(&mut self.main, self.device, &self.now, &record);
+            assert!(self.main.accepts(bytemuck::cast_slice(&self.now)), "the state of tick {} is none", self.tick);
+        }
+    }
+
+    /// Force on the tip, N.
+    fn force_n(&self) -> [f32; 3] {
+        core_of(&self.now).force_n
+    }
+
+    /// How far the hindmost of the nodes before the tip is in front of it, m; negative behind it.
+    fn before_m(&self) -> f32 {
+        let is_before = |rest: &[f32; 3]| rest[0].hypot(rest[1]) < BEFORE_M && rest[2] < FACE_M + 0.5 * THICK_M;
+        let nodes = positions(&self.now).iter().zip(self.main.world.model.rest_m());
+        let before_m = nodes.filter(|(_, rest)| is_before(rest)).map(|(place, _)| place[2] - self.tip_m[2]);
+        before_m.reduce(f32::min).expect("nodes before the tip")
+    }
+}
+
+fn with_sheet(name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Bench<'_>)) {
     let folder = sheet(name);
     let (station, pages) = founded(name, &format!("workers = 0\nscene = {:?}", folder.scene()));
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
-    let mut now = first_state(&mut main);
-    let nodes = main.world.model.node_count();
-    let is_near = |rest: &[f32; 3]| rest[0].hypot(rest[1]) < BEFORE_M && rest[2] < FACE_M + 0.5 * THICK_M;
-    let near: Vec<usize> = (0..nodes).filter(|node| is_near(&main.world.model.rest_m()[*node])).collect();
-    assert!(!near.is_empty());
-    let mut met = Met { back_n: 0.0, before_m: f32::MAX };
-    for tick in 1..=ticks {
-        let (z, speed_m_s) = tip(tick);
-        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
-        record.sample.pose = Pose { position_m: [1e-4, 2e-4, z], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
-        record.sample.velocity_m_s = [0.0, 0.0, speed_m_s];
-        now = fed(&mut main, &pages[1], &now, &record);
-        assert!(main.accepts(bytemuck::cast_slice(&now)), "{name}: the state of tick {tick} is none");
-        met.back_n = -core_of(&now).force_n[2];
-        met.before_m = near.iter().map(|node| positions(&now)[*node][2] - z).fold(f32::MAX, f32::min);
-    }
-    met
+    let now = first_state(&mut main);
+    let mut bench = Bench { main, device: &pages[1], now, tick: 0, tip_m };
+    // What lies between the tool's place in the first state and its way here is no way that it came.
+    bench.go(tip_m, 1.0, 0);
+    try_it(&mut bench);
 }
 
 #[test]
 fn a_sheet_of_one_layer_is_not_passed_through_however_fast_the_tool_comes() {
+    let [from_m, to_m] = WAY_M.map(|beyond_m| [1e-4, 2e-4, FACE_M + beyond_m]);
     let mut slow_n = None;
     for speed_m_s in [0.02f32, 0.5, 2.0] {
-        let way = ((WAY_M[1] - WAY_M[0]) / (speed_m_s * 1e-3)).ceil() as u64;
-        let met = run(&format!("fast{}", 1e3 * speed_m_s), way + STAY, |tick| {
-            let share = tick.min(way) as f32 / way as f32;
-            (FACE_M + WAY_M[0] + share * (WAY_M[1] - WAY_M[0]), if tick <= way { speed_m_s } else { 0.0 })
+        with_sheet(&format!("fast{}", 1e3 * speed_m_s), from_m, |bench| {
+            bench.go(to_m, speed_m_s, STAY);
+            let (back_n, before_m) = (-bench.force_n()[2], bench.before_m());
+            // Out again as fast as it came, the sheet is let go.
+            bench.go(from_m, speed_m_s, AFTER);
+            let (left_n, left_m) = (Vec3::from(bench.force_n()).length(), displaced_m(&bench.main, &bench.now));
+            println!(
+                "{speed_m_s} m/s: {back_n:.3} N back, the face {:.2} mm before the tip; out again {left_n:.3} N, {:.2} mm from rest",
+                1e3 * before_m,
+                1e3 * left_m
+            );
+            assert!(before_m > -DEEP_M, "{speed_m_s} m/s: the tip is {} m beyond the face that it met", -before_m);
+            // However it came there, the sheet that it has stretched pulls as much.
+            let slow_n = *slow_n.get_or_insert(back_n);
+            assert!(back_n > 0.1 && (back_n / slow_n - 1.0).abs() < 0.2, "{speed_m_s} m/s: {back_n} N, not {slow_n}");
+            assert!(left_n == 0.0 && left_m < LEFT_M, "{speed_m_s} m/s: {left_n} N and {left_m} m are left");
         });
-        println!("{speed_m_s} m/s: {:.3} N back, the face {:.2} mm before the tip", met.back_n, 1e3 * met.before_m);
-        assert!(met.before_m > -DEEP_M, "{speed_m_s} m/s: the tip is {} m beyond the face that it met", -met.before_m);
-        // However it came there, the sheet that it has stretched pulls as much.
-        let slow_n = *slow_n.get_or_insert(met.back_n);
-        assert!(met.back_n > 0.1 && (met.back_n / slow_n - 1.0).abs() < 0.2, "{speed_m_s} m/s: {} N, not {slow_n}", met.back_n);
     }
+}
+
+/// What is not held any more: a tool that has come beside the sheet by way of its rim, though it lay in it until then, and one that was always beside it.
+#[test]
+fn a_tool_that_slides_off_the_rim_is_let_go_and_one_beside_it_meets_nothing() {
+    let off_m = SIDE_M / 2.0 + 6e-3;
+    with_sheet("rim", [6e-3, 2e-4, FACE_M - 4e-3], |bench| {
+        bench.go([8e-3, 2e-4, FACE_M + DEEP_M], 0.1, 50);
+        assert!(core_of(&bench.now).contact_count > 0 && bench.force_n()[2] < 0.0, "{:?} N: it is not met", bench.force_n());
+        bench.go([off_m, 2e-4, FACE_M + DEEP_M], 0.2, 0);
+        bench.go([off_m, 2e-4, FACE_M + 8e-3], 2.0, 20);
+        assert_eq!(bench.force_n(), [0.0; 3], "beside the sheet");
+    });
 }
