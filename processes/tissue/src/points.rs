@@ -43,8 +43,8 @@ pub struct ContactPoints {
     pub is_surface: Vec<bool>,
     /// Object of each node, [`NONE`] for those that no tet uses.
     pub object_of: Vec<u32>,
-    /// Longest edge of a tet at rest, m.
-    pub longest_m: f32,
+    /// For each node of the tissue its longest edge at rest, m.
+    pub longest_m: Vec<f32>,
 }
 
 /// How far the nodes of an object have come from where they are at rest.
@@ -52,7 +52,7 @@ pub struct ContactPoints {
 struct Moved {
     /// At most, m.
     farthest_m: f32,
-    /// Box, lowest and highest corner, of those that have come so far that they may meet what is where it is at rest, m.
+    /// Box, lowest and highest corner, around the tets of those that have come so far that they may meet what is where it is at rest, m.
     low: Vec3,
     high: Vec3,
 }
@@ -170,9 +170,7 @@ impl ContactPoints {
     /// Whether a node that has come so far, m, may meet its own object.
     fn may_meet(&self, place: Vec3, away_m: f32, others: &Moved) -> bool {
         let beyond_m = (1.0 - HAIR) * self.own_beyond_m;
-        // Whose tet has such a corner is an edge away from it at most.
-        let grown = Vec3::splat(STRETCH * self.longest_m);
-        let is_near = place.cmpge(others.low - grown).all() && place.cmple(others.high + grown).all();
+        let is_near = place.cmpge(others.low).all() && place.cmple(others.high).all();
         away_m + others.farthest_m >= beyond_m && (2.0 * away_m >= beyond_m || is_near)
     }
 
@@ -180,13 +178,15 @@ impl ContactPoints {
     fn moved(&self, positions_m: &[[f32; 3]], rest_m: &[[f32; 3]]) -> [Moved; MAX_OBJECTS] {
         let mut moved = [Moved::NOTHING; MAX_OBJECTS];
         let far = (0.5 * (1.0 - HAIR) * self.own_beyond_m).powi(2);
-        for ((place, rest), object) in positions_m.iter().zip(rest_m).zip(&self.object_of) {
+        for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(&self.object_of).zip(&self.longest_m) {
             let Some(moved) = moved.get_mut(*object as usize) else { continue };
             let (place, rest) = (Vec3::from(*place), Vec3::from(*rest));
             let squared = place.distance_squared(rest);
             moved.farthest_m = moved.farthest_m.max(squared);
             if squared >= far {
-                (moved.low, moved.high) = (moved.low.min(place), moved.high.max(place));
+                // What lies in a tet is as far from a corner as the longest edge there at most.
+                let grown = Vec3::splat(STRETCH * longest_m);
+                (moved.low, moved.high) = (moved.low.min(place - grown), moved.high.max(place + grown));
             }
         }
         moved.iter_mut().for_each(|moved| moved.farthest_m = moved.farthest_m.sqrt());
@@ -194,14 +194,17 @@ impl ContactPoints {
     }
 }
 
-/// Longest edge of a tet at rest, m.
-fn longest_m(body: &Body) -> f32 {
-    let at = |node: u32| Vec3::from(body.rest.positions_m[node as usize]);
-    let of_tet = |[a, b, c, d]: &[u32; 4]| {
-        let edges = [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]];
-        edges.map(|[from, to]| at(*from).distance_squared(at(*to))).into_iter().fold(0.0, f32::max)
-    };
-    body.rest.tets.iter().map(of_tet).fold(0.0, f32::max).sqrt()
+/// Longest edge of each node at rest, m.
+fn longest_m(body: &Body) -> Vec<f32> {
+    let mut longest_m = vec![0.0f32; body.rest.positions_m.len()];
+    for [a, b, c, d] in &body.rest.tets {
+        for [from, to] in [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(|edge| edge.map(|node| *node as usize)) {
+            let edge_m = Vec3::from(body.rest.positions_m[from]).distance(body.rest.positions_m[to].into());
+            longest_m[from] = longest_m[from].max(edge_m);
+            longest_m[to] = longest_m[to].max(edge_m);
+        }
+    }
+    longest_m
 }
 
 /// Nodes that lie in tissue of another object of the scene at rest, of those that have an owner.
