@@ -1,10 +1,13 @@
-//! Promise of the Main Loop about one object that meets itself: a fold that is pressed on another lies on it, and not in it.
+//! Promise of the Main Loop about one object that meets itself: a fold that is pressed on another lies on it, and not in it, with the same bits whoever finds it;
+//! and what does not fold is to the bit what it would be if nothing met itself.
 
 use super::held::distance_m;
 use super::lattice::{self, Lattice};
 use super::*;
+use crate::contacts;
 use crate::points::ContactPoints;
 use glam::Vec3;
+use hyst_contact::{Hit, Share, Split, are_true, has_all_of, intersect, merge};
 
 /// Edge of the cells, m. Two leaves of one cell, three apart, hang together at one end; the one that is nearer to the tool is free, the other is held.
 const EDGE_M: f32 = 2e-3;
@@ -35,20 +38,60 @@ fn pressed(name: &str, blind: bool) -> (f32, usize) {
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
     if blind {
-        let mut world = main.workshop.make(main.world.body.clone()).unwrap();
-        world.points = ContactPoints { own_beyond_m: 1.0, ..world.points };
-        main.take_world(world);
+        be_blind(&mut main);
     }
     let mut now = first_state(&mut main);
     let mut pairs = 0;
     for tick in 1..=PRESS + STAY {
         let z = LOW_M[2] + WAY_M[0] + tick.min(PRESS) as f32 / PRESS as f32 * (WAY_M[1] - WAY_M[0]);
         let pose = Pose { position_m: [ACROSS_M, 0.0, z], orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
-        now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
+        let (before, known) = (now, main.collision.hits().to_vec());
+        now = stepped(&mut main, &pages[1], &before, tick, pose, PieceFlow::default());
         assert!(main.accepts(bytemuck::cast_slice(&now)), "{name}: the state of tick {tick} is none");
         pairs = pairs.max(main.contacts.pairs().len());
+        if tick % 10 == 0 {
+            are_found_in_shares(&main, positions(&before), &known);
+        }
     }
     (deepest_m(&main.world, positions(&now)), pairs)
+}
+
+/// No object meets itself from now on.
+fn be_blind(main: &mut MainLoop<'_>) {
+    let mut world = main.workshop.make(main.world.body.clone()).unwrap();
+    world.points = ContactPoints { own_beyond_m: 1.0, ..world.points };
+    main.take_world(world);
+}
+
+/// The hits of the last step, in which the nodes were there, are those of any number of workers; each worker's are taken, with the hits of the step before as
+/// what is known, and not taken if one of a fold is left out.
+fn are_found_in_shares(main: &MainLoop<'_>, positions_m: &[[f32; 3]], known: &[Hit]) {
+    let (world, hits) = (&main.world, main.collision.hits());
+    let (points, tissue) = (world.points.view(&world.body.rest.positions_m), contacts::tissue(world, positions_m));
+    let table = main.collision.table().unwrap();
+    let room = || vec![Hit::default(); contacts::max_hits(world)];
+    for count in 1..=3 {
+        let mut parts = Vec::new();
+        for index in 0..count {
+            let share = Share { index, count, split: Split::Tets };
+            let mut part = room();
+            let found = intersect(share, &table, &points, &tissue, &mut part).unwrap();
+            part.truncate(found.count);
+            assert!(are_true(&part, share, &main.points_m, &points, &tissue), "share {index} of {count}");
+            let has_all = |told: &[Hit], known: &[Hit]| has_all_of(known, told, share, &main.points_m, &points, &tissue);
+            assert!(has_all(&part, known) && has_all(&part, hits), "share {index} of {count}");
+            for of_fold in (0..part.len()).filter(|hit| part[*hit].point as usize >= world.points.own_from) {
+                let mut told = part.clone();
+                told.remove(of_fold);
+                assert!(!has_all(&told, &part), "share {index} of {count} without {:?}", part[of_fold]);
+            }
+            parts.push(part);
+        }
+        let parts: Vec<&[Hit]> = parts.iter().map(Vec::as_slice).collect();
+        let mut merged = room();
+        let found = merge(&parts, &tissue, &mut merged);
+        assert_eq!(&merged[..found.count], hits, "{count} shares");
+    }
 }
 
 /// Largest depth of a node of the near leaf's face in the far leaf, m.
@@ -90,4 +133,32 @@ fn a_fold_that_is_pressed_on_another_lies_on_it_and_not_in_it() {
     println!("{:.2} mm deep without contact, {:.2} with it, of {pairs} nodes", 1e3 * blind_m, 1e3 * seeing_m);
     assert!(none == 0 && blind_m > 1.5 * DEEP_M, "what meets nothing is {blind_m} m deep: it is not pressed on the other");
     assert!(pairs > 5 && seeing_m < DEEP_M, "{seeing_m} m deep, {pairs} pairs");
+}
+
+/// Ticks of the hand: it has pressed the wall in by millimetres by then.
+const HAND: u64 = 1_500;
+
+#[test]
+fn a_wall_that_is_pressed_and_does_not_fold_is_the_same_to_the_bit() {
+    let (station, pages) = founded("unfolded", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let [mut seeing, mut blind] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
+    be_blind(&mut blind);
+    let hand = hyst_scene::load_embedded().unwrap().hand("press").unwrap().clone();
+    let (mut most_m, mut there) = (0.0f32, 0);
+    let [mut seen, mut unseen] = [first_state(&mut seeing), first_state(&mut blind)];
+    for tick in 1..=HAND {
+        let pose = hand.pose_at(tick as f64 * 1e-3);
+        let position_m = pose.tip_m(seeing.world.case.pivot_m);
+        let pose = Pose { position_m, orientation: pose.orientation(), insertion_m: pose.insertion_m, ..Pose::default() };
+        seen = stepped(&mut seeing, &pages[1], &seen, tick, pose, PieceFlow::default());
+        unseen = stepped(&mut blind, &pages[1], &unseen, tick, pose, PieceFlow::default());
+        assert!(seen == unseen, "the states of tick {tick} differ");
+        most_m = most_m.max(displaced_m(&seeing, &seen));
+        let folds = &seeing.points_m[seeing.world.points.own_from..];
+        there = there.max(folds.iter().filter(|place| place[0].is_finite()).count());
+    }
+    println!("pressed in by {:.2} mm at most, {there} nodes of the wall were looked at", 1e3 * most_m);
+    assert!(most_m > 1e-3, "{most_m} m: nothing is pressed");
 }
