@@ -102,7 +102,7 @@ impl Collision {
     /// Makes room for the points of another world.
     pub fn take_world(&mut self, world: &World) {
         let room = contacts::max_hits(world);
-        self.sizes = HashSizes::for_points(world.points.len());
+        self.sizes = world.points.table_sizes();
         self.own_hash.resize(self.sizes.words(), 0);
         self.shares.iter_mut().for_each(|share| share.resize(room, Hit::default()));
         self.counts.fill(0);

@@ -137,6 +137,11 @@ impl ContactPoints {
         self.owner.len()
     }
 
+    /// Sizes of their table: with room for all, and with slots for those that are always there, because of the others few ever are.
+    pub fn table_sizes(&self) -> HashSizes {
+        HashSizes { points: self.len(), ..HashSizes::for_points(self.own_from) }
+    }
+
     /// As the contact crate sees them; `rest_m` is where the nodes are at rest.
     pub fn view<'a>(&'a self, rest_m: &'a [[f32; 3]]) -> Points<'a> {
         let own = OwnContact { rest_m, beyond_m: self.own_beyond_m, only_from: self.own_from as u32 };
@@ -153,23 +158,33 @@ impl ContactPoints {
     ) {
         let (of_tool, of_tissue) = out_m.split_at_mut(self.tool.min(out_m.len()));
         tool.place(pose, loop_m, of_tool);
-        let moved = self.moved(positions_m, rest_m);
-        let folds = self.own_from - self.tool;
-        let nodes = self.node[self.tool..].iter().zip(&self.owner[self.tool..]).enumerate();
-        for (out, (index, (node, owner))) in of_tissue.iter_mut().zip(nodes) {
-            let place = positions_m.get(*node as usize).copied().unwrap_or(NOWHERE);
-            let may_reach = || {
-                let rest = rest_m.get(*node as usize).copied().unwrap_or(NOWHERE);
-                let others = moved.get(*owner as usize).copied().unwrap_or(Moved::NOTHING);
-                self.may_meet(place.into(), Vec3::from(place).distance(rest.into()), &others)
-            };
-            *out = if index < folds || may_reach() { place } else { NOWHERE };
+        let (of_others, of_folds) = of_tissue.split_at_mut((self.own_from - self.tool).min(of_tissue.len()));
+        let at = |places_m: &[[f32; 3]], node: &u32| places_m.get(*node as usize).copied().unwrap_or(NOWHERE);
+        for (out, node) in of_others.iter_mut().zip(&self.node[self.tool..]) {
+            *out = at(positions_m, node);
         }
+        let moved = self.moved(positions_m, rest_m);
+        if moved.iter().all(|of_object| 2.0 * of_object.farthest_m < self.beyond_m()) {
+            of_folds.fill(NOWHERE);
+            return;
+        }
+        let nodes = self.node[self.own_from..].iter().zip(&self.owner[self.own_from..]);
+        for (out, (node, owner)) in of_folds.iter_mut().zip(nodes) {
+            let (place, rest) = (at(positions_m, node), at(rest_m, node));
+            let others = moved.get(*owner as usize).copied().unwrap_or(Moved::NOTHING);
+            let may_meet = self.may_meet(place.into(), Vec3::from(place).distance(rest.into()), &others);
+            *out = if may_meet { place } else { NOWHERE };
+        }
+    }
+
+    /// How far two places are apart at rest, m, that may meet, less what rounding may take from that.
+    fn beyond_m(&self) -> f32 {
+        (1.0 - HAIR) * self.own_beyond_m
     }
 
     /// Whether a node that has come so far, m, may meet its own object.
     fn may_meet(&self, place: Vec3, away_m: f32, others: &Moved) -> bool {
-        let beyond_m = (1.0 - HAIR) * self.own_beyond_m;
+        let beyond_m = self.beyond_m();
         let is_near = place.cmpge(others.low).all() && place.cmple(others.high).all();
         away_m + others.farthest_m >= beyond_m && (2.0 * away_m >= beyond_m || is_near)
     }
@@ -177,7 +192,7 @@ impl ContactPoints {
     /// How far the nodes of each object have come.
     fn moved(&self, positions_m: &[[f32; 3]], rest_m: &[[f32; 3]]) -> [Moved; MAX_OBJECTS] {
         let mut moved = [Moved::NOTHING; MAX_OBJECTS];
-        let far = (0.5 * (1.0 - HAIR) * self.own_beyond_m).powi(2);
+        let far = (0.5 * self.beyond_m()).powi(2);
         for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(&self.object_of).zip(&self.longest_m) {
             let Some(moved) = moved.get_mut(*object as usize) else { continue };
             let (place, rest) = (Vec3::from(*place), Vec3::from(*rest));

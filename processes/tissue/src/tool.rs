@@ -77,17 +77,22 @@ impl Tool {
 
     /// Puts the points where the pose says, and the solid loop, if there is one, so far out; 0: nowhere.
     pub fn place(&self, pose: &Pose, loop_m: f32, out_m: &mut [[f32; 3]]) {
+        let at = self.placer(pose, loop_m);
+        out_m.iter_mut().enumerate().take(self.points_m.len()).for_each(|(index, out)| *out = at(index));
+    }
+
+    /// Where a pose, and a loop that is so far out, put a point.
+    pub fn placer(&self, pose: &Pose, loop_m: f32) -> impl Fn(usize) -> [f32; 3] {
         let turn = Quat::from_array(pose.orientation);
         let tip = Vec3::from(pose.position_m);
-        let at = |point: Vec3| (tip + turn * point).to_array();
-        for (index, (out, point)) in out_m.iter_mut().zip(&self.points_m).enumerate() {
-            let point = Vec3::from(*point);
+        move |index| {
+            let point = Vec3::from(self.points_m[index]);
             let ahead = point + Vec3::Z * loop_m;
-            *out = match index < self.shaft {
-                true => at(point),
-                false if loop_m > 0.0 && ahead.z > 0.0 => at(ahead),
+            match index < self.shaft {
+                true => (tip + turn * point).to_array(),
+                false if loop_m > 0.0 && ahead.z > 0.0 => (tip + turn * ahead).to_array(),
                 false => NOWHERE,
-            };
+            }
         }
     }
 }

@@ -116,7 +116,7 @@ impl Press {
         let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::new(&world);
         let room = contacts::max_hits(&world);
-        let sizes = HashSizes::for_points(points);
+        let sizes = world.points.table_sizes();
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
         let shared = Arc::new(Shared {
             input: RwLock::new(input),
