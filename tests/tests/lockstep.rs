@@ -258,3 +258,62 @@ fn a_supervisor_that_dies_between_two_faults_leaves_no_trace() {
         assert_eq!(trace(&report), *quiet(), "{point}");
     }
 }
+
+/// Two leaves of an object that hang together at one end, the far one held: a hand presses the near one on it. Lengths in mm, cells of 2 mm with six tets each.
+fn leaves(folder: &Folder) -> PathBuf {
+    let [nx, ny, nz] = [11, 6, 6];
+    let number = |[x, y, z]: [usize; 3]| (z * ny + y) * nx + x;
+    let places = (0..nx * ny * nz).map(|node| [node % nx * 2, node / nx % ny * 2, node / nx / ny * 2]);
+    let places: String = places.map(|[x, y, z]| format!("{} {} {}\n", x as i32 - 10, y as i32 - 5, z + 30)).collect();
+    let cells = (0..nz - 1).flat_map(|z| (0..ny - 1).flat_map(move |y| (0..nx - 1).map(move |x| [x, y, z])));
+    let mut tets = Vec::new();
+    for cell in cells.filter(|[x, _, z]| *x == 0 || *z == 0 || *z == nz - 2) {
+        for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
+            let mut at = cell;
+            let mut tet = vec![number(at)];
+            tet.extend(order.map(|axis| {
+                at[axis] += 1;
+                number(at)
+            }));
+            tets.push(tet);
+        }
+    }
+    let count = tets.len();
+    let corners: String = tets.iter().map(|tet| format!("4 {} {} {} {}\n", tet[0], tet[1], tet[2], tet[3])).collect();
+    let mesh = format!(
+        "# vtk DataFile Version 3.0\nleaves\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {} float\n{places}CELLS {count} {}\n{corners}CELL_TYPES {count}\n{}",
+        nx * ny * nz,
+        5 * count,
+        "10\n".repeat(count)
+    );
+    let scene = "version = 1\nname = \"leaves\"\n[[deformable]]\nname = \"leaves\"\nmesh = \"leaves.vtk\"\nscale_to_m = 0.001\n\
+                 fixed = [{ above_z_m = 0.0398 }]\n[[rigid]]\nname = \"hysteroscope\"\nkind = \"hysteroscope\"\n\
+                 [workspace]\npivot_m = [0.0, 0.0, 0.0]\ninsertion_m = [0.0, 0.07]\n[hand.fold]\nfrom = { yaw_deg = 6.9, insertion_m = 0.0275 }\n\
+                 into = { yaw_deg = 6.9, insertion_m = 0.0385 }\nperiod_s = 2.5\n";
+    std::fs::write(folder.as_path().join("leaves.vtk"), mesh).unwrap();
+    let path = folder.as_path().join("scene.toml");
+    std::fs::write(&path, scene).unwrap();
+    path
+}
+
+/// What meets its own object is found by the workers as by the tissue itself: no number of them and no death leaves a trace, and none is refused.
+#[test]
+fn a_fold_that_is_pressed_on_another_is_the_same_for_0_1_and_3_workers() {
+    let folder = Folder::new("lockstep-leaves");
+    let scene = leaves(&folder);
+    let file = folder.as_path().join("kills.toml");
+    std::fs::write(&file, faults("kill", &[(1_300, "tissue:active"), (1_320, "collision-worker:0")])).unwrap();
+    let of = |workers: &str, faults: &[&str]| {
+        let arguments = [scene.to_str().unwrap(), "--roles", ROLES, "--workers", workers, "--hand", "script:fold"];
+        let report = report(&format!("leaves-{workers}-{}", faults.len()), &[&arguments[..], faults].concat());
+        let injected = if faults.is_empty() { 0 } else { 2 };
+        assert_eq!(report["faults"].as_array().map(Vec::len), Some(injected), "{workers} workers: {}", report["faults"]);
+        assert_eq!(report["invalid_applied"], 0);
+        trace(&report)
+    };
+    let alone = of("0", &[]);
+    for workers in ["1", "3"] {
+        assert_eq!(of(workers, &[]), alone, "{workers} workers");
+    }
+    assert_eq!(of("1", &["--test-mode", "--faults", file.to_str().unwrap()]), alone, "with deaths");
+}

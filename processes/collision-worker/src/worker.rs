@@ -4,7 +4,7 @@
 //! Promise: a release is always answered; what cannot be computed (the state has not come, say) is answered with nothing, and the
 //! coordinator computes it.
 
-use hyst_contact::{HashRef, Hit, Points, Share, Split, Tissue, intersect};
+use hyst_contact::{HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
 use hyst_engine::{Failure, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};
 use hyst_exchange::roster::Roster;
@@ -200,7 +200,9 @@ impl Worker<'_> {
         let share = Share { index: release.index as u32, count: job.header().words[0], split: Split::Tets };
         let tissue =
             Tissue { positions_m: state.section(1).ok()?, tets: topology.section(1).ok()?, tet_owner: topology.section(2).ok()? };
-        let points = Points { owner: job.section(2).ok()?, node: job.section(3).ok()?, self_contact: false };
+        let &[only_from, beyond] = job.section::<u32>(4).ok()? else { return None };
+        let own = OwnContact { rest_m: topology.section(7).ok()?, beyond_m: f32::from_bits(beyond), only_from };
+        let points = Points { owner: job.section(2).ok()?, node: job.section(3).ok()?, own: Some(own) };
         let hash = HashRef::in_words(job.section(1).ok()?).ok()?;
         let found = intersect(share, &hash, &points, &tissue, &mut self.hits).ok()?;
         if found.dropped > 0 {

@@ -1,27 +1,35 @@
 //! `tissue bench tissue|contact [--mesh FILE] [--json]`: times the parts of a Main Loop step on one core, outside of any station.
 //!
-//! `tissue` gives a row for each instruction set and one for a cut, `contact` one for the scene's tool and one for a tool of 1 000 points. `limit_ratio` is
+//! `tissue` gives a row for each instruction set and one for a cut, `contact` one for the scene's tool and one for a tool of 1 000 points. Without a mesh
+//! the paper's three scenes follow ([`paper`]), and for `tissue` blocks from 1 080 to 50 400 tets ([`linear`]). Targets are rows too, and a missed one is exit code 1. `limit_ratio` is
 //! the time over that of reading every tet's corners once for each time that the method has to (once for a test, once a substep for the
 //! deformation). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
 mod felt;
 mod knife;
+mod linear;
+mod paper;
+mod peer;
 mod press;
 
-use hyst_engine::bench::{finish, quantile_ns, request, spread};
+use hyst_engine::bench::{finish, quantile_ns, request, spread, target};
 use hyst_scene::{LoadedScene, collision_points};
 use hyst_tissue::Isa;
 use press::{DEFORMATION, INTERSECTION, PHASES, Press, Record};
 use serde_json::{Map, Value, json};
 use std::process::ExitCode;
 
-/// Longest time of one run, ns: the eight runs of `contact` and the making of their models end within 50 s.
-const RUN_NS: u64 = 3_500_000_000;
+/// Longest time of one run, ns: the runs of a benchmark and the making of their models end within 50 s.
+const RUN_NS: u64 = 2_000_000_000;
 /// Points of the second tool: those of the comparison with other libraries.
 const MANY_POINTS: u32 = 1_000;
 /// Threads of the comparison.
 const THREADS: usize = 2;
 const US: f64 = 1e3;
+/// How far from the converged solution force and displacement may be, as a share of its largest.
+const MOST_APART: f64 = 0.05;
+/// How many times as fast as a peer's bounding volumes the test is to be.
+const LEAST_RATIO: f64 = 3.0;
 /// How many times as fine the converged solution is, and ticks of the hand in it.
 const FINER: u32 = 4;
 const TRUTH_TICKS: usize = 1_000;
@@ -34,12 +42,29 @@ pub fn run(arguments: impl Iterator<Item = String>) -> ExitCode {
         Err(error) => return finish("tissue", false, Err(error)),
     };
     let scene = crate::world::load_scene(request.mesh.as_deref()).map_err(|error| error.to_string());
-    let rows = scene.and_then(|scene| if request.what == "tissue" { tissue(&scene) } else { contact(scene) });
+    let is_tissue = request.what == "tissue";
+    let rows = scene.and_then(|scene| {
+        let mut rows = if is_tissue { tissue(&scene)? } else { contact(scene.clone())? };
+        if request.mesh.is_none() {
+            rows.extend(if is_tissue { paper::steps()? } else { paper::intersections()? });
+            rows.extend(if is_tissue { linear::rows(&scene)? } else { Vec::new() });
+        }
+        Ok(rows)
+    });
     finish("tissue", request.json, rows)
 }
 
+/// Most time per tet and substep, ns, with the widest registers of this machine.
+fn most_ns_per_tet(isa: Isa) -> Option<f64> {
+    match isa {
+        Isa::Baseline => None,
+        Isa::Avx2 => Some(11.0),
+        Isa::Avx512 => Some(8.0),
+    }
+}
+
 fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
-    let mut rows = Vec::new();
+    let (mut rows, mut targets) = (Vec::new(), Vec::new());
     for isa in [Isa::Baseline, Isa::Avx2, Isa::Avx512].into_iter().filter(|isa| isa.available()) {
         let mut press = Press::new(scene, isa, 1)?;
         let record = press.run(RUN_NS)?;
@@ -58,11 +83,21 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
         complete(&mut row, scene, &press, &record, |_| true);
         if isa == Isa::detect() {
             row["speedup"] = speedup(scene, |_| true)?;
+            let most_ns = most_ns_per_tet(isa);
+            let value = row["ns_per_tet_and_substep"].as_f64().unwrap_or(f64::NAN);
+            let name = format!("deformation with {}, ns per tet and substep", isa.name());
+            targets.extend(most_ns.map(|most_ns| target(&name, value, most_ns, false)));
         }
         rows.push(row);
     }
     rows.push(knife(scene)?);
-    rows.push(truth(scene)?);
+    let truth = truth(scene)?;
+    for key in ["force_apart", "displacement_apart"] {
+        let name = format!("{}, share of the largest", key.replace('_', " "));
+        targets.push(target(&name, truth[key].as_f64().unwrap_or(f64::NAN), MOST_APART, false));
+    }
+    rows.push(truth);
+    rows.extend(targets);
     Ok(rows)
 }
 
@@ -113,17 +148,19 @@ fn knife(scene: &LoadedScene) -> Result<Value, String> {
     }))
 }
 
-fn contact(mut scene: LoadedScene) -> Result<Vec<Value>, String> {
-    let mut rows = Vec::new();
-    let tool = scene.scene.rigid.first().cloned();
-    let many = tool.map(|mut tool| {
+/// The scene with a tool of so many points.
+fn with_many_points(mut scene: LoadedScene) -> LoadedScene {
+    if let (Some(mut tool), Some(rigid)) = (scene.scene.rigid.first().cloned(), scene.rigid.first_mut()) {
         tool.points = MANY_POINTS;
-        collision_points(&tool)
-    });
-    for points_m in [None, many] {
-        if let (Some(points_m), Some(rigid)) = (points_m, scene.rigid.first_mut()) {
-            rigid.points_m = points_m;
-        }
+        rigid.points_m = collision_points(&tool);
+    }
+    scene
+}
+
+fn contact(scene: LoadedScene) -> Result<Vec<Value>, String> {
+    let (mut rows, mut targets) = (Vec::new(), Vec::new());
+    let many = with_many_points(scene.clone());
+    for scene in [scene, many] {
         let mut press = Press::new(&scene, Isa::detect(), 1)?;
         let record = press.run(RUN_NS)?;
         let mut tests_ns = record.steps_ns(|phase| phase <= INTERSECTION);
@@ -138,9 +175,22 @@ fn contact(mut scene: LoadedScene) -> Result<Vec<Value>, String> {
             "speedup": speedup(&scene, |phase| phase == INTERSECTION)?,
         });
         complete(&mut row, &scene, &press, &record, |phase| phase != DEFORMATION && PHASES[phase] != "surface");
+        let ratio = beside_peer(&mut row, &press, test_ns)?;
+        let name = format!("parry's BVH, refit and query, over the test of {} points", row["points"]);
+        targets.push(target(&name, ratio, LEAST_RATIO, true));
         rows.push(row);
     }
+    rows.extend(targets);
     Ok(rows)
+}
+
+/// Puts the peer beside a test that took so long, ns; gives how many times as long the peer takes.
+fn beside_peer(row: &mut Value, press: &Press, test_ns: f64) -> Result<f64, String> {
+    let [refit_ns, query_ns] = press.parry_ns()?;
+    let ratio = (refit_ns + query_ns) as f64 / test_ns;
+    row["peers"] = json!({ "parry_bvh": { "refit_us": refit_ns as f64 / US, "query_us": query_ns as f64 / US, "ratio": ratio } });
+    row["peers_note"] = json!("in the same run, on the same tets and the points of the shaft alone");
+    Ok(ratio)
 }
 
 /// What all rows have: the scene, the time of a step and the share of each phase, as far as it counts.

@@ -18,8 +18,9 @@ const INTERVAL_NS: u64 = 2_000_000;
 /// Worlds that wait to be sent; of more the oldest is left out, because only the newest counts.
 const WAITING: usize = 4;
 
-/// Sections of a topology: objects, tets, owner of each tet, triangles, surface vertices at rest, wall triangles, 1 for each surface vertex on a wound.
-pub const SECTIONS: usize = 7;
+/// Sections of a topology: objects, tets, owner of each tet, triangles, surface vertices at rest, wall triangles, 1 for each surface vertex on a wound,
+/// nodes at rest.
+pub const SECTIONS: usize = 8;
 
 /// Ends the clerk's thread when dropped.
 pub struct Clerk {
@@ -72,6 +73,7 @@ fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Resu
         bytemuck::cast_slice(&skin.rest_m),
         bytemuck::cast_slice(&world.wall),
         bytemuck::cast_slice(&raw),
+        bytemuck::cast_slice(&world.body.rest.positions_m),
     ];
     let lengths = parts.map(<[u8]>::len);
     let mut loan = publisher.loan(message_bytes(&lengths))?;
@@ -97,6 +99,7 @@ fn most_bytes(world: &World) -> usize {
         room.vertices * 12,
         room.tets * 24,
         room.vertices * 4,
+        room.nodes * 12,
     ])
 }
 

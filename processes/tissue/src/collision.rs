@@ -102,7 +102,7 @@ impl Collision {
     /// Makes room for the points of another world.
     pub fn take_world(&mut self, world: &World) {
         let room = contacts::max_hits(world);
-        self.sizes = HashSizes::for_points(world.points.len());
+        self.sizes = world.points.table_sizes();
         self.own_hash.resize(self.sizes.words(), 0);
         self.shares.iter_mut().for_each(|share| share.resize(room, Hit::default()));
         self.counts.fill(0);
@@ -180,6 +180,7 @@ impl Collision {
         message.section::<[f32; 3]>(0)?.copy_from_slice(points_m);
         message.section::<u32>(2)?.copy_from_slice(&points.owner);
         message.section::<u32>(3)?.copy_from_slice(&points.node);
+        message.section::<u32>(4)?.copy_from_slice(&[points.own_from as u32, points.own_beyond_m.to_bits()]);
         let mut hash = HashMut::in_words(message.section::<u32>(1)?, self.sizes).map_err(broken)?;
         hash.build(points_m, cell_m, Layout::Auto).map_err(broken)?;
         // The coordinator keeps a copy of the table: it needs it after the job was sent, for missing shares and for the gaps.
@@ -205,7 +206,7 @@ impl Collision {
         positions_m: &[[f32; 3]],
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
-        let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view());
+        let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
         let hash = HashRef::in_words(&self.own_hash).map_err(broken)?;
         let count = self.shares.len();
         let mut done = 0u32;
@@ -267,9 +268,10 @@ impl Collision {
     }
 }
 
-/// Bytes of a job's sections: points, hash, owner and node of each point.
-fn sections(points: usize, sizes: HashSizes) -> [usize; 4] {
-    [points * 12, sizes.words() * 4, points * 4, points * 4]
+/// Bytes of a job's sections: points, hash, owner and node of each point; from which point on they meet their own object alone, and from which distance at
+/// rest on, m, as bits.
+fn sections(points: usize, sizes: HashSizes) -> [usize; 5] {
+    [points * 12, sizes.words() * 4, points * 4, points * 4, 8]
 }
 
 /// Releases the workers. In lock-step those that are warm, until each has joined or is lost.

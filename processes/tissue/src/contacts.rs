@@ -3,10 +3,11 @@
 //! Promise: the hand is told what the tissue got. A contact is a law that the deformation evaluates in every substep, with what it is softened by there,
 //! and the force on the tool is what the same law does to the state that the step wrote.
 
+use crate::through::{Passage, Through};
 use crate::world::{TOOL_ID, World};
 use hyst_contact::{
-    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, Penetration, PenetrationInput, PenetrationParams,
-    PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Tissue, Workspace, find_gaps, own_face, penetration, planes,
+    ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput, PenetrationParams,
+    PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face, penetration, planes,
 };
 use hyst_engine::Failure;
 use hyst_tissue::{ContactLaw, PairSpring, PlaneSpring, Scratch, StateRef};
@@ -22,6 +23,8 @@ const MAX_TISSUE_DEPTH_M: f32 = 0.003;
 const MAX_DEPTH_M: f32 = 0.02;
 /// No point of the loop is pushed out from deeper than this, m: a cut that ends in tissue leaves the wire there, and it comes out with some newtons.
 const MAX_LOOP_DEPTH_M: f32 = 0.003;
+/// Nor one of the tool that has passed a thin part: that is brought back by some steps, and not thrown by one.
+const MAX_HELD_DEPTH_M: f32 = 3e-4;
 /// Range in which the servo knows a wall before it is met, m: 0.5 m/s for 4 ms.
 const ANTICIPATION_M: f32 = 0.002;
 
@@ -49,6 +52,8 @@ pub struct Contacts {
     springs: Vec<PlaneSpring>,
     /// Where tissue meets other tissue.
     pairs: Vec<PairSpring>,
+    /// What the tool went through.
+    through: Through,
 }
 
 /// The tool in one step.
@@ -62,6 +67,8 @@ pub struct ToolMotion<'a> {
     pub tip_m: [f32; 3],
     /// From tip to pivot, any length.
     pub back: [f32; 3],
+    /// How it is turned.
+    pub orientation: [f32; 4],
 }
 
 /// Tissue as the contact crate sees it.
@@ -86,16 +93,18 @@ impl Contacts {
     pub fn new(world: &World) -> Contacts {
         let points = world.points.len();
         let hits = max_hits(world);
+        let contacts = hits + world.points.tool;
         Contacts {
             work: Workspace::new(points, hits, world.model.node_count()),
             memory: vec![Memory::default(); points],
-            found: vec![Penetration::default(); hits],
-            forces: Vec::with_capacity(hits),
+            found: vec![Penetration::default(); contacts],
+            forces: Vec::with_capacity(contacts),
             node_force_n: vec![[0.0; 3]; world.model.node_count()],
             gaps: vec![Gap::FAR; world.points.tool],
             tool_table: vec![0; HashSizes::for_points(world.points.tool).words()],
-            springs: Vec::with_capacity(hits),
+            springs: Vec::with_capacity(contacts),
             pairs: Vec::with_capacity(hits),
+            through: Through::new(world),
         }
     }
 
@@ -104,13 +113,13 @@ impl Contacts {
         &mut self,
         world: &World,
         hits: &[Hit],
-        tool: &ToolMotion<'_>,
+        (tool, passage): (&ToolMotion<'_>, &Passage<'_>),
         positions_m: &[[f32; 3]],
         memory: &mut [Memory],
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let tissue = tissue(world, positions_m);
-        let points = world.points.view();
+        let points = world.points.view(&world.body.rest.positions_m);
         let graph = &world.points.graph;
         let input = PenetrationInput { hits, points_m: tool.points_m, points, graph, tissue, topology: &world.topology };
         let retreats = [Retreat { owner: TOOL_ID, direction: tool.back }];
@@ -121,10 +130,13 @@ impl Contacts {
         }
         of_tool.copy_from_slice(memory);
         of_tissue.fill(Memory::default());
+        self.through.look(world, hits, (tool, passage), &tissue, of_tool)?;
         let found = penetration(&input, &params, &mut self.memory, &mut self.work, &mut self.found).map_err(broken)?.count;
-        memory.copy_from_slice(&self.memory[..world.points.tool]);
+        let of_tool = &mut self.memory[..world.points.tool];
+        let held = self.through.hold(world, tool, &tissue, of_tool, &mut self.found[found..]);
+        memory.copy_from_slice(of_tool);
         self.node_force_n.fill([0.0; 3]);
-        self.spring(world, tool, positions_m, found);
+        self.spring(world, tool, positions_m, found + held);
         Ok(())
     }
 
@@ -138,7 +150,7 @@ impl Contacts {
             let Some(nodes) = world.model.tets().get(found.tet as usize) else { continue };
             let (point, area_m2) = (tool.points_m[found.point as usize], world.points.area_m2[found.point as usize]);
             let weights = found.weights.map(|w| w.clamp(0.0, 1.0));
-            if let Some(node) = world.points.view().node_of(found.point) {
+            if let Some(node) = world.points.node.get(found.point as usize).copied().filter(|node| *node != NONE) {
                 let (depth_m, normal) = way_out(world, &tissue, found, point);
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
                 self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, stiffness_n_m });
@@ -146,7 +158,12 @@ impl Contacts {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
                 let is_loop = found.point as usize >= world.case.tool.shaft;
-                let depth_m = if is_loop { found.depth_m.min(MAX_LOOP_DEPTH_M) } else { found.depth_m };
+                let most_m = match found.source == Source::Held as u32 {
+                    true => MAX_HELD_DEPTH_M,
+                    false if is_loop => MAX_LOOP_DEPTH_M,
+                    false => MAX_DEPTH_M,
+                };
+                let depth_m = found.depth_m.min(most_m);
                 let (offset_m, stiffness_n_m) = (along + depth_m, STIFFNESS_N_M3 * area_m2);
                 let velocity_m_s = tool.velocity_m_s;
                 self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, velocity_m_s, stiffness_n_m });
@@ -201,7 +218,7 @@ impl Contacts {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let count = world.points.tool;
         let (owner, area_m2) = (&world.points.owner[..count], &world.points.area_m2[..count]);
-        let points = Points { owner, node: &[], self_contact: false };
+        let points = Points { owner, node: &[], own: None };
         if world.points.len() == count {
             find_gaps(hash, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
         } else {
@@ -210,6 +227,8 @@ impl Contacts {
             let table = HashRef::in_words(&self.tool_table).map_err(broken)?;
             find_gaps(&table, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
         }
+        // The face that is nearest to a point that is held is the wrong one.
+        self.through.held().iter().for_each(|point| self.gaps[*point as usize] = Gap::FAR);
         let input = PlaneInput {
             contacts: &self.forces,
             gaps: &self.gaps,

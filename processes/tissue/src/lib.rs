@@ -14,6 +14,7 @@ mod materials;
 mod points;
 mod site;
 mod state;
+mod through;
 mod tool;
 mod world;
 

@@ -18,6 +18,7 @@ use crate::drift::drift_forces;
 use crate::knife::Knife;
 use crate::site::SiteManager;
 use crate::state::{Core, hash, is_sound, most_bytes, sections};
+use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
@@ -230,14 +231,17 @@ impl Stateful for MainLoop<'_> {
         memory.copy_from_slice(message.section::<u8>(4)?);
 
         // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
-        world.points.place(&world.case.tool, (&hand.pose, hand.loop_m), positions, &mut self.points_m);
+        let (tool, rest) = (&world.case.tool, &world.body.rest.positions_m[..]);
+        world.points.place(tool, (&hand.pose, hand.loop_m), (positions, rest), &mut self.points_m);
         let job = self.collision.hash(context, &self.points_m, &world.points, world.case.cell_m)?;
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
 
         // Response: contacts as springs for the deformation, the fluid's pressure as forces.
         let tool = hand.motion(world.case.pivot_m, &self.points_m);
-        self.contacts.meet(world, self.collision.hits(), &tool, positions, bytemuck::cast_slice_mut(memory))?;
+        let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
+        let passage = Passage { hash: &table, before: (&before.pose, before.loop_m), velocities_m_s: velocities, dt_s };
+        self.contacts.meet(world, self.collision.hits(), (&tool, &passage), positions, bytemuck::cast_slice_mut(memory))?;
         medium_forces(world, &before, positions, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
@@ -250,7 +254,7 @@ impl Stateful for MainLoop<'_> {
             pairs: self.contacts.pairs(),
             attachments: &world.attachments,
             law: LAW,
-            dt_s: context.step_ticks as f32 * 1e-3,
+            dt_s,
             ..StepInput::default()
         };
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
@@ -260,7 +264,7 @@ impl Stateful for MainLoop<'_> {
 
         // Forces to the device.
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
-        let (planes, force_n) = self.contacts.planes(world, &self.collision.table()?, &tool, &after, &self.scratch)?;
+        let (planes, force_n) = self.contacts.planes(world, &table, &tool, &after, &self.scratch)?;
         self.planes = planes;
         let core_now = hand.core(&before, force_n, self.contacts.count(), (is_cut, removed_ml));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));

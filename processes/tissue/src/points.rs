@@ -1,21 +1,36 @@
-//! The points of the contact test: those of the tool, then the nodes of tissue that may meet other tissue: the surfaces of what grows in the cavity and of what
-//! has come free. All else meets them with its tets.
+//! The points of the contact test: those of the tool; then the nodes of tissue that may meet other tissue, the surfaces of what grows in the cavity and of what
+//! has come free (all else meets them with its tets); then the other nodes of surfaces that can move, which meet their own object alone: folds.
+//!
+//! Two places meet only if together they have come as far from where they are at rest as they were from each other, one of them half as far. So nodes are
+//! nowhere that have not come so far themselves and that nothing is near which has, and cost nothing but the look at how far they have come.
 
 use crate::body::Body;
-use crate::tool::Tool;
+use crate::site::MAX_OBJECTS;
+use crate::tool::{NOWHERE, Tool};
 use crate::world::{Case, TOOL_ID};
 use glam::Vec3;
-use hyst_contact::{HashMut, HashSizes, Hit, Layout, NONE, PointGraph, Points, Share, Tissue, Topology, intersect};
+use hyst_contact::{HashMut, HashSizes, Hit, Layout, NONE, OwnContact, PointGraph, Points, Share, Tissue, Topology, intersect};
 use hyst_engine::Failure;
 use hyst_messages::Pose;
 use hyst_messages::stream::{ObjectKind, ObjectRecord};
 use hyst_tissue::Attachment;
 
-/// Points and what is known of them; all lists are parallel.
+/// What is nearer than this to a node at rest is beside it, and no fold that it meets, in mean edges of the scene's tets.
+const BESIDE_EDGES: f32 = 1.0;
+/// What rounding may take from a way, as a share of it.
+const HAIR: f32 = 1e-3;
+/// How many times as long as at rest an edge is at most, where it is asked what may be near.
+const STRETCH: f32 = 1.5;
+
+/// Points and what is known of them; all lists of points are parallel.
 #[derive(Clone, Debug, Default)]
 pub struct ContactPoints {
     /// How many are the tool's; they come first.
     pub tool: usize,
+    /// From which on they meet their own object alone.
+    pub own_from: usize,
+    /// How far two places of an object are apart at rest, m, that may meet.
+    pub own_beyond_m: f32,
     /// Object of each.
     pub owner: Vec<u32>,
     /// Tissue node that each is, [`NONE`] for the tool's.
@@ -26,6 +41,39 @@ pub struct ContactPoints {
     pub graph: PointGraph,
     /// For each node of the tissue, whether it is at the surface of its object.
     pub is_surface: Vec<bool>,
+    /// Object of each node, [`NONE`] for those that no tet uses.
+    pub object_of: Vec<u32>,
+    /// For each node of the tissue its longest edge at rest, m.
+    pub longest_m: Vec<f32>,
+}
+
+/// How far the nodes of an object have come from where they are at rest.
+#[derive(Clone, Copy)]
+struct Moved {
+    /// At most, m.
+    farthest_m: f32,
+    /// Box, lowest and highest corner, around the tets of those that have come so far that they may meet what is where it is at rest, m.
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Moved {
+    const NOTHING: Moved = Moved { farthest_m: 0.0, low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
+}
+
+/// The nodes of all surfaces: the area that each stands for at rest, m², and its object, [`NONE`] inside.
+fn surface(body: &Body, topology: &Topology) -> (Vec<f32>, Vec<u32>) {
+    let nodes = body.rest.positions_m.len();
+    let (mut area_m2, mut owner_of) = (vec![0.0f32; nodes], vec![NONE; nodes]);
+    for (face, owner) in topology.boundary.iter().zip(&topology.boundary_owner) {
+        let [a, b, c] = face.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
+        let share_m2 = (b - a).cross(c - a).length() / 6.0;
+        for node in face {
+            area_m2[*node as usize] += share_m2;
+            owner_of[*node as usize] = *owner;
+        }
+    }
+    (area_m2, owner_of)
 }
 
 impl ContactPoints {
@@ -39,46 +87,46 @@ impl ContactPoints {
         attachments: &[Attachment],
     ) -> Result<ContactPoints, Failure> {
         let tool = &case.tool;
+        let (area_m2, owner_of) = surface(body, topology);
         let mut points = ContactPoints {
             tool: tool.points_m.len(),
+            own_from: 0,
+            own_beyond_m: BESIDE_EDGES * case.cell_m,
             owner: vec![TOOL_ID; tool.points_m.len()],
             node: vec![NONE; tool.points_m.len()],
             area_m2: tool.area_m2.clone(),
             graph: PointGraph::default(),
-            is_surface: vec![false; body.rest.positions_m.len()],
+            is_surface: owner_of.iter().map(|owner| *owner != NONE).collect(),
+            object_of: body.owners().into_iter().map(|owner| owner.unwrap_or(NONE)).collect(),
+            longest_m: longest_m(body),
         };
-        topology.boundary.iter().flatten().for_each(|node| points.is_surface[*node as usize] = true);
-        let mut area_m2 = vec![0.0f32; body.rest.positions_m.len()];
-        let mut owner_of = vec![NONE; area_m2.len()];
         let is_free = |object: u32| objects.get(object as usize).is_some_and(ObjectRecord::is_free_piece);
         let grows = |object: &ObjectRecord| object.kind == ObjectKind::Pathology as u32;
         let may_meet = |object: u32| is_free(object) || objects.get(object as usize).is_some_and(grows);
-        let faces = topology.boundary.iter().zip(&topology.boundary_owner).filter(|(_, owner)| may_meet(**owner));
-        for (face, owner) in faces.clone() {
-            let [a, b, c] = face.map(|node| Vec3::from(body.rest.positions_m[node as usize]));
-            let share_m2 = (b - a).cross(c - a).length() / 6.0;
-            for node in face {
-                area_m2[*node as usize] += share_m2;
-                owner_of[*node as usize] = *owner;
-            }
-        }
-        let buried = buried(case, body, &owner_of)?;
+        // Those that meet others, and of them those at roots, which meet nobody.
+        let mut others_of: Vec<u32> = owner_of.iter().map(|owner| if may_meet(*owner) { *owner } else { NONE }).collect();
+        let buried = buried(case, body, &others_of)?;
         let mut is_root = body.fixed.clone();
         attachments.iter().map(|held| held.node).chain(buried.iter().copied()).for_each(|node| is_root[node as usize] = true);
         for (tet, object) in body.rest.tets.iter().zip(&body.rest.regions) {
             if may_meet(*object) && !is_free(*object) && tet.iter().any(|node| is_root[*node as usize]) {
-                tet.iter().for_each(|node| owner_of[*node as usize] = NONE);
+                tet.iter().for_each(|node| others_of[*node as usize] = NONE);
             }
         }
-        buried.into_iter().for_each(|node| owner_of[node as usize] = NONE);
+        buried.into_iter().for_each(|node| others_of[node as usize] = NONE);
+        let of_folds = |(node, owner): (usize, &u32)| if may_meet(*owner) || body.fixed[node] { NONE } else { *owner };
+        let folds_of: Vec<u32> = owner_of.iter().enumerate().map(of_folds).collect();
         let mut place = vec![NONE; owner_of.len()];
-        for (node, owner) in owner_of.iter().enumerate().filter(|(_, owner)| **owner != NONE) {
-            place[node] = (points.owner.len() - points.tool) as u32;
-            points.owner.push(*owner);
-            points.node.push(node as u32);
-            points.area_m2.push(area_m2[node]);
+        for of in [&others_of, &folds_of] {
+            points.own_from = points.owner.len();
+            for (node, owner) in of.iter().enumerate().filter(|(_, owner)| **owner != NONE) {
+                place[node] = (points.owner.len() - points.tool) as u32;
+                points.owner.push(*owner);
+                points.node.push(node as u32);
+                points.area_m2.push(area_m2[node]);
+            }
         }
-        let triangles: Vec<[u32; 3]> = faces.map(|(face, _)| face.map(|node| place[node as usize])).collect();
+        let triangles: Vec<[u32; 3]> = topology.boundary.iter().map(|face| face.map(|node| place[node as usize])).collect();
         let of_tissue = PointGraph::from_triangles(points.owner.len() - points.tool, &triangles);
         points.graph = tool.graph.followed_by(&of_tissue);
         Ok(points)
@@ -89,19 +137,89 @@ impl ContactPoints {
         self.owner.len()
     }
 
-    /// As the contact crate sees them.
-    pub fn view(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &self.node, self_contact: false }
+    /// Sizes of their table: with room for all, and with slots for those that are always there, because of the others few ever are.
+    pub fn table_sizes(&self) -> HashSizes {
+        HashSizes { points: self.len(), ..HashSizes::for_points(self.own_from) }
     }
 
-    /// Puts the tool's points where the pose and its loop's way out say, and the others where their nodes are.
-    pub fn place(&self, tool: &Tool, (pose, loop_m): (&Pose, f32), positions_m: &[[f32; 3]], out_m: &mut [[f32; 3]]) {
+    /// As the contact crate sees them; `rest_m` is where the nodes are at rest.
+    pub fn view<'a>(&'a self, rest_m: &'a [[f32; 3]]) -> Points<'a> {
+        let own = OwnContact { rest_m, beyond_m: self.own_beyond_m, only_from: self.own_from as u32 };
+        Points { owner: &self.owner, node: &self.node, own: Some(own) }
+    }
+
+    /// Puts the tool's points where the pose and its loop's way out say, and the others where their nodes are; nowhere those that can meet no fold.
+    pub fn place(
+        &self,
+        tool: &Tool,
+        (pose, loop_m): (&Pose, f32),
+        (positions_m, rest_m): (&[[f32; 3]], &[[f32; 3]]),
+        out_m: &mut [[f32; 3]],
+    ) {
         let (of_tool, of_tissue) = out_m.split_at_mut(self.tool.min(out_m.len()));
         tool.place(pose, loop_m, of_tool);
-        for (out, node) in of_tissue.iter_mut().zip(&self.node[self.tool..]) {
-            *out = positions_m.get(*node as usize).copied().unwrap_or([f32::NAN; 3]);
+        let (of_others, of_folds) = of_tissue.split_at_mut((self.own_from - self.tool).min(of_tissue.len()));
+        let at = |places_m: &[[f32; 3]], node: &u32| places_m.get(*node as usize).copied().unwrap_or(NOWHERE);
+        for (out, node) in of_others.iter_mut().zip(&self.node[self.tool..]) {
+            *out = at(positions_m, node);
+        }
+        let moved = self.moved(positions_m, rest_m);
+        if moved.iter().all(|of_object| 2.0 * of_object.farthest_m < self.beyond_m()) {
+            of_folds.fill(NOWHERE);
+            return;
+        }
+        let nodes = self.node[self.own_from..].iter().zip(&self.owner[self.own_from..]);
+        for (out, (node, owner)) in of_folds.iter_mut().zip(nodes) {
+            let (place, rest) = (at(positions_m, node), at(rest_m, node));
+            let others = moved.get(*owner as usize).copied().unwrap_or(Moved::NOTHING);
+            let may_meet = self.may_meet(place.into(), Vec3::from(place).distance(rest.into()), &others);
+            *out = if may_meet { place } else { NOWHERE };
         }
     }
+
+    /// How far two places are apart at rest, m, that may meet, less what rounding may take from that.
+    fn beyond_m(&self) -> f32 {
+        (1.0 - HAIR) * self.own_beyond_m
+    }
+
+    /// Whether a node that has come so far, m, may meet its own object.
+    fn may_meet(&self, place: Vec3, away_m: f32, others: &Moved) -> bool {
+        let beyond_m = self.beyond_m();
+        let is_near = place.cmpge(others.low).all() && place.cmple(others.high).all();
+        away_m + others.farthest_m >= beyond_m && (2.0 * away_m >= beyond_m || is_near)
+    }
+
+    /// How far the nodes of each object have come.
+    fn moved(&self, positions_m: &[[f32; 3]], rest_m: &[[f32; 3]]) -> [Moved; MAX_OBJECTS] {
+        let mut moved = [Moved::NOTHING; MAX_OBJECTS];
+        let far = (0.5 * self.beyond_m()).powi(2);
+        for (((place, rest), object), longest_m) in positions_m.iter().zip(rest_m).zip(&self.object_of).zip(&self.longest_m) {
+            let Some(moved) = moved.get_mut(*object as usize) else { continue };
+            let (place, rest) = (Vec3::from(*place), Vec3::from(*rest));
+            let squared = place.distance_squared(rest);
+            moved.farthest_m = moved.farthest_m.max(squared);
+            if squared >= far {
+                // What lies in a tet is as far from a corner as the longest edge there at most.
+                let grown = Vec3::splat(STRETCH * longest_m);
+                (moved.low, moved.high) = (moved.low.min(place - grown), moved.high.max(place + grown));
+            }
+        }
+        moved.iter_mut().for_each(|moved| moved.farthest_m = moved.farthest_m.sqrt());
+        moved
+    }
+}
+
+/// Longest edge of each node at rest, m.
+fn longest_m(body: &Body) -> Vec<f32> {
+    let mut longest_m = vec![0.0f32; body.rest.positions_m.len()];
+    for [a, b, c, d] in &body.rest.tets {
+        for [from, to] in [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(|edge| edge.map(|node| *node as usize)) {
+            let edge_m = Vec3::from(body.rest.positions_m[from]).distance(body.rest.positions_m[to].into());
+            longest_m[from] = longest_m[from].max(edge_m);
+            longest_m[to] = longest_m[to].max(edge_m);
+        }
+    }
+    longest_m
 }
 
 /// Nodes that lie in tissue of another object of the scene at rest, of those that have an owner.
@@ -124,7 +242,43 @@ fn buried(case: &Case, body: &Body, owner_of: &[u32]) -> Result<Vec<u32>, Failur
         (owner.iter().map(origin).collect(), body.rest.regions.iter().map(origin).collect());
     let tissue = Tissue { positions_m: &body.rest.positions_m, tets: &body.rest.tets, tet_owner: &of_tet };
     let mut hits = vec![Hit::default(); 4 * points_m.len()];
-    let points = Points { owner: &owner, node: &[], self_contact: false };
+    let points = Points { owner: &owner, node: &[], own: None };
     let found = intersect(Share::ALL, &hash, &points, &tissue, &mut hits).map_err(broken)?;
     Ok(hits[..found.count].iter().map(|hit| nodes[hit.point as usize]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::Workshop;
+    use hyst_tissue::Isa;
+
+    #[test]
+    fn a_wall_that_is_hardly_deformed_is_nowhere_and_what_has_come_far_is_there_with_what_it_may_reach() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let (_, world) = Workshop::open(&scene, Isa::detect()).unwrap();
+        let (points, rest_m) = (&world.points, &world.body.rest.positions_m);
+        let mut out = vec![[0.0; 3]; points.len()];
+        let pose = Pose { orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+        let mut there = |positions_m: &[[f32; 3]]| {
+            points.place(&world.case.tool, (&pose, 0.0), (positions_m, rest_m), &mut out);
+            let is_there: Vec<bool> = out.iter().map(|place| place[0].is_finite()).collect();
+            let folds = &is_there[points.own_from..];
+            assert!(is_there[..world.case.tool.shaft].iter().all(|is| *is), "the shaft");
+            assert!(is_there[points.tool..points.own_from].iter().all(|is| *is), "the polyp");
+            (folds.iter().filter(|is| **is).count(), folds[0])
+        };
+        let folds = points.len() - points.own_from;
+        assert!(folds > 300, "{folds} nodes of the wall");
+        assert_eq!(there(rest_m), (0, false), "at rest");
+        let mut moved = rest_m.clone();
+        let mut move_by = |share: f32| {
+            moved[points.node[points.own_from] as usize][1] += share * points.own_beyond_m;
+            there(&moved)
+        };
+        assert_eq!(move_by(0.4), (0, false), "no two nodes have come so far from each other that they may meet");
+        assert_eq!(move_by(0.2), (1, true), "this one may meet one that has come as far, and all others none");
+        let (near, moved) = move_by(0.5);
+        assert!(moved && near > 1 && near < folds / 2, "those near where this one has come to, not {near} of {folds}");
+    }
 }

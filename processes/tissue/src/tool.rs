@@ -4,7 +4,7 @@
 use glam::{Quat, Vec3};
 use hyst_contact::PointGraph;
 use hyst_messages::Pose;
-use hyst_scene::LoadedLoop;
+use hyst_scene::{LoadedLoop, LoadedRigid, Tip};
 
 /// Neighbours that a point is joined with: a point set on a surface has about six.
 const NEIGHBOURS: usize = 6;
@@ -28,9 +28,20 @@ pub struct Tool {
     pub area_m2: Vec<f32>,
     /// Edges between neighbours.
     pub graph: PointGraph,
+    /// Unit vectors out of the tool in its own frame; zero for a wire, which has tissue on all sides.
+    pub outward: Vec<[f32; 3]>,
 }
 
 impl Tool {
+    /// The tool of a scene's instrument.
+    pub fn of(rigid: &LoadedRigid) -> Tool {
+        let mut tool = Tool::new(rigid.points_m.clone(), rigid.electrode.as_ref());
+        for (outward, point) in tool.outward.iter_mut().zip(&rigid.points_m) {
+            *outward = outward_at(rigid, Vec3::from(*point)).to_array();
+        }
+        tool
+    }
+
     /// A tool from the points of its shaft, the first of them foremost, and its loop.
     pub fn new(mut points_m: Vec<[f32; 3]>, electrode: Option<&LoadedLoop>) -> Tool {
         let mut edges = Vec::new();
@@ -60,24 +71,40 @@ impl Tool {
             points_m.extend(wire_m);
         }
         let graph = PointGraph::from_edges(points_m.len(), &edges);
-        Tool { points_m, shaft, area_m2, graph }
+        let outward = vec![[0.0; 3]; points_m.len()];
+        Tool { points_m, shaft, area_m2, graph, outward }
     }
 
     /// Puts the points where the pose says, and the solid loop, if there is one, so far out; 0: nowhere.
     pub fn place(&self, pose: &Pose, loop_m: f32, out_m: &mut [[f32; 3]]) {
+        let at = self.placer(pose, loop_m);
+        out_m.iter_mut().enumerate().take(self.points_m.len()).for_each(|(index, out)| *out = at(index));
+    }
+
+    /// Where a pose, and a loop that is so far out, put a point.
+    pub fn placer(&self, pose: &Pose, loop_m: f32) -> impl Fn(usize) -> [f32; 3] {
         let turn = Quat::from_array(pose.orientation);
         let tip = Vec3::from(pose.position_m);
-        let at = |point: Vec3| (tip + turn * point).to_array();
-        for (index, (out, point)) in out_m.iter_mut().zip(&self.points_m).enumerate() {
-            let point = Vec3::from(*point);
+        move |index| {
+            let point = Vec3::from(self.points_m[index]);
             let ahead = point + Vec3::Z * loop_m;
-            *out = match index < self.shaft {
-                true => at(point),
-                false if loop_m > 0.0 && ahead.z > 0.0 => at(ahead),
+            match index < self.shaft {
+                true => (tip + turn * point).to_array(),
+                false if loop_m > 0.0 && ahead.z > 0.0 => (tip + turn * ahead).to_array(),
                 false => NOWHERE,
-            };
+            }
         }
     }
+}
+
+/// Out of the shaft at one of its points: a capsule, or a cylinder with a flat end.
+fn outward_at(rigid: &LoadedRigid, point: Vec3) -> Vec3 {
+    let middle_z = match rigid.tip {
+        Tip::Round => point.z.min(-rigid.radius_m),
+        Tip::Flat if point.z >= 0.0 => return Vec3::Z,
+        Tip::Flat => point.z,
+    };
+    (point - Vec3::Z * middle_z).normalize_or_zero()
 }
 
 /// The wire at extension 0 from the sheath over the half ring and back into it, and how many points each of its arms has: as many as are out at most.
@@ -152,5 +179,21 @@ mod tests {
         let apex = (tool.shaft + 11 + 8) as u32;
         assert_eq!(tool.graph.joined(apex), [apex - 1, apex + 1]);
         assert_eq!(tool.graph.joined(tool.shaft as u32), [0, tool.shaft as u32 + 1], "an end of an arm and the tip");
+    }
+
+    #[test]
+    fn the_outside_of_a_capsule_is_where_its_surface_looks() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let tool = Tool::of(&scene.rigid[0]);
+        for (point, outward) in tool.points_m.iter().zip(&tool.outward).take(tool.shaft) {
+            let (point, outward) = (Vec3::from(*point), Vec3::from(*outward));
+            let axis = Vec3::new(0.0, 0.0, point.z.min(-scene.rigid[0].radius_m));
+            assert!(
+                (outward.length() - 1.0).abs() < 1e-5 && outward.dot((point - axis).normalize()) > 0.9999,
+                "{point} {outward}"
+            );
+        }
+        assert_eq!(tool.outward[0], [0.0, 0.0, 1.0]);
+        assert!(tool.outward[tool.shaft..].iter().all(|outward| *outward == [0.0; 3]), "a wire has tissue on all sides");
     }
 }

@@ -215,7 +215,7 @@ impl Case {
             roots: roots(scene, body, starts),
             cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
             room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
-            tool: Tool::new(rigid.points_m.clone(), rigid.electrode.as_ref()),
+            tool: Tool::of(rigid),
             electrode: rigid.electrode.clone(),
             looks: scene.objects.iter().map(|object| object.look).collect(),
             scope: scope(scene, rigid),

@@ -52,7 +52,7 @@ impl Clouds {
     }
 
     fn points(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &[], self_contact: false }
+        Points { owner: &self.owner, node: &[], own: None }
     }
 
     fn ours(&self, cell_m: f32, layout: Layout, count: u32, split: Split) -> (f64, f64, usize) {

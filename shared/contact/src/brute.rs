@@ -26,7 +26,7 @@ pub fn intersect_brute(
             let Some(weights) = test.weights(*p) else {
                 continue;
             };
-            if points.may_hit(point as u32, nodes, tissue.tet_owner[tet]) {
+            if points.may_hit(point as u32, nodes, tissue.tet_owner[tet], &weights) {
                 sink.push(Hit { point: point as u32, tet: tet as u32, weights });
             }
         }

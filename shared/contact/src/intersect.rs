@@ -223,8 +223,9 @@ impl Query<'_> {
                 let lanes = to.wrapping_sub(at).min(LANES);
                 for (l, _) in inside.iter().enumerate().take(lanes).filter(|(_, i)| **i != 0) {
                     let point = self.hash.id(at.wrapping_add(l));
-                    if self.points.may_hit(point, nodes, self.tissue.owner(tet)) {
-                        sink.push(Hit { point, tet, weights: test.weights_at([x[l], y[l], z[l]]) });
+                    let weights = test.weights_at([x[l], y[l], z[l]]);
+                    if self.points.may_hit(point, nodes, self.tissue.owner(tet), &weights) {
+                        sink.push(Hit { point, tet, weights });
                     }
                 }
             }

@@ -7,7 +7,7 @@
 //! The order of one tick:
 //! 1. [`HashMut::build`] hashes the points (the coordinator, in place in shared words),
 //! 2. [`intersect`] tests one [`Share`] (each worker), [`merge`] joins the shares,
-//! 3. [`penetration`] gives each hit point a depth and a way out,
+//! 3. [`penetration`] gives each hit point a depth and a way out; [`sweep`] and [`first_crossing`] find those that a fast step has brought past a thin part,
 //! 4. [`respond`] turns that into forces on nodes, equal and opposite on the rigid tool,
 //! 5. [`planes`] condenses the tool's contacts to at most [`MAX_PLANES`] planes for the haptic servo,
 //!    with [`find_gaps`] for the wall that the tool is about to meet.
@@ -45,9 +45,9 @@ pub use penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParam
 pub use planes::{MAX_PLANES, Plane, PlaneInput, PlaneParams, PlaneSet, planes};
 pub use response::{ContactForce, Motion, ResponseOutput, ResponseParams, Rigid, Wrench, respond};
 pub use shallow::own_face;
-pub use sweep::{Crossing, first_crossing, segment_triangle};
+pub use sweep::{Crossing, Sense, SweepInput, first_crossing, sweep, triangles_in_box};
 pub use tet::TetTest;
 pub use topology::{NONE, PointGraph, Topology};
-pub use types::{Found, Hit, Points, Share, Split, Tissue};
+pub use types::{Found, Hit, OwnContact, Points, Share, Split, Tissue};
 pub use verify::{are_true, has_all_of};
 pub use walk::{Exit, exit_along};

@@ -275,9 +275,11 @@ impl Step<'_> {
             };
             let (owner, way) = (self.input.tissue.owner(hit.tet), self.work.found[h]);
             if way.source != Source::Fallback as u32 {
-                *memory = Memory { owner, direction: way.direction.to_array() };
+                *memory = Memory { owner, direction: way.direction.to_array(), depth_m: way.depth_m };
             } else if memory.owner != owner {
                 *memory = Memory::default();
+            } else {
+                memory.depth_m = way.depth_m;
             }
         }
     }

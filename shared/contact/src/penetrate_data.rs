@@ -32,9 +32,11 @@ pub enum Source {
     Inward = 1,
     /// No border in reach.
     Fallback = 2,
+    /// On the far side of what it went through: from the face that it went in by. The caller's ([`crate::first_crossing`]).
+    Held = 3,
 }
 
-/// A point's direction in the tick before; all zero: it had none. State that goes with the tissue's.
+/// A point's direction and depth in the tick before; all zero: it had none. State that goes with the tissue's.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 pub struct Memory {
@@ -42,6 +44,8 @@ pub struct Memory {
     pub owner: u32,
     /// Unit vector out of the tissue, or zero.
     pub direction: [f32; 3],
+    /// How deep it was along that, metres.
+    pub depth_m: f32,
 }
 
 /// The way back for points of an object that is wholly inside: for a tool, from its tip along the shaft to the pivot.

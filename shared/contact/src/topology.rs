@@ -20,6 +20,8 @@ pub struct Topology {
     pub boundary: Vec<[u32; 3]>,
     /// Object of each boundary triangle.
     pub boundary_owner: Vec<u32>,
+    /// The tet behind each boundary triangle.
+    pub boundary_tet: Vec<u32>,
     nodes: usize,
 }
 
@@ -33,14 +35,15 @@ impl Topology {
     pub fn new(tets: &[[u32; 4]], tet_owner: &[u32], rest_m: &[[f32; 3]]) -> Result<Topology, ContactError> {
         same_length("owners of tets", tets.len(), tet_owner.len())?;
         let neighbours = neighbours(tets, tet_owner, rest_m.len());
-        let (mut boundary, mut boundary_owner) = (Vec::new(), Vec::new());
+        let (mut boundary, mut boundary_owner, mut boundary_tet) = (Vec::new(), Vec::new(), Vec::new());
         for (t, tet) in tets.iter().enumerate().filter(|(_, tet)| exists(tet, rest_m.len())) {
             for face in (0..4).filter(|&face| neighbours[t][face] == NONE) {
                 boundary.push(outward(tet, face, rest_m));
                 boundary_owner.push(tet_owner[t]);
+                boundary_tet.push(t as u32);
             }
         }
-        Ok(Topology { neighbours, boundary, boundary_owner, nodes: rest_m.len() })
+        Ok(Topology { neighbours, boundary, boundary_owner, boundary_tet, nodes: rest_m.len() })
     }
 
     /// Number of nodes of the mesh.
@@ -241,7 +244,9 @@ mod tests {
         }
         faces.retain(|face| neighbours[face.2][face.3] == NONE);
         let boundary = faces.iter().map(|face| outward(&tets[face.2], face.3, rest_m)).collect();
-        Topology { neighbours, boundary, boundary_owner: faces.iter().map(|face| face.0).collect(), nodes: rest_m.len() }
+        let boundary_owner = faces.iter().map(|face| face.0).collect();
+        let boundary_tet = faces.iter().map(|face| face.2 as u32).collect();
+        Topology { neighbours, boundary, boundary_owner, boundary_tet, nodes: rest_m.len() }
     }
 
     proptest! {

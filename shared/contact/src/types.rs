@@ -89,8 +89,33 @@ pub struct Points<'a> {
     pub owner: &'a [u32],
     /// Tissue node that each point is, or [`crate::NONE`] for a point of a rigid object. Empty: no point is a node.
     pub node: &'a [u32],
-    /// Test a deformable's points against its own tets too (never against the tets that the node is a corner of).
-    pub self_contact: bool,
+    /// How a deformable's points meet its own tets; without it they do not.
+    pub own: Option<OwnContact<'a>>,
+}
+
+/// How a deformable meets itself: a fold another fold, but no node what is beside it.
+#[derive(Debug, Clone, Copy)]
+pub struct OwnContact<'a> {
+    /// Where the tissue's nodes are at rest, metres.
+    pub rest_m: &'a [[f32; 3]],
+    /// A node meets tissue that is farther from it than this at rest, metres, and never a tet that it is a corner of.
+    pub beyond_m: f32,
+    /// Points from this one on meet tets of their own object alone.
+    pub only_from: u32,
+}
+
+impl OwnContact<'_> {
+    /// Whether a node may meet a place in a tet, given by the weights of its corners.
+    fn may_meet(&self, node: u32, tet: &[u32; 4], weights: &[f32; 4]) -> bool {
+        let rest = |node: u32| self.rest_m.get(node as usize).copied().unwrap_or([f32::NAN; 3]);
+        let corners = tet.map(rest);
+        let away = |axis: usize| {
+            let place: f32 = corners.iter().zip(weights).map(|(corner, weight)| weight * corner[axis]).sum();
+            place - rest(node)[axis]
+        };
+        let squared: f32 = [away(0), away(1), away(2)].iter().map(|away| away * away).sum();
+        !tet.contains(&node) && squared > self.beyond_m * self.beyond_m
+    }
 }
 
 impl Points<'_> {
@@ -105,13 +130,14 @@ impl Points<'_> {
         self.node.get(point as usize).copied().filter(|&n| n != crate::NONE)
     }
 
-    /// Whether a point is to be tested against a tet at all.
+    /// Whether a point may hit a tet that it lies in, at the place of some weights.
     #[inline(always)]
-    pub(crate) fn may_hit(&self, point: u32, tet: &[u32; 4], tet_owner: u32) -> bool {
-        match self.owner.get(point as usize) {
-            None => false,
-            Some(&owner) if owner != tet_owner => true,
-            Some(_) => self.self_contact && self.node_of(point).is_none_or(|n| !tet.contains(&n)),
+    pub(crate) fn may_hit(&self, point: u32, tet: &[u32; 4], tet_owner: u32, weights: &[f32; 4]) -> bool {
+        match (self.owner.get(point as usize), &self.own) {
+            (None, _) => false,
+            (Some(&owner), own) if owner != tet_owner => own.is_none_or(|own| point < own.only_from),
+            (Some(_), Some(own)) => self.node_of(point).is_some_and(|node| own.may_meet(node, tet, weights)),
+            (Some(_), None) => false,
         }
     }
 }

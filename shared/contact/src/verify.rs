@@ -46,7 +46,7 @@ fn holds(share: Share, tet: u32) -> bool {
 fn weights_of(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> Option<[f32; 4]> {
     let (point, nodes) = (points_m.get(hit.point as usize)?, tissue.tets.get(hit.tet as usize)?);
     let weights = TetTest::new(&tissue.corners(hit.tet))?.weights(*point)?;
-    points.may_hit(hit.point, nodes, tissue.owner(hit.tet)).then_some(weights)
+    points.may_hit(hit.point, nodes, tissue.owner(hit.tet), &weights).then_some(weights)
 }
 
 fn is_true(hit: &Hit, points_m: &[[f32; 3]], points: &Points<'_>, tissue: &Tissue<'_>) -> bool {

@@ -40,12 +40,14 @@ proptest! {
         hashed in any::<bool>(),
         workers in 1u32..6,
         own in any::<bool>(),
+        rest_m in prop::collection::vec(vertex(), 40..60),
         by_tets in any::<bool>(),
     ) {
         let owner: Vec<u32> = (0..points_m.len() as u32).map(|p| if p % 3 == 0 { TOOL } else { p % 2 }).collect();
         let node: Vec<u32> = (0..points_m.len() as u32).collect();
         let tet_owner: Vec<u32> = (0..corners.len() as u32).map(|t| t % 2).collect();
-        let points = Points { owner: &owner, node: &node, self_contact: own };
+        let own = own.then_some(OwnContact { rest_m: &rest_m, beyond_m: 0.4, only_from: 40 });
+        let points = Points { owner: &owner, node: &node, own };
         let tissue = Tissue { positions_m: &nodes, tets: &corners, tet_owner: &tet_owner };
         let layout = if hashed { Layout::Hashed } else { Layout::Auto };
         let split = if by_tets { Split::Tets } else { Split::Points };
@@ -92,7 +94,7 @@ proptest! {
         if let Ok(hash) = HashRef::in_words(&words) {
             let (nodes, tets) = block([2, 2, 2], 1.0, [0.0; 3]);
             let (owner, tet_owner) = (vec![TOOL; hash.points()], vec![0; tets.len()]);
-            let points = Points { owner: &owner, node: &[], self_contact: false };
+            let points = Points { owner: &owner, node: &[], own: None };
             let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
             let mut out = vec![Hit::default(); 64];
             let found = intersect(Share::ALL, &hash, &points, &tissue, &mut out).unwrap();
@@ -107,7 +109,7 @@ fn a_block_full_of_points_gives_one_tet_to_each_point_inside() {
     let lattice = |i: usize| -0.5 + 0.125 * i as f32;
     let points_m: Vec<[f32; 3]> = (0..9 * 9 * 9).map(|n| [lattice(n % 9), lattice(n / 9 % 9), lattice(n / 81)]).collect();
     let (owner, tet_owner) = (vec![TOOL; points_m.len()], vec![0; tets.len()]);
-    let points = Points { owner: &owner, node: &[], self_contact: false };
+    let points = Points { owner: &owner, node: &[], own: None };
     let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
     let all: Vec<u32> = (0..points_m.len() as u32).collect();
     for layout in [Layout::Auto, Layout::Hashed] {
@@ -147,7 +149,7 @@ fn too_short_an_output_is_reported_with_what_is_missing() {
     let (nodes, tets) = block([2, 2, 2], 1.0, [0.0; 3]);
     let points_m: Vec<[f32; 3]> = (0..50).map(|i| [0.013 + 0.037 * i as f32, 0.71, 0.9]).collect();
     let (owner, tet_owner) = (vec![TOOL; 50], vec![0; tets.len()]);
-    let points = Points { owner: &owner, node: &[], self_contact: false };
+    let points = Points { owner: &owner, node: &[], own: None };
     let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
     let sizes = HashSizes::for_points(50);
     let mut words = vec![0; sizes.words()];
@@ -176,7 +178,7 @@ fn bad_sizes_are_errors_that_name_the_cure() {
     assert_eq!(full, ContactError::Capacity { points: 5, capacity: 4 });
     assert!(full.to_string().contains("HashSizes::for_points(5)"));
     table.build(&[[0.0; 3]; 4], 1.0, Layout::Auto).unwrap();
-    let points = Points { owner: &[TOOL; 3], node: &[], self_contact: false };
+    let points = Points { owner: &[TOOL; 3], node: &[], own: None };
     let tissue = Tissue { positions_m: &[], tets: &[], tet_owner: &[] };
     assert!(matches!(intersect(Share::ALL, &table.as_ref(), &points, &tissue, &mut []), Err(ContactError::Length { .. })));
 }
@@ -196,4 +198,37 @@ fn a_table_is_written_in_full() {
             assert!(clean == dirty, "{count} points, {layout:?}");
         }
     }
+}
+
+/// Two layers of a folded sheet: the upper lies in the lower. Nodes meet what was far from them at rest, their own neighbourhood never, and other objects
+/// only if they come before those that meet their own alone.
+#[test]
+fn a_fold_meets_another_and_no_node_what_is_beside_it() {
+    let (mut nodes, tets) = block([8, 2, 1], 1.0, [0.0; 3]);
+    let rest_m = nodes.clone();
+    // The far half is laid over the near one, half a thickness deep.
+    for (node, rest) in nodes.iter_mut().zip(&rest_m).filter(|(_, rest)| rest[0] > 4.5) {
+        *node = [8.0 - rest[0], rest[1], 1.5 - rest[2]];
+    }
+    let (owner, tet_owner) = (vec![0; nodes.len()], vec![0; tets.len()]);
+    let node: Vec<u32> = (0..nodes.len() as u32).collect();
+    let tissue = Tissue { positions_m: &nodes, tets: &tets, tet_owner: &tet_owner };
+    let met = |own: Option<OwnContact<'_>>, tet_owner: &[u32]| {
+        let points = Points { owner: &owner, node: &node, own };
+        let found = brute(&nodes, &points, &Tissue { tet_owner, ..tissue });
+        found.iter().map(|hit| (hit.point, hit.tet)).collect::<Vec<_>>()
+    };
+    assert!(met(None, &tet_owner).is_empty());
+    let own = OwnContact { rest_m: &rest_m, beyond_m: 2.0, only_from: 0 };
+    let found = met(Some(own), &tet_owner);
+    let far_m = |(point, tet): &(u32, u32)| {
+        let middle_x = tets[*tet as usize].iter().map(|node| rest_m[*node as usize][0]).sum::<f32>() / 4.0;
+        (rest_m[*point as usize][0] - middle_x).abs()
+    };
+    assert!(found.len() >= 8, "{found:?}");
+    assert!(found.iter().all(|hit| far_m(hit) > 0.9 && !tets[hit.1 as usize].contains(&hit.0)), "{found:?}");
+    assert!(met(Some(OwnContact { beyond_m: 9.0, ..own }), &tet_owner).is_empty(), "all is beside each other");
+    let others = vec![1; tets.len()];
+    assert!(met(Some(own), &others).is_empty(), "they meet their own alone");
+    assert!(!met(Some(OwnContact { only_from: 1_000, ..own }), &others).is_empty());
 }

@@ -108,7 +108,7 @@ fn the_force_on_a_deformable_point_goes_to_its_node() {
     let (positions_m, tets) = block([1, 1, 1], 1.0, [0.0; 3]);
     let mut all = positions_m.clone();
     all.push([0.5, 0.4, 0.1]);
-    let points = Points { owner: &[3], node: &[8], self_contact: false };
+    let points = Points { owner: &[3], node: &[8], own: None };
     let tissue = Tissue { positions_m: &all, tets: &tets, tet_owner: &[1; 6] };
     let hit = common::hits(&all[8..], &points, &tissue, 0.5)[0];
     let penetration =
@@ -185,17 +185,22 @@ fn nonsense_makes_no_force_and_no_plane() {
 fn a_path_through_a_thin_wall_is_caught_wherever_it_passes() {
     let (positions_m, tets) = block([4, 4, 1], 1.0 * MM, [0.0; 3]);
     let topology = Topology::new(&tets, &vec![0; tets.len()], &positions_m).unwrap();
+    let all = topology.boundary.len() as u32;
+    let across = |from, to, sense| first_crossing(from, to, sense, &positions_m, &topology.boundary, 0..all);
     for i in 0..33 {
         for j in 0..33 {
             // Corners, edges and faces alike: eighths of a millimetre.
             let [x, y] = [i, j].map(|v| v as f32 * 0.125 * MM);
-            let crossing = first_crossing([x, y, -5.0 * MM], [x, y, 9.0 * MM], &positions_m, &topology.boundary).unwrap();
-            assert!(crossing.entering && crossing.normal[2] < -0.99 && (crossing.fraction - 5.0 / 14.0).abs() < 1e-5);
+            let (from, to) = ([x, y, -5.0 * MM], [x, y, 9.0 * MM]);
+            let crossing = across(from, to, Sense::In).unwrap();
+            assert!(crossing.normal[2] < -0.99 && (crossing.fraction - 5.0 / 14.0).abs() < 1e-5);
+            let crossing = across(from, to, Sense::Out).unwrap();
+            assert!(crossing.normal[2] > 0.99 && (crossing.fraction - 6.0 / 14.0).abs() < 1e-5);
         }
     }
     let nan = [f32::NAN, 0.0, 0.0];
-    assert_eq!(first_crossing(nan, [0.0; 3], &positions_m, &topology.boundary), None);
-    assert_eq!(first_crossing([0.0, 0.0, -2.0], [0.0, 0.0, -1.0], &positions_m, &topology.boundary), None);
+    assert_eq!(across(nan, [0.0; 3], Sense::In), None);
+    assert_eq!(across([0.0, 0.0, -2.0], [0.0, 0.0, -1.0], Sense::In), None);
 }
 
 #[test]

@@ -29,7 +29,7 @@ impl Scene {
     }
 
     fn points(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &self.node, self_contact: false }
+        Points { owner: &self.owner, node: &self.node, own: None }
     }
 
     fn tissue(&self) -> Tissue<'_> {
@@ -86,6 +86,41 @@ fn a_hit_that_is_left_out_is_missed_by_a_part_of_the_share_and_by_the_hits_of_th
             "what was hit a step ago and is no longer, or by another share, is not asked for"
         );
         assert!(!scene.has_all(&before, &[], share), "one that tells nothing is found out at once");
+    }
+}
+
+/// A layer whose far half is laid over the near one, half a thickness deep: nodes that meet their own object are checked as those of the tool are.
+#[test]
+fn a_hit_of_a_fold_is_true_where_the_two_places_were_apart_and_missed_where_it_is_left_out() {
+    let (mut nodes_m, tets) = block([8, 2, 1], 1.0, [0.0; 3]);
+    let rest_m = nodes_m.clone();
+    for (node, rest) in nodes_m.iter_mut().zip(&rest_m).filter(|(_, rest)| rest[0] > 4.5) {
+        *node = [8.0 - rest[0], rest[1], 1.5 - rest[2]];
+    }
+    let (owner, tet_owner) = (vec![0; nodes_m.len()], vec![0; tets.len()]);
+    let node: Vec<u32> = (0..nodes_m.len() as u32).collect();
+    let own = OwnContact { rest_m: &rest_m, beyond_m: 2.0, only_from: 0 };
+    let points = Points { owner: &owner, node: &node, own: Some(own) };
+    let tissue = Tissue { positions_m: &nodes_m, tets: &tets, tet_owner: &tet_owner };
+    let sizes = HashSizes::for_points(nodes_m.len());
+    let mut words = vec![0; sizes.words()];
+    HashMut::in_words(&mut words, sizes).unwrap().build(&nodes_m, 1.0, Layout::Auto).unwrap();
+    let mut hits = vec![Hit::default(); 4 * nodes_m.len()];
+    for share in shares(2) {
+        let found = intersect(share, &HashRef::in_words(&words).unwrap(), &points, &tissue, &mut hits).unwrap();
+        let whole = &hits[..found.count];
+        assert!(whole.len() > 3, "{whole:?}");
+        assert!(are_true(whole, share, &nodes_m, &points, &tissue));
+        assert!(has_all_of(whole, whole, share, &nodes_m, &points, &tissue));
+        for left_out in 0..whole.len() {
+            let mut told = whole.to_vec();
+            told.remove(left_out);
+            assert!(!has_all_of(whole, &told, share, &nodes_m, &points, &tissue), "hit {left_out}");
+        }
+        // With all beside each other none of them is a hit: neither true nor missed.
+        let points = Points { own: Some(OwnContact { beyond_m: 9.0, ..own }), ..points };
+        assert!(!are_true(whole, share, &nodes_m, &points, &tissue));
+        assert!(has_all_of(whole, &[], share, &nodes_m, &points, &tissue));
     }
 }
 

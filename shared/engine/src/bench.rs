@@ -41,7 +41,14 @@ pub fn request(words: impl Iterator<Item = String>, known: &[&str], takes_mesh: 
     Ok(request)
 }
 
-/// The end of a benchmark: prints its rows, or says why there are none (exit code 2 as a bad input has).
+/// A row for a target: what was measured beside what it is to be.
+pub fn target(name: &str, value: f64, limit: f64, at_least: bool) -> Value {
+    let (bound, held) = if at_least { ("at least", value >= limit) } else { ("at most", value <= limit) };
+    json!({ "arm": "target", "name": name, "value": value, "bound": bound, "limit": limit, "held": held })
+}
+
+/// The end of a benchmark: prints its rows, the targets as lines of their own, or says why there are none. Exit code 1 if a target is missed, 2 for a bad
+/// input.
 pub fn finish(program: &str, json: bool, rows: Result<Vec<Value>, String>) -> ExitCode {
     let rows = match rows {
         Ok(rows) => rows,
@@ -54,10 +61,24 @@ pub fn finish(program: &str, json: bool, rows: Result<Vec<Value>, String>) -> Ex
     if json {
         println!("{:#}", json!({ "machine": machine, "rows": rows }));
     } else {
+        let (targets, figures): (Vec<&Value>, Vec<&Value>) = rows.iter().partition(|row| row["arm"] == "target");
         println!("{machine}");
-        print!("{}", table(&rows));
+        print!("{}", table(&figures));
+        targets.iter().for_each(|target| println!("{}", line(target)));
     }
-    ExitCode::SUCCESS
+    ExitCode::from(u8::from(misses_a_target(&rows)))
+}
+
+fn misses_a_target(rows: &[Value]) -> bool {
+    rows.iter().any(|row| row["held"] == false)
+}
+
+/// A target for people.
+fn line(target: &Value) -> String {
+    let text = |key: &str| target[key].as_str().unwrap_or_default().to_owned();
+    let number = |key: &str| target[key].as_f64().unwrap_or(f64::NAN);
+    let held = if target["held"] == true { "held" } else { "NOT HELD" };
+    format!("{:<72} {:>10.3}  {} {:>7}  {held}", text("name"), number("value"), text("bound"), number("limit"))
 }
 
 /// Quantiles of samples, each divided by `unit_ns`; the samples are sorted on the way. Zeros without samples.
@@ -74,7 +95,7 @@ pub fn quantile_ns(samples_ns: &mut [u64], share: f64) -> f64 {
 }
 
 /// One line for each key, one column for each row; nested keys are joined with a dot.
-fn table(rows: &[Value]) -> String {
+fn table(rows: &[&Value]) -> String {
     let mut lines: Vec<(String, Vec<String>)> = Vec::new();
     for (column, row) in rows.iter().enumerate() {
         flatten("", row, &mut |key, text| {
@@ -130,8 +151,18 @@ mod tests {
 
     #[test]
     fn a_table_has_every_key_of_every_row() {
-        let text = table(&[json!({ "a": { "p50": 1.5 }, "peers": {} }), json!({ "b": "x" })]);
+        let text = table(&[&json!({ "a": { "p50": 1.5 }, "peers": {} }), &json!({ "b": "x" })]);
         let words: Vec<&str> = text.split_whitespace().collect();
         assert_eq!(words, ["a.p50", "1.500", "-", "peers", "none", "-", "b", "-", "x"]);
+    }
+
+    #[test]
+    fn a_target_is_held_or_missed_and_says_so() {
+        let rows = [target("fast enough", 0.5, 1.0, false), target("often enough", 5.0, 5.0, true), json!({ "b": "x" })];
+        assert!(!misses_a_target(&rows) && line(&rows[0]).contains("at most") && line(&rows[1]).ends_with(" held"), "{rows:?}");
+        for missed in [target("slow", 1.1, 1.0, false), target("rare", 4.9, 5.0, true), target("unknown", f64::NAN, 1.0, false)] {
+            assert!(line(&missed).ends_with("NOT HELD"), "{missed}");
+            assert!(misses_a_target(&[rows[0].clone(), missed]));
+        }
     }
 }

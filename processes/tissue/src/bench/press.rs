@@ -2,6 +2,7 @@
 //! and comes out again. Only the carriers differ: own memory instead of the exchange, threads instead of collision workers.
 
 use crate::contacts::{self, Contacts, ToolMotion};
+use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
@@ -43,7 +44,8 @@ impl SharedWork for Shared {
         let mut share = self.shares[index].lock();
         let (hits, found) = &mut *share;
         let part = Share { index: index as u32, count: count as u32, split: Split::Tets };
-        let (points, tissue) = (self.world.points.view(), contacts::tissue(&self.world, &input.positions_m));
+        let (points, tissue) =
+            (self.world.points.view(&self.world.body.rest.positions_m), contacts::tissue(&self.world, &input.positions_m));
         let tested = HashRef::in_words(&input.table).and_then(|hash| intersect(part, &hash, &points, &tissue, hits));
         *found = tested.map_or(0, |found| found.count);
     }
@@ -82,6 +84,8 @@ pub struct Press {
     shared: Arc<Shared>,
     threads: SynchronizedThreads<Shared>,
     hand: Option<LoadedHand>,
+    /// Where the tool was in the last step.
+    last: Pose,
     scratch: Scratch,
     contacts: Contacts,
     sizes: HashSizes,
@@ -112,14 +116,15 @@ impl Press {
         let (points, nodes) = (world.points.len(), world.model.node_count());
         let contacts = Contacts::new(&world);
         let room = contacts::max_hits(&world);
-        let sizes = HashSizes::for_points(points);
+        let sizes = world.points.table_sizes();
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
         let shared = Arc::new(Shared {
             input: RwLock::new(input),
             shares: (0..threads).map(|_| Mutex::new((vec![Hit::default(); room], 0))).collect(),
             world,
         });
-        Ok(Press {
+        let mut press = Press {
+            last: Pose::default(),
             finer: finer.max(1) as usize,
             threads: SynchronizedThreads::new(Arc::clone(&shared), threads, "share").map_err(text)?,
             hand: scene.hand("press").cloned(),
@@ -135,7 +140,9 @@ impl Press {
             next_m_s: vec![[0.0; 3]; nodes],
             surface_m: vec![[0.0; 3]; shared.world.body.skin.bindings.len()],
             shared,
-        })
+        };
+        press.last = press.pose(0);
+        Ok(press)
     }
 
     /// Number of tets.
@@ -201,7 +208,8 @@ impl Press {
 
         {
             let mut input = shared.input.write();
-            world.points.place(&world.case.tool, (&pose, 0.0), &input.positions_m, &mut self.points_m);
+            let places = (&input.positions_m[..], &world.body.rest.positions_m[..]);
+            world.points.place(&world.case.tool, (&pose, 0.0), places, &mut self.points_m);
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
             hash.build(&self.points_m, world.case.cell_m, Layout::Auto).map_err(text)?;
         }
@@ -217,9 +225,14 @@ impl Press {
             velocity_m_s: std::array::from_fn(|axis| (pose.position_m[axis] - before.position_m[axis]) / DT_S),
             tip_m: pose.position_m,
             back: std::array::from_fn(|axis| world.case.pivot_m[axis] - pose.position_m[axis]),
+            orientation: pose.orientation,
         };
         let (positions_m, velocities_m_s) = (&input.positions_m, &self.velocities_m_s);
-        self.contacts.meet(world, &self.hits[..found], &tool, positions_m, &mut self.memory).map_err(text)?;
+        let table = HashRef::in_words(&input.table).map_err(text)?;
+        let last = std::mem::replace(&mut self.last, pose);
+        let dt_s = DT_S / self.finer as f32;
+        let passage = Passage { hash: &table, before: (&last, 0.0), velocities_m_s, dt_s };
+        self.contacts.meet(world, &self.hits[..found], (&tool, &passage), positions_m, &mut self.memory).map_err(text)?;
         pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
         laps.lap();
 
@@ -230,7 +243,7 @@ impl Press {
             pairs: self.contacts.pairs(),
             attachments: &world.attachments,
             law: contacts::LAW,
-            dt_s: DT_S / self.finer as f32,
+            dt_s,
             ..StepInput::default()
         };
         let to = StateMut { position_m: &mut self.next_m, velocity_m_s: &mut self.next_m_s };
@@ -240,7 +253,6 @@ impl Press {
         surface_update(&world.body.skin.bindings, world.model.tets(), &self.next_m, &mut self.surface_m);
         laps.lap();
 
-        let table = HashRef::in_words(&input.table).map_err(text)?;
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
         let (_, force_n) = self.contacts.planes(world, &table, &tool, &after, &self.scratch).map_err(text)?;
         laps.lap();
@@ -268,11 +280,20 @@ impl Press {
         let mut least_ns = u64::MAX;
         for _ in 0..PASSES {
             let begun_ns = system::now_ns();
-            let found = intersect_brute(&self.points_m, &shared.world.points.view(), &tissue, &mut self.hits).map_err(text)?;
+            let points = shared.world.points.view(&shared.world.body.rest.positions_m);
+            let found = intersect_brute(&self.points_m, &points, &tissue, &mut self.hits).map_err(text)?;
             let _ = std::hint::black_box(found); // only the time is asked for
             least_ns = least_ns.min(system::now_ns() - begun_ns);
         }
         Ok(least_ns)
+    }
+
+    /// What a peer takes for the same test, where the tissue is now, ns: refit, and query.
+    pub fn parry_ns(&self) -> Result<[u64; 2], String> {
+        let world = &self.shared.world;
+        let input = self.shared.input.read();
+        let tissue = contacts::tissue(world, &input.positions_m);
+        super::peer::parry_ns(&tissue, &self.points_m[..world.case.tool.shaft])
     }
 
     /// Reading the corners of every tet once, ns: the fastest of a few. No method that looks at all tets takes less.

@@ -28,7 +28,7 @@ impl Hand {
     pub(super) fn motion<'a>(&self, pivot_m: [f32; 3], points_m: &'a [[f32; 3]]) -> ToolMotion<'a> {
         let tip_m = self.pose.position_m;
         let back = std::array::from_fn(|axis| pivot_m[axis] - tip_m[axis]);
-        ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back }
+        ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
     }
 
     /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts, and what was cut and removed, ml.

@@ -1,8 +1,11 @@
 //! Promise of the Main Loop: a state and a job are written in full, so that what an older message left in the loan is nowhere in them.
 
 mod cold;
+mod fold;
 mod held;
+mod lattice;
 mod pieces;
+mod sheet;
 mod thrust;
 
 #[path = "../../../../shared/engine/tests/support/loans.rs"]
@@ -117,7 +120,7 @@ fn in_organ(world: &World, positions_m: &[[f32; 3]], points_m: &[[f32; 3]]) -> s
     let rest = &world.body.rest;
     let organ: Vec<[u32; 4]> = rest.tets.iter().zip(&rest.regions).filter(|(_, of)| **of == 0).map(|(tet, _)| *tet).collect();
     let tissue = hyst_contact::Tissue { positions_m, tets: &organ, tet_owner: &vec![0; organ.len()] };
-    let of_points = hyst_contact::Points { owner: &vec![1; points_m.len()], node: &[], self_contact: false };
+    let of_points = hyst_contact::Points { owner: &vec![1; points_m.len()], node: &[], own: None };
     let mut hits = vec![hyst_contact::Hit::default(); 4 * points_m.len()];
     let found = hyst_contact::intersect_brute(points_m, &of_points, &tissue, &mut hits).unwrap();
     hits[..found.count].iter().map(|hit| hit.point).collect()

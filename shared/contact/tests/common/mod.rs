@@ -151,7 +151,7 @@ impl Poke {
     }
 
     pub fn points(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &[], self_contact: false }
+        Points { owner: &self.owner, node: &[], own: None }
     }
 
     pub fn tissue(&self) -> Tissue<'_> {
@@ -161,7 +161,7 @@ impl Poke {
     pub fn depths(&mut self, points_m: &[[f32; 3]], retreat: [f32; 3]) -> Vec<Penetration> {
         let hits = hits(points_m, &self.points(), &self.tissue(), 0.004);
         let Poke { positions_m, tets, tet_owner, topology, graph, owner, memory, work } = self;
-        let points = Points { owner, node: &[], self_contact: false };
+        let points = Points { owner, node: &[], own: None };
         let tissue = Tissue { positions_m, tets, tet_owner };
         let input = PenetrationInput { hits: &hits, points_m, points, graph, tissue, topology };
         let params = PenetrationParams { max_depth_m: 0.015, retreats: &[Retreat { owner: TOOL, direction: retreat }] };

@@ -22,7 +22,7 @@ pub struct Body {
 
 impl Body {
     fn points(&self) -> Points<'_> {
-        Points { owner: &self.owner, node: &[], self_contact: false }
+        Points { owner: &self.owner, node: &[], own: None }
     }
 
     fn tissue(&self) -> Tissue<'_> {

@@ -30,7 +30,7 @@ struct Pressed {
 fn first_met_m(world: &World, electrode: &hyst_scene::LoadedLoop) -> f32 {
     let tissue = contacts::tissue(world, world.model.rest_m());
     let owner = vec![u32::MAX; electrode.wire_m.len()];
-    let points = hyst_contact::Points { owner: &owner, node: &[], self_contact: false };
+    let points = hyst_contact::Points { owner: &owner, node: &[], own: None };
     let mut hits = vec![hyst_contact::Hit::default(); 8 * owner.len()];
     let ahead_m = (100..600).map(|step| 1e-4 * step as f32);
     let mut meets = |ring_m: &f32| {

@@ -16,14 +16,14 @@ fn pushed_into_the_wall(name: &str, blind: bool, towards: impl Fn(&World) -> (Ve
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let mut main = engine(&station, &life, &mut inbox);
     let mut world = main.workshop.make(main.world.body.clone()).unwrap();
-    let watched: Vec<u32> = world.points.node[world.points.tool..].to_vec();
+    let watched: Vec<u32> = world.points.node[world.points.tool..world.points.own_from].to_vec();
     assert!(watched.len() > 20, "{} nodes of the polyp may meet others", watched.len());
     let (from, to) = towards(&world);
     if blind {
         let tool = world.points.tool;
         let (owner, node) = (world.points.owner[..tool].to_vec(), world.points.node[..tool].to_vec());
         let (area_m2, graph) = (world.points.area_m2[..tool].to_vec(), world.case.tool.graph.clone());
-        world.points = ContactPoints { tool, owner, node, area_m2, graph, is_surface: world.points.is_surface.clone() };
+        world.points = ContactPoints { own_from: tool, owner, node, area_m2, graph, ..world.points };
     }
     main.take_world(world);
     let mut now = first_state(&mut main);
@@ -54,7 +54,7 @@ fn depth_in_organ_m(world: &World, now: &[u64], nodes: &[u32]) -> f32 {
 }
 
 /// Distance of a point from a triangle, m, by its nearest corner, edge or inside.
-fn distance_m(point: Vec3, &[a, b, c]: &[Vec3; 3]) -> f32 {
+pub(super) fn distance_m(point: Vec3, &[a, b, c]: &[Vec3; 3]) -> f32 {
     let to_edge = |from: Vec3, to: Vec3| {
         let along = ((point - from).dot(to - from) / (to - from).length_squared()).clamp(0.0, 1.0);
         point.distance(from.lerp(to, along))

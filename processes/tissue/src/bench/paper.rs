@@ -1,0 +1,88 @@
+//! The three scenes of the framework's paper (Tuchschmid et al. 2006, table 2), each with what it is to reach.
+
+use super::press::{INTERSECTION, Press};
+use super::{RUN_NS, THREADS, US, beside_peer, complete, speedup, with_many_points};
+use hyst_engine::bench::{quantile_ns, spread, target};
+use hyst_scene::LoadedScene;
+use hyst_tissue::Isa;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// A scene, the longest step that it may take, ms, and how often 1 000 points are to be tested, Hz.
+struct Aim {
+    file: &'static str,
+    step_ms: f64,
+    test_hz: f64,
+}
+
+static AIMS: [Aim; 3] = [
+    Aim { file: "myoma.toml", step_ms: 1.0, test_hz: 10e3 },
+    Aim { file: "polyp-medium.toml", step_ms: 1.5, test_hz: 8e3 },
+    Aim { file: "three-polyps.toml", step_ms: 2.5, test_hz: 5e3 },
+];
+/// Share of what independent copies reach that the speed-up of the test is to have, with the largest of the scenes.
+const LEAST_SPEEDUP: f64 = 0.9;
+
+/// Where the scenes are: under the folder that the benchmark is called in, or beside the target folder of its build.
+fn folder() -> Option<PathBuf> {
+    let of_build = std::env::current_exe().ok().and_then(|exe| Some(exe.parent()?.join("../../assets/scenes")));
+    let folders = [Some(PathBuf::from("assets/scenes")), of_build];
+    let found = folders.into_iter().flatten().find(|folder| folder.join(AIMS[0].file).is_file());
+    if found.is_none() {
+        eprintln!("tissue bench: the paper's scenes are left out: no assets/scenes here; call it in the checkout");
+    }
+    found
+}
+
+fn scenes() -> Result<Vec<(&'static Aim, LoadedScene)>, String> {
+    let Some(folder) = folder() else { return Ok(Vec::new()) };
+    let load = |aim: &'static Aim| -> Result<(&'static Aim, LoadedScene), String> {
+        let scene = crate::world::load_scene(Some(&folder.join(aim.file))).map_err(|error| error.to_string())?;
+        Ok((aim, scene))
+    };
+    AIMS.iter().map(load).collect()
+}
+
+/// A whole step of each scene with two threads, and whether it is short enough.
+pub fn steps() -> Result<Vec<Value>, String> {
+    let (mut rows, mut targets) = (Vec::new(), Vec::new());
+    for (aim, scene) in scenes()? {
+        let mut press = Press::new(&scene, Isa::detect(), THREADS)?;
+        let record = press.run(RUN_NS)?;
+        let mut row = json!({ "method": format!("the paper's scene, {THREADS} threads"), "substeps": record.substeps });
+        complete(&mut row, &scene, &press, &record, |_| true);
+        let step_ms = quantile_ns(&mut record.steps_ns(|_| true), 0.5) / 1e6;
+        let name = format!("step of {} tets with {THREADS} threads, ms", press.tets());
+        targets.push(target(&name, step_ms, aim.step_ms, false));
+        rows.push(row);
+    }
+    rows.extend(targets);
+    Ok(rows)
+}
+
+/// The test of 1 000 points in each scene on one core, beside its peer, and what a second thread brings in the largest.
+pub fn intersections() -> Result<Vec<Value>, String> {
+    let (mut rows, mut targets) = (Vec::new(), Vec::new());
+    for (aim, scene) in scenes()? {
+        let scene = with_many_points(scene);
+        let mut press = Press::new(&scene, Isa::detect(), 1)?;
+        let record = press.run(RUN_NS)?;
+        let mut tests_ns = record.steps_ns(|phase| phase <= INTERSECTION);
+        let test_ns = quantile_ns(&mut tests_ns, 0.5);
+        let mut row = json!({ "method": "the paper's scene", "test_us": spread(&mut tests_ns, US), "test_hz": 1e9 / test_ns });
+        complete(&mut row, &scene, &press, &record, |phase| phase <= INTERSECTION);
+        let (tets, ratio) = (press.tets(), beside_peer(&mut row, &press, test_ns)?);
+        targets.push(target(&format!("test of 1 000 points against {tets} tets, Hz"), 1e9 / test_ns, aim.test_hz, true));
+        targets.push(target(&format!("parry's BVH over that test, {tets} tets"), ratio, super::LEAST_RATIO, true));
+        if aim.file == AIMS[AIMS.len() - 1].file {
+            row["speedup"] = speedup(&scene, |phase| phase == INTERSECTION)?;
+            let of = |key: &str| row["speedup"][key].as_f64().unwrap_or(f64::NAN);
+            let share = of("2") / of("2_independent_copies");
+            let name = format!("speed-up of the test on 2 threads over 2 independent copies, {tets} tets");
+            targets.push(target(&name, share, LEAST_SPEEDUP, true));
+        }
+        rows.push(row);
+    }
+    rows.extend(targets);
+    Ok(rows)
+}

@@ -1,0 +1,135 @@
+//! Promise of the Main Loop about thin parts: a sheet of one layer of tets is not passed through, neither by a tool that comes fast nor by one that stays and
+//! presses.
+
+use super::lattice::{self, Lattice};
+use super::*;
+use glam::Vec3;
+
+/// Sides and thickness of the sheet, m, and its tets' edge along the sides.
+const SIDE_M: f32 = 0.024;
+const THICK_M: f32 = 1e-3;
+const EDGE_M: f32 = 2e-3;
+/// Where its near face is, m, before the tip, which comes along +z.
+const FACE_M: f32 = 0.03;
+/// From where to where the tip goes, m beyond the near face.
+const WAY_M: [f32; 2] = [-0.006, 0.008];
+/// Ticks in which the tip stays there.
+const STAY: u64 = 150;
+/// Ticks after it has come out again, and how far from its place a node may be then, m.
+const AFTER: u64 = 500;
+const LEFT_M: f32 = 0.2e-3;
+/// Nodes that are nearer than this to the axis are before the tip, m.
+const BEFORE_M: f32 = 1.5e-3;
+/// How deep the tip may lie in the face that it presses on, m.
+const DEEP_M: f32 = 0.8e-3;
+
+/// A sheet whose rim is held, as a scene.
+fn sheet(name: &str) -> lattice::Folder {
+    let cells = (SIDE_M / EDGE_M).round() as usize;
+    let half = SIDE_M / 2.0;
+    let lattice = Lattice { cells: [cells, cells, 1], edge_m: [EDGE_M, EDGE_M, THICK_M], low_m: [-half, -half, FACE_M] };
+    let (inner, outer) = (half - 1e-4, half + 1e-4);
+    let rim = |[low_x, low_y]: [f32; 2], [high_x, high_y]: [f32; 2]| {
+        format!("{{ box = {{ min_m = [{low_x:.4}, {low_y:.4}, 0.0], max_m = [{high_x:.4}, {high_y:.4}, 0.1] }} }}")
+    };
+    let held = [
+        rim([-outer, -outer], [-inner, outer]),
+        rim([inner, -outer], [outer, outer]),
+        rim([-outer, -outer], [outer, -inner]),
+        rim([-outer, inner], [outer, outer]),
+    ];
+    lattice::scene(name, &lattice, |_| true, &held.join(", "))
+}
+
+/// A tissue with a sheet before a tool, and the tool.
+struct Bench<'a> {
+    main: MainLoop<'a>,
+    device: &'a OwnedPage,
+    now: Vec<u64>,
+    tick: u64,
+    tip_m: [f32; 3],
+}
+
+impl Bench<'_> {
+    /// The tip goes straight to a place with a speed, m/s, and stays there for so many ticks.
+    fn go(&mut self, to_m: [f32; 3], speed_m_s: f32, stay: u64) {
+        let from = Vec3::from(self.tip_m);
+        let way = Vec3::from(to_m) - from;
+        let ticks = (way.length() / (speed_m_s * 1e-3)).ceil().max(1.0) as u64;
+        for tick in 1..=ticks + stay {
+            let share = tick.min(ticks) as f32 / ticks as f32;
+            self.tip_m = (from + share * way).to_array();
+            self.tick += 1;
+            let mut record =
+                InputRecord { tick: self.tick, pressure_pa: self.main.world.case.rest_pressure_pa, ..InputRecord::default() };
+            record.sample.pose = Pose { position_m: self.tip_m, orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
+            record.sample.velocity_m_s = if tick <= ticks { (way / (ticks as f32 * 1e-3)).to_array() } else { [0.0; 3] };
+            self.now = fed(&mut self.main, self.device, &self.now, &record);
+            assert!(self.main.accepts(bytemuck::cast_slice(&self.now)), "the state of tick {} is none", self.tick);
+        }
+    }
+
+    /// Force on the tip, N.
+    fn force_n(&self) -> [f32; 3] {
+        core_of(&self.now).force_n
+    }
+
+    /// How far the hindmost of the nodes before the tip is in front of it, m; negative behind it.
+    fn before_m(&self) -> f32 {
+        let is_before = |rest: &[f32; 3]| rest[0].hypot(rest[1]) < BEFORE_M && rest[2] < FACE_M + 0.5 * THICK_M;
+        let nodes = positions(&self.now).iter().zip(self.main.world.model.rest_m());
+        let before_m = nodes.filter(|(_, rest)| is_before(rest)).map(|(place, _)| place[2] - self.tip_m[2]);
+        before_m.reduce(f32::min).expect("nodes before the tip")
+    }
+}
+
+fn with_sheet(name: &str, tip_m: [f32; 3], try_it: impl FnOnce(&mut Bench<'_>)) {
+    let folder = sheet(name);
+    let (station, pages) = founded(name, &format!("workers = 0\nscene = {:?}", folder.scene()));
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let now = first_state(&mut main);
+    let mut bench = Bench { main, device: &pages[1], now, tick: 0, tip_m };
+    // What lies between the tool's place in the first state and its way here is no way that it came.
+    bench.go(tip_m, 1.0, 0);
+    try_it(&mut bench);
+}
+
+#[test]
+fn a_sheet_of_one_layer_is_not_passed_through_however_fast_the_tool_comes() {
+    let [from_m, to_m] = WAY_M.map(|beyond_m| [1e-4, 2e-4, FACE_M + beyond_m]);
+    let mut slow_n = None;
+    for speed_m_s in [0.02f32, 0.5, 2.0] {
+        with_sheet(&format!("fast{}", 1e3 * speed_m_s), from_m, |bench| {
+            bench.go(to_m, speed_m_s, STAY);
+            let (back_n, before_m) = (-bench.force_n()[2], bench.before_m());
+            // Out again as fast as it came, the sheet is let go.
+            bench.go(from_m, speed_m_s, AFTER);
+            let (left_n, left_m) = (Vec3::from(bench.force_n()).length(), displaced_m(&bench.main, &bench.now));
+            println!(
+                "{speed_m_s} m/s: {back_n:.3} N back, the face {:.2} mm before the tip; out again {left_n:.3} N, {:.2} mm from rest",
+                1e3 * before_m,
+                1e3 * left_m
+            );
+            assert!(before_m > -DEEP_M, "{speed_m_s} m/s: the tip is {} m beyond the face that it met", -before_m);
+            // However it came there, the sheet that it has stretched pulls as much.
+            let slow_n = *slow_n.get_or_insert(back_n);
+            assert!(back_n > 0.1 && (back_n / slow_n - 1.0).abs() < 0.2, "{speed_m_s} m/s: {back_n} N, not {slow_n}");
+            assert!(left_n == 0.0 && left_m < LEFT_M, "{speed_m_s} m/s: {left_n} N and {left_m} m are left");
+        });
+    }
+}
+
+/// What is not held any more: a tool that has come beside the sheet by way of its rim, though it lay in it until then, and one that was always beside it.
+#[test]
+fn a_tool_that_slides_off_the_rim_is_let_go_and_one_beside_it_meets_nothing() {
+    let off_m = SIDE_M / 2.0 + 6e-3;
+    with_sheet("rim", [6e-3, 2e-4, FACE_M - 4e-3], |bench| {
+        bench.go([8e-3, 2e-4, FACE_M + DEEP_M], 0.1, 50);
+        assert!(core_of(&bench.now).contact_count > 0 && bench.force_n()[2] < 0.0, "{:?} N: it is not met", bench.force_n());
+        bench.go([off_m, 2e-4, FACE_M + DEEP_M], 0.2, 0);
+        bench.go([off_m, 2e-4, FACE_M + 8e-3], 2.0, 20);
+        assert_eq!(bench.force_n(), [0.0; 3], "beside the sheet");
+    });
+}
