@@ -218,14 +218,7 @@ impl Hop<'_> {
         let chosen = if given.is_mute { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
         let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n);
         self.state = state;
-        let kind = match kind {
-            AppliedKind::Fresh => Applied::Fresh,
-            AppliedKind::Held => Applied::Held,
-            AppliedKind::Ramped => Applied::Ramped,
-            // The gate is shut, but the servo answered: zero is the force computed for this tick.
-            AppliedKind::Zero if chosen.force_n.is_some() => Applied::Fresh,
-            AppliedKind::Zero => Applied::Zero,
-        };
+        let kind = told_as(kind, chosen.force_n.is_some());
         let command = ForceCommand {
             tick,
             force_tick: chosen.tick,
@@ -256,5 +249,16 @@ impl Hop<'_> {
             medium_tick,
         };
         page.push(layout::APPLIED, tick, &record);
+    }
+}
+
+/// What the hardware is told of a force; `is_answered`: a servo has computed it for this tick.
+fn told_as(kind: AppliedKind, is_answered: bool) -> Applied {
+    match kind {
+        AppliedKind::Fresh => Applied::Fresh,
+        AppliedKind::Held => Applied::Held,
+        AppliedKind::Ramped => Applied::Ramped,
+        AppliedKind::Zero if is_answered => Applied::Fresh, // the gate is shut: zero is the force of this tick
+        AppliedKind::Zero => Applied::Zero,
     }
 }
