@@ -43,14 +43,18 @@ impl Referee {
 
     /// Takes what is new; gives case and judgement if they are to be told.
     pub fn look(&mut self, sources: &Sources) -> Option<Value> {
-        if let Some(status) = sources.tissue(&self.roster) {
-            self.judge.tissue(&status);
-        }
-        if let Some(status) = sources.fluid() {
-            self.judge.fluid(&status);
-        }
+        // As in a report: a status comes before the ticks from its own on. One that is ahead of all ticks is read again, or its successor.
+        let (mut tissue, mut fluid) = (sources.tissue(&self.roster), sources.fluid());
         let judge = &mut self.judge;
-        sources.ticks(judge.first_tick.map_or(0, |_| judge.last_tick + 1), |record| judge.tick(record));
+        sources.ticks(judge.first_tick.map_or(0, |_| judge.last_tick + 1), |record| {
+            if let Some(status) = tissue.take_if(|status| status.state_tick <= record.tick) {
+                judge.tissue(&status);
+            }
+            if let Some(status) = fluid.take_if(|status| status.state_tick <= record.tick) {
+                judge.fluid(&status);
+            }
+            judge.tick(record);
+        });
         let now_ns = system::now_ns();
         if now_ns >= self.kept_ns + KEEP_NS {
             self.kept_ns = now_ns;
