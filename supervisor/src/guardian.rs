@@ -18,6 +18,7 @@ use crate::plan::Plan;
 use crate::remains;
 use crate::report;
 use crate::settings::{Refusal, prepare};
+use crate::spawn::note_exit;
 use crate::supervise::register;
 use crate::view::{StationView, Viewer, table};
 use found::{Ground, Wanted, settle, take_name};
@@ -239,18 +240,20 @@ impl Guardian {
 
     /// Reaps every dead child: the supervisor, and engines that a dead supervisor left. How those ended is said first, for the next one.
     fn reap(&mut self) {
-        let peek = |id| waitid(id, WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT).ok().flatten();
-        if peek(WaitId::All).is_some() {
-            for slot in 0..SLOTS {
-                let pid = self.page.load32(layout::SLOT_PID + slot);
-                let status = crate::proc::pid(pid).and_then(|pid| peek(WaitId::Pid(pid)));
-                let raw = status.and_then(|it| it.terminating_signal().or_else(|| it.exit_status().map(|code| code << 8)));
-                if let Some(raw) = raw {
-                    self.page.store64(layout::SLOT_EXIT + slot, layout::exit_word(pid, raw));
-                }
+        let pid_in = |slot: usize| self.page.load32(layout::SLOT_PID + slot);
+        while waitid(WaitId::All, WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT)
+            .is_ok_and(|it| it.is_some())
+        {
+            (0..SLOTS).for_each(|slot| {
+                note_exit(&self.page, slot, pid_in(slot));
+            });
+            // One that died since is told of at once.
+            let Ok(Some((pid, status))) = rustix::process::wait(WaitOptions::NOHANG) else { break };
+            let pid = pid.as_raw_nonzero().get() as u32;
+            if let Some(slot) = (0..SLOTS).find(|slot| pid_in(*slot) == pid) {
+                self.page.store64(layout::SLOT_EXIT + slot, layout::exit_word(pid, status.as_raw()));
             }
         }
-        while let Ok(Some(_)) = rustix::process::wait(WaitOptions::NOHANG) {}
         self.kept.reaped();
     }
 

@@ -52,6 +52,15 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
             begin(now_ns, adopted, warming, state);
             spawn_due(now_ns, state)
         }
+        Event::Lived { slot, incarnation, ready_ns: since_ns } => {
+            if let Some(Place { life: Life::Alive { incarnation: alive, ready_ns: Some(ready_ns) }, .. }) =
+                state.places.get_mut(&slot)
+                && *alive == incarnation
+            {
+                *ready_ns = since_ns.min(*ready_ns);
+            }
+            Vec::new()
+        }
         Event::Spawned { slot, incarnation } => {
             if let Some(place) = state.places.get_mut(&slot).filter(|place| place.life == Life::Spawning) {
                 place.life = Life::Alive { incarnation, ready_ns: None };

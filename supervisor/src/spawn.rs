@@ -15,7 +15,7 @@ use hyst_exchange::stream::HeldService;
 use hyst_exchange::{LinkError, Links, OwnedPage, Station, StationError, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Kind, Role, Slot, kinds_of};
-use rustix::process::{PidfdFlags, WaitOptions};
+use rustix::process::{PidfdFlags, WaitId, WaitIdOptions, WaitOptions, waitid};
 use std::collections::BTreeMap;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
@@ -69,6 +69,10 @@ pub fn start_own(station: &Station, subcommand: &str, role: Role, priority: Opti
     };
     Ok(child.id())
 }
+
+/// How often the guardian is asked again how a process ended that it has reaped and not told of yet, and the time between, ns.
+const MOST_ASKED_OF_GUARDIAN: u32 = 10;
+const BETWEEN_ASKED_NS: u64 = 500_000;
 
 /// Starts and buries incarnations.
 #[derive(Debug)]
@@ -154,6 +158,7 @@ impl Spawner {
         self.watch(slot, incarnation, child.id(), spawned_ns).inspect_err(|_| {
             let _ = child.kill().and_then(|()| child.wait()); // one that has ended already is as good
             self.mark_dead(slot, incarnation);
+            self.page.store32(layout::SLOT_BOOKED + slot.number(), incarnation); // as a start that failed
         })
     }
 
@@ -251,14 +256,34 @@ pub fn reap(pid: u32) -> Exit {
     reaped.map_or(Exit::Unknown, |(_, status)| exit_of(status.as_raw()))
 }
 
-/// How the process that is or was last in a slot ended. An adopted one is the guardian's child: until that has reaped it it is a zombie, and before that the
-/// guardian says in the station's page how it ended.
-pub fn reap_in_slot(page: &OwnedPage, slot: Slot, pid: u32) -> Exit {
-    let known = || layout::exit_of(page.load64(layout::SLOT_EXIT + slot.number()), pid);
-    match reap(pid) {
-        Exit::Unknown => known().or_else(|| proc::status_of_zombie(pid)).or_else(known).map_or(Exit::Unknown, exit_of),
-        exit => exit,
+/// Says in the station's page how a dead child that is in a slot has ended, for whoever is supervisor next; true if it is dead. To be called before it
+/// is reaped: after that nobody can ask.
+pub fn note_exit(page: &OwnedPage, slot: usize, pid: u32) -> bool {
+    let asked = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+    let status = proc::pid(pid).and_then(|pid| waitid(WaitId::Pid(pid), asked).ok().flatten());
+    let raw = status.and_then(|it| it.terminating_signal().or_else(|| it.exit_status().map(|code| code << 8)));
+    if let Some(raw) = raw {
+        page.store64(layout::SLOT_EXIT + slot, layout::exit_word(pid, raw));
     }
+    raw.is_some()
+}
+
+/// How the process that is or was last in a slot ended. An adopted one is the guardian's child: until that has reaped it it is a zombie, and before or right
+/// after that the guardian says how it ended.
+pub fn reap_in_slot(page: &OwnedPage, slot: Slot, pid: u32) -> Exit {
+    note_exit(page, slot.number(), pid);
+    let own = reap(pid);
+    let known = || layout::exit_of(page.load64(layout::SLOT_EXIT + slot.number()), pid);
+    let told = || known().or_else(|| proc::status_of_zombie(pid)).or_else(known).map_or(Exit::Unknown, exit_of);
+    let mut exit = if own == Exit::Unknown { told() } else { own };
+    for _ in 0..MOST_ASKED_OF_GUARDIAN {
+        if exit != Exit::Unknown {
+            break;
+        }
+        system::sleep_ns(BETWEEN_ASKED_NS);
+        exit = told();
+    }
+    exit
 }
 
 fn exit_of(status: i32) -> Exit {

@@ -311,7 +311,7 @@ impl Supervisor {
         let is_urgent = slot.role() == Role::Device;
         let is_dismissed = self.dismissed.remove(&incarnation);
         let is_mourned = !is_dismissed && !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0;
-        let words = self.last_words(slot);
+        let words = self.words_of(slot, exit);
         if is_dismissed || is_mourned {
             self.sample(death.at_ns, slot, None);
             self.cleaner.ask(death.at_ns);
@@ -331,14 +331,6 @@ impl Supervisor {
     }
 
     fn mourn(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death, words: &str) {
-        // Who is killed has nothing to say of it.
-        let is_unexplained = words.is_empty() && exit != Exit::Signal(9);
-        let printed = if is_unexplained { journal::last_line(&self.station, slot) } else { String::new() };
-        let words = match (words.is_empty(), printed.is_empty()) {
-            (false, _) => format!(": {words}"),
-            (true, false) => format!("; it had printed: {printed}"),
-            (true, true) => String::new(),
-        };
         let was_last = slot.role() == Role::Haptic && !self.has_another_servo(slot);
         journal::say(&self.station, &format!("{slot} (incarnation {incarnation}) died, {exit}{words}"));
         if was_last {
@@ -348,8 +340,16 @@ impl Supervisor {
         self.page.fetch_add64(layout::SLOT_RESTARTS + slot.number(), 1);
     }
 
-    fn last_words(&mut self, slot: Slot) -> String {
-        self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default()
+    /// What a process said of its death, or else what it had printed last; who is killed has nothing to say of it.
+    fn words_of(&mut self, slot: Slot, exit: Exit) -> String {
+        let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
+        let is_unexplained = words.is_empty() && exit != Exit::Signal(9);
+        let printed = if is_unexplained { journal::last_line(&self.station, slot) } else { String::new() };
+        match (words.is_empty(), printed.is_empty()) {
+            (false, _) => format!(": {words}"),
+            (true, false) => format!("; it had printed: {printed}"),
+            (true, true) => String::new(),
+        }
     }
 
     /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.

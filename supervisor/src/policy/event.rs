@@ -38,6 +38,15 @@ pub enum Event {
         /// Likewise of those that are not yet.
         warming: Vec<(Slot, u32)>,
     },
+    /// One that was adopted had been ready since before.
+    Lived {
+        /// Where.
+        slot: Slot,
+        /// Who.
+        incarnation: u32,
+        /// Since when, ns.
+        ready_ns: u64,
+    },
     /// A spawn that was asked for succeeded.
     Spawned {
         /// Where.

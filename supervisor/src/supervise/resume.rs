@@ -6,8 +6,8 @@ use crate::intent::{Deed, Intent};
 use crate::journal;
 use crate::policy::{self, Event};
 use hyst_exchange::system;
-use hyst_messages::Slot;
 use hyst_messages::page::{ProcessState, header, station as layout};
+use hyst_messages::{Role, Slot};
 
 impl Supervisor {
     /// Adopts who lives, finishes or undoes what a supervisor before this one had begun, mourns who died while nobody watched: for the policy that dies
@@ -36,6 +36,12 @@ impl Supervisor {
                 }
                 // It waits for its successor since before, or died while nobody watched.
                 if self.page.load32(layout::SLOT_BOOKED + slot.number()) == incarnation {
+                    if slot.role() == Role::Device && !self.faults.knows_dead(slot, incarnation) {
+                        let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+                        let exit = crate::spawn::reap_in_slot(&self.page, slot, self.viewer.page().pid(slot));
+                        // It is told of after what follows from it was done.
+                        self.mourn(slot, incarnation, exit, Death { at_ns: now_ns, open_ns: None, beat_ns }, "");
+                    }
                     self.spawner.mark_dead(slot, incarnation);
                     self.spawner.bury(slot, incarnation);
                 } else {
@@ -53,9 +59,11 @@ impl Supervisor {
             let state = self.viewer.slot_page(*slot).map(|page| page.state());
             slot.is_guest() || state.is_none_or(ProcessState::is_ready)
         };
-        let (adopted, warming) = adopted.iter().chain(&unseen).copied().partition(is_warm);
+        let all: Vec<(Slot, u32)> = adopted.iter().chain(&unseen).copied().collect();
+        let (adopted, warming) = all.iter().copied().partition(is_warm);
         let actions = policy::step(system::now_ns(), Event::Started { adopted, warming }, &mut self.policy);
         self.act(actions);
+        self.tell_how_long_they_lived(&all, now_ns);
         // Before anybody is told to go: a newcomer that holds a role hands it over first.
         self.note_holders(system::now_ns());
         self.say_whom_it_ended(left);
@@ -66,6 +74,20 @@ impl Supervisor {
             self.died(slot, incarnation, exit, Death { at_ns: now_ns, open_ns: None, beat_ns });
         }
         self.resume_swap();
+    }
+
+    /// By the start of each process and its last beat: one that had served for long before it died unseen had no short life.
+    fn tell_how_long_they_lived(&mut self, all: &[(Slot, u32)], now_ns: u64) {
+        for (slot, incarnation) in all.iter().copied() {
+            let started_ns = self.page.load64(layout::SLOT_START + slot.number()).saturating_mul(crate::proc::START_UNIT_NS);
+            let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+            if started_ns > 0 && beat_ns > started_ns {
+                let ready_ns = now_ns.saturating_sub(beat_ns - started_ns);
+                let lived = Event::Lived { slot, incarnation, ready_ns };
+                let actions = policy::step(now_ns, lived, &mut self.policy);
+                self.act(actions);
+            }
+        }
     }
 
     /// What the supervisor before this one had killed, and why, counts as its own deed.

@@ -162,6 +162,21 @@ fn whose_readers_die_again_and_again_is_replaced_before_they_are_given_up() {
     assert_eq!(mistrusted_at(|_| Exit::Unknown), Vec::<u32>::new(), "nobody knows what they died of");
 }
 
+#[test]
+fn one_that_had_served_for_long_and_died_unseen_comes_back_at_once() {
+    let slot = Slot::first(Role::Device);
+    let now_ns = 3 * limits(Role::Device).settled_ns;
+    for (lived_ns, lives) in [(2 * limits(Role::Device).settled_ns, 0), (1, 5)] {
+        let mut state = State::new(&[slot]);
+        state.set_record(0, slot, Record { short_lives: 4, given_up: false });
+        step(now_ns, Event::Started { adopted: vec![(slot, 7)], warming: Vec::new() }, &mut state);
+        step(now_ns, Event::Lived { slot, incarnation: 7, ready_ns: now_ns - lived_ns }, &mut state);
+        let actions = step(now_ns, Event::Died { slot, incarnation: 7, exit: Exit::Signal(11) }, &mut state);
+        assert_eq!(state.records().find(|(of, _)| *of == slot).unwrap().1.short_lives, lives);
+        assert_eq!(actions.contains(&Action::Spawn { slot }), lives == 0, "{actions:?}");
+    }
+}
+
 /// A death that takes the supervisor along, or that nobody saw, counts in the row as any other.
 #[test]
 fn deaths_that_nobody_saw_count() {

@@ -1,7 +1,7 @@
 //! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run.
 
 use super::super::Supervisor;
-use crate::proc::{CLOCK_HZ, ThreadFiles};
+use crate::proc::{START_UNIT_NS, ThreadFiles};
 use hyst_exchange::system;
 use hyst_messages::Slot;
 use hyst_messages::page::header;
@@ -19,8 +19,6 @@ const KEPT_OFF_FOR_SLOW: f64 = 0.3;
 const BUSY: f64 = 0.1;
 const COSTLY: f64 = 3.0;
 
-/// Unit in which the kernel tells when a process was started, ns.
-const START_UNIT_NS: u64 = (1e9 / CLOCK_HZ) as u64;
 /// Between two looks at the steps of a newcomer in place, ns.
 const RATE_NS: u64 = 900_000_000;
 /// Part of the old engine's rate that the newcomer must make: a busy host takes its share of both.
