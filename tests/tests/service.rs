@@ -66,9 +66,10 @@ impl Manager {
         // Elsewhere another systemd keeps the cgroups, and lets no second one in.
         let has = |path: &str| std::path::Path::new(path).exists();
         let may = rustix::process::geteuid().is_root() && has("/lib/systemd/systemd") && has("/sys/fs/cgroup/systemd");
-        if !may || has("/run/systemd/system") {
+        let namespaces = ["--mount", "--pid", "--fork", "--ipc", "--uts", "--cgroup", "mount", "-t", "tmpfs", "try", "/run"];
+        if !may || has("/run/systemd/system") || run(Command::new("unshare").args(namespaces)).0 != Some(0) {
             eprintln!(
-                "NOT TRIED: the unit under systemd, which takes root, systemd, cgroups of version 1, and no systemd that runs already"
+                "NOT TRIED: the unit under systemd, which takes root, namespaces, cgroups of version 1, and no systemd that runs"
             );
             return None;
         }
