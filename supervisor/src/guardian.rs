@@ -244,9 +244,7 @@ impl Guardian {
         while waitid(WaitId::All, WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT)
             .is_ok_and(|it| it.is_some())
         {
-            (0..SLOTS).for_each(|slot| {
-                note_exit(&self.page, slot, pid_in(slot));
-            });
+            (0..SLOTS).for_each(|slot| note_exit(&self.page, slot, pid_in(slot)));
             // One that died since is told of at once.
             let Ok(Some((pid, status))) = rustix::process::wait(WaitOptions::NOHANG) else { break };
             let pid = pid.as_raw_nonzero().get() as u32;

@@ -256,16 +256,15 @@ pub fn reap(pid: u32) -> Exit {
     reaped.map_or(Exit::Unknown, |(_, status)| exit_of(status.as_raw()))
 }
 
-/// Says in the station's page how a dead child that is in a slot has ended, for whoever is supervisor next; true if it is dead. To be called before it
-/// is reaped: after that nobody can ask.
-pub fn note_exit(page: &OwnedPage, slot: usize, pid: u32) -> bool {
+/// Says in the station's page how a dead child that is in a slot has ended, for whoever is supervisor next. To be called before it is reaped: after that
+/// nobody can ask.
+pub fn note_exit(page: &OwnedPage, slot: usize, pid: u32) {
     let asked = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
     let status = proc::pid(pid).and_then(|pid| waitid(WaitId::Pid(pid), asked).ok().flatten());
     let raw = status.and_then(|it| it.terminating_signal().or_else(|| it.exit_status().map(|code| code << 8)));
     if let Some(raw) = raw {
         page.store64(layout::SLOT_EXIT + slot, layout::exit_word(pid, raw));
     }
-    raw.is_some()
 }
 
 /// How the process that is or was last in a slot ended. An adopted one is the guardian's child: until that has reaped it it is a zombie, and before or right
@@ -288,9 +287,9 @@ pub fn reap_in_slot(page: &OwnedPage, slot: Slot, pid: u32) -> Exit {
 
 fn exit_of(status: i32) -> Exit {
     let status = ExitStatus::from_raw(status);
-    match Some((status.code(), status.signal())) {
-        Some((Some(code), _)) => Exit::Code(code),
-        Some((None, Some(signal))) => Exit::Signal(signal),
-        _ => Exit::Unknown,
+    match (status.code(), status.signal()) {
+        (Some(code), _) => Exit::Code(code),
+        (None, Some(signal)) => Exit::Signal(signal),
+        (None, None) => Exit::Unknown,
     }
 }

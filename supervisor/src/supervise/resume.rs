@@ -37,7 +37,7 @@ impl Supervisor {
                 // It waits for its successor since before, or died while nobody watched.
                 if self.page.load32(layout::SLOT_BOOKED + slot.number()) == incarnation {
                     if slot.role() == Role::Device && !self.faults.knows_dead(slot, incarnation) {
-                        let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+                        let beat_ns = self.last_beat_ns(slot);
                         let exit = crate::spawn::reap_in_slot(&self.page, slot, self.viewer.page().pid(slot));
                         // It is told of after what follows from it was done.
                         self.mourn(slot, incarnation, exit, Death { at_ns: now_ns, open_ns: None, beat_ns }, "");
@@ -69,18 +69,22 @@ impl Supervisor {
         self.say_whom_it_ended(left);
         for (slot, incarnation) in unseen {
             self.dismissed.extend(self.faults.knows_dead(slot, incarnation).then_some(incarnation)); // it was mourned already
-            let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+            let beat_ns = self.last_beat_ns(slot);
             let exit = crate::spawn::reap_in_slot(&self.page, slot, self.viewer.page().pid(slot));
             self.died(slot, incarnation, exit, Death { at_ns: now_ns, open_ns: None, beat_ns });
         }
         self.resume_swap();
     }
 
+    fn last_beat_ns(&mut self, slot: Slot) -> u64 {
+        self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS))
+    }
+
     /// By the start of each process and its last beat: one that had served for long before it died unseen had no short life.
     fn tell_how_long_they_lived(&mut self, all: &[(Slot, u32)], now_ns: u64) {
         for (slot, incarnation) in all.iter().copied() {
             let started_ns = self.page.load64(layout::SLOT_START + slot.number()).saturating_mul(crate::proc::START_UNIT_NS);
-            let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+            let beat_ns = self.last_beat_ns(slot);
             if started_ns > 0 && beat_ns > started_ns {
                 let ready_ns = now_ns.saturating_sub(beat_ns - started_ns);
                 let lived = Event::Lived { slot, incarnation, ready_ns };
@@ -97,7 +101,7 @@ impl Supervisor {
                 self.dismissed.insert(incarnation);
             }
             Some(Intent { deed: Deed::EndHung, slot, incarnation }) => {
-                let beat_ns = self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::HEARTBEAT_NS));
+                let beat_ns = self.last_beat_ns(slot);
                 let late = Event::HeartbeatLate { slot, incarnation, beat_ns };
                 let actions = policy::step(system::now_ns(), late, &mut self.policy);
                 self.act(actions);
