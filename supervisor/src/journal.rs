@@ -114,7 +114,8 @@ pub fn last_line(station: &Station, slot: Slot) -> String {
     if line.starts_with(BIRTH) { String::new() } else { line.chars().take(MOST_QUOTED).collect() }
 }
 
-fn last_line_of(path: &Path) -> std::io::Result<String> {
+/// The last line of a log that is not empty.
+pub fn last_line_of(path: &Path) -> std::io::Result<String> {
     let mut file = std::fs::File::open(path)?;
     let length = file.metadata()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(MOST_BYTES as u64)))?;

@@ -119,22 +119,18 @@ fn most_with_ticks(cell: &Cell) -> u64 {
     if is_servos { MOST_WITH_SERVO_TICKS } else { MOST_WITH_TICKS }
 }
 
-/// Ticks that the recovery from a fault takes beyond the gap, about: a fault whose tick has passed comes as soon as the station is whole.
+/// Ticks that the recovery from a fault takes at least beyond the gap. Not what it may take: a fault whose tick has passed comes as soon as the
+/// station is whole and has been quiet, and a plan that leaves more room than is needed costs that room each time.
 fn room_ticks(cell: &Cell) -> u64 {
     let is_slow = !matches!(cell.role(), "device" | "haptic" | "tissue" | "collision-worker");
-    let lasts_ticks = cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64);
-    lasts_ticks
-        + match (is_slow, cell.injection.kind.name()) {
-            (true, "kill" | "segfault" | "abort") => 1_000,
-            // Growth is found after some seconds, and the control window is as long as that.
-            (true, "leak-memory" | "leak-files") => 40_000,
-            (false, "leak-memory" | "leak-files") => 15_000,
-            (true, "hang-start") if lasts_ticks == 0 => 360_000,
-            (false, "hang-start") if lasts_ticks == 0 => 60_000,
-            (_, "crash-loop" | "corrupt") => 3_000,
-            (true, _) => 3_000,
-            (false, _) => 400,
-        }
+    match (is_slow, cell.injection.kind.name()) {
+        // Growth is found after some seconds, a start that hangs after many, and the control window is as long as that.
+        (_, "leak-memory" | "leak-files") => 6_000,
+        (_, "hang-start") => cell.injection.for_s.map_or(60_000, |for_s| (for_s * 2e3) as u64),
+        (_, "slow" | "no-files") => cell.injection.for_s.map_or(0, |for_s| (for_s * 1e3) as u64),
+        (true, _) => 300,
+        (false, _) => 0,
+    }
 }
 
 impl Plan {

@@ -6,6 +6,7 @@
 
 pub mod bounds;
 pub mod cell;
+mod deficit;
 pub mod draw;
 pub mod file;
 mod found;
@@ -128,6 +129,7 @@ impl Runner<'_> {
         let mut station = StationOutcome { run, station: first.station, arm: first.arm.clone(), ..StationOutcome::default() };
         let mut trouble = None;
         match self.start(entries, &files) {
+            Err(Trouble::Refused(why)) => return Err(Refusal::input(format!("no station can be started: {why}"))),
             Err(error) => trouble = Some(error),
             Ok(mut session) => {
                 for entry in entries {

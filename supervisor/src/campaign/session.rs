@@ -55,6 +55,9 @@ pub enum Trouble {
     /// The station has ended by itself.
     #[error("the station ended by itself; {0} has its words")]
     Ended(String),
+    /// It was refused, as any other with these settings would be.
+    #[error("{0}")]
+    Refused(String),
     /// It did not become whole.
     #[error("the station was not whole and settled within {0} s; {1} has its words")]
     NotWhole(u64, String),
@@ -117,9 +120,17 @@ impl Session {
                 session.viewer = Viewer::open(&session.station).ok();
             }
             session.whole().then_some(())
-        })?;
+        });
+        let whole = whole.map_err(|trouble| session.why_refused().map_or(trouble, Trouble::Refused))?;
         whole.ok_or_else(|| Trouble::NotWhole(START_NS / 1_000_000_000, session.said()))?;
         Ok(session)
+    }
+
+    /// What it said if it has ended with the exit code of bad input.
+    fn why_refused(&mut self) -> Option<String> {
+        let code = self.child.try_wait().ok().flatten()?.code()?;
+        let line = crate::journal::last_line_of(&self.files.with_extension("log")).unwrap_or_default();
+        (code == 2).then(|| line.trim_start_matches("hystation: ").to_string())
     }
 
     fn said(&self) -> String {

@@ -1,31 +1,10 @@
 //! What came of one run of a station: a line of `stations.jsonl` in the folder of the results, and what in it is a broken promise.
 
-use super::outcome::MOST_DEFICIT_ML_PER_TICK;
-use hyst_messages::FluidStatus;
+use super::deficit::Deficit;
 use hyst_recording::{Ending, Reader};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
-
-/// A jump of the deficit that is less than a drop is none, ml.
-const MOST_JUMP_ML: f64 = 0.05;
-/// Most jumps that are kept of one run.
-const MOST_JUMPS: usize = 256;
-
-/// Two statuses of the fluid that are so far apart may have seen flows between them which neither of them names, ticks.
-const NEAR_TICKS: u64 = 200;
-/// Rounding, and flows that change between two statuses, ml.
-const ROUNDING_ML: f64 = 0.02;
-
-/// How far the deficit went from one status to the next beyond what the larger of the net flows of both can have moved in that time, ml.
-fn unexplained_ml(before: &FluidStatus, after: &FluidStatus) -> f64 {
-    let ticks = (after.state_tick - before.state_tick) as f64;
-    let net_ml_per_tick = |status: &FluidStatus| f64::from(status.inflow_ml_min - status.outflow_ml_min).abs() / 60_000.0;
-    let named = net_ml_per_tick(before).max(net_ml_per_tick(after));
-    let most = if ticks > NEAR_TICKS as f64 { MOST_DEFICIT_ML_PER_TICK } else { named };
-    let jump_ml = (after.deficit_ml - before.deficit_ml).abs() - most * ticks - ROUNDING_ML;
-    if jump_ml.is_nan() { f64::INFINITY } else { jump_ml.max(0.0) }
-}
 
 /// What came of one run of a station.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -99,7 +78,7 @@ impl StationOutcome {
             Err(error) => return self.damage.push(error.to_string()),
         };
         let (mut newest, mut newest_medium) = ((0, 0), (0, 0));
-        let mut fluid: Option<FluidStatus> = None;
+        let mut deficit = Deficit::default();
         loop {
             match reader.next_block() {
                 Ok(Some(block)) => {
@@ -112,22 +91,17 @@ impl StationOutcome {
                         self.stale_media += u64::from(medium < newest_medium && medium != (0, 0));
                         newest_medium = newest_medium.max(medium);
                     }
-                    for status in block.fluid {
-                        let before = fluid.filter(|before| before.state_tick < status.state_tick);
-                        let jump_ml = before.map_or(0.0, |before| unexplained_ml(&before, &status));
-                        if jump_ml > MOST_JUMP_ML && self.deficit_jumps.len() < MOST_JUMPS {
-                            self.deficit_jumps.push((status.state_tick, jump_ml));
-                        }
-                        if before.is_some() || fluid.is_none() {
-                            fluid = Some(status); // the two processes of the role lie in the file side by side: what is older tells nothing new
-                        }
-                    }
+                    block.fluid.into_iter().for_each(|status| deficit.follow(status));
                     self.lost.extend(block.lost.iter().map(|range| (range.first, range.last)));
                 }
                 Ok(None) => break,
-                Err(error) => return self.damage.push(error.to_string()),
+                Err(error) => {
+                    self.damage.push(error.to_string());
+                    break;
+                }
             }
         }
+        self.deficit_jumps = deficit.jumps();
         self.damage.extend(reader.damage().iter().map(|damage| format!("byte {}: {}", damage.at, damage.reason)));
         if !matches!(reader.ending(), Some(Ending::Complete)) {
             self.damage.push("the recording was not closed by its writer".into());
@@ -170,28 +144,5 @@ impl StationOutcome {
         note(self.leftovers > 0, format!("{} processes, segments or files were left over", self.leftovers));
         note(!self.reported && !may_end, "it left no report".into());
         found
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_deficit_moves_with_the_flows_or_is_named() {
-        let at = |state_tick, deficit_ml| FluidStatus {
-            state_tick,
-            deficit_ml,
-            inflow_ml_min: 120.0,
-            outflow_ml_min: 60.0,
-            ..FluidStatus::default()
-        };
-        let before = at(1_000, 40.0);
-        assert_eq!(unexplained_ml(&before, &at(1_033, 40.033)), 0.0);
-        assert!((unexplained_ml(&before, &at(1_033, 39.0)) - 0.947).abs() < 1e-6, "a millilitre less");
-        assert!(unexplained_ml(&before, &at(1_033, 0.0)) > 39.0);
-        assert_eq!(unexplained_ml(&before, &at(3_000, 80.0)), 0.0, "nobody saw what flowed in two seconds");
-        assert!(unexplained_ml(&before, &at(3_000, -40.0)) > 0.0);
-        assert_eq!(unexplained_ml(&before, &at(1_033, f64::NAN)), f64::INFINITY);
     }
 }

@@ -1,0 +1,122 @@
+//! Whether the deficit that a recording tells of goes on from status to status: a fault that loses a millilitre of it is found by its jump.
+
+use super::outcome::MOST_DEFICIT_ML_PER_TICK;
+use hyst_messages::FluidStatus;
+
+/// A jump that is less than a drop is none, ml.
+const MOST_JUMP_ML: f64 = 0.05;
+/// Most jumps that are kept of one run.
+const MOST_JUMPS: usize = 256;
+/// Two statuses that are so far apart may have seen flows between them which neither of them names, ticks.
+const NEAR_TICKS: u64 = 200;
+/// Rounding, and flows that change between two statuses, ml.
+const ROUNDING_ML: f64 = 0.02;
+/// Time in which a figure may be taken back, ticks: a flow that lies is found in its next steps, and its successor says what was before the lie.
+const TAKEN_BACK_TICKS: u64 = 150;
+
+/// Follows the statuses in the order of the file.
+#[derive(Debug, Default)]
+pub struct Deficit {
+    /// The newest that goes on from all before it.
+    good: Option<FluidStatus>,
+    /// A jump from there that has not been taken back, and the newest status since.
+    doubt: Option<(Jump, FluidStatus)>,
+    jumps: Vec<Jump>,
+}
+
+/// Its tick, and how far the deficit went, ml.
+type Jump = (u64, f64);
+
+impl Deficit {
+    /// The next status. The two processes of the role lie in the file side by side: what is older tells nothing new.
+    pub fn follow(&mut self, status: FluidStatus) {
+        let Some(good) = self.good else {
+            self.good = Some(status).filter(|status| status.deficit_ml.is_finite());
+            return;
+        };
+        let newest = self.doubt.map_or(good, |(_, newest)| newest);
+        if status.state_tick <= newest.state_tick {
+            return;
+        }
+        let jump_ml = unexplained_ml(&good, &status);
+        match &mut self.doubt {
+            None if jump_ml <= MOST_JUMP_ML => self.good = Some(status),
+            None => self.doubt = Some(((status.state_tick, jump_ml), status)),
+            // It went back to where it would be without the jump: what was said in between was a lie that was found.
+            Some((_, newest)) if jump_ml <= MOST_JUMP_ML && unexplained_ml(newest, &status) > MOST_JUMP_ML => {
+                (self.good, self.doubt) = (Some(status), None);
+            }
+            Some((jump, _)) if status.state_tick > jump.0 + TAKEN_BACK_TICKS => {
+                self.jumps.push(*jump);
+                (self.good, self.doubt) = (Some(status).filter(|status| status.deficit_ml.is_finite()), None);
+            }
+            Some((_, newest)) => *newest = status,
+        }
+    }
+
+    /// The jumps that nothing explains and nobody took back, the first of them.
+    pub fn jumps(self) -> Vec<Jump> {
+        let last = self.doubt.map(|(jump, _)| jump);
+        self.jumps.into_iter().chain(last).take(MOST_JUMPS).collect()
+    }
+}
+
+/// How far the deficit went from one status to the next beyond what the larger of the net flows of both can have moved in that time, ml; finite.
+fn unexplained_ml(before: &FluidStatus, after: &FluidStatus) -> f64 {
+    let ticks = (after.state_tick - before.state_tick) as f64;
+    let net_ml_per_tick = |status: &FluidStatus| f64::from(status.inflow_ml_min - status.outflow_ml_min).abs() / 60_000.0;
+    let named = net_ml_per_tick(before).max(net_ml_per_tick(after));
+    let most = if ticks > NEAR_TICKS as f64 { MOST_DEFICIT_ML_PER_TICK } else { named };
+    let jump_ml = (after.deficit_ml - before.deficit_ml).abs() - most * ticks - ROUNDING_ML;
+    // JSON has no infinity, in which a result could be read again.
+    if jump_ml.is_nan() { f64::MAX } else { jump_ml.clamp(0.0, f64::MAX) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(state_tick: u64, deficit_ml: f64) -> FluidStatus {
+        FluidStatus { state_tick, deficit_ml, inflow_ml_min: 120.0, outflow_ml_min: 60.0, ..FluidStatus::default() }
+    }
+
+    fn jumps(told: &[(u64, f64)]) -> Vec<u64> {
+        let mut deficit = Deficit::default();
+        told.iter().for_each(|(tick, ml)| deficit.follow(at(*tick, *ml)));
+        deficit.jumps().into_iter().map(|(tick, _)| tick).collect()
+    }
+
+    #[test]
+    fn a_deficit_moves_with_the_flows_or_is_named() {
+        let before = at(1_000, 40.0);
+        assert_eq!(unexplained_ml(&before, &at(1_033, 40.033)), 0.0);
+        assert!((unexplained_ml(&before, &at(1_033, 39.0)) - 0.947).abs() < 1e-6, "a millilitre less");
+        assert!(unexplained_ml(&before, &at(1_033, 0.0)) > 39.0);
+        assert_eq!(unexplained_ml(&before, &at(3_000, 80.0)), 0.0, "nobody saw what flowed in two seconds");
+        assert!(unexplained_ml(&before, &at(3_000, -40.0)) > 0.0);
+        for never in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert_eq!(unexplained_ml(&before, &at(1_033, never)), f64::MAX);
+        }
+    }
+
+    #[test]
+    fn what_is_lost_is_found_and_what_was_a_lie_is_not() {
+        let steady: Vec<(u64, f64)> = (0..30).map(|step| (1_000 + step * 33, 40.0 + step as f64 * 0.033)).collect();
+        assert_eq!(jumps(&steady), []);
+        let mut less = steady.clone();
+        less[10..].iter_mut().for_each(|(_, ml)| *ml -= 0.3);
+        assert_eq!(jumps(&less), [1_330], "0.3 ml less from then on");
+        assert_eq!(jumps(&less[..12]), [1_330], "also if it is among the last");
+        for lie in [f64::NAN, 1e30, -7.0] {
+            let mut lied = steady.clone();
+            lied[10].1 = lie;
+            lied[11].1 = lie;
+            assert_eq!(jumps(&lied), [], "{lie}, and taken back");
+            lied[10..16].iter_mut().for_each(|(_, ml)| *ml = lie);
+            assert_eq!(jumps(&lied).len(), 1 + usize::from(!lie.is_nan()), "{lie} for 200 ms: there, and back again");
+        }
+        let mut older = steady.clone();
+        older.insert(12, (1_010, 3.0));
+        assert_eq!(jumps(&older), [], "of another process, from before");
+    }
+}
