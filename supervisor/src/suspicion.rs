@@ -24,6 +24,10 @@ pub const GUILT_DEVICE_STOPPED_NS: u64 = 2_000_000;
 pub const GUILT_NS: u64 = 2_000_000_000;
 /// The same for one that waits for a driver: its first pictures compile shaders, for seconds if the driver is software.
 pub const GUILT_DRIVER_NS: u64 = 10_000_000_000;
+/// The same after its first pictures, when the shaders are there; what is drawn for the first time later needs one or two.
+pub const GUILT_PICTURES_NS: u64 = 4_000_000_000;
+/// How many pictures are its first, 10 s of them.
+const FIRST_PICTURES: u32 = 300;
 /// A stopped process is no matter of doubt, but somebody may look at it with a debugger for a moment.
 pub const GUILT_STOPPED_NS: u64 = 500_000_000;
 /// Silence that ends any process, whatever its reason: nothing waits for ever.
@@ -67,6 +71,8 @@ pub struct Gauge {
     real_time: bool,
     bound_ns: u64,
     stopped_bound_ns: u64,
+    /// Who waits for a driver: beats until the shorter bound counts.
+    pictures_left: u32,
     beat_ns: u64,
     period_ns: u64,
     silent_ns: u64,
@@ -109,9 +115,10 @@ impl Gauge {
             bound_ns: match role {
                 Role::Device => GUILT_DEVICE_NS,
                 _ if is_real_time(role) => GUILT_REAL_TIME_NS,
-                Role::Rendering => GUILT_DRIVER_NS,
+                Role::Rendering => GUILT_PICTURES_NS,
                 _ => GUILT_NS,
             },
+            pictures_left: if matches!(role, Role::Rendering) { FIRST_PICTURES } else { 0 },
             beat_ns: 0,
             period_ns: nominal_ns,
             silent_ns: 0,
@@ -145,7 +152,11 @@ impl Gauge {
         self.asked_at_ns = self.silent_ns;
         let Some(thread) = ask() else { return Opinion::Same }; // it is gone: its death is seen elsewhere
         let blamed = self.blame(thread, since_ns.min(self.period_ns));
-        let bound_ns = if thread == Thread::Stopped { self.stopped_bound_ns } else { self.bound_ns };
+        let bound_ns = match thread {
+            Thread::Stopped => self.stopped_bound_ns,
+            _ if self.pictures_left > 0 => GUILT_DRIVER_NS,
+            _ => self.bound_ns,
+        };
         if self.guilt_ns >= bound_ns || self.silent_ns >= SILENCE_NS {
             return Opinion::Guilty;
         }
@@ -166,6 +177,7 @@ impl Gauge {
             };
             self.period_ns = (old * self.period_ns + interval_ns) / (old + 1);
         }
+        self.pictures_left = self.pictures_left.saturating_sub(1);
         self.beat_ns = beat_ns;
         self.most_cleared_ns = self.most_cleared_ns.max(self.guilt_ns);
         (self.silent_ns, self.asked_at_ns, self.guilt_ns, self.ran_ns) = (0, 0, 0, None);
@@ -201,11 +213,21 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Looks once a millisecond from a gauge that has seen `beats` beats; gives the looks until each opinion.
-    fn silence(role: Role, period_ns: u64, looks: u64, mut thread: impl FnMut(u64) -> Thread) -> Vec<(u64, Opinion)> {
+    /// Looks once a millisecond from a gauge that has seen 100 beats; gives the looks until each opinion.
+    fn silence(role: Role, period_ns: u64, looks: u64, thread: impl FnMut(u64) -> Thread) -> Vec<(u64, Opinion)> {
+        silence_after(100, role, period_ns, looks, thread)
+    }
+
+    fn silence_after(
+        beats: u64,
+        role: Role,
+        period_ns: u64,
+        looks: u64,
+        mut thread: impl FnMut(u64) -> Thread,
+    ) -> Vec<(u64, Opinion)> {
         let mut gauge = Gauge::new(role);
         let mut opinions = Vec::new();
-        for beat in 1..=100 {
+        for beat in 1..=beats {
             for _ in 0..period_ns / MS {
                 // Its period is learned from the first beats.
                 let asked = || if beat > 30 { unreachable!("a healthy one is not asked about") } else { None };
@@ -213,7 +235,7 @@ mod tests {
             }
         }
         for look in 1..=looks {
-            let opinion = gauge.look(100 * period_ns, MS, || Some(thread(look)));
+            let opinion = gauge.look(beats * period_ns, MS, || Some(thread(look)));
             if opinion != Opinion::Same {
                 opinions.push((look, opinion));
             }
@@ -250,6 +272,14 @@ mod tests {
         assert!(matches!(stopped[..], [(34..=99, Opinion::Suspected), (400..=700, Opinion::Guilty)]), "{stopped:?}");
         let spins = silence(Role::Fluid, 33 * MS, 3_000, |look| Thread::Running(look * MS));
         assert!(matches!(spins[..], [(66..=110, Opinion::Suspected), (1_900..=2_200, Opinion::Guilty)]), "{spins:?}");
+    }
+
+    #[test]
+    fn who_waits_for_a_driver_has_longer_only_until_its_shaders_are_there() {
+        let first = silence(Role::Rendering, 33 * MS, 30_000, |_| Thread::Sleeping);
+        assert!(matches!(first[..], [(66..=110, Opinion::Suspected), (9_900..=10_200, Opinion::Guilty)]), "{first:?}");
+        let later = silence_after(400, Role::Rendering, 33 * MS, 30_000, |_| Thread::Sleeping);
+        assert!(matches!(later[..], [(66..=110, Opinion::Suspected), (3_900..=4_200, Opinion::Guilty)]), "{later:?}");
     }
 
     #[test]

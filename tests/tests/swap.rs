@@ -80,7 +80,7 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
     let (mut windows, mut runs_example) = (Pairs::default(), false);
     let example = binaries().join("example-engine");
     for round in 0..swaps() {
-        for role in ["tissue", "haptic", "collision-worker", "recorder", "console"] {
+        for role in ["tissue", "haptic", "collision-worker", "recorder", "console", "rendering"] {
             let copy = copy(&station, role, round);
             windows.around(&station, CONTROL_TICKS, || swap_well(&station, role, &copy));
         }
@@ -157,6 +157,18 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
     ended.assert_recorded();
 }
 
+/// A real engine of another layout: the fluid, with another hash wherever its own stands in it. Both its description and its start go by that.
+fn of_another_layout(folder: &Path) -> PathBuf {
+    let own = hyst_messages::layout_hash().to_le_bytes();
+    let mut bytes = std::fs::read(binaries().join("fluid")).expect("an engine");
+    let places: Vec<usize> = (0..bytes.len() - own.len()).filter(|at| bytes[*at..].starts_with(&own)).collect();
+    assert!(!places.is_empty(), "the hash of the layout is not in the engine");
+    places.into_iter().for_each(|at| bytes[at] ^= 1);
+    let path = folder.join("another-layout");
+    std::fs::write(&path, bytes).expect("an engine of another layout");
+    path
+}
+
 #[test]
 fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
     let station = Station::start("refuse", &["--hand", "script:press"]);
@@ -167,13 +179,15 @@ fn a_swap_to_what_is_no_engine_is_refused_and_disturbs_nothing() {
     let truncated = folder.join("truncated");
     let whole = std::fs::read(binaries().join("fluid")).expect("an engine");
     std::fs::write(&truncated, &whole[..whole.len() / 3]).expect("a part of it");
-    for file in [&script, &truncated] {
+    let layout = of_another_layout(&folder);
+    for file in [&script, &truncated, &layout] {
         use std::os::unix::fs::PermissionsExt;
         std::fs::set_permissions(file, std::fs::Permissions::from_mode(0o755)).expect("its rights");
     }
     let cases = [
         ("fluid", script, "no ELF file"),
         ("fluid", truncated, "is truncated"),
+        ("fluid", layout, "has layout"),
         ("fluid", folder.clone(), "is no file"),
         ("fluid", folder.join("absent"), "No such file"),
         ("fluid", binaries().join("tissue"), "is a tissue, not a fluid"),

@@ -74,13 +74,11 @@ impl Collector {
             return taken;
         };
         for _ in 0..MAX_TICKS {
-            match self.find(tick, lives) {
-                Some(record) => taken.records.push(record),
-                None => match judge(tick, lives) {
-                    Absence::NotYet => break,
-                    Absence::Unmade => TickRange::extend(&mut taken.unmade, tick),
-                    Absence::Lost => TickRange::extend(&mut taken.lost, tick),
-                },
+            match self.find(tick, lives).map_or_else(|| self.absence(tick, lives), Ok) {
+                Ok(record) => taken.records.push(record),
+                Err(Absence::NotYet) => break,
+                Err(Absence::Unmade) => TickRange::extend(&mut taken.unmade, tick),
+                Err(Absence::Lost) => TickRange::extend(&mut taken.lost, tick),
             }
             tick += 1;
         }
@@ -94,6 +92,15 @@ impl Collector {
         let life = lives.iter().find(|life| life.began().is_some())?;
         let ring = life.began()?.max((life.end() + 1).saturating_sub(RING_TICKS));
         Some(self.pending.keys().next().map_or(ring, |tick| ring.min(*tick)))
+    }
+
+    /// Why a tick that was not found is not there; or its record, if it was written after the look and before the judgement. What is there now and was
+    /// overwritten in that time is lost, and no longer found.
+    fn absence<H: History>(&self, tick: u64, lives: &[H]) -> Result<AppliedRecord, Absence> {
+        match judge(tick, lives) {
+            Absence::Unmade => self.find(tick, lives).ok_or_else(|| judge(tick, lives)),
+            other => Err(other),
+        }
     }
 
     fn find<H: History>(&self, tick: u64, lives: &[H]) -> Option<AppliedRecord> {
@@ -169,6 +176,24 @@ mod tests {
     fn record(tick: u64) -> AppliedRecord {
         AppliedRecord { tick, ..Default::default() }
     }
+    /// A ring into which the device writes a tick, and the next, right after somebody looked for it.
+    struct Busy(std::cell::RefCell<Ring>);
+    impl History for Busy {
+        fn began(&self) -> Option<u64> {
+            self.0.borrow().began()
+        }
+        fn end(&self) -> u64 {
+            self.0.borrow().end()
+        }
+        fn read(&self, tick: u64) -> Option<AppliedRecord> {
+            let found = self.0.borrow().read(tick);
+            let mut ring = self.0.borrow_mut();
+            if tick == ring.end() && tick.is_multiple_of(10) {
+                ring.ticks.extend([tick, tick + 1]);
+            }
+            found
+        }
+    }
     fn ticks(taken: &Taken) -> Vec<u64> {
         taken.records.iter().map(|record| record.tick).collect()
     }
@@ -196,6 +221,17 @@ mod tests {
         let taken = collector.collect(&[Ring::of([10, 11, 14, 15, 17])]);
         assert_eq!(ticks(&taken), [10, 11, 14, 15, 17]);
         assert_eq!((taken.unmade, taken.lost), (vec![range(12, 13), range(16, 16)], vec![]));
+    }
+
+    #[test]
+    fn a_tick_that_is_made_while_it_is_looked_for_is_neither_skipped_nor_lost() {
+        let mut collector = Collector::after(Some(7));
+        let busy = [Busy(Ring::of(5..10).into())];
+        let taken = collector.collect(&busy);
+        assert_eq!((ticks(&taken), taken.unmade, taken.lost), ((8..12).collect(), vec![], vec![]));
+        busy[0].0.borrow_mut().ticks.extend(12..20);
+        let taken = collector.collect(&busy);
+        assert_eq!((ticks(&taken), taken.unmade, taken.lost), ((12..22).collect(), vec![], vec![]));
     }
 
     #[test]

@@ -138,6 +138,8 @@ struct Verdict {
     pumps: u64,
     /// Ticks that the replay's device did not make: even a virtual clock goes on without who is not let run for its whole patience.
     unmade: u64,
+    /// The first of them.
+    first_unmade: Option<u64>,
     /// Forces that cannot be compared: their contact model, or that of a tick from which they still differ, was of a state that nobody went on from.
     orphans: u64,
     /// Whether the force before was such a one.
@@ -172,7 +174,10 @@ impl Verdict {
                 _ if is_same => {}
                 _ if self.is_orphan => self.orphans += 1,
                 Some(is) => self.say(format!("tick {tick}: force {} recorded, {} now", newton(was), newton(is))),
-                None => self.unmade += 1,
+                None => {
+                    self.unmade += 1;
+                    self.first_unmade.get_or_insert(tick);
+                }
             }
         }
         if let Some(was) = &recorded.step {
@@ -214,11 +219,12 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64) -> Result<u8, Refusal> 
         let moments = (was.at(tick).map_err(unread)?, is.at(tick).map_err(unread)?);
         verdict.tick(tick, &moments.0.unwrap_or_default(), &moments.1.unwrap_or_default(), is_lockstep);
     }
-    let Verdict { forces, states, pumps, unmade, orphans, different, told, .. } = verdict;
+    let Verdict { forces, states, pumps, unmade, first_unmade, orphans, different, told, .. } = verdict;
     let forces = forces - orphans - unmade;
-    if unmade > 0 {
+    if let Some(tick) = first_unmade {
         println!(
-            "{unmade} forces were not made again: this machine did not let the device run for two seconds; verify once more"
+            "{unmade} forces were not made again, the first of tick {tick}: this machine did not let the device run for two seconds; \
+             verify once more"
         );
     }
     if orphans > 0 {
