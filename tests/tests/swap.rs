@@ -87,6 +87,8 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
         let fluid = if (swaps() - round) % 2 == 1 { example.clone() } else { binaries().join("fluid") };
         let swapped = windows.around(&station, CONTROL_TICKS, || swap_well(&station, "fluid", &fluid));
         runs_example = if swapped { fluid == example } else { runs_example };
+        // One that has no spare and that the hand waits for: ramped to zero, and back. Judged apart.
+        swap_well(&station, "device", &copy(&station, "device", round));
     }
     windows.judge("swaps", LEAST, &station);
     // Neither a restart of the supervisor nor one of the slot leads back to the old binary.
@@ -95,11 +97,40 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
     station.kill("fluid", true);
     let runs = |process: &Value| (process["binary"].as_str() == example.to_str()) == runs_example;
     assert!(station.processes("fluid").iter().all(runs), "{}", station.status());
-    // One that has no spare and that the hand waits for: ramped to zero, and back. Judged apart.
-    swap_well(&station, "device", &copy(&station, "device", 0));
     let ended = station.stop();
     ended.assert_clean();
     ended.assert_recorded();
+}
+
+/// What a developer does all day: builds over the file that was swapped. The station goes on with what it has verified, whoever dies, and what is swapped in
+/// again from the same name and is bad is rolled back to what ran before it.
+#[test]
+fn a_file_that_is_built_anew_in_its_place_changes_nothing_that_runs() {
+    let station = Station::start("anew", &["--hand", "script:press", "--test-mode"]);
+    let mine = station.folder().join("my-fluid");
+    std::fs::copy(binaries().join("fluid"), &mine).expect("a copy of an engine");
+    let good = std::fs::read(&mine).expect("the engine");
+    if !swap_well(&station, "fluid", &mine) {
+        return;
+    }
+    std::fs::rename(bad_engine(station.folder(), "fluid", "off"), &mine).expect("a worse one in its place");
+    let all_run_the_good_one = || {
+        for _ in 0..2 {
+            station.kill("fluid", true);
+            station.recover();
+        }
+        for process in station.processes("fluid") {
+            assert_eq!(process["binary"].as_str(), mine.to_str(), "called as it was called");
+            let runs = std::fs::read(format!("/proc/{}/exe", process["pid"])).expect("what it runs");
+            assert!(runs == good, "{process:#}\n{}", station.said());
+        }
+    };
+    all_run_the_good_one();
+    let (code, record, said) = swap(&station, "fluid", &mine);
+    assert_eq!(code, Some(1), "{record:#}\n{said}");
+    station.recover();
+    all_run_the_good_one();
+    station.stop().assert_clean();
 }
 
 #[test]

@@ -7,9 +7,10 @@ use super::no_station;
 use crate::control::{self, Request};
 use crate::remains;
 use crate::settings::Refusal;
-use crate::swap::{Record, role_of, verify};
+use crate::swap::{Record, kept, role_of, verify};
 use hyst_exchange::{Station, system};
-use std::path::Path;
+use hyst_messages::Role;
+use std::path::{Path, PathBuf};
 
 /// Between two looks at the record.
 const LOOK_NS: u64 = 20_000_000;
@@ -37,6 +38,7 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
     if !station.root().is_dir() {
         return Err(no_station(station));
     }
+    let binary = keep(station, &binary, known)?;
     let request = Request::Swap { role: role.to_string(), binary };
     let answer = control::ask(station, &request).map_err(|reason| Refusal::input(format!("swap of {role}: {reason}")))?;
     let number = answer["number"].as_u64().unwrap_or(0);
@@ -54,10 +56,17 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
     }
 }
 
+/// The station's own copy, verified in its turn: the file may have become another since it was looked at.
+fn keep(station: &Station, binary: &Path, role: Role) -> Result<PathBuf, Refusal> {
+    let copy = kept::keep(station, binary).map_err(Refusal::input)?;
+    verify::verify(&copy, role).map_err(|reason| Refusal::input(format!("{}, copied: {reason}", binary.display())))?;
+    Ok(copy)
+}
+
 /// What happened, as lines of plain text.
 pub fn table(record: &Record) -> String {
-    let mut text =
-        format!("swap {} of {}: {} for {}\n", record.number, record.role, record.binary.display(), record.before.display());
+    let [binary, before] = [&record.binary, &record.before].map(|path| kept::name_of(path));
+    let mut text = format!("swap {} of {}: {} for {}\n", record.number, record.role, binary.display(), before.display());
     for step in &record.steps {
         text.push_str(&format!("{:>9.1} ms  {}\n", step.at_ms, step.what));
     }

@@ -8,7 +8,7 @@ use crate::journal;
 use crate::mischief::Charge;
 use crate::policy::{self, Action, Event, Left};
 use crate::swap::judge::Seen;
-use crate::swap::{Record, first_slot, role_of};
+use crate::swap::{Record, first_slot, kept, role_of};
 use effort::{Effort, KEPT_OFF_FOR_LATE, Spent};
 use hyst_engine::realtime;
 use hyst_exchange::{Station, system};
@@ -107,12 +107,13 @@ impl Supervisor {
             begun_ns: system::now_ns(),
             steps: Vec::new(),
         };
-        record.note(&format!("{slot} is to run {}", binary.display()));
+        let name = kept::name_of(binary);
+        record.note(&format!("{slot} is to run {}", name.display()));
         if !record.write(&self.station) {
             return Err("the station's root takes no more files; look at `df /dev/shm`".into());
         }
         self.spawner.mortality.pass("swap-declared");
-        journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), binary.display()));
+        journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), name.display()));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
         let old = self.spent_by(slot);
         self.trial = Some(Trial::begin(record, role, old));

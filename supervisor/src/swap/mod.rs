@@ -2,6 +2,7 @@
 //! so that a supervisor that dies in the middle leaves what its successor needs, and whoever asked can read how it goes.
 
 pub mod judge;
+pub mod kept;
 mod visit;
 
 pub use visit::visit;
@@ -32,7 +33,7 @@ pub struct Record {
     pub role: String,
     /// Where the newcomer starts.
     pub slot: String,
-    /// The newcomer's binary.
+    /// The newcomer's binary: the station's own copy.
     pub binary: PathBuf,
     /// The binary before.
     pub before: PathBuf,
