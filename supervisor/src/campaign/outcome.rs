@@ -110,9 +110,14 @@ pub struct Outcome {
     pub with: Option<Fault>,
     /// Faults that nobody injected and that were closed meanwhile.
     pub collateral: Vec<Fault>,
-    /// Those that were closed before it, and after the fault before it was.
-    #[serde(default)]
+    /// Those that were closed before it, and after the fault before it was. Whose doing they are is seen by when they came, not by when they were read.
     pub earlier: Vec<Fault>,
+    /// When it, or the swap beside it, was asked for, ns.
+    pub asked_ns: u64,
+    /// The swap that was to be under way.
+    pub swap: Option<SwapSeen>,
+    /// Looks at the station, 5 ms apart and while it published its lies, at which the tool touched something.
+    pub touching: u32,
     /// Before it.
     pub before: Counters,
     /// After its verdict.
@@ -137,9 +142,41 @@ impl Outcome {
             with: None,
             collateral: Vec::new(),
             earlier: Vec::new(),
+            asked_ns: 0,
+            swap: None,
+            touching: 0,
             before: Counters::default(),
             after: Counters::default(),
         }
+    }
+
+    /// From when on what happens may be its doing, ns: its injection, or that of the fault or the swap beside it.
+    pub fn since_ns(&self) -> u64 {
+        let injected = [&self.fault, &self.with].into_iter().flatten().map(|fault| fault.injected_ns);
+        let swapped = self.swap.as_ref().map(|swap| swap.begun_ns);
+        injected.chain(swapped).min().unwrap_or(self.asked_ns)
+    }
+}
+
+/// A swap that a fault was to fall into.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SwapSeen {
+    /// Its role.
+    pub role: String,
+    /// When it was asked for, ns.
+    pub begun_ns: u64,
+    /// When it ended, ns; `None` if it did not.
+    pub ended_ns: Option<u64>,
+    /// The last that had happened in it when the fault came.
+    pub stage: String,
+    /// How it ended.
+    pub end: String,
+}
+
+impl SwapSeen {
+    /// Whether it was under way at a time, ns.
+    pub fn is_at(&self, ns: u64) -> bool {
+        self.begun_ns <= ns && self.ended_ns.is_none_or(|ended_ns| ns < ended_ns)
     }
 }
 
