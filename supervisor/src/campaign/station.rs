@@ -1,6 +1,7 @@
 //! What came of one run of a station: a line of `stations.jsonl` in the folder of the results, and what in it is a broken promise.
 
 use super::deficit::Deficit;
+use crate::fault::Fault;
 use hyst_recording::{Ending, Reader};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -42,6 +43,9 @@ pub struct StationOutcome {
     pub given_up: Vec<String>,
     /// Processes, segments and files that were left.
     pub leftovers: u64,
+    /// Processes that ended although nobody hurt them, to the end of the run.
+    #[serde(default)]
+    pub external: Vec<Fault>,
     /// Whether there was a report.
     pub reported: bool,
     /// Largest force step in a control window, N.
@@ -66,6 +70,8 @@ impl StationOutcome {
         self.invalid_applied = number(&report["invalid_applied"]);
         self.stale_applied = number(&report["stale_applied"]);
         self.control_step_max_n = report["device"]["force_step_max_control_n"].as_f64().unwrap_or(0.0);
+        let faults = report["faults"].as_array().into_iter().flatten().filter(|fault| fault["kind"] == "external");
+        self.external = faults.filter_map(|fault| Fault::deserialize(fault).ok()).collect();
         let names = report["given_up"].as_array().into_iter().flatten();
         self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
         self.leftovers = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
