@@ -8,7 +8,7 @@ use super::station::StationOutcome;
 use super::store::Store;
 use super::{say, text};
 use crate::settings::Refusal;
-use hyst_exchange::Station;
+use hyst_exchange::{Station, system};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -65,12 +65,13 @@ impl Runner<'_> {
     ) -> Result<StationOutcome, Refusal> {
         let Some(first) = entries.first() else { return Ok(StationOutcome::default()) };
         let mut station = StationOutcome { run, station: first.station, arm: first.arm.clone(), ..StationOutcome::default() };
-        let mut trouble = None;
+        let (mut trouble, mut cut_ns) = (None, u64::MAX);
         match self.start(entries, files) {
             Err(Trouble::Refused(why)) => return Err(Refusal::input(format!("no station can be started: {why}"))),
             Err(error) => trouble = Some(error),
             Ok(mut session) => {
                 for entry in entries {
+                    let begun_ns = system::now_ns();
                     match self.hurt(&mut session, entry) {
                         Ok((outcome, ended)) => {
                             say(self.json, &format!("{}\n", text::line(&outcome, self.plan.faults.len())));
@@ -78,7 +79,7 @@ impl Runner<'_> {
                             take(outcome)?;
                             trouble = ended;
                         }
-                        Err(error) => trouble = Some(error),
+                        Err(error) => (trouble, cut_ns) = (Some(error), begun_ns),
                     }
                     if trouble.is_some() {
                         break;
@@ -88,6 +89,7 @@ impl Runner<'_> {
             }
         }
         station.read_report(&files.with_extension("json"));
+        station.forget_since(cut_ns);
         let recording = files.with_extension("mcap");
         if self.campaign.records() {
             station.read_recording(&recording);

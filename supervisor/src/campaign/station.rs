@@ -77,6 +77,11 @@ impl StationOutcome {
         self.leftovers = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
     }
 
+    /// Leaves out those that ended since a time, ns: of a fault that was cut off and will be injected again.
+    pub fn forget_since(&mut self, ns: u64) {
+        self.external.retain(|fault| fault.injected_ns < ns);
+    }
+
     /// Counts what the recording holds and what it says is lost.
     pub fn read_recording(&mut self, path: &Path) {
         let mut reader = match Reader::open(path) {
@@ -150,5 +155,24 @@ impl StationOutcome {
         note(self.leftovers > 0, format!("{} processes, segments or files were left over", self.leftovers));
         note(!self.reported && !may_end, "it left no report".into());
         found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_names_who_ended_unhurt_and_those_of_a_fault_that_was_cut_off_are_left_out() {
+        let fault = |kind: &str, injected_ns: u64| Fault { kind: kind.into(), injected_ns, ..Fault::default() };
+        let faults = [fault("external", 5), fault("kill", 6), fault("external", 9)];
+        let path = std::env::temp_dir().join(format!("hystation-report-{}.json", std::process::id()));
+        std::fs::write(&path, serde_json::json!({ "device": { "ticks": 4 }, "faults": faults }).to_string()).unwrap();
+        let mut station = StationOutcome::default();
+        station.read_report(&path);
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!((station.reported, &station.external), (true, &vec![faults[0].clone(), faults[2].clone()]));
+        station.forget_since(9);
+        assert_eq!(station.external, [faults[0].clone()]);
     }
 }
