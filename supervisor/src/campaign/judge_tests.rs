@@ -29,7 +29,7 @@ pub(super) fn setup(text: &str) -> (Campaign, Plan, Vec<Outcome>) {
             ..Fault::default()
         };
         let mut outcome = Outcome { ending: Ending::Closed, fault: Some(fault), ..Outcome::of(entry) };
-        (outcome.before.tissue_tick, outcome.after.tissue_tick) = (1, 2);
+        (outcome.before.tissue_tick, outcome.after.tissue_tick) = (5, 6);
         outcome
     });
     let outcomes = outcomes.collect();
@@ -134,7 +134,7 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
     type Harm = fn(&mut [Outcome]);
     let harms: [(Harm, &str); 6] = [
         (|outcomes| of(outcomes, "kill haptic:active", 0).fault.as_mut().unwrap().recovered_us = None, "did not recover"),
-        (|outcomes| of(outcomes, "kill haptic:active", 0).after.tissue_tick = 0, "tissue"),
+        (|outcomes| of(outcomes, "kill haptic:active", 0).after.tissue_tick = 4, "tissue"),
         (|outcomes| of(outcomes, "kill haptic:active", 0).after.founded_tick = 7, "began anew"),
         (
             |outcomes| {

@@ -196,7 +196,7 @@ impl Session {
             outcome.reason = format!("the station was never in the state of {:?}", cell.name);
             return Ok((outcome, None));
         };
-        outcome.before = self.counters();
+        outcome.before = self.told_counters()?;
         outcome.earlier = self.unread();
         outcome.asked_ns = system::now_ns();
         let tick = match self.swap_beside(entry, cell, &mut outcome)? {
@@ -206,16 +206,15 @@ impl Session {
                 return Ok((outcome, None));
             }
         };
-        let seen = self.hurt_at(&mut outcome, entry, cell, tick).and_then(|()| self.see_swap_end(&mut outcome, cell));
-        if let Err(trouble) = seen {
-            if matches!(trouble, Trouble::Interrupted) {
-                return Err(trouble);
+        let hurt = self.hurt_at(&mut outcome, entry, cell, tick).and_then(|()| self.see_swap_end(&mut outcome, cell));
+        match hurt.and_then(|()| self.told_counters()) {
+            Ok(after) => outcome.after = after,
+            Err(Trouble::Interrupted) => return Err(Trouble::Interrupted),
+            Err(trouble) => {
+                (outcome.reason, outcome.after) = (trouble.to_string(), outcome.before);
+                return Ok((outcome, Some(trouble)));
             }
-            outcome.reason = trouble.to_string();
-            outcome.after = outcome.before;
-            return Ok((outcome, Some(trouble)));
         }
-        outcome.after = self.counters();
         Ok((outcome, None))
     }
 

@@ -1,11 +1,20 @@
 //! What tissue and fluid of a campaign's station say of themselves, read from their pages.
 
-use super::Session;
+use super::{Session, Trouble};
 use crate::campaign::outcome::Counters;
 use hyst_messages::page::{fluid, header, tissue};
 use hyst_messages::{Role, Slot};
 
+/// A fluid that has just taken its role says something after its first step.
+const TOLD_NS: u64 = 2_000_000_000;
+
 impl Session {
+    /// The same once both say something, or as it is after a while.
+    pub(super) fn told_counters(&mut self) -> Result<Counters, Trouble> {
+        let told = self.wait(TOLD_NS, |session| Some(session.counters()).filter(Counters::are_told))?;
+        Ok(told.unwrap_or_else(|| self.counters()))
+    }
+
     /// What tissue and fluid say of themselves: the newest of either, whoever wrote it.
     pub(super) fn counters(&mut self) -> Counters {
         let mut found = Counters { tick: self.tick(), ..Counters::default() };
