@@ -9,6 +9,7 @@ use crate::faultfile::{DEFAULT_BYTES, Injection, Place};
 use hyst_exchange::{Station, checkpoint, mappings};
 use hyst_messages::Slot;
 use rustix::fs::SeekFrom;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::ops::Range;
@@ -18,8 +19,51 @@ use std::path::{Path, PathBuf};
 /// Extents of one file that are looked at: a segment's used messages lie together.
 const MOST_EXTENTS: usize = 4_096;
 
-/// Flips the bytes of an injection; gives what was done, in words.
-pub fn corrupt(station: &Station, slot: Slot, incarnation: u32, pid: u32, injection: &Injection) -> Result<String, String> {
+/// Most bytes whose fate is followed.
+const MOST_FOLLOWED: usize = 64;
+
+/// A byte that was flipped.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Flip {
+    path: PathBuf,
+    at: u64,
+    /// What it became.
+    byte: u8,
+}
+
+/// What became of the bytes that were flipped, the first of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Remains {
+    /// Their owner has written something else there.
+    pub written_over: u32,
+    /// They are as they were flipped.
+    pub still_there: u32,
+    /// Their file is gone.
+    pub gone: u32,
+}
+
+/// Looks what became of bytes that were flipped.
+pub(crate) fn remains(flips: &[Flip]) -> Remains {
+    let mut found = Remains::default();
+    for flip in flips {
+        let mut byte = [0u8];
+        match File::open(&flip.path).and_then(|file| file.read_exact_at(&mut byte, flip.at)) {
+            Ok(()) if byte[0] == flip.byte => found.still_there += 1,
+            Ok(()) => found.written_over += 1,
+            Err(_) => found.gone += 1,
+        }
+    }
+    found
+}
+
+/// Flips the bytes of an injection; gives what was done, in words, and the first of them.
+pub(crate) fn corrupt(
+    station: &Station,
+    slot: Slot,
+    incarnation: u32,
+    pid: u32,
+    injection: &Injection,
+) -> Result<(String, Vec<Flip>), String> {
     let place = injection.place.unwrap_or(Place::Page);
     let files = match place {
         Place::Page => vec![station.slot_page(slot, incarnation)],
@@ -33,8 +77,9 @@ pub fn corrupt(station: &Station, slot: Slot, incarnation: u32, pid: u32, inject
         return Err(format!("{slot} has no segment of that kind mapped now; wait until its readers are there"));
     }
     let (bytes, seed) = (injection.bytes.unwrap_or(DEFAULT_BYTES), injection.seed.unwrap_or(0));
-    let first = flip(&files, seed, bytes).map_err(|(path, error)| format!("{}: {error}", path.display()))?;
-    Ok(format!("{bytes} bytes in {} files, the first at {first}", files.len()))
+    let flips = flip(&files, seed, bytes).map_err(|(path, error)| format!("{}: {error}", path.display()))?;
+    let first = flips.first().map_or("none: they are empty".into(), |flip| described(&flip.path, flip.at));
+    Ok((format!("{bytes} bytes in {} files, the first at {first}", files.len()), flips))
 }
 
 /// The files in shared memory that a process has mapped with these rights, in the order of their names.
@@ -43,8 +88,8 @@ fn mapped(pid: u32, prefix: &str, ending: &str, rights: &str) -> Vec<PathBuf> {
     files.map(|mapping| mapping.path).collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// Flips so many bytes of all of them together; gives the place of the first one.
-fn flip(files: &[PathBuf], seed: u64, bytes: u32) -> Result<String, (PathBuf, std::io::Error)> {
+/// Flips so many bytes of all of them together; gives the first ones.
+fn flip(files: &[PathBuf], seed: u64, bytes: u32) -> Result<Vec<Flip>, (PathBuf, std::io::Error)> {
     let mut open = Vec::new();
     for path in files {
         let failed = |error| (path.clone(), error);
@@ -53,7 +98,7 @@ fn flip(files: &[PathBuf], seed: u64, bytes: u32) -> Result<String, (PathBuf, st
         open.extend(extents.into_iter().map(|extent| (path, file.try_clone(), extent)));
     }
     let total: u64 = open.iter().map(|(_, _, extent)| extent.end - extent.start).sum();
-    let (mut draw, mut first) = (Draw::new(seed), None);
+    let (mut draw, mut flips) = (Draw::new(seed), Vec::new());
     for _ in 0..bytes {
         let (mut at, change) = (draw.between(0, total.saturating_sub(1)), draw.between(1, 255) as u8);
         for (path, file, extent) in &open {
@@ -63,23 +108,26 @@ fn flip(files: &[PathBuf], seed: u64, bytes: u32) -> Result<String, (PathBuf, st
                 continue;
             }
             let place = extent.start + at;
-            first.get_or_insert_with(|| described(path, place));
             let file = file.as_ref().map_err(|error| ((*path).clone(), error.kind().into()))?;
-            flip_byte(file, place, change).map_err(|error| ((*path).clone(), error))?;
+            let byte = flip_byte(file, place, change).map_err(|error| ((*path).clone(), error))?;
+            flips.push(Flip { path: (*path).clone(), at: place, byte });
             break;
         }
     }
-    Ok(first.unwrap_or_else(|| "none: they are empty".into()))
+    flips.truncate(MOST_FOLLOWED);
+    Ok(flips)
 }
 
 fn described(path: &Path, place: u64) -> String {
     format!("{place} of {}", path.file_name().unwrap_or_default().to_string_lossy())
 }
 
-fn flip_byte(file: &File, place: u64, change: u8) -> std::io::Result<()> {
+/// Gives what it became.
+fn flip_byte(file: &File, place: u64, change: u8) -> std::io::Result<u8> {
     let mut byte = [0u8];
     file.read_exact_at(&mut byte, place)?;
-    file.write_all_at(&[byte[0] ^ change], place)
+    file.write_all_at(&[byte[0] ^ change], place)?;
+    Ok(byte[0] ^ change)
 }
 
 /// The parts of a file that were ever written.
@@ -121,6 +169,18 @@ mod tests {
         assert_eq!(first, flipped(5));
         assert_ne!(first, flipped(6));
         std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn a_byte_is_still_there_or_written_over_or_gone_with_its_file() {
+        let path = file("fate");
+        std::fs::write(&path, vec![7u8; 1 << 20]).unwrap();
+        let flips = flip(std::slice::from_ref(&path), 5, 100).unwrap();
+        assert_eq!((flips.len(), remains(&flips)), (MOST_FOLLOWED, Remains { still_there: 64, ..Remains::default() }));
+        File::options().write(true).open(&path).unwrap().write_all_at(&[7], flips[0].at).unwrap();
+        assert_eq!(remains(&flips), Remains { written_over: 1, still_there: 63, gone: 0 });
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(remains(&flips), Remains { gone: 64, ..Remains::default() });
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! promise is judged as in the design: no more misses than in the control, nothing wrong or stale applied, and no force step larger than a fault-free tick makes +
 //! 0.05 N. For the device itself: at most 20 misses, and no step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N.
 
+use crate::corrupt::{Flip, Remains};
 use crate::ledger::{Ledger, Tick, Window};
 use crate::shortage::Lowered;
 use hyst_messages::{Role, TICK_NS};
@@ -58,7 +59,8 @@ pub struct Fault {
     pub tick: u64,
     /// CLOCK_MONOTONIC of the same, ns.
     pub injected_ns: u64,
-    /// The process died, hung, was continued, or did wrong as it was asked to.
+    /// The process died, hung, was continued, or did wrong as it was asked to; of what is done to it from outside, bytes that were flipped and files that
+    /// it cannot open any more: that it was done, whoever noticed.
     pub manifested: bool,
     /// `latch`, `pidfd`, `heartbeat`, `guardian`, or the process that refused its output or did its work.
     pub detected_by: String,
@@ -86,6 +88,12 @@ pub struct Fault {
     pub together: bool,
     /// The control serves another fault too, because no other was free.
     pub control_shared: bool,
+    /// `corrupt`: what became of the bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remains: Option<Remains>,
+    /// Those bytes, until it is closed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) flips: Vec<Flip>,
     pub(crate) slot: usize,
     pub(crate) incarnation: u32,
     pub(crate) dead: bool,

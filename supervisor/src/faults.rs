@@ -12,7 +12,7 @@ use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
 use crate::policy::Exit;
 use crate::view::Viewer;
-use crate::{mischief, shortage};
+use crate::{corrupt, mischief, shortage};
 use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system};
 use hyst_messages::{Role, Slot, TICK_NS};
 use serde::{Deserialize, Serialize};
@@ -336,6 +336,9 @@ impl Faults {
                 && let Some(slot) = Slot::from_number(fault.slot)
             {
                 mischief::end(&self.page, slot);
+            }
+            if !fault.flips.is_empty() {
+                fault.remains = Some(corrupt::remains(&std::mem::take(&mut fault.flips)));
             }
             spent.extend(control.map(|control| (control.from_tick, control.to_tick)));
             judge(&mut fault, control, &self.ledger, &taken);

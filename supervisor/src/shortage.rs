@@ -102,7 +102,11 @@ pub fn check(station: &Station, kind: FaultKind) -> Result<(), String> {
         return Ok(());
     }
     let path = ballast(station, kind).ok_or("disk-full: this station records nothing; start it with --record")?;
-    let folder = path.parent().unwrap_or(Path::new("/"));
+    check_folder(path.parent().unwrap_or(Path::new("/")), kind)
+}
+
+/// Whether the file system of a folder may be filled.
+pub fn check_folder(folder: &Path, kind: FaultKind) -> Result<(), String> {
     let free = free_bytes(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     if free <= MOST_FREE_BYTES {
         return Ok(());

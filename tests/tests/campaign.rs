@@ -121,9 +121,9 @@ fn one_fault_is_repeated_at_its_tick_and_phase() {
     let plan = |seed: &str| campaign(&[&file, "--plan", "--seed", seed]).1;
     assert_eq!(plan("9"), plan("9"));
     assert_ne!(plan("9"), plan("10"));
-    let (_, said, errors) = campaign(&[&file, "--seed", "9", "--report", &out, "--only", "1"]);
-    let outcome: Value =
-        serde_json::from_str(&folder.read("out/only-1.json")).unwrap_or_else(|e| panic!("{e}\n{said}\n{errors}"));
+    let (code, said, errors) = campaign(&[&file, "--seed", "9", "--report", &out, "--only", "1"]);
+    let found: Value = serde_json::from_str(&folder.read("out/only-1.json")).unwrap_or_else(|e| panic!("{e}\n{said}\n{errors}"));
+    let outcome = &found["outcome"];
     let drawn: Value = serde_json::from_str(&folder.read("out/plan.json")).expect("JSON");
     assert_eq!(outcome["planned_tick"], drawn["faults"][1]["tick"]);
     assert_eq!(outcome["fault"]["kind"], "kill", "{said}\n{errors}");
@@ -132,6 +132,14 @@ fn one_fault_is_repeated_at_its_tick_and_phase() {
     let (wanted, was) =
         (place(&outcome["planned_tick"], &outcome["phase_us"]), place(&outcome["tick"], &outcome["injected_phase_us"]));
     assert!(was >= wanted, "at {was} us, wanted {wanted} us");
+    assert_eq!(found["off_us"].as_u64(), Some(was - wanted), "{found:#}");
+    assert_eq!(code, found["exit_code"].as_i64().map(|code| code as i32), "{found:#}");
+    assert!(code != Some(0) || was - wanted <= 1_000, "another moment is no repetition: {found:#}");
+    assert!(said.contains(&format!("{} us from the wanted moment", was - wanted)), "{said}");
+    assert!(
+        found["station"]["reported"] == true && found["figures"]["verdict"].is_string(),
+        "its station is judged too: {found:#}"
+    );
     assert!(!folder.as_path().join("out/results.jsonl").exists(), "a repetition is no result of the campaign");
     assert_nothing_left();
 }
@@ -189,6 +197,26 @@ fn a_planted_defect_is_found_and_only_where_it_is() {
     assert_nothing_left();
 }
 
+/// Ctrl-C before the batch is through is no verdict, and the same command goes on.
+#[test]
+fn a_campaign_that_is_interrupted_ends_with_code_3() {
+    let folder = Folder::new("campaign-interrupted");
+    let text = "gap_ticks = [450, 500]\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"recorder\"]\ncount = 40\n";
+    let (file, out) = (folder.write("long.toml", text), folder.path("out"));
+    let name = format!("campaign-{}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &name, "fault", "campaign", &file, "--report", &out, "--batch", "30"]);
+    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().expect("a campaign");
+    let first = || folder.as_path().join("out/results.jsonl").exists().then_some(());
+    assert_eq!(wait_for(Duration::from_secs(120), first), Some(()), "no fault came about");
+    let _ = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    let ended = child.wait_with_output().expect("its end");
+    let said = String::from_utf8_lossy(&ended.stdout).into_owned() + &String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(3), "{said}");
+    assert!(said.contains("faults of this run are left, and the same command goes on"), "{said}");
+    assert_nothing_left();
+}
+
 #[test]
 fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
     let folder = Folder::new("campaign-refused");
@@ -198,6 +226,7 @@ fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"collision-worker:9\"]\ncount = 1\n", "collision-worker:0"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\nstates = [\"cutting\"]\ncount = 1\n", "cuts nothing"),
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = -1\n", "count"),
+        ("[[cell]]\nkinds = [\"undo\"]\ntargets = [\"tissue\"]\ncount = 1\n", "nothing is"),
         ("[station]\nbinaries = \".\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "no hardware there"),
     ] {
         let file = folder.write("bad.toml", text);

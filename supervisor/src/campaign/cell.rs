@@ -3,7 +3,7 @@
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
-use crate::faultfile::{Aim, FaultKind, Injection, Keepers};
+use crate::faultfile::{Aim, FaultKind, Injection, Keepers, Place};
 use crate::plan;
 use hyst_engine::Settings;
 use hyst_messages::{MAX_WORKERS, Role};
@@ -214,6 +214,12 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
             "kind \"cont\" continues a process that is stopped, and none is; write kind \"stop\" with for = SECONDS".into()
         );
     }
+    if kind == "undo" {
+        return Err(
+            "kind \"undo\" ends what was done to a process for a time, and nothing is; a fault with for = SECONDS ends by itself"
+                .into(),
+        );
+    }
     let mut table = options.clone();
     for key in ["kind", "target", "tick", "phase_us"] {
         if table.insert(key.into(), toml::Value::Integer(0)).is_some() {
@@ -253,6 +259,11 @@ impl Cell {
         if self.injection.target.ends_with(":both") { 2 } else { 1 }
     }
 
+    /// Whether it leaves damage in what is shared that a process may read long after, when another fault has come: its stations have no other faults.
+    pub fn leaves_damage(&self) -> bool {
+        self.injection.place.is_some_and(|place| place != Place::Checkpoint)
+    }
+
     /// The target's role.
     pub fn role(&self) -> &str {
         self.injection.target.split(':').next().unwrap_or("")
@@ -270,6 +281,10 @@ impl Cell {
         let workers = campaign.station.workers.unwrap_or(Settings::default().workers);
         if workers > MAX_WORKERS {
             return Err(format!("workers = {workers}: at most {MAX_WORKERS}"));
+        }
+        let needs_recorder = self.swap == Some(Role::Recorder) || self.injection.kind == FaultKind::DiskFull;
+        if needs_recorder && !campaign.records() {
+            return Err("these stations have no recorder; take out [station] record = false".into());
         }
         let record = campaign.records().then(|| "x".into());
         let spares = campaign.set(arm).get("spares").is_none_or(|value| value != "off");

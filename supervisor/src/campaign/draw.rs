@@ -90,7 +90,11 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
     for (arm, this) in campaign.arms.iter().enumerate() {
         let mut cells: Vec<&Cell> = campaign.cells.iter().flat_map(|cell| std::iter::repeat_n(cell, this.count(cell))).collect();
         draw.shuffle(&mut cells);
-        laps.extend(cells.chunks(campaign.faults_per_station).map(|lap| (arm, lap.to_vec())));
+        // What damaged memory brings about may come long after: it is to be no other fault's doing.
+        let (damaging, others): (Vec<&Cell>, Vec<&Cell>) = cells.into_iter().partition(|cell| cell.leaves_damage());
+        for cells in [others, damaging] {
+            laps.extend(cells.chunks(campaign.faults_per_station).map(|lap| (arm, lap.to_vec())));
+        }
     }
     draw.shuffle(&mut laps);
     let mut faults = Vec::new();
@@ -182,6 +186,19 @@ mod tests {
         let campaign = parse("t", TEXT).unwrap();
         assert_eq!(plan(&campaign, 1), plan(&campaign, 1));
         assert_ne!(plan(&campaign, 1).faults, plan(&campaign, 2).faults);
+    }
+
+    #[test]
+    fn what_leaves_damage_has_stations_of_its_own() {
+        let text = format!("{TEXT}[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"fluid:active\"]\ncount = 9\nwhere = \"link\"\n");
+        let campaign = parse("t", &text).unwrap();
+        let plan = plan(&campaign, 3);
+        let mut stations: BTreeMap<usize, Vec<bool>> = BTreeMap::new();
+        for entry in &plan.faults {
+            stations.entry(entry.station).or_default().push(entry.cell.starts_with("corrupt"));
+        }
+        assert!(stations.values().all(|lap| lap.iter().all(|damages| *damages == lap[0])), "{stations:?}");
+        assert!(stations.values().all(|lap| lap.len() <= 7) && stations.values().any(|lap| lap[0]));
     }
 
     #[test]

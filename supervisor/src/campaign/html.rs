@@ -4,7 +4,7 @@ use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
-use super::text::{besides, not_shown, percentile};
+use super::text::{besides, counts, not_shown, percentile, segments, target_of, unnoticed};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -47,6 +47,7 @@ pub fn html(judgement: &Judgement, outcomes: &[Outcome], stations: &[StationOutc
     for arm in arms {
         self::arm(&mut page, judgement, arm);
     }
+    segments_table(&mut page, judgement);
     timeline(&mut page, outcomes);
     page.push_str("<h2>Stations</h2>\n");
     page.push_str(&stations_table(stations));
@@ -60,8 +61,16 @@ fn reasons(page: &mut String, judgement: &Judgement) {
         of_cells.flat_map(|figures| figures.reasons.iter().map(|reason| format!("{}, {}: {reason}", figures.arm, figures.name)));
     let all: Vec<String> = judgement.broken.iter().chain(&judgement.unknown).cloned().chain(of_cells).collect();
     list(page, "What speaks against it", &all);
-    let silent = |figures: &Figures| Some(format!("{}, {}: {}", figures.arm, figures.name, not_shown(figures)?));
-    list(page, "What did not show", &judgement.cells.iter().filter_map(silent).collect::<Vec<_>>());
+    let named = |said: fn(&Figures) -> Option<String>| -> Vec<String> {
+        let line = |figures: &Figures| Some(format!("{}, {}: {}", figures.arm, figures.name, said(figures)?));
+        judgement.cells.iter().filter_map(line).collect()
+    };
+    let beside = |figures: &Figures| -> Vec<String> {
+        figures.collateral.iter().map(|line| format!("{}, {}: {line}", figures.arm, figures.name)).collect()
+    };
+    list(page, "Who else died, or hung and was ended", &judgement.cells.iter().flat_map(beside).collect::<Vec<_>>());
+    list(page, "What did not show", &named(not_shown));
+    list(page, "What was done and not noticed", &named(unnoticed));
 }
 
 /// A heading with its lines, if there are any.
@@ -101,8 +110,8 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
-         <th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
-         <th>largest force step N<br>fault / control</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>what else<br>came of it</th></tr>\n",
+         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
+         <th>largest force step N<br>fault / control</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {
         if figures.arm == arm {
@@ -139,6 +148,7 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         figures.without_verdict.to_string(),
         found.join(", "),
         times(&figures.detected_ms),
+        times(&figures.contained_ms),
         times(&figures.recovered_ms),
         excess[0].clone(),
         excess[1].clone(),
@@ -149,6 +159,7 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         format!("{:.3} / {:.3}", figures.step_max_n[0], figures.step_max_n[1]),
         format!("{} / {}", figures.window_ticks[1], figures.control_ticks[1]),
         figures.data_lost_ticks.to_string(),
+        escape(&figures.collateral.join("; ")),
         escape(&besides(figures).join(", ")),
     ];
     let cells: String = cells.iter().map(|cell| format!("<td>{cell}</td>")).collect();
@@ -169,6 +180,35 @@ fn timeline(page: &mut String, outcomes: &[Outcome]) {
     }
     page.push_str("<span class=\"key\"><i style=\"background:#dc2626\"></i>large: missed more than its control</span></p>\n");
     page.push_str(&plots::timeline(outcomes));
+}
+
+/// What was noticed of what is only done from outside, segment by segment.
+fn segments_table(page: &mut String, judgement: &Judgement) {
+    let rows = segments(judgement);
+    if rows.is_empty() {
+        return;
+    }
+    page.push_str(
+        "<h2>What was noticed of what is only done from outside</h2>\n<p class=\"note\">That bytes were flipped is no sign that anybody read them: faults of which \
+         nothing was noticed are in no bound.</p>\n<div class=\"wide\"><table><tr><th>where</th><th>target</th><th>arm</th><th>done</th><th>noticed</th>\
+         <th>noticed by, or what became of it</th><th>died</th><th>and else</th><th>excess misses</th><th>invalid or stale<br>applied, ticks</th></tr>\n",
+    );
+    for figures in rows {
+        let cells = [
+            target_of(figures).to_string(),
+            figures.arm.clone(),
+            figures.injected.to_string(),
+            (figures.injected - figures.unnoticed.len()).to_string(),
+            counts(&figures.noticed),
+            counts(&figures.died),
+            counts(&figures.seen),
+            figures.excess_misses.iter().sum::<i64>().to_string(),
+            figures.wrong.to_string(),
+        ];
+        let cells: String = cells.iter().map(|cell| format!("<td>{}</td>", escape(cell))).collect();
+        let _ = writeln!(page, "<tr><td>{}</td>{cells}</tr>", escape(&figures.segment));
+    }
+    page.push_str("</table></div>\n");
 }
 
 fn stations_table(stations: &[StationOutcome]) -> String {

@@ -1,13 +1,16 @@
 //! From the outcomes of a campaign to figures and verdicts: per cell, per pool, per station.
 //!
 //! A promise is *broken* only beyond doubt: the lower end of the interval of the excess lies above the limit, with the void ticks or without, or something happened that
-//! never may (a station that did not go on, a process that did not recover, one that died of another's fault, a force step that no fault-free
-//! tick makes + 0.05 N, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over), unless
-//! its cell says that it may. It is *held* when the upper end is within the limit. Between the two, when none of a cell's faults showed, or when too
+//! never may (a station that did not go on, a process that did not recover, one that died or hung of another's fault, a force of a servo that lied, a lie that
+//! nobody found, a force step that no fault-free tick in the same state makes + 0.05 N, a state that began anew or a counter that went back, a stale value,
+//! ticks that the recording lost, anything left over), unless its cell says that it may. It is *held* when the upper end is within the limit, and that with the
+//! void ticks too where they are more than chance makes. Between the two, when none of a cell's faults showed, or when too
 //! many faults have no verdict because the host stalled, nothing can be said, and the campaign says so.
 
 mod blame;
 mod figures;
+mod notice;
+mod take;
 
 pub use figures::{Figures, Verdict};
 
@@ -17,7 +20,7 @@ use super::file::Campaign;
 use super::outcome::Outcome;
 use super::station::StationOutcome;
 use blame::Blame;
-use figures::{Known, conclude, enough, gather, quiet_step_n};
+use figures::{Known, conclude, enough, gather, quiet_steps_n};
 use serde::Serialize;
 
 /// All that is known of a campaign.
@@ -45,16 +48,22 @@ pub struct Judgement {
     pub exit_code: u8,
 }
 
-/// Judges what there is so far.
-pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &[StationOutcome]) -> Judgement {
+/// Judges what there is so far; `stopped` says why it ended before what was asked of this run was through.
+pub fn judge(
+    campaign: &Campaign,
+    plan: &Plan,
+    outcomes: &[Outcome],
+    stations: &[StationOutcome],
+    stopped: Option<&str>,
+) -> Judgement {
     let blame = Blame::of(campaign, outcomes, stations);
     let mut cells = Vec::new();
     let mut pools = Vec::new();
     for arm in &campaign.arms {
-        let step_n = quiet_step_n(arm, outcomes, stations);
+        let steps_n = quiet_steps_n(arm, outcomes, stations);
         let figures = |name: &str, chosen: &dyn Fn(&Cell) -> bool| {
             let here: Vec<&Cell> = campaign.cells.iter().filter(|cell| chosen(cell)).collect();
-            gather(name, arm, &here, &Known { plan, outcomes, step_n, blame: &blame })
+            gather(name, arm, &here, &Known { plan, outcomes, steps_n, blame: &blame })
         };
         for cell in &campaign.cells {
             let found = figures(&cell.name, &|other| other.name == cell.name).bound_hangs(cell.found_ms);
@@ -71,7 +80,8 @@ pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &
     let done: usize = here.iter().map(|cell| cell.done()).sum();
     let void_share = here.iter().map(|cell| cell.without_verdict).sum::<usize>() as f64 / done.max(1) as f64;
     let stations: Vec<&StationOutcome> = stations.iter().filter(|station| campaign.judges(&station.arm)).collect();
-    let unknown = unknown(campaign, &stations, void_share, blame.lost_elsewhere);
+    let mut unknown = unknown(campaign, &stations, void_share, blame.lost_elsewhere);
+    unknown.extend(stopped.map(str::to_string));
     let mut judgement = Judgement {
         campaign: campaign.name.clone(),
         seed: plan.seed,
@@ -84,7 +94,7 @@ pub fn judge(campaign: &Campaign, plan: &Plan, outcomes: &[Outcome], stations: &
         void_share,
         exit_code: 0,
     };
-    judgement.exit_code = exit_code(&judgement);
+    judgement.exit_code = exit_code(&judgement, stopped.is_some());
     judgement
 }
 
@@ -104,11 +114,12 @@ fn unknown(campaign: &Campaign, stations: &[&StationOutcome], void_share: f64, l
     unknown
 }
 
-/// 1 if a promise was broken; 3 if, at the end of the plan, nothing can be said of one; 0 while the plan is not through.
-fn exit_code(judgement: &Judgement) -> u8 {
+/// 1 if a promise was broken; 3 if the run was stopped or, at the end of the plan, nothing can be said of one; 0 after a batch while the plan is not through.
+fn exit_code(judgement: &Judgement, was_stopped: bool) -> u8 {
     let any = |verdict| judgement.cells.iter().chain(&judgement.pools).any(|figures| figures.verdict == verdict);
     match () {
         () if any(Verdict::Broken) || !judgement.broken.is_empty() => 1,
+        () if was_stopped => 3,
         () if judgement.done < judgement.planned => 0,
         () if any(Verdict::Unknown) || !judgement.unknown.is_empty() => 3,
         () => 0,
@@ -118,3 +129,7 @@ fn exit_code(judgement: &Judgement) -> u8 {
 #[cfg(test)]
 #[path = "judge_tests.rs"]
 mod tests;
+
+#[cfg(test)]
+#[path = "judge_seen_tests.rs"]
+mod seen_tests;

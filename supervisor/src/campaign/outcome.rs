@@ -52,28 +52,34 @@ pub struct Counters {
 pub(super) const MOST_DEFICIT_ML_PER_TICK: f64 = 0.025;
 
 impl Counters {
+    /// Whether both say something: who has just taken the role at the end of a swap has made no step.
+    pub fn are_told(&self) -> bool {
+        self.tissue_tick != 0 && self.fluid_tick != 0
+    }
+
     /// What went back or jumped between two looks, in words: state and counters outlive every restart. A state that stands still is no loss:
-    /// on a machine that is busy elsewhere fluid gets no time for seconds.
+    /// on a machine that is busy elsewhere fluid gets no time for seconds. Nor is one that is not told.
     pub fn broken_by(&self, after: &Counters) -> Option<String> {
         let ticks = after.tick.saturating_sub(self.tick) as f64;
         let jump_ml = (after.deficit_ml - self.deficit_ml).abs();
+        let (has_tissue, has_fluid) = (after.tissue_tick != 0, after.fluid_tick != 0);
         match () {
-            () if after.tissue_tick < self.tissue_tick => {
+            () if has_tissue && after.tissue_tick < self.tissue_tick => {
                 Some(format!("tissue's state went from tick {} to {}", self.tissue_tick, after.tissue_tick))
             }
-            () if after.fluid_tick < self.fluid_tick => {
+            () if has_fluid && after.fluid_tick < self.fluid_tick => {
                 Some(format!("fluid's state went from tick {} to {}", self.fluid_tick, after.fluid_tick))
             }
             () if after.founded_tick > self.founded_tick => {
                 Some(format!("a state began anew at tick {}, and not from its predecessor", after.founded_tick))
             }
-            () if after.removed_volume_ml < self.removed_volume_ml => Some("the removed volume went back".into()),
-            () if after.cuts < self.cuts => Some(format!("of {} cuts {} are left", self.cuts, after.cuts)),
-            () if after.cuts == self.cuts && after.topology_version != self.topology_version => Some(format!(
+            () if has_tissue && after.removed_volume_ml < self.removed_volume_ml => Some("the removed volume went back".into()),
+            () if has_tissue && after.cuts < self.cuts => Some(format!("of {} cuts {} are left", self.cuts, after.cuts)),
+            () if has_tissue && after.cuts == self.cuts && after.topology_version != self.topology_version => Some(format!(
                 "the mesh is of version {} after as many cuts as version {} was",
                 after.topology_version, self.topology_version
             )),
-            () if jump_ml.is_nan() || jump_ml > MOST_DEFICIT_ML_PER_TICK * ticks + 0.1 => {
+            () if has_fluid && (jump_ml.is_nan() || jump_ml > MOST_DEFICIT_ML_PER_TICK * ticks + 0.1) => {
                 Some(format!("the deficit went from {:.3} ml to {:.3} ml in {ticks} ticks", self.deficit_ml, after.deficit_ml))
             }
             () => None,
@@ -110,9 +116,14 @@ pub struct Outcome {
     pub with: Option<Fault>,
     /// Faults that nobody injected and that were closed meanwhile.
     pub collateral: Vec<Fault>,
-    /// Those that were closed before it, and after the fault before it was.
-    #[serde(default)]
+    /// Those that were closed before it, and after the fault before it was. Whose doing they are is seen by when they came, not by when they were read.
     pub earlier: Vec<Fault>,
+    /// When it, or the swap beside it, was asked for, ns.
+    pub asked_ns: u64,
+    /// The swap that was to be under way.
+    pub swap: Option<SwapSeen>,
+    /// Looks at the station, 5 ms apart and while it published its lies, at which the tool touched something.
+    pub touching: u32,
     /// Before it.
     pub before: Counters,
     /// After its verdict.
@@ -137,9 +148,41 @@ impl Outcome {
             with: None,
             collateral: Vec::new(),
             earlier: Vec::new(),
+            asked_ns: 0,
+            swap: None,
+            touching: 0,
             before: Counters::default(),
             after: Counters::default(),
         }
+    }
+
+    /// From when on what happens may be its doing, ns: its injection, or that of the fault or the swap beside it.
+    pub fn since_ns(&self) -> u64 {
+        let injected = [&self.fault, &self.with].into_iter().flatten().map(|fault| fault.injected_ns);
+        let swapped = self.swap.as_ref().map(|swap| swap.begun_ns);
+        injected.chain(swapped).min().unwrap_or(self.asked_ns)
+    }
+}
+
+/// A swap that a fault was to fall into.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SwapSeen {
+    /// Its role.
+    pub role: String,
+    /// When it was asked for, ns.
+    pub begun_ns: u64,
+    /// When it ended, ns; `None` if it did not.
+    pub ended_ns: Option<u64>,
+    /// The last that had happened in it when the fault came.
+    pub stage: String,
+    /// How it ended.
+    pub end: String,
+}
+
+impl SwapSeen {
+    /// Whether it was under way at a time, ns.
+    pub fn is_at(&self, ns: u64) -> bool {
+        self.begun_ns <= ns && self.ended_ns.is_none_or(|ended_ns| ns < ended_ns)
     }
 }
 
@@ -174,6 +217,11 @@ mod tests {
             founded_tick: 1,
         };
         assert_eq!(before.broken_by(&good), None);
+        // A holder of the role that has made no step yet says nothing: a fluid seemed to go back to 0 at the end of its swap.
+        let silent = Counters { fluid_tick: 0, deficit_ml: 0.0, ..good };
+        assert_eq!((silent.are_told(), good.are_told(), before.broken_by(&silent)), (false, true, None));
+        let silent = Counters { tissue_tick: 0, cuts: 0, topology_version: 0, removed_volume_ml: 0.0, ..good };
+        assert_eq!((silent.are_told(), before.broken_by(&silent)), (false, None));
         for (bad, word) in [
             (Counters { tissue_tick: 998, ..good }, "tissue"),
             (Counters { fluid_tick: 33, ..good }, "fluid"),

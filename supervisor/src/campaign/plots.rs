@@ -9,7 +9,7 @@ use std::fmt::Write;
 
 /// Width of a plot, and of the names at its left, px.
 const WIDTH: f64 = 960.0;
-const NAMES: f64 = 300.0;
+const NAMES: f64 = 360.0;
 /// Height of a row, px.
 const ROW: f64 = 22.0;
 /// Above and below the rows, px.

@@ -1,21 +1,22 @@
 //! One station of a campaign: started as an operator would start it, watched through its pages, hurt over its control socket, stopped, and
 //! its report read. Every wait is bounded, and whatever happens, nothing of the station is left.
 
+mod closing;
+mod counters;
 mod keepers;
 mod swaps;
 
 use super::cell::{Cell, State};
 use super::draw::Entry;
 use super::file::{Arm, Campaign};
-use super::outcome::{Counters, Ending, Outcome};
+use super::outcome::{Ending, Outcome};
 use crate::control::{self, Request};
-use crate::fault::Fault;
-use crate::faultfile::{FaultKind, Injection, Keepers};
+use crate::faultfile::{Injection, Keepers};
 use crate::plan::Plan;
 use crate::view::Viewer;
 use crate::{proc, remains};
+use closing::Asked;
 use hyst_exchange::{Station, system};
-use hyst_messages::page::{fluid, header, tissue};
 use hyst_messages::{Role, Slot, TICK_NS};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -25,10 +26,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A start takes a second on an idle machine, and much longer on one that compiles beside it.
 const START_NS: u64 = 120_000_000_000;
-/// The supervisor closes a fault 40 s after it at the latest, and looks for a control window for as long as the fault took.
-const CLOSE_NS: u64 = 120_000_000_000;
-/// The same for one that makes a start hang, for which an ordinary process has 180 s.
-const CLOSE_START_NS: u64 = 600_000_000_000;
 /// A station that is not whole and in the wanted state by then will not be: the hands' periods are at most 12 s.
 const READY_NS: u64 = 60_000_000_000;
 /// A stop takes 2 s for processes that hang, and then some for the report.
@@ -180,35 +177,6 @@ impl Session {
             && tick + AHEAD_TICKS >= self.quiet_from_tick
     }
 
-    /// What tissue and fluid say of themselves: the newest of either, whoever wrote it.
-    fn counters(&mut self) -> Counters {
-        let mut found = Counters { tick: self.tick(), ..Counters::default() };
-        let mut fluid_key = (0, 0);
-        let Some(viewer) = &mut self.viewer else { return found };
-        for index in 0..2 {
-            let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
-            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= found.tissue_tick) {
-                found.tissue_tick = status.state_tick;
-                (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
-                (found.cuts, found.is_cutting) = (status.cuts, status.is_cutting != 0);
-                found.topology_version = status.topology_version;
-            }
-            for role in [Role::Tissue, Role::Fluid] {
-                let founded = Slot::new(role, index)
-                    .and_then(|slot| viewer.slot_page(slot))
-                    .map_or(0, |page| page.load64(header::FOUNDED_TICK));
-                found.founded_tick = found.founded_tick.max(founded);
-            }
-            let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
-            // By epoch: one that goes on from an older state has a smaller tick than what is over.
-            if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
-                fluid_key = (status.epoch, status.state_tick);
-                (found.fluid_tick, found.deficit_ml) = (status.state_tick, status.deficit_ml);
-            }
-        }
-        found
-    }
-
     /// Injects one fault of the plan at its tick, or as soon after it as the station is whole, settled and in the wanted state, and waits
     /// until it is closed. What the station comes to after the fault was injected is the fault's outcome, and ends the session.
     pub fn hurt(&mut self, entry: &Entry, cell: &Cell) -> Result<(Outcome, Option<Trouble>), Trouble> {
@@ -228,38 +196,47 @@ impl Session {
             outcome.reason = format!("the station was never in the state of {:?}", cell.name);
             return Ok((outcome, None));
         };
-        outcome.before = self.counters();
+        outcome.before = self.told_counters()?;
         outcome.earlier = self.unread();
-        let tick = match self.swap_beside(entry, cell)? {
+        outcome.asked_ns = system::now_ns();
+        let tick = match self.swap_beside(entry, cell, &mut outcome)? {
             Ok(beside) => beside.unwrap_or(tick),
             Err(reason) => {
                 (outcome.ending, outcome.reason) = (Ending::Refused, reason);
                 return Ok((outcome, None));
             }
         };
+        let hurt = self.hurt_at(&mut outcome, entry, cell, tick).and_then(|()| self.see_swap_end(&mut outcome, cell));
+        match hurt.and_then(|()| self.told_counters()) {
+            Ok(after) => outcome.after = after,
+            Err(Trouble::Interrupted) => return Err(Trouble::Interrupted),
+            Err(trouble) => {
+                (outcome.reason, outcome.after) = (trouble.to_string(), outcome.before);
+                return Ok((outcome, Some(trouble)));
+            }
+        }
+        Ok((outcome, None))
+    }
+
+    /// Injects the fault, and the one in whose recovery it is to come, and waits until they are closed.
+    fn hurt_at(&mut self, outcome: &mut Outcome, entry: &Entry, cell: &Cell, tick: u64) -> Result<(), Trouble> {
         let sent_ns = system::now_ns();
-        let first = cell.with.as_ref().map(|with| self.inject(with, tick, entry.phase_us)).transpose();
+        let first = cell.with.as_ref().map(|with| self.inject(with, tick, entry.phase_us));
         let tick = if cell.with.is_some() { tick + entry.with_ticks } else { tick };
         // Each of a cell's faults hits other bytes, and the same ones when it is repeated.
         let seed = cell.injection.place.map(|_| cell.injection.seed.unwrap_or(entry.index as u64));
         let injection = Injection { seed, ..cell.injection.clone() };
-        let done = first.and_then(|first| Ok((first, self.inject(&injection, tick, entry.phase_us)?)));
-        let answered_ns = system::now_ns();
+        let has_first = matches!(first, Some(Ok(_)));
+        let done = first.transpose().and_then(|_| self.inject(&injection, tick, entry.phase_us));
+        let asked = |struck_ns| Asked { sent_ns, answered_ns: system::now_ns(), struck_ns };
         self.whole_since_tick = None;
-        if let Err(reason) = done {
-            (outcome.ending, outcome.reason) = (Ending::Refused, reason);
-        } else if let Err(trouble) =
-            self.close(&mut outcome, cell, sent_ns, answered_ns).and_then(|()| self.see_swap_end(&mut outcome, cell))
-        {
-            if matches!(trouble, Trouble::Interrupted) {
-                return Err(trouble);
+        match done {
+            Ok(struck_ns) => self.close(outcome, cell, asked(struck_ns)),
+            Err(reason) => {
+                (outcome.ending, outcome.reason) = (Ending::Refused, reason);
+                if has_first { self.close_first(outcome, cell, asked(None)) } else { Ok(()) }
             }
-            outcome.reason = trouble.to_string();
-            outcome.after = outcome.before;
-            return Ok((outcome, Some(trouble)));
         }
-        outcome.after = self.counters();
-        Ok((outcome, None))
     }
 
     fn is_in(&mut self, state: State) -> bool {
@@ -271,55 +248,15 @@ impl Session {
         }
     }
 
-    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<(), String> {
+    /// Gives when a keeper was struck: of an engine the station says it.
+    fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<Option<u64>, String> {
         let start_ns = self.viewer.as_ref().map_or(0, |viewer| viewer.page().start_of(tick));
         system::sleep_until_ns(start_ns.saturating_sub((AHEAD_TICKS + EARLY_TICKS) * TICK_NS)); // at most 100 ms, for a second fault
         if let Some(keepers) = Keepers::parse(&injection.target) {
-            return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000);
+            return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000).map(Some);
         }
         let request = Injection { tick, phase_us, ..injection.clone() };
-        control::ask(&self.station, &Request::Fault(request)).map(|_| ())
-    }
-
-    /// Waits until the fault, and the one in whose recovery it came, are closed: a line of each is in the station's file.
-    fn close(&mut self, outcome: &mut Outcome, cell: &Cell, sent_ns: u64, answered_ns: u64) -> Result<(), Trouble> {
-        let injections: Vec<&Injection> = [cell.with.as_ref(), Some(&cell.injection)].into_iter().flatten().collect();
-        let is_ours = |fault: &Fault| injections.iter().any(|injection| is_of(fault, injection, sent_ns, answered_ns));
-        let mut closed: Vec<Fault> = Vec::new();
-        let expected = cell.faults() + usize::from(cell.with.is_some());
-        let close_ns = if cell.injection.kind == FaultKind::HangStart { CLOSE_START_NS } else { CLOSE_NS };
-        self.wait(close_ns, |session| {
-            closed.extend(session.unread());
-            (closed.iter().filter(|fault| is_ours(fault)).count() >= expected).then_some(())
-        })?;
-        let (mut ours, collateral): (Vec<Fault>, Vec<Fault>) = closed.into_iter().partition(is_ours);
-        ours.sort_by_key(|fault| (fault.injected_ns, fault.recovered_us.map_or(u64::MAX, |us| us as u64)));
-        if ours.len() >= expected {
-            outcome.fault = ours.pop(); // the one in a recovery comes second; of two that were hit at once, the one that took longer
-            outcome.with = ours.pop().filter(|_| cell.with.is_some());
-        }
-        outcome.collateral.extend(collateral);
-        if let (Some(fault), Some(viewer)) = (&outcome.fault, &self.viewer) {
-            outcome.ending = Ending::Closed;
-            outcome.tick = fault.tick;
-            let in_tick_ns = fault.injected_ns.saturating_sub(viewer.page().start_of(fault.tick));
-            outcome.injected_phase_us = (in_tick_ns / 1_000).min(999) as u32;
-        } else {
-            outcome.reason = format!("no verdict within {} s", close_ns / 1_000_000_000);
-        }
-        let ends = [&outcome.fault, &outcome.with].into_iter().flatten().chain(&outcome.collateral);
-        let end_tick = ends.filter_map(|fault| fault.window).map(|window| window.to_tick).max().unwrap_or_else(|| self.tick());
-        self.quiet_from_tick = end_tick + QUIET_TICKS;
-        Ok(())
-    }
-
-    /// Faults that were closed since the last call.
-    fn unread(&mut self) -> Vec<Fault> {
-        let text = std::fs::read_to_string(self.station.root().join("faults.jsonl")).unwrap_or_default();
-        let news = text.get(self.read_bytes..).unwrap_or("");
-        let whole = news.rfind('\n').map_or(0, |at| at + 1);
-        self.read_bytes += whole;
-        news[..whole].lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+        control::ask(&self.station, &Request::Fault(request)).map(|_| None)
     }
 
     /// Stops the station as Ctrl-C does; gives its exit code, if it had one. Its report lies in the folder.
@@ -355,17 +292,6 @@ impl Drop for Session {
             self.end();
         }
     }
-}
-
-/// Whether a closed fault is the injected one.
-fn is_of(fault: &Fault, injection: &Injection, sent_ns: u64, answered_ns: u64) -> bool {
-    if let Some(keepers) = Keepers::parse(&injection.target) {
-        return keepers::is_of(fault, keepers, sent_ns);
-    }
-    let role = |name: &str| name.split(':').next().map(str::to_string);
-    fault.kind == injection.kind.name()
-        && role(&fault.target) == role(&injection.target)
-        && (sent_ns..=answered_ns).contains(&fault.injected_ns)
 }
 
 fn command(campaign: &Campaign, arm: &Arm, entries: &[&Entry], station: &Station, files: &Path) -> std::io::Result<Command> {

@@ -1,6 +1,7 @@
 //! What came of one run of a station: a line of `stations.jsonl` in the folder of the results, and what in it is a broken promise.
 
 use super::deficit::Deficit;
+use crate::fault::Fault;
 use hyst_recording::{Ending, Reader};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -42,6 +43,9 @@ pub struct StationOutcome {
     pub given_up: Vec<String>,
     /// Processes, segments and files that were left.
     pub leftovers: u64,
+    /// Processes that ended although nobody hurt them, to the end of the run.
+    #[serde(default)]
+    pub external: Vec<Fault>,
     /// Whether there was a report.
     pub reported: bool,
     /// Largest force step in a control window, N.
@@ -66,9 +70,16 @@ impl StationOutcome {
         self.invalid_applied = number(&report["invalid_applied"]);
         self.stale_applied = number(&report["stale_applied"]);
         self.control_step_max_n = report["device"]["force_step_max_control_n"].as_f64().unwrap_or(0.0);
+        let faults = report["faults"].as_array().into_iter().flatten().filter(|fault| fault["kind"] == "external");
+        self.external = faults.filter_map(|fault| Fault::deserialize(fault).ok()).collect();
         let names = report["given_up"].as_array().into_iter().flatten();
         self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
         self.leftovers = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
+    }
+
+    /// Leaves out those that ended since a time, ns: of a fault that was cut off and will be injected again.
+    pub fn forget_since(&mut self, ns: u64) {
+        self.external.retain(|fault| fault.injected_ns < ns);
     }
 
     /// Counts what the recording holds and what it says is lost.
@@ -144,5 +155,24 @@ impl StationOutcome {
         note(self.leftovers > 0, format!("{} processes, segments or files were left over", self.leftovers));
         note(!self.reported && !may_end, "it left no report".into());
         found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_report_names_who_ended_unhurt_and_those_of_a_fault_that_was_cut_off_are_left_out() {
+        let fault = |kind: &str, injected_ns: u64| Fault { kind: kind.into(), injected_ns, ..Fault::default() };
+        let faults = [fault("external", 5), fault("kill", 6), fault("external", 9)];
+        let path = std::env::temp_dir().join(format!("hystation-report-{}.json", std::process::id()));
+        std::fs::write(&path, serde_json::json!({ "device": { "ticks": 4 }, "faults": faults }).to_string()).unwrap();
+        let mut station = StationOutcome::default();
+        station.read_report(&path);
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!((station.reported, &station.external), (true, &vec![faults[0].clone(), faults[2].clone()]));
+        station.forget_since(9);
+        assert_eq!(station.external, [faults[0].clone()]);
     }
 }

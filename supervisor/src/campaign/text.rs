@@ -3,6 +3,7 @@
 use super::bounds::Excess;
 use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::{Ending, Outcome};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// The value below which a share of an ascending list lies; `None` of nothing.
@@ -31,8 +32,8 @@ pub fn line(outcome: &Outcome, planned: usize) -> String {
                 missed(fault.window),
                 missed(fault.control)
             );
-            if !outcome.reason.is_empty() {
-                let _ = write!(text, "; {}", outcome.reason);
+            if let Some(swap) = &outcome.swap {
+                let _ = write!(text, "; after {:?} of the swap; {}", swap.stage, swap.end);
             }
         }
         _ => {
@@ -105,6 +106,58 @@ pub fn not_shown(figures: &Figures) -> Option<String> {
     (!numbers.is_empty()).then(|| format!("nothing came of fault {}", numbers.join(", ")))
 }
 
+/// How often each, in words: `fluid 2, tissue 1`; a dash for none.
+pub fn counts<K: std::fmt::Display>(counts: &BTreeMap<K, usize>) -> String {
+    let words: Vec<String> = counts.iter().map(|(what, count)| format!("{what} {count}")).collect();
+    if words.is_empty() { "-".into() } else { words.join(", ") }
+}
+
+/// The cells whose faults are only done from outside, by the segment that is damaged and the process that it is done to.
+pub fn segments(judgement: &Judgement) -> Vec<&Figures> {
+    let mut rows: Vec<&Figures> = judgement.cells.iter().filter(|figures| !figures.segment.is_empty()).collect();
+    rows.sort_by(|a, b| (&a.arm, &a.segment, &a.name).cmp(&(&b.arm, &b.segment, &b.name)));
+    rows
+}
+
+/// Who was hurt, of a cell's name.
+pub fn target_of(figures: &Figures) -> &str {
+    figures.name.split(' ').nth(1).unwrap_or("")
+}
+
+/// What was noticed of what is only done from outside, segment by segment.
+fn segments_text(judgement: &Judgement) -> String {
+    let rows = segments(judgement);
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut text = format!(
+        "\nwhat was noticed of what is only done from outside\n{:<11} {:<19} {:>4} {:>7}  {:<52} {:<30} {:<34} {:>6} {:>5}\n",
+        "where", "target", "done", "noticed", "noticed by, or what became of it", "died", "and else", "excess", "wrong"
+    );
+    for figures in rows {
+        let _ = writeln!(
+            text,
+            "{:<11} {:<19} {:>4} {:>7}  {:<52} {:<30} {:<34} {:>6} {:>5}",
+            figures.segment,
+            target_of(figures),
+            figures.injected,
+            figures.injected - figures.unnoticed.len(),
+            counts(&figures.noticed),
+            counts(&figures.died),
+            counts(&figures.seen),
+            figures.excess_misses.iter().sum::<i64>(),
+            figures.wrong
+        );
+    }
+    text
+}
+
+/// The numbers of the faults that nobody noticed, in words; `None` if there are none.
+pub fn unnoticed(figures: &Figures) -> Option<String> {
+    let numbers: Vec<String> = figures.unnoticed.iter().map(usize::to_string).collect();
+    (!numbers.is_empty()).then(|| format!("done and not noticed: fault {}", numbers.join(", ")))
+}
+
 /// The report.
 pub fn text(judgement: &Judgement) -> String {
     let mut text = format!(
@@ -146,6 +199,7 @@ pub fn text(judgement: &Judgement) -> String {
             text.push_str(&row(&Figures { name: format!("pool {}", figures.name), ..figures.clone() }));
         }
     }
+    text.push_str(&segments_text(judgement));
     text.push('\n');
     for figures in judgement.cells.iter().chain(&judgement.pools) {
         for reason in &figures.reasons {
@@ -153,7 +207,10 @@ pub fn text(judgement: &Judgement) -> String {
         }
     }
     for figures in &judgement.cells {
-        if let Some(list) = not_shown(figures) {
+        for line in &figures.collateral {
+            let _ = writeln!(text, "{}, {}: beside {line}", figures.arm, figures.name);
+        }
+        for list in not_shown(figures).into_iter().chain(unnoticed(figures)) {
             let _ = writeln!(text, "{}, {}: {list}", figures.arm, figures.name);
         }
     }
@@ -162,7 +219,7 @@ pub fn text(judgement: &Judgement) -> String {
     }
     let end = match judgement.exit_code {
         1 => "a promise was broken",
-        3 => "nothing can be said of every promise: too much was void, or too few faults came about",
+        3 => "nothing can be said of every promise: too much was void, too few faults came about, or the run was stopped",
         _ if judgement.done < judgement.planned => "no promise was broken so far",
         _ => "every promise held",
     };

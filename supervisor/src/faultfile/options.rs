@@ -44,6 +44,10 @@ impl Place {
         (Place::Station, "station"),
         (Place::Roster, "roster"),
     ];
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Place::ALL.iter().find(|(place, _)| *place == self).map_or("", |(_, name)| name)
+    }
     /// The place with this name.
     pub fn from_name(name: &str) -> Option<Place> {
         Place::ALL.iter().find(|(_, known)| *known == name).map(|(place, _)| *place)

@@ -35,8 +35,10 @@ struct Deed {
     until_ns: Option<u64>,
     lowered: Option<Lowered>,
     ballast: Option<PathBuf>,
+    /// It is done with that, whoever notices.
     manifested: bool,
     said: String,
+    flips: Vec<corrupt::Flip>,
 }
 
 impl Faults {
@@ -102,8 +104,9 @@ impl Faults {
             }
             FaultKind::Corrupt => {
                 let Victim { slot, incarnation, pid, .. } = *victim;
-                let said = format!(": {}", corrupt::corrupt(&self.station, slot, incarnation, pid, injection)?);
-                Ok(Deed { until_ns: Some(now_ns + NOTICE_NS), manifested: true, said, ..Deed::default() })
+                let (said, flips) = corrupt::corrupt(&self.station, slot, incarnation, pid, injection)?;
+                let said = format!(": {said}");
+                Ok(Deed { until_ns: Some(now_ns + NOTICE_NS), manifested: true, said, flips, ..Deed::default() })
             }
             _ => Ok(Deed { until_ns: self.ask(victim, injection, now_ns), ..Deed::default() }),
         }
@@ -119,7 +122,7 @@ impl Faults {
         fault.asked = deed.until_ns.map(|until_ns| (until_ns, done));
         fault.lowered = deed.lowered;
         fault.ballast = deed.ballast.zip(deed.until_ns);
-        fault.manifested = deed.manifested;
+        (fault.manifested, fault.flips) = (deed.manifested, deed.flips);
         match kind {
             FaultKind::Stop => fault.continue_ns = injection.for_s.map(|for_s| now_ns + (for_s * 1e9) as u64),
             FaultKind::Cont => (fault.manifested, fault.recovered_us) = (true, Some(0.0)),

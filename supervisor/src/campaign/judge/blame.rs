@@ -1,14 +1,18 @@
 //! What a station shows as a whole, or only when its next fault comes, by the fault that it follows from.
 
-use crate::campaign::cell::May;
+use crate::campaign::cell::{Cell, May};
 use crate::campaign::file::Campaign;
 use crate::campaign::outcome::{Counters, Outcome};
 use crate::campaign::station::StationOutcome;
 use crate::fault::Fault;
+use crate::faultfile::Keepers;
 use std::collections::BTreeMap;
 
 /// Ticks after a fault's window in which the recorder may still lose what lay in the device's ring.
 const RING_TICKS: u64 = 4_096;
+
+/// The kind of a fault that nobody injected.
+const EXTERNAL: &str = "external";
 
 /// The fluid makes a state in some dozens of ticks: one that jumped may bear a tick from before the fault.
 const STATE_TICKS: u64 = 100;
@@ -22,6 +26,8 @@ pub(super) struct Blame<'a> {
     pub lost_elsewhere: u64,
     /// The outcome that comes next in the same run.
     next: BTreeMap<usize, &'a Outcome>,
+    /// Other processes that died or hung, by the fault that was injected last before they did.
+    others: BTreeMap<usize, Vec<&'a Fault>>,
     /// The last fault of each run that did not go on, and how that ended.
     ended: BTreeMap<usize, String>,
     /// What was broken in stations of judged arms, in words.
@@ -29,13 +35,23 @@ pub(super) struct Blame<'a> {
 }
 
 impl<'a> Blame<'a> {
-    pub(super) fn of(campaign: &Campaign, outcomes: &'a [Outcome], stations: &[StationOutcome]) -> Blame<'a> {
+    pub(super) fn of(campaign: &Campaign, outcomes: &'a [Outcome], stations: &'a [StationOutcome]) -> Blame<'a> {
         let mut blame = Blame::default();
         for station in stations {
             let is_judged = campaign.judges(&station.arm);
             let mut here: Vec<&'a Outcome> = outcomes.iter().filter(|outcome| station.faults.contains(&outcome.index)).collect();
             here.sort_by_key(|outcome| station.faults.iter().position(|index| *index == outcome.index));
             blame.next.extend(here.windows(2).map(|pair| (pair[0].index, pair[1])));
+            for (at, line) in blame.assign(campaign, station, &here) {
+                if is_judged {
+                    blame.broken.push(format!(
+                        "arm {}, run {}: {} before any fault, at tick {at}",
+                        station.arm,
+                        station.run,
+                        end_of(line)
+                    ));
+                }
+            }
             for (first, last) in &station.lost {
                 let lost = last.saturating_sub(*first) + 1;
                 match suspect(&here, *first, *last, RING_TICKS) {
@@ -44,8 +60,7 @@ impl<'a> Blame<'a> {
                     None => {}
                 }
             }
-            let cell_of = |outcome: &Outcome| campaign.cells.iter().find(|cell| cell.name == outcome.cell);
-            let may = |outcome: &Outcome, what: May| cell_of(outcome).is_some_and(|cell| cell.may.contains(&what));
+            let may = |outcome: &Outcome, what: May| cell_of(campaign, outcome).is_some_and(|cell| cell.may.contains(&what));
             let last = here.last().filter(|_| station.did_not_go_on());
             blame.ended.extend(last.map(|outcome| (outcome.index, station.end_in_words())));
             if !is_judged {
@@ -68,6 +83,36 @@ impl<'a> Blame<'a> {
         blame
     }
 
+    /// Gives each end of another process to the fault that was injected last before it, whenever its line was read; those before any fault are given back.
+    fn assign(&mut self, campaign: &Campaign, station: &'a StationOutcome, here: &[&'a Outcome]) -> Vec<(u64, &'a Fault)> {
+        let of_keepers = |name: &str| Keepers::parse(name).is_some();
+        let lines = here.iter().flat_map(|outcome| outcome.collateral.iter().chain(&outcome.earlier)).chain(&station.external);
+        let injected: Vec<(u64, &Outcome)> =
+            here.iter().map(|outcome| (outcome.since_ns(), *outcome)).filter(|(since_ns, _)| *since_ns != 0).collect();
+        let is_ours = |line: &Fault| {
+            here.iter().any(|outcome| [&outcome.fault, &outcome.with].into_iter().flatten().any(|own| is_same(own, line)))
+        };
+        let (mut known, mut nobodys): (Vec<&Fault>, Vec<(u64, &Fault)>) = (Vec::new(), Vec::new());
+        for line in lines.filter(|line| line.kind == EXTERNAL) {
+            if is_ours(line) || known.iter().any(|other| is_same(other, line)) {
+                continue;
+            }
+            known.push(line);
+            let before =
+                injected.iter().filter(|(since_ns, _)| *since_ns <= happened_ns(line)).max_by_key(|(since_ns, _)| *since_ns);
+            match before {
+                // Those who keep the station end and come back one by one.
+                Some((_, outcome))
+                    if of_keepers(&line.target)
+                        && cell_of(campaign, outcome).is_some_and(|cell| of_keepers(&cell.injection.target)) => {}
+                Some((_, outcome)) => self.others.entry(outcome.index).or_default().push(line),
+                None if line.is_found_dead() => nobodys.push((line.tick, line)),
+                None => {} // one that was late while the station started
+            }
+        }
+        nobodys
+    }
+
     /// Ticks that the recording lost because of a fault.
     pub(super) fn lost_ticks(&self, index: usize) -> u64 {
         self.lost.get(&index).copied().unwrap_or(0)
@@ -81,8 +126,30 @@ impl<'a> Blame<'a> {
     /// What came after a fault, until the next one.
     pub(super) fn sequel<'b>(&'b self, outcome: &'b Outcome) -> Sequel<'b> {
         let next = self.next.get(&outcome.index);
-        Sequel { outcome, until: next.map_or(&outcome.after, |next| &next.before), late: next.map_or(&[], |next| &next.earlier) }
+        let others = self.others.get(&outcome.index).map_or(&[][..], Vec::as_slice);
+        Sequel { outcome, until: next.map_or(&outcome.after, |next| &next.before), others }
     }
+}
+
+fn cell_of<'c>(campaign: &'c Campaign, outcome: &Outcome) -> Option<&'c Cell> {
+    campaign.cells.iter().find(|cell| cell.name == outcome.cell)
+}
+
+fn is_same(a: &Fault, b: &Fault) -> bool {
+    (&a.target, a.incarnation, a.injected_ns) == (&b.target, b.incarnation, b.injected_ns)
+}
+
+/// When a process that nobody hurt came to its end, ns. Its line says when it last beat, which may be long before: one that dies is told of at once, and of
+/// one that hangs it is told after three of its periods.
+fn happened_ns(line: &Fault) -> u64 {
+    let told_us = line.detected_us.unwrap_or(0.0);
+    line.injected_ns + (if line.is_found_dead() { told_us * 1e3 } else { told_us * 1e3 / 3.0 }) as u64
+}
+
+/// How a process came to its end, in words.
+pub(super) fn end_of(line: &Fault) -> String {
+    let how = if line.is_found_dead() { "died" } else { "hung and was ended" };
+    format!("{} {how} ({}, found by {})", line.target, line.exit, line.detected_by)
 }
 
 /// A fault and what came after it, until the next one in the same run.
@@ -90,13 +157,13 @@ impl<'a> Blame<'a> {
 pub(super) struct Sequel<'a> {
     outcome: &'a Outcome,
     until: &'a Counters,
-    late: &'a [Fault],
+    others: &'a [&'a Fault],
 }
 
 impl<'a> Sequel<'a> {
-    /// Other processes that died or hung.
+    /// Other processes that died, or hung and were ended.
     pub(super) fn others(self) -> impl Iterator<Item = &'a Fault> {
-        self.outcome.collateral.iter().chain(self.late)
+        self.others.iter().copied().filter(|fault| fault.dead)
     }
 
     /// Whether a state went on from an older one.

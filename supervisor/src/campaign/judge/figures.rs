@@ -1,13 +1,13 @@
 //! The figures of a cell or a pool in one arm, and the verdict that they give.
 
 use super::blame::Blame;
+use super::take::Taken;
 use crate::campaign::bounds::{Excess, Sides};
-use crate::campaign::cell::{Cell, May};
+use crate::campaign::cell::Cell;
 use crate::campaign::draw::Plan;
 use crate::campaign::file::{Arm, Campaign};
 use crate::campaign::outcome::{Ending, Outcome};
 use crate::campaign::station::StationOutcome;
-use crate::fault::Fault;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -31,13 +31,15 @@ pub enum Verdict {
 pub struct Figures {
     /// Arm.
     pub arm: String,
+    /// Whether promises are judged in it.
+    pub judged: bool,
     /// Cell's or pool's name.
     pub name: String,
     /// Faults in the plan.
     pub planned: usize,
     /// Faults that were injected.
     pub injected: usize,
-    /// Those that showed.
+    /// Those that showed: of what is only done from outside, those that somebody noticed.
     pub manifested: usize,
     /// By what they were found.
     pub detected_by: BTreeMap<String, usize>,
@@ -75,12 +77,24 @@ pub struct Figures {
     pub step_max_n: [f64; 2],
     /// Ticks that the recording lost after these faults.
     pub data_lost_ticks: u64,
-    /// Other processes that died or hung meanwhile.
-    pub collateral: usize,
+    /// Other processes that died, or hung and were ended, each with the fault that was the last before it.
+    pub collateral: Vec<String>,
     /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended.
     pub seen: BTreeMap<&'static str, usize>,
     /// Faults of which nothing came, or that were refused, by their numbers.
     pub not_shown: Vec<usize>,
+    /// Of faults that are only done from outside: where, and by whom they were noticed, or what became of what was done.
+    pub segment: String,
+    /// See [`Figures::segment`].
+    pub noticed: BTreeMap<String, usize>,
+    /// Of the same, who died: the process that was hurt, or another.
+    pub died: BTreeMap<String, usize>,
+    /// Of the same, those that nobody noticed, by their numbers: they are in no bound.
+    pub unnoticed: Vec<usize>,
+    /// Lies that nobody found, by the numbers of their faults.
+    pub unfound: Vec<usize>,
+    /// Ticks in the fault windows whose force was not finite, too large, old, or made by a servo that lied.
+    pub wrong: u64,
     /// Limit.
     pub limit_upper95: Option<f64>,
     /// Verdict.
@@ -96,34 +110,35 @@ const MOST_REASONS: usize = 8;
 pub(super) struct Known<'a> {
     pub plan: &'a Plan,
     pub outcomes: &'a [Outcome],
-    /// Largest force step of fault-free ticks, N.
-    pub step_n: f64,
+    /// Largest force steps of fault-free ticks, N: while the tool touches nothing, and while it does.
+    pub steps_n: [f64; 2],
     pub blame: &'a Blame<'a>,
 }
 
 pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> Figures {
     let cell_of = |name: &str| cells.iter().find(|cell| cell.name == name);
     let planned = known.plan.faults.iter().filter(|entry| entry.arm == arm.name && cell_of(&entry.cell).is_some()).count();
-    let mut figures = Figures { arm: arm.name.clone(), name: name.into(), planned, ..Figures::default() };
+    let mut figures = Figures { arm: arm.name.clone(), name: name.into(), judged: arm.judged, planned, ..Figures::default() };
     let (mut missed, mut late) = (Sides::default(), Sides::default());
     for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
         figures.take_sequel(cell, outcome, known.blame);
-        let excess = match (&outcome.fault, outcome.ending) {
+        let taken = match (&outcome.fault, outcome.ending) {
             (Some(fault), Ending::Closed) => figures.take(fault, cell, known, outcome),
             (_, Ending::Open) => {
                 let reason = format!("fault {}: {}", outcome.index, outcome.reason);
                 figures.reasons.extend(known.blame.ended(outcome.index).is_none().then_some(reason)); // else said by its sequel
-                None
+                Taken::NoVerdict
             }
             _ => {
                 figures.not_shown.push(outcome.index);
-                None
+                Taken::NoVerdict
             }
         };
-        match excess {
-            None => figures.without_verdict += 1,
-            Some([excess, with_void]) => {
+        match taken {
+            Taken::NoVerdict => figures.without_verdict += 1,
+            Taken::Unnoticed => {}
+            Taken::Excess([excess, with_void]) => {
                 missed.add(excess);
                 late.add(with_void);
                 figures.excess_misses.push(excess);
@@ -148,104 +163,26 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
 impl Figures {
     /// Faults that are through.
     pub(super) fn done(&self) -> usize {
-        self.without_verdict + self.excess_misses.len()
-    }
-
-    /// Adds what a fault brought about beside what it was to do; where its cell does not allow that, it speaks against the cell.
-    fn take_sequel(&mut self, cell: &Cell, outcome: &Outcome, blame: &Blame) {
-        let index = outcome.index;
-        let sequel = blame.sequel(outcome);
-        if !sequel.began_anew() {
-            self.reasons.extend(sequel.broken().map(|broken| format!("fault {index}: {broken}")));
-        }
-        let mut saw = |what: &'static str, may: May, reason: String| {
-            *self.seen.entry(what).or_default() += 1;
-            if !cell.may.contains(&may) {
-                self.reasons.push(format!("fault {index}: {reason}"));
-            }
-        };
-        for other in sequel.others().filter(|fault| fault.is_found_dead()) {
-            saw("others died", May::OthersDie, format!("{} died too ({})", other.target, other.exit));
-        }
-        if sequel.began_anew() {
-            saw("began anew", May::BeginAnew, sequel.broken().unwrap_or_else(|| "a state began anew".into()));
-        }
-        if let Some(end) = blame.ended(index) {
-            saw("station ended", May::StationEnds, end.into());
-        }
-        self.data_lost_ticks += blame.lost_ticks(index);
-        self.collateral += sequel.others().count();
-    }
-
-    /// Adds a fault; gives its excess misses beyond what it may cost, without and with void ticks, if it can be judged.
-    fn take(&mut self, fault: &Fault, cell: &Cell, known: &Known, outcome: &Outcome) -> Option<[i64; 2]> {
-        let step_n = known.step_n;
-        let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
-        self.injected += 1;
-        self.manifested += usize::from(fault.manifested);
-        if !fault.manifested {
-            self.not_shown.push(outcome.index);
-        }
-        if !fault.detected_by.is_empty() {
-            *self.detected_by.entry(fault.detected_by.clone()).or_default() += 1;
-        }
-        self.detected_ms.extend(ms(fault.detected_us));
-        self.take_hang(fault);
-        self.contained_ms.extend(ms(fault.contained_us));
-        self.recovered_ms.extend(ms(fault.recovered_us));
-        self.promise_held += usize::from(fault.promise_held == Some(true));
-        if fault.manifested && fault.recovered_us.is_none() && known.blame.ended(outcome.index).is_none() {
-            self.reasons.push(format!("fault {}: {} did not recover", outcome.index, fault.target));
-        }
-        let (window, control) = (fault.window?, fault.control?);
-        for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
-            sums[0] += window.ticks;
-            sums[1] += window.voided;
-        }
-        self.missed[0] += window.missed;
-        self.missed[1] += control.missed;
-        self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
-        if window.force_step_max_n > fault.most_step_n(step_n) && fault.promise_held != Some(true) {
-            let text = format!(
-                "fault {}: a force step of {:.3} N, {step_n:.3} N without a fault",
-                outcome.index, window.force_step_max_n
-            );
-            self.reasons.push(text);
-        }
-        let is_void = |window: crate::ledger::Window| window.voided >= window.ticks;
-        // One that was to fall into a recovery, and came after it.
-        let is_late = outcome.with.as_ref().is_some_and(|with| {
-            let recovered_ns = with.recovered_us.map(|us| with.injected_ns + (us * 1e3) as u64);
-            recovered_ns.is_some_and(|recovered_ns| fault.injected_ns > recovered_ns)
-        });
-        let is_astray = cell.injection.target.ends_with(":active") && !fault.active;
-        self.astray += usize::from(is_astray);
-        if !fault.manifested || is_astray || is_late || is_void(window) || is_void(control) {
-            return None;
-        }
-        let beyond = |excess: i64| match excess {
-            1.. => (excess - cell.allowed_misses as i64).max(0),
-            _ if cell.allowed_misses > 0 => 0,
-            _ => excess,
-        };
-        Some([window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64].map(beyond))
+        self.without_verdict + self.excess_misses.len() + self.unnoticed.len()
     }
 }
 
 /// Fewest control windows of which one in a hundred is left out.
 const MANY: usize = 100;
 
-/// The largest force step of fault-free ticks in an arm, N; of many control windows the hundredth part that stepped most does not count, so that a
-/// single bad one does not excuse every fault.
-pub(super) fn quiet_step_n(arm: &Arm, outcomes: &[Outcome], stations: &[StationOutcome]) -> f64 {
-    let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
-    let mut steps: Vec<f64> = here.filter_map(|outcome| Some(outcome.fault.as_ref()?.control?.force_step_max_n)).collect();
-    if steps.len() >= MANY {
+/// The largest force steps of fault-free ticks in an arm, N, while the tool touches nothing and while it does: what the wall's touch makes excuses no kick
+/// in the open. Of many control windows the hundredth part that stepped most does not count, so that a single bad one does not excuse every fault.
+pub(super) fn quiet_steps_n(arm: &Arm, outcomes: &[Outcome], stations: &[StationOutcome]) -> [f64; 2] {
+    [false, true].map(|touches| {
+        let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name && (outcome.before.contacts > 0) == touches);
+        let mut steps: Vec<f64> = here.filter_map(|outcome| Some(outcome.fault.as_ref()?.control?.force_step_max_n)).collect();
         steps.sort_by(f64::total_cmp);
-        return steps[steps.len() - 1 - steps.len() / MANY];
-    }
-    let here = stations.iter().filter(|station| station.arm == arm.name);
-    here.map(|station| station.control_step_max_n).fold(0.0, f64::max)
+        if steps.len() >= MANY {
+            return steps[steps.len() - 1 - steps.len() / MANY];
+        }
+        let here = stations.iter().filter(|station| touches && station.arm == arm.name);
+        here.map(|station| station.control_step_max_n).chain(steps.last().copied()).fold(0.0, f64::max)
+    })
 }
 
 /// A pool with fewer judged faults than it was to have proves nothing.
@@ -258,11 +195,18 @@ pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
     figures
 }
 
+/// Whether the faults make ticks late in which the host seems to stall, beyond chance and maybe beyond the limit: a kind that stalls the kernel is not held by
+/// leaving out what it stalls.
+fn stalls_beyond(figures: &Figures, limit: f64) -> bool {
+    figures.excess_with_void.is_some_and(|excess| excess.lower95 > 0.0 && excess.upper95 > limit)
+}
+
 /// Gives the verdict. What never may happen is judged in the cells, once.
 pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
     figures.limit_upper95 = limit;
     let is_wrong = is_cell && !figures.reasons.is_empty();
-    let is_silent = is_cell && figures.done() > 0 && figures.manifested == 0;
+    // What is only done from outside need not be noticed; that it was not is said.
+    let is_silent = is_cell && figures.done() > figures.unnoticed.len() && figures.manifested == 0;
     let done = figures.done();
     let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
     figures.verdict = match (limit, figures.excess) {
@@ -273,7 +217,7 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
         (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
         _ if is_void => Verdict::Unknown,
-        (Some(limit), Some(excess)) if excess.upper95 <= limit => Verdict::Held,
+        (Some(limit), Some(excess)) if excess.upper95 <= limit && !stalls_beyond(&figures, limit) => Verdict::Held,
         _ => Verdict::Unknown,
     };
     if let (Some(limit), Some(excess), true) =

@@ -14,17 +14,19 @@ const SUPERVISOR_BEAT_NS: u64 = 100_000_000;
 const STAND_IN_NS: u64 = 30_000_000_000;
 
 impl Session {
-    pub(super) fn hurt_keepers(&mut self, keepers: Keepers, injection: &Injection, moment_ns: u64) -> Result<(), String> {
+    /// Gives when they were struck, ns.
+    pub(super) fn hurt_keepers(&mut self, keepers: Keepers, injection: &Injection, moment_ns: u64) -> Result<u64, String> {
         let victims = keepers::hurt(&self.station, keepers, injection.kind, moment_ns)?;
+        let struck_ns = system::now_ns(); // within some µs: it returns when it is done
         if keepers == Keepers::Supervisor {
-            return Ok(());
+            return Ok(struck_ns);
         }
         let _ = self.child.wait(); // it was killed
         if keepers == Keepers::Guardian {
             self.await_stand_in(victims.first().map_or(0, |guardian| guardian.pid));
         }
         self.child = self.command.spawn().map_err(|error| format!("cannot start `hystation run` again: {error}"))?;
-        Ok(())
+        Ok(struck_ns)
     }
 
     /// Waits until the supervisor has noticed, or long enough: then the command below fails, and says why.

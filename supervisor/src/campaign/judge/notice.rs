@@ -1,0 +1,75 @@
+//! What was noticed of a fault: who found a lie, and whether anybody saw what is done to a process from outside. That bytes were flipped, or a limit lowered, is no
+//! sign that anything came of it: a fault of which nothing was noticed is named, and is no evidence for a bound.
+
+use super::blame::Sequel;
+use super::figures::Figures;
+use crate::campaign::cell::Cell;
+use crate::campaign::outcome::Outcome;
+use crate::fault::Fault;
+use crate::faultfile::FaultKind;
+
+/// Looks of 5 ms in which the tool must have touched something while an output was frozen, before it was another one than the true one: less than that
+/// may lie at the end of the lie, where nobody has had time.
+const LEAST_TOUCHING: u32 = 20;
+
+/// Whether a kind is done to a process that need not notice.
+pub(super) fn is_done_from_outside(cell: &Cell) -> bool {
+    matches!(cell.injection.kind, FaultKind::Corrupt | FaultKind::NoFiles)
+}
+
+/// By whom a fault that was done from outside was noticed, and what it cost, or what became of it: `true` if it was noticed.
+pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, String) {
+    let others = sequel.others().next();
+    let hand = fault.window.zip(fault.control).map_or(0, |(window, control)| window.missed as i64 - control.missed as i64);
+    match fault.remains {
+        _ if fault.dead => (true, format!("died, found by {}", fault.detected_by)),
+        _ if !fault.detected_by.is_empty() => (true, fault.detected_by.clone()),
+        _ if others.is_some() => (true, "others died".into()),
+        _ if sequel.began_anew() => (true, "a state began anew".into()),
+        _ if has_ended => (true, "the station ended".into()),
+        // Both ways alike, so that what the host does by itself does not count for one side.
+        _ if hand != 0 => (true, "the hand".into()),
+        Some(remains) if remains.still_there > 0 => (false, "still there, unread".into()),
+        Some(remains) if remains.written_over > 0 => (false, "written over by its owner".into()),
+        Some(remains) if remains.gone > 0 => (false, "gone with its file".into()),
+        _ => (false, "nothing".into()),
+    }
+}
+
+/// What an output was that nobody took for a lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unfound {
+    /// It was the true one: a force of nothing that stands still while nothing is touched.
+    True,
+    /// A lie.
+    Lie,
+}
+
+/// What a fault was that published lies which nobody found; `None` of any other, and if somebody found it.
+pub(super) fn unfound(cell: &Cell, fault: &Fault, outcome: &Outcome) -> Option<Unfound> {
+    let is_lie = cell.injection.kind.mischief().is_some_and(|what| what.is_lie());
+    if !is_lie || !fault.manifested || !fault.detected_by.is_empty() || fault.dead {
+        return None;
+    }
+    let is_force = matches!(cell.role(), "device" | "haptic");
+    let is_true = is_force && cell.injection.kind == FaultKind::Frozen && outcome.touching < LEAST_TOUCHING;
+    Some(if is_true { Unfound::True } else { Unfound::Lie })
+}
+
+impl Figures {
+    /// Adds what was noticed of a fault that was done from outside, and what it cost; whether it was noticed.
+    pub(super) fn take_notice(&mut self, cell: &Cell, fault: &Fault, index: usize, sequel: Sequel, has_ended: bool) -> bool {
+        let (was_noticed, by) = notice(fault, sequel, has_ended);
+        *self.noticed.entry(by).or_default() += 1;
+        self.segment = cell.injection.place.map_or("open files", |place| place.name()).into();
+        if !was_noticed {
+            self.unnoticed.push(index);
+        }
+        let own = fault.dead.then_some(fault.target.as_str());
+        for target in own.into_iter().chain(sequel.others().map(|other| other.target.as_str())) {
+            let role = target.split(':').next().unwrap_or(target);
+            *self.died.entry(role.into()).or_default() += 1;
+        }
+        was_noticed
+    }
+}

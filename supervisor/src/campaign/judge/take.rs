@@ -1,0 +1,140 @@
+//! What one fault adds to the figures of its cell and its pool.
+
+use super::blame::{Blame, end_of};
+use super::figures::{Figures, Known};
+use super::notice::{Unfound, is_done_from_outside, unfound};
+use crate::campaign::cell::{Cell, May};
+use crate::campaign::outcome::Outcome;
+use crate::fault::Fault;
+use crate::ledger::Window;
+
+/// What one fault says of the misses.
+pub(super) enum Taken {
+    /// Nothing: it did not show, or could not be judged.
+    NoVerdict,
+    /// It was done, and nobody noticed.
+    Unnoticed,
+    /// Misses beyond its control's and what it may cost, without and with void ticks.
+    Excess([i64; 2]),
+}
+
+impl Figures {
+    /// Adds what a fault brought about beside what it was to do; where its cell does not allow that, it speaks against the cell.
+    pub(super) fn take_sequel(&mut self, cell: &Cell, outcome: &Outcome, blame: &Blame) {
+        let index = outcome.index;
+        let sequel = blame.sequel(outcome);
+        if !sequel.began_anew() {
+            self.reasons.extend(sequel.broken().map(|broken| format!("fault {index}: {broken}")));
+        }
+        let mut saw = |what: &'static str, may: May, reason: String| {
+            *self.seen.entry(what).or_default() += 1;
+            if !cell.may.contains(&may) {
+                self.reasons.push(format!("fault {index}: {reason}"));
+            }
+        };
+        for other in sequel.others() {
+            saw("others died", May::OthersDie, format!("{} too", end_of(other)));
+        }
+        if sequel.began_anew() {
+            saw("began anew", May::BeginAnew, sequel.broken().unwrap_or_else(|| "a state began anew".into()));
+        }
+        if let Some(end) = blame.ended(index) {
+            saw("station ended", May::StationEnds, end.into());
+        }
+        self.data_lost_ticks += blame.lost_ticks(index);
+        self.collateral.extend(sequel.others().map(|other| format!("fault {index}: {} at tick {}", end_of(other), other.tick)));
+    }
+
+    /// Adds a fault.
+    pub(super) fn take(&mut self, fault: &Fault, cell: &Cell, known: &Known, outcome: &Outcome) -> Taken {
+        let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
+        let (index, has_ended) = (outcome.index, known.blame.ended(outcome.index).is_some());
+        let is_astray = cell.injection.target.ends_with(":active") && !fault.active;
+        let was_noticed =
+            !is_done_from_outside(cell) || self.take_notice(cell, fault, index, known.blame.sequel(outcome), has_ended);
+        let unfound = unfound(cell, fault, outcome).filter(|_| !is_astray);
+        let shows = fault.manifested && unfound != Some(Unfound::True);
+        self.injected += 1;
+        self.manifested += usize::from(shows && was_noticed);
+        if !shows {
+            self.not_shown.push(index);
+        }
+        if unfound == Some(Unfound::Lie) {
+            self.unfound.push(index);
+            self.reasons.push(format!("fault {index}: nobody found that {} lied", fault.target));
+        }
+        if !fault.detected_by.is_empty() {
+            *self.detected_by.entry(fault.detected_by.clone()).or_default() += 1;
+        }
+        self.detected_ms.extend(ms(fault.detected_us));
+        self.take_hang(fault);
+        self.contained_ms.extend(ms(fault.contained_us));
+        self.recovered_ms.extend(ms(fault.recovered_us));
+        self.promise_held += usize::from(fault.promise_held == Some(true));
+        if fault.manifested && fault.recovered_us.is_none() && !has_ended {
+            self.reasons.push(format!("fault {index}: {} did not recover", fault.target));
+        }
+        let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
+        self.take_windows(fault, outcome, window, control, known.steps_n);
+        if !shows || is_astray || is_beside(outcome, fault) || is_void(window) || is_void(control) {
+            self.astray += usize::from(is_astray);
+            return Taken::NoVerdict;
+        }
+        if !was_noticed {
+            return Taken::Unnoticed;
+        }
+        let excess = [window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64];
+        Taken::Excess(excess.map(|excess| beyond(excess, cell.allowed_misses as i64)))
+    }
+
+    /// Adds what its window and its control hold.
+    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, steps_n: [f64; 2]) {
+        for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
+            sums[0] += window.ticks;
+            sums[1] += window.voided;
+        }
+        self.missed[0] += window.missed;
+        self.missed[1] += control.missed;
+        let wrong = [&outcome.fault, &outcome.with]
+            .into_iter()
+            .flatten()
+            .filter_map(|fault| fault.window)
+            .map(|window| window.wrong)
+            .max()
+            .unwrap_or(0);
+        self.wrong += wrong;
+        if wrong > 0 {
+            let text = "forces that were not finite, too large, old, or made by a servo that lied";
+            self.reasons.push(format!("fault {}: the hand was given {wrong} {text}", outcome.index));
+        }
+        self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
+        let step_n = steps_n[usize::from(outcome.before.contacts > 0)];
+        if window.force_step_max_n > fault.most_step_n(step_n) && fault.promise_held != Some(true) {
+            let text = format!(
+                "fault {}: a force step of {:.3} N, {step_n:.3} N without a fault",
+                outcome.index, window.force_step_max_n
+            );
+            self.reasons.push(text);
+        }
+    }
+}
+
+fn is_void(window: Window) -> bool {
+    window.voided >= window.ticks
+}
+
+/// Whether it was to fall into a recovery, or a swap, and came after it.
+fn is_beside(outcome: &Outcome, fault: &Fault) -> bool {
+    let recovered_ns = outcome.with.as_ref().and_then(|with| Some(with.injected_ns + (with.recovered_us? * 1e3) as u64));
+    recovered_ns.is_some_and(|recovered_ns| fault.injected_ns > recovered_ns)
+        || outcome.swap.as_ref().is_some_and(|swap| !swap.is_at(fault.injected_ns))
+}
+
+/// Misses beyond what a fault may cost; one that may cost some is not credited with those that it spared.
+fn beyond(excess: i64, allowed: i64) -> i64 {
+    match excess {
+        1.. => (excess - allowed).max(0),
+        _ if allowed > 0 => 0,
+        _ => excess,
+    }
+}

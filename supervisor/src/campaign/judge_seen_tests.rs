@@ -1,0 +1,144 @@
+//! Verdicts by hand, of what is seen beside the misses: lies, what nobody noticed, swaps, steps of the force, stalls.
+
+use super::notice::notice;
+use super::tests::{TEXT, all_of, ended, of, setup, station, window};
+use super::*;
+use crate::campaign::outcome::SwapSeen;
+use crate::campaign::text::text;
+use crate::corrupt::Remains;
+use crate::fault::Fault;
+
+fn fault<'a>(outcomes: &'a mut [Outcome], cell: &str, number: usize) -> &'a mut Fault {
+    of(outcomes, cell, number).fault.as_mut().unwrap()
+}
+
+#[test]
+fn a_servo_that_lied_and_was_followed_breaks_the_promise() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    window(&mut outcomes, "kill haptic:active", 3).wrong = 2;
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    assert_eq!((judgement.cells[0].verdict, judgement.cells[0].wrong, judgement.exit_code), (Verdict::Broken, 2, 1));
+    assert!(judgement.cells[0].reasons[0].contains("the hand was given 2 forces"), "{:?}", judgement.cells[0].reasons);
+}
+
+#[test]
+fn a_lie_that_nobody_found_is_broken_and_one_that_was_the_truth_did_not_show() {
+    let cells = "[[cell]]\nkinds = [\"nan\", \"frozen\"]\ntargets = [\"device\", \"tissue:active\"]\ncount = 2\nfor = 2.0\nlimit_upper95 = 1.0\n";
+    let judged = |cell: &str, touching: u32, by: &str, manifested: bool| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        of(&mut outcomes, cell, 0).touching = touching;
+        let fault = fault(&mut outcomes, cell, 0);
+        (fault.detected_by, fault.manifested) = (by.into(), manifested);
+        let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+        let figures = judgement.cells.iter().find(|figures| figures.name == cell).unwrap().clone();
+        (figures.verdict == Verdict::Broken, figures.unfound.len(), figures.not_shown.len())
+    };
+    assert_eq!(judged("nan device for=2.0", 0, "", true), (true, 1, 0), "a NaN is never the truth");
+    assert_eq!(judged("nan device for=2.0", 0, "hardware", true), (false, 0, 0));
+    assert_eq!(judged("nan device for=2.0", 0, "", false), (false, 0, 1), "it said nothing");
+    assert_eq!(judged("frozen device for=2.0", 3, "", true), (false, 0, 1), "no force, and none was due");
+    assert_eq!(judged("frozen device for=2.0", 300, "", true), (true, 1, 0), "no force, and the tool touched");
+    assert_eq!(judged("frozen tissue:active for=2.0", 0, "", true), (true, 1, 0), "its state is never the same");
+}
+
+#[test]
+fn what_is_only_done_from_outside_is_in_no_bound_unless_it_was_noticed() {
+    let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"fluid:active\"]\ncount = 6\nwhere = \"link\"\n\
+                 pool = \"all\"\nmay = [\"others-die\"]\n[[cell]]\nkinds = [\"no-files\"]\ntargets = [\"recorder\"]\ncount = 2\nfor = 0.5\npool = \"all\"\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    let corrupt = "corrupt fluid:active where=\"link\"";
+    for outcome in &mut outcomes {
+        let fault = outcome.fault.as_mut().unwrap();
+        (fault.detected_by, fault.detected_us, fault.target) = (String::new(), None, "fluid:0".into());
+    }
+    fault(&mut outcomes, corrupt, 0).detected_by = "tissue:1".into();
+    (fault(&mut outcomes, corrupt, 1).dead, fault(&mut outcomes, corrupt, 1).detected_by) = (true, "latch".into());
+    let third = of(&mut outcomes, corrupt, 2);
+    third.collateral.push(ended("rendering", "latch", third.since_ns() + 5));
+    fault(&mut outcomes, corrupt, 3).remains = Some(Remains { written_over: 9, still_there: 7, gone: 0 });
+    fault(&mut outcomes, corrupt, 4).remains = Some(Remains { written_over: 16, still_there: 0, gone: 0 });
+    window(&mut outcomes, corrupt, 5).missed = 3;
+    let judgement = judge(&campaign, &plan, &outcomes, &[all_of(&campaign, &outcomes)], None);
+    let figures = &judgement.cells[0];
+    let noticed: Vec<(&str, usize)> = figures.noticed.iter().map(|(what, count)| (what.as_str(), *count)).collect();
+    let expected =
+        ["died, found by latch", "others died", "still there, unread", "the hand", "tissue:1", "written over by its owner"];
+    assert_eq!(noticed, expected.map(|what| (what, 1)));
+    assert_eq!((figures.injected, figures.manifested, figures.unnoticed.len(), figures.without_verdict), (6, 4, 2, 0));
+    assert_eq!((figures.died["fluid"], figures.died["rendering"], figures.seen["others died"]), (1, 1, 1));
+    assert_eq!(
+        (figures.excess.unwrap().faults, figures.excess.unwrap().worse),
+        (4, 1),
+        "those that nobody noticed dilute nothing"
+    );
+    let quiet = &judgement.cells[1];
+    assert_eq!((quiet.manifested, quiet.excess, quiet.verdict, quiet.noticed["nothing"]), (0, None, Verdict::Figures, 2));
+    assert_eq!((judgement.pools[0].excess.unwrap().faults, judgement.pools[0].unnoticed.len()), (4, 4));
+    let said = text(&judgement);
+    let of_segment = said.lines().find(|line| line.starts_with("link ")).unwrap();
+    assert!(of_segment.contains("still there, unread 1") && of_segment.contains("fluid 1, rendering 1"), "{said}");
+    assert!(said.contains("done and not noticed: fault"), "{said}");
+    let page = crate::campaign::html::html(&judgement, &outcomes, &[]);
+    assert!(
+        page.contains("<td>link</td><td>fluid:active</td>") && page.contains("rendering died (exit code 1, found by latch)"),
+        "{page}"
+    );
+}
+
+#[test]
+fn a_state_that_began_anew_and_a_station_that_ended_are_noticed() {
+    let (campaign, _, mut outcomes) = setup(TEXT);
+    outcomes[0].after.founded_tick = 9;
+    let blame = Blame::of(&campaign, &outcomes, &[]);
+    let silent = Fault::default();
+    assert_eq!(notice(&silent, blame.sequel(&outcomes[0]), false), (true, "a state began anew".into()));
+    assert_eq!(notice(&silent, blame.sequel(&outcomes[1]), true), (true, "the station ended".into()));
+    assert_eq!(notice(&silent, blame.sequel(&outcomes[1]), false), (false, "nothing".into()));
+}
+
+#[test]
+fn a_fault_beside_its_swap_has_no_verdict() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    for (number, ended_ms) in [(0, 5), (1, 900)] {
+        let outcome = of(&mut outcomes, "kill haptic:active", number);
+        let begun_ns = outcome.since_ns() - 50_000_000;
+        outcome.swap = Some(SwapSeen { begun_ns, ended_ns: Some(begun_ns + ended_ms * 1_000_000), ..SwapSeen::default() });
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    assert_eq!(judgement.cells[0].without_verdict, 1, "the first swap ended 45 ms before its fault");
+}
+
+#[test]
+fn a_kick_while_idle_is_not_excused_by_what_contact_does() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    let kick = of(&mut outcomes, "kill haptic:active", 0).index;
+    for outcome in outcomes.iter_mut().filter(|outcome| outcome.index != kick && outcome.index % 2 == 0) {
+        outcome.before.contacts = 5;
+        outcome.fault.as_mut().unwrap().control.as_mut().unwrap().force_step_max_n = 0.3;
+    }
+    window(&mut outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
+    fault(&mut outcomes, "kill haptic:active", 0).promise_held = Some(false);
+    let mut code = |contacts| {
+        of(&mut outcomes, "kill haptic:active", 0).before.contacts = contacts;
+        judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).exit_code
+    };
+    assert_eq!((code(0), code(3)), (1, 0));
+}
+
+#[test]
+fn a_kind_that_stalls_the_kernel_is_not_held_by_leaving_out_what_it_stalls() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    // Six of a hundred, and none the other way: beyond chance, and not yet beyond the limit of 0.04 for sure.
+    for number in 0..6 {
+        window(&mut outcomes, "kill haptic:active", number).late = 3;
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let figures = &judgement.cells[0];
+    assert!(figures.excess.unwrap().upper95 <= 0.04 && figures.excess_with_void.unwrap().lower95 > 0.0, "{figures:?}");
+    assert_eq!((figures.verdict, judgement.exit_code), (Verdict::Unknown, 3));
+    // One or two a side are noise of the host.
+    for number in 1..6 {
+        window(&mut outcomes, "kill haptic:active", number).late = 0;
+    }
+    assert_eq!(judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).cells[0].verdict, Verdict::Held);
+}

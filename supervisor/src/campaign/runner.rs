@@ -1,0 +1,143 @@
+//! The faults of a plan, one after another: stations are started for them, hurt, stopped, and what came of both is handed on.
+
+use super::draw::{Entry, Plan};
+use super::file::Campaign;
+use super::outcome::Outcome;
+use super::session::{Session, Trouble};
+use super::station::StationOutcome;
+use super::store::Store;
+use super::{say, text};
+use crate::settings::Refusal;
+use hyst_exchange::{Station, system};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Stations in a row that may end before a single fault of theirs is through.
+const MOST_FAILED_STATIONS: usize = 3;
+
+/// Runs the faults of a plan.
+pub(super) struct Runner<'a> {
+    pub campaign: &'a Campaign,
+    pub plan: &'a Plan,
+    pub station: Station,
+    pub interrupted: Arc<AtomicBool>,
+    pub json: bool,
+}
+
+impl Runner<'_> {
+    /// Injects what is not through yet, at most `batch` faults; gives why it stopped before they were through, if it did.
+    pub(super) fn run(&self, store: &mut Store, batch: usize) -> Result<Option<String>, Refusal> {
+        let open: Vec<&Entry> = self.plan.faults.iter().filter(|entry| !store.has(entry.index)).take(batch).collect();
+        let mut at = 0;
+        let mut failed = 0;
+        while at < open.len() && failed < MOST_FAILED_STATIONS && !self.interrupted.load(Ordering::Relaxed) {
+            let number = open[at].station;
+            let lap: Vec<&Entry> = open[at..].iter().copied().take_while(|entry| entry.station == number).collect();
+            let run = store.stations.len();
+            let files = store.folder().join(format!("run-{run}"));
+            let station = self.lap(&lap, run, &files, &mut |outcome| store.add(outcome))?;
+            let through = station.faults.len();
+            store.add_station(station)?;
+            failed = if through == 0 { failed + 1 } else { 0 };
+            at += through;
+        }
+        let left = open.len() - at;
+        Ok(match () {
+            () if left == 0 => None,
+            () if self.interrupted.load(Ordering::Relaxed) => {
+                Some(format!("interrupted: {left} faults of this run are left, and the same command goes on"))
+            }
+            () => Some(format!(
+                "{MOST_FAILED_STATIONS} stations in a row came to nothing, and {left} faults of this run are left; their logs are in {}",
+                store.folder().display()
+            )),
+        })
+    }
+
+    /// One station with its faults; gives what came of it, and hands on what came of each of them.
+    pub(super) fn lap(
+        &self,
+        entries: &[&Entry],
+        run: usize,
+        files: &Path,
+        take: &mut dyn FnMut(Outcome) -> Result<(), Refusal>,
+    ) -> Result<StationOutcome, Refusal> {
+        let Some(first) = entries.first() else { return Ok(StationOutcome::default()) };
+        let mut station = StationOutcome { run, station: first.station, arm: first.arm.clone(), ..StationOutcome::default() };
+        let (mut trouble, mut cut_ns) = (None, u64::MAX);
+        match self.start(entries, files) {
+            Err(Trouble::Refused(why)) => return Err(Refusal::input(format!("no station can be started: {why}"))),
+            Err(error) => trouble = Some(error),
+            Ok(mut session) => {
+                for entry in entries {
+                    let begun_ns = system::now_ns();
+                    match self.hurt(&mut session, entry) {
+                        Ok((outcome, ended)) => {
+                            say(self.json, &format!("{}\n", text::line(&outcome, self.plan.faults.len())));
+                            station.faults.push(entry.index);
+                            take(outcome)?;
+                            trouble = ended;
+                        }
+                        Err(error) => (trouble, cut_ns) = (Some(error), begun_ns),
+                    }
+                    if trouble.is_some() {
+                        break;
+                    }
+                }
+                station.exit_code = session.stop();
+            }
+        }
+        station.read_report(&files.with_extension("json"));
+        station.forget_since(cut_ns);
+        let recording = files.with_extension("mcap");
+        if self.campaign.records() {
+            station.read_recording(&recording);
+        }
+        if station.lost.is_empty() && station.damage.is_empty() {
+            let _ = std::fs::remove_file(&recording); // kept only if it shows something
+        }
+        if let Some(error) = trouble {
+            eprintln!("hystation: run {run}: {error}");
+            if !matches!(error, Trouble::Interrupted) {
+                station.trouble = error.to_string();
+            }
+        }
+        Ok(station)
+    }
+
+    fn start(&self, entries: &[&Entry], files: &Path) -> Result<Session, Trouble> {
+        let arm = self.campaign.arms.iter().find(|arm| Some(&arm.name) == entries.first().map(|entry| &entry.arm));
+        let arm = arm.unwrap_or(&self.campaign.arms[0]); // a plan names arms of its campaign alone
+        Session::start(self.campaign, arm, entries, &self.station, files, Arc::clone(&self.interrupted))
+    }
+
+    fn hurt(&self, session: &mut Session, entry: &Entry) -> Result<(Outcome, Option<Trouble>), Trouble> {
+        match self.campaign.cells.iter().find(|cell| cell.name == entry.cell) {
+            Some(cell) => session.hurt(entry, cell),
+            None => Ok((Outcome::of(entry), None)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::campaign::{draw, file};
+
+    #[test]
+    fn a_run_that_is_interrupted_before_its_batch_is_through_says_so_and_one_with_nothing_left_does_not() {
+        let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\"]\ncount = 3\n";
+        let campaign = file::parse("t", text).unwrap();
+        let plan = draw::plan(&campaign, 1);
+        let folder = std::env::temp_dir().join(format!("hystation-runner-{}", std::process::id()));
+        let mut store = Store::open(Some(&folder), &plan).unwrap();
+        let station = Station::named(&format!("t{}-runner", std::process::id())).unwrap();
+        let interrupted = Arc::new(AtomicBool::new(true));
+        let runner = Runner { campaign: &campaign, plan: &plan, station, interrupted, json: true };
+        assert!(runner.run(&mut store, 2).unwrap().unwrap().contains("2 faults of this run are left"));
+        plan.faults.iter().for_each(|entry| store.add(Outcome::of(entry)).unwrap());
+        assert_eq!(runner.run(&mut store, 2).unwrap(), None);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

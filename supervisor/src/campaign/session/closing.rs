@@ -1,0 +1,111 @@
+//! How a fault of a campaign ends: its line, and those of others that were closed meanwhile, are read from the station's file.
+
+use super::{QUIET_TICKS, Session, Trouble, keepers};
+use crate::campaign::cell::Cell;
+use crate::campaign::outcome::{Ending, Outcome};
+use crate::fault::Fault;
+use crate::faultfile::{FaultKind, Injection, Keepers};
+use hyst_exchange::system;
+
+/// The supervisor closes a fault 40 s after it at the latest, and looks for a control window for as long as the fault took.
+const CLOSE_NS: u64 = 120_000_000_000;
+/// The same for one that makes a start hang, for which an ordinary process has 180 s.
+const CLOSE_START_NS: u64 = 600_000_000_000;
+
+/// When a fault was asked for, and was done.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked {
+    pub sent_ns: u64,
+    pub answered_ns: u64,
+    /// When a keeper was hurt, whom nobody else can be asked to hurt.
+    pub struck_ns: Option<u64>,
+}
+
+impl Session {
+    /// Waits until the fault, and the one in whose recovery it came, are closed: a line of each is in the station's file.
+    pub(super) fn close(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
+        let injections: Vec<&Injection> = [cell.with.as_ref(), Some(&cell.injection)].into_iter().flatten().collect();
+        let expected = cell.faults() + usize::from(cell.with.is_some());
+        let close_ns = if cell.injection.kind == FaultKind::HangStart { CLOSE_START_NS } else { CLOSE_NS };
+        let mut ours = self.lines_of(outcome, &injections, expected, close_ns, asked)?;
+        if ours.len() >= expected {
+            outcome.fault = ours.pop(); // the one in a recovery comes second; of two that were hit at once, the one that took longer
+            outcome.with = ours.pop().filter(|_| cell.with.is_some());
+        }
+        if let (Some(fault), Some(viewer)) = (&outcome.fault, &self.viewer) {
+            outcome.ending = Ending::Closed;
+            // Of a keeper it is known when it was struck; the supervisor that comes after it knows of its last heartbeat.
+            let at_ns = asked.struck_ns.unwrap_or(fault.injected_ns);
+            outcome.tick = asked.struck_ns.map_or(fault.tick, |struck_ns| viewer.page().tick_at(struck_ns));
+            let in_tick_ns = at_ns.saturating_sub(viewer.page().start_of(outcome.tick));
+            outcome.injected_phase_us = (in_tick_ns / 1_000).min(999) as u32;
+        } else {
+            outcome.reason = format!("no verdict within {} s", close_ns / 1_000_000_000);
+        }
+        self.be_quiet_after(outcome);
+        Ok(())
+    }
+
+    /// Waits until the fault beside one that was refused is closed, so that neither it nor what it brings about is anybody else's.
+    pub(super) fn close_first(&mut self, outcome: &mut Outcome, cell: &Cell, asked: Asked) -> Result<(), Trouble> {
+        if let Some(with) = &cell.with {
+            outcome.with = self.lines_of(outcome, &[with], 1, CLOSE_NS, asked)?.pop();
+            self.be_quiet_after(outcome);
+        }
+        Ok(())
+    }
+
+    /// The lines of these injections, in the order of their injection, once there are so many or it takes too long; those of others go into the outcome.
+    fn lines_of(
+        &mut self,
+        outcome: &mut Outcome,
+        injections: &[&Injection],
+        expected: usize,
+        limit_ns: u64,
+        asked: Asked,
+    ) -> Result<Vec<Fault>, Trouble> {
+        let is_ours = |fault: &Fault| injections.iter().any(|injection| is_of(fault, injection, asked));
+        let lies_ns =
+            injections.iter().filter(|injection| injection.kind == FaultKind::Frozen).filter_map(|injection| injection.for_s);
+        let lies_until_ns = lies_ns.map(|for_s| asked.answered_ns + (for_s * 1e9) as u64).max().unwrap_or(0);
+        let (mut closed, mut touching) = (Vec::new(), 0);
+        let waited = self.wait(limit_ns, |session| {
+            closed.extend(session.unread());
+            touching += u32::from(system::now_ns() < lies_until_ns && session.counters().contacts > 0);
+            (closed.iter().filter(|fault| is_ours(fault)).count() >= expected).then_some(())
+        });
+        let (mut ours, others): (Vec<Fault>, Vec<Fault>) = closed.into_iter().partition(is_ours);
+        outcome.collateral.extend(others);
+        outcome.touching = touching;
+        waited?;
+        ours.sort_by_key(|fault| (fault.injected_ns, fault.recovered_us.map_or(u64::MAX, |us| us as u64)));
+        Ok(ours)
+    }
+
+    /// The next fault finds room for its control after the windows of this one and of what came of it.
+    fn be_quiet_after(&mut self, outcome: &Outcome) {
+        let ends = [&outcome.fault, &outcome.with].into_iter().flatten().chain(&outcome.collateral);
+        let end_tick = ends.filter_map(|fault| fault.window).map(|window| window.to_tick).max().unwrap_or_else(|| self.tick());
+        self.quiet_from_tick = end_tick + QUIET_TICKS;
+    }
+
+    /// Faults that were closed since the last call.
+    pub(super) fn unread(&mut self) -> Vec<Fault> {
+        let text = std::fs::read_to_string(self.station.root().join("faults.jsonl")).unwrap_or_default();
+        let news = text.get(self.read_bytes..).unwrap_or("");
+        let whole = news.rfind('\n').map_or(0, |at| at + 1);
+        self.read_bytes += whole;
+        news[..whole].lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+    }
+}
+
+/// Whether a closed fault is the injected one.
+fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
+    if let Some(keepers) = Keepers::parse(&injection.target) {
+        return keepers::is_of(fault, keepers, asked.sent_ns);
+    }
+    let role = |name: &str| name.split(':').next().map(str::to_string);
+    fault.kind == injection.kind.name()
+        && role(&fault.target) == role(&injection.target)
+        && (asked.sent_ns..=asked.answered_ns).contains(&fault.injected_ns)
+}
