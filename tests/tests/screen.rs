@@ -9,6 +9,12 @@ use std::process::{Child, Command, Stdio};
 const COLUMNS: [&str; 9] = ["process", "incarn", "pid", "state", "epoch", "rate/Hz", "p99 wake/us", "age/ms", "binary"];
 /// Colours by which a picture differs from an empty window.
 const COLOURS: usize = 100;
+/// The colour of text over the picture.
+const INK: [u8; 3] = [219, 242, 230];
+/// Pixels of it that the help has at least: a dozen lines of some thirty letters with some ten each.
+const HELP_INK: usize = 2_400;
+/// Black pixels about the round picture of 640 × 480, of which the view from outside has none: a third of those that there are.
+const ROUND_BLACK: usize = 40_000;
 
 /// A station in a terminal of its own: `script` makes the pseudo-terminal and keeps what is drawn there.
 struct Terminal {
@@ -171,20 +177,33 @@ impl Display {
         window
     }
 
-    /// Different colours on the screen; the server keeps it as an XWD file.
-    fn colours(&self) -> usize {
+    /// Pixels of the screen; the server keeps it as an XWD file.
+    fn pixels(&self) -> Vec<[u8; 3]> {
         let bytes = std::fs::read(self.folder.path("Xvfb_screen0")).unwrap_or_default();
         let word = |index: usize| {
             bytes.get(4 * index..4 * index + 4).map_or(0, |word| u32::from_be_bytes([word[0], word[1], word[2], word[3]]))
         };
         let begin = word(0) as usize + 12 * word(19) as usize; // the header, the colour map
-        bytes
-            .get(begin..)
-            .unwrap_or_default()
-            .chunks_exact(4)
-            .map(|pixel| [pixel[0], pixel[1], pixel[2]])
-            .collect::<BTreeSet<_>>()
-            .len()
+        bytes.get(begin..).unwrap_or_default().chunks_exact(4).map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()
+    }
+
+    /// Different colours on the screen.
+    fn colours(&self) -> usize {
+        self.pixels().into_iter().collect::<BTreeSet<_>>().len()
+    }
+
+    /// Pixels of a colour, red and blue in whichever order, give or take one step of each.
+    fn count(&self, [red, green, blue]: [u8; 3]) -> usize {
+        let is_near = |pixel: &[u8; 3], colour: [u8; 3]| pixel.iter().zip(colour).all(|(a, b)| a.abs_diff(b) <= 1);
+        let is_it = |pixel: &&[u8; 3]| is_near(pixel, [red, green, blue]) || is_near(pixel, [blue, green, red]);
+        self.pixels().iter().filter(is_it).count()
+    }
+
+    /// Presses a key once and waits for what it does.
+    fn press(&self, station: &Station, key: &str, what: &str, is_done: impl Fn() -> bool) {
+        assert!(self.xdotool(&["key", key]).is_some(), "{key} cannot be pressed");
+        let done = wait_for(RECOVERY_LIMIT, || is_done().then_some(()));
+        assert!(done.is_some(), "{key}: {what}\n{}", station.said());
     }
 }
 
@@ -202,6 +221,21 @@ fn until_moved(station: &Station, what: &str, press: impl Fn(), has_moved: impl 
         has_moved().then_some(())
     });
     assert!(moved.is_some(), "{what}: the hand did not move: {:?}\n{}", station.sample().pose, station.said());
+}
+
+/// F1 brings the help and takes it away, V shows the view from outside and the one from inside again, Home sets a higher pressure, which is given, Pa.
+fn switch_by_keys(display: &Display, station: &Station) -> f32 {
+    let before = display.count(INK);
+    assert!(before > 0, "no strip of text");
+    display.press(station, "F1", "no help", || display.count(INK) > before + HELP_INK);
+    display.press(station, "F1", "the help stays", || display.count(INK) < before + HELP_INK / 2);
+    let round = display.count([0; 3]);
+    display.press(station, "v", "no view from outside", || display.count([0; 3]) + ROUND_BLACK < round);
+    display.press(station, "v", "no view from inside", || display.count([0; 3]) + ROUND_BLACK / 2 > round);
+    let set_pa = || station.sample().controls.set_pressure_pa;
+    let before_pa = set_pa();
+    display.press(station, "Home", "no higher pressure", || set_pa() > before_pa + 600.0);
+    set_pa()
 }
 
 #[test]
@@ -244,8 +278,12 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     };
     until_moved(&station, "left button", drag, || turned(before.orientation, pose().orientation));
 
+    let set_pa = switch_by_keys(&display, &station);
+
     station.kill("rendering", true);
     let next = display.window(&station);
+    station.run_ticks(300);
+    assert_eq!(station.sample().controls.set_pressure_pa, set_pa, "a successor's window sets the pump otherwise");
     let before = pose();
     let turn = || {
         display.xdotool(&["keydown", "e", "sleep", "0.3", "keyup", "e"]);

@@ -10,8 +10,28 @@ const SOFTWARE_PX: [u32; 2] = [640, 480];
 /// The same on a GPU.
 const GPU_PX: [u32; 2] = [1_920, 1_080];
 
-/// The size that was asked for, px; `None` if it follows from what draws.
-pub fn asked_px(settings: &Settings) -> Result<Option<[u32; 2]>, SetError> {
+/// What the settings ask of the pictures; `None`: it follows from what draws and shows them.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked {
+    /// Size, px.
+    pub size_px: Option<[u32; 2]>,
+    /// Most of them in a second.
+    pub hz: Option<u32>,
+}
+
+/// What the settings ask for.
+pub fn asked(settings: &Settings) -> Result<Asked, SetError> {
+    Ok(Asked { size_px: asked_px(settings)?, hz: asked_hz(settings)? })
+}
+
+fn asked_hz(settings: &Settings) -> Result<Option<u32>, SetError> {
+    let Some(value) = settings.set.get("picture_hz").filter(|value| *value != "auto") else { return Ok(None) };
+    let hz = value.parse().ok().filter(|hz| [30, 60, 120, 240].contains(hz));
+    let error = || SetError { key: "picture_hz".into(), value: value.clone(), expected: "auto, 30, 60, 120 or 240" };
+    hz.map(Some).ok_or_else(error)
+}
+
+fn asked_px(settings: &Settings) -> Result<Option<[u32; 2]>, SetError> {
     let Some(value) = settings.set.get("picture_size").filter(|value| *value != "auto") else { return Ok(None) };
     let size_px = value.split_once('x').and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
     let error = || SetError { key: "picture_size".into(), value: value.clone(), expected: "auto or WIDTHxHEIGHT" };
@@ -96,5 +116,26 @@ impl Display {
     pub fn close(&mut self) {
         let window = self.window.take();
         at_the_display(|| drop(window));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn size_and_rate_are_taken_as_asked_and_what_cannot_be_is_refused_by_its_key() {
+        let asked = |key: &str, value: &str| {
+            let settings = Settings { set: [(key.to_string(), value.to_string())].into(), ..Settings::default() };
+            asked(&settings).map(|asked| (asked.size_px, asked.hz)).map_err(|error| error.to_string())
+        };
+        assert_eq!(asked("picture_hz", "auto"), Ok((None, None)));
+        assert_eq!(asked("picture_hz", "120"), Ok((None, Some(120))));
+        assert_eq!(asked("picture_size", "1280x960"), Ok((Some([1_280, 960]), None)));
+        for value in ["", "0", "50", "-30", "fast", "1e9", "60.0"] {
+            let said = asked("picture_hz", value).unwrap_err();
+            assert!(said.contains(&format!("picture_hz={value}")) && said.contains("60, 120 or 240"), "{said}");
+        }
+        assert!(asked("picture_size", "7").unwrap_err().contains("picture_size=7"));
     }
 }

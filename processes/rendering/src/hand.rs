@@ -1,9 +1,9 @@
 //! The hand in the window: mouse and keys become targets for the simulated hardware, in the page's pointer cell.
 //!
-//! Promise: the first record repeats where the scope is, so that a restarted window does not move it; a target stays within reach of the
-//! scope, so that nothing is wound up while the tissue or the workspace holds it.
+//! Promise: the first record repeats where the scope is and how valves, pressure, light and loop are set, so that a restarted window changes nothing;
+//! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Pose};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, HardwareSample, PointerRecord};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
 
@@ -11,36 +11,27 @@ use std::f32::consts::PI;
 const REACH: [f32; 4] = [0.25, 0.25, 0.6, 0.012];
 /// Bounds of a target whatever the scope says: rad, rad, rad, m.
 const BOUNDS: [(f32, f32); 4] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2)];
-/// 70 mmHg, the usual set pressure, Pa.
-const SET_PRESSURE_PA: f32 = 9_333.0;
+/// What a key changes the set pressure by, and within what: 5 mmHg, from 15 to 150, the range of such pumps, Pa.
+const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
+const PRESSURE_PA: [f32; 2] = [15.0 * 133.322, 150.0 * 133.322];
 /// Opening of the outflow valve, share.
 const OUTFLOW: f32 = 0.3;
+/// A light that is dimmed, share.
+const DIM: f32 = 0.3;
 
 /// Adds up what the hand does.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Hand {
     record: PointerRecord,
 }
 
-impl Default for Hand {
-    fn default() -> Hand {
-        let controls = Controls {
-            inflow_valve: 1.0,
-            outflow_valve: OUTFLOW,
-            set_pressure_pa: SET_PRESSURE_PA,
-            light: 1.0,
-            ..Controls::default()
-        };
-        Hand { record: PointerRecord { controls, ..PointerRecord::default() } }
-    }
-}
-
 impl Hand {
-    /// The next record; `scope` is where the hardware says the scope is.
-    pub fn follow(&mut self, input: &PointerInput, scope: &Pose) -> PointerRecord {
+    /// The next record; `now` is what the hardware says of scope and controls.
+    pub fn follow(&mut self, input: &PointerInput, now: &HardwareSample) -> PointerRecord {
+        let scope = &now.pose;
         let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m];
         if self.record.sequence == 0 {
-            self.record.target = at;
+            (self.record.target, self.record.controls) = (at, now.controls);
         }
         // A view that goes up is a negative turn about +x; one that goes right is a negative turn about +y.
         let moved = [-input.pitch_rad, -input.yaw_rad, input.roll_rad, input.insertion_m];
@@ -59,7 +50,12 @@ impl Hand {
         };
         controls.inflow_valve = turned(Key::Inflow, controls.inflow_valve, 1.0, 0.0);
         controls.outflow_valve = turned(Key::Outflow, controls.outflow_valve, OUTFLOW, 0.0);
-        controls.light = turned(Key::Light, controls.light, 1.0, 0.3);
+        controls.light = turned(Key::Light, controls.light, 1.0, DIM);
+        let steps = f32::from(i8::from(input.was_pressed(Key::PressureUp)) - i8::from(input.was_pressed(Key::PressureDown)));
+        if steps != 0.0 && controls.set_pressure_pa.is_finite() {
+            let wanted_pa = controls.set_pressure_pa + steps * PRESSURE_STEP_PA;
+            controls.set_pressure_pa = wanted_pa.clamp(PRESSURE_PA[0], PRESSURE_PA[1]);
+        }
         controls.buttons &= !BUTTON_ENERGIZED;
         controls.buttons |= if input.is_held(Key::Energize) { BUTTON_ENERGIZED } else { 0 };
         controls.buttons ^= if input.was_pressed(Key::LoopOut) { BUTTON_EXTENDED } else { 0 };
@@ -71,21 +67,30 @@ impl Hand {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::{Controls, Pose};
 
-    fn scope() -> Pose {
-        Pose { pitch_rad: 0.1, yaw_rad: -0.2, roll_rad: 0.3, insertion_m: 0.04, ..Pose::default() }
+    fn now() -> HardwareSample {
+        let pose = Pose { pitch_rad: 0.1, yaw_rad: -0.2, roll_rad: 0.3, insertion_m: 0.04, ..Pose::default() };
+        let controls =
+            Controls { inflow_valve: 1.0, outflow_valve: 0.3, set_pressure_pa: 9_333.0, light: 1.0, ..Controls::default() };
+        HardwareSample { pose, controls, ..HardwareSample::default() }
+    }
+
+    fn press(key: Key) -> PointerInput {
+        PointerInput { pressed: key.bit(), held: key.bit(), ..PointerInput::default() }
     }
 
     #[test]
-    fn the_first_record_leaves_the_scope_where_it_is() {
-        let record = Hand::default().follow(&PointerInput::default(), &scope());
-        assert_eq!((record.sequence, record.target), (1, [0.1, -0.2, 0.3, 0.04]));
+    fn the_first_record_leaves_the_scope_where_it_is_and_what_was_set_as_it_was() {
+        let controls = Controls { outflow_valve: 0.0, set_pressure_pa: 5_000.0, buttons: BUTTON_EXTENDED, ..now().controls };
+        let record = Hand::default().follow(&PointerInput::default(), &HardwareSample { controls, ..now() });
+        assert_eq!((record.sequence, record.target, record.controls), (1, [0.1, -0.2, 0.3, 0.04], controls));
     }
 
     #[test]
     fn a_view_that_goes_up_and_right_turns_the_scope_about_minus_x_and_minus_y() {
         let input = PointerInput { pitch_rad: 0.01, yaw_rad: 0.02, insertion_m: 0.001, ..PointerInput::default() };
-        let record = Hand::default().follow(&input, &scope());
+        let record = Hand::default().follow(&input, &now());
         assert!((record.target[0] - 0.09).abs() < 1e-6 && (record.target[1] + 0.22).abs() < 1e-6, "{record:?}");
         assert!((record.target[3] - 0.041).abs() < 1e-6);
     }
@@ -95,23 +100,55 @@ mod tests {
         let mut hand = Hand::default();
         let push = PointerInput { insertion_m: 0.005, roll_rad: f32::NAN, ..PointerInput::default() };
         for _ in 0..100 {
-            let record = hand.follow(&push, &scope());
+            let record = hand.follow(&push, &now());
             assert!(record.target[3] <= 0.04 + REACH[3] + 1e-6 && record.target.iter().all(|angle| angle.is_finite()));
         }
-        let back = hand.follow(&PointerInput { insertion_m: -0.02, ..push }, &scope());
+        let back = hand.follow(&PointerInput { insertion_m: -0.02, ..push }, &now());
         assert!(back.target[3] < 0.04, "{back:?}");
-        let lost = hand.follow(&push, &Pose { insertion_m: f32::NAN, ..scope() });
+        let nowhere = Pose { insertion_m: f32::NAN, ..now().pose };
+        let lost = hand.follow(&push, &HardwareSample { pose: nowhere, ..now() });
         assert_eq!(lost.target[3], back.target[3]);
     }
 
     #[test]
     fn keys_turn_valves_and_loop() {
         let mut hand = Hand::default();
-        let press = |key: Key| PointerInput { pressed: key.bit(), held: key.bit(), ..PointerInput::default() };
-        assert_eq!(hand.follow(&press(Key::Inflow), &scope()).controls.inflow_valve, 0.0);
-        assert_eq!(hand.follow(&press(Key::Inflow), &scope()).controls.inflow_valve, 1.0);
-        assert_eq!(hand.follow(&press(Key::LoopOut), &scope()).controls.buttons, BUTTON_EXTENDED);
-        assert_eq!(hand.follow(&press(Key::Energize), &scope()).controls.buttons, BUTTON_EXTENDED | BUTTON_ENERGIZED);
-        assert_eq!(hand.follow(&PointerInput::default(), &scope()).controls.buttons, BUTTON_EXTENDED);
+        assert_eq!(hand.follow(&press(Key::Inflow), &now()).controls.inflow_valve, 0.0);
+        assert_eq!(hand.follow(&press(Key::Inflow), &now()).controls.inflow_valve, 1.0);
+        assert_eq!(hand.follow(&press(Key::LoopOut), &now()).controls.buttons, BUTTON_EXTENDED);
+        assert_eq!(hand.follow(&press(Key::Energize), &now()).controls.buttons, BUTTON_EXTENDED | BUTTON_ENERGIZED);
+        assert_eq!(hand.follow(&PointerInput::default(), &now()).controls.buttons, BUTTON_EXTENDED);
+    }
+
+    #[test]
+    fn the_set_pressure_goes_by_five_mmhg_within_the_pumps_range() {
+        let mut hand = Hand::default();
+        let up = hand.follow(&press(Key::PressureUp), &now()).controls.set_pressure_pa;
+        assert!((up - 9_999.6).abs() < 1.0, "75 mmHg: {up}");
+        assert_eq!(
+            hand.follow(&PointerInput { held: Key::PressureUp.bit(), ..PointerInput::default() }, &now())
+                .controls
+                .set_pressure_pa,
+            up
+        );
+        for (key, end_pa) in [(Key::PressureDown, PRESSURE_PA[0]), (Key::PressureUp, PRESSURE_PA[1])] {
+            let ends: Vec<f32> = (0..40).map(|_| hand.follow(&press(key), &now()).controls.set_pressure_pa).collect();
+            assert_eq!(ends.last(), Some(&end_pa), "{key:?}: {ends:?}");
+        }
+        let none = Controls { set_pressure_pa: f32::NAN, ..now().controls };
+        let record = Hand::default().follow(&press(Key::PressureUp), &HardwareSample { controls: none, ..now() });
+        assert!(record.controls.set_pressure_pa.is_nan(), "what is no number is not made one: the device refuses it");
+    }
+
+    #[test]
+    fn every_key_of_the_help_moves_the_scope_or_sets_something_or_is_of_the_picture() {
+        let moves = [Key::Down, Key::Up, Key::Left, Key::Right, Key::TurnLeft, Key::TurnRight, Key::Out, Key::In];
+        for key in Key::all() {
+            let mut hand = Hand::default();
+            let before = hand.follow(&PointerInput::default(), &now());
+            let after = hand.follow(&press(key), &now());
+            let is_of_picture = matches!(key, Key::External | Key::Help);
+            assert_eq!(after.controls != before.controls, !is_of_picture && !moves.contains(&key), "{key:?}");
+        }
     }
 }

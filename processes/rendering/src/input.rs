@@ -1,5 +1,8 @@
 //! What the hand does, as the window reports it: movements in radians and metres, buttons and keys as bits. Plain data, no window needed.
-use winit::keyboard::KeyCode;
+//!
+//! Promise: [`MOTIONS`] and [`SWITCHES`] are all that keys and mouse do. The window acts by them and the help is written from them, so that neither
+//! knows a key that the other does not.
+use winit::{event::MouseButton, keyboard::KeyCode};
 
 /// What the hand did since the last pump, as the surgeon sees it. In the station's frame a view that goes up is a negative rotation about
 /// +x, and one that goes right a negative rotation about +y (+x, the patient's left, is on the picture's left).
@@ -52,70 +55,184 @@ pub enum Key {
     TurnLeft,
     /// turn the scope clockwise
     TurnRight,
-    /// help
-    Help,
-    /// the other camera
-    External,
-    /// current in the loop
-    Energize,
     /// extend or retract the loop
     LoopOut,
-    /// set pressure
-    Pressure,
+    /// current in the loop
+    Energize,
     /// inflow valve
     Inflow,
     /// outflow valve
     Outflow,
+    /// lower set pressure
+    PressureDown,
+    /// higher set pressure
+    PressureUp,
     /// light
     Light,
-    /// focus
-    Focus,
-    /// take a picture
-    Picture,
-    /// more
-    Plus,
-    /// less
-    Minus,
-    /// leave
-    Escape,
-    /// 1
-    Digit1,
-    /// 2
-    Digit2,
-    /// 3
-    Digit3,
+    /// the other camera
+    External,
+    /// help
+    Help,
 }
-
-pub(crate) const KEYS: [(KeyCode, Key); 24] = [
-    (KeyCode::ArrowUp, Key::Up),
-    (KeyCode::ArrowDown, Key::Down),
-    (KeyCode::ArrowLeft, Key::Left),
-    (KeyCode::ArrowRight, Key::Right),
-    (KeyCode::PageUp, Key::In),
-    (KeyCode::PageDown, Key::Out),
-    (KeyCode::KeyQ, Key::TurnLeft),
-    (KeyCode::KeyE, Key::TurnRight),
-    (KeyCode::F1, Key::Help),
-    (KeyCode::KeyV, Key::External),
-    (KeyCode::Space, Key::Energize),
-    (KeyCode::KeyL, Key::LoopOut),
-    (KeyCode::KeyP, Key::Pressure),
-    (KeyCode::KeyI, Key::Inflow),
-    (KeyCode::KeyO, Key::Outflow),
-    (KeyCode::KeyT, Key::Light),
-    (KeyCode::KeyF, Key::Focus),
-    (KeyCode::KeyC, Key::Picture),
-    (KeyCode::Equal, Key::Plus),
-    (KeyCode::Minus, Key::Minus),
-    (KeyCode::Escape, Key::Escape),
-    (KeyCode::Digit1, Key::Digit1),
-    (KeyCode::Digit2, Key::Digit2),
-    (KeyCode::Digit3, Key::Digit3),
-];
 
 impl Key {
     /// Its bit in [`PointerInput::held`].
     pub fn bit(self) -> u32 {
         1 << (self as u32)
+    }
+
+    /// All of them, in the order of the help.
+    pub fn all() -> impl Iterator<Item = Key> {
+        bindings().map(|(_, key)| key)
+    }
+}
+
+/// A degree of freedom of the scope.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Axis {
+    Pitch,
+    Yaw,
+    Roll,
+    Insertion,
+}
+
+impl PointerInput {
+    /// The movement along an axis, rad or m.
+    pub(crate) fn along(&mut self, axis: Axis) -> &mut f32 {
+        match axis {
+            Axis::Pitch => &mut self.pitch_rad,
+            Axis::Yaw => &mut self.yaw_rad,
+            Axis::Roll => &mut self.roll_rad,
+            Axis::Insertion => &mut self.insertion_m,
+        }
+    }
+}
+
+/// What the mouse does for an axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Mouse {
+    /// it goes up the screen with this button held
+    DragUp(MouseButton),
+    /// it goes right with this button held
+    DragRight(MouseButton),
+    /// its wheel is turned away from the hand
+    Wheel,
+}
+
+/// How one degree of freedom is moved.
+pub(crate) struct Motion {
+    pub axis: Axis,
+    /// the keys that move it back and forth while they are held
+    pub keys: [(KeyCode, Key); 2],
+    /// speed under a key, rad/s or m/s
+    pub per_s: f32,
+    pub mouse: Mouse,
+    /// movement for a pixel, rad, or a notch, m
+    pub per_step: f32,
+    /// what the help says of it, back and forth
+    pub does: &'static str,
+}
+
+/// What a key does that does not move the scope.
+pub(crate) struct Switch {
+    pub keys: &'static [(KeyCode, Key)],
+    /// whether it is the hand that it turns something for, and not the eye
+    pub of_hand: bool,
+    /// what the help says of it
+    pub does: &'static str,
+}
+
+/// Turn of the scope per pixel of the mouse, rad.
+pub(crate) const RAD_PER_PX: f32 = 0.0022;
+/// Insertion per notch of the wheel, m.
+const M_PER_NOTCH: f32 = 0.0015;
+
+/// The four degrees of freedom.
+pub(crate) static MOTIONS: [Motion; 4] = [
+    Motion {
+        axis: Axis::Pitch,
+        keys: [(KeyCode::ArrowDown, Key::Down), (KeyCode::ArrowUp, Key::Up)],
+        per_s: 0.35,
+        mouse: Mouse::DragUp(MouseButton::Left),
+        per_step: RAD_PER_PX,
+        does: "view down, up",
+    },
+    Motion {
+        axis: Axis::Yaw,
+        keys: [(KeyCode::ArrowLeft, Key::Left), (KeyCode::ArrowRight, Key::Right)],
+        per_s: 0.35,
+        mouse: Mouse::DragRight(MouseButton::Left),
+        per_step: RAD_PER_PX,
+        does: "view left, right",
+    },
+    Motion {
+        axis: Axis::Roll,
+        keys: [(KeyCode::KeyQ, Key::TurnLeft), (KeyCode::KeyE, Key::TurnRight)],
+        per_s: 0.8,
+        mouse: Mouse::DragRight(MouseButton::Right),
+        per_step: 2.0 * RAD_PER_PX,
+        does: "turn the scope",
+    },
+    Motion {
+        axis: Axis::Insertion,
+        keys: [(KeyCode::PageDown, Key::Out), (KeyCode::PageUp, Key::In)],
+        per_s: 0.02,
+        mouse: Mouse::Wheel,
+        per_step: M_PER_NOTCH,
+        does: "out, in",
+    },
+];
+
+/// The other keys.
+pub(crate) static SWITCHES: [Switch; 8] = [
+    Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], of_hand: true, does: "loop out, in" },
+    Switch { keys: &[(KeyCode::Space, Key::Energize)], of_hand: true, does: "current, while held" },
+    Switch { keys: &[(KeyCode::KeyI, Key::Inflow)], of_hand: true, does: "inflow shut, open" },
+    Switch { keys: &[(KeyCode::KeyO, Key::Outflow)], of_hand: true, does: "outflow shut, open" },
+    Switch {
+        keys: &[(KeyCode::End, Key::PressureDown), (KeyCode::Home, Key::PressureUp)],
+        of_hand: true,
+        does: "pressure 5 mmHg down, up",
+    },
+    Switch { keys: &[(KeyCode::KeyT, Key::Light)], of_hand: true, does: "light dim, full" },
+    Switch { keys: &[(KeyCode::KeyV, Key::External)], of_hand: false, does: "view from outside, inside" },
+    Switch { keys: &[(KeyCode::F1, Key::Help)], of_hand: false, does: "this help, and away" },
+];
+
+/// All keys, with their places on the keyboard.
+pub(crate) fn bindings() -> impl Iterator<Item = (KeyCode, Key)> {
+    MOTIONS.iter().flat_map(|motion| motion.keys).chain(SWITCHES.iter().flat_map(|switch| switch.keys.iter().copied()))
+}
+
+/// What a place on the keyboard means.
+pub(crate) fn key_at(code: KeyCode) -> Option<Key> {
+    bindings().find(|(known, _)| *known == code).map(|(_, key)| key)
+}
+
+/// Its bit in [`PointerInput::buttons`].
+pub(crate) fn button_bit(button: MouseButton) -> u32 {
+    match button {
+        MouseButton::Left => 1,
+        MouseButton::Right => 2,
+        MouseButton::Middle => 4,
+        _ => 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_has_one_place_and_one_bit() {
+        let all: Vec<(KeyCode, Key)> = bindings().collect();
+        let mut bits = 0_u32;
+        for (place, (code, key)) in all.iter().enumerate() {
+            assert_eq!(key_at(*code), Some(*key));
+            assert!(all[..place].iter().all(|(other, _)| other != code) && bits & key.bit() == 0, "{key:?}");
+            bits |= key.bit();
+        }
+        assert_eq!(all.len() as u32, Key::Help as u32 + 1, "a key that means something is at no place");
+        assert_eq!(key_at(KeyCode::Escape), None);
     }
 }

@@ -1,17 +1,19 @@
 //! The Vision Engine: what the surgeon sees, drawn with Vulkan on a GPU or on lavapipe, in a window or headless.
 //!
 //! The scene graph ([`Stage`]) reads what streams in and hands it to the driver, which is the only copy; normals, textures and light are
-//! computed by the device. Pictures give way first ([`next_scale`]); no failure in here is anything but one error of one line, and nothing
+//! computed by the device. Pictures give way first ([`Effort`]); no failure in here is anything but one error of one line, and nothing
 //! in here is on the way from the hand to the force.
 //!
 //! Technique: forward shading with solid noise at rest positions (Perlin 2002), smooth normals by a gather over incident triangles,
 //! inverse-square spotlight, a filmic curve, and a radial lens polynomial of degree 4.
 mod bubbles;
 mod camera;
+mod effort;
 mod error;
 mod fluid;
 mod font;
 mod gpu;
+mod help;
 mod input;
 mod noise;
 mod overlay;
@@ -29,9 +31,11 @@ mod window;
 
 pub use bubbles::Bubbles;
 pub use camera::{Camera, Endoscope, External, View};
+pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
 pub use error::RenderError;
 pub use fluid::{FluidField, MAX_CELLS};
 pub use gpu::{Gpu, Prefer};
+pub use help::{help, help_hint};
 pub use input::{Key, PointerInput};
 pub use overlay::{COLUMNS, Overlay, ROWS};
 pub use present::Shown;

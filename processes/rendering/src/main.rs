@@ -13,6 +13,7 @@ mod relay;
 mod scenery;
 mod sources;
 mod strip;
+mod switches;
 mod vision;
 
 fn main() -> std::process::ExitCode {

@@ -6,7 +6,7 @@ use crate::font;
 /// Characters per row.
 pub const COLUMNS: usize = 48;
 /// Rows of text, the sign included.
-pub const ROWS: usize = 10;
+pub const ROWS: usize = 24;
 /// Words of the glyph buffer: two per glyph, then one code per cell.
 pub(crate) const WORDS: usize = 256 + COLUMNS * ROWS;
 

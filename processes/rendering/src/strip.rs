@@ -1,7 +1,7 @@
-//! What the strip of text says: time, pump, pictures per second, and for some seconds which process was replaced.
+//! What the strip of text says: time, pump with its alarms, pictures per second, and for some seconds which process was replaced.
 
 use hyst_exchange::StationPage;
-use hyst_messages::{FluidStatus, SLOTS, Slot};
+use hyst_messages::{FluidStatus, PUMP_ALARMS, SLOTS, Slot};
 use rendering::Overlay;
 
 /// How long the sign of a replaced process stays, ticks.
@@ -49,14 +49,17 @@ impl Strip {
         }
     }
 
-    /// The text of this tick.
-    pub fn overlay(&self, tick: u64, fluid: Option<&FluidStatus>) -> Overlay {
+    /// The text of this tick; `set_pa`: the set pressure, where it is set from here.
+    pub fn overlay(&self, tick: u64, fluid: Option<&FluidStatus>, set_pa: Option<f32>) -> Overlay {
         let seconds = tick / 1_000;
         let mut lines = vec![format!("{:02}:{:02}   {:.0} pictures/s", seconds / 60, seconds % 60, self.rate_hz)];
         if let Some(fluid) = fluid {
-            lines.push(format!("pressure {:4.0} mmHg", fluid.pressure_pa / MMHG_PA));
+            let set = set_pa.map_or(String::new(), |set_pa| format!(", set {:.0}", set_pa / MMHG_PA));
+            lines.push(format!("pressure {:4.0} mmHg{set}", fluid.pressure_pa / MMHG_PA));
             lines.push(format!("flow     {:4.0} ml/min", fluid.inflow_ml_min));
             lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml));
+            let sounding = PUMP_ALARMS.iter().filter(|(bit, _)| fluid.alarms & bit != 0);
+            lines.extend(sounding.map(|(_, name)| format!("ALARM    {name}")));
         }
         let sign = if tick < self.sign_until { self.sign.clone() } else { String::new() };
         Overlay { lines, sign }
@@ -73,10 +76,10 @@ mod tests {
         let mut strip = Strip::default();
         let haptic = Slot::new(Role::Haptic, 1).unwrap();
         strip.note(haptic, 4, 10);
-        assert_eq!(strip.overlay(11, None).sign, "");
+        assert_eq!(strip.overlay(11, None, None).sign, "");
         strip.note(haptic, 9, 2_000);
-        assert_eq!(strip.overlay(4_999, None).sign, "haptic:1 replaced");
-        assert_eq!(strip.overlay(5_000, None).sign, "");
+        assert_eq!(strip.overlay(4_999, None, None).sign, "haptic:1 replaced");
+        assert_eq!(strip.overlay(5_000, None, None).sign, "");
     }
 
     #[test]
@@ -86,7 +89,15 @@ mod tests {
             strip.count(frame * 25);
         }
         let fluid = FluidStatus { pressure_pa: 9_333.0, inflow_ml_min: 120.4, deficit_ml: 12.6, ..FluidStatus::default() };
-        let overlay = strip.overlay(61_000, Some(&fluid));
+        let overlay = strip.overlay(61_000, Some(&fluid), None);
         assert_eq!(overlay.lines, ["01:01   40 pictures/s", "pressure   70 mmHg", "flow      120 ml/min", "deficit    13 ml"]);
+        assert_eq!(strip.overlay(61_000, Some(&fluid), Some(9_999.0)).lines[1], "pressure   70 mmHg, set 75");
+    }
+
+    #[test]
+    fn the_pumps_alarms_stand_under_its_figures_while_they_sound() {
+        let of = |alarms: u32| Strip::default().overlay(0, Some(&FluidStatus { alarms, ..FluidStatus::default() }), None).lines;
+        assert_eq!(of(0).len(), 4);
+        assert_eq!(of(2 | 8)[4..], ["ALARM    deficit", "ALARM    perforation"]);
     }
 }

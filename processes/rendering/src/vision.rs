@@ -1,8 +1,8 @@
-//! The loop of the Vision Engine: thirty times a second the newest state, the tool, the text, one picture; into the window, onto the disk, to the
-//! operator's page.
+//! The loop of the Vision Engine: thirty times a second, or more often where the machine manages it, the newest state, the tool, the text, one picture;
+//! into the window, onto the disk, to the operator's page.
 
 use crate::album::Album;
-use crate::display::{self, Display};
+use crate::display::{self, Asked, Display};
 use crate::hand::Hand;
 use crate::looks::distortion;
 use crate::medium;
@@ -11,19 +11,17 @@ use crate::relay::Relay;
 use crate::scenery::{BUBBLES, Refused, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
+use crate::switches::Switches;
 use hyst_engine::settings::SetError;
 use hyst_engine::{Failure, Life, Pace};
 use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Endoscope, External, FrameStats, Gpu, Key, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, next_scale,
+    Bubbles, Camera, Effort, Endoscope, External, FrameStats, Gpu, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, Window,
+    fastest_ticks,
 };
 
-/// Period of the pictures, ticks: 30 in a second, the rate of the paper's display.
-const PERIOD_TICKS: u64 = 33;
-/// Time that a picture may take, ms: what is left of the period belongs to the engines on the same cores.
-const BUDGET_MS: f32 = 26.0;
 /// Period of a process without pictures, ticks: it only shows that it lives.
 const BLIND_TICKS: u64 = 50;
 /// The lens lies this far behind the tip, m: the sheath reaches beyond it, as a resectoscope's does, so that one sees what the tip touches.
@@ -44,7 +42,9 @@ struct Vision<'a> {
     scenery: Scenery,
     bubbles: Bubbles,
     view: View,
-    external: bool,
+    switches: Switches,
+    effort: Effort,
+    fastest_ticks: u64,
     strip: Strip,
     /// Epoch and tick of the tissue's and the fluid's state that is shown.
     shown: Option<(u32, u64)>,
@@ -63,19 +63,19 @@ fn wants_external(life: &Life) -> Result<bool, SetError> {
 
 /// The process.
 pub fn run(life: &Life) -> Result<(), Failure> {
-    let mut external = wants_external(life)?;
-    let asked_px = display::asked_px(&life.settings)?;
+    let mut switches = Switches::new(wants_external(life)?);
+    let asked = display::asked(&life.settings)?;
     let mut album = Album::open(life)?;
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let mut relay = Relay::open(life, &links)?;
     let mut sources = Sources::open(life, links)?;
     life.ports_are_open();
-    let mut display = Display::open(life, asked_px);
+    let mut display = Display::open(life, asked.size_px);
     let mut hand = (life.settings.hand == "mouse").then(Hand::default);
     loop {
         let started = {
             let _pulse = Pulse::start(life)?;
-            Vision::start(life, &display, asked_px, external)
+            Vision::start(life, &display, asked, switches)
         };
         let mut vision = match started {
             Ok(vision) => vision,
@@ -91,7 +91,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
             Err(error) => return Err(Failure::Broken(error.to_string())),
         };
         let end = vision.show(&mut sources, &mut display, &mut album, &mut relay, &mut hand)?;
-        external = vision.external;
+        switches = vision.switches;
         drop(vision);
         match end {
             End::Stopped => return Ok(()),
@@ -123,13 +123,15 @@ fn lens_m(pose: &Pose) -> [f32; 3] {
 
 impl<'a> Vision<'a> {
     /// Opens the device and draws a first picture, which compiles what drivers compile late.
-    fn start(life: &'a Life, display: &Display, asked_px: Option<[u32; 2]>, external: bool) -> Result<Vision<'a>, RenderError> {
+    fn start(life: &'a Life, display: &Display, asked: Asked, switches: Switches) -> Result<Vision<'a>, RenderError> {
         let gpu = match display.window() {
             Some(window) => Gpu::with_window(Prefer::Fastest, window)?,
             None => Gpu::new(Prefer::Fastest)?,
         };
         let name = gpu.name();
-        let [width, height] = display::size_px(asked_px, gpu.is_software());
+        let [width, height] = display::size_px(asked.size_px, gpu.is_software());
+        let refresh_hz = display.window().and_then(Window::refresh_hz);
+        let fastest_ticks = fastest_ticks(asked.hz, gpu.is_software(), system::cores(), refresh_hz);
         display.fit([width, height])?;
         let mut renderer = Renderer::new(gpu, width, height)?;
         let scenery = Scenery::new(renderer.stage())?;
@@ -139,7 +141,9 @@ impl<'a> Vision<'a> {
             scenery,
             bubbles: Bubbles::new(BUBBLES),
             view: View::new(Camera::Endoscope(Endoscope::default())),
-            external,
+            switches,
+            effort: Effort::default(),
+            fastest_ticks,
             strip: Strip::default(),
             shown: None,
             flowed: None,
@@ -148,7 +152,7 @@ impl<'a> Vision<'a> {
         };
         vision.aim(None);
         vision.renderer.render(&vision.view)?;
-        life.say(&format!("{name}, {width}x{height}"));
+        life.say(&format!("{name}, {width}x{height}, at most {} pictures/s", 1_000 / fastest_ticks));
         Ok(vision)
     }
 
@@ -163,7 +167,7 @@ impl<'a> Vision<'a> {
         let life = self.life;
         let broken = |error: RenderError| Failure::Broken(error.to_string());
         sources.looks.want();
-        let mut pace = Pace::new(life, PERIOD_TICKS, 0);
+        let mut pace = Pace::new(life, self.effort.period_ticks, 0);
         let mut last_ns = system::now_ns();
         while let Some(tick) = pace.wait() {
             let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
@@ -174,9 +178,9 @@ impl<'a> Vision<'a> {
             match display.pump(elapsed_s) {
                 Ok(None) => {}
                 Ok(Some(input)) => {
-                    self.external ^= input.was_pressed(Key::External);
+                    self.switches.press(&input);
                     if let (Some(hand), Some(sample)) = (hand.as_mut(), &sample) {
-                        life.page.write(page::POINTER, &hand.follow(&input, &sample.pose));
+                        life.page.write(page::POINTER, &hand.follow(&input, sample));
                     }
                 }
                 Err(reason) => return Ok(End::NoWindow(reason)),
@@ -185,14 +189,15 @@ impl<'a> Vision<'a> {
             self.aim(sample.as_ref());
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.strip.look(&life.clock, tick);
-            self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref());
+            let set_pa = hand.as_ref().and(sample.as_ref()).map(|sample| sample.controls.set_pressure_pa);
+            self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
+            if display.window().is_some() {
+                self.view.overlay.lines.extend(self.switches.lines(hand.is_some()));
+            }
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);
             self.report(&stats);
-            self.view.quality.scale = next_scale(stats.total_ms, BUDGET_MS, self.view.quality.scale);
-            // The glow goes with the last pixels that can be spared, and comes back with the first.
-            self.view.quality.bloom = self.view.quality.scale > MIN_SCALE;
             if let Some(window) = display.window() {
                 let [width, height] = window.size_px();
                 match self.renderer.present(width, height) {
@@ -201,12 +206,26 @@ impl<'a> Vision<'a> {
                     Err(error) => return Ok(End::NoWindow(error.to_string())),
                 }
             }
+            self.give_way(&stats, &mut pace);
             album.keep(life, tick, &mut self.renderer);
             relay.show(life, sources.console(), tick, &mut self.renderer).map_err(broken)?;
             pace.end();
             life.page.set_state(ProcessState::Live);
         }
         Ok(End::Stopped)
+    }
+
+    /// Rate and resolution of the next picture. What goes to the disk or to the operator's page comes seldom, and counts for nothing here.
+    fn give_way(&mut self, stats: &FrameStats, pace: &mut Pace) {
+        let step_ms = system::now_ns().saturating_sub(pace.woken_ns()) as f32 * 1e-6;
+        let before = self.effort;
+        self.effort = before.next(stats.total_ms, step_ms, self.fastest_ticks);
+        if self.effort.period_ticks != before.period_ticks {
+            pace.set_period(self.effort.period_ticks);
+        }
+        self.view.quality.scale = self.effort.scale;
+        // The glow goes with the last pixels that can be spared, and comes back with the first.
+        self.view.quality.bloom = self.effort.scale > MIN_SCALE;
     }
 
     /// Takes what is new: topology, state, looks. What makes no sense is left out, counted, and said once.
@@ -292,7 +311,7 @@ impl<'a> Vision<'a> {
             (scope.tip_m, scope.rotation) = (lens_m(&sample.pose), sample.pose.orientation);
             scope.head_rad = sample.pose.camera_roll_rad;
         }
-        self.view.camera = if self.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
+        self.view.camera = if self.switches.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
     }
 
     fn report(&self, stats: &FrameStats) {
@@ -307,6 +326,7 @@ impl<'a> Vision<'a> {
             scale,
             passes_ms: stats.passes_ms,
             size_px: self.renderer.size_px(),
+            period_ticks: [self.effort.period_ticks, self.fastest_ticks].map(|ticks| ticks as u32),
         };
         own.write(page::STATUS, &status);
         own.store64(header::VALUE_NS, system::now_ns());

@@ -3,8 +3,7 @@
 //! Promise: it is pumped from the process's own loop and never blocks it; no display, or a display that goes away, is an error, never a panic
 //! that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
 //! line; the restarted process finds no display and goes on headless, which is the same path as a start without one.
-//! Left button and mouse move pitch and yaw; right button and mouse turn the scope; the wheel inserts. Arrow keys, page up and down,
-//! Q and E do the same by the keyboard, at a fixed speed while they are held.
+//! What keys and mouse do is the table in `input`; keys that move the scope do so at a fixed speed while they are held.
 use std::{sync::Arc, time::Duration};
 
 use winit::{
@@ -12,7 +11,7 @@ use winit::{
     dpi::{LogicalSize, PhysicalPosition},
     event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent},
     event_loop::{ActiveEventLoop, EventLoop},
-    keyboard::PhysicalKey,
+    keyboard::{KeyCode, PhysicalKey},
     platform::{
         pump_events::{EventLoopExtPumpEvents, PumpStatus},
         x11::EventLoopBuilderExtX11,
@@ -23,13 +22,9 @@ use winit::{
 use crate::{
     error::RenderError,
     gpu::one_line,
-    input::{KEYS, Key, PointerInput},
+    input::{MOTIONS, Mouse, PointerInput, button_bit, key_at},
 };
 
-/// Turn of the scope per pixel of the mouse, rad.
-const RAD_PER_PX: f32 = 0.0022;
-/// Insertion per notch of the wheel, m.
-const M_PER_NOTCH: f32 = 0.0015;
 /// Pixels of a touch pad's scroll that count as a notch.
 const PX_PER_NOTCH: f64 = 40.0;
 
@@ -105,6 +100,11 @@ impl Window {
         self.app.size // as last reported; asking a display that went away would end the process
     }
 
+    /// Pictures in a second that the display it was opened on shows, if the display says it.
+    pub fn refresh_hz(&self) -> Option<f32> {
+        self.app.refresh_hz
+    }
+
     /// Another title: the name of the station, and what it does.
     ///
     /// # Errors
@@ -144,6 +144,7 @@ fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, RenderError> {
 struct App {
     title: String,
     size: [u32; 2],
+    refresh_hz: Option<f32>,
     native: Option<Arc<Native>>,
     failed: Option<String>,
     closed: bool,
@@ -156,48 +157,49 @@ impl App {
         let mut input = self.input;
         self.input = PointerInput { buttons: input.buttons, held: input.held, ..PointerInput::default() };
         let seconds = if elapsed_s.is_finite() { elapsed_s.clamp(0.0, 0.1) } else { 0.0 };
-        let axis = |plus: Key, minus: Key| (input.is_held(plus) as i8 - input.is_held(minus) as i8) as f32 * seconds;
-        let (pitch, yaw) = (axis(Key::Up, Key::Down) * 0.35, axis(Key::Right, Key::Left) * 0.35);
-        let (inwards, roll) = (axis(Key::In, Key::Out) * 0.02, axis(Key::TurnRight, Key::TurnLeft) * 0.8);
-        input.pitch_rad += pitch;
-        input.yaw_rad += yaw;
-        input.insertion_m += inwards;
-        input.roll_rad += roll;
+        for motion in &MOTIONS {
+            let [back, forth] = motion.keys.map(|(_, key)| f32::from(u8::from(input.is_held(key))));
+            *input.along(motion.axis) += (forth - back) * seconds * motion.per_s;
+        }
         input
     }
 
     fn moved(&mut self, to: PhysicalPosition<f64>) {
-        if let Some(from) = self.at.replace(to) {
-            let [dx, dy] = [(to.x - from.x) as f32, (to.y - from.y) as f32];
-            if self.input.buttons & 1 != 0 {
-                self.input.yaw_rad += dx * RAD_PER_PX;
-                self.input.pitch_rad -= dy * RAD_PER_PX;
-            }
-            if self.input.buttons & 2 != 0 {
-                self.input.roll_rad += dx * 2.0 * RAD_PER_PX;
+        let Some(from) = self.at.replace(to) else { return };
+        let [right_px, up_px] = [(to.x - from.x) as f32, (from.y - to.y) as f32];
+        for motion in &MOTIONS {
+            let (button, px) = match motion.mouse {
+                Mouse::DragUp(button) => (button, up_px),
+                Mouse::DragRight(button) => (button, right_px),
+                Mouse::Wheel => continue,
+            };
+            if self.input.buttons & button_bit(button) != 0 {
+                *self.input.along(motion.axis) += px * motion.per_step;
             }
         }
     }
 
+    fn wheel(&mut self, notches: f32) {
+        for motion in MOTIONS.iter().filter(|motion| motion.mouse == Mouse::Wheel) {
+            *self.input.along(motion.axis) += notches * motion.per_step;
+        }
+    }
+
     fn button(&mut self, button: MouseButton, state: ElementState) {
-        let bit = match button {
-            MouseButton::Left => 1,
-            MouseButton::Right => 2,
-            MouseButton::Middle => 4,
-            _ => 0,
-        };
+        let bit = button_bit(button);
         if state.is_pressed() { self.input.buttons |= bit } else { self.input.buttons &= !bit }
     }
 
     fn key(&mut self, event: &KeyEvent) {
-        let PhysicalKey::Code(code) = event.physical_key else {
-            return;
-        };
-        let Some((_, key)) = KEYS.iter().find(|(known, _)| *known == code) else {
-            return;
-        };
-        if event.state.is_pressed() {
-            self.input.pressed |= if event.repeat { 0 } else { key.bit() };
+        if let PhysicalKey::Code(code) = event.physical_key {
+            self.press(code, event.state, event.repeat);
+        }
+    }
+
+    fn press(&mut self, code: KeyCode, state: ElementState, is_repeat: bool) {
+        let Some(key) = key_at(code) else { return };
+        if state.is_pressed() {
+            self.input.pressed |= if is_repeat { 0 } else { key.bit() };
             self.input.held |= key.bit();
         } else {
             self.input.held &= !key.bit();
@@ -212,7 +214,11 @@ impl ApplicationHandler for App {
             let wanted =
                 Native::default_attributes().with_title(self.title.clone()).with_inner_size(LogicalSize::new(width, height));
             match event_loop.create_window(wanted) {
-                Ok(window) => self.native = Some(Arc::new(window)),
+                Ok(window) => {
+                    let refresh_mhz = window.current_monitor().and_then(|monitor| monitor.refresh_rate_millihertz());
+                    self.refresh_hz = refresh_mhz.map(|rate_mhz| rate_mhz as f32 * 1e-3);
+                    self.native = Some(Arc::new(window));
+                }
                 Err(e) => self.failed = Some(one_line(&e.to_string())),
             }
         }
@@ -225,10 +231,8 @@ impl ApplicationHandler for App {
             WindowEvent::CursorMoved { position, .. } => self.moved(position),
             WindowEvent::CursorLeft { .. } => self.at = None,
             WindowEvent::MouseInput { state, button, .. } => self.button(button, state),
-            WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => self.input.insertion_m += y * M_PER_NOTCH,
-            WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(p), .. } => {
-                self.input.insertion_m += (p.y / PX_PER_NOTCH) as f32 * M_PER_NOTCH;
-            }
+            WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => self.wheel(y),
+            WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(p), .. } => self.wheel((p.y / PX_PER_NOTCH) as f32),
             WindowEvent::KeyboardInput { event, .. } => self.key(&event),
             WindowEvent::Focused(false) => (self.input.held, self.input.buttons) = (0, 0),
             _ => {}
@@ -239,6 +243,52 @@ impl ApplicationHandler for App {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::input::{Axis, Key, RAD_PER_PX};
+
+    /// The axes that a movement goes along, each with its sign.
+    fn moved(mut input: PointerInput) -> Vec<(Axis, bool)> {
+        let axes = [Axis::Pitch, Axis::Yaw, Axis::Roll, Axis::Insertion];
+        let far = axes.into_iter().map(|axis| (axis, *input.along(axis))).filter(|(_, far)| *far != 0.0);
+        far.map(|(axis, far)| (axis, far > 0.0)).collect()
+    }
+
+    #[test]
+    fn each_motion_of_the_table_is_made_by_its_keys_and_by_its_mouse() {
+        for motion in &MOTIONS {
+            for ((code, key), is_forth) in motion.keys.into_iter().zip([false, true]) {
+                let mut app = App::default();
+                app.press(code, ElementState::Pressed, false);
+                let input = app.take_input(0.01);
+                assert!(input.was_pressed(key) && moved(input) == [(motion.axis, is_forth)], "{key:?}: {input:?}");
+                app.press(code, ElementState::Released, false);
+                assert_eq!(app.take_input(0.01), PointerInput::default(), "{key:?} was let go");
+            }
+            let mut app = App::default();
+            app.moved(PhysicalPosition::new(50.0, 50.0));
+            let to = match motion.mouse {
+                Mouse::DragUp(button) => (button, PhysicalPosition::new(50.0, 40.0)),
+                Mouse::DragRight(button) => (button, PhysicalPosition::new(60.0, 50.0)),
+                Mouse::Wheel => {
+                    app.wheel(1.0);
+                    (MouseButton::Middle, PhysicalPosition::new(50.0, 50.0))
+                }
+            };
+            app.button(to.0, ElementState::Pressed);
+            app.moved(to.1);
+            assert_eq!(moved(app.take_input(0.0)), [(motion.axis, true)]);
+        }
+    }
+
+    #[test]
+    fn a_key_that_repeats_itself_is_pressed_once() {
+        let mut app = App::default();
+        for is_repeat in [false, true, true] {
+            app.press(KeyCode::F1, ElementState::Pressed, is_repeat);
+        }
+        assert!(app.take_input(0.0).was_pressed(Key::Help));
+        app.press(KeyCode::F1, ElementState::Pressed, true);
+        assert!(!app.take_input(0.0).was_pressed(Key::Help));
+    }
 
     #[test]
     fn the_mouse_moves_the_scope_only_while_a_button_is_held() {

@@ -90,6 +90,10 @@ pub const SET_KEYS: &[(&str, &str)] = &[
         "picture_size",
         "auto, 640x480, 1280x960 or 1920x1080: pixels of the pictures (default auto: 1920x1080 on a GPU, 640x480 in software)",
     ),
+    (
+        "picture_hz",
+        "auto, 30, 60, 120 or 240: most pictures in a second (default auto: on a GPU and 4 cores as the display shows, else 30)",
+    ),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),

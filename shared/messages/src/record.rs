@@ -385,4 +385,6 @@ pub struct RenderingStatus {
     pub passes_ms: [f32; PICTURE_PASSES.len()],
     /// Width and height of the picture, px.
     pub size_px: [u32; 2],
+    /// Ticks from one picture to the next, and the least that they may be.
+    pub period_ticks: [u32; 2],
 }

@@ -117,6 +117,8 @@ fn process_row(arm: &Arm, name: &str) -> Value {
         row["frame_ms"] = json!(picture.frame_ms);
         row["scale"] = json!(picture.scale);
         row["size_px"] = json!(picture.size_px);
+        row["period_ticks"] = json!(picture.period_ticks[0]);
+        row["least_period_ticks"] = json!(picture.period_ticks[1]);
         row["passes_ms"] =
             PICTURE_PASSES.into_iter().zip(picture.passes_ms).map(|(name, ms)| (name.to_string(), json!(ms))).collect();
     }
@@ -130,11 +132,13 @@ fn picture(row: &Value) -> Option<String> {
     let of_pass = |name: &&str| format!("{name} {:.2}", passes_ms.get(*name).map_or(0.0, number));
     let passes: Vec<String> = PICTURE_PASSES.iter().map(of_pass).collect();
     Some(format!(
-        "{}: a picture of {}x{} px, drawn at {:.3} of that, took {:.1} ms: {}\n",
+        "{}: a picture of {}x{} px, drawn at {:.3} of that, every {} ms (at best {}), took {:.1} ms: {}\n",
         row["arm"].as_str().unwrap_or_default(),
         size_px.first()?,
         size_px.get(1)?,
         number(&row["scale"]),
+        row["period_ticks"],
+        row["least_period_ticks"],
         number(&row["frame_ms"]),
         passes.join(", ")
     ))

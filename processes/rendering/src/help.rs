@@ -1,0 +1,74 @@
+//! The help over the picture: which keys there are and what the mouse does, written from the table that the window acts by.
+use winit::keyboard::KeyCode;
+
+use crate::input::{Key, MOTIONS, Mouse, SWITCHES, bindings};
+
+/// The lines of the help, each as long as the others; without what moves and sets, if the hand is not the window's.
+pub fn help(has_hand: bool) -> Vec<String> {
+    let motions = MOTIONS.iter().map(|motion| (names(&motion.keys), format!("{}; {}", motion.does, motion.mouse.name())));
+    let switches = SWITCHES.iter().filter(|switch| has_hand || !switch.of_hand);
+    let switches = switches.map(|switch| (names(switch.keys), switch.does.to_string()));
+    let rows: Vec<(String, String)> = motions.filter(|_| has_hand).chain(switches).collect();
+    let left = rows.iter().map(|(keys, _)| keys.len()).max().unwrap_or(0);
+    let right = rows.iter().map(|(_, does)| does.len()).max().unwrap_or(0);
+    rows.iter().map(|(keys, does)| format!("{keys:<left$}  {does:<right$}")).collect()
+}
+
+/// How to come to the help.
+pub fn help_hint() -> String {
+    let place = bindings().find(|(_, key)| *key == Key::Help).map(|(code, _)| name(code));
+    format!("{} help", place.unwrap_or_default())
+}
+
+impl Mouse {
+    fn name(self) -> String {
+        match self {
+            Mouse::DragUp(button) | Mouse::DragRight(button) => format!("{button:?} drag").to_lowercase(),
+            Mouse::Wheel => "wheel".into(),
+        }
+    }
+}
+
+fn names(keys: &[(KeyCode, Key)]) -> String {
+    keys.iter().map(|(code, _)| name(*code)).collect::<Vec<_>>().join(" ")
+}
+
+/// What stands on the key.
+fn name(code: KeyCode) -> String {
+    match code {
+        KeyCode::PageUp => "PgUp".into(),
+        KeyCode::PageDown => "PgDn".into(),
+        _ => {
+            let text = format!("{code:?}");
+            ["Key", "Arrow"].iter().find_map(|front| text.strip_prefix(front)).map_or(text.clone(), String::from)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::overlay::{COLUMNS, ROWS};
+
+    #[test]
+    fn the_help_names_every_key_and_the_mouse_once_and_fits() {
+        let lines = help(true);
+        let words: Vec<&str> = lines.iter().flat_map(|line| line.split("  ").next().unwrap_or_default().split(' ')).collect();
+        for (code, key) in bindings() {
+            assert_eq!(words.iter().filter(|word| **word == name(code)).count(), 1, "{key:?} in {words:?}");
+        }
+        assert_eq!(words.len(), bindings().count(), "a word that is no key: {words:?}");
+        for mouse in ["left drag", "right drag", "wheel"] {
+            assert!(lines.iter().any(|line| line.contains(mouse)), "{mouse}");
+        }
+        // Beside it five lines of the strip, as many alarms, a gap, the sign.
+        assert!(lines.len() + 12 <= ROWS && lines.iter().all(|line| line.len() <= COLUMNS), "{lines:#?}");
+        assert!(lines.iter().all(|line| line.len() == lines[0].len()));
+    }
+
+    #[test]
+    fn where_the_hand_is_not_the_windows_the_help_has_only_what_changes_the_picture() {
+        assert_eq!(help(false), ["V   view from outside, inside", "F1  this help, and away      "]);
+        assert_eq!(help_hint(), "F1 help");
+    }
+}

@@ -1,0 +1,67 @@
+//! What the window's keys switch in the picture itself: the camera and the help. They hold over a display or a device that is lost.
+
+use rendering::{Key, PointerInput, help, help_hint};
+
+/// How they stand.
+#[derive(Clone, Copy, Debug)]
+pub struct Switches {
+    /// The view from outside is shown.
+    pub external: bool,
+    help: bool,
+}
+
+impl Switches {
+    /// As the settings begin.
+    pub fn new(external: bool) -> Switches {
+        Switches { external, help: false }
+    }
+
+    /// Takes what was pressed.
+    pub fn press(&mut self, input: &PointerInput) {
+        self.external ^= input.was_pressed(Key::External);
+        self.help ^= input.was_pressed(Key::Help);
+    }
+
+    /// The lines under the strip of a window; `has_hand`: keys and mouse also move the scope.
+    pub fn lines(&self, has_hand: bool) -> Vec<String> {
+        match self.help {
+            true => [String::new()].into_iter().chain(help(has_hand)).collect(),
+            false => vec![help_hint()],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn press(key: Key) -> PointerInput {
+        PointerInput { pressed: key.bit(), held: key.bit(), ..PointerInput::default() }
+    }
+
+    #[test]
+    fn f1_brings_the_help_and_takes_it_away_and_no_other_key_does() {
+        let mut switches = Switches::new(false);
+        assert_eq!(switches.lines(true), ["F1 help"]);
+        for key in Key::all().filter(|key| *key != Key::Help) {
+            switches.press(&press(key));
+            assert_eq!(switches.lines(true).len(), 1, "{key:?}");
+        }
+        switches.press(&press(Key::Help));
+        switches.press(&PointerInput { held: Key::Help.bit(), ..PointerInput::default() });
+        let lines = switches.lines(true);
+        assert!(lines[0].is_empty() && lines[1..] == help(true), "after a gap: {lines:?}");
+        assert!(switches.lines(false).len() < lines.len());
+        switches.press(&press(Key::Help));
+        assert_eq!(switches.lines(true), ["F1 help"]);
+    }
+
+    #[test]
+    fn the_camera_changes_with_its_key() {
+        let mut switches = Switches::new(true);
+        switches.press(&press(Key::External));
+        assert!(!switches.external);
+        switches.press(&press(Key::External));
+        assert!(switches.external);
+    }
+}
