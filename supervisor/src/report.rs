@@ -92,6 +92,8 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "fluid_deficit_ml": status.deficit_ml,
         "fluid_bled_ml": status.bled_ml,
         "removed_volume_ml": status.removed_volume_ml,
+        "washed_out": status.washed_out,
+        "washed_out_ml": status.washed_out_ml,
         "cuts": status.cuts,
         "rss_mib": accounts.slots.values().map(|account| account.resident_mib).sum::<f64>(),
         "pss_mib": accounts.slots.values().map(|account| account.proportional_mib).sum::<f64>(),
@@ -281,6 +283,8 @@ struct Statuses {
     state_hash: u64,
     removed_volume_ml: f64,
     cuts: u32,
+    washed_out: u32,
+    washed_out_ml: f32,
     deficit_ml: f64,
     bled_ml: f64,
     copied_per_frame: Option<u64>,
@@ -297,6 +301,7 @@ impl Statuses {
                 tissue_tick = status.state_tick;
                 found.state_hash = status.state_hash;
                 (found.removed_volume_ml, found.cuts) = (status.removed_volume_ml, status.cuts);
+                (found.washed_out, found.washed_out_ml) = (status.washed_out, status.washed_out_ml);
             }
             let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {

@@ -2,7 +2,7 @@
 
 use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
-use hyst_messages::page::{header, station as layout, tissue};
+use hyst_messages::page::{fluid, header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -44,6 +44,18 @@ pub struct ProcessView {
     /// What is registered with its Site Manager; of a tissue only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub registered: Option<RegisterView>,
+    /// The steps of its flow; of a fluid only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub steps: Option<StepView>,
+}
+
+/// Steps of a Flow Engine.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StepView {
+    /// Length, ms.
+    pub ms: u32,
+    /// What the scene asks for, ms: less, where the machine does not afford it.
+    pub scene_ms: u32,
 }
 
 /// The register of a Site Manager.
@@ -82,6 +94,11 @@ fn register_of(page: &ReadPage) -> Option<RegisterView> {
     let (_, status) = page.cell(tissue::STATUS)?;
     let slots = (0..SLOTS).filter(|number| status.engines >> number & 1 == 1).filter_map(Slot::from_number);
     Some(RegisterView { objects: status.objects, engines: slots.map(|slot| slot.to_string()).collect() })
+}
+
+fn steps_of(page: &ReadPage) -> Option<StepView> {
+    let (_, status) = page.cell(fluid::STATUS)?;
+    (status.step_ticks > 0).then_some(StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks })
 }
 
 /// The station.
@@ -218,6 +235,7 @@ impl Viewer {
             tick: 0,
             binary: crate::supervise::trial::binary_of(self.page.pid(slot)).filter(|_| alive).map(|path| crate::swap::kept::name_of(&path)),
             registered: None,
+            steps: None,
         };
         if slot.role() == Role::Supervisor {
             view.epoch = self.page.page().load64(layout::SUPERVISOR_STARTS) as u32;
@@ -229,6 +247,7 @@ impl Viewer {
         };
         let now_ns = system::now_ns();
         view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
+        view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
         view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
         if alive {
@@ -288,5 +307,52 @@ pub fn table(view: &StationView) -> String {
             process.binary.as_deref().unwrap_or(Path::new("-")).display()
         ));
     }
+    let longer = view.processes.iter().filter(|process| process.active).find_map(|process| process.steps);
+    if let Some(StepView { ms, scene_ms }) = longer.filter(|steps| steps.ms != steps.scene_ms) {
+        text.push_str(&format!("the flow is computed every {ms} ms: for the scene's {scene_ms} ms this machine is too slow\n"));
+    }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flow(steps: StepView) -> StationView {
+        let fluid = ProcessView {
+            name: "fluid:0".into(),
+            pid: 7,
+            epoch: 1,
+            state: "live",
+            active: true,
+            incarnation: 1,
+            restarts: 0,
+            rate_hz: None,
+            wakeup_p99_us: None,
+            recent_wakeup_p99_us: None,
+            loop_p99_us: None,
+            recent_loop_p99_us: None,
+            age_ms: None,
+            tick: 0,
+            binary: None,
+            registered: None,
+            steps: Some(steps),
+        };
+        StationView {
+            station: "s".into(),
+            tick: 1,
+            state: "running",
+            test_mode: false,
+            held: Vec::new(),
+            processes: vec![fluid],
+            console: None,
+        }
+    }
+
+    #[test]
+    fn a_flow_that_is_computed_more_rarely_than_the_scene_asks_for_is_said() {
+        let slow = table(&flow(StepView { ms: 66, scene_ms: 33 }));
+        assert!(slow.contains("every 66 ms") && slow.contains("33 ms"), "{slow}");
+        assert!(!table(&flow(StepView { ms: 33, scene_ms: 33 })).contains("the flow is computed"));
+    }
 }

@@ -88,6 +88,10 @@ pub struct Pump {
     pub bled_ml: f64,
     /// Alarms.
     pub alarms: Vec<String>,
+    /// Step of the flow, and the one that the scene asks for, ms.
+    pub step_ms: u32,
+    /// See `step_ms`.
+    pub scene_step_ms: u32,
 }
 
 impl Pump {
@@ -103,6 +107,8 @@ impl Pump {
             cavity_ml: status.cavity_volume_ml,
             bled_ml: status.bled_ml,
             alarms: alarms(status.alarms),
+            step_ms: status.step_ticks,
+            scene_step_ms: status.scene_step_ticks,
         };
         let figures =
             [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml, pump.bled_ml];

@@ -16,7 +16,7 @@ const MAX_DISTANCE_M: f32 = 1.0;
 /// Pressure beyond which the fluid's is not believed, Pa: the pump's range ends at 20 kPa.
 const MAX_PRESSURE_PA: f32 = 40_000.0;
 /// Most ticks by which a stamp may be ahead: two of the slowest steps (a fluid's), so that no stamp shuts out all that come after it.
-const MOST_AHEAD_TICKS: u64 = 128;
+const MOST_AHEAD_TICKS: u64 = 512;
 /// Difference of the flows in and out, ml/min, that must change the deficit from one state to the next.
 const TELLING_FLOW_ML_MIN: f32 = 0.01;
 /// Fluids whose pages are read: holder, spare and a newcomer on trial.

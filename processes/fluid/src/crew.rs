@@ -3,6 +3,7 @@
 
 use hyst_engine::Failure;
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
+use hyst_exchange::system;
 use hyst_flow::{FlowInputs, Phase, Solver, StepReport};
 use parking_lot::Mutex;
 use std::sync::Arc;
@@ -52,6 +53,12 @@ impl Crew {
     /// The solver.
     pub fn solver(&self) -> &Solver {
         &self.bands.solver
+    }
+
+    /// The time that a step is measured by, ns: the calling thread's own where it computes alone, so that another that takes the core does not make it
+    /// longer; else the clock's.
+    pub fn time_ns(&self) -> u64 {
+        if self.threads.is_none() { system::thread_ns() } else { system::now_ns() }
     }
 
     /// One step.

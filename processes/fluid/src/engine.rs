@@ -1,9 +1,11 @@
 //! The Flow Engine: Navier–Stokes over the cavity in the paper's order, pump and cavity volume, with walls from the deforming tissue and the
 //! scope as a moving obstacle. Its state is a message like every other engine's, so that a kill loses no millilitre of the deficit.
 
+mod pace;
 #[cfg(test)]
 mod tests;
 
+use crate::afford::is_step;
 use crate::cavity::Cavity;
 use crate::crew::Crew;
 use crate::gas;
@@ -18,7 +20,8 @@ use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, S
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
-use hyst_scene::{LoadedLoop, LoadedScene};
+use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
+use std::cell::Cell;
 use std::path::Path;
 
 /// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas.
@@ -53,7 +56,10 @@ pub struct FlowEngine<'a> {
     radius_m: f32,
     electrode: Option<LoadedLoop>,
     seed_m: [f32; 3],
-    period_ticks: u64,
+    /// Step that the scene asks for, ticks.
+    scene_ticks: u64,
+    /// That of the session: the scene's, or what the machine affords.
+    step_ticks: Cell<u64>,
     /// Epoch, tick and writer of the state that the solver holds.
     holds: Option<(u32, u64, u32)>,
     sources: [TissueSource; TISSUES],
@@ -100,7 +106,7 @@ impl<'a> FlowEngine<'a> {
         let default = (system::cores() / 2).clamp(1, 4) as f64;
         let bands = life.settings.number("fluid_threads", default, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
         let crew = Crew::new(Solver::new(model, bands.min(cells[2]).min(8)).map_err(input)?)?;
-        Ok(FlowEngine {
+        let mut engine = FlowEngine {
             life,
             crew,
             cavity: Cavity::new(grid),
@@ -110,7 +116,8 @@ impl<'a> FlowEngine<'a> {
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
             electrode: scene.rigid.first().and_then(|rigid| rigid.electrode.clone()),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
-            period_ticks: figures.period_ticks(),
+            scene_ticks: figures.period_ticks(),
+            step_ticks: Cell::new(figures.period_ticks()),
             holds: None,
             sources: Default::default(),
             state: None,
@@ -118,7 +125,12 @@ impl<'a> FlowEngine<'a> {
             horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
-        })
+        };
+        // In lock-step, a replay's too, the step must not depend on the machine.
+        if !life.is_lockstep() {
+            engine.choose_step(&scene)?;
+        }
+        Ok(engine)
     }
 
     fn sections(&self) -> [usize; SECTIONS] {
@@ -131,7 +143,7 @@ impl<'a> FlowEngine<'a> {
     fn receive(&mut self) {
         let mut key = self.state.as_ref().and_then(key_of);
         let (horizon, clock) = (&self.horizon, &self.life.clock);
-        let is_ahead = |found: (u32, u64)| horizon.is_passed_by(found, self.period_ticks, clock);
+        let is_ahead = |found: (u32, u64)| horizon.is_passed_by(found, self.step_ticks.get(), clock);
         for source in &mut self.sources {
             if let Some(held) = source.states.as_ref().and_then(|stream| stream.newest().ok()?)
                 && key_of(&held) > key
@@ -182,6 +194,11 @@ impl<'a> FlowEngine<'a> {
         inputs.pump.open_veins = self.wounds.open_veins();
         inputs.pump.perforation = self.holes.size();
         inputs
+    }
+
+    /// A status that also says the step.
+    fn told(&self, step_ticks: u64, status: FluidStatus) -> FluidStatus {
+        FluidStatus { step_ticks: step_ticks as u32, scene_step_ticks: self.scene_ticks as u32, ..status }
     }
 
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {
@@ -238,7 +255,8 @@ pub fn inputs_of(sample: &HardwareSample, radius_m: f32, dt_s: f32) -> FlowInput
     };
     // Inflow at the tip, along the axis; outflow through the outer sheath, one diameter behind it.
     inputs.ports[0] = Port { centre_m: along(PORT_M), radius_m: PORT_M, direction: axis, share: 1.0, inflow: true, dye: 0.0 };
-    inputs.ports[1] = Port { centre_m: along(-4.0 * radius_m), radius_m: 2.0 * radius_m, share: 1.0, ..Port::default() };
+    let [behind_m, out_m] = OUTFLOW_RADII.map(|radii| radii * radius_m);
+    inputs.ports[1] = Port { centre_m: along(-behind_m), radius_m: out_m, share: 1.0, ..Port::default() };
     inputs.pump = PumpInput {
         inflow_valve: sample.controls.inflow_valve,
         outflow_valve: sample.controls.outflow_valve,
@@ -263,10 +281,10 @@ impl Stateful for FlowEngine<'_> {
     }
 
     fn step_ticks(&self) -> u64 {
-        self.period_ticks
+        self.step_ticks.get()
     }
 
-    /// A step takes less than half a period, so that an ordinary process which waited for a core catches up soon, and the pump loses no time.
+    /// A step takes no more than 0.6 of a period ([`crate::afford`]), so that an ordinary process which waited for a core catches up soon, and the pump loses no time.
     fn backlog(&self) -> u64 {
         2
     }
@@ -280,17 +298,22 @@ impl Stateful for FlowEngine<'_> {
     }
 
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
-        self.write(header, FluidStatus::default(), state)
+        self.write(header, self.told(self.step_ticks.get(), FluidStatus::default()), state)
     }
 
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::FluidState) else { return false };
         let sections = self.sections();
         let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
-        (0..SECTIONS).all(fits)
+        let is_sound = (0..SECTIONS).all(fits)
             && message.section::<u8>(1).is_ok_and(|block| StateView::new(block).is_ok())
             && message.record::<Head>(0).is_ok_and(|head| is_of(&head.status, message.header()))
-            && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()))
+            && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()));
+        let step_ticks = u64::from(message.header().step_ticks);
+        if is_sound && is_step(self.scene_ticks, step_ticks) && !self.life.is_lockstep() {
+            self.step_ticks.set(step_ticks);
+        }
+        is_sound
     }
 
     /// The tissue's state that the sequencer has seen finished, the hardware's sample of this tick.
@@ -322,7 +345,7 @@ impl Stateful for FlowEngine<'_> {
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
-        let status = status_of(&report, &pump);
+        let status = self.told(context.step_ticks, status_of(&report, &pump));
         let header = StreamHeader { input_tick, ..*message.header() };
         self.write(header, FluidStatus { state_tick: context.next_tick, ..status }, next)
     }

@@ -1,5 +1,6 @@
 //! The Flow Engine: Navier–Stokes over the cavity, pump and blood, with a spare that follows. See [`run`].
 
+mod afford;
 mod bench;
 mod cavity;
 mod crew;

@@ -201,6 +201,27 @@ impl Body {
         new
     }
 
+    /// The body without an object: its tets and its surface are gone. The object keeps its number, which none that comes after it has, and the nodes keep
+    /// theirs, so that states before and after have the same ones.
+    pub fn without(&self, object: u32) -> Body {
+        let mut next = 0..;
+        let is_kept = |region: &u32| *region != object;
+        let number: Vec<Option<u32>> =
+            self.rest.regions.iter().map(|region| is_kept(region).then(|| next.next()).flatten()).collect();
+        let mut body = self.clone();
+        body.skin.without_tets(&number);
+        let mut left = number.iter().map(Option::is_some);
+        body.rest.tets.retain(|_| left.next().unwrap_or(true));
+        body.rest.regions.retain(is_kept);
+        body
+    }
+
+    /// Volume of an object at rest, m³.
+    pub fn volume_of_m3(&self, object: u32) -> f64 {
+        let tets = self.rest.tets.iter().zip(&self.rest.regions).filter(|(_, region)| **region == object);
+        tets.map(|(tet, _)| self.volume_m3(*tet)).sum()
+    }
+
     fn volume_m3(&self, tet: [u32; 4]) -> f64 {
         signed_volume(tet.map(|node| self.rest.positions_m[node as usize].map(f64::from).into()))
     }
@@ -276,6 +297,17 @@ mod tests {
         assert!(refused(words.len() - 1, 2), "an object's origin");
         assert!(refused(words.len() - 2 - 6 - 1, 0b111_0001), "a flag of a vertex that is not there");
         assert!(Body::unpack(&words, &Room { nodes: 8, ..room() }).is_none(), "no room");
+    }
+
+    #[test]
+    fn what_is_taken_away_leaves_nothing_of_its_own_and_nobody_elses_number_changes() {
+        let (whole, body) = (body(), body().without(0));
+        assert_eq!((&body.rest.tets[..], &body.rest.regions[..]), (&whole.rest.tets[2..], &[1][..]));
+        assert_eq!((&body.rest.positions_m, &body.origin, &body.fixed), (&whole.rest.positions_m, &whole.origin, &whole.fixed));
+        assert_eq!((body.skin.triangles.len(), body.skin.rest_m.as_slice()), (1, &whole.skin.rest_m[3..]));
+        assert!(body.skin.bindings.iter().all(|binding| binding.tet == 0), "{:?}", body.skin.bindings);
+        assert!((whole.volume_of_m3(1) - 1.0 / 6.0).abs() < 1e-6 && body.volume_of_m3(0) == 0.0);
+        assert_eq!(Body::unpack(&body.pack(), &room()), Some(body));
     }
 
     #[test]

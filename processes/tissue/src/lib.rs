@@ -11,6 +11,7 @@ mod drift;
 mod knife;
 mod main_loop;
 mod materials;
+mod outlet;
 mod points;
 mod site;
 mod state;

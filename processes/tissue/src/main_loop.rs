@@ -16,6 +16,7 @@ use crate::collision::Collision;
 use crate::contacts::{Contacts, LAW};
 use crate::drift::drift_forces;
 use crate::knife::Knife;
+use crate::outlet::Draw;
 use crate::site::SiteManager;
 use crate::state::{Core, hash, is_sound, most_bytes, sections};
 use crate::through::Passage;
@@ -218,9 +219,9 @@ impl Stateful for MainLoop<'_> {
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
         let hand = self.hand(context.tick, &before);
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
-        let (is_cut, removed_ml) = self.cut(&message, hand.wire_m.as_deref(), (positions, velocities))?;
-        let context = &StepContext { holding: context.holding && !is_cut, ..*context };
-        let (positions, velocities) = if is_cut { self.knife.moved() } else { (positions, velocities) };
+        let change = self.change(&message, &hand, (positions, velocities))?;
+        let context = &StepContext { holding: context.holding && !change.is_any(), ..*context };
+        let (positions, velocities) = if change.is_cut { self.knife.moved() } else { (positions, velocities) };
         let world = &*self.world;
         let header = StreamHeader { input_tick: hand.input_tick, topology_version: world.version, ..*message.header() };
         let sections = sections(world, self.knife.stroke_bytes());
@@ -242,7 +243,7 @@ impl Stateful for MainLoop<'_> {
         let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
         let passage = Passage { hash: &table, before: (&before.pose, before.loop_m), velocities_m_s: velocities, dt_s };
         self.contacts.meet(world, self.collision.hits(), (&tool, &passage), positions, bytemuck::cast_slice_mut(memory))?;
-        medium_forces(world, &before, positions, &mut self.pressure_pa, self.contacts.node_force_n());
+        medium_forces(world, (&before, hand.draw.as_ref()), positions, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
@@ -266,7 +267,7 @@ impl Stateful for MainLoop<'_> {
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
         let (planes, force_n) = self.contacts.planes(world, &table, &tool, &after, &self.scratch)?;
         self.planes = planes;
-        let core_now = hand.core(&before, force_n, self.contacts.count(), (is_cut, removed_ml));
+        let core_now = hand.core(&before, force_n, self.contacts.count(), &change);
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
         self.status = status_of(self.status, &core_now, before.pressure_pa, self.collision.missing(), times_ns);
@@ -319,7 +320,7 @@ impl Stateful for MainLoop<'_> {
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
         let is_registered = self.site.register_engine(arrival.slot, arrival.incarnation);
-        self.status.objects = self.site.objects().len() as u32;
+        self.status.objects = self.site.present();
         self.status.engines = self.site.engines();
         // At once: a spare makes no step that could say whom it knows.
         self.life.page.write(tissue::STATUS, &self.status);
@@ -343,11 +344,17 @@ impl Stateful for MainLoop<'_> {
 }
 
 /// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, and its flow on what floats.
-fn medium_forces(world: &World, before: &Core, positions: &[[f32; 3]], pressure_pa: &mut [f32], node_force_n: &mut [[f32; 3]]) {
+fn medium_forces(
+    world: &World,
+    (before, draw): (&Core, Option<&Draw>),
+    positions: &[[f32; 3]],
+    pressure_pa: &mut [f32],
+    node_force_n: &mut [[f32; 3]],
+) {
     let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
     pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
     pressure_forces(&world.wall, positions, pressure_pa, node_force_n);
-    drift_forces(&world.drifters, &before.pieces, &world.model, node_force_n);
+    drift_forces(&world.drifters, (&before.pieces, draw), positions, &world.model, node_force_n);
 }
 
 /// The status of a step after the one before; `times_ns`: when it began, and when test, response, deformation and all had ended.
@@ -363,6 +370,8 @@ fn status_of(
         removed_volume_ml: core.removed_volume_ml,
         cuts: core.cuts,
         is_cutting: core.is_cutting,
+        washed_out: core.washed_out,
+        washed_out_ml: core.washed_out_ml as f32,
         cavity_pressure_pa,
         contact_count: core.contact_count,
         tool_force_n: core.force_n,

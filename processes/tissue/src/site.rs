@@ -47,9 +47,10 @@ impl SiteManager {
         self.engines.iter().enumerate().map(bit).sum()
     }
 
-    /// All objects, in order of registration.
-    pub fn objects(&self) -> &[ObjectRecord] {
-        &self.objects
+    /// How many objects there are: what has left through the outflow keeps its number and is none any more.
+    pub fn present(&self) -> u32 {
+        let has_left = |object: &&ObjectRecord| object.is_free_piece() && object.tets[1] == 0;
+        self.objects.iter().filter(|object| !has_left(object)).count() as u32
     }
 }
 

@@ -26,6 +26,8 @@ pub struct Core {
     pub force_n: [f32; 3],
     /// Removed so far, ml.
     pub removed_volume_ml: f64,
+    /// What has left through the outflow so far, ml.
+    pub washed_out_ml: f64,
     /// Pressure in the cavity to be used by the next step, Pa.
     pub pressure_pa: f32,
     /// Contacts in the step.
@@ -36,8 +38,8 @@ pub struct Core {
     pub is_cutting: u32,
     /// How far the loop is out where it is solid, m; 0 in its sheath, and while it cuts.
     pub loop_m: f32,
-    /// For what comes after it to begin at whole words.
-    pub reserved: u32,
+    /// Pieces that have left through the outflow, so far.
+    pub washed_out: u32,
     /// The flow at free pieces to be used by the next step.
     pub pieces: [PieceFlow; MAX_PIECES],
 }
@@ -46,7 +48,7 @@ impl Core {
     /// Whether what counts and what the next step uses of it are numbers that can be.
     pub fn is_sane(&self) -> bool {
         let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-        let numbers = [self.removed_volume_ml as f32, self.pressure_pa, self.loop_m];
+        let numbers = [self.removed_volume_ml as f32, self.washed_out_ml as f32, self.pressure_pa, self.loop_m];
         numbers.iter().all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
     }
 }

@@ -3,6 +3,7 @@
 use crate::body::{Body, Room, version_of};
 use crate::drift::{Drifter, weight_n_kg};
 use crate::materials::{lowered, materials};
+use crate::outlet::Outlet;
 use crate::points::ContactPoints;
 use crate::site::{MAX_OBJECTS, object};
 use crate::tool::Tool;
@@ -48,6 +49,8 @@ pub struct Case {
     pub tool: Tool,
     /// Its electrode at extension 0, in its own frame, and how far that goes out, m.
     pub electrode: Option<LoadedLoop>,
+    /// Where medium flows out at it.
+    pub outlet: Outlet,
     /// How each object looks, where the scene says so.
     pub looks: Vec<Option<Look>>,
     /// How the instrument sees, and what is drawn of it.
@@ -217,6 +220,7 @@ impl Case {
             room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
             tool: Tool::of(rigid),
             electrode: rigid.electrode.clone(),
+            outlet: Outlet::of(rigid),
             looks: scene.objects.iter().map(|object| object.look).collect(),
             scope: scope(scene, rigid),
             rest: scene.rest,

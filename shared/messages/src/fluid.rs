@@ -32,6 +32,10 @@ pub struct FluidStatus {
     pub epoch: u32,
     /// See `epoch`.
     pub incarnation: u32,
+    /// Length of a step, ticks.
+    pub step_ticks: u32,
+    /// The one that the scene asks for, ticks: the shorter one, where the machine does not afford it.
+    pub scene_step_ticks: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

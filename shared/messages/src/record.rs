@@ -336,6 +336,10 @@ pub struct TissueStatus {
     pub is_cutting: u32,
     /// Version of the mesh.
     pub topology_version: u32,
+    /// Pieces that have left through the outflow, so far.
+    pub washed_out: u32,
+    /// Their volume, ml. Of what is to be removed it is in `removed_volume_ml` too, since it came free.
+    pub washed_out_ml: f32,
 }
 
 /// The hand that comes from a window: targets for the simulated hardware.

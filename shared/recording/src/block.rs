@@ -3,7 +3,8 @@
 
 use crate::again::{Input, Step};
 use crate::channels::{Channel, time_of_ns};
-use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool};
+use crate::fluid::Fluid;
+use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool};
 use crate::{Session, WriteError};
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, MetadataIndex};

@@ -106,13 +106,17 @@ impl Channel {
                 let phases = vector_schema(&["deformation", "collision", "response", "surface"]);
                 let mut fields = json!({"tool_force_n": xyz, "phase_us": phases, "state_hash": {"type": "string"}});
                 let counts = ["contact_count", "shares_missing", "objects", "engines", "step_ticks"];
-                add(&mut fields, "integer", &[&["tick", "cuts", "is_cutting", "topology_version"], &counts[..]].concat());
-                add(&mut fields, "number", &["removed_volume_ml", "cavity_pressure_pa"]);
+                add(
+                    &mut fields,
+                    "integer",
+                    &[&["tick", "cuts", "is_cutting", "topology_version", "washed_out"], &counts[..]].concat(),
+                );
+                add(&mut fields, "number", &["removed_volume_ml", "washed_out_ml", "cavity_pressure_pa"]);
                 fields
             }
             Channel::Fluid => {
                 let mut fields = json!({});
-                add(&mut fields, "integer", &["tick", "alarms"]);
+                add(&mut fields, "integer", &["tick", "alarms", "step_ticks", "scene_step_ticks"]);
                 add(
                     &mut fields,
                     "number",

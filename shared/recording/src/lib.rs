@@ -10,6 +10,7 @@
 mod again;
 mod block;
 pub mod channels;
+mod fluid;
 mod frame;
 mod messages;
 mod playback;

@@ -3,7 +3,7 @@
 
 use crate::block::{Event, Level};
 use crate::channels::time_of_ns;
-use hyst_messages::{AppliedRecord, Controls, FluidStatus, ForceCommand, HardwareSample, Pose, TissueStatus};
+use hyst_messages::{AppliedRecord, Controls, ForceCommand, HardwareSample, Pose, TissueStatus};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A number that may be NaN: `null` in JSON.
@@ -283,6 +283,10 @@ pub(crate) struct Tissue {
     is_cutting: u32,
     #[serde(default)]
     topology_version: u32,
+    #[serde(default)]
+    washed_out: u32,
+    #[serde(default)]
+    washed_out_ml: f32,
 }
 
 impl Tissue {
@@ -303,6 +307,8 @@ impl Tissue {
             cuts: status.cuts,
             is_cutting: status.is_cutting,
             topology_version: status.topology_version,
+            washed_out: status.washed_out,
+            washed_out_ml: status.washed_out_ml,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -322,75 +328,12 @@ impl Tissue {
             cuts: self.cuts,
             is_cutting: self.is_cutting,
             topology_version: self.topology_version,
+            washed_out: self.washed_out,
+            washed_out_ml: self.washed_out_ml,
         }
     }
 }
 
-/// Message of `/fluid`.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct Fluid {
-    tick: u64,
-    #[serde(deserialize_with = "number")]
-    deficit_ml: f64,
-    #[serde(deserialize_with = "number")]
-    cavity_volume_ml: f64,
-    pressure_pa: Number,
-    inflow_ml_min: Number,
-    outflow_ml_min: Number,
-    alarms: u32,
-    /// Older recordings do not have it: no number then.
-    #[serde(default = "unknown", deserialize_with = "number")]
-    bled_ml: f64,
-}
-
-impl Fluid {
-    pub(crate) fn of(status: &FluidStatus) -> Fluid {
-        Fluid {
-            tick: status.state_tick,
-            deficit_ml: status.deficit_ml,
-            cavity_volume_ml: status.cavity_volume_ml,
-            pressure_pa: Number(status.pressure_pa),
-            inflow_ml_min: Number(status.inflow_ml_min),
-            outflow_ml_min: Number(status.outflow_ml_min),
-            alarms: status.alarms,
-            bled_ml: status.bled_ml,
-        }
-    }
-    pub(crate) fn status(&self) -> FluidStatus {
-        FluidStatus {
-            state_tick: self.tick,
-            deficit_ml: self.deficit_ml,
-            cavity_volume_ml: self.cavity_volume_ml,
-            pressure_pa: self.pressure_pa.0,
-            inflow_ml_min: self.inflow_ml_min.0,
-            outflow_ml_min: self.outflow_ml_min.0,
-            alarms: self.alarms,
-            bled_ml: self.bled_ml,
-            ..FluidStatus::default()
-        }
-    }
-}
-
-fn unknown() -> f64 {
-    f64::NAN
-}
-
-fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+pub(crate) fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_blood_of_a_recording_from_before_it_was_recorded_is_no_number() {
-        let status = FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, ..FluidStatus::default() };
-        let mut json = serde_json::to_value(Fluid::of(&status)).unwrap();
-        let read = |json: &serde_json::Value| serde_json::from_value::<Fluid>(json.clone()).unwrap().status();
-        assert_eq!(read(&json), status);
-        json.as_object_mut().unwrap().remove("bled_ml").unwrap();
-        let old = read(&json);
-        assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5, "{old:?}");
-    }
 }

@@ -5,8 +5,9 @@
 use crate::again::{Input, Step};
 use crate::block::{Block, LOST, STATION};
 use crate::channels::Channel;
+use crate::fluid::Fluid;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
-use crate::messages::{ControlsMessage, EventMessage, Fluid, Force, Tissue, Tool, applied};
+use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool, applied};
 use crate::{READ_FORMATS, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
 use mcap::records::op;

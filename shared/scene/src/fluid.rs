@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 const MAX_CELLS: u64 = 4_000_000;
 /// What a container holds where the scene says nothing, ml: a bag of 3 l.
 const CONTAINER_ML: f64 = 3_000.0;
+/// Least rate, Hz: the solver takes no step that is longer than its period.
+const LEAST_RATE_HZ: f64 = 4.0;
 /// Most changes of the pump in a scene.
 const MAX_CHANGES: usize = 1_000;
 
@@ -30,7 +32,7 @@ pub enum Medium {
 pub struct Fluid {
     /// Cells along x, y and z: 4 to 512 each, at most 4 million in all. Default: 32 × 32 × 18.
     pub grid: [u32; 3],
-    /// Steps per second, 1 to 1 000.
+    /// Steps per second, 4 to 1 000.
     pub rate_hz: f64,
     /// The medium.
     pub medium: Medium,
@@ -163,7 +165,7 @@ pub(crate) fn validate(fluid: &Fluid) -> Checked {
     }
     let cells: u64 = fluid.grid.iter().map(|&n| u64::from(n)).product();
     range("fluid.grid", cells as f64, 64.0, MAX_CELLS as f64, "cells in all")?;
-    range("fluid.rate_hz", fluid.rate_hz, 1.0, 1_000.0, "Hz")?;
+    range("fluid.rate_hz", fluid.rate_hz, LEAST_RATE_HZ, 1_000.0, "Hz")?;
     range("fluid.set_pressure_pa", fluid.set_pressure_pa, 0.0, 20_000.0, "Pa")?;
     range("fluid.container_ml", fluid.container_ml.unwrap_or(CONTAINER_ML), 100.0, 20_000.0, "ml")?;
     range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;

@@ -54,7 +54,7 @@ pub use object::{MAX_TETS, MAX_TRIANGLES};
 pub use parse::MAX_SCENE_BYTES;
 pub use pose::{HandLeg, LoadedHand, Pose};
 pub use report::{CheckReport, ObjectReport, check};
-pub use rigid::{LoadedRigid, collision_points};
+pub use rigid::{LoadedRigid, OUTFLOW_RADII, collision_points};
 pub use source::MAX_MESH_BYTES;
 
 /// The JSON schema of a scene file, derived from the types that read it.

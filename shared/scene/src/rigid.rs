@@ -8,6 +8,9 @@ const TIP_SHARE: f64 = 0.4;
 /// Exponent that draws the shaft's points towards the tip.
 const SHAFT_CROWDING: f64 = 1.5;
 
+/// Where medium flows out at an instrument, in its radii: so far behind its tip, through the outer sheath, and within so much of there.
+pub const OUTFLOW_RADII: [f32; 2] = [4.0, 2.0];
+
 /// An instrument, ready for collision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadedRigid {

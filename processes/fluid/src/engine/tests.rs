@@ -33,33 +33,95 @@ fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
     assert_eq!((status.alarms, status.deficit_ml, status.cavity_volume_ml, status.bled_ml), (0, 3.0, 5.0, 2.0));
 }
 
-#[test]
-fn states_have_the_same_bytes_whatever_lay_in_the_loan() {
-    let station = Station::named(&format!("t{}-fluid-loans", std::process::id())).unwrap();
+/// An engine of a station of its own.
+fn in_a_station(name: &str, body: impl FnOnce(FlowEngine<'_>)) {
+    let station = Station::named(&format!("t{}-fluid-{name}", std::process::id())).unwrap();
     station.wipe();
     station.found().unwrap();
     std::fs::write(station.settings(), "").unwrap();
     let slot = Slot::first(Role::Fluid);
     drop(station.create_slot(slot, 1).unwrap());
     let life = Life::begin(station.name(), slot, 1).unwrap();
-    let mut engine = FlowEngine::new(&life).unwrap();
-    let bytes = engine.message_bytes();
-    let mut now = written(bytes, "the first state", |block| engine.initial(StreamHeader::default(), block).unwrap());
-    for tick in 1..=STEPS {
-        let context = StepContext {
-            tick,
-            next_tick: tick + 1,
-            state_epoch: 1,
-            state_writer: 1,
-            step_ticks: 33,
-            tenure: Tenure { epoch: 1, incarnation: 1 },
-            holding: true,
-            deadline_ns: 0,
-        };
-        let before = now.clone();
-        let before: &[u8] = bytemuck::cast_slice(&before);
-        now = written(bytes, &format!("state {tick}"), |block| engine.step(&context, &before[..bytes], block).unwrap());
-    }
-    drop(engine);
+    body(FlowEngine::new(&life).unwrap());
     station.wipe();
+}
+
+fn context(tick: u64, step_ticks: u64) -> StepContext {
+    StepContext {
+        tick,
+        next_tick: tick + step_ticks,
+        state_epoch: 1,
+        state_writer: 1,
+        step_ticks,
+        tenure: Tenure { epoch: 1, incarnation: 1 },
+        holding: true,
+        deadline_ns: 0,
+    }
+}
+
+#[test]
+fn whoever_goes_on_from_a_state_takes_its_step_and_says_that_the_scene_asks_for_another() {
+    in_a_station("steps", |mut engine| {
+        let scene_ticks = engine.scene_ticks;
+        let bytes = engine.message_bytes();
+        let mut first = vec![0u64; bytes / 8];
+        engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut first)).unwrap();
+        let stepped = |engine: &mut FlowEngine<'_>, now: &[u64], step_ticks: u64| {
+            let mut next = vec![0u64; bytes / 8];
+            let context = context(100, step_ticks);
+            engine.step(&context, bytemuck::cast_slice(now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+            hyst_messages::stream::change_header(bytemuck::cast_slice_mut(&mut next), |header| {
+                (header.tick, header.step_ticks) = (context.next_tick, step_ticks as u32);
+            });
+            next
+        };
+        engine.step_ticks.set(scene_ticks);
+        let long = stepped(&mut engine, &first, 2 * scene_ticks);
+        let head: Head = Message::parse(bytemuck::cast_slice(&long), Kind::FluidState).unwrap().record(0).unwrap();
+        assert_eq!(u64::from(head.status.step_ticks), 2 * scene_ticks);
+        assert_eq!(u64::from(head.status.scene_step_ticks), scene_ticks);
+        assert!(engine.accepts(bytemuck::cast_slice(&long)));
+        assert_eq!(Stateful::step_ticks(&engine), 2 * scene_ticks);
+        // The time of the pump and of the flow goes on by as much.
+        let next = stepped(&mut engine, &long, 2 * scene_ticks);
+        let block: &[u8] = Message::parse(bytemuck::cast_slice(&next), Kind::FluidState).unwrap().section(1).unwrap();
+        let time_s = StateView::new(block).unwrap().time().1;
+        assert!((time_s - 4e-3 * scene_ticks as f64).abs() < 1e-6, "{time_s} s");
+        // A bit that flips makes no other step of it.
+        let wild = stepped(&mut engine, &long, 2 * scene_ticks + 1);
+        engine.accepts(bytemuck::cast_slice(&wild));
+        assert_eq!(Stateful::step_ticks(&engine), 2 * scene_ticks);
+    });
+}
+
+#[test]
+fn dry_steps_that_find_the_pace_leave_the_flow_as_the_scene_has_it() {
+    in_a_station("dry", |mut engine| {
+        let state = |engine: &FlowEngine<'_>| {
+            let mut block = vec![0u64; engine.crew.solver().state_bytes() / 8];
+            engine.crew.solver().store(bytemuck::cast_slice_mut(&mut block)).unwrap();
+            block
+        };
+        let scene = load_scene(None).unwrap();
+        let fresh = Solver::new(model_of(&scene, scene.fluid.grid.map(|count| count as usize)).unwrap(), 1).unwrap();
+        let mut first = vec![0u64; fresh.state_bytes() / 8];
+        fresh.store(bytemuck::cast_slice_mut(&mut first)).unwrap();
+        assert!(state(&engine) == first);
+        engine.choose_step(&scene).unwrap();
+        assert!(state(&engine) == first && engine.cavity.mask().iter().all(|cell| *cell == 0));
+    });
+}
+
+#[test]
+fn states_have_the_same_bytes_whatever_lay_in_the_loan() {
+    in_a_station("loans", |mut engine| {
+        let bytes = engine.message_bytes();
+        let mut now = written(bytes, "the first state", |block| engine.initial(StreamHeader::default(), block).unwrap());
+        for tick in 1..=STEPS {
+            let before = now.clone();
+            let before: &[u8] = bytemuck::cast_slice(&before);
+            let step = |block: &mut [u8]| engine.step(&context(33 * tick, 33), &before[..bytes], block).unwrap();
+            now = written(bytes, &format!("state {tick}"), step);
+        }
+    });
 }

@@ -1,8 +1,10 @@
 //! What a step takes from its input: the hand, and what the medium does.
 
 use super::MainLoop;
+use super::cutting::Change;
 use crate::contacts::ToolMotion;
 use crate::knife::{solid_m, wire_m};
+use crate::outlet::Draw;
 use crate::state::Core;
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
@@ -19,6 +21,8 @@ pub(super) struct Hand {
     pub(super) wire_m: Option<Vec<[f32; 3]>>,
     /// How far the loop is out, m, if it is solid; else 0.
     pub(super) loop_m: f32,
+    /// The outflow, if it draws.
+    pub(super) draw: Option<Draw>,
     /// What the medium does, to be used by the next step.
     pub(super) next_medium: Medium,
 }
@@ -31,19 +35,20 @@ impl Hand {
         ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
     }
 
-    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts, and what was cut and removed, ml.
-    pub(super) fn core(&self, before: &Core, force_n: [f32; 3], contacts: usize, (is_cut, removed_ml): (bool, f64)) -> Core {
+    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts, and what became of the mesh.
+    pub(super) fn core(&self, before: &Core, force_n: [f32; 3], contacts: usize, change: &Change) -> Core {
         Core {
             pose: self.pose,
             velocity_m_s: self.velocity_m_s,
             force_n,
-            removed_volume_ml: before.removed_volume_ml + removed_ml,
+            removed_volume_ml: before.removed_volume_ml + change.removed_ml,
+            washed_out_ml: before.washed_out_ml + change.washed_out_ml.unwrap_or(0.0),
             pressure_pa: self.next_medium.pressure_pa,
             contact_count: contacts as u32,
-            cuts: before.cuts + u32::from(is_cut),
+            cuts: before.cuts + u32::from(change.is_cut),
             is_cutting: u32::from(self.wire_m.is_some()),
             loop_m: self.loop_m,
-            reserved: 0,
+            washed_out: before.washed_out + u32::from(change.washed_out_ml.is_some()),
             pieces: self.next_medium.pieces,
         }
     }
@@ -66,7 +71,7 @@ impl MainLoop<'_> {
         let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces };
         let Some(input) = self.input(tick) else {
             let (pose, loop_m) = (before.pose, before.loop_m);
-            return Hand { input_tick: 0, pose, velocity_m_s: [0.0; 3], wire_m: None, loop_m, next_medium: medium };
+            return Hand { input_tick: 0, pose, velocity_m_s: [0.0; 3], wire_m: None, loop_m, draw: None, next_medium: medium };
         };
         let sample = &input.sample;
         Hand {
@@ -75,6 +80,7 @@ impl MainLoop<'_> {
             velocity_m_s: sample.velocity_m_s,
             wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
             loop_m: solid_m(self.world.case.electrode.as_ref(), &sample.controls),
+            draw: self.world.case.outlet.draw(&input),
             next_medium: if input.pressure_pa > 0.0 {
                 Medium { pressure_pa: input.pressure_pa, pieces: input.pieces }
             } else {

@@ -4,6 +4,7 @@ mod cold;
 mod fold;
 mod held;
 mod lattice;
+mod outflow;
 mod pieces;
 mod sheet;
 mod thrust;

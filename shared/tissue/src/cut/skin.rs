@@ -191,7 +191,7 @@ impl Skin {
     }
 
     /// Leaves out what was bound to tets that are gone, and the vertices that no triangle has. `number`: the new number of each tet that is left.
-    pub(super) fn without_tets(&mut self, number: &[Option<u32>]) {
+    pub fn without_tets(&mut self, number: &[Option<u32>]) {
         let is_there = |vertex: &u32| number[self.bindings[*vertex as usize].tet as usize].is_some();
         let kept: Vec<[u32; 3]> = self.triangles.iter().filter(|triangle| triangle.iter().all(is_there)).copied().collect();
         let mut is_used = vec![false; self.rest_m.len()];

@@ -29,7 +29,7 @@ fn flow(
 }
 
 /// Share of a piece's nodes that lie in the organ's tets, and the middle of the piece.
-fn sunk(main: &MainLoop<'_>, now: &[u64], object: u32) -> (f32, Vec3) {
+pub(super) fn sunk(main: &MainLoop<'_>, now: &[u64], object: u32) -> (f32, Vec3) {
     let (positions, owner) = (positions(now), main.world.body.owners());
     let of_piece = positions.iter().zip(&owner).filter(|(_, of)| **of == Some(object));
     let points: Vec<[f32; 3]> = of_piece.map(|(place, _)| *place).collect();
@@ -53,6 +53,11 @@ pub(super) fn middle_m(body: &Body, tet: usize) -> Vec3 {
 
 /// The body with the outer half of its polyp parted from the rest, that half's object, and the way from the one to the other.
 fn halved(world: &World) -> (Body, u32, Vec3) {
+    parted(world, 0.0)
+}
+
+/// The same with what of the polyp is farther out than its middle by so much.
+pub(super) fn parted(world: &World, beyond_m: f32) -> (Body, u32, Vec3) {
     let mut body = world.body.clone();
     let polyp: Vec<usize> =
         (0..body.rest.tets.len()).filter(|tet| world.case.is_pathology(&body, body.rest.regions[*tet])).collect();
@@ -60,7 +65,7 @@ fn halved(world: &World) -> (Body, u32, Vec3) {
     let root = world.attachments.iter().map(|held| Vec3::from(body.rest.positions_m[held.node as usize])).sum::<Vec3>()
         / world.attachments.len() as f32;
     let (centre, out) = (middle(&polyp), (middle(&polyp) - root).normalize());
-    let outer: Vec<usize> = polyp.iter().copied().filter(|tet| (middle_m(&body, *tet) - centre).dot(out) > 0.0).collect();
+    let outer: Vec<usize> = polyp.iter().copied().filter(|tet| (middle_m(&body, *tet) - centre).dot(out) > beyond_m).collect();
     let mut copy = std::collections::BTreeMap::new();
     for tet in &outer {
         for corner in 0..4 {
@@ -78,7 +83,7 @@ fn halved(world: &World) -> (Body, u32, Vec3) {
     };
     let pieces = body.register_parts(is_held, &world.case.room);
     assert_eq!(pieces.len(), 1, "{pieces:?}");
-    assert!(!pieces[0].is_held && pieces[0].volume_m3 > 1e-8, "{pieces:?}");
+    assert!(!pieces[0].is_held && pieces[0].volume_m3 > 1e-9, "{pieces:?}");
     (body, pieces[0].object, out)
 }
 
