@@ -233,7 +233,9 @@ impl Viewer {
             recent_loop_p99_us: None,
             age_ms: None,
             tick: 0,
-            binary: crate::supervise::trial::binary_of(self.page.pid(slot)).filter(|_| alive).map(|path| crate::swap::kept::name_of(&path)),
+            binary: crate::supervise::trial::binary_of(self.page.pid(slot))
+                .filter(|_| alive)
+                .map(|path| crate::swap::kept::name_of(&path)),
             registered: None,
             steps: None,
         };

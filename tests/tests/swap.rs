@@ -107,13 +107,15 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
 #[test]
 fn a_file_that_is_built_anew_in_its_place_changes_nothing_that_runs() {
     let station = Station::start("anew", &["--hand", "script:press", "--test-mode"]);
-    let mine = station.folder().join("my-fluid");
+    // The bad one goes by its name.
+    let (mine, worse) = (bad_engine(station.folder(), "fluid", "off"), station.folder().join("worse"));
+    std::fs::rename(&mine, &worse).expect("put aside");
     std::fs::copy(binaries().join("fluid"), &mine).expect("a copy of an engine");
     let good = std::fs::read(&mine).expect("the engine");
     if !swap_well(&station, "fluid", &mine) {
         return;
     }
-    std::fs::rename(bad_engine(station.folder(), "fluid", "off"), &mine).expect("a worse one in its place");
+    std::fs::rename(&worse, &mine).expect("a worse one in its place");
     let all_run_the_good_one = || {
         for _ in 0..2 {
             station.kill("fluid", true);

@@ -87,7 +87,8 @@ mod tests {
         let good = keep(&station, &mine).unwrap();
         assert_eq!(keep(&station, &mine).unwrap(), good, "the same is kept once");
         std::fs::write(&mine, "bad").unwrap();
-        let mut plan = Plan { binaries: work.clone(), slots: vec![], swapped: Default::default(), end_tick: None, faults: vec![] };
+        let mut plan =
+            Plan { binaries: work.clone(), slots: vec![], swapped: Default::default(), end_tick: None, faults: vec![] };
         plan.swapped.insert("fluid".into(), good.clone());
         plan.write(&station).unwrap();
         let bad = keep(&station, &mine).unwrap();
