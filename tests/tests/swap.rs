@@ -80,7 +80,7 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
     let (mut windows, mut runs_example) = (Pairs::default(), false);
     let example = binaries().join("example-engine");
     for round in 0..swaps() {
-        for role in ["tissue", "haptic", "collision-worker", "recorder", "console", "rendering"] {
+        for role in ["tissue", "haptic", "collision-worker", "recorder", "console"] {
             let copy = copy(&station, role, round);
             windows.around(&station, CONTROL_TICKS, || swap_well(&station, role, &copy));
         }
