@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// One process.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Default)]
 pub struct ProcessView {
     /// Slot's name.
     pub name: String,
@@ -102,7 +102,7 @@ fn steps_of(page: &ReadPage) -> Option<StepView> {
 }
 
 /// The station.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Default)]
 pub struct StationView {
     /// Name.
     pub station: String,
@@ -221,23 +221,14 @@ impl Viewer {
         let mut view = ProcessView {
             name: slot.to_string(),
             pid: self.page.pid(slot),
-            epoch: 0,
             state: if alive { "live" } else { "dead" },
             active: self.is_active(slot),
             incarnation: self.page.incarnation(slot),
             restarts: self.page.page().load64(layout::SLOT_RESTARTS + slot.number()),
-            rate_hz: None,
-            wakeup_p99_us: None,
-            recent_wakeup_p99_us: None,
-            loop_p99_us: None,
-            recent_loop_p99_us: None,
-            age_ms: None,
-            tick: 0,
             binary: crate::supervise::trial::binary_of(self.page.pid(slot))
                 .filter(|_| alive)
                 .map(|path| crate::swap::kept::name_of(&path)),
-            registered: None,
-            steps: None,
+            ..ProcessView::default()
         };
         if slot.role() == Role::Supervisor {
             view.epoch = self.page.page().load64(layout::SUPERVISOR_STARTS) as u32;
@@ -321,34 +312,8 @@ mod tests {
     use super::*;
 
     fn flow(steps: StepView) -> StationView {
-        let fluid = ProcessView {
-            name: "fluid:0".into(),
-            pid: 7,
-            epoch: 1,
-            state: "live",
-            active: true,
-            incarnation: 1,
-            restarts: 0,
-            rate_hz: None,
-            wakeup_p99_us: None,
-            recent_wakeup_p99_us: None,
-            loop_p99_us: None,
-            recent_loop_p99_us: None,
-            age_ms: None,
-            tick: 0,
-            binary: None,
-            registered: None,
-            steps: Some(steps),
-        };
-        StationView {
-            station: "s".into(),
-            tick: 1,
-            state: "running",
-            test_mode: false,
-            held: Vec::new(),
-            processes: vec![fluid],
-            console: None,
-        }
+        let fluid = ProcessView { name: "fluid:0".into(), active: true, steps: Some(steps), ..ProcessView::default() };
+        StationView { processes: vec![fluid], ..StationView::default() }
     }
 
     #[test]

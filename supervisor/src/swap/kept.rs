@@ -1,6 +1,7 @@
 //! The station's own copies of the engines that it was given. A developer who builds anew over the file that a swap named changes nothing in a station that
 //! runs: what was verified is what starts, also after the next death, and what a swap is rolled back to is what ran before it.
 
+use crate::campaign::draw::hash;
 use crate::plan::Plan;
 use crate::swap::Record;
 use hyst_exchange::Station;
@@ -25,7 +26,7 @@ pub fn keep(station: &Station, binary: &Path) -> Result<PathBuf, String> {
     forget(station);
     let bytes = std::fs::read(binary).map_err(|error| format!("{}: {error}", binary.display()))?;
     let from = binary.as_os_str().as_encoded_bytes();
-    let own = folder(station).join(format!("{:016x}", hash(&[from, &bytes])));
+    let own = folder(station).join(format!("{:016x}-{:016x}", hash(from), hash(&bytes)));
     let copy = own.join(name);
     if copy.exists() {
         return Ok(copy);
@@ -35,7 +36,8 @@ pub fn keep(station: &Station, binary: &Path) -> Result<PathBuf, String> {
     let make = || {
         let _ = std::fs::remove_dir_all(&next); // of one that was cut off
         std::fs::create_dir_all(&next)?;
-        std::fs::copy(binary, next.join(name))?;
+        std::fs::write(next.join(name), &bytes)?; // what was read, whatever the file is by now
+        std::fs::set_permissions(next.join(name), std::fs::metadata(binary)?.permissions())?;
         std::fs::write(next.join(FROM), from)?;
         std::fs::rename(&next, &own)
     };
@@ -64,11 +66,6 @@ fn forget(station: &Station) {
             let _ = std::fs::remove_dir_all(path); // what stays goes with the station
         }
     }
-}
-
-/// FNV-1a of the parts.
-fn hash(parts: &[&[u8]]) -> u64 {
-    parts.iter().fold(0, |seed, part| crate::campaign::draw::hash(part) ^ u64::rotate_left(seed, 1))
 }
 
 #[cfg(test)]
