@@ -36,5 +36,6 @@ pub mod spawn;
 pub mod supervise;
 pub mod suspicion;
 pub mod swap;
+pub mod toil;
 pub mod view;
 pub mod watch;

@@ -286,12 +286,16 @@ impl Supervisor {
                 self.accounts.cleared(slot, guilt_ns);
                 self.faults.cleared(slot, incarnation);
             }
-            Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns }) => {
-                journal::say(
-                    &self.station,
-                    &format!("{slot} hangs (last heartbeat {} ms ago) and is killed", (at_ns - beat_ns.min(at_ns)) / 1_000_000),
-                );
-                self.faults.late(slot, incarnation, at_ns, beat_ns, "heartbeat");
+            Input::Notice(Notice::Late { slot, incarnation, at_ns, beat_ns, is_slow }) => {
+                let (why, by) = match is_slow {
+                    true => ("works so much that it cannot be in time".into(), "processor time"),
+                    false => {
+                        let silent_ms = at_ns.saturating_sub(beat_ns) / 1_000_000;
+                        (format!("hangs (last heartbeat {silent_ms} ms ago)"), "heartbeat")
+                    }
+                };
+                journal::say(&self.station, &format!("{slot} {why} and is killed"));
+                self.faults.late(slot, incarnation, at_ns, beat_ns, by);
                 let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation, beat_ns }, &mut self.policy);
                 self.act(actions);
             }

@@ -61,6 +61,8 @@ pub enum Opinion {
     Cleared,
     /// It hangs.
     Guilty,
+    /// It goes on, and works too much to be in time.
+    Slow,
 }
 
 /// What is remembered of an engine between two looks.

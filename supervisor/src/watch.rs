@@ -5,6 +5,7 @@
 
 use crate::proc::{self, ThreadFiles};
 use crate::suspicion::{Gauge, Opinion, is_real_time};
+use crate::toil::Toil;
 use hyst_engine::Silence;
 use hyst_engine::realtime::{DEVICE_RETURNS_PRIORITY, WATCH_PRIORITY};
 use hyst_exchange::{OwnedPage, ReadPage, system};
@@ -54,6 +55,7 @@ pub struct Ward {
     serves: bool,
     blamed: bool,
     gauge: Gauge,
+    toil: Toil,
     thread: Option<ThreadFiles>,
     /// Number of the look at which it was last seen to have beaten.
     moved: u64,
@@ -79,6 +81,7 @@ impl Ward {
             serves: false,
             blamed: false,
             gauge,
+            toil: Toil::default(),
             thread,
             moved: 0,
             beat_ns: 0,
@@ -123,7 +126,7 @@ pub enum Notice {
         /// Most guilt of which this incarnation was cleared, ns.
         guilt_ns: u64,
     },
-    /// An incarnation hangs and was killed.
+    /// An incarnation hangs, or goes on and is too slow to be in time, and was killed.
     Late {
         /// Where.
         slot: Slot,
@@ -133,6 +136,8 @@ pub enum Notice {
         at_ns: u64,
         /// Its last heartbeat, ns.
         beat_ns: u64,
+        /// It goes on.
+        is_slow: bool,
     },
     /// A servo has left its shadow: what it makes may be used.
     Serves {
@@ -328,7 +333,12 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
         (ProcessState::Warm | ProcessState::Live, None) => {
             let thread = ward.thread.as_ref();
             let ask = if is_real_time(slot.role()) { ThreadFiles::state } else { ThreadFiles::state_of_process };
-            ward.gauge.look(beat_ns, counted_ns, || thread.and_then(ask))
+            let is_device = slot.role() == Role::Device;
+            let ran_ns = thread.filter(|_| is_device).and_then(ThreadFiles::ran_and_waited_ns).map(|(ran_ns, _)| ran_ns);
+            match ward.toil.look(counted_ns, ran_ns) {
+                true => Opinion::Slow,
+                false => ward.gauge.look(beat_ns, counted_ns, || thread.and_then(ask)),
+            }
         }
     };
     if opinion != Opinion::Same {
@@ -338,13 +348,13 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
         Opinion::Same => {}
         Opinion::Suspected => tell(Notice::Suspected { slot, incarnation, at_ns: now_ns }),
         Opinion::Cleared => tell(Notice::Cleared { slot, incarnation, guilt_ns: ward.gauge.most_cleared_ns }),
-        Opinion::Guilty => {
+        Opinion::Guilty | Opinion::Slow => {
             ward.blamed = true;
             // The hardware stands for a thing outside of the station: it is reported, but not killed for being late.
             if slot.role() != Role::Hardware {
                 proc::end_held(slot.role(), ward.pid, &ward.pidfd);
             }
-            tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns });
+            tell(Notice::Late { slot, incarnation, at_ns: now_ns, beat_ns, is_slow: opinion == Opinion::Slow });
         }
     }
 }

@@ -50,7 +50,7 @@ fn outside_of_test_mode_nobody_hurts_a_keeper() {
     let before = place.wait_ready();
     for target in ["supervisor", "guardian", "supervisor+guardian"] {
         let output = place.call(&["fault", "inject", "kill", target]);
-        assert_eq!(output.status.code(), Some(1), "as for an engine");
+        assert_eq!(output.status.code(), Some(2), "as for an engine");
         assert!(text(&output.stderr).contains("--test-mode"), "{}", text(&output.stderr));
     }
     let pids = |rows: &[(String, u64, String)]| rows.iter().map(|(_, pid, _)| *pid).collect::<Vec<u64>>();

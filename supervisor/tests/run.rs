@@ -19,7 +19,7 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
     let second = place.call(&["run", "--headless", "--binaries", place.folder.to_str().unwrap()]);
     assert_eq!(second.status.code(), Some(2), "a second station of one name");
     assert!(text(&second.stderr).contains("is running"));
-    assert_eq!(place.call(&["fault", "inject", "kill", "haptic:1"]).status.code(), Some(1), "faults are for test mode");
+    assert_eq!(place.call(&["fault", "inject", "kill", "haptic:1"]).status.code(), Some(2), "faults are for test mode");
     assert!(place.call(&["stop"]).status.success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));

@@ -63,6 +63,8 @@ pub struct Pairs {
     with: Ticks,
     /// What was lost of a thousand ticks, less what the control before it lost.
     excesses: Vec<f64>,
+    /// The same in ticks: how many more were lost than so long a control loses.
+    missed: Vec<f64>,
 }
 
 impl Pairs {
@@ -72,9 +74,23 @@ impl Pairs {
         let (with, share, result) = Ticks::of(station, done);
         (self.control, self.with) = (self.control.and(control), self.with.and(with));
         if quiet_share.min(share) >= LEAST_SHARE {
-            self.excesses.push(with.per_mille() - control.per_mille());
+            let excess = with.per_mille() - control.per_mille();
+            self.excesses.push(excess);
+            self.missed.push(excess * 1e-3 * with.0 as f64);
         }
         result
+    }
+
+    /// Adds the pairs of others.
+    pub fn add(&mut self, other: &Pairs) {
+        (self.control, self.with) = (self.control.and(other.control), self.with.and(other.with));
+        self.excesses.extend(&other.excesses);
+        self.missed.extend(&other.missed);
+    }
+
+    /// Fails if what was done costs so many ticks each time, beyond doubt.
+    pub fn judge_each(&self, what: &str, allowed: f64, least: usize, station: &Station) {
+        Promise { allowed, least }.judge(&format!("{what}, ticks lost each time"), &self.missed, || station.said());
     }
 
     /// How many count.

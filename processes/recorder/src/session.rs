@@ -30,6 +30,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     life.say(&format!("recording {}, {}", path.display(), if keeper.is_continued() { "continued" } else { "new" }));
     life.page.set_state(ProcessState::Live);
     loop {
+        let begun_ns = system::now_ns();
         let changes = life.clock.changes();
         let is_last = life.clock.stop_requested() || is_superseded(life);
         if is_last {
@@ -41,6 +42,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));
         before = Some(look);
         keeper.keep(life, is_last)?;
+        life.drag(begun_ns);
         alive(life);
         if is_last {
             break;
@@ -56,7 +58,8 @@ fn idle(life: &Life) -> Result<(), Failure> {
     life.page.write(layout::STATUS, &RecorderStatus::default());
     life.page.set_state(ProcessState::Live);
     while !life.clock.stop_requested() && !is_superseded(life) {
-        let changes = life.clock.changes();
+        let (begun_ns, changes) = (system::now_ns(), life.clock.changes());
+        life.drag(begun_ns);
         alive(life);
         rest(life, changes);
     }

@@ -1,12 +1,13 @@
 //! `hystation conformance`: tells an engine's author what is wrong with it before a trainee's station does. The engine is verified, called with
-//! arguments that it must refuse, and swapped into a private station of its own, whose every check it has to pass; then that station is stopped,
-//! and what is left of it is counted.
+//! arguments that it must refuse, and swapped into a private station of its own, whose every check it has to pass; there it is killed once, and has to come
+//! back; then that station is stopped, and what is left of it is counted.
 //!
-//! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is.
+//! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in.
 
 use super::swap::swap_and_wait;
 use crate::settings::Refusal;
 use crate::swap::{role_of, verify};
+use crate::view::Viewer;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Kind, Role, kinds_of, tolerance};
 use serde::Serialize;
@@ -19,8 +20,11 @@ const WHOLE_WITHIN_NS: u64 = 120_000_000_000;
 const LOOK_NS: u64 = 100_000_000;
 /// How often it is swapped in if the machine gives it no time.
 const TRIES: usize = 3;
+/// How long the role may take to be whole again after its death.
+const BACK_WITHIN_NS: u64 = 30_000_000_000;
 /// What that is called.
 const NO_TIME: &str = "gets time to show what it is";
+const COMES_BACK: &str = "comes back after its death";
 /// How long an engine may take to refuse arguments: a loader on a busy machine.
 const REFUSES_WITHIN_NS: u64 = 10_000_000_000;
 
@@ -110,8 +114,11 @@ fn in_a_station(role: Role, binary: &Path) -> Result<Vec<Check>, Refusal> {
     }
     let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).process_group(0).spawn();
     let child = child.map_err(|e| Refusal::failed(format!("cannot start a private station: {e}")))?;
-    let private = Private { station, child };
-    let checks = swap_in(role, binary, &private.station);
+    let mut private = Private { station, child };
+    let checks = swap_in(role, binary, &mut private).map_err(|refusal| match refusal.code {
+        2 => refusal,
+        _ => Refusal { code: 3, ..refusal }, // it says nothing of the engine
+    });
     let station = private.station.clone();
     drop(private);
     let _ = std::fs::remove_dir_all(&folder); // it is in the system's folder for such things
@@ -122,19 +129,57 @@ fn in_a_station(role: Role, binary: &Path) -> Result<Vec<Check>, Refusal> {
     Ok(checks)
 }
 
-fn swap_in(role: Role, binary: &Path, station: &Station) -> Result<Vec<Check>, Refusal> {
-    let deadline_ns = system::now_ns() + WHOLE_WITHIN_NS;
-    let whole = || {
-        let plan = crate::plan::Plan::read(station).ok()?;
-        let mut viewer = crate::view::Viewer::open(station).ok()?;
-        plan.slots().into_iter().all(|slot| viewer.says_ready(slot)).then_some(())
-    };
-    while whole().is_none() {
-        if system::now_ns() >= deadline_ns {
-            return Err(Refusal::failed("the private station did not start; try `hystation run` and `hystation doctor`"));
+/// Whether each slot of the station has a process that works; the incarnations of a role.
+fn whole(station: &Station, role: Role) -> Option<Vec<u32>> {
+    let slots = crate::plan::Plan::read(station).ok()?.slots();
+    let mut viewer = Viewer::open(station).ok()?;
+    let incarnations = slots.iter().filter(|slot| slot.role() == role).map(|slot| viewer.page().incarnation(*slot)).collect();
+    slots.into_iter().all(|slot| viewer.is_well(slot)).then_some(incarnations)
+}
+
+/// Waits until the private station is whole and `is_it` says so of the incarnations of the role; when that was.
+fn wait_until(private: &mut Private, role: Role, within_ns: u64, is_it: impl Fn(&[u32]) -> bool) -> Result<u64, Refusal> {
+    let begun_ns = system::now_ns();
+    loop {
+        let now_ns = system::now_ns();
+        if whole(&private.station, role).is_some_and(|incarnations| is_it(&incarnations)) {
+            return Ok(now_ns - begun_ns);
+        }
+        let hint = "try `hystation run` and `hystation doctor`";
+        if let Ok(Some(status)) = private.child.try_wait() {
+            return Err(Refusal::failed(format!("the private station has ended ({status}); {hint}")));
+        }
+        if now_ns >= begun_ns + within_ns {
+            return Err(Refusal::failed(format!(
+                "the private station is not whole after {} s; {hint}",
+                within_ns / 1_000_000_000
+            )));
         }
         system::sleep_ns(LOOK_NS);
     }
+}
+
+/// Kills who does the role's work: one that has a spare of its own kind gives the role to that, any other is started again; and all are there again.
+fn comes_back(role: Role, private: &mut Private) -> Result<Check, Refusal> {
+    let failed = |error: &dyn std::fmt::Display| Refusal::failed(error.to_string());
+    let view = Viewer::open(&private.station).map_err(|error| failed(&error))?.look();
+    let is_it = |process: &&crate::view::ProcessView| process.active && process.name.split(':').next() == Some(role.name());
+    let Some(active) = view.processes.iter().find(is_it) else {
+        return Ok(check(COMES_BACK, Err("nobody does the role's work".into())));
+    };
+    let (pid, incarnation) = (active.pid, active.incarnation);
+    crate::proc::signal(pid, rustix::process::Signal::KILL);
+    let is_replaced = |incarnations: &[u32]| !incarnations.contains(&incarnation);
+    let back = match wait_until(private, role, BACK_WITHIN_NS, is_replaced) {
+        Ok(after_ns) => Ok(format!("whole again after {:.1} s", after_ns as f64 * 1e-9)),
+        Err(refusal) => Err(refusal.message),
+    };
+    Ok(check(COMES_BACK, back))
+}
+
+fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check>, Refusal> {
+    wait_until(private, role, WHOLE_WITHIN_NS, |_| true)?;
+    let station = &private.station.clone();
     let mut record = swap_and_wait(station, role.name(), binary)?;
     for _ in 1..TRIES {
         if record.promoted == Some(false) && record.got_no_time() {
@@ -152,7 +197,11 @@ fn swap_in(role: Role, binary: &Path, station: &Station) -> Result<Vec<Check>, R
         checks.push(check("agrees with the old engine", compared));
         checks.extend(tolerance::stated(*kind).into_iter().map(|text| check("  tolerance", Ok(text))));
     }
-    let proven = if record.promoted == Some(true) { Ok("nobody had a reason to doubt it".into()) } else { Err(record.reason) };
+    let is_proven = record.promoted == Some(true);
+    let proven = if is_proven { Ok("nobody had a reason to doubt it".into()) } else { Err(record.reason) };
     checks.push(check("passes its probation", proven));
+    if is_proven {
+        checks.push(comes_back(role, private)?);
+    }
     Ok(checks)
 }

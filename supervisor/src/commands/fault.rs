@@ -39,6 +39,9 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
         injection.check_in(&plan.slots()).map_err(Refusal::input)?;
     }
     shortage::check(station, injection.kind).map_err(Refusal::input)?;
+    if station.open().is_ok_and(|page| !page.test_mode()) {
+        return Err(Refusal::input(keepers::OUTSIDE_OF_TEST_MODE));
+    }
     if let Some(words) = &args.tick {
         injection.tick = wait_for_tick(station, words)?;
         injection.phase_us = args.phase_us.unwrap_or(0);
@@ -54,9 +57,6 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
 /// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
 fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
     let page = station.open().map_err(|error| Refusal::failed(error.to_string()))?;
-    if !page.test_mode() {
-        return Err(Refusal::failed(keepers::OUTSIDE_OF_TEST_MODE));
-    }
     if page.is_lockstep() {
         return Err(Refusal::input("--tick: a station in lock-step takes faults with a tick from its --faults FILE"));
     }

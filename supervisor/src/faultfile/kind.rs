@@ -233,7 +233,6 @@ impl FaultKind {
         }
         let what = self.mischief()?;
         match role {
-            Role::Recorder if what == Mischief::Slow => Some("its steps are looks at what there is, and are not made longer"),
             Role::Device | Role::Rendering | Role::Recorder | Role::Console if what == Mischief::LeakLoans => {
                 Some("it has no stream that it writes in each step")
             }

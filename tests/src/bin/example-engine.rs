@@ -89,10 +89,8 @@ fn run(life: &Life) -> Result<(), Failure> {
     let model = model_of(&scene, scene.fluid.grid.map(|count| count as usize)).map_err(broken)?;
     let (solver, status) = (Solver::new(model, 1).map_err(broken)?, FluidStatus::default());
     let radius_m = scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m);
-    hyst_engine::run_stateful(
-        life,
-        Still { life, solver, radius_m, period_ticks: scene.fluid.period_ticks(), hardware: None, status },
-    )
+    let period_ticks = scene.fluid.period_ticks();
+    hyst_engine::run_stateful(life, Still { life, solver, radius_m, period_ticks, hardware: None, status })
 }
 
 fn main() -> std::process::ExitCode {

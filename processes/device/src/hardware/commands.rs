@@ -1,5 +1,6 @@
 //! What the firmware takes from the device: commands that are finite, within what the motors can make, newer than the last one, and not the same
-//! again and again while the tip moves against them. Any other is as good as none: the last force is kept, and the watchdog ramps it to zero.
+//! again and again while the tip moves against them, nor other ones than the servos are told of. Any other is as good as none: the last force is kept, and
+//! the watchdog ramps it to zero.
 
 use hyst_coupling::{ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, valid_force, watch_step};
 use hyst_engine::Life;
@@ -10,6 +11,8 @@ use hyst_messages::{Applied, ForceCommand};
 
 /// Most ticks by which a command may be ahead of the clock: one that were taken would shut out all that come before its time.
 const MOST_AHEAD_TICKS: u64 = 2;
+/// Commands in a row after which a device that tells the servos of others is not followed: one that goes on from what the motors make tells of another once.
+const UNLIKE_LIMIT: u32 = 3;
 
 /// The newest command that was taken, and what was seen of its device.
 #[derive(Default)]
@@ -20,6 +23,9 @@ pub struct Commands {
     /// The newest was taken for a tick that had passed: the device's cell may have it still.
     from_past: bool,
     watch: WatchState,
+    /// The newest that was looked at, taken or not, and how many in a row the servos were told something else of.
+    heard: ForceCommand,
+    unlike: u32,
 }
 
 impl Commands {
@@ -32,13 +38,16 @@ impl Commands {
         // The number that belongs to this value: a newer one may have come since, and would look like the same again.
         let (number, command) = page.cell(device::COMMAND)?;
         if incarnation != self.seen.0 {
-            self.watch = WatchState::default();
+            (self.watch, self.unlike) = (WatchState::default(), 0);
         }
         self.seen = (incarnation, number);
         if self.has_had(&command) {
             return None;
         }
-        let verdict = self.judge(&command, life.clock.present_tick(), tip_m, max_force_n);
+        let told_n = page.ring(device::INPUTS, command.tick).map(|input| input.applied_n);
+        let verdict = self
+            .judge(&command, life.clock.present_tick(), tip_m, max_force_n)
+            .and_then(|()| if self.is_double_tongued(&command, told_n) { Err(Distrust::Frozen) } else { Ok(()) });
         let Err(why) = verdict else {
             (self.newest, self.from_past) = (command, false);
             return Some(command);
@@ -68,6 +77,18 @@ impl Commands {
     /// Whether this is the very command that was taken for a tick that had passed: it is not new, and no reproach to the device.
     fn has_had(&self, command: &ForceCommand) -> bool {
         self.from_past && *command == self.newest
+    }
+
+    /// Whether the device has told the servos of other forces than it sent to the motors: `told_n` is what it told them, in the tick of this command, of the
+    /// one before. In free motion a force of nothing is the true one, and only this tells it from one that stands still.
+    fn is_double_tongued(&mut self, command: &ForceCommand, told_n: Option<[f32; 3]>) -> bool {
+        let heard = std::mem::replace(&mut self.heard, *command);
+        let is_next = command.tick == heard.tick + 1 && command.device_incarnation == heard.device_incarnation;
+        if let Some(told_n) = told_n.filter(|_| is_next) {
+            let is_alike = told_n.map(f32::to_bits) == heard.force_n.map(f32::to_bits);
+            self.unlike = if is_alike { 0 } else { self.unlike.saturating_add(1) };
+        }
+        self.unlike >= UNLIKE_LIMIT
     }
 
     fn judge(&mut self, command: &ForceCommand, present_tick: u64, tip_m: [f32; 3], max_force_n: f32) -> Result<(), Distrust> {
@@ -151,6 +172,24 @@ mod tests {
             (8..40).all(|tick| past(command(tick, 1.0), tick + 1)),
             "the same all the while: the tip stood still for the device"
         );
+    }
+
+    #[test]
+    fn a_device_that_tells_the_servos_of_other_forces_than_it_sends_is_not_followed_for_long() {
+        // Its force grows; what the motors are told stays nothing. `told` is what the servos are told of the command before.
+        let verdicts = |sent: fn(u64) -> f32, told: fn(u64) -> f32| -> Vec<bool> {
+            let mut commands = Commands::default();
+            let one = |tick: u64| commands.is_double_tongued(&command(tick, sent(tick)), Some([0.0, told(tick), 0.0]));
+            (1..=9).map(one).collect()
+        };
+        let force = |tick: u64| tick.saturating_sub(3) as f32 * 0.1; // contact from the fourth tick on
+        let before = |tick: u64| tick.saturating_sub(4) as f32 * 0.1;
+        assert_eq!(verdicts(force, before), [false; 9]);
+        let found = verdicts(|_| 0.0, before);
+        assert_eq!(found.iter().position(|is_so| *is_so), Some(6), "in the third tick that tells of a force: {found:?}");
+        assert!(found[6..].iter().all(|is_so| *is_so), "for as long as it does");
+        let once = verdicts(force, |tick| if tick == 6 { 0.7 } else { tick.saturating_sub(4) as f32 * 0.1 });
+        assert_eq!(once, [false; 9], "one that goes on from what the motors make");
     }
 
     #[test]
