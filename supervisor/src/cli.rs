@@ -82,6 +82,12 @@ pub enum Command {
         role: String,
         /// The engine's binary.
         binary: PathBuf,
+        /// The scene of the private station. Default: the built-in one.
+        #[arg(long)]
+        scene: Option<PathBuf>,
+        /// Its hand: script:polyp cuts, too.
+        #[arg(long, default_value = "script:press")]
+        hand: String,
         /// As JSON.
         #[arg(long)]
         json: bool,

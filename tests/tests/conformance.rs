@@ -42,6 +42,15 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         let is_good = |what: &str| checks.iter().any(|check| check["what"] == what && check["good"] == true);
         assert!(is_good("leaves nothing behind") && is_good("comes back after its death") == (expected == 0), "{told:#}");
     }
+    // A servo of the station's own, in another scene and under another hand; and a scene that is none.
+    let own = binaries().join("haptic");
+    let with_hand =
+        |scene: &str| run(hystation().args(["conformance", "haptic", "--hand", "script:polyp", "--scene", scene]).arg(&own));
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/cases/polyp.toml");
+    let (code, told, said) = with_hand(scene);
+    assert!(matches!(code, Some(0 | 3)), "{code:?} {told}\n{said}");
+    let (code, _, said) = with_hand(script.to_str().expect("a path"));
+    assert!(code == Some(2) && said.contains("hystation check"), "{code:?} {said}");
     for (role, binary, words) in [("fluid", Path::new(&script), "ELF"), ("tissue", &binaries().join("fluid"), "is a fluid")] {
         let (code, _, said) = tried(role, binary);
         assert!(code == Some(2) && said.contains(words) && said.lines().count() == 1, "{code:?} {said}");

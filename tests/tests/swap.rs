@@ -5,7 +5,7 @@
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
-use station_tests::windows::Pairs;
+use station_tests::windows::{Pairs, Spinners};
 use station_tests::{RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -78,6 +78,9 @@ fn kill_supervisor(station: &Station) {
 /// Ticks that a swap may cost, beyond what so long a control loses: none, as far as 50 of each engine tell.
 const ALLOWED_EACH: f64 = 0.05;
 
+/// Ticks that one of the device may cost, until its successor is there: what the hardware holds and ramps a force for.
+const DEVICE_TICKS: f64 = 20.0;
+
 /// Judges what swaps cost, each role by itself where there are many, and all of them together.
 fn judge(what: &str, windows: &BTreeMap<&str, Pairs>, station: &Station) {
     let mut all = Pairs::default();
@@ -94,7 +97,9 @@ fn judge(what: &str, windows: &BTreeMap<&str, Pairs>, station: &Station) {
 #[test]
 fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones() {
     let station = Station::start("swap", &["--hand", "script:press", "--test-mode"]);
-    let (mut windows, mut runs_example) = (BTreeMap::<&str, Pairs>::new(), false);
+    // Many swaps are made beside an ordinary process that spins.
+    let _load = Spinners::start(usize::from(swaps() >= LEAST));
+    let (mut windows, mut device, mut runs_example) = (BTreeMap::<&str, Pairs>::new(), Pairs::default(), false);
     let example = binaries().join("example-engine");
     for round in 0..swaps() {
         for role in ["tissue", "haptic", "collision-worker", "rendering", "recorder", "console"] {
@@ -106,8 +111,10 @@ fn engines_are_swapped_under_the_hand_and_whoever_is_restarted_runs_the_new_ones
         let swapped = pairs.around(&station, CONTROL_TICKS, || swap_well(&station, "fluid", &fluid));
         runs_example = if swapped { fluid == example } else { runs_example };
         // One that has no spare and that the hand waits for: ramped to zero, and back. Judged apart.
-        swap_well(&station, "device", &copy(&station, "device", round));
+        let copy = copy(&station, "device", round);
+        device.around(&station, CONTROL_TICKS, || swap_well(&station, "device", &copy));
     }
+    device.judge_each("swaps of the device", DEVICE_TICKS, LEAST, &station);
     judge("swaps", &windows, &station);
     // Neither a restart of the supervisor nor one of the slot leads back to the old binary.
     kill_supervisor(&station);

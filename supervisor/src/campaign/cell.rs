@@ -242,15 +242,18 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
 fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
     let is_tissue = target.split(':').next() == Some(Role::Tissue.name());
     let text = text.unwrap_or(if is_tissue { "kill haptic:active" } else { "kill tissue:active" });
-    let (kind, other) =
-        text.split_once(' ').ok_or_else(|| format!("with = {text:?}: write KIND TARGET, as \"kill tissue:active\""))?;
+    let form =
+        || format!("with = {text:?}: write KIND TARGET, as \"kill tissue:active\", and options, as \"no-files device for=0.5\"");
+    let mut words = text.split(' ');
+    let (kind, other) = words.next().zip(words.next()).ok_or_else(form)?;
+    let options: toml::Table = toml::from_str(&words.collect::<Vec<_>>().join("\n")).map_err(|_| form())?;
     if [other, target].into_iter().any(|name| Keepers::parse(name).is_some()) {
         return Err("those who keep the station have no recovery that another fault could fall into; take state any".into());
     }
     if [other, target].into_iter().any(|name| name.ends_with(":both")) {
         return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
     }
-    injection(kind, other, &toml::Table::new())
+    injection(kind, other, &options)
 }
 
 impl Cell {

@@ -2,8 +2,9 @@
 //!
 //! A promise is *broken* only beyond doubt: the lower end of the interval of the excess lies above the limit, with the void ticks or without, or something happened that
 //! never may (a station that did not go on, a process that did not recover, one that died or hung of another's fault, a force of a servo that lied, a lie that
-//! nobody found, a force step that no fault-free tick in the same state makes + 0.05 N, a state that began anew or a counter that went back, a stale value,
-//! ticks that the recording lost, anything left over), unless its cell says that it may. It is *held* when the upper end is within the limit, and that with the
+//! nobody found, a force step that no fault-free tick in the same state makes + 0.05 N, a fault that cost more ticks than the hardware's own ramp bridges and than
+//! any control window lost, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over), unless its
+//! cell says that it may. It is *held* when the upper end is within the limit, and that with the
 //! void ticks too where they are more than chance makes. Between the two, when none of a cell's faults showed, or when too
 //! many faults have no verdict because the host stalled, nothing can be said, and the campaign says so.
 
@@ -20,7 +21,7 @@ use super::file::Campaign;
 use super::outcome::Outcome;
 use super::station::StationOutcome;
 use blame::Blame;
-use figures::{Known, conclude, enough, gather, quiet_steps_n};
+use figures::{Known, conclude, enough, gather, most_missed_without, quiet_steps_n};
 use serde::Serialize;
 
 /// All that is known of a campaign.
@@ -61,9 +62,10 @@ pub fn judge(
     let mut pools = Vec::new();
     for arm in &campaign.arms {
         let steps_n = quiet_steps_n(arm, outcomes, stations);
+        let most_missed = most_missed_without(arm, outcomes);
         let figures = |name: &str, chosen: &dyn Fn(&Cell) -> bool| {
             let here: Vec<&Cell> = campaign.cells.iter().filter(|cell| chosen(cell)).collect();
-            gather(name, arm, &here, &Known { plan, outcomes, steps_n, blame: &blame })
+            gather(name, arm, &here, &Known { plan, outcomes, steps_n, most_missed, blame: &blame })
         };
         for cell in &campaign.cells {
             let found = figures(&cell.name, &|other| other.name == cell.name).bound_hangs(cell.found_ms);

@@ -157,6 +157,7 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
             },
             "force step",
         ),
+        (|outcomes| window(outcomes, "kill haptic:active", 0).missed = 21, "the hand lost 21 ticks, 0 at most without a fault"),
     ];
     for (harm, word) in harms {
         let (campaign, plan, mut outcomes) = setup(TEXT);

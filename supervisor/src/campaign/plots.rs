@@ -128,7 +128,7 @@ pub fn excess(judgement: &Judgement, arm: &str) -> String {
                 write!(svg, "<line x1=\"{x:.1}\" y1=\"{:.1}\" x2=\"{x:.1}\" y2=\"{:.1}\" class=\"limit\"/>", y - 9.0, y + 9.0);
         }
     }
-    frame(rows.len(), "excess misses per fault", &svg)
+    frame(rows.len(), "faults with excess misses, per fault", &svg)
 }
 
 /// The distribution of a time for each cell, ms, by its logarithm: a dot for each fault, a bar at the median.

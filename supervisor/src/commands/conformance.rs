@@ -41,14 +41,23 @@ fn check(what: &str, result: Result<String, String>) -> Check {
     Check { what: what.to_string(), good, why: result.unwrap_or_else(|why| why) }
 }
 
+/// What the private station is like.
+#[derive(Clone, Copy, Debug)]
+pub struct Place<'a> {
+    /// Its scene; the built-in one if there is none.
+    pub scene: Option<&'a Path>,
+    /// Its hand.
+    pub hand: &'a str,
+}
+
 /// Checks an engine.
-pub fn conformance(role: &str, binary: &Path, json: bool) -> Result<u8, Refusal> {
+pub fn conformance(role: &str, binary: &Path, place: Place, json: bool) -> Result<u8, Refusal> {
     let role = role_of(role).map_err(Refusal::input)?;
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
     let described = verify::verify(&binary, role).map_err(Refusal::input)?;
     let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
     let mut checks = vec![check("says what it is", Ok(layout)), check("refuses bad arguments", refuses(&binary))];
-    checks.extend(in_a_station(role, &binary)?);
+    checks.extend(in_a_station(role, &binary, place)?);
     let good = checks.iter().all(|check| check.good);
     let is_shown = checks.iter().all(|check| check.good || check.what != NO_TIME);
     let code = if is_shown { u8::from(!good) } else { 3 };
@@ -101,14 +110,17 @@ impl Drop for Private {
     }
 }
 
-fn in_a_station(role: Role, binary: &Path) -> Result<Vec<Check>, Refusal> {
+fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<Vec<Check>, Refusal> {
     let name = format!("conformance-{}", std::process::id());
     let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
     let program = std::env::current_exe().map_err(|e| Refusal::failed(e.to_string()))?;
     let folder = std::env::temp_dir().join(&name);
     std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
     let mut command = Command::new(program);
-    command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--hand", "script:press"]);
+    command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--hand", place.hand]);
+    if let Some(scene) = place.scene {
+        command.arg(scene);
+    }
     if role == Role::Recorder {
         command.arg("--record").arg(folder.join("session.mcap"));
     }
@@ -147,6 +159,11 @@ fn wait_until(private: &mut Private, role: Role, within_ns: u64, is_it: impl Fn(
         }
         let hint = "try `hystation run` and `hystation doctor`";
         if let Ok(Some(status)) = private.child.try_wait() {
+            if status.code() == Some(2) {
+                return Err(Refusal::input(
+                    "the private station refuses its scene or its hand; `hystation check SCENE` says why",
+                ));
+            }
             return Err(Refusal::failed(format!("the private station has ended ({status}); {hint}")));
         }
         if now_ns >= begun_ns + within_ns {

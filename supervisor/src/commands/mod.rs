@@ -48,7 +48,10 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Doctor => doctor::doctor(),
         Command::Bench { what, mesh, json } => bench::bench(&what, mesh.as_deref(), json),
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
-        Command::Conformance { role, binary, json } => conformance::conformance(&role, &binary, json),
+        Command::Conformance { role, binary, scene, hand, json } => {
+            let place = conformance::Place { scene: scene.as_deref(), hand: &hand };
+            conformance::conformance(&role, &binary, place, json)
+        }
         Command::Report(args) => report::report(&args),
         Command::Replay(args) => replay::replay(&station, &args),
         Command::Supervise { station } => {

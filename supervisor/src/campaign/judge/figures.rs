@@ -112,6 +112,8 @@ pub(super) struct Known<'a> {
     pub outcomes: &'a [Outcome],
     /// Largest force steps of fault-free ticks, N: while the tool touches nothing, and while it does.
     pub steps_n: [f64; 2],
+    /// Most ticks that a control window lost.
+    pub most_missed: u64,
     pub blame: &'a Blame<'a>,
 }
 
@@ -185,6 +187,12 @@ pub(super) fn quiet_steps_n(arm: &Arm, outcomes: &[Outcome], stations: &[Station
     })
 }
 
+/// Most ticks that a control window of an arm lost: what the host takes by itself is no fault's doing.
+pub(super) fn most_missed_without(arm: &Arm, outcomes: &[Outcome]) -> u64 {
+    let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
+    here.filter_map(|outcome| Some(outcome.fault.as_ref()?.control?.missed)).max().unwrap_or(0)
+}
+
 /// A pool with fewer judged faults than it was to have proves nothing.
 pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
     let judged = figures.excess_misses.len();
@@ -224,7 +232,7 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
     {
         figures.reasons.push(format!(
-            "excess misses per fault: {:.4}, 95 %: {:.4} to {:.4}, limit {limit}",
+            "faults with excess misses, per fault: {:.4}, 95 %: {:.4} to {:.4}, limit {limit}",
             excess.mean, excess.lower95, excess.upper95
         ));
         figures.reasons.extend(figures.excess_with_void.map(|excess| {

@@ -8,6 +8,9 @@ use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
 use crate::ledger::Window;
 
+/// Ticks that any fault may cost once: what the hardware holds and ramps a force for.
+const MOST_LOST: u64 = 20;
+
 /// What one fault says of the misses.
 pub(super) enum Taken {
     /// Nothing: it did not show, or could not be judged.
@@ -76,6 +79,7 @@ impl Figures {
         }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
         self.take_windows(fault, outcome, window, control, known.steps_n);
+        self.take_gap(fault, outcome, cell, known.most_missed);
         if !shows || is_astray || is_beside(outcome, fault) || is_void(window) || is_void(control) {
             self.astray += usize::from(is_astray);
             return Taken::NoVerdict;
@@ -85,6 +89,17 @@ impl Figures {
         }
         let excess = [window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64];
         Taken::Excess(excess.map(|excess| beyond(excess, cell.allowed_misses as i64)))
+    }
+
+    /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than any control window lost,
+    /// is a broken promise by itself.
+    fn take_gap(&mut self, fault: &Fault, outcome: &Outcome, cell: &Cell, most_missed: u64) {
+        let missed = |window: Option<Window>| window.map_or(0, |window| window.missed);
+        let (lost, most) = (missed(fault.window), most_missed.max(MOST_LOST + cell.allowed_misses));
+        if lost.saturating_sub(missed(fault.control)) > most {
+            self.reasons
+                .push(format!("fault {}: the hand lost {lost} ticks, {most_missed} at most without a fault", outcome.index));
+        }
     }
 
     /// Adds what its window and its control hold.
