@@ -132,7 +132,7 @@ fn what_a_fault_does_to_the_kernel_is_no_excuse() {
 #[test]
 fn what_never_may_happen_breaks_a_promise_at_once() {
     type Harm = fn(&mut [Outcome]);
-    let harms: [(Harm, &str); 6] = [
+    let harms: [(Harm, &str); 7] = [
         (|outcomes| of(outcomes, "kill haptic:active", 0).fault.as_mut().unwrap().recovered_us = None, "did not recover"),
         (|outcomes| of(outcomes, "kill haptic:active", 0).after.tissue_tick = 4, "tissue"),
         (|outcomes| of(outcomes, "kill haptic:active", 0).after.founded_tick = 7, "began anew"),
