@@ -122,6 +122,9 @@ pub enum Command {
         /// The newcomer's incarnation.
         #[arg(long)]
         guest: u32,
+        /// A rendering's predecessor drew pictures.
+        #[arg(long)]
+        draws: bool,
     },
     /// Removes what dead processes left in the link; started by the supervisor.
     #[command(hide = true)]

@@ -182,6 +182,8 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         ("collision-worker", "segfault", "died"),
         ("collision-worker", "blind", ""),
         ("recorder", "exit", "died"),
+        ("recorder", "mute", "out of tolerance: its page"),
+        ("rendering", "mute", "out of tolerance: its page"),
         ("console", "mute", "out of tolerance: its page"),
         ("device", "abort", "died"),
     ];

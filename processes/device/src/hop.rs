@@ -39,9 +39,14 @@ struct Hop<'a> {
 
 /// The whole life of the device.
 pub fn run(life: &Life) -> Result<(), Failure> {
+    run_ordering(life, |epoch, tick| (epoch, tick))
+}
+
+/// The same of one that orders contact models in another way: for whoever tries what becomes of a device that takes those of an epoch that is over.
+pub fn run_ordering(life: &Life, order: fn(u32, u64) -> (u32, u64)) -> Result<(), Failure> {
     let roles = [Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid];
     let mut inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
-    let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()));
+    let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()), order);
     let mut replicas = Replicas::default();
     let hardware = first_pages(life, &mut inbox, &mut models, &mut replicas)?;
     let lies = Lies::new(life, size_of::<ForceCommand>());

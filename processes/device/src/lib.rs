@@ -6,4 +6,4 @@ mod hop;
 mod models;
 mod replicas;
 
-pub use hop::run;
+pub use hop::{run, run_ordering};

@@ -38,8 +38,12 @@ struct Fluid {
     status: FluidStatus,
 }
 
+/// What a contact model of an epoch and a tick is ordered by.
+pub type Order = fn(u32, u64) -> (u32, u64);
+
 /// Pages of the tissues and fluids, and what is in use of theirs.
 pub struct Models {
+    order: Order,
     /// Of the tissue and of the fluid.
     horizons: [Option<Horizon>; 2],
     tissues: [Option<Tissue>; TISSUES],
@@ -52,8 +56,9 @@ pub struct Models {
 impl Models {
     /// No pages yet; the horizons are those of tissue and fluid. Without a roster, which may be damaged when the device starts, epochs are only
     /// compared with each other.
-    pub fn new(horizons: [Option<Horizon>; 2]) -> Models {
+    pub fn new(horizons: [Option<Horizon>; 2], order: Order) -> Models {
         Models {
+            order,
             horizons,
             tissues: Default::default(),
             newest: ContactModel::default(),
@@ -83,13 +88,17 @@ impl Models {
     pub fn go_on_from(&mut self, before: &InputRecord, life: &Life) {
         let model = &before.model;
         let key = (model.epoch, model.state_tick);
-        if key > (self.newest.epoch, self.newest.state_tick) && is_valid(model) && !is_ahead(&self.horizons[0], key, life) {
+        if self.key_of(model) > self.key_of(&self.newest) && is_valid(model) && !is_ahead(&self.horizons[0], key, life) {
             self.newest = *model;
         }
         let (key, medium) = ((before.medium_epoch, before.medium_tick), before.medium());
         if key > self.medium_key && is_medium(&medium) && !is_ahead(&self.horizons[1], key, life) {
             (self.medium_key, self.medium) = (key, medium);
         }
+    }
+
+    fn key_of(&self, model: &ContactModel) -> (u32, u64) {
+        (self.order)(model.epoch, model.state_tick)
     }
 
     /// Whether every tissue and fluid that lives in the station has its seat. Until then the newest model known here may be an old one, that of a spare.
@@ -146,17 +155,18 @@ impl Models {
             }
             let Some((number, model)) = tissue.page.cell(tissue::MODEL) else { continue };
             tissue.number = number;
-            let key = (model.epoch, model.state_tick);
+            let order = |model: &ContactModel| (self.order)(model.epoch, model.state_tick);
+            let (key, newest) = (order(&model), order(&self.newest));
             let verdict = match () {
-                () if is_ahead(&self.horizons[0], key, life) => Err(Distrust::Invalid),
+                () if is_ahead(&self.horizons[0], (model.epoch, model.state_tick), life) => Err(Distrust::Invalid),
                 () if key <= std::mem::replace(&mut tissue.key, key) => Err(Distrust::Still),
                 () => judge_model(&model, &life.page, tick.max(life.clock.present_tick())),
             };
             if let Err(why) = verdict {
                 life.refuse(tissue.page.incarnation(), why);
-            } else if model.epoch < self.newest.epoch {
+            } else if key.0 < newest.0 {
                 life.page.add64(header::STALE, 1);
-            } else if key > (self.newest.epoch, self.newest.state_tick) {
+            } else if key > newest {
                 self.newest = model;
             }
         }
@@ -220,6 +230,10 @@ mod tests {
     use hyst_messages::page::station;
     use hyst_messages::{ContactPlane, Slot};
 
+    fn by_epoch(epoch: u32, tick: u64) -> (u32, u64) {
+        (epoch, tick)
+    }
+
     #[test]
     fn a_model_with_any_number_out_of_range_is_refused() {
         let plane =
@@ -254,7 +268,7 @@ mod tests {
             keeping.store32(station::SLOT_INCARNATION + slot.number(), incarnation);
         }
         let page = |at: usize| station.read_slot(slots[at], 3 + at as u32).unwrap();
-        let mut models = Models::new([None, None]);
+        let mut models = Models::new([None, None], by_epoch);
         assert!(!models.are_all_seated(&clock));
         assert!(models.seat(0, page(0)).is_none() && models.seat_fluid(0, page(2)).is_none());
         assert!(!models.are_all_seated(&clock), "the second tissue's page is missing");
@@ -282,7 +296,7 @@ mod tests {
         let status = |epoch: u32, state_tick: u64| FluidStatus { epoch, state_tick, pressure_pa: 1_000.0, ..Default::default() };
         pages[2].write(tissue::MODEL, &model(2, 9)); // from when it held the role
         pages[3].write(fluid::STATUS, &status(1, 12));
-        let mut models = Models::new([None, None]);
+        let mut models = Models::new([None, None], by_epoch);
         models.seat(1, station.read_slot(spare, 4).unwrap());
         models.seat_fluid(1, station.read_slot(fluid, 5).unwrap());
         let before =

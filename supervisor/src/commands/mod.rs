@@ -61,13 +61,13 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::StandIn { station } => {
             crate::guardian::stand_in(Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?)
         }
-        Command::Judge { station, role, guest } => {
+        Command::Judge { station, role, guest, draws } => {
             let station = Station::named(&station).map_err(|e| Refusal::input(e.to_string()))?;
             let role = crate::swap::role_of(&role).map_err(Refusal::input)?;
-            let judged = if role == Role::Console {
-                crate::swap::visit(&station)
-            } else {
-                crate::swap::judge::judge(&station, role, guest)
+            let judged = match role {
+                Role::Console => crate::swap::visit(&station),
+                Role::Recorder | Role::Rendering => crate::swap::inspect(&station, role, guest, draws),
+                _ => crate::swap::judge::judge(&station, role, guest),
             };
             judged.map(|()| 0).map_err(Refusal::failed)
         }

@@ -13,7 +13,7 @@ use effort::{Effort, KEPT_OFF_FOR_LATE, Spent};
 use hyst_engine::realtime;
 use hyst_exchange::{Station, system};
 use hyst_messages::page::device::Distrust;
-use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, station as layout};
+use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, rendering, station as layout};
 use hyst_messages::{Role, Slot};
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
@@ -46,6 +46,8 @@ pub struct Trial {
     forces: (u64, u64, u64),
     /// What the old engine spent; nothing if that is not known.
     old: Spent,
+    /// The old rendering drew pictures.
+    drew: bool,
     /// What the newcomer spends; when its rate was last looked at, ns; looks at which it was too slow.
     effort: Option<Effort>,
     looked_ns: u64,
@@ -57,7 +59,8 @@ impl Trial {
     fn begin(record: Record, role: Role, old: Spent) -> Trial {
         let (stage, since_ns) = (Stage::None, system::now_ns());
         let (compared, forces) = ((0, 0), (0, 0, 0));
-        Trial { record, role, stage, since_ns, judge: None, compared, forces, old, effort: None, looked_ns: 0, slow: 0 }
+        let judge = None;
+        Trial { record, role, stage, since_ns, judge, compared, forces, old, drew: false, effort: None, looked_ns: 0, slow: 0 }
     }
 
     /// Whether the machine did not let the newcomer run, since then.
@@ -116,10 +119,18 @@ impl Supervisor {
         journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), name.display()));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
         let old = self.spent_by(slot);
-        self.trial = Some(Trial::begin(record, role, old));
+        let mut trial = Trial::begin(record, role, old);
+        trial.drew = self.draws(slot);
+        self.trial = Some(trial);
         let actions = policy::step(system::now_ns(), Event::SwapAsked { slot, incumbent }, &mut self.policy);
         self.act(actions);
         Ok(number)
+    }
+
+    /// Whether a rendering says that it has drawn a picture: where there is no driver it has drawn none.
+    fn draws(&mut self, slot: Slot) -> bool {
+        let page = if slot.role() == Role::Rendering { self.viewer.slot_page(slot) } else { None };
+        page.and_then(|page| page.cell(rendering::STATUS)).is_some_and(|(_, status)| status.frames > 0)
     }
 
     /// Does what the policy says of a swap.
@@ -172,7 +183,7 @@ impl Supervisor {
         if let Some(trial) = &mut self.trial {
             (trial.stage, trial.since_ns, trial.record.incarnation) = (stage, system::now_ns(), incarnation);
             if stage == if policy::is_stateful(role) { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
-                trial.judge = start_judge(&self.station, role, incarnation, self.tell_self.clone());
+                trial.judge = start_judge(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
             }
         }
         let text = match stage {
@@ -355,9 +366,10 @@ pub fn binary_of(pid: u32) -> Option<PathBuf> {
     std::fs::read_link(format!("/proc/{pid}/exe")).ok()
 }
 
-fn start_judge(station: &Station, role: Role, guest: u32, tell: Sender<Input>) -> Option<Child> {
+fn start_judge(station: &Station, role: Role, guest: u32, draws: bool, tell: Sender<Input>) -> Option<Child> {
     let mut command = crate::proc::own_program();
     command.args(["judge", "--station", station.name(), "--role", role.name(), "--guest", &guest.to_string()]).process_group(0);
+    command.args(draws.then_some("--draws"));
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut child = crate::proc::start(&mut command, false).ok()?;
     let lines = BufReader::new(child.stdout.take()?).lines();

@@ -1,10 +1,12 @@
 //! A swap as it is written down: what is asked for, how far it is, what happened when, how it ended. One file in the station's root, replaced as a whole,
 //! so that a supervisor that dies in the middle leaves what its successor needs, and whoever asked can read how it goes.
 
+mod inspect;
 pub mod judge;
 pub mod kept;
 mod visit;
 
+pub use inspect::inspect;
 pub use visit::visit;
 
 pub use hyst_engine::verify;

@@ -208,6 +208,8 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (_, "mute") => beat(life),
         (Role::Tissue, kind) => stateful(life, tissue::engine(life)?, kind),
         (Role::Fluid, kind) => stateful(life, fluid::engine(life)?, kind),
+        // Whatever epoch a contact model is of, it goes by the tick.
+        (Role::Device, "unfenced") => device::run_ordering(life, |_, tick| (0, tick)),
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (role, kind) => {
             sabotage(life, kind)?;

@@ -1,0 +1,246 @@
+//! The judge of a recorder or a rendering on probation: a helper process that looks a few times a second at what the newcomer's page says that it has brought
+//! forth, and at the file. Who brings forth nothing new agrees with nothing, and is out of tolerance when that lasts. A helper, because the file may lie on a
+//! disk that does not answer.
+
+use super::judge::{Seen, tell};
+use hyst_engine::Settings;
+use hyst_exchange::{ReadPage, Station, StationPage, system};
+use hyst_messages::page::{device, recorder, rendering, tissue};
+use hyst_messages::{RecorderStatus, RenderingStatus, Role, Slot};
+
+/// Between two looks, ns; and after one that speaks against the newcomer: what a stall makes of three of them at once is no verdict.
+const LOOK_NS: u64 = 250_000_000;
+const AMISS_NS: u64 = 1_000_000_000;
+/// For how long there may be nothing new, ns: a busy machine keeps both off for seconds, and nobody agrees meanwhile.
+const STILL_NS: u64 = 8_000_000_000;
+/// Ticks that may not be on disk yet: about as many as the device keeps for a recorder.
+const MOST_BEHIND_TICKS: u64 = 4_096;
+/// How far ahead of the present a tick on disk may be said to be: none, but for what passes between two words of a page.
+const MOST_AHEAD_TICKS: u64 = 100;
+
+/// What one look shows.
+#[derive(Clone, Debug, PartialEq)]
+enum Look {
+    /// Something new, so far from what it should be, in parts of what is allowed.
+    New(f64, String),
+    /// Nothing new, or nothing right; what to say if that lasts.
+    Nothing(String),
+    /// There was nothing to be done.
+    Idle,
+}
+
+/// What was seen of a newcomer so far, and when there was something new last.
+#[derive(Debug, Default)]
+struct Inspection {
+    seen: Seen,
+    new_ns: u64,
+}
+
+impl Inspection {
+    /// Takes a look; true if it speaks against the newcomer.
+    fn take(&mut self, look: Look, now_ns: u64) -> bool {
+        let lasts = now_ns.saturating_sub(self.new_ns) > STILL_NS;
+        match look {
+            Look::New(ratio, text) => {
+                self.new_ns = now_ns;
+                self.seen.note((ratio, text));
+                ratio > 1.0
+            }
+            Look::Nothing(text) if lasts => {
+                self.seen.note((f64::INFINITY, text));
+                true
+            }
+            Look::Nothing(_) => false,
+            Look::Idle => {
+                self.new_ns = now_ns;
+                false
+            }
+        }
+    }
+}
+
+/// The helper itself: writes a line of JSON after each look until nobody reads it or the station stops. `draws`: the old rendering drew pictures, so the
+/// new one can; where there is no driver both say that they have drawn none.
+pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result<(), String> {
+    let clock = station.open().map_err(|error| error.to_string())?;
+    let text = std::fs::read_to_string(station.settings()).map_err(|error| error.to_string())?;
+    let settings: Settings = toml::from_str(&text).map_err(|error| error.to_string())?;
+    let own = station.read_slot(Slot::first(role), guest).map_err(|error| error.to_string())?;
+    let (mut recording, mut pictures) = (Recording::default(), Pictures { draws, ..Pictures::default() });
+    let mut inspection = Inspection { new_ns: system::now_ns(), ..Inspection::default() };
+    while !clock.stop_requested() {
+        let look = if role == Role::Recorder {
+            let status = own.cell(recorder::STATUS).map(|(_, status)| status);
+            let size = settings.record.as_ref().map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
+            recording.look(status, size, newest_tick(station, &clock), clock.present_tick())
+        } else {
+            pictures.look(own.cell(rendering::STATUS).map(|(_, status)| status), newest_state(station, &clock))
+        };
+        let is_amiss = inspection.take(look, system::now_ns());
+        if !tell(&inspection.seen)? {
+            return Ok(());
+        }
+        system::sleep_ns(if is_amiss { AMISS_NS } else { LOOK_NS });
+    }
+    Ok(())
+}
+
+fn pages(station: &Station, clock: &StationPage, role: Role) -> impl Iterator<Item = ReadPage> {
+    clock.occupied(role).filter_map(|(slot, incarnation)| station.read_slot(slot, incarnation).ok())
+}
+
+/// The newest tick that a device has for a recorder; 0 if there is none.
+fn newest_tick(station: &Station, clock: &StationPage) -> u64 {
+    let ends = pages(station, clock, Role::Device).map(|page| page.ring_end(device::APPLIED).saturating_sub(1));
+    ends.max().unwrap_or(0)
+}
+
+/// Tick of the newest state that there is to be drawn; 0 if there is none.
+fn newest_state(station: &Station, clock: &StationPage) -> u64 {
+    let ticks = pages(station, clock, Role::Tissue).filter_map(|page| page.cell(tissue::STATUS));
+    ticks.map(|(_, status)| status.state_tick).max().unwrap_or(0)
+}
+
+/// What a recorder has brought forth so far.
+#[derive(Debug, Default)]
+struct Recording {
+    last_tick: u64,
+}
+
+impl Recording {
+    /// `size`: bytes of the file, if the station records; `newest`: the tick that the device has made last.
+    fn look(&mut self, status: Option<RecorderStatus>, size: Option<u64>, newest: u64, present: u64) -> Look {
+        let Some(status) = status else { return Look::Nothing("its page says nothing of a recording".into()) };
+        let RecorderStatus { last_tick, bytes, .. } = status;
+        match size {
+            None if status == RecorderStatus::default() => Look::New(0.0, "it records nothing, as it should".into()),
+            None => Look::Nothing(format!("it says that it records, up to tick {last_tick}, where nothing is to be recorded")),
+            Some(_) if last_tick > present + MOST_AHEAD_TICKS => {
+                Look::Nothing(format!("it says that tick {last_tick} is on disk, and tick {present} is the present"))
+            }
+            Some(size) if size < bytes => Look::Nothing(format!("its file has {size} bytes, and it says {bytes}")),
+            Some(_) if last_tick > self.last_tick => {
+                self.last_tick = last_tick;
+                let behind = newest.saturating_sub(last_tick);
+                Look::New(behind as f64 / MOST_BEHIND_TICKS as f64, format!("{behind} ticks are not in its recording"))
+            }
+            Some(_) if newest <= self.last_tick => Look::Idle, // the device makes none
+            Some(_) => Look::Nothing(format!("its recording stays at tick {last_tick}")),
+        }
+    }
+}
+
+/// What a rendering has brought forth so far.
+#[derive(Debug, Default)]
+struct Pictures {
+    draws: bool,
+    frames: u64,
+    /// Tick of the newest state when pictures last showed a new one.
+    state: u64,
+}
+
+impl Pictures {
+    /// `state`: the tick of the newest state that it can draw.
+    fn look(&mut self, status: Option<RenderingStatus>, state: u64) -> Look {
+        let Some(status) = status else { return Look::Nothing("its page says nothing of pictures".into()) };
+        let RenderingStatus { frames, upload_bytes, size_px: [width, height], frame_ms, .. } = status;
+        match () {
+            () if frames == 0 && !self.draws => Look::New(0.0, "it has drawn nothing, as the one before".into()),
+            () if frames == 0 => Look::Nothing("it has drawn nothing".into()),
+            () if frames <= self.frames => Look::Nothing(format!("it has drawn no picture after its {frames}.")),
+            () if width == 0 || height == 0 || !frame_ms.is_finite() => {
+                Look::Nothing(format!("its pictures are {width}x{height} and take {frame_ms} ms"))
+            }
+            // A state that is shown is uploaded; a picture between two states counts for nothing.
+            () if upload_bytes == 0 && state > self.state => Look::Nothing("its pictures show no new state".into()),
+            () => {
+                (self.frames, self.state) = (frames, state);
+                Look::New(0.0, format!("it has drawn {frames} pictures"))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn nothing(look: Look) -> String {
+        match look {
+            Look::Nothing(text) => text,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_recorder_is_good_while_its_newest_tick_goes_on_and_its_file_with_it() {
+        let mut recording = Recording::default();
+        let status = |last_tick: u64, bytes: u64| Some(RecorderStatus { last_tick, ticks: last_tick, lost: 0, bytes });
+        assert_eq!(nothing(recording.look(None, Some(9), 100, 100)), "its page says nothing of a recording");
+        let new = recording.look(status(5_000, 70), Some(70), 5_200, 5_201);
+        assert!(matches!(&new, Look::New(ratio, _) if *ratio < 0.05), "{new:?}");
+        assert_eq!(nothing(recording.look(status(5_000, 70), Some(70), 5_400, 5_401)), "its recording stays at tick 5000");
+        assert_eq!(recording.look(status(5_000, 70), Some(70), 5_000, 9_000), Look::Idle, "the device makes no ticks");
+        assert!(nothing(recording.look(status(5_400, 90), Some(70), 5_500, 5_501)).contains("70 bytes, and it says 90"));
+        assert!(nothing(recording.look(status(u64::MAX, 70), Some(70), 5_500, 5_501)).contains("is the present"));
+        let late = recording.look(status(5_600, 90), Some(90), 15_600, 15_601);
+        assert!(matches!(&late, Look::New(ratio, text) if *ratio > 2.0 && text.starts_with("10000 ticks")), "{late:?}");
+    }
+
+    #[test]
+    fn a_recorder_that_has_nothing_to_record_says_so() {
+        let mut recording = Recording::default();
+        assert_eq!(nothing(recording.look(None, None, 100, 100)), "its page says nothing of a recording");
+        assert!(matches!(recording.look(Some(RecorderStatus::default()), None, 100, 100), Look::New(0.0, _)));
+        let busy = RecorderStatus { last_tick: 90, ..RecorderStatus::default() };
+        assert!(nothing(recording.look(Some(busy), None, 100, 100)).contains("nothing is to be recorded"));
+    }
+
+    #[test]
+    fn a_rendering_is_good_while_its_pictures_go_on_and_show_what_is_new() {
+        let mut pictures = Pictures { draws: true, ..Pictures::default() };
+        let status = |frames: u64, upload_bytes: u64| {
+            Some(RenderingStatus { frames, upload_bytes, size_px: [640, 480], ..RenderingStatus::default() })
+        };
+        assert_eq!(nothing(pictures.look(None, 10)), "its page says nothing of pictures");
+        assert_eq!(nothing(pictures.look(Some(RenderingStatus::default()), 10)), "it has drawn nothing");
+        assert!(matches!(pictures.look(status(3, 900), 10), Look::New(0.0, _)));
+        assert!(nothing(pictures.look(status(3, 900), 260)).contains("no picture after its 3"));
+        assert_eq!(nothing(pictures.look(status(9, 0), 260)), "its pictures show no new state");
+        assert!(matches!(pictures.look(status(9, 0), 10), Look::New(0.0, _)), "there is no new state");
+        let empty = Some(RenderingStatus { frames: 20, upload_bytes: 900, ..RenderingStatus::default() });
+        assert!(nothing(pictures.look(empty, 300)).contains("0x0"));
+        assert!(matches!(pictures.look(status(20, 900), 300), Look::New(0.0, _)));
+    }
+
+    #[test]
+    fn a_rendering_without_a_driver_may_follow_one_that_drew_nothing() {
+        let mut pictures = Pictures::default();
+        assert!(matches!(pictures.look(Some(RenderingStatus::default()), 10), Look::New(0.0, _)));
+        assert_eq!(nothing(pictures.look(None, 10)), "its page says nothing of pictures");
+    }
+
+    #[test]
+    fn nothing_new_counts_for_nothing_at_first_and_against_it_when_that_lasts() {
+        let mut inspection = Inspection::default();
+        let still = || Look::Nothing("still".into());
+        assert!(!inspection.take(still(), STILL_NS));
+        assert_eq!(inspection.seen, Seen::default(), "no agreement, and no doubt");
+        assert!(!inspection.take(Look::New(0.5, "new".into()), STILL_NS + MS));
+        assert_eq!((inspection.seen.compared, inspection.seen.outside), (1, 0));
+        assert!(!inspection.take(still(), 2 * STILL_NS));
+        assert!(!inspection.take(Look::Idle, 2 * STILL_NS + MS), "it had nothing to do");
+        assert!(!inspection.take(still(), 3 * STILL_NS));
+        assert_eq!(inspection.seen.compared, 1);
+        for outside in 1..=3 {
+            assert!(inspection.take(still(), 3 * STILL_NS + (1 + outside) * MS));
+            assert_eq!((inspection.seen.compared, inspection.seen.outside), (1 + outside, outside));
+        }
+        assert_eq!(inspection.seen.text, "still");
+        assert!(!inspection.take(Look::New(0.5, "new".into()), 4 * STILL_NS));
+        assert_eq!(inspection.seen.outside, 0);
+        assert!(inspection.take(Look::New(2.0, "far behind".into()), 4 * STILL_NS), "new, and out of tolerance");
+    }
+}
