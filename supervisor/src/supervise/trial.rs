@@ -25,6 +25,8 @@ use std::sync::mpsc::Sender;
 const SHADOW_NS: u64 = 1_000_000_000;
 /// States that must have been compared by then: a third of a second of the slowest role. A holder that leaps over ticks leaves none to compare.
 const LEAST_COMPARED: u64 = 10;
+/// The same on its probation. A judge that is hardly let run sees too little of what the hand does: an engine that felt nothing was promoted after 11.
+const LEAST_PROVEN: u64 = 30;
 /// States in a row out of tolerance after which the newcomer goes: one may come from an input that was read at another moment.
 const MOST_OUTSIDE: u64 = 3;
 /// What a servo's force may differ by from the other's for the same tick, N: what the hand feels of a step is 0.05 N.
@@ -327,7 +329,9 @@ impl Supervisor {
         let (now_ns, stage, since_ns) = (system::now_ns(), trial.stage, trial.since_ns);
         trial.compared.0 = seen.compared;
         let is_long = now_ns - since_ns >= SHADOW_NS;
-        let is_enough = is_long && seen.outside == 0 && seen.compared - trial.compared.1 >= LEAST_COMPARED;
+        let is_proof = stage == Stage::Trial && policy::is_stateful(trial.role);
+        let least = if is_proof { LEAST_PROVEN } else { LEAST_COMPARED };
+        let is_enough = is_long && seen.outside == 0 && seen.compared - trial.compared.1 >= least;
         if seen.outside >= MOST_OUTSIDE {
             self.doubt(incarnation, format!("out of tolerance: {}", seen.text));
         } else if is_enough && matches!(stage, Stage::Shadow | Stage::Trial) {
