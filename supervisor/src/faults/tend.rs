@@ -15,6 +15,8 @@ use rustix::process::Signal;
 const AHEAD_TICKS: u64 = 12;
 /// An engine that was asked to do wrong for a time may be found out this long after its end, and is replaced then, ns.
 const SETTLE_NS: u64 = 20_000_000;
+/// The same of one that is gone, and not known to be dead of it.
+const GONE_NS: u64 = 1_000_000_000;
 
 impl Faults {
     /// Injects what is due (in lock-step [`crate::lockstep`] does that), ends what has lasted long enough, notes who is active.
@@ -72,7 +74,9 @@ impl Faults {
             {
                 (fault.detected_by, fault.detected_us) = (by.to_string(), Some(us(at_ns, fault.injected_ns)));
             }
-            if until_ns != 0 && now_ns >= until_ns + SETTLE_NS && present && !viewer.page().is_dead(slot) {
+            // One that died of another fault does no wrong any more; of this one it is `dead` as soon as that is known.
+            let lives = present && !viewer.page().is_dead(slot);
+            if until_ns != 0 && now_ns >= until_ns + if lives { SETTLE_NS } else { GONE_NS } {
                 fault.recovered_us = Some(us(until_ns, fault.injected_ns));
             }
         }
