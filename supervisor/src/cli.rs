@@ -68,7 +68,7 @@ pub enum Command {
     },
     /// Put another engine in the place of a role's while the station runs; rolls back by itself.
     Swap {
-        /// A role: tissue, fluid, haptic, collision-worker, rendering, recorder or device.
+        /// A role: tissue, fluid, haptic, collision-worker, rendering, recorder, console or device.
         role: String,
         /// The engine's binary.
         binary: PathBuf,

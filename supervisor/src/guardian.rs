@@ -20,7 +20,7 @@ use crate::report;
 use crate::settings::{Refusal, prepare};
 use crate::spawn::note_exit;
 use crate::supervise::register;
-use crate::view::{StationView, Viewer, table};
+use crate::view::{StationView, TEST_MODE, Viewer, table};
 use found::{Ground, Wanted, settle, take_name};
 use hyst_engine::Address;
 use hyst_exchange::{OwnedPage, Roster, Station, system};
@@ -179,6 +179,9 @@ impl Guardian {
         let Ok(mut viewer) = Viewer::open(&self.station) else {
             return End::Stop;
         };
+        if self.page.load32(layout::TEST_MODE) != 0 && !self.draw {
+            self.tell(TEST_MODE); // where there is a table it stands above it
+        }
         let begin_ns = system::now_ns();
         let mut told = false;
         let mut next_draw_ns = 0;

@@ -66,9 +66,6 @@ pub fn slots(settings: &Settings, spares: bool, only: Option<&[Role]>) -> Vec<Sl
 }
 
 impl Plan {
-    fn path(station: &Station) -> PathBuf {
-        station.root().join("plan.toml")
-    }
     /// The slots that have a name here; an unknown name is left out.
     pub fn slots(&self) -> Vec<Slot> {
         self.slots.iter().filter_map(|name| Slot::parse(name)).collect()
@@ -86,13 +83,13 @@ impl Plan {
     }
     /// Writes the plan into the station's root.
     pub fn write(&self, station: &Station) -> Result<(), PlanError> {
-        let path = Plan::path(station);
+        let path = station.plan();
         let text = toml::to_string(self).map_err(|e| PlanError::Content { path: path.clone(), reason: e.to_string() })?;
         write_whole(&path, text.as_bytes()).map_err(|source| PlanError::File { path, source })
     }
     /// Reads the plan from the station's root.
     pub fn read(station: &Station) -> Result<Plan, PlanError> {
-        let path = Plan::path(station);
+        let path = station.plan();
         let text = std::fs::read_to_string(&path).map_err(|source| PlanError::File { path: path.clone(), source })?;
         toml::from_str(&text).map_err(|e| PlanError::Content { path, reason: e.to_string() })
     }

@@ -265,14 +265,17 @@ impl Viewer {
     }
 }
 
+/// What whoever looks at a station in test mode is told first.
+pub const TEST_MODE: &str = "*** TEST MODE: faults may be injected into this station; not for training ***";
+
 /// The table of a look, as lines of plain text.
 pub fn table(view: &StationView) -> String {
     let mut text = format!(
-        "station {}  {}  tick {}{}{}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
+        "{}station {}  {}  tick {}{}{}\n{:<20} {:>6} {:>8} {:>9} {:>5} {:>9} {:>11} {:>9}  {}\n",
+        if view.test_mode { format!("{TEST_MODE}\n") } else { String::new() },
         view.station,
         view.state,
         view.tick,
-        if view.test_mode { "  test mode" } else { "" },
         view.held.iter().map(|role| format!("  {role} is held still")).collect::<String>(),
         view.console.as_ref().map_or(String::new(), |url| format!("\noperator's page {url}")),
         "process",
@@ -314,6 +317,14 @@ mod tests {
     fn flow(steps: StepView) -> StationView {
         let fluid = ProcessView { name: "fluid:0".into(), active: true, steps: Some(steps), ..ProcessView::default() };
         StationView { processes: vec![fluid], ..StationView::default() }
+    }
+
+    #[test]
+    fn a_station_in_test_mode_says_so_in_a_line_of_its_own_above_the_table_and_no_other_does() {
+        let text = table(&StationView { test_mode: true, ..StationView::default() });
+        assert_eq!(text.lines().next(), Some(TEST_MODE), "{text}");
+        let plain = table(&StationView::default());
+        assert_eq!(text.strip_prefix(&format!("{TEST_MODE}\n")), Some(plain.as_str()));
     }
 
     #[test]

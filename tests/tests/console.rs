@@ -216,6 +216,32 @@ fn what_is_changed_is_changed_by_a_post_of_the_page_alone() {
     station.stop().assert_clean();
 }
 
+/// What a developer does all day, who swaps from the page: the file that he named is his own again.
+#[test]
+fn an_engine_that_the_page_named_stays_what_it_was_when_another_is_built_over_its_file() {
+    let station = Station::start("over", &["--hand", "script:press", "--test-mode"]);
+    let page = Page::of(&station);
+    let (mine, worse) = (station.folder().join("my-recorder"), station.folder().join("worse"));
+    std::fs::copy(binaries().join("recorder"), &mine).expect("a copy of an engine");
+    let good = std::fs::read(&mine).expect("the engine");
+    let answer = page.post("/swap", &format!("{{\"role\":\"recorder\",\"binary\":{mine:?}}}"));
+    assert_eq!(answer.status, 200, "{answer:?}");
+    let proven = wait_for(RECOVERY_LIMIT, || station.events().contains("its probation is over").then_some(()));
+    assert!(proven.is_some(), "{}", station.events());
+    station.recover();
+    std::fs::copy("/bin/true", &worse).expect("no engine");
+    std::fs::rename(&worse, &mine).expect("another in its place");
+    for _ in 0..2 {
+        station.kill("recorder", true);
+        station.recover();
+    }
+    let process = &station.processes("recorder")[0];
+    assert_eq!(process["binary"].as_str(), mine.to_str(), "called as it was called");
+    let runs = std::fs::read(format!("/proc/{}/exe", process["pid"])).expect("what it runs");
+    assert!(runs == good, "{process:#}\n{}", station.said());
+    station.stop().assert_clean();
+}
+
 #[test]
 fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_address() {
     let station = Station::start("again", &["--hand", "script:press"]);

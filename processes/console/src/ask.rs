@@ -51,7 +51,7 @@ pub async fn follow(desk: Arc<Desk>) {
     look.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         look.tick().await;
-        let answer = ask(desk.control(), &json!({ "do": "status" })).await;
+        let answer = ask(&desk.control(), &json!({ "do": "status" })).await;
         desk.note(answer.and_then(Status::read));
     }
 }

@@ -6,10 +6,10 @@ use crate::look::{History, Look, Pump, Status};
 use crate::picture::Picture;
 use axum::body::Bytes;
 use hyst_engine::Address;
-use hyst_exchange::system;
+use hyst_exchange::{Station, system};
 use serde::Serialize;
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::{broadcast, watch};
@@ -28,7 +28,7 @@ pub struct Desk {
     pub address: Address,
     /// Faults may be injected.
     pub test_mode: bool,
-    control: PathBuf,
+    station: Station,
     known: Mutex<Known>,
     news: broadcast::Sender<Bytes>,
     pictures: watch::Sender<Option<Arc<Picture>>>,
@@ -54,11 +54,11 @@ fn message<T: Serialize>(event: &str, id: Option<u64>, value: &T) -> Bytes {
 
 impl Desk {
     /// An empty desk.
-    pub fn new(address: Address, test_mode: bool, control: PathBuf) -> Desk {
+    pub fn new(address: Address, test_mode: bool, station: Station) -> Desk {
         let look = Look { silence: Some("the supervisor was not asked yet".into()), ..Look::default() };
         let known = Mutex::new(Known { look, ..Known::default() });
         let (news, pictures) = (broadcast::Sender::new(WAITING_NEWS), watch::Sender::new(None));
-        Desk { address, test_mode, control, known, news, pictures, pictures_until_ns: AtomicU64::new(0) }
+        Desk { address, test_mode, station, known, news, pictures, pictures_until_ns: AtomicU64::new(0) }
     }
 
     /// Whoever panicked with it has ended the process.
@@ -67,8 +67,13 @@ impl Desk {
     }
 
     /// The supervisor's socket.
-    pub fn control(&self) -> &Path {
-        &self.control
+    pub fn control(&self) -> PathBuf {
+        self.station.control_socket()
+    }
+
+    /// The station.
+    pub fn station(&self) -> &Station {
+        &self.station
     }
 
     /// What the supervisor said, or why it said nothing.
@@ -152,7 +157,7 @@ mod tests {
     use super::*;
 
     fn desk() -> Desk {
-        Desk::new(Address { port: 1, token: String::new() }, false, PathBuf::new())
+        Desk::new(Address { port: 1, token: String::new() }, false, Station::named("desk").unwrap())
     }
 
     fn line(id: u64) -> Line {

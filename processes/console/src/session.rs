@@ -32,7 +32,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
     let mut referee = Referee::of(life);
     let mut sources = Sources::open(life, referee.is_some())?;
     let mut journal = Journal::open(&life.station);
-    let desk = Arc::new(Desk::new(door.address, life.clock.test_mode(), life.station.control_socket()));
+    let desk = Arc::new(Desk::new(door.address, life.clock.test_mode(), life.station.clone()));
     tokio::spawn(web::serve(Visitors::welcome(door.listener)?, Arc::clone(&desk)));
     tokio::spawn(ask::follow(Arc::clone(&desk)));
     let mut look = tokio::time::interval(LOOK);

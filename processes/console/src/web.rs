@@ -14,7 +14,7 @@ use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use futures_util::stream;
-use hyst_engine::verify;
+use hyst_engine::kept;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -120,7 +120,7 @@ async fn history(State(desk): State<Arc<Desk>>) -> Response {
 }
 
 async fn kinds(State(desk): State<Arc<Desk>>) -> Response {
-    answered(ask(desk.control(), &json!({ "do": "kinds" })).await)
+    answered(ask(&desk.control(), &json!({ "do": "kinds" })).await)
 }
 
 /// A picture other than that of the tick `after`; waits a moment for it, so that browsers ask as often as there is one.
@@ -162,11 +162,15 @@ async fn swap(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
     if !Path::new(&binary).is_absolute() {
         return refused(StatusCode::BAD_REQUEST, "give the whole path of the engine's binary, from / on");
     }
-    // As `hystation swap` does it: by an ordinary process, before the supervisor hears of it.
-    let path = binary.clone();
-    let verified = tokio::task::spawn_blocking(move || verify::verify(Path::new(&path), known)).await;
-    match verified {
-        Ok(Ok(_)) => answered(ask(desk.control(), &json!({ "do": "swap", "role": role, "binary": binary })).await),
+    // As `hystation swap` does it: verified and copied by an ordinary process, before the supervisor hears of it.
+    let station = desk.station().clone();
+    match tokio::task::spawn_blocking(move || kept::keep(&station, Path::new(&binary), known)).await {
+        Ok(Ok(kept)) => {
+            let request = json!({ "do": "swap", "role": role, "binary": kept.binary() });
+            let answer = ask(&desk.control(), &request).await;
+            drop(kept); // the supervisor has written down what it is for
+            answered(answer)
+        }
         Ok(Err(reason)) => refused(StatusCode::CONFLICT, &reason),
         Err(_) => refused(StatusCode::SERVICE_UNAVAILABLE, "the binary could not be verified; try again"),
     }
@@ -208,7 +212,7 @@ async fn fault(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
         return refused(StatusCode::FORBIDDEN, "faults are refused outside of test mode; start the station with --test-mode");
     }
     match serde_json::from_slice::<Fault>(&body) {
-        Ok(fault) => answered(ask(desk.control(), &fault.request()).await),
+        Ok(fault) => answered(ask(&desk.control(), &fault.request()).await),
         Err(error) => refused(StatusCode::BAD_REQUEST, &format!("no fault: {error}")),
     }
 }

@@ -61,7 +61,7 @@ mod tests {
         for mouse in ["left drag", "right drag", "wheel"] {
             assert!(lines.iter().any(|line| line.contains(mouse)), "{mouse}");
         }
-        // Beside it five lines of the strip, as many alarms, a gap, the sign.
+        // Beside it five lines of the strip, that of the test mode among them, as many alarms, a gap, the sign.
         assert!(lines.len() + 12 <= ROWS && lines.iter().all(|line| line.len() <= COLUMNS), "{lines:#?}");
         assert!(lines.iter().all(|line| line.len() == lines[0].len()));
     }

@@ -8,12 +8,15 @@ use rendering::Overlay;
 const SIGN_TICKS: u64 = 3_000;
 /// Interval over which pictures are counted, ticks.
 const COUNT_TICKS: u64 = 1_000;
+/// The first line in a station in test mode, for as long as it runs.
+const TEST_MODE: &str = "*** TEST MODE: faults may be injected ***";
 /// 1 mmHg, Pa.
 const MMHG_PA: f32 = 133.322;
 
 /// The strip's memory.
 #[derive(Debug, Default)]
 pub struct Strip {
+    test_mode: bool,
     lives: [u32; SLOTS],
     sign: String,
     sign_until: u64,
@@ -23,6 +26,11 @@ pub struct Strip {
 }
 
 impl Strip {
+    /// The strip of a station.
+    pub fn of(clock: &StationPage) -> Strip {
+        Strip { test_mode: clock.test_mode(), ..Strip::default() }
+    }
+
     /// Counts a picture.
     pub fn count(&mut self, tick: u64) {
         self.frames += 1;
@@ -52,7 +60,8 @@ impl Strip {
     /// The text of this tick; `set_pa`: the set pressure, where it is set from here.
     pub fn overlay(&self, tick: u64, fluid: Option<&FluidStatus>, set_pa: Option<f32>) -> Overlay {
         let seconds = tick / 1_000;
-        let mut lines = vec![format!("{:02}:{:02}   {:.0} pictures/s", seconds / 60, seconds % 60, self.rate_hz)];
+        let mut lines: Vec<String> = self.test_mode.then(|| TEST_MODE.to_string()).into_iter().collect();
+        lines.push(format!("{:02}:{:02}   {:.0} pictures/s", seconds / 60, seconds % 60, self.rate_hz));
         if let Some(fluid) = fluid {
             let set = set_pa.map_or(String::new(), |set_pa| format!(", set {:.0}", set_pa / MMHG_PA));
             lines.push(format!("pressure {:4.0} mmHg{set}", fluid.pressure_pa / MMHG_PA));
@@ -70,6 +79,16 @@ impl Strip {
 mod tests {
     use super::*;
     use hyst_messages::Role;
+
+    #[test]
+    fn in_test_mode_the_first_line_says_so_for_ever_and_otherwise_there_is_none() {
+        let tested = Strip { test_mode: true, ..Strip::default() };
+        for tick in [0, 61_000, 36_000_000] {
+            let (lines, plain) = (tested.overlay(tick, None, None).lines, Strip::default().overlay(tick, None, None).lines);
+            assert_eq!(lines.split_first(), Some((&TEST_MODE.to_string(), &plain[..])));
+        }
+        assert!(TEST_MODE.len() <= rendering::COLUMNS);
+    }
 
     #[test]
     fn a_replaced_process_is_signed_for_three_seconds_and_a_first_life_is_not() {

@@ -144,7 +144,7 @@ impl<'a> Vision<'a> {
             switches,
             effort: Effort::default(),
             fastest_ticks,
-            strip: Strip::default(),
+            strip: Strip::of(&life.clock),
             shown: None,
             flowed: None,
             uploaded: 0,

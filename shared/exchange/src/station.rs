@@ -79,6 +79,14 @@ impl Station {
     pub fn control_socket(&self) -> PathBuf {
         self.root.join("control.sock")
     }
+    /// What the run consists of.
+    pub fn plan(&self) -> PathBuf {
+        self.root.join("plan.toml")
+    }
+    /// What is known of the newest swap.
+    pub fn swap(&self) -> PathBuf {
+        self.root.join("swap.json")
+    }
     /// The log of a slot's processes.
     pub fn log(&self, slot: Slot) -> PathBuf {
         self.root.join(format!("logs/{slot}.log"))

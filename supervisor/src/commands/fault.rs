@@ -12,14 +12,20 @@ use hyst_exchange::{Station, system};
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
     match command {
         FaultCommand::List => {
-            for (_, name, text) in FaultKind::ALL {
-                println!("{name:<11} {text}");
-            }
+            print!("{}", list());
             Ok(0)
         }
         FaultCommand::Campaign(args) => crate::campaign::run(station.name(), &args),
         FaultCommand::Inject(args) => inject(station, &args),
     }
+}
+
+/// The kinds, to whom each can be done, and what it does.
+fn list() -> String {
+    let kinds = FaultKind::ALL.map(|(kind, name, text)| (name, kind.targets(), text));
+    let width = kinds.iter().map(|(_, targets, _)| targets.len()).max().unwrap_or(0);
+    let head = ("kind", "of".to_string(), "what it does");
+    [head].iter().chain(&kinds).map(|(name, targets, text)| format!("{name:<11} {targets:<width$}  {text}\n")).collect()
 }
 
 /// A fault is asked for this long before its tick, ns: less than the supervisor waits for one.

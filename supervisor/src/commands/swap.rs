@@ -7,10 +7,9 @@ use super::no_station;
 use crate::control::{self, Request};
 use crate::remains;
 use crate::settings::Refusal;
-use crate::swap::{Record, kept, role_of, verify};
+use crate::swap::{Record, kept, role_of};
 use hyst_exchange::{Station, system};
-use hyst_messages::Role;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Between two looks at the record.
 const LOOK_NS: u64 = 20_000_000;
@@ -34,13 +33,13 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
     let known = role_of(role).map_err(Refusal::input)?;
     // Not resolved: a program may go by the name that it is called by.
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
-    verify::verify(&binary, known).map_err(Refusal::input)?;
     if !station.root().is_dir() {
         return Err(no_station(station));
     }
-    let binary = keep(station, &binary, known)?;
-    let request = Request::Swap { role: role.to_string(), binary };
+    let kept = kept::keep(station, &binary, known).map_err(Refusal::input)?;
+    let request = Request::Swap { role: role.to_string(), binary: kept.binary().to_path_buf() };
     let answer = control::ask(station, &request).map_err(|reason| Refusal::input(format!("swap of {role}: {reason}")))?;
+    drop(kept); // the supervisor has written down what it is for
     let number = answer["number"].as_u64().unwrap_or(0);
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
@@ -54,13 +53,6 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
             Some(_) => system::sleep_ns(LOOK_NS),
         }
     }
-}
-
-/// The station's own copy, verified in its turn: the file may have become another since it was looked at.
-fn keep(station: &Station, binary: &Path, role: Role) -> Result<PathBuf, Refusal> {
-    let copy = kept::keep(station, binary).map_err(Refusal::input)?;
-    verify::verify(&copy, role).map_err(|reason| Refusal::input(format!("{}, copied: {reason}", binary.display())))?;
-    Ok(copy)
 }
 
 /// What happened, as lines of plain text.

@@ -1,5 +1,6 @@
 //! The kinds of faults: what each does, what the process is asked to do for it, and which processes it cannot be done to.
 
+use super::Target;
 use crate::policy::is_stateful;
 use hyst_messages::Role;
 use hyst_messages::mischief::Mischief;
@@ -249,8 +250,58 @@ impl FaultKind {
         }
     }
 
+    /// Whether those who keep the station may be hurt so: they do nothing that they are asked to.
+    pub(super) fn is_for_keepers(self) -> bool {
+        self.signal().is_some() && self.mischief().is_none()
+    }
+
+    /// Who can be its target, in words: as few names as say it.
+    pub fn targets(self) -> String {
+        let engines = Role::ALL.into_iter().filter(|role| Target::parse(role.name()).is_some());
+        let (can, cannot): (Vec<Role>, Vec<Role>) = engines.partition(|role| self.hindrance(*role).is_none());
+        let names = |roles: &[Role]| roles.iter().map(|role| role.name()).collect::<Vec<_>>().join(", ");
+        match () {
+            () if self.is_for_keepers() => "all, supervisor, guardian".into(), // a signal hinders nobody
+            () if cannot.is_empty() => "all".into(),
+            () if cannot.len() < can.len() => format!("all but {}", names(&cannot)),
+            () => names(&can),
+        }
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         FaultKind::ALL.iter().find(|(kind, _, _)| *kind == self).map_or("", |(_, name, _)| name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_said_to_whom_a_kind_can_be_done() {
+        for (kind, expected) in [
+            (FaultKind::Kill, "all, supervisor, guardian"),
+            (FaultKind::HangStart, "all"),
+            (FaultKind::ShmFull, "all"),
+            (FaultKind::DiskFull, "recorder"),
+            (FaultKind::Nan, "all but rendering, recorder, console"),
+            (FaultKind::LeakLoans, "haptic, tissue, fluid, collision-worker"),
+            (FaultKind::Poison, "tissue, fluid"),
+            (FaultKind::Doom, "haptic, tissue, fluid"),
+        ] {
+            assert_eq!(kind.targets(), expected, "{}", kind.name());
+        }
+    }
+
+    #[test]
+    fn who_is_named_as_a_target_can_be_one_and_who_is_not_cannot() {
+        for (kind, name, _) in FaultKind::ALL {
+            let said = kind.targets();
+            for role in Role::ALL.into_iter().filter(|role| Target::parse(role.name()).is_some()) {
+                let is_named = said.split([' ', ',']).any(|word| word == role.name());
+                assert_eq!(is_named != said.starts_with("all"), kind.hindrance(role).is_none(), "{name} {}: {said}", role.name());
+            }
+        }
     }
 }

@@ -107,14 +107,13 @@ impl Injection {
     /// What can be done to those who keep the station: the faults that are a signal.
     pub(super) fn check_of_keepers(&self, keepers: Keepers) -> Result<(), String> {
         let kind = self.kind;
-        let is_signal = kind.signal().is_some() && kind.mischief().is_none();
         let bare = Injection {
             tick: self.tick,
             phase_us: self.phase_us,
             for_s: self.for_s.filter(|_| kind == FaultKind::Stop),
             ..Injection::now(kind, &self.target)
         };
-        if !is_signal || *self != bare {
+        if !kind.is_for_keepers() || *self != bare {
             return Err(format!(
                 "{} of {}: it takes kill, stop, cont, segfault and abort, without options but for (--for) with stop",
                 kind.name(),

@@ -34,6 +34,9 @@ const MOST_FORCE_N: f32 = 0.05;
 /// A newcomer that does not answer in time for so long is too slow, ns.
 const LATE_NS: u64 = 200_000_000;
 
+/// What is said of a newcomer that the station has no copy of.
+const UNKEPT: &str = ", of which the station has no copy: what is built over it runs after the next restart";
+
 /// What is known of the swap that is under way.
 #[derive(Debug)]
 pub struct Trial {
@@ -113,12 +116,14 @@ impl Supervisor {
             steps: Vec::new(),
         };
         let name = kept::name_of(binary);
-        record.note(&format!("{slot} is to run {}", name.display()));
+        let of_whom = if kept::is_copy(binary) { "" } else { UNKEPT };
+        let what = format!("{slot} is to run {}{of_whom}", name.display());
+        record.note(&what);
         if !record.write(&self.station) {
             return Err("the station's root takes no more files; look at `df /dev/shm`".into());
         }
         self.spawner.mortality.pass("swap-declared");
-        journal::say(&self.station, &format!("swap {number} of {}: {slot} is to run {}", role.name(), name.display()));
+        journal::say(&self.station, &format!("swap {number} of {}: {what}", role.name()));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
         let old = self.spent_by(slot);
         let mut trial = Trial::begin(record, role, old);

@@ -3,13 +3,12 @@
 
 mod inspect;
 pub mod judge;
-pub mod kept;
 mod visit;
 
 pub use inspect::inspect;
 pub use visit::visit;
 
-pub use hyst_engine::verify;
+pub use hyst_engine::{kept, verify};
 
 use hyst_exchange::{Station, system};
 use hyst_messages::page::device;
@@ -35,7 +34,7 @@ pub struct Record {
     pub role: String,
     /// Where the newcomer starts.
     pub slot: String,
-    /// The newcomer's binary: the station's own copy.
+    /// The newcomer's binary: the station's own copy, if it could have one.
     pub binary: PathBuf,
     /// The binary before.
     pub before: PathBuf,
@@ -58,19 +57,15 @@ pub struct Record {
 /// Reasons that a newcomer which gets no time is rolled back for.
 const NO_TIME: [&str; 4] = ["could not be compared", "did not take the role", "missed its steps", "has no answer"];
 
-fn path(station: &Station) -> PathBuf {
-    station.root().join("swap.json")
-}
-
 impl Record {
     /// The station's newest swap.
     pub fn read(station: &Station) -> Option<Record> {
-        serde_json::from_str(&std::fs::read_to_string(path(station)).ok()?).ok()
+        serde_json::from_str(&std::fs::read_to_string(station.swap()).ok()?).ok()
     }
     /// Writes it; false if that is refused.
     pub fn write(&self, station: &Station) -> bool {
         let text = serde_json::to_string(self).unwrap_or_default();
-        crate::plan::write_whole(&path(station), text.as_bytes()).is_ok()
+        crate::plan::write_whole(&station.swap(), text.as_bytes()).is_ok()
     }
     /// Whether it was undone for want of time: the newcomer could not show what it is, which speaks of the machine and not of the engine.
     pub fn got_no_time(&self) -> bool {

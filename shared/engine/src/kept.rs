@@ -1,0 +1,230 @@
+//! The station's own copies of the engines that it is given by a swap, whether a command or the operator's page asks for it. A developer who builds anew over
+//! the file that he named changes nothing in a station that runs: what was verified is what starts, also after the next death, and what a swap is rolled
+//! back to is what ran before it.
+
+use crate::verify::verify;
+use hyst_exchange::{Station, system};
+use hyst_messages::Role;
+use rustix::fs::StatVfsMountFlags;
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// The file that says where a copy is from, beside it.
+const FROM: &str = "from";
+/// Bytes that are copied at a time.
+const PIECE: usize = 1 << 18;
+/// How long one who removes copies is waited for, and between two looks, ns.
+const REMOVED_WITHIN_NS: u64 = 5_000_000_000;
+const LOOK_NS: u64 = 5_000_000;
+
+fn folder(station: &Station) -> PathBuf {
+    station.root().join("engines")
+}
+
+/// An engine that may be asked for: verified, and a copy if the station can have one. No copy is removed while one of these is there, since nobody but its
+/// owner knows of it before the supervisor has written down what it is for.
+#[derive(Debug)]
+pub struct Kept {
+    binary: PathBuf,
+    _in_use: Option<File>,
+}
+
+impl Kept {
+    /// What the supervisor is asked to start.
+    pub fn binary(&self) -> &Path {
+        &self.binary
+    }
+}
+
+/// Verifies an engine and copies it into the station's root. Where nothing in there may be started it stays where it is, which the swap's record says.
+pub fn keep(station: &Station, binary: &Path, role: Role) -> Result<Kept, String> {
+    verify(binary, role)?;
+    let kept = copy(station, binary)?;
+    if is_copy(&kept.binary) {
+        // The file may have become another since it was looked at.
+        verify(&kept.binary, role).map_err(|reason| format!("{}, copied: {reason}", binary.display()))?;
+    }
+    Ok(kept)
+}
+
+fn copy(station: &Station, binary: &Path) -> Result<Kept, String> {
+    let refuse = |what: &Path, error: Error| format!("{}: {error}; look at `df /dev/shm`", what.display());
+    let mounted = rustix::fs::statvfs(station.root()).map_err(|error| refuse(station.root(), error.into()))?;
+    let name = binary.file_name().filter(|name| *name != FROM);
+    let Some(name) = name.filter(|_| !mounted.f_flag.contains(StatVfsMountFlags::NOEXEC)) else {
+        return Ok(Kept { binary: binary.to_path_buf(), _in_use: None });
+    };
+    let folder = folder(station);
+    let in_use = open(station, &folder).map_err(|error| refuse(&folder, error))?;
+    let mut engine = File::open(binary).map_err(|error| format!("{}: {error}", binary.display()))?;
+    // Into its place as a whole, and by that name only when it is all there. Each copies by itself.
+    let next = folder.join(format!("{}-{}.next", std::process::id(), system::now_ns()));
+    let from = binary.as_os_str().as_encoded_bytes();
+    let mut make = || {
+        std::fs::create_dir(&next)?;
+        let content = write(&mut engine, &next.join(name))?;
+        std::fs::write(next.join(FROM), from)?;
+        let own = folder.join(format!("{:016x}-{content:016x}", hash(NOTHING, from)));
+        match std::fs::rename(&next, &own) {
+            Err(error) if matches!(error.kind(), ErrorKind::DirectoryNotEmpty | ErrorKind::AlreadyExists) => {
+                std::fs::remove_dir_all(&next)?; // the same is kept once
+            }
+            renamed => renamed?,
+        }
+        Ok(own.join(name))
+    };
+    let binary = make().map_err(|error| {
+        let _ = std::fs::remove_dir_all(&next); // what stays goes with the next swap, or with the station
+        refuse(&folder, error)
+    })?;
+    Ok(Kept { binary, _in_use: Some(in_use) })
+}
+
+/// Opens the folder of the copies for one who is about to need one, after what nobody needs was removed.
+fn open(station: &Station, folder: &Path) -> std::io::Result<File> {
+    std::fs::create_dir_all(folder)?;
+    let opened = File::open(folder)?;
+    if opened.try_lock().is_ok() {
+        forget(station);
+        opened.unlock()?;
+    }
+    let deadline_ns = system::now_ns() + REMOVED_WITHIN_NS;
+    while opened.try_lock_shared().is_err() {
+        if system::now_ns() >= deadline_ns {
+            return Err(Error::other("another swap holds it; try again"));
+        }
+        system::sleep_ns(LOOK_NS);
+    }
+    Ok(opened)
+}
+
+/// Copies a program; gives the hash of what is in the copy, whatever the file is by now.
+fn write(engine: &mut File, to: &Path) -> std::io::Result<u64> {
+    let (mut copy, mut content, mut piece) = (File::create_new(to)?, NOTHING, vec![0; PIECE]);
+    loop {
+        let count = engine.read(&mut piece)?;
+        if count == 0 {
+            break;
+        }
+        copy.write_all(&piece[..count])?;
+        content = hash(content, &piece[..count]);
+    }
+    copy.set_permissions(engine.metadata()?.permissions())?;
+    Ok(content)
+}
+
+/// The hash of no bytes.
+const NOTHING: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// FNV-1a, from the hash of what came before.
+fn hash(before: u64, bytes: &[u8]) -> u64 {
+    bytes.iter().fold(before, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+/// Whether a binary is a station's copy.
+pub fn is_copy(path: &Path) -> bool {
+    path.ancestors().nth(2).is_some_and(|above| above.ends_with("engines")) && path.with_file_name(FROM).is_file()
+}
+
+/// The file that a copy is from; the path itself if it is no copy.
+pub fn name_of(path: &Path) -> PathBuf {
+    let from = is_copy(path).then(|| std::fs::read_to_string(path.with_file_name(FROM)).ok()).flatten();
+    from.map_or_else(|| path.to_path_buf(), PathBuf::from)
+}
+
+/// Removes the copies that neither the plan nor the newest swap names; none, if one of the two cannot be read.
+fn forget(station: &Station) {
+    let mut named = String::new();
+    for file in [station.plan(), station.swap()] {
+        match std::fs::read_to_string(file) {
+            Ok(text) => named.push_str(&text),
+            Err(error) if error.kind() == ErrorKind::NotFound => {} // nothing was swapped yet
+            Err(_) => return,
+        }
+    }
+    for entry in std::fs::read_dir(folder(station)).into_iter().flatten().flatten() {
+        if entry.file_name().to_str().is_none_or(|name| !named.contains(name)) {
+            let _ = std::fs::remove_dir_all(entry.path()); // what stays goes with the station
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A station with a folder for a developer's files.
+    fn station(name: &str) -> (Station, PathBuf) {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let work = station.root().join("work");
+        std::fs::create_dir(&work).unwrap();
+        (station, work)
+    }
+
+    fn copied(station: &Station, binary: &Path) -> PathBuf {
+        copy(station, binary).unwrap().binary
+    }
+
+    #[test]
+    fn a_copy_stays_what_it_was_is_called_by_its_first_name_and_goes_when_nobody_needs_it() {
+        let (station, work) = station("kept");
+        let mine = work.join("my-fluid");
+        std::fs::write(&mine, "good").unwrap();
+        let good = copied(&station, &mine);
+        assert_eq!(copied(&station, &mine), good, "the same is kept once");
+        std::fs::write(station.plan(), format!("swapped.fluid = {good:?}")).unwrap();
+        std::fs::write(&mine, "bad").unwrap();
+        let bad = copied(&station, &mine);
+        assert_ne!(good, bad);
+        assert_eq!([&good, &bad].map(|copy| std::fs::read_to_string(copy).unwrap()), ["good", "bad"]);
+        assert_eq!([&good, &bad].map(|copy| name_of(copy)), [mine.clone(), mine.clone()]);
+        assert!(is_copy(&good) && !is_copy(&mine) && name_of(&mine) == mine);
+        std::fs::write(station.swap(), format!("{{\"binary\":{bad:?}}}")).unwrap();
+        std::fs::write(&mine, "better").unwrap();
+        let better = copied(&station, &mine);
+        assert!(good.exists() && bad.exists(), "the plan names one, and the newest swap the other");
+        std::fs::write(station.plan(), "").unwrap();
+        std::fs::write(&mine, "best").unwrap();
+        copied(&station, &mine);
+        assert!(
+            !good.exists() && bad.exists() && !better.exists(),
+            "nobody runs the first any more, and of the third no swap came"
+        );
+        assert!(copy(&station, &work.join("absent")).unwrap_err().contains("absent"));
+        station.wipe();
+    }
+
+    #[test]
+    fn a_copy_stays_for_as_long_as_its_owner_has_not_been_answered_whoever_else_swaps() {
+        let (station, work) = station("asks");
+        let (mine, other) = (work.join("mine"), work.join("other"));
+        std::fs::write(&mine, "mine").unwrap();
+        std::fs::write(&other, "other").unwrap();
+        let unfinished = folder(&station).join("1-1.next");
+        std::fs::create_dir_all(&unfinished).unwrap();
+        let asks = copy(&station, &mine).unwrap();
+        assert!(!unfinished.exists(), "of one that was cut off");
+        let first = copied(&station, &other);
+        let second = copied(&station, &other);
+        assert!(asks.binary().exists() && first == second);
+        let gone = asks.binary().to_path_buf();
+        drop(asks);
+        copied(&station, &other);
+        assert!(!gone.exists(), "he asked, and no swap came of it");
+        station.wipe();
+    }
+
+    #[test]
+    fn what_is_no_engine_is_refused_and_not_copied() {
+        let (station, work) = station("none");
+        let script = work.join("script");
+        std::fs::write(&script, "#!/bin/sh\n").unwrap();
+        assert!(keep(&station, &script, Role::Fluid).unwrap_err().contains("chmod +x"));
+        assert!(keep(&station, Path::new("/bin/true"), Role::Fluid).unwrap_err().contains("is it an engine?"));
+        assert!(!folder(&station).exists());
+        station.wipe();
+    }
+}
