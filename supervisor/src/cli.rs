@@ -215,6 +215,9 @@ pub struct InjectArgs {
     /// With --tick: so many µs after the tick has begun, 0 to 999.
     #[arg(long = "phase", requires = "tick", value_parser = clap::value_parser!(u32).range(0..1_000))]
     pub phase_us: Option<u32>,
+    /// Not now, but when the station is in this state: idle, contact, cutting, recovery or swap; it is waited for a minute.
+    #[arg(long, conflicts_with = "tick")]
+    pub state: Option<String>,
     /// slow: a step takes so many times as long, 1 to 100.
     #[arg(long)]
     pub factor: Option<f64>,

@@ -269,7 +269,7 @@ fn a_supervisor_that_dies_in_the_middle_of_a_swap_has_it_finished_or_undone() {
         let starts = station.open().unwrap().page().load64(hyst_messages::page::station::SUPERVISOR_STARTS);
         assert!(starts >= 2, "{said}: nobody died");
         let runs_new = |pid: u64| {
-            std::fs::read_link(format!("/proc/{pid}/exe")).is_ok_and(|runs| hystation::swap::kept::name_of(&runs) == binary)
+            std::fs::read_link(format!("/proc/{pid}/exe")).is_ok_and(|runs| hyst_engine::kept::name_of(&runs) == binary)
         };
         for (name, pid, _) in &rows {
             assert_eq!(runs_new(*pid), proven && name.starts_with(role), "{said}: {name}");

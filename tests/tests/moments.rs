@@ -64,3 +64,40 @@ fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_com
     assert_eq!(left["count"], 2 - usize::from(of("haptic").is_some()), "{left:?}");
     assert!(ended.said.contains("of those asked for did not come about"), "{}", ended.said);
 }
+
+#[test]
+fn a_fault_waits_for_the_state_that_a_tester_names() {
+    let station = Station::start("state", &["--hand", "script:press", "--test-mode"]);
+    let inject = |target: &str, state: &str| {
+        let mut command = hystation();
+        command.args(["--name", station.name(), "fault", "inject", "kill", target, "--state", state]);
+        command
+    };
+    for (state, touches) in [("contact", true), ("idle", false)] {
+        // Between the fault and this look the hand may move on.
+        let is_so = || {
+            let (code, _, said) = run(&mut inject("haptic:spare", state));
+            assert_eq!(code, Some(0), "{state}: {said}");
+            let contacts = station.tissue_status().contact_count;
+            station.recover();
+            ((contacts > 0) == touches).then_some(())
+        };
+        assert!(wait_for(RECOVERY_LIMIT, is_so).is_some(), "{state}: {}", station.said());
+    }
+    // The second one comes in the recovery from the first.
+    station.inject("kill tissue:spare");
+    let (code, _, said) = run(&mut inject("haptic:spare", "recovery"));
+    assert_eq!(code, Some(0), "{said}");
+    station.recover();
+    let (code, _, said) = run(&mut inject("haptic:spare", "dancing"));
+    assert!(code == Some(2) && said.contains("cutting, recovery and swap"), "{code:?} {said}");
+    // This hand cuts nothing; who waits for that ends with the station.
+    let mut waits = inject("haptic:spare", "cutting").stderr(std::process::Stdio::piped()).spawn().expect("hystation");
+    station.run_ticks(500);
+    assert!(waits.try_wait().expect("it is ours").is_none(), "it does not wait");
+    let ended = station.stop();
+    let waited = waits.wait_with_output().expect("it is ours");
+    assert_eq!(waited.status.code(), Some(1), "{}", String::from_utf8_lossy(&waited.stderr));
+    ended.assert_clean();
+    assert!(ended.faults("kill").len() >= 4);
+}

@@ -173,7 +173,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         ("tissue", "slow", ""),
         ("tissue", "nan", ""),
         ("tissue", "off", ""),
-        ("tissue", "numb", ""),
+        ("tissue", "numb", "out of tolerance: contact force"),
         ("fluid", "stop", ""),
         ("fluid", "garbage", ""),
         ("fluid", "off", "out of tolerance"),

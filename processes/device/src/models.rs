@@ -7,6 +7,7 @@ use hyst_engine::Life;
 use hyst_exchange::{Horizon, OwnedPage, ReadPage, StationPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
+use hyst_messages::tolerance::SHADOW_EPOCH;
 use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_FLOW_M_S, MAX_PLANES, Medium, Role};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
@@ -155,6 +156,10 @@ impl Models {
             }
             let Some((number, model)) = tissue.page.cell(tissue::MODEL) else { continue };
             tissue.number = number;
+            // One that was computed beside the role is for the judge of a swap.
+            if model.epoch == SHADOW_EPOCH {
+                continue;
+            }
             let order = |model: &ContactModel| (self.order)(model.epoch, model.state_tick);
             let (key, newest) = (order(&model), order(&self.newest));
             let verdict = match () {
@@ -310,6 +315,9 @@ mod tests {
         assert_eq!(key(models.newest(&life, 20)), (3, 7));
         pages[1].write(tissue::MODEL, &model(3, 8));
         assert_eq!(key(models.newest(&life, 20)), (3, 8));
+        pages[1].write(tissue::MODEL, &model(SHADOW_EPOCH, 9));
+        assert_eq!(key(models.newest(&life, 20)), (3, 8), "one that was computed beside the role");
+        assert_eq!(life.page.load64(header::STALE), 0, "and no reproach to its writer");
         pages[3].write(fluid::STATUS, &status(1, 45));
         assert_eq!(models.medium(&life, 20).1, (1, 45));
         for nonsense in [

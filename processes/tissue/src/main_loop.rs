@@ -122,6 +122,29 @@ impl<'a> MainLoop<'a> {
             ..Core::default()
         }
     }
+
+    /// Puts the contact model of a finished state into the page.
+    fn publish_model(&mut self, context: &StepContext, message: &Message<'_>) {
+        let mut model = ContactModel {
+            epoch: context.tenure.epoch,
+            incarnation: self.life.incarnation,
+            state_tick: context.next_tick,
+            input_tick: message.header().input_tick,
+            plane_count: self.planes.count,
+            pose_hash: message.record::<Core>(0).map_or(0, |core| core.pose.hash()),
+            ..ContactModel::default()
+        };
+        for (to, from) in model.planes.iter_mut().zip(&self.planes.planes[..self.planes.count as usize]) {
+            *to = ContactPlane {
+                point_m: from.point_m,
+                stiffness_n_m: from.stiffness_n_m,
+                normal: from.normal,
+                damping_n_s_m: from.damping_n_s_m,
+            };
+        }
+        self.lies.tell(self.life, &mut model);
+        self.life.page.write(tissue::MODEL, &model);
+    }
 }
 
 impl Stateful for MainLoop<'_> {
@@ -276,26 +299,8 @@ impl Stateful for MainLoop<'_> {
 
     fn finished(&mut self, context: &StepContext, state: &[u8]) {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return };
-        let mut model = ContactModel {
-            epoch: context.tenure.epoch,
-            incarnation: self.life.incarnation,
-            state_tick: context.next_tick,
-            input_tick: message.header().input_tick,
-            plane_count: self.planes.count,
-            pose_hash: message.record::<Core>(0).map_or(0, |core| core.pose.hash()),
-            ..ContactModel::default()
-        };
-        for (to, from) in model.planes.iter_mut().zip(&self.planes.planes[..self.planes.count as usize]) {
-            *to = ContactPlane {
-                point_m: from.point_m,
-                stiffness_n_m: from.stiffness_n_m,
-                normal: from.normal,
-                damping_n_s_m: from.damping_n_s_m,
-            };
-        }
-        self.lies.tell(self.life, &mut model);
+        self.publish_model(context, &message);
         let page = &self.life.page;
-        page.write(tissue::MODEL, &model);
         self.status.state_tick = context.next_tick;
         self.status.state_hash = hash(&message);
         self.status.step_ticks = context.step_ticks as u32;
@@ -316,6 +321,12 @@ impl Stateful for MainLoop<'_> {
             page.push(tissue::STEPS, step.tick, &step);
         }
         page.store64(header::COPIED_BYTES, page.load64(header::COPIED_BYTES) + self.collision.copied_bytes());
+    }
+
+    fn finished_beside(&mut self, context: &StepContext, state: &[u8]) {
+        if let Ok(message) = Message::parse(state, Kind::TissueState) {
+            self.publish_model(context, &message);
+        }
     }
 
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {

@@ -99,6 +99,8 @@ pub trait Stateful {
     fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure>;
     /// Says what follows from a finished state (cells in the page).
     fn finished(&mut self, context: &StepContext, state: &[u8]);
+    /// Says what would follow from a state that was computed beside the role, for whoever compares it with the role's: nobody else may take it for true.
+    fn finished_beside(&mut self, _context: &StepContext, _state: &[u8]) {}
     /// Takes a port that the usher has opened.
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox);
 }

@@ -28,7 +28,8 @@ pub enum State {
 }
 
 impl State {
-    fn parse(text: &str) -> Result<State, String> {
+    /// The state that a word names.
+    pub fn parse(text: &str) -> Result<State, String> {
         match text {
             "any" => Ok(State::Any),
             "idle" => Ok(State::Idle),

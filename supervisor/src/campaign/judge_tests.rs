@@ -88,7 +88,7 @@ fn without_a_miss_every_promise_is_held() {
 #[test]
 fn a_burst_counts_once_and_the_device_may_lose_its_twenty() {
     let (campaign, plan, mut outcomes) = setup(TEXT);
-    window(&mut outcomes, "kill haptic:active", 3).missed = 40;
+    window(&mut outcomes, "kill haptic:active", 3).missed = 20;
     for number in 0..4 {
         window(&mut outcomes, "kill device", number).missed = 20;
     }

@@ -1,5 +1,7 @@
 //! `hystation fault`: faults on purpose, in a station in test mode.
 
+mod state;
+
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, Request};
 use crate::faultfile::{Aim, FaultKind, Injection, Place};
@@ -51,6 +53,9 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     if let Some(words) = &args.tick {
         injection.tick = wait_for_tick(station, words)?;
         injection.phase_us = args.phase_us.unwrap_or(0);
+    }
+    if let Some(word) = &args.state {
+        state::wait_for(station, word)?;
     }
     match aim {
         Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),

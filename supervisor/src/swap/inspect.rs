@@ -11,8 +11,11 @@ use hyst_messages::{RecorderStatus, RenderingStatus, Role, Slot};
 /// Between two looks, ns; and after one that speaks against the newcomer: what a stall makes of three of them at once is no verdict.
 const LOOK_NS: u64 = 250_000_000;
 const AMISS_NS: u64 = 1_000_000_000;
-/// For how long there may be nothing new, ns: a busy machine keeps both off for seconds, and nobody agrees meanwhile.
+/// For how long there may be no new picture, ns: a busy machine keeps rendering off for seconds, and nobody agrees meanwhile.
 const STILL_NS: u64 = 8_000_000_000;
+/// The same of a recorder, whose looks are not put off either: the device keeps 4.1 s for the one that takes its place again, and a good one that is rolled
+/// back because it was not let run is swapped in again at no loss.
+const STILL_RECORDER_NS: u64 = 1_500_000_000;
 /// Ticks that may not be on disk yet: about as many as the device keeps for a recorder.
 const MOST_BEHIND_TICKS: u64 = 4_096;
 /// How far ahead of the present a tick on disk may be said to be: none, but for what passes between two words of a page.
@@ -34,12 +37,19 @@ enum Look {
 struct Inspection {
     seen: Seen,
     new_ns: u64,
+    still_ns: u64,
 }
 
 impl Inspection {
+    fn of(role: Role, now_ns: u64) -> Inspection {
+        let still_ns = if role == Role::Recorder { STILL_RECORDER_NS } else { STILL_NS };
+        Inspection { new_ns: now_ns, still_ns, ..Inspection::default() }
+    }
+
+
     /// Takes a look; true if it speaks against the newcomer.
     fn take(&mut self, look: Look, now_ns: u64) -> bool {
-        let lasts = now_ns.saturating_sub(self.new_ns) > STILL_NS;
+        let lasts = now_ns.saturating_sub(self.new_ns) > self.still_ns;
         match look {
             Look::New(ratio, text) => {
                 self.new_ns = now_ns;
@@ -67,7 +77,7 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
     let settings: Settings = toml::from_str(&text).map_err(|error| error.to_string())?;
     let own = station.read_slot(Slot::first(role), guest).map_err(|error| error.to_string())?;
     let (mut recording, mut pictures) = (Recording::default(), Pictures { draws, ..Pictures::default() });
-    let mut inspection = Inspection { new_ns: system::now_ns(), ..Inspection::default() };
+    let mut inspection = Inspection::of(role, system::now_ns());
     while !clock.stop_requested() {
         let look = if role == Role::Recorder {
             let status = own.cell(recorder::STATUS).map(|(_, status)| status);
@@ -80,7 +90,7 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
         if !tell(&inspection.seen)? {
             return Ok(());
         }
-        system::sleep_ns(if is_amiss { AMISS_NS } else { LOOK_NS });
+        system::sleep_ns(if is_amiss && role != Role::Recorder { AMISS_NS } else { LOOK_NS });
     }
     Ok(())
 }

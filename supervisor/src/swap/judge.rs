@@ -71,6 +71,8 @@ struct Pairs {
     /// Contact models of ticks, and what was seen of them.
     models: BTreeMap<u64, [Option<ContactModel>; 2]>,
     felt: Seen,
+    /// A tissue, which makes them: one that makes none agrees with nobody.
+    has_models: bool,
 }
 
 impl Pairs {
@@ -142,11 +144,12 @@ impl Pairs {
         }
     }
 
-    /// What was seen so far: as many pairs as states, and what is worse of states and contact models.
+    /// What was seen so far: as many pairs as there are of states, and of contact models too where there are any; and what is worse of both.
     fn seen(&self) -> Seen {
         let (states, felt) = (&self.seen, &self.felt);
         let worse = if (felt.outside, felt.ratio) > (states.outside, states.ratio) { felt } else { states };
-        Seen { compared: states.compared, worst: states.worst.max(felt.worst), ..worse.clone() }
+        let compared = if self.has_models { states.compared.min(felt.compared) } else { states.compared };
+        Seen { compared, worst: states.worst.max(felt.worst), ..worse.clone() }
     }
 
     fn note(&mut self, found: Result<(f64, String), hyst_messages::WireError>) {
@@ -202,7 +205,8 @@ pub fn judge(station: &Station, role: Role, guest: u32) -> Result<(), String> {
     let links = Links::join(station, "judge").map_err(|error| error.to_string())?;
     let kind = *kinds_of(role).first().ok_or_else(|| format!("{} has no state", role.name()))?;
     let mut streams: BTreeMap<u32, Subscriber> = BTreeMap::new();
-    let (mut pairs, mut pages) = (Pairs::default(), Pages::default());
+    let mut pairs = Pairs { has_models: role == Role::Tissue, ..Pairs::default() };
+    let mut pages = Pages::default();
     let mut next_line_ns = 0;
     while !clock.stop_requested() {
         for stream in streams.values() {

@@ -163,6 +163,9 @@ impl<S: Stateful> Stateful for Bad<'_, S> {
             self.life.page.write(tissue_page::MODEL, &ContactModel { plane_count: 0, planes: Default::default(), ..model });
         }
     }
+    fn finished_beside(&mut self, context: &StepContext, state: &[u8]) {
+        self.engine.finished_beside(context, state);
+    }
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
         self.engine.arrival(arrival, inbox);
     }

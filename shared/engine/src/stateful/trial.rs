@@ -205,6 +205,8 @@ impl<S: Stateful> Loop<'_, S> {
             header.tick = next_tick;
             header.step_ticks = context.step_ticks as u32;
         });
+        context.tenure.epoch = SHADOW_EPOCH;
+        self.engine.finished_beside(&context, loan.bytes());
         self.lies.tell_message(self.life, loan.bytes_mut());
         loan.send()?;
         self.life.page.add64(header::STREAM_BYTES, bytes as u64);
