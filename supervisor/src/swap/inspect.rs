@@ -46,7 +46,6 @@ impl Inspection {
         Inspection { new_ns: now_ns, still_ns, ..Inspection::default() }
     }
 
-
     /// Takes a look; true if it speaks against the newcomer.
     fn take(&mut self, look: Look, now_ns: u64) -> bool {
         let lasts = now_ns.saturating_sub(self.new_ns) > self.still_ns;
@@ -234,7 +233,7 @@ mod tests {
 
     #[test]
     fn nothing_new_counts_for_nothing_at_first_and_against_it_when_that_lasts() {
-        let mut inspection = Inspection::default();
+        let mut inspection = Inspection::of(Role::Rendering, 0);
         let still = || Look::Nothing("still".into());
         assert!(!inspection.take(still(), STILL_NS));
         assert_eq!(inspection.seen, Seen::default(), "no agreement, and no doubt");
