@@ -3,7 +3,7 @@
 use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
 use hyst_messages::page::{fluid, header, station as layout, tissue};
-use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, percentile_ns};
+use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -185,6 +185,12 @@ impl Viewer {
     /// Whether a slot has a living process that is warm or live.
     pub fn is_well(&mut self, slot: Slot) -> bool {
         self.page.pid(slot) != 0 && !self.page.is_dead(slot) && self.says_ready(slot)
+    }
+    /// What the newest tissue says of itself, whoever wrote it; the last slot is a guest's, who has the role in the midst of a swap.
+    pub fn tissue_status(&mut self) -> Option<TissueStatus> {
+        let slots = (0..Role::Tissue.slots().1).filter_map(|index| Slot::new(Role::Tissue, index));
+        let found = slots.filter_map(|slot| self.slot_page(slot)?.cell(tissue::STATUS));
+        found.map(|(_, status)| status).max_by_key(|status| status.state_tick)
     }
     /// Looks, and says where the operator's page is.
     pub fn look_all(&mut self) -> StationView {

@@ -2,7 +2,7 @@
 
 use super::{Session, Trouble};
 use crate::campaign::outcome::Counters;
-use hyst_messages::page::{fluid, header, tissue};
+use hyst_messages::page::{fluid, header};
 use hyst_messages::{Role, Slot};
 
 /// A fluid that has just taken its role says something after its first step.
@@ -20,15 +20,14 @@ impl Session {
         let mut found = Counters { tick: self.tick(), ..Counters::default() };
         let mut fluid_key = (0, 0);
         let Some(viewer) = &mut self.viewer else { return found };
+        if let Some(status) = viewer.tissue_status() {
+            found.tissue_tick = status.state_tick;
+            (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
+            (found.cuts, found.is_cutting) = (status.cuts, status.is_cutting != 0);
+            found.topology_version = status.topology_version;
+        }
         // The last one is a guest's, who has the role in the midst of a swap.
         for index in 0..Role::Tissue.slots().1.max(Role::Fluid.slots().1) {
-            let status = Slot::new(Role::Tissue, index).and_then(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS));
-            if let Some((_, status)) = status.filter(|(_, status)| status.state_tick >= found.tissue_tick) {
-                found.tissue_tick = status.state_tick;
-                (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
-                (found.cuts, found.is_cutting) = (status.cuts, status.is_cutting != 0);
-                found.topology_version = status.topology_version;
-            }
             for role in [Role::Tissue, Role::Fluid] {
                 let founded = Slot::new(role, index)
                     .and_then(|slot| viewer.slot_page(slot))

@@ -6,8 +6,7 @@ use crate::settings::Refusal;
 use crate::swap::Record;
 use crate::view::Viewer;
 use hyst_exchange::{Station, system};
-use hyst_messages::page::tissue;
-use hyst_messages::{Role, Slot};
+use hyst_messages::{Slot, TissueStatus};
 
 /// How long it is waited for, ns.
 const WITHIN_NS: u64 = 60_000_000_000;
@@ -31,9 +30,7 @@ pub(super) fn wait_for(station: &Station, word: &str) -> Result<(), Refusal> {
 }
 
 fn is_in(state: State, station: &Station, slots: &[Slot], viewer: &mut Viewer) -> bool {
-    let says = |of: fn(&hyst_messages::TissueStatus) -> bool, viewer: &mut Viewer| {
-        newest_tissue(viewer).is_some_and(|status| of(&status))
-    };
+    let says = |of: fn(&TissueStatus) -> bool, viewer: &mut Viewer| viewer.tissue_status().is_some_and(|status| of(&status));
     match state {
         State::Any => true,
         State::Idle => is_whole(slots, viewer) && says(|status| status.contact_count == 0, viewer),
@@ -46,11 +43,4 @@ fn is_in(state: State, station: &Station, slots: &[Slot], viewer: &mut Viewer) -
 
 fn is_whole(slots: &[Slot], viewer: &mut Viewer) -> bool {
     slots.iter().all(|slot| viewer.is_well(*slot))
-}
-
-/// What the newest tissue says of itself; the last slot is a guest's, who has the role in the midst of a swap.
-fn newest_tissue(viewer: &mut Viewer) -> Option<hyst_messages::TissueStatus> {
-    let slots = (0..Role::Tissue.slots().1).filter_map(|index| Slot::new(Role::Tissue, index));
-    let found: Vec<_> = slots.filter_map(|slot| viewer.slot_page(slot)?.cell(tissue::STATUS)).map(|(_, status)| status).collect();
-    found.into_iter().max_by_key(|status| status.state_tick)
 }
