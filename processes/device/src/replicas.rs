@@ -53,6 +53,11 @@ pub fn input_hash(input: &InputRecord) -> u64 {
     fnv_words(0, hyst_exchange::cell::words_of(input))
 }
 
+/// What a force of this tick may be.
+fn limits(params: &LastHopParams) -> ForceLimits {
+    ForceLimits { max_force_n: params.max_force_n, max_age_ticks: 0 }
+}
+
 impl Replicas {
     /// Takes the page of a new incarnation; gives back the one before. Who sits where the one that was followed sat is not the one that was followed.
     pub fn seat(&mut self, index: usize, page: ReadPage, life: &Life) -> Option<ReadPage> {
@@ -78,11 +83,12 @@ impl Replicas {
     /// Waits for the selected replica until the deadline, and chooses.
     pub fn choose(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams, deadline_ns: u64) -> Chosen {
         self.wait_for(self.selected, life, input.tick, deadline_ns, false);
-        if !(0..REPLICAS).any(|index| self.has_answered(index, input.tick)) {
-            // Both missed the tick before, or the selected one died in this tick: wait for whoever is expected to answer, in earnest.
+        let hash = input_hash(input);
+        if !(0..REPLICAS).any(|index| self.counts(index, input.tick, hash, params)) {
+            // Both missed the tick before, or the selected one died or said nonsense in this tick: wait for whoever is expected to answer, in earnest.
             let other = 1 - self.selected;
             let still = |index: usize| self.seats[index].as_ref().map_or(u32::MAX, |replica| replica.watch.still);
-            // An answer that does not count was one from the shadow: there is nothing more to expect of it in this tick.
+            // Of one whose answer does not count there is nothing more to expect in this tick.
             let said = |index: usize| self.seats[index].as_ref().is_some_and(|seat| seat.page.load64(header::TICK) >= input.tick);
             let none_to_come = said(self.selected) || self.is_gone(self.selected, life);
             let hope = if none_to_come || still(other) < still(self.selected) { other } else { self.selected };
@@ -196,10 +202,15 @@ impl Replicas {
         seat.is_some_and(|(slot, replica)| life.clock.is_dead(slot) && life.clock.incarnation(slot) == replica.incarnation)
     }
 
-    /// Whether the replica has a force for this tick that may be chosen: one in its shadow is no reason not to wait for the other.
-    fn has_answered(&self, index: usize, tick: u64) -> bool {
+    /// Whether the replica has a force for this tick that may be chosen: one in its shadow, one that is not a number, too large, or of another input is no
+    /// reason not to wait for the other.
+    fn counts(&self, index: usize, tick: u64, hash: u64, params: &LastHopParams) -> bool {
         let record = self.seats[index].as_ref().and_then(|replica| replica.page.cell(haptic::FORCE));
-        record.is_some_and(|(_, record)| record.tick == tick && record.flags & FORCE_SHADOW == 0)
+        record.is_some_and(|(_, record)| {
+            record.flags & FORCE_SHADOW == 0
+                && record.input_hash == hash
+                && valid_force(tick, record.tick, record.force_n, &limits(params)).is_ok()
+        })
     }
 
     /// The replica's force for this tick, if nothing is wrong with it; it may still be one from the shadow.
@@ -211,7 +222,6 @@ impl Replicas {
         hash: u64,
         params: &LastHopParams,
     ) -> Option<ForceRecord> {
-        let limits = ForceLimits { max_force_n: params.max_force_n, max_age_ticks: 0 };
         let replica = self.seats[index].as_mut()?;
         let (_, record) = replica.page.cell(haptic::FORCE)?;
         let watched = WatchInput {
@@ -225,7 +235,7 @@ impl Replicas {
         replica.same = replica.watch.seen == 1 && before == record.force_n.map(f32::to_bits);
         let (watch, verdict) = watch_step(&WatchParams::default(), &replica.watch, &watched);
         replica.watch = watch;
-        let distrust = match (valid_force(input.tick, record.tick, record.force_n, &limits), verdict) {
+        let distrust = match (valid_force(input.tick, record.tick, record.force_n, &limits(params)), verdict) {
             (Err(ForceFault::NotFinite | ForceFault::TooLarge | ForceFault::FromFuture), _) | (_, WatchVerdict::WrongInput) => {
                 life.page.add64(header::INVALID, 1);
                 Some(Distrust::Invalid)
@@ -268,23 +278,17 @@ mod tests {
         let input = InputRecord { tick, ..InputRecord::default() };
         for (page, said) in pages.iter().zip(said) {
             let Some((newton, flags)) = said else { continue };
-            let force_n = [0.0, newton, 0.0];
-            page.write(
-                haptic::FORCE,
-                &ForceRecord { tick, input_hash: input_hash(&input), force_n, flags, ..Default::default() },
-            );
-            page.store64(header::TICK, tick);
+            say(page, &input, [0.0, newton, 0.0], flags);
         }
         replicas.choose(life, &input, &LastHopParams::default(), 0).force_n.map(|force_n| force_n[1])
     }
 
-    #[test]
-    fn the_one_that_is_followed_stays_until_it_is_not_valid_and_a_newborn_counts_only_out_of_its_shadow() {
-        let station = Station::named(&format!("t{}-replicas", std::process::id())).unwrap();
+    /// A device and two servos, seated.
+    fn seated(name: &str) -> (Station, Life, [OwnedPage; 2], Replicas) {
+        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
         station.wipe();
         station.found().unwrap();
         std::fs::write(station.settings(), "").unwrap();
-        let slot = |role, index| Slot::new(role, index).unwrap();
         drop(station.create_slot(slot(Role::Device, 0), 1).unwrap());
         let life = Life::begin(station.name(), slot(Role::Device, 0), 1).unwrap();
         let pages = [0, 1].map(|index| station.create_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap());
@@ -293,6 +297,50 @@ mod tests {
             let page = station.read_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap();
             assert!(replicas.seat(index, page, &life).is_none());
         }
+        (station, life, pages, replicas)
+    }
+
+    fn slot(role: Role, index: usize) -> Slot {
+        Slot::new(role, index).unwrap()
+    }
+
+    fn say(page: &OwnedPage, input: &InputRecord, force_n: [f32; 3], flags: u32) {
+        let record = ForceRecord { tick: input.tick, input_hash: input_hash(input), force_n, flags, ..Default::default() };
+        page.write(haptic::FORCE, &record);
+        page.store64(header::TICK, input.tick);
+        page.bump_and_wake(header::NEWS);
+    }
+
+    #[test]
+    fn nonsense_of_the_one_that_is_followed_is_no_reason_not_to_wait_for_the_other() {
+        let (station, life, [liar, other], mut replicas) = seated("nonsense");
+        let begun_ns = system::now_ns();
+        for (tick, nonsense) in [(1, f32::NAN), (3, 9.9), (5, f32::INFINITY)] {
+            let input = InputRecord { tick, ..InputRecord::default() };
+            say(&liar, &input, [0.0, nonsense, 0.0], 0);
+            let chosen = std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(std::time::Duration::from_millis(30));
+                    say(&other, &input, [0.0, 0.1, 0.0], 0);
+                });
+                replicas.choose(&life, &input, &LastHopParams::default(), system::now_ns() + 60_000_000_000)
+            });
+            assert_eq!((chosen.force_n, chosen.incarnation), (Some([0.0, 0.1, 0.0]), 3), "{nonsense}");
+            // The liar is well again, and followed for a tick.
+            let input = InputRecord { tick: tick + 1, ..InputRecord::default() };
+            say(&liar, &input, [0.0, 0.1, 0.0], 0);
+            say(&other, &input, [0.0, f32::NAN, 0.0], 0);
+            let chosen = replicas.choose(&life, &input, &LastHopParams::default(), system::now_ns() + 60_000_000_000);
+            assert_eq!(chosen.incarnation, 2);
+        }
+        assert!(system::now_ns() - begun_ns < 50_000_000_000, "one who answered is waited for");
+        drop(replicas);
+        station.wipe();
+    }
+
+    #[test]
+    fn the_one_that_is_followed_stays_until_it_is_not_valid_and_a_newborn_counts_only_out_of_its_shadow() {
+        let (station, life, pages, mut replicas) = seated("replicas");
         let distrusted = |index: usize| life.page.load64(layout::DISTRUSTED + index) >> 32;
         let mut take = |tick, said| {
             let force_n = taken(&life, &mut replicas, &pages, tick, said);

@@ -49,7 +49,8 @@ pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) 
     let touch = touch(params, &mut next, input, velocity, known, restored);
 
     let limited = clamp_length(touch.wanted_n, params.max_force_n);
-    let faded = (smoothstep(old_ramp) - smoothstep(next.ramp)).abs() * params.max_force_n;
+    // Only a fade explains a step: what comes back is shifted so that the force stays what it is.
+    let faded = (smoothstep(old_ramp) - smoothstep(next.ramp)).max(0.0) * params.max_force_n;
     let allowed = touch.explained_n + faded + params.model_step_n;
     let force = step_towards(Vec3::from_array(next.force_n), limited, allowed);
 

@@ -268,6 +268,26 @@ fn planes_that_jump_in_mid_contact_are_blended() {
 }
 
 #[test]
+fn another_tissue_that_comes_back_in_the_middle_of_the_fade_is_blended() {
+    let (near, none) = (wall(Vec3::ZERO, 1000.0), ContactModel::default());
+    let mut far = near;
+    far.planes[0].point_m[2] += 0.0018;
+    for (what, model) in [("a wall farther away", &far), ("no wall", &none)] {
+        // 2 N, half faded; the tissue that began anew knows nothing of the dent.
+        let faded = (2..=200u32).fold(pressing(&near, 0.002), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.002).0);
+        assert!((faded.force_n[2] + 1.0).abs() < 0.1, "{:?}", faded.force_n);
+        let (mut state, most_n) = (faded, ServoParams::default().model_step_n + 1e-6);
+        for tick in 701..800 {
+            let (next, output) = held(&state, tick, model, 1, 0.002);
+            let step_n = (output.force_n[2] - state.force_n[2]).abs();
+            assert!(step_n <= most_n, "{what}, tick {tick}: a step of {step_n} N");
+            state = next;
+        }
+        assert!(state.force_n[2].abs() < 0.21, "{what}: {:?}", state.force_n);
+    }
+}
+
+#[test]
 fn the_wall_pushes_towards_its_free_side_and_never_pulls() {
     let model = wall(Vec3::ZERO, 500.0);
     let mut bench = Bench::new(Hand::Press, wall, 500.0, 1);

@@ -212,8 +212,7 @@ impl Supervisor {
                 // States of a line that was left: nobody is to begin from them. Absent is as good.
                 let _ = std::fs::remove_file(hyst_exchange::checkpoint::path(&self.station, guest));
             }
-            // One that died is not missed: the fault is over with the swap.
-            self.faults.ready(guest, u32::MAX, system::now_ns());
+            self.faults.vacated(guest, system::now_ns()); // a fault of the newcomer's is over with the swap
         }
         self.spawner.mortality.pass("swap-cleared");
         if let Some(trial) = &mut self.trial {
