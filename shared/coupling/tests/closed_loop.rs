@@ -274,7 +274,8 @@ fn another_tissue_that_comes_back_in_the_middle_of_the_fade_is_blended() {
     far.planes[0].point_m[2] += 0.0018;
     for (what, model) in [("a wall farther away", &far), ("no wall", &none)] {
         // 2 N, half faded; the tissue that began anew knows nothing of the dent.
-        let faded = (2..=200u32).fold(pressing(&near, 0.002), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.002).0);
+        let faded =
+            (2..=200u32).fold(pressing(&near, 0.002), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.002).0);
         assert!((faded.force_n[2] + 1.0).abs() < 0.1, "{:?}", faded.force_n);
         let (mut state, most_n) = (faded, ServoParams::default().model_step_n + 1e-6);
         for tick in 701..800 {
