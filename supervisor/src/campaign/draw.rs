@@ -10,7 +10,7 @@ use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
 /// First tick at which a fresh station may be hurt: it is whole after some 2 s, and the ledger's start-up is over.
-const FIRST_TICK: u64 = 6_000;
+pub(super) const FIRST_TICK: u64 = 6_000;
 /// Longest wait between the other fault and the one that falls into its recovery, ticks.
 const MOST_WITH_TICKS: u64 = 40;
 /// The same if the other is a servo's, whose successor is warm after 12 ticks where it takes the least; one that comes late has no verdict.

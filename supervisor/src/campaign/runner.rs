@@ -1,6 +1,6 @@
 //! The faults of a plan, one after another: stations are started for them, hurt, stopped, and what came of both is handed on.
 
-use super::draw::{Entry, Plan};
+use super::draw::{Entry, FIRST_TICK, Plan};
 use super::file::Campaign;
 use super::outcome::Outcome;
 use super::session::{Session, Trouble};
@@ -34,9 +34,10 @@ impl Runner<'_> {
         while at < open.len() && failed < MOST_FAILED_STATIONS && !self.interrupted.load(Ordering::Relaxed) {
             let number = open[at].station;
             let lap: Vec<&Entry> = open[at..].iter().copied().take_while(|entry| entry.station == number).collect();
+            let lap = closed_up(&lap, &self.plan.faults, self.campaign.gap_ticks[1]);
             let run = store.stations.len();
             let files = store.folder().join(format!("run-{run}"));
-            let station = self.lap(&lap, run, &files, &mut |outcome| store.add(outcome))?;
+            let station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut |outcome| store.add(outcome))?;
             let through = station.faults.len();
             store.add_station(station)?;
             failed = if through == 0 { failed + 1 } else { 0 };
@@ -120,6 +121,24 @@ impl Runner<'_> {
     }
 }
 
+/// The faults of a station that are not through yet, as soon as they may come: a run that goes on does not wait for those that are.
+fn closed_up(open: &[&Entry], plan: &[Entry], most_gap_ticks: u64) -> Vec<Entry> {
+    let mut before: Option<(&Entry, u64)> = None;
+    let mut lap = Vec::with_capacity(open.len());
+    for entry in open {
+        let planned_before =
+            entry.index.checked_sub(1).and_then(|index| plan.get(index)).filter(|it| it.station == entry.station);
+        let tick = match (planned_before, before) {
+            (None, _) => entry.tick,
+            (Some(planned), Some((last, tick))) if planned.index == last.index => tick + (entry.tick - last.tick),
+            (Some(_), before) => before.map_or(FIRST_TICK, |(_, tick)| tick) + most_gap_ticks,
+        };
+        before = Some((entry, tick));
+        lap.push(Entry { tick, ..(*entry).clone() });
+    }
+    lap
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,5 +158,21 @@ mod tests {
         plan.faults.iter().for_each(|entry| store.add(Outcome::of(entry)).unwrap());
         assert_eq!(runner.run(&mut store, 2).unwrap(), None);
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_run_that_goes_on_does_not_wait_for_the_faults_that_are_through() {
+        let text = "gap_ticks = [500, 700]\nfaults_per_station = 6\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:active\"]\ncount = 12\n";
+        let plan = draw::plan(&file::parse("t", text).unwrap(), 1).faults;
+        let up = |open: &[usize]| {
+            let open: Vec<&Entry> = open.iter().map(|index| &plan[*index]).collect();
+            closed_up(&open, &plan, 700).iter().map(|entry| entry.tick).collect::<Vec<_>>()
+        };
+        let tick = |index: usize| plan[index].tick;
+        assert_eq!(up(&[0, 1, 2, 3]), [0, 1, 2, 3].map(tick), "nothing is through");
+        assert_eq!(up(&[6, 7]), [6, 7].map(tick), "the first of the next station");
+        let first = FIRST_TICK + 700;
+        assert_eq!(up(&[3, 4]), [first, first + tick(4) - tick(3)]);
+        assert_eq!(up(&[0, 1, 4, 5]), [tick(0), tick(1), tick(1) + 700, tick(1) + 700 + tick(5) - tick(4)]);
     }
 }
