@@ -320,7 +320,7 @@ mod tests {
             say(&liar, &input, [0.0, nonsense, 0.0], 0);
             let chosen = std::thread::scope(|scope| {
                 scope.spawn(|| {
-                    std::thread::sleep(std::time::Duration::from_millis(30));
+                    std::thread::sleep(std::time::Duration::from_millis(30)); // not a synchronization: the other takes its time
                     say(&other, &input, [0.0, 0.1, 0.0], 0);
                 });
                 replicas.choose(&life, &input, &LastHopParams::default(), system::now_ns() + 60_000_000_000)

@@ -67,6 +67,18 @@ mod tests {
     }
 
     #[test]
+    fn the_handbook_has_each_key_and_each_alarm() {
+        let handbook = include_str!("../../../docs/handbook.md");
+        let keys = MOTIONS.iter().map(|motion| motion.does).chain(SWITCHES.iter().map(|switch| switch.does));
+        for does in keys {
+            assert!(handbook.contains(&format!("{does} |")) || handbook.contains(&format!("{does};")), "{does}");
+        }
+        for (_, alarm) in hyst_messages::PUMP_ALARMS {
+            assert!(handbook.contains(&format!("| {alarm} |")), "{alarm}");
+        }
+    }
+
+    #[test]
     fn where_the_hand_is_not_the_windows_the_help_has_only_what_changes_the_picture() {
         assert_eq!(help(false), ["V   view from outside, inside", "F1  this help, and away      "]);
         assert_eq!(help_hint(), "F1 help");

@@ -2,11 +2,16 @@
 
 use crate::settings::Refusal;
 use hyst_exchange::system;
+use hyst_messages::Role;
+use rustix::fs::{Access, StatVfsMountFlags};
 use rustix::process::{Resource, getrlimit};
 use std::path::Path;
 
 /// Memory that the real-time processes lock together, bytes.
 const LOCKED_BYTES: u64 = 256 << 20;
+
+/// More than an hour of a recording takes, bytes: it may take 1 MB a second.
+const HOUR_BYTES: u64 = 3_600_000_000;
 
 /// One finding.
 struct Finding {
@@ -24,8 +29,20 @@ fn finding(what: &'static str, found: String, good: bool, is_optional: bool, cur
 
 /// Looks at the machine; exit code 1 if a station cannot run on it.
 pub fn doctor() -> Result<u8, Refusal> {
-    let findings =
-        [cores(), real_time(), preemption(), locked_memory(), shared_memory(), throttling(), pictures(), display(), leftovers()];
+    let findings = [
+        programs(),
+        cores(),
+        real_time(),
+        preemption(),
+        locked_memory(),
+        shared_memory(),
+        copies(),
+        throttling(),
+        disk(),
+        pictures(),
+        display(),
+        leftovers(),
+    ];
     for finding in &findings {
         let mark = match (&finding.cure, finding.is_optional) {
             (None, _) => "good",
@@ -38,6 +55,22 @@ pub fn doctor() -> Result<u8, Refusal> {
         }
     }
     Ok(u8::from(findings.iter().any(|finding| finding.cure.is_some() && !finding.is_optional)))
+}
+
+/// The engines, and the simulated device among them, lie beside this program.
+fn programs() -> Finding {
+    let folder = std::env::current_exe().ok().and_then(|program| program.parent().map(Path::to_path_buf)).unwrap_or_default();
+    let engines = Role::ALL.iter().filter(|role| !matches!(role, Role::Supervisor | Role::Guardian));
+    let missing: Vec<&str> = engines.map(|role| role.name()).filter(|name| !is_program(&folder.join(name))).collect();
+    let found = match missing.as_slice() {
+        [] => format!("every engine, and the simulated device, in {}", folder.display()),
+        missing => format!("{} of {} missing or not to be run", missing.join(", "), folder.display()),
+    };
+    finding("programs", found, missing.is_empty(), false, "`./station build`, or install the package again")
+}
+
+fn is_program(path: &Path) -> bool {
+    rustix::fs::access(path, Access::EXEC_OK).is_ok() && path.is_file()
 }
 
 fn cores() -> Finding {
@@ -106,6 +139,36 @@ fn shared_memory() -> Finding {
     }
 }
 
+/// Whether an engine can be started from where the station keeps its own copies of those that were swapped.
+fn copies() -> Finding {
+    let is_noexec = rustix::fs::statvfs("/dev/shm").is_ok_and(|mounted| mounted.f_flag.contains(StatVfsMountFlags::NOEXEC));
+    let found = if is_noexec {
+        "/dev/shm is mounted noexec: a swapped engine runs from its own file"
+    } else {
+        "can be run from /dev/shm"
+    };
+    finding(
+        "engines' copies",
+        found.into(),
+        !is_noexec,
+        true,
+        "`mount -o remount,exec /dev/shm`, docker: --tmpfs /dev/shm:exec,size=1g",
+    )
+}
+
+/// Whether an hour can be recorded here.
+fn disk() -> Finding {
+    let cure =
+        "free some, or record elsewhere (`--record /another/disk/FILE.mcap`): a full disk costs the recording, and not the force";
+    match rustix::fs::statvfs(".") {
+        Ok(disk) => {
+            let free = disk.f_bavail * disk.f_frsize;
+            finding("disk", format!("{} MiB free in this folder", free >> 20), free >= HOUR_BYTES, true, cure)
+        }
+        Err(error) => finding("disk", format!("this folder: {error}"), false, true, cure),
+    }
+}
+
 fn throttling() -> Finding {
     let text = std::fs::read_to_string("/proc/sys/kernel/sched_rt_runtime_us").unwrap_or_default();
     let found = if text.trim().is_empty() { "unknown".to_string() } else { format!("sched_rt_runtime_us {}", text.trim()) };
@@ -169,7 +232,17 @@ fn leftovers() -> Finding {
 
 #[cfg(test)]
 mod tests {
-    use super::mode_of_preemption;
+    use super::*;
+
+    #[test]
+    fn a_program_is_a_file_that_may_be_run() {
+        let folder = std::env::temp_dir().join(format!("hystation-doctor-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("text"), "").unwrap();
+        assert!(is_program(&std::env::current_exe().unwrap()));
+        assert!(![&folder, &folder.join("text"), &folder.join("none")].iter().any(|path| is_program(path)));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     fn the_mode_of_preemption_is_read_from_whatever_says_it() {

@@ -259,6 +259,18 @@ fn the_map_is_whole_and_short() {
 }
 
 #[test]
+fn the_handbook_has_each_case() {
+    let handbook = text_of("docs/handbook.md");
+    let cases = entries(&root().join("assets/cases")).into_iter();
+    let names: Vec<String> = cases.filter_map(|path| Some(path.file_stem()?.to_str()?.to_string())).collect();
+    assert!(names.len() > 5, "{names:?}");
+    none(
+        names.into_iter().filter(|name| !handbook.contains(&format!("`{name}`"))).collect(),
+        "Give each case its line in the handbook.",
+    );
+}
+
+#[test]
 fn the_way_from_hand_to_force_links_no_iceoryx2() {
     let test = std::env::current_exe().unwrap_or_default();
     let Some(device) = test.parent().and_then(|deps| deps.parent()).map(|folder| folder.join("device")) else { return };
