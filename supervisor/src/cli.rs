@@ -204,7 +204,7 @@ pub enum FaultCommand {
 pub struct InjectArgs {
     /// Kind, see `fault list`.
     pub kind: String,
-    /// PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both or PROCESS:INDEX; supervisor, guardian or supervisor+guardian.
+    /// PROCESS, PROCESS:active, :spare, :both, :newcomer (of a swap) or :INDEX; supervisor, guardian or supervisor+guardian.
     pub target: String,
     /// After this time a stopped process is continued, or ends what it was asked to do.
     #[arg(long = "for", value_parser = seconds)]

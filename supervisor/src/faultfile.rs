@@ -6,7 +6,7 @@ mod target;
 
 pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
-pub use target::{Aim, Keepers, Target, Which};
+pub use target::{Aim, Keepers, NEWCOMER, Target, Which};
 
 use hyst_messages::Slot;
 use serde::{Deserialize, Serialize};
@@ -118,7 +118,7 @@ impl Injection {
     pub fn check(&self) -> Result<Aim, String> {
         let aim = Aim::parse(&self.target).ok_or_else(|| {
             format!(
-                "target {:?}: write PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both or PROCESS:INDEX, as `status` names them, or \
+                "target {:?}: write PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both, PROCESS:newcomer or PROCESS:INDEX, as `status` names them, or \
                  supervisor, guardian or supervisor+guardian",
                 self.target
             )

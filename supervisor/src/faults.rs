@@ -4,6 +4,7 @@
 //! A fault is closed when the hardware's ledger covers its window and a control for it was found.
 
 mod inject;
+mod over;
 mod tend;
 
 use crate::active::ActiveLog;
@@ -261,36 +262,6 @@ impl Faults {
         self.keep_open();
     }
 
-    /// The guardian died; whoever takes its place is awaited by [`Faults::guardian_back`].
-    pub fn guardian_died(&mut self, at_ns: u64) {
-        let fault = self.start("external", Slot::first(Role::Guardian), 0, at_ns);
-        (fault.manifested, fault.dead, fault.detected_by, fault.detected_us) = (true, true, "supervisor".into(), Some(0.0));
-        self.keep_open();
-    }
-
-    /// The station has a guardian again.
-    pub fn guardian_back(&mut self, at_ns: u64) {
-        self.vacated(Slot::first(Role::Guardian), at_ns);
-    }
-
-    /// A successor is warm or live.
-    pub fn ready(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
-        for fault in &mut self.open.faults {
-            if fault.slot == slot.number() && fault.dead && fault.incarnation < incarnation && fault.recovered_us.is_none() {
-                fault.recovered_us = Some(us(at_ns, fault.injected_ns));
-            }
-        }
-        self.keep_open();
-    }
-
-    /// The slot is given up on purpose: nobody is missed there, whether it died of its fault or was ended for it.
-    pub fn vacated(&mut self, slot: Slot, at_ns: u64) {
-        for fault in self.open.faults.iter_mut().filter(|fault| fault.slot == slot.number() && fault.recovered_us.is_none()) {
-            fault.recovered_us = Some(us(at_ns, fault.injected_ns));
-        }
-        self.keep_open();
-    }
-
     /// Reads the hardware's ledger and closes the faults whose windows are complete.
     pub fn read_ledger(&mut self, viewer: &mut Viewer) {
         if let Some(page) = viewer.slot_page(Slot::first(Role::Hardware)) {
@@ -375,21 +346,5 @@ mod tests {
         assert_eq!(begin_ns(now_ns - 7, now_ns), now_ns - 7);
         assert_eq!([0, u64::MAX].map(|beat_ns| begin_ns(beat_ns, now_ns)), [now_ns; 2], "never, and in the future");
         assert_eq!(begin_ns(1, now_ns), now_ns - 40_000_000_000, "the machine's whole life is no fault's window");
-    }
-
-    #[test]
-    fn a_fault_of_a_newcomer_that_is_rolled_back_is_over_with_the_swap() {
-        let station = Station::named(&format!("t{}-vacated", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
-        let (guest, other) = (Slot::guest(Role::Fluid).unwrap(), Slot::first(Role::Fluid));
-        for slot in [guest, other] {
-            faults.late(slot, 7, 2_000, 1_000, "device"); // found out, and ended on purpose: it did not die
-        }
-        faults.vacated(guest, 5_000);
-        let recovered: Vec<_> = faults.all().map(|fault| (fault.slot, fault.recovered_us.is_some())).collect();
-        assert_eq!(recovered, [(guest.number(), true), (other.number(), false)]);
-        station.wipe();
     }
 }

@@ -3,7 +3,7 @@
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
-use crate::faultfile::{Aim, FaultKind, Injection, Keepers, Place};
+use crate::faultfile::{Aim, FaultKind, Injection, Keepers, NEWCOMER, Place};
 use crate::plan;
 use hyst_engine::Settings;
 use hyst_messages::{MAX_WORKERS, Role};
@@ -169,6 +169,10 @@ impl Group {
             (_, Some(_)) => return Err("swap: only a cell with state \"swap\" has one beside it".into()),
             _ => None,
         };
+        let is_brought = |role| swap.is_some_and(|swap| swap.name() == role);
+        if target.split_once(':').is_some_and(|(role, which)| which == NEWCOMER && !is_brought(role)) {
+            return Err(format!("{target}: only a swap of its role brings one; write states = [\"swap\"] and swap = ROLE"));
+        }
         let options: String = self.options.iter().map(|(key, value)| format!(" {key}={value}")).collect();
         let is_device = target.split(':').next() == Some(Role::Device.name());
         let beside = swap.map(|role| format!(" {}", role.name())).unwrap_or_default();
@@ -254,6 +258,9 @@ fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
     if [other, target].into_iter().any(|name| name.ends_with(":both")) {
         return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
     }
+    if other.ends_with(NEWCOMER) {
+        return Err(format!("with = {text:?}: take state swap for who a swap brings"));
+    }
     injection(kind, other, &options)
 }
 
@@ -261,6 +268,11 @@ impl Cell {
     /// Faults that the station tells of once it is injected: one for each process that is hit, and the guardian dies silently with its supervisor.
     pub fn faults(&self) -> usize {
         if self.injection.target.ends_with(":both") { 2 } else { 1 }
+    }
+
+    /// Whether it is for the process that the swap brings.
+    pub fn is_of_newcomer(&self) -> bool {
+        self.injection.target.split_once(':').is_some_and(|(_, which)| which == NEWCOMER)
     }
 
     /// Whether it leaves damage in what is shared that a process may read long after, when another fault has come: its stations have no other faults.

@@ -195,5 +195,13 @@ fn a_fault_may_fall_into_a_swap_of_a_role_that_has_a_spare() {
     );
     assert_eq!(cell("states = [\"swap\"]\nswap = \"haptic\"").unwrap().swap, Some(hyst_messages::Role::Haptic));
     assert!(cell("swap = \"haptic\"").unwrap_err().contains("only a cell with state"));
+    let newcomer = |keys: &str| {
+        parse("t", &format!("[[cell]]\nkinds = [\"nan\"]\ntargets = [\"fluid:newcomer\"]\ncount = 1\n{keys}\n"))
+            .map(|campaign| campaign.cells)
+    };
+    assert!(newcomer("states = [\"swap\"]\nswap = \"fluid\"").unwrap()[0].is_of_newcomer() && !swapped.is_of_newcomer());
+    for without in ["", "states = [\"swap\"]\nswap = \"tissue\"", "states = [\"recovery\"]"] {
+        assert!(newcomer(without).unwrap_err().contains("only a swap of its role brings one"), "{without}");
+    }
     assert!(cell("states = [\"swap\"]\nswap = \"hardware\"").unwrap_err().contains("no engine"));
 }

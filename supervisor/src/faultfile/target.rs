@@ -3,6 +3,9 @@
 use crate::policy::is_replicated;
 use hyst_messages::{Role, Slot};
 
+/// The word for who a swap has brought.
+pub const NEWCOMER: &str = "newcomer";
+
 /// Which process of a role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Which {
@@ -12,11 +15,13 @@ pub enum Which {
     Spare,
     /// The one that does the work and its spare, at the same instant.
     Both,
+    /// The one that a swap has brought, while the swap is under way.
+    Newcomer,
     /// This one.
     Slot(Slot),
 }
 
-/// An engine as on the command line: `haptic:active`, `tissue:spare`, `fluid:both`, `collision-worker:1`, `device`.
+/// An engine as on the command line: `haptic:active`, `tissue:spare`, `fluid:both`, `fluid:newcomer`, `collision-worker:1`, `device`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Target {
     /// Role.
@@ -34,6 +39,7 @@ impl Target {
             "active" => Which::Active,
             "spare" if role.is_indexed() => Which::Spare,
             "both" if is_replicated(role) => Which::Both,
+            NEWCOMER => Which::Newcomer,
             index => Which::Slot(Slot::new(role, index.parse().ok()?)?),
         };
         Some(Target { role, which })
@@ -92,7 +98,7 @@ impl Aim {
         let Aim::Engines(target) = self else { return true };
         let of_role = slots.iter().filter(|slot| slot.role() == target.role).count();
         match target.which {
-            Which::Active => of_role >= 1,
+            Which::Active | Which::Newcomer => of_role >= 1,
             Which::Spare | Which::Both => of_role >= 2,
             Which::Slot(slot) => slots.contains(&slot),
         }
@@ -110,7 +116,18 @@ mod tests {
         assert_eq!(Target::parse("device"), Some(Target { role: Role::Device, which: Which::Active }));
         assert_eq!(Target::parse("tissue:spare"), Some(Target { role: Role::Tissue, which: Which::Spare }));
         assert_eq!(Target::parse("fluid:both"), Some(Target { role: Role::Fluid, which: Which::Both }));
-        for bad in ["hardware", "haptic:2", "haptic:x", "", "device:spare", "guardian", "collision-worker:both", "device:both"] {
+        assert_eq!(Target::parse("console:newcomer"), Some(Target { role: Role::Console, which: Which::Newcomer }));
+        for bad in [
+            "hardware",
+            "hardware:newcomer",
+            "haptic:2",
+            "haptic:x",
+            "",
+            "device:spare",
+            "guardian",
+            "collision-worker:both",
+            "device:both",
+        ] {
             assert_eq!(Target::parse(bad), None, "{bad}");
         }
         assert_eq!(Aim::parse("guardian"), Some(Aim::Keepers(Keepers::Guardian)));

@@ -5,6 +5,7 @@ use crate::active::active_now;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
 use crate::shortage::{self, FILL_WITHIN_NS, Lowered};
+use crate::swap::Record;
 use crate::view::Viewer;
 use crate::{corrupt, journal, mischief, moment, proc, remains};
 use hyst_exchange::system;
@@ -152,6 +153,7 @@ impl Faults {
         let none = || format!("no process answers to {:?} now", injection.target);
         let slots = match target.which {
             Which::Slot(slot) => vec![slot],
+            Which::Newcomer => vec![self.newcomer(target.role, viewer)?],
             Which::Active => vec![self.of_role(target.role, true, viewer).ok_or_else(none)?],
             Which::Spare => vec![self.of_role(target.role, false, viewer).ok_or_else(none)?],
             Which::Both => {
@@ -160,6 +162,14 @@ impl Faults {
             }
         };
         slots.into_iter().map(|slot| victim(slot, viewer)).collect()
+    }
+
+    /// The process that the swap of a role has brought; it may be in its start still where it has a place of its own.
+    fn newcomer(&self, role: Role, viewer: &Viewer) -> Result<Slot, String> {
+        let none = || format!("no swap of {} is under way whose newcomer is there", role.name());
+        let record = Record::read(&self.station).filter(|record| record.role == role.name() && record.promoted.is_none());
+        let is_it = |slot: &Slot, record: &Record| slot.is_guest() || viewer.page().incarnation(*slot) == record.incarnation;
+        record.and_then(|record| Slot::parse(&record.slot).filter(|slot| is_it(slot, &record))).ok_or_else(none)
     }
 
     fn of_role(&self, role: Role, active: bool, viewer: &mut Viewer) -> Option<Slot> {

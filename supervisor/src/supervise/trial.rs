@@ -171,6 +171,7 @@ impl Supervisor {
                     trial.record.reason = reason.clone();
                 }
                 self.note_step(&format!("rolled back: {reason}"));
+                self.faults.doubted(guest, system::now_ns());
                 self.spawner.mortality.pass("swap-undone");
             }
             Action::EndSwap { role, promoted } => self.end_swap(role, promoted),

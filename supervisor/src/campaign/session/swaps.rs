@@ -37,7 +37,9 @@ impl Session {
     ) -> Result<Result<Option<u64>, String>, Trouble> {
         let Some(role) = cell.swap else { return Ok(Ok(None)) };
         outcome.swap = Some(SwapSeen { role: role.name().into(), begun_ns: system::now_ns(), ..SwapSeen::default() });
-        let begun = self.begin_swap(role, (entry.with_ticks % stages(role)) as usize)?;
+        // A newcomer is there from the second step on.
+        let first = u64::from(cell.is_of_newcomer());
+        let begun = self.begin_swap(role, (first + entry.with_ticks % (stages(role) - first)) as usize)?;
         Ok(begun.map(|()| Some(self.tick() + AHEAD_TICKS + entry.with_ticks)))
     }
 
