@@ -296,7 +296,7 @@ pub struct RunArgs {
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
-    /// script:NAME, replay:FILE, mouse or idle. Default: the mouse in a window, script:press without one.
+    /// script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle. Default: the mouse in a window, script:press without one.
     #[arg(long)]
     pub hand: Option<String>,
     /// Record the session (MCAP).

@@ -51,8 +51,10 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
         )));
     }
     let mut settings = of_args(args, station, case)?;
-    if args.lockstep && settings.hand == "mouse" {
-        return Err(Refusal::input("--lockstep --hand mouse: a hand on a virtual clock is scripted; use script:press or idle"));
+    let by_hand = ["mouse", "gamepad", "spacemouse"].contains(&settings.hand.split(':').next().unwrap_or_default());
+    if args.lockstep && by_hand {
+        let reason = "a hand on a virtual clock is scripted; use script:press or idle";
+        return Err(Refusal::input(format!("--lockstep --hand {}: {reason}", settings.hand)));
     }
     if let Some(file) = settings.recording() {
         settings.hand = format!("replay:{}", absolute(file)?.display());
@@ -151,13 +153,16 @@ fn check_hand(settings: &Settings) -> Result<(), Refusal> {
         None if hand == "mouse" && settings.headless => {
             bad("there is no window that the mouse could be in; use script:press, or run with a display")
         }
-        None if hand == "mouse" => Ok(()),
+        None if ["mouse", "gamepad", "spacemouse"].contains(&hand.as_str()) => Ok(()),
+        Some(("gamepad" | "spacemouse", path)) if path.starts_with('/') => Ok(()),
         Some(("script", name)) if !name.is_empty() => Ok(()),
         Some(("replay", file)) => match Reader::open(Path::new(file)) {
             Ok(_) => Ok(()),
             Err(error) => bad(&error.to_string()),
         },
-        _ => bad("write script:idle, script:press, script:explore, script:polyp, replay:FILE, mouse or idle"),
+        _ => bad(
+            "write script:idle, script:press, script:explore, script:polyp, replay:FILE, mouse, gamepad, spacemouse (or gamepad:/dev/input/eventN) or idle",
+        ),
     }
 }
 

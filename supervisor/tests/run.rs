@@ -137,13 +137,15 @@ fn bad_arguments_give_one_message_and_code_2_and_start_nothing() {
     let place = Place::new("bad");
     let binaries = place.folder.to_str().unwrap().to_string();
     let missing = place.folder.join("nowhere").to_str().unwrap().to_string();
-    let cases: [&[&str]; 15] = [
+    let cases: [&[&str]; 17] = [
         &["run", "--set", "colour=red"],
         &["run", "--set", "tissue_step_ticks=3"],
         &["run", "--workers", "99"],
         &["run", "--hand", "juggle"],
         &["run", "--headless", "--hand", "mouse"],
         &["run", "--lockstep", "--hand", "mouse"],
+        &["run", "--lockstep", "--hand", "gamepad"],
+        &["run", "--hand", "gamepad:x"],
         &["run", "--lockstep", "--set", "realtime=on"],
         &["run", "--faults", "/dev/null"],
         &["run", "--test-mode", "--faults", &missing],

@@ -107,6 +107,7 @@ fn arguments_that_mean_nothing_are_refused() {
     refused(&["--set", "picture_size=7x7"], &["picture_size", "1920x1080"]);
     refused(&["--set", "picture_hz=50"], &["picture_hz=50", "30, 60, 120 or 240"]);
     refused(&["--hand", "script:juggle"], &["juggle"]);
+    refused(&["--hand", "gamepad:/dev/null"], &["/dev/null", "no input device"]);
     refused(&["--workers", "1000"], &["workers"]);
     let (code, _, said) = run(hystation().args(["--name", "No Name", "run", "--headless", "--for", "1s"]));
     assert_eq!(code, Some(2), "{said}");

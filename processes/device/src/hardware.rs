@@ -6,6 +6,7 @@ mod commands;
 mod firmware;
 mod hand;
 mod ledger;
+mod pad;
 mod score;
 mod sequencer;
 

@@ -1,6 +1,7 @@
-//! The hand that holds the simulated device: it follows a script, or the pointer in the window, and gives way to the force like a hand; or it does
+//! The hand that holds the simulated device: it follows a script, the pointer in the window or a pad, and gives way to the force like a hand; or it does
 //! what the hand of a recording did, whatever it feels.
 
+use super::pad::{Make, Pad};
 use super::score::Score;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
@@ -22,6 +23,7 @@ const _: () = assert!(hyst_coupling::BUTTON_ENERGIZED == BUTTON_ENERGIZED && hys
 enum Will {
     Idle,
     Pointer,
+    Pad(Pad),
     Way(LoadedHand),
     Legs(Vec<Leg>),
     Script(HandScript),
@@ -73,13 +75,17 @@ fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
     if let Some(file) = hand.strip_prefix("replay:") {
         return Ok(Will::Score(Score::open(Path::new(file))?));
     }
+    let (word, place) = hand.split_once(':').map_or((hand, None), |(word, place)| (word, Some(place)));
+    if let Some(make) = Make::from_name(word) {
+        return Pad::open(make, place).map(Will::Pad);
+    }
     match hand {
         "idle" | "script:idle" => Ok(Will::Idle),
         "mouse" => Ok(Will::Pointer),
         other => {
-            let name = other
-                .strip_prefix("script:")
-                .ok_or_else(|| Failure::Input(format!("--hand {other}: use script:NAME, replay:FILE, mouse or idle")))?;
+            let name = other.strip_prefix("script:").ok_or_else(|| {
+                Failure::Input(format!("--hand {other}: use script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle"))
+            })?;
             let found = scene.hand(name).ok_or_else(|| Failure::Input(format!("--hand {other}: this scene has {}", names())))?;
             if !found.legs.is_empty() {
                 return Ok(Will::Legs(found.legs.iter().map(leg).collect()));
@@ -127,7 +133,7 @@ impl Hand {
             Will::Way(hand) => pose4(hand.way.first().unwrap_or(&scene.rest)),
             Will::Legs(legs) => legs.last().map_or(pose4(&scene.rest), |leg| leg.to),
             Will::Script(script) => script.rest,
-            Will::Idle | Will::Pointer | Will::Score(_) => pose4(&scene.rest),
+            Will::Idle | Will::Pointer | Will::Pad(_) | Will::Score(_) => pose4(&scene.rest),
         };
         let controls = Controls {
             inflow_valve: 1.0,
@@ -176,7 +182,7 @@ impl Hand {
     pub fn step(&mut self, tick: u64, force_n: [f32; 3], pointer: Option<&PointerRecord>) -> Held {
         let time_s = (tick as f64 * 1e-3 - REST_S).max(0.0);
         let mut buttons = 0;
-        if !matches!(self.will, Will::Pointer | Will::Score(_)) {
+        if !matches!(self.will, Will::Pointer | Will::Pad(_) | Will::Score(_)) {
             self.change(time_s);
         }
         let target = match &mut self.will {
@@ -197,6 +203,11 @@ impl Hand {
                 let wanted = hand_pose(script, time_s);
                 buttons = wanted.buttons;
                 wanted.pose
+            }
+            Will::Pad(pad) => {
+                let (pose, pressed) = pad.step(&self.state.pose, &mut self.controls, TICK_S);
+                buttons = pressed;
+                pose
             }
             Will::Pointer => match pointer.filter(|pointer| pointer.sequence > 0) {
                 Some(pointer) => {

@@ -1,0 +1,289 @@
+//! A gamepad or a 3D mouse as the hand that holds the simulated device: a thread reads it, and each tick takes what it says now.
+//!
+//! Promise: the tick never waits for it; one that is pulled out holds the scope where it is and takes the finger off the current; it goes on as soon
+//! as it is there again.
+
+mod make;
+
+use evdev::Device;
+use hyst_coupling::Pose4;
+use hyst_engine::Failure;
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls};
+use make::{Deflections, Event, Ranges};
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+pub use make::{Make, SWITCHES, Switch};
+
+/// Speed at full deflection: pitch, yaw, roll, rad/s; insertion, m/s.
+const SPEEDS: [f32; 4] = [0.7, 0.7, 1.6, 0.04];
+/// How far a target may be from the scope: rad, rad, rad, m. Nothing is wound up while the tissue or the workspace holds it.
+const REACH: [f32; 4] = [0.25, 0.25, 0.6, 0.012];
+/// Share of the deflection in which nothing moves: a stick that is let go of does not come to rest in its middle.
+const DEAD: f32 = 0.08;
+/// What a press changes the set pressure by, and within what: 5 mmHg, from 15 to 150, the range of such pumps, Pa.
+const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
+const PRESSURE_PA: [f32; 2] = [15.0 * 133.322, 150.0 * 133.322];
+/// Opening of the outflow valve, share, and a light that is dimmed.
+const OUTFLOW: f32 = 0.3;
+const DIM: f32 = 0.3;
+/// Between two looks for one that was pulled out.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// What the thread has read: written by it alone, read by the tick.
+#[derive(Debug, Default)]
+struct Said {
+    /// Deflections about pitch, yaw, roll and along the insertion, as bits of an `f32` from -1 to 1.
+    along: [AtomicU32; 4],
+    /// Whether the finger is on the current.
+    energized: AtomicU32,
+    /// How often each of [`SWITCHES`] was pressed.
+    presses: [AtomicU32; SWITCHES.len()],
+}
+
+impl Said {
+    fn take(&self, now: &Deflections, pressed: Option<usize>) {
+        for (to, value) in self.along.iter().zip(now.along()) {
+            to.store(value.to_bits(), Ordering::Relaxed);
+        }
+        self.energized.store(u32::from(now.is_energized()), Ordering::Relaxed);
+        if let Some(count) = pressed.and_then(|index| self.presses.get(index)) {
+            count.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The hand's side of it.
+#[derive(Debug, Default)]
+pub struct Pad {
+    said: Arc<Said>,
+    seen: [u32; SWITCHES.len()],
+    target: Option<[f32; 4]>,
+}
+
+impl Pad {
+    /// Opens what `--hand` names: the first of its make, or the one at the path.
+    pub fn open(make: Make, path: Option<&str>) -> Result<Pad, Failure> {
+        let pad = Pad::default();
+        let said = Arc::clone(&pad.said);
+        let path = path.map(PathBuf::from);
+        let find = move || find(make, path.as_ref());
+        let first = find().map_err(Failure::Input)?;
+        let pause = || {
+            std::thread::sleep(LOOK);
+            true
+        };
+        let read = move || follow(make, &said, first, || find().ok(), pause);
+        let thread = std::thread::Builder::new().name("pad".into()).spawn(read);
+        thread.map(|_| pad).map_err(|error| Failure::Broken(format!("cannot start a thread: {error}")))
+    }
+
+    /// Where the hand wants the scope in this tick, from where it is; sets valves, pressure and light, and gives the buttons.
+    pub fn step(&mut self, at: &Pose4, controls: &mut Controls, tick_s: f32) -> (Pose4, u32) {
+        let at = [at.pitch_rad, at.yaw_rad, at.roll_rad, at.insertion_m];
+        let target = self.target.get_or_insert(at);
+        for axis in 0..4 {
+            let deflection = f32::from_bits(self.said.along[axis].load(Ordering::Relaxed));
+            let wanted = target[axis] + eased(deflection) * SPEEDS[axis] * tick_s;
+            if wanted.is_finite() && at[axis].is_finite() {
+                target[axis] = wanted.clamp(at[axis] - REACH[axis], at[axis] + REACH[axis]);
+            }
+        }
+        let mut buttons = controls.buttons & BUTTON_EXTENDED;
+        for (index, (_, switch)) in SWITCHES.iter().enumerate() {
+            let presses = self.said.presses[index].load(Ordering::Relaxed);
+            for _ in 0..presses.wrapping_sub(self.seen[index]).min(8) {
+                turn(*switch, controls, &mut buttons);
+            }
+            self.seen[index] = presses;
+        }
+        buttons |= if self.said.energized.load(Ordering::Relaxed) != 0 { BUTTON_ENERGIZED } else { 0 };
+        let [pitch_rad, yaw_rad, roll_rad, insertion_m] = *target;
+        (Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m }, buttons)
+    }
+}
+
+/// Nothing near the middle, then slowly at first: a small movement is a fine one.
+fn eased(deflection: f32) -> f32 {
+    let size = ((deflection.abs() - DEAD) / (1.0 - DEAD)).clamp(0.0, 1.0);
+    if size.is_finite() { size * size * deflection.signum() } else { 0.0 }
+}
+
+fn turn(switch: Switch, controls: &mut Controls, buttons: &mut u32) {
+    let other = |value: f32, on: f32, off: f32| if value == on { off } else { on };
+    let by = |pascal: f32| if pascal.is_finite() { pascal.clamp(PRESSURE_PA[0], PRESSURE_PA[1]) } else { pascal };
+    match switch {
+        Switch::Loop => *buttons ^= BUTTON_EXTENDED,
+        Switch::Inflow => controls.inflow_valve = other(controls.inflow_valve, 1.0, 0.0),
+        Switch::Outflow => controls.outflow_valve = other(controls.outflow_valve, OUTFLOW, 0.0),
+        Switch::Light => controls.light = other(controls.light, 1.0, DIM),
+        Switch::PressureUp => controls.set_pressure_pa = by(controls.set_pressure_pa + PRESSURE_STEP_PA),
+        Switch::PressureDown => controls.set_pressure_pa = by(controls.set_pressure_pa - PRESSURE_STEP_PA),
+    }
+}
+
+/// One that can be read, until it is gone.
+trait Source {
+    /// The ranges of its axes.
+    fn ranges(&self) -> Ranges;
+    /// Waits for what it says next.
+    fn next(&mut self) -> io::Result<Vec<Event>>;
+}
+
+impl Source for Device {
+    fn ranges(&self) -> Ranges {
+        let infos = self.get_absinfo().into_iter().flatten();
+        Ranges::new(infos.map(|(axis, info)| (axis.0, info.minimum(), info.maximum())))
+    }
+
+    fn next(&mut self) -> io::Result<Vec<Event>> {
+        let events = self.fetch_events()?;
+        Ok(events.map(|event| Event { kind: event.event_type().0, code: event.code(), value: event.value() }).collect())
+    }
+}
+
+fn find(make: Make, path: Option<&PathBuf>) -> Result<Device, String> {
+    match path {
+        Some(path) => {
+            let no = |what: &str| format!("--hand {}: {}: {what}", make.name(), path.display());
+            let device = Device::open(path).map_err(|error| match error.kind() {
+                io::ErrorKind::NotFound | io::ErrorKind::PermissionDenied => no(&error.to_string()),
+                _ => no("no input device"),
+            })?;
+            if make.is(&device) { Ok(device) } else { Err(no("an input device of another kind")) }
+        }
+        None => evdev::enumerate().map(|(_, device)| device).find(|device| make.is(device)).ok_or_else(|| {
+            let name = make.name();
+            format!("--hand {name}: no {name} among /dev/input/event*, or no right to read it (`usermod -aG input $USER`)")
+        }),
+    }
+}
+
+/// Reads one after the other, as long as the pause between two looks says that it is to go on.
+fn follow<S: Source>(make: Make, said: &Said, first: S, mut find: impl FnMut() -> Option<S>, mut pause: impl FnMut() -> bool) {
+    let mut source = Some(first);
+    loop {
+        let Some(mut present) = source.take().or_else(&mut find) else {
+            if !pause() {
+                return;
+            }
+            continue;
+        };
+        let ranges = present.ranges();
+        let mut now = Deflections::default();
+        let why = loop {
+            match present.next() {
+                Ok(events) => events.iter().for_each(|event| {
+                    let pressed = now.take(make, &ranges, event);
+                    said.take(&now, pressed);
+                }),
+                Err(error) => break error,
+            }
+        };
+        said.take(&Deflections::default(), None);
+        eprintln!("hardware: the {} is gone ({why}): the scope is held where it is, until there is one again", make.name());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+    use std::collections::VecDeque;
+
+    const AT: Pose4 = Pose4 { pitch_rad: 0.1, yaw_rad: -0.1, roll_rad: 0.3, insertion_m: 0.04 };
+
+    fn deflected(along: [f32; 4]) -> Pad {
+        let pad = Pad::default();
+        for (to, value) in pad.said.along.iter().zip(along) {
+            to.store(value.to_bits(), Ordering::Relaxed);
+        }
+        pad
+    }
+
+    #[test]
+    fn a_deflection_is_a_speed_and_the_target_leads_the_scope_by_no_more_than_a_hand_does() {
+        let mut controls = Controls::default();
+        let mut pad = deflected([1.0, -1.0, 0.05, 0.5]);
+        let (first, _) = pad.step(&AT, &mut controls, 1e-3);
+        assert!((first.pitch_rad - AT.pitch_rad - 0.7e-3).abs() < 1e-6 && (first.yaw_rad - AT.yaw_rad + 0.7e-3).abs() < 1e-6);
+        assert_eq!(first.roll_rad, AT.roll_rad, "a stick that is let go of");
+        let slow = (first.insertion_m - AT.insertion_m) / 0.04e-3;
+        assert!(slow > 0.1 && slow < 0.3, "a small movement is a fine one: {slow}");
+        let last = (0..5_000).map(|_| pad.step(&AT, &mut controls, 1e-3).0).last().unwrap();
+        assert!(
+            (last.pitch_rad - AT.pitch_rad - REACH[0]).abs() < 1e-6
+                && (last.insertion_m - AT.insertion_m - REACH[3]).abs() < 1e-6
+        );
+        let nowhere = Pose4 { insertion_m: f32::NAN, ..AT };
+        assert_eq!(pad.step(&nowhere, &mut controls, 1e-3).0.insertion_m, last.insertion_m);
+        assert_eq!(eased(f32::NAN), 0.0);
+    }
+
+    #[test]
+    fn a_press_counts_once_and_sets_what_a_hand_sets() {
+        let mut controls =
+            Controls { inflow_valve: 1.0, outflow_valve: 0.0, set_pressure_pa: 9_333.0, light: 1.0, ..Controls::default() };
+        let mut pad = Pad::default();
+        let mut after = |switch: Switch, times: u32| {
+            let index = SWITCHES.iter().position(|(_, known)| *known == switch).unwrap();
+            pad.said.presses[index].fetch_add(times, Ordering::Relaxed);
+            for _ in 0..3 {
+                controls.buttons = pad.step(&AT, &mut controls, 1e-3).1;
+            }
+            controls
+        };
+        assert_eq!(after(Switch::Inflow, 1).inflow_valve, 0.0);
+        assert_eq!(after(Switch::Inflow, 2).inflow_valve, 0.0, "twice is as before");
+        assert_eq!(after(Switch::Outflow, 1).outflow_valve, OUTFLOW);
+        assert_eq!(after(Switch::Light, 1).light, DIM);
+        assert_eq!(after(Switch::Loop, 1).buttons, BUTTON_EXTENDED);
+        assert!((after(Switch::PressureUp, 1).set_pressure_pa - 9_999.6).abs() < 1.0);
+        let lowest = (0..10).map(|_| after(Switch::PressureDown, 8).set_pressure_pa).last();
+        assert_eq!(lowest, Some(PRESSURE_PA[0]));
+    }
+
+    /// What is said: the deflection about yaw, and the current.
+    fn look(said: &Said) -> (f32, u32) {
+        (f32::from_bits(said.along[1].load(Ordering::Relaxed)), said.energized.load(Ordering::Relaxed))
+    }
+
+    /// One that says what it is given, and is pulled out then; it notes what is said before each word of its own.
+    struct Fake<'a> {
+        words: VecDeque<Vec<Event>>,
+        said: &'a Said,
+        seen: &'a RefCell<Vec<(f32, u32)>>,
+    }
+
+    impl Source for Fake<'_> {
+        fn ranges(&self) -> Ranges {
+            Ranges::new([(0, 0, 255)].into_iter())
+        }
+
+        fn next(&mut self) -> io::Result<Vec<Event>> {
+            self.seen.borrow_mut().push(look(self.said));
+            self.words.pop_front().ok_or_else(|| io::Error::from_raw_os_error(19))
+        }
+    }
+
+    #[test]
+    fn one_that_is_pulled_out_lets_go_of_everything_and_goes_on_when_it_is_there_again() {
+        let current = Event { kind: 1, code: 0x130, value: 1 };
+        let left = Event { kind: 3, code: 0, value: 0 };
+        let (said, seen) = (Said::default(), RefCell::default());
+        let fake = |words: &[Event]| Fake { words: words.iter().map(|word| vec![*word]).collect(), said: &said, seen: &seen };
+        let (mut later, mut looks) = (vec![None, Some(fake(&[left])), None], 0);
+        let pause = || {
+            seen.borrow_mut().push(look(&said));
+            looks += 1;
+            looks < 2
+        };
+        let find = || later.pop().flatten();
+        follow(Make::Gamepad, &said, fake(&[current, left]), find, pause);
+        let (free, gone) = ((0.0, 0), (0.0, 0));
+        assert_eq!(*seen.borrow(), [free, (0.0, 1), (1.0, 1), gone, free, (1.0, 0), gone]);
+    }
+}

@@ -1,0 +1,223 @@
+//! The makes of pads, and what their axes and buttons mean. Codes are those of Linux (`input-event-codes.h`); a gamepad's places those of the kernel's
+//! gamepad specification (`Documentation/input/gamepad.rst`). A 3D mouse says x to the right, y towards the user, z down, and turns about them.
+
+use evdev::{AbsoluteAxisCode, Device, KeyCode, RelativeAxisCode};
+
+/// Types of events.
+const KEY: u16 = 1;
+const RELATIVE: u16 = 2;
+const ABSOLUTE: u16 = 3;
+/// A 3D mouse's deflection at its stop, which its relative axes do not tell.
+const FULL_OF_MOUSE: f32 = 350.0;
+/// Axes that mean something: x, y, z, and the turns about them.
+const AXES: usize = 6;
+/// The vertical axis of a gamepad's cross.
+const CROSS: u16 = 0x11;
+
+/// What is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Make {
+    /// Two sticks, a cross and four buttons.
+    Gamepad,
+    /// A knob with six degrees of freedom, as the SpaceMouse.
+    SpaceMouse,
+}
+
+/// What a press turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Switch {
+    /// The loop, out or in.
+    Loop,
+    /// The inflow valve.
+    Inflow,
+    /// The outflow valve.
+    Outflow,
+    /// The light, full or dim.
+    Light,
+    /// The set pressure, 5 mmHg up.
+    PressureUp,
+    /// The set pressure, 5 mmHg down.
+    PressureDown,
+}
+
+/// Buttons that turn something, by their code: of a gamepad east, west, north and select, the cross; of a 3D mouse its second button.
+pub const SWITCHES: [(u16, Switch); 7] = [
+    (0x131, Switch::Loop),
+    (0x134, Switch::Inflow),
+    (0x133, Switch::Outflow),
+    (0x13a, Switch::Light),
+    (CROSS, Switch::PressureUp),
+    (CROSS, Switch::PressureDown),
+    (0x101, Switch::Loop),
+];
+/// The current while it is held: a gamepad's south button, a 3D mouse's first.
+const CURRENT: [u16; 2] = [0x130, 0x100];
+
+impl Make {
+    /// By the word of `--hand`.
+    pub fn from_name(name: &str) -> Option<Make> {
+        [Make::Gamepad, Make::SpaceMouse].into_iter().find(|make| make.name() == name)
+    }
+
+    /// Its word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Make::Gamepad => "gamepad",
+            Make::SpaceMouse => "spacemouse",
+        }
+    }
+
+    /// Whether a device is one.
+    pub(super) fn is(self, device: &Device) -> bool {
+        let has_key = |key: KeyCode| device.supported_keys().is_some_and(|keys| keys.contains(key));
+        let turns = |axis: u16| {
+            device.supported_absolute_axes().is_some_and(|axes| axes.contains(AbsoluteAxisCode(axis)))
+                || device.supported_relative_axes().is_some_and(|axes| axes.contains(RelativeAxisCode(axis)))
+        };
+        match self {
+            Make::Gamepad => has_key(KeyCode::BTN_SOUTH) && turns(0) && turns(1),
+            Make::SpaceMouse => has_key(KeyCode::BTN_0) && (0..AXES as u16).all(turns) && !has_key(KeyCode::BTN_SOUTH),
+        }
+    }
+}
+
+/// One event, as the kernel gives it.
+#[derive(Clone, Copy, Debug)]
+pub struct Event {
+    /// Its type.
+    pub kind: u16,
+    /// Its code.
+    pub code: u16,
+    /// Its value.
+    pub value: i32,
+}
+
+/// What the absolute axes go from and to.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Ranges([Option<(i32, i32)>; AXES]);
+
+impl Ranges {
+    /// From axis, least and greatest value.
+    pub fn new(infos: impl Iterator<Item = (u16, i32, i32)>) -> Ranges {
+        let mut ranges = Ranges::default();
+        for (axis, least, greatest) in infos {
+            if let Some(range) = ranges.0.get_mut(usize::from(axis)) {
+                *range = Some((least, greatest)).filter(|(least, greatest)| least < greatest);
+            }
+        }
+        ranges
+    }
+
+    /// A value of an absolute axis, from -1 to 1; nothing if its range makes no sense.
+    fn share(&self, axis: usize, value: i32) -> f32 {
+        let Some((least, greatest)) = self.0.get(axis).copied().flatten() else { return 0.0 };
+        let (least, greatest) = (f64::from(least), f64::from(greatest));
+        (((f64::from(value) - least) / (greatest - least)) * 2.0 - 1.0).clamp(-1.0, 1.0) as f32
+    }
+}
+
+/// How far each axis is deflected, from -1 to 1, and whether the finger is on the current.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Deflections {
+    axes: [f32; AXES],
+    is_mouse: bool,
+    is_energized: bool,
+}
+
+impl Deflections {
+    /// Takes an event; gives which of [`SWITCHES`] it has pressed.
+    pub(super) fn take(&mut self, make: Make, ranges: &Ranges, event: &Event) -> Option<usize> {
+        self.is_mouse = make == Make::SpaceMouse;
+        let pressed = |wanted: Switch| SWITCHES.iter().position(|(code, switch)| (*code, *switch) == (event.code, wanted));
+        match (event.kind, event.code) {
+            (KEY, code) if CURRENT.contains(&code) => self.is_energized = event.value != 0,
+            // 2 is a key that repeats itself.
+            (KEY, code) if event.value == 1 && code != CROSS => return SWITCHES.iter().position(|(known, _)| *known == code),
+            (ABSOLUTE, CROSS) if event.value < 0 => return pressed(Switch::PressureUp),
+            (ABSOLUTE, CROSS) if event.value > 0 => return pressed(Switch::PressureDown),
+            (ABSOLUTE, code) => self.set(usize::from(code), ranges.share(usize::from(code), event.value)),
+            (RELATIVE, code) if self.is_mouse => {
+                self.set(usize::from(code), (event.value as f32 / FULL_OF_MOUSE).clamp(-1.0, 1.0))
+            }
+            _ => {}
+        }
+        None
+    }
+
+    fn set(&mut self, axis: usize, share: f32) {
+        if let Some(value) = self.axes.get_mut(axis) {
+            *value = share;
+        }
+    }
+
+    /// Whether current flows.
+    pub(super) fn is_energized(&self) -> bool {
+        self.is_energized
+    }
+
+    /// About pitch, yaw, roll and along the insertion. A view that goes up is a negative turn about +x, one that goes right a negative turn about +y.
+    pub(super) fn along(&self) -> [f32; 4] {
+        let [x, y, _, turn_x, turn_y, turn_z] = self.axes;
+        match self.is_mouse {
+            // Tilted back and to a side, twisted, pushed away.
+            true => [-turn_x, turn_y, turn_z, -y],
+            // The left stick looks, the right one turns and pushes. Up is negative.
+            false => [y, -x, turn_x, -turn_y],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after(make: Make, events: &[(u16, u16, i32)]) -> (Deflections, Vec<Switch>) {
+        let ranges =
+            Ranges::new([(0, -32_768, 32_767), (1, 0, 255), (3, -32_768, 32_767), (4, -32_768, 32_767), (5, 7, 7)].into_iter());
+        let mut now = Deflections::default();
+        let take =
+            |(kind, code, value): &(u16, u16, i32)| now.take(make, &ranges, &Event { kind: *kind, code: *code, value: *value });
+        let pressed = events.iter().filter_map(take).map(|index| SWITCHES[index].1).collect();
+        (now, pressed)
+    }
+
+    #[test]
+    fn a_gamepads_left_stick_looks_and_its_right_one_turns_and_pushes() {
+        let along = |axis: u16, value: i32| after(Make::Gamepad, &[(ABSOLUTE, axis, value)]).0.along();
+        assert_eq!(along(1, 0), [-1.0, 0.0, 0.0, 0.0], "up, in a range of 0 to 255");
+        assert_eq!(along(0, 32_767)[1], -1.0, "right");
+        assert_eq!(along(3, 32_767)[2], 1.0);
+        assert_eq!(along(4, -32_768)[3], 1.0, "away from the hand is in");
+        assert_eq!(
+            (along(5, 7), along(2, 9), along(0, i32::MAX)[1]),
+            ([0.0; 4], [0.0; 4], -1.0),
+            "no range, no such axis, beyond it"
+        );
+    }
+
+    #[test]
+    fn a_3d_mouse_that_is_pushed_away_goes_in_and_what_is_relative_is_its_deflection() {
+        let along = |kind: u16, axis: u16, value: i32| after(Make::SpaceMouse, &[(kind, axis, value)]).0.along();
+        assert_eq!(along(RELATIVE, 1, -350), [0.0, 0.0, 0.0, 1.0]);
+        assert_eq!(along(RELATIVE, 1, -175)[3], 0.5);
+        assert_eq!(along(RELATIVE, 5, 9_999)[2], 1.0, "twisted to the right");
+        assert_eq!(along(ABSOLUTE, 3, -32_768)[0], 1.0, "the models that tell their range");
+        assert_eq!(after(Make::Gamepad, &[(RELATIVE, 1, -350)]).0.along(), [0.0; 4]);
+    }
+
+    #[test]
+    fn a_press_is_one_and_the_current_flows_while_it_is_held() {
+        let held = |make: Make, code: u16| {
+            let (down, up) = (after(make, &[(KEY, code, 1)]).0, after(make, &[(KEY, code, 1), (KEY, code, 0)]).0);
+            (down.is_energized(), up.is_energized())
+        };
+        assert_eq!((held(Make::Gamepad, 0x130), held(Make::SpaceMouse, 0x100)), ((true, false), (true, false)));
+        let (_, pressed) =
+            after(Make::Gamepad, &[(KEY, 0x131, 1), (KEY, 0x131, 2), (KEY, 0x131, 0), (KEY, 0x133, 1), (KEY, 0x2ff, 1)]);
+        assert_eq!(pressed, [Switch::Loop, Switch::Outflow]);
+        let (_, pressed) = after(Make::Gamepad, &[(ABSOLUTE, CROSS, -1), (ABSOLUTE, CROSS, 0), (ABSOLUTE, CROSS, 1)]);
+        assert_eq!(pressed, [Switch::PressureUp, Switch::PressureDown]);
+        assert_eq!(after(Make::SpaceMouse, &[(KEY, 0x101, 1)]).1, [Switch::Loop]);
+        assert_eq!([Make::from_name("gamepad"), Make::from_name("pad")], [Some(Make::Gamepad), None]);
+    }
+}
