@@ -106,6 +106,7 @@ fn arguments_that_mean_nothing_are_refused() {
     refused(&["--set", "isa=mmx"], &["isa"]);
     refused(&["--set", "picture_size=7x7"], &["picture_size", "1920x1080"]);
     refused(&["--set", "picture_hz=50"], &["picture_hz=50", "30, 60, 120 or 240"]);
+    refused(&["--set", "focus_mm=2"], &["focus_mm=2", "3 to 100"]);
     refused(&["--hand", "script:juggle"], &["juggle"]);
     refused(&["--hand", "gamepad:/dev/null"], &["/dev/null", "no input device"]);
     refused(&["--workers", "1000"], &["workers"]);

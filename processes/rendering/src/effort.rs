@@ -1,8 +1,8 @@
 //! How often and how finely pictures are drawn: what the machine manages, and no more than leaves the other engines their time.
 //!
 //! Promise: a pure function; rate and scale stay within their bounds for every input, also for a time that is not a number. Pictures come 30 times a
-//! second at least as far as the resolution can give way, and more often only at the full resolution; of a rate that did not last, and of its successors,
-//! it takes ever longer until one is tried again.
+//! second at least as far as the focus and then the resolution can give way, and more often only with both; of a rate or a focus that did not last, and of
+//! their successors, it takes ever longer until one is tried again.
 use crate::quality::next_scale;
 
 /// Ticks between two pictures at the lowest rate: 30 in a second, the rate of the paper's display.
@@ -13,7 +13,9 @@ pub const FASTEST_TICKS: u64 = 4;
 const LADDER_TICKS: [u64; 4] = [SLOWEST_TICKS, 16, 8, FASTEST_TICKS];
 /// Share of the period that a picture may take, 26 of 33 ms: what is left belongs to the engines on the same cores.
 const SHARE: f32 = 26.0 / 33.0;
-/// A higher rate is tried if a picture takes less than this share of what it may take there ...
+/// Share of its other time that a picture takes longer with what is out of focus blurred, at most as seen on lavapipe at 640×480.
+const FOCUS: f32 = 0.25;
+/// A higher rate, or the focus, is tried if a picture takes less than this share of what it may take there ...
 const ROOM: f32 = 0.75;
 /// ... each time for so long at first, ticks. After each rate that did not last it is twice as long, up to the second figure.
 const PATIENCE_TICKS: [u64; 2] = [500, 16_000];
@@ -40,23 +42,30 @@ pub struct Effort {
     pub period_ticks: u64,
     /// inner resolution as a share of the shown one, per axis, in `MIN_SCALE..=1`
     pub scale: f32,
-    /// for how long there has been room for a higher rate
+    /// what is out of focus is blurred
+    pub focus: bool,
+    /// for how long there has been room for the focus, or with it for a higher rate
     roomy_ticks: u64,
     /// for how long there must be
     patience_ticks: u64,
+    /// what the picture before took to draw, ms
+    last_ms: f32,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { period_ticks: SLOWEST_TICKS, scale: 1.0, roomy_ticks: 0, patience_ticks: PATIENCE_TICKS[0] }
+        Self { period_ticks: SLOWEST_TICKS, scale: 1.0, focus: true, roomy_ticks: 0, patience_ticks: PATIENCE_TICKS[0], last_ms: 0.0 }
     }
 }
 
 impl Effort {
     /// The effort after a picture that took `frame_ms` to draw, and `step_ms` from the loop's wake-up until it was shown.
     ///
-    /// What is too slow gives way at once, in rate first, at the lowest rate in resolution. What is quick comes back the other way about.
+    /// What is too slow gives way at once, in rate first, at the lowest rate in focus, then in resolution. What is quick comes back the other way about.
+    /// At the lowest rate a single slow picture costs nothing: a stall of the machine says nothing of the next one, and the loop makes up for it.
     pub fn next(self, frame_ms: f32, step_ms: f32, fastest_ticks: u64) -> Effort {
+        let lasting_ms = frame_ms.min(self.last_ms);
+        let effort = Effort { last_ms: frame_ms, ..self };
         let fastest = fastest_ticks.clamp(FASTEST_TICKS, SLOWEST_TICKS);
         let period = self.period_ticks.clamp(fastest, SLOWEST_TICKS);
         let fits = |ticks: u64, share: f32| step_ms >= 0.0 && step_ms <= share * budget_ms(ticks);
@@ -64,15 +73,24 @@ impl Effort {
             let mut slower = LADDER_TICKS.into_iter().rev().filter(|ticks| *ticks > period);
             let period_ticks = slower.find(|ticks| fits(*ticks, 1.0)).unwrap_or(SLOWEST_TICKS);
             let patience_ticks = (2 * self.patience_ticks).min(PATIENCE_TICKS[1]);
-            return Effort { period_ticks, patience_ticks, roomy_ticks: 0, ..self };
+            return Effort { period_ticks, patience_ticks, roomy_ticks: 0, ..effort };
         }
-        let scale = if period == SLOWEST_TICKS { next_scale(frame_ms, budget_ms(period), self.scale) } else { self.scale };
+        if period == SLOWEST_TICKS && self.focus && lasting_ms > budget_ms(period) {
+            let patience_ticks = (2 * self.patience_ticks).min(PATIENCE_TICKS[1]);
+            return Effort { period_ticks: period, focus: false, patience_ticks, roomy_ticks: 0, last_ms: 0.0, ..self };
+        }
+        let scale = if period == SLOWEST_TICKS { next_scale(lasting_ms, budget_ms(period), self.scale) } else { self.scale };
         let faster = LADDER_TICKS.into_iter().find(|ticks| *ticks < period).unwrap_or(period).max(fastest);
-        let has_room = faster < period && scale >= 1.0 && fits(faster, ROOM);
+        let has_room = match self.focus {
+            true => faster < period && fits(faster, ROOM),
+            false => frame_ms >= 0.0 && (1.0 + FOCUS) * frame_ms <= ROOM * budget_ms(period),
+        };
+        let has_room = has_room && scale >= 1.0;
         let roomy_ticks = if has_room { self.roomy_ticks + period } else { 0 };
         match roomy_ticks >= self.patience_ticks {
-            true => Effort { period_ticks: faster, scale, roomy_ticks: 0, ..self },
-            false => Effort { period_ticks: period, scale, roomy_ticks, ..self },
+            true if self.focus => Effort { period_ticks: faster, scale, roomy_ticks: 0, ..effort },
+            true => Effort { period_ticks: period, scale, focus: true, roomy_ticks: 0, ..effort },
+            false => Effort { period_ticks: period, scale, roomy_ticks, ..effort },
         }
     }
 }
@@ -87,12 +105,13 @@ mod tests {
     use super::*;
     use crate::quality::MIN_SCALE;
 
-    /// Draws for so long, ticks, on a machine whose picture costs `ms(tick)` at scale 1, and `REST_MS` beside it; gives the ticks of all changes of the rate.
+    /// Draws for so long, ticks, on a machine whose picture costs `ms(tick)` at scale 1 with the focus, and `REST_MS` beside it; gives the ticks of all changes of the rate.
     fn drawn(effort: &mut Effort, fastest: u64, for_ticks: u64, ms: impl Fn(u64) -> f32) -> Vec<u64> {
         const REST_MS: f32 = 0.2;
         let (mut tick, mut changes) = (0, Vec::new());
         while tick < for_ticks {
-            let frame_ms = ms(tick) * effort.scale * effort.scale;
+            let focus = if effort.focus { 1.0 } else { 1.0 / (1.0 + FOCUS) };
+            let frame_ms = ms(tick) * effort.scale * effort.scale * focus;
             let next = effort.next(frame_ms, frame_ms + REST_MS, fastest);
             if next.period_ticks != effort.period_ticks {
                 changes.push(tick);
@@ -139,8 +158,14 @@ mod tests {
         assert_eq!((slower.period_ticks, slower.scale), (8, 1.0), "as far as needed: 5.5 ms fit into 0.79 of 8");
         assert_eq!(quick.next(5.0, 12.0, FASTEST_TICKS).period_ticks, 16, "what is beside the drawing counts");
         let slowest = quick.next(50.0, 50.0, FASTEST_TICKS);
-        assert_eq!((slowest.period_ticks, slowest.scale), (SLOWEST_TICKS, 1.0));
-        assert!(slowest.next(50.0, 50.0, FASTEST_TICKS).scale < 1.0);
+        assert_eq!((slowest.period_ticks, slowest.scale, slowest.focus), (SLOWEST_TICKS, 1.0, true));
+        let stalled = slowest.next(50.0, 50.0, FASTEST_TICKS);
+        assert_eq!((stalled.scale, stalled.focus), (1.0, true), "one may be a stall");
+        let sharp = stalled.next(50.0, 50.0, FASTEST_TICKS);
+        assert_eq!((sharp.scale, sharp.focus), (1.0, false), "what is out of focus is the first that is given up");
+        let still_slow = sharp.next(50.0, 50.0, FASTEST_TICKS);
+        assert_eq!(still_slow.scale, 1.0, "of what is drawn otherwise one alone says nothing either");
+        assert!(still_slow.next(50.0, 50.0, FASTEST_TICKS).scale < 1.0);
         let mut coarse = Effort { scale: 0.5, ..Effort::default() };
         assert!(drawn(&mut coarse, FASTEST_TICKS, 400, |_| 0.5).is_empty(), "first it becomes fine again");
         assert_eq!(coarse.scale, 1.0);
@@ -148,13 +173,32 @@ mod tests {
 
     #[test]
     fn at_thirty_pictures_the_scale_alone_decides_as_it_does_without_a_rate() {
-        let (mut effort, mut scale) = (Effort::default(), 1.0);
+        let (mut effort, mut scale, mut last_ms) = (Effort { focus: false, ..Effort::default() }, 1.0, 0.0_f32);
         for picture in 0..2_000_u32 {
-            let ms = 60.0 * scale * scale * (0.5 + (picture / 100 % 3) as f32 * 0.4);
-            scale = next_scale(ms, budget_ms(SLOWEST_TICKS), scale);
+            let ms: f32 = 60.0 * scale * scale * (0.5 + (picture / 100 % 3) as f32 * 0.4);
+            scale = next_scale(ms.min(last_ms), budget_ms(SLOWEST_TICKS), scale);
+            last_ms = ms;
             effort = effort.next(ms, 1.3 * ms, SLOWEST_TICKS);
             assert_eq!((effort.period_ticks, effort.scale), (SLOWEST_TICKS, scale), "picture {picture}");
         }
+    }
+
+    #[test]
+    fn the_focus_comes_back_where_there_is_time_for_it_and_only_there() {
+        for (ms, is_back) in [(19.0, true), (25.0, false), (40.0, false)] {
+            let mut effort = Effort { focus: false, ..Effort::default() };
+            drawn(&mut effort, SLOWEST_TICKS, 60_000, |_| ms);
+            assert_eq!(effort.focus, is_back, "{ms} ms");
+        }
+        // A picture in forty comes late: the focus does not go and come with it.
+        let (mut effort, mut changes) = (Effort::default(), 0);
+        for picture in 0..10_000_u32 {
+            let before = effort.focus;
+            let ms = if picture % 40 == 0 { 35.0 } else { 10.0 };
+            effort = effort.next(ms, ms, SLOWEST_TICKS);
+            changes += usize::from(effort.focus != before);
+        }
+        assert_eq!(changes, 0, "in five minutes");
     }
 
     #[test]

@@ -69,6 +69,10 @@ pub enum Key {
     PressureUp,
     /// light
     Light,
+    /// a nearer focus
+    FocusNear,
+    /// a farther focus
+    FocusFar,
     /// the other camera
     External,
     /// help
@@ -184,7 +188,7 @@ pub(crate) static MOTIONS: [Motion; 4] = [
 ];
 
 /// The other keys.
-pub(crate) static SWITCHES: [Switch; 8] = [
+pub(crate) static SWITCHES: [Switch; 9] = [
     Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], of_hand: true, does: "loop out, in" },
     Switch { keys: &[(KeyCode::Space, Key::Energize)], of_hand: true, does: "current, while held" },
     Switch { keys: &[(KeyCode::KeyI, Key::Inflow)], of_hand: true, does: "inflow shut, open" },
@@ -195,6 +199,11 @@ pub(crate) static SWITCHES: [Switch; 8] = [
         does: "pressure 5 mmHg down, up",
     },
     Switch { keys: &[(KeyCode::KeyT, Key::Light)], of_hand: true, does: "light dim, full" },
+    Switch {
+        keys: &[(KeyCode::KeyF, Key::FocusNear), (KeyCode::KeyG, Key::FocusFar)],
+        of_hand: false,
+        does: "focus nearer, farther",
+    },
     Switch { keys: &[(KeyCode::KeyV, Key::External)], of_hand: false, does: "view from outside, inside" },
     Switch { keys: &[(KeyCode::F1, Key::Help)], of_hand: false, does: "this help, and away" },
 ];

@@ -5,7 +5,7 @@
 //! in here is on the way from the hand to the force.
 //!
 //! Technique: forward shading with solid noise at rest positions (Perlin 2002), smooth normals by a gather over incident triangles,
-//! inverse-square spotlight, a filmic curve, and a radial lens polynomial of degree 4.
+//! inverse-square spotlight, thin-lens focus gathered over discs, a filmic curve, and a radial lens polynomial of degree 4.
 mod bubbles;
 mod camera;
 mod effort;
@@ -15,6 +15,7 @@ mod font;
 mod gpu;
 mod help;
 mod input;
+mod motes;
 mod noise;
 mod overlay;
 mod passes;
@@ -30,13 +31,14 @@ mod uniforms;
 mod window;
 
 pub use bubbles::Bubbles;
-pub use camera::{Camera, Endoscope, External, View};
+pub use camera::{Camera, Endoscope, External, FOCUS_M, FOCUS_RANGE_M, View};
 pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
 pub use error::RenderError;
 pub use fluid::{FluidField, MAX_CELLS};
 pub use gpu::{Gpu, Prefer};
 pub use help::{help, help_hint};
 pub use input::{Key, PointerInput};
+pub use motes::Motes;
 pub use overlay::{COLUMNS, Overlay, ROWS};
 pub use present::Shown;
 pub use quality::{MIN_SCALE, Quality, SCALE_STEP, next_scale};

@@ -100,7 +100,7 @@ fn slope(h: u32, v: [f32; 3]) -> f32 {
     (if h & 0x100 == 0 { a } else { -a }) + (if h & 0x200 == 0 { b } else { -b })
 }
 
-fn hash(node: [u32; 3], seed: u32) -> u32 {
+pub(crate) fn hash(node: [u32; 3], seed: u32) -> u32 {
     let mut h = seed.wrapping_mul(0x9e37_79b1);
     for n in node {
         h = (h ^ n).wrapping_mul(0x85eb_ca6b);

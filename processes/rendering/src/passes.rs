@@ -1,13 +1,20 @@
-//! The passes of a frame, in their order: normals and field, scene, glow and exposure, lens and text.
+//! The passes of a frame, in their order: normals and field, scene, focus, glow and exposure, lens and text.
 use crate::{
     camera::Eye,
+    overlay::{COLUMNS, EDGE_PX},
     pipelines::Variant,
     renderer::Renderer,
     stage::{Material, Object},
+    uniforms::glyph_px,
 };
 
 /// Threads per workgroup of the normals pass.
 const GROUP: u32 = 64;
+/// Vertices of the frame around the round field, as `scene.wgsl` makes them.
+const MASK_VERTICES: u32 = 6 * 32;
+/// The rounds of the scene pass: whether what is translucent is drawn, and which side of a face is left out.
+const ROUNDS: [(bool, Option<wgpu::Face>); 4] =
+    [(false, None), (false, Some(wgpu::Face::Back)), (false, Some(wgpu::Face::Front)), (true, None)];
 /// Workgroups per row of a dispatch.
 const GROUPS_PER_ROW: u32 = 32_768;
 
@@ -48,12 +55,21 @@ impl Renderer {
         pass.set_bind_group(0, &self.scene_group, &[]);
         let mut triangles = 0;
         let seen = |o: &&Object| o.indices > 0 && !(eye.round && o.appearance.external_only);
-        for translucent in [false, true] {
-            let is_translucent = |o: &&Object| o.appearance.material == Material::MucosaTissue && eye.tissue_alpha < 0.999;
-            for object in self.stage.objects.values().filter(seen).filter(|o| is_translucent(o) == translucent) {
-                let metal = object.appearance.material == Material::Metal;
+        if eye.round {
+            pass.set_pipeline(&self.pipelines.mask);
+            pass.draw(0..MASK_VERTICES, 0..1);
+        }
+        let is_metal = |o: &Object| o.appearance.material == Material::Metal;
+        let is_translucent = |o: &Object| o.appearance.material == Material::MucosaTissue && eye.tissue_alpha < 0.999;
+        let is_halved = |o: &Object| eye.round && !is_metal(o);
+        for (translucent, hidden) in ROUNDS {
+            // What is not seen as a whole is seen in halves: what looks at the lens first, so that the organ's outside is not coloured behind its
+            // inside. Pathology and tools, which have the higher numbers, lie before the organ.
+            let due = |o: &&Object| is_translucent(o) == translucent && is_halved(o) == hidden.is_some();
+            for object in self.stage.objects.values().rev().filter(seen).filter(due) {
                 let fluid = self.fluid_shown && !translucent;
-                pass.set_pipeline(self.pipelines.scene(Variant { metal, fluid, translucent }));
+                let variant = Variant { metal: is_metal(object), fluid, outside: !eye.round, translucent, hidden };
+                pass.set_pipeline(self.pipelines.scene(variant));
                 pass.set_bind_group(1, &object.look, &[]);
                 for (slot, points) in (0..).zip([&object.positions, &object.normals, &object.rest, &object.raw]) {
                     pass.set_vertex_buffer(slot, points.slice(..));
@@ -66,9 +82,18 @@ impl Renderer {
         triangles
     }
 
+    /// What is out of focus, if there is time for it; says whether it was drawn.
+    pub(crate) fn focus_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, wanted: bool) -> bool {
+        let is_drawn = wanted && eye.focus.is_some();
+        if is_drawn {
+            self.screen_pass(encoder, &self.pipelines.defocus, &self.targets.soft, &self.targets.from_scene, Some((2, true, true)));
+        }
+        is_drawn
+    }
+
     pub(crate) fn glow_passes(&self, encoder: &mut wgpu::CommandEncoder, bloom: bool) {
         let (p, t) = (&self.pipelines, &self.targets);
-        self.screen_pass(encoder, &p.shrink, &t.quarter, &t.from_scene, Some((2, true, !bloom)));
+        self.screen_pass(encoder, &p.shrink, &t.quarter, &t.from_scene, Some((3, true, !bloom)));
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("meter"), timestamp_writes: None });
         pass.set_pipeline(&p.meter);
         pass.set_bind_group(0, &t.from_quarter, &[]);
@@ -76,7 +101,27 @@ impl Renderer {
         drop(pass);
         if bloom {
             self.screen_pass(encoder, &p.blur_across, &t.across, &t.from_quarter, None);
-            self.screen_pass(encoder, &p.blur_down, &t.glow, &t.from_across, Some((2, false, true)));
+            self.screen_pass(encoder, &p.blur_down, &t.glow, &t.from_across, Some((3, false, true)));
+        }
+    }
+
+    /// The picture, where the mask leaves one, and the text over it.
+    pub(crate) fn finish_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, is_focused: bool, rows: usize) {
+        let (t, [width, height]) = (&self.targets, self.targets.sizes.shown);
+        let mut pass = screen(encoder, &t.picture_view, self.timer.as_ref().map(|timer| timer.render(4, true, true)));
+        pass.set_bind_group(0, &t.to_picture, &[]);
+        let side = width.min(height);
+        if eye.round {
+            pass.set_scissor_rect((width - side) / 2, (height - side) / 2, side, side);
+        }
+        pass.set_pipeline(&self.pipelines.finish[usize::from(is_focused)]);
+        pass.draw(0..3, 0..1);
+        if rows > 0 {
+            let glyph_px = glyph_px(height as f32) as u32;
+            let [wide, high] = [7 * COLUMNS, 11 * rows].map(|cells| EDGE_PX + glyph_px * cells as u32);
+            pass.set_scissor_rect(0, 0, wide.min(width), high.min(height));
+            pass.set_pipeline(&self.pipelines.text);
+            pass.draw(0..3, 0..1);
         }
     }
 

@@ -10,12 +10,14 @@ pub(crate) const PICTURE: Format = Format::Rgba8Unorm;
 /// Depth of the scene pass.
 pub(crate) const DEPTH: Format = Format::Depth32Float;
 
-/// Scene pipelines by material class, fluid and translucency.
+/// Scene pipelines by material class, fluid, camera, translucency, and the side of a face that is left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Variant {
     pub metal: bool,
     pub fluid: bool,
+    pub outside: bool,
     pub translucent: bool,
+    pub hidden: Option<wgpu::Face>,
 }
 
 pub(crate) struct Pipelines {
@@ -25,13 +27,17 @@ pub(crate) struct Pipelines {
     pub post_layout: wgpu::BindGroupLayout,
     pub field_layout: wgpu::BindGroupLayout,
     scene: Vec<(Variant, wgpu::RenderPipeline)>,
+    pub mask: wgpu::RenderPipeline,
     pub normals: wgpu::ComputePipeline,
     pub field: wgpu::ComputePipeline,
+    pub defocus: wgpu::RenderPipeline,
     pub shrink: wgpu::RenderPipeline,
     pub meter: wgpu::ComputePipeline,
     pub blur_across: wgpu::RenderPipeline,
     pub blur_down: wgpu::RenderPipeline,
-    pub finish: wgpu::RenderPipeline,
+    /// Without and with what is out of focus.
+    pub finish: [wgpu::RenderPipeline; 2],
+    pub text: wgpu::RenderPipeline,
     pub show: Option<(Format, wgpu::RenderPipeline)>,
 }
 
@@ -52,16 +58,20 @@ impl Pipelines {
         let shape_pipelines = pipeline_layout(d, &[&shape_layout]);
         let post_pipelines = pipeline_layout(d, &[&post_layout]);
         let field_pipelines = pipeline_layout(d, &[&field_layout]);
-        let screen = |entry, format| screen_pipeline(d, &post_pipelines, &post_module, entry, format);
+        let screen = |entry, format| screen_pipeline(d, &post_pipelines, &post_module, entry, &[], format);
+        let finish = |focused| screen_pipeline(d, &post_pipelines, &post_module, "finish", &[("FOCUSED", focused)], PICTURE);
         Self {
             scene: variants().map(|v| (v, scene_pipeline(gpu, &scene_pipelines, &scene_module, v))).collect(),
+            mask: mask_pipeline(gpu, &pipeline_layout(d, &[]), &scene_module),
             normals: compute_pipeline(d, &shape_pipelines, &normals_module, "main"),
             field: compute_pipeline(d, &field_pipelines, &field_module, "main"),
+            defocus: screen("defocus", LIGHT),
             shrink: screen("shrink", LIGHT),
             meter: compute_pipeline(d, &post_pipelines, &post_module, "meter"),
             blur_across: screen("blur_across", LIGHT),
             blur_down: screen("blur_down", LIGHT),
-            finish: screen("finish", PICTURE),
+            finish: [0.0, 1.0].map(finish),
+            text: text_pipeline(d, &post_pipelines, &post_module),
             show: shown.map(|format| (format, screen("show", format))),
             scene_layout,
             object_layout,
@@ -100,8 +110,11 @@ pub(crate) fn group(
 fn variants() -> impl Iterator<Item = Variant> {
     let bools = [false, true];
     let pairs = bools.into_iter().flat_map(move |metal| bools.map(|fluid| (metal, fluid)));
-    let opaque = pairs.map(|(metal, fluid)| Variant { metal, fluid, translucent: false });
-    opaque.chain([Variant { metal: false, fluid: false, translucent: true }])
+    let opaque = |metal, fluid, outside, hidden| Variant { metal, fluid, outside, translucent: false, hidden };
+    let whole = pairs.clone().flat_map(move |(metal, fluid)| bools.map(|outside| opaque(metal, fluid, outside, None)));
+    let sides = [wgpu::Face::Back, wgpu::Face::Front].into_iter();
+    let halves = sides.flat_map(move |hidden| bools.map(|fluid| opaque(false, fluid, false, Some(hidden))));
+    whole.chain(halves).chain([Variant { translucent: true, ..opaque(false, false, true, None) }])
 }
 
 fn uniform() -> Bind {
@@ -127,11 +140,11 @@ fn shape_entries() -> [(At, Bind); 6] {
     [read, read, read, read, read, (At::COMPUTE, storage(false))]
 }
 
-fn post_entries() -> [(At, Bind); 6] {
+fn post_entries() -> [(At, Bind); 7] {
     let both = At::FRAGMENT | At::COMPUTE;
     let flat = (both, texture(wgpu::TextureViewDimension::D2));
     let sampler = (both, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    [(both | At::VERTEX, uniform()), flat, flat, sampler, (both, storage(false)), (both, storage(true))]
+    [(both | At::VERTEX, uniform()), flat, flat, sampler, (both, storage(false)), (both, storage(true)), flat]
 }
 
 fn field_entries() -> [(At, Bind); 2] {
@@ -173,7 +186,7 @@ fn compute_pipeline(
 }
 
 fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule, v: Variant) -> wgpu::RenderPipeline {
-    let constants = [("METAL", f64::from(u8::from(v.metal))), ("FLUID", f64::from(u8::from(v.fluid)))];
+    let constants = [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
     let (point, flag) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32);
     let formats = [point, point, point, flag];
     let attribute =
@@ -193,14 +206,8 @@ fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::Shade
             compilation_options: Default::default(),
             buffers: &buffers,
         },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH,
-            depth_write_enabled: Some(!v.translucent),
-            depth_compare: Some(wgpu::CompareFunction::Less),
-            stencil: Default::default(),
-            bias: Default::default(),
-        }),
+        primitive: wgpu::PrimitiveState { cull_mode: v.hidden, ..Default::default() },
+        depth_stencil: Some(depth(!v.translucent)),
         multisample: wgpu::MultisampleState { count: gpu.samples, ..Default::default() },
         fragment: Some(wgpu::FragmentState {
             module,
@@ -213,25 +220,63 @@ fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::Shade
     })
 }
 
+fn depth(is_written: bool) -> wgpu::DepthStencilState {
+    wgpu::DepthStencilState {
+        format: DEPTH,
+        depth_write_enabled: Some(is_written),
+        depth_compare: Some(wgpu::CompareFunction::Less),
+        stencil: Default::default(),
+        bias: Default::default(),
+    }
+}
+
+/// What the round mask hides is not drawn: in front of everything there lies a frame without colour.
+fn mask_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+    let target = wgpu::ColorTargetState { format: LIGHT, blend: None, write_mask: wgpu::ColorWrites::empty() };
+    let multisample = wgpu::MultisampleState { count: gpu.samples, ..Default::default() };
+    plain_pipeline(&gpu.device, layout, module, ["frame", "nothing"], &[], target, (Some(depth(true)), multisample))
+}
+
+fn text_pipeline(d: &wgpu::Device, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+    let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
+    let target = wgpu::ColorTargetState { format: PICTURE, blend, write_mask: wgpu::ColorWrites::COLOR };
+    plain_pipeline(d, layout, module, ["screen", "text"], &[], target, (None, Default::default()))
+}
+
 fn screen_pipeline(
     d: &wgpu::Device,
     layout: &wgpu::PipelineLayout,
     module: &wgpu::ShaderModule,
     entry: &str,
+    constants: &[(&str, f64)],
     format: Format,
 ) -> wgpu::RenderPipeline {
+    plain_pipeline(d, layout, module, ["screen", entry], constants, format.into(), (None, Default::default()))
+}
+
+/// A pipeline without vertex buffers: `entries` of vertices and fragments.
+fn plain_pipeline(
+    d: &wgpu::Device,
+    layout: &wgpu::PipelineLayout,
+    module: &wgpu::ShaderModule,
+    entries: [&str; 2],
+    constants: &[(&str, f64)],
+    target: wgpu::ColorTargetState,
+    (depth_stencil, multisample): (Option<wgpu::DepthStencilState>, wgpu::MultisampleState),
+) -> wgpu::RenderPipeline {
+    let [vertices, fragments] = entries.map(Some);
     d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(entry),
+        label: fragments,
         layout: Some(layout),
-        vertex: wgpu::VertexState { module, entry_point: Some("screen"), compilation_options: Default::default(), buffers: &[] },
+        vertex: wgpu::VertexState { module, entry_point: vertices, compilation_options: Default::default(), buffers: &[] },
         primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
+        depth_stencil,
+        multisample,
         fragment: Some(wgpu::FragmentState {
             module,
-            entry_point: Some(entry),
-            compilation_options: Default::default(),
-            targets: &[Some(format.into())],
+            entry_point: fragments,
+            compilation_options: wgpu::PipelineCompilationOptions { constants, ..Default::default() },
+            targets: &[Some(target)],
         }),
         multiview_mask: None,
         cache: None,

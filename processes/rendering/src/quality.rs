@@ -18,11 +18,13 @@ pub struct Quality {
     pub scale: f32,
     /// glow around highlights
     pub bloom: bool,
+    /// what is out of focus is blurred
+    pub focus: bool,
 }
 
 impl Default for Quality {
     fn default() -> Self {
-        Self { scale: 1.0, bloom: true }
+        Self { scale: 1.0, bloom: true, focus: true }
     }
 }
 

@@ -1,4 +1,4 @@
-//! One frame: normals, scene, glow and exposure, lens and text; then the picture is read, written to a file, or shown.
+//! One frame: normals, scene, focus, glow and exposure, lens and text; then the picture is read, written to a file, or shown.
 //!
 //! Promise: whatever the streams held, `render` ends within [`FRAME_LIMIT`] with a picture or with one error. Passes run in one submission.
 use std::{
@@ -15,7 +15,7 @@ use crate::{
     pipelines::{Pipelines, group},
     stage::Stage,
     targets::{PostBuffers, Sizes, Targets, solid, view},
-    timing::{PASSES, Timer},
+    timing::{FOCUS_PASS, PASSES, Timer},
     uniforms::{Globals, Post, globals, post},
 };
 
@@ -155,24 +155,21 @@ impl Renderer {
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         self.shape_pass(&mut encoder);
         let triangles = self.scene_pass(&mut encoder, &eye);
+        let is_focused = self.focus_pass(&mut encoder, &eye, view.quality.focus);
         self.glow_passes(&mut encoder, view.quality.bloom);
-        self.screen_pass(
-            &mut encoder,
-            &self.pipelines.finish,
-            &self.targets.picture_view,
-            &self.targets.to_picture,
-            Some((3, true, true)),
-        );
+        self.finish_pass(&mut encoder, &eye, is_focused, view.overlay.rows());
         if let Some(timer) = &self.timer {
             timer.resolve(&mut encoder);
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
         let encode_ms = ms_since(began);
         self.wait(submission)?;
+        let mut passes_ms = self.timer.as_ref().map_or([0.0; PASSES], |t| t.read_ms(&self.gpu.device));
+        passes_ms[FOCUS_PASS] *= f32::from(u8::from(is_focused)); // stamps stay as they were where a pass is left out
         Ok(FrameStats {
             total_ms: ms_since(began),
             encode_ms,
-            passes_ms: self.timer.as_ref().map_or([0.0; PASSES], |t| t.read_ms(&self.gpu.device)),
+            passes_ms,
             inner_px: self.targets.sizes.inner,
             triangles,
         })

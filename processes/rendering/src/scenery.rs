@@ -16,6 +16,8 @@ const RING: u64 = TOOL + 1;
 const ARMS: u64 = TOOL + 2;
 /// That of the bubbles.
 pub const BUBBLES: u64 = TOOL + 3;
+/// That of the flakes in the medium.
+pub const MOTES: u64 = TOOL + 4;
 /// Length of the arms, m: farther than any loop reaches, so that they end in the sheath, behind the lens.
 const ARM_M: f32 = 0.06;
 /// A loop that is in lies this far behind the tip, in the sheath, m: behind the lens as well.

@@ -21,7 +21,7 @@ pub const MAX_TRIANGLES: usize = 10_000_000;
 pub enum Material {
     /// the lining of the cavity
     MucosaTissue,
-    /// a growth: redder, smoother, with more vessels
+    /// a growth: paler and smoother, with more of the finest vessels
     Polyp,
     /// coagulated or cut tissue
     Coagulated,
@@ -48,8 +48,8 @@ impl Appearance {
     /// The usual look of a material.
     pub fn of(material: Material) -> Self {
         let (base_colour, roughness) = match material {
-            Material::MucosaTissue => ([0.72, 0.26, 0.225], 0.25),
-            Material::Polyp => ([0.74, 0.20, 0.165], 0.12),
+            Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.25),
+            Material::Polyp => ([0.80, 0.40, 0.34], 0.12),
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
         };
@@ -196,11 +196,11 @@ impl Stage {
     fn write_uniform(&self, object: &Object, tissue_alpha: f32) {
         let look = object.appearance;
         let alpha = if look.material == Material::MucosaTissue { tissue_alpha } else { 1.0 };
-        let (vessels, bump, frequency) = match look.material {
-            Material::MucosaTissue => (0.75, 0.62, 62.0),
-            Material::Polyp => (1.0, 0.40, 95.0),
-            Material::Coagulated => (0.1, 0.8, 90.0),
-            Material::Metal => (0.0, 0.0, 60.0),
+        let (vessels, bump, frequency, glands) = match look.material {
+            Material::MucosaTissue => (0.75, 0.50, 62.0, 1.0),
+            Material::Polyp => (0.85, 0.24, 80.0, 0.25),
+            Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
+            Material::Metal => (0.0, 0.0, 60.0, 0.0),
         };
         let [r, g, b] = look.base_colour.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.5 });
         let roughness = if look.roughness.is_finite() { look.roughness.clamp(0.0, 1.0) } else { 0.5 };
@@ -210,7 +210,7 @@ impl Stage {
             model: object.pose.to_cols_array_2d(),
             colour: [r, g, b, alpha],
             surface: [roughness, frequency, vessels, bump],
-            extra: [whole, object.char_level, glow, 0.0],
+            extra: [whole, object.char_level, glow, glands],
         };
         self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }

@@ -17,6 +17,7 @@ pub(crate) struct Targets {
     /// What the scene is drawn into where a texel has several samples, which are resolved into `scene`.
     pub samples: Option<wgpu::TextureView>,
     pub depth: wgpu::TextureView,
+    pub soft: wgpu::TextureView,
     pub quarter: wgpu::TextureView,
     pub across: wgpu::TextureView,
     pub glow: wgpu::TextureView,
@@ -40,15 +41,15 @@ pub(crate) struct PostBuffers {
 impl Targets {
     pub(crate) fn new(gpu: &Gpu, pipelines: &Pipelines, post: &PostBuffers, sizes: Sizes) -> Self {
         let d = &gpu.device;
-        let small = sizes.inner.map(|n| (n / 4).max(1));
+        let [half, small] = [2, 4].map(|part| sizes.inner.map(|n| (n / part).max(1)));
         let light = |size| view(&texture(d, size, LIGHT, 1));
-        let (scene, quarter, across, glow) = (light(sizes.inner), light(small), light(small), light(small));
+        let (scene, soft, quarter, across, glow) = (light(sizes.inner), light(half), light(small), light(small), light(small));
         let dark = light([1, 1]);
         let depth = view(&texture(d, sizes.inner, DEPTH, gpu.samples));
         let samples = (gpu.samples > 1).then(|| view(&texture(d, sizes.inner, LIGHT, gpu.samples)));
         let picture = texture(d, sizes.shown, PICTURE, 1);
         let picture_view = view(&picture);
-        let chain = |source: &wgpu::TextureView, glow: &wgpu::TextureView| {
+        let chain = |source: &wgpu::TextureView, glow: &wgpu::TextureView, soft: &wgpu::TextureView| {
             let resources = [
                 post.uniform.as_entire_binding(),
                 wgpu::BindingResource::TextureView(source),
@@ -56,19 +57,21 @@ impl Targets {
                 wgpu::BindingResource::Sampler(&post.sampler),
                 post.exposure.as_entire_binding(),
                 post.glyphs.as_entire_binding(),
+                wgpu::BindingResource::TextureView(soft),
             ];
             group(d, &pipelines.post_layout, &resources)
         };
         Self {
             sizes,
-            from_scene: chain(&scene, &dark),
-            from_quarter: chain(&quarter, &dark),
-            from_across: chain(&across, &dark),
-            to_picture: chain(&scene, &glow),
-            from_picture: chain(&picture_view, &dark),
+            from_scene: chain(&scene, &dark, &dark),
+            from_quarter: chain(&quarter, &dark, &dark),
+            from_across: chain(&across, &dark, &dark),
+            to_picture: chain(&scene, &glow, &soft),
+            from_picture: chain(&picture_view, &dark, &dark),
             scene,
             samples,
             depth,
+            soft,
             quarter,
             across,
             glow,

@@ -6,6 +6,9 @@ pub use hyst_messages::PICTURE_PASSES as PASS_NAMES;
 /// How many they are.
 pub(crate) const PASSES: usize = PASS_NAMES.len();
 
+/// The one of them that may be left out.
+pub(crate) const FOCUS_PASS: usize = 2;
+
 /// A begin and an end for every pass.
 pub(crate) struct Timer {
     queries: wgpu::QuerySet,
@@ -59,7 +62,7 @@ impl Timer {
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.readable, 0, BYTES);
     }
 
-    /// Milliseconds per pass; zero for a pass that was left out. To be called when the frame is done.
+    /// Milliseconds per pass, of one that was left out those of the last time. To be called when the frame is done.
     pub(crate) fn read_ms(&self, device: &wgpu::Device) -> [f32; PASSES] {
         let mut out = [0.0; PASSES];
         self.readable.map_async(wgpu::MapMode::Read, .., |_| {});

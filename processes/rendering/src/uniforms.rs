@@ -2,7 +2,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::{
-    camera::{Eye, View},
+    camera::{Eye, NEAR_M, View},
     fluid::Fluid,
     overlay::COLUMNS,
     targets::Sizes,
@@ -22,6 +22,9 @@ pub(crate) struct Globals {
     blood: [f32; 4],
 }
 
+/// Radius beyond which nothing is blurred more, as a share of the picture's side: that of a wall at 4 mm, which the taps still cover without gaps.
+const LARGEST_DISC: f32 = 0.02;
+
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
 pub(crate) struct Post {
@@ -29,12 +32,13 @@ pub(crate) struct Post {
     lens: [f32; 4],
     tone: [f32; 4],
     text: [f32; 4],
+    focus: [f32; 4],
 }
 
 pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
     // at the tip: full at 10 mm, and what the cavity mirrors is of the same lamp; outside: a lamp that gives one unit at the target, from wherever it stands
     let (intensity, outer, inner, ambient) = if eye.round {
-        (2.2 * light, 0.45, 0.86, light.min(1.0))
+        (2.2 * light, 0.42, 0.97, light.min(1.0))
     } else {
         (1.3 * light * eye.lamp_m * eye.lamp_m * 1.0e4, -1.1, -1.0, 1.4)
     };
@@ -43,12 +47,17 @@ pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
         eye: eye.eye_m.extend(1.0).to_array(),
         light: eye.light_m.extend(intensity).to_array(),
         light_axis: eye.light_axis.extend(outer).to_array(),
-        cone: [inner, ambient, f32::from(u8::from(!eye.round)), 0.0],
+        cone: [inner, ambient, NEAR_M, 0.0],
         clip: eye.clip,
         fluid_min: fluid.min,
         fluid_max: fluid.max,
         blood: [0.26, 0.008, 0.008, 1.0],
     }
+}
+
+/// Pixels for each of a glyph's, in a picture so high.
+pub(crate) fn glyph_px(height_px: f32) -> f32 {
+    (height_px / 420.0).round().max(1.0)
 }
 
 pub(crate) fn post(view: &View, eye: &Eye, sizes: Sizes) -> Post {
@@ -57,11 +66,12 @@ pub(crate) fn post(view: &View, eye: &Eye, sizes: Sizes) -> Post {
     let [iw, ih] = sizes.inner.map(|n| n as f32);
     let gain = if view.gain.is_finite() { view.gain.clamp(0.05, 20.0) } else { 1.0 };
     let rate = if view.adaptation.is_finite() { view.adaptation.clamp(0.0, 1.0) } else { 1.0 };
-    let glyph_px = (h / 420.0).round().max(1.0);
+    let (sharp, spread) = eye.focus.map_or((0.0, 0.0), |focus| (focus.sharp, focus.spread));
     Post {
         size: [w, h, iw, ih],
         lens: [eye.distortion[0], eye.distortion[1], flag(eye.round), eye.notch_rad],
         tone: [gain, rate, flag(!eye.round), if view.quality.bloom { 0.35 } else { 0.0 }],
-        text: [glyph_px, COLUMNS as f32, view.overlay.rows() as f32, flag(!view.overlay.sign.is_empty())],
+        text: [glyph_px(h), COLUMNS as f32, view.overlay.rows() as f32, flag(!view.overlay.sign.is_empty())],
+        focus: [sharp, spread * iw, LARGEST_DISC * iw, 0.0],
     }
 }

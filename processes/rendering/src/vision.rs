@@ -8,7 +8,7 @@ use crate::looks::distortion;
 use crate::medium;
 use crate::pulse::Pulse;
 use crate::relay::Relay;
-use crate::scenery::{BUBBLES, Refused, Scenery};
+use crate::scenery::{BUBBLES, MOTES, Refused, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
 use crate::switches::Switches;
@@ -18,7 +18,7 @@ use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, External, FrameStats, Gpu, MIN_SCALE, Prefer, RenderError, Renderer, Shown, View, Window,
+    Bubbles, Camera, Effort, Endoscope, External, FOCUS_M, FOCUS_RANGE_M, FrameStats, Gpu, MIN_SCALE, Motes, Prefer, RenderError, Renderer, Shown, View, Window,
     fastest_ticks,
 };
 
@@ -26,6 +26,8 @@ use rendering::{
 const BLIND_TICKS: u64 = 50;
 /// The lens lies this far behind the tip, m: the sheath reaches beyond it, as a resectoscope's does, so that one sees what the tip touches.
 const LENS_BEHIND_M: f32 = 0.004;
+/// Pictures that are made up for at once after a stall, so that there are as many in a second as there should be: of 0.1 s.
+const BACKLOG: u64 = 3;
 /// Time in which the exposure follows the light, s.
 const ADAPTATION_S: f32 = 0.2;
 
@@ -41,6 +43,7 @@ struct Vision<'a> {
     renderer: Renderer,
     scenery: Scenery,
     bubbles: Bubbles,
+    motes: Motes,
     view: View,
     switches: Switches,
     effort: Effort,
@@ -61,9 +64,15 @@ fn wants_external(life: &Life) -> Result<bool, SetError> {
     }
 }
 
+/// Distance from the lens that is sharp at first, m.
+fn asked_focus_m(life: &Life) -> Result<f32, SetError> {
+    let [near_mm, far_mm] = FOCUS_RANGE_M.map(|m| f64::from(m * 1e3).round());
+    life.settings.number("focus_mm", f64::from(FOCUS_M * 1e3), near_mm..=far_mm, "3 to 100").map(|mm| mm as f32 * 1e-3)
+}
+
 /// The process.
 pub fn run(life: &Life) -> Result<(), Failure> {
-    let mut switches = Switches::new(wants_external(life)?);
+    let mut switches = Switches::new(wants_external(life)?, asked_focus_m(life)?);
     let asked = display::asked(&life.settings)?;
     let mut album = Album::open(life)?;
     let links = Links::join(&life.station, &life.slot.to_string())?;
@@ -140,6 +149,7 @@ impl<'a> Vision<'a> {
             renderer,
             scenery,
             bubbles: Bubbles::new(BUBBLES),
+            motes: Motes::new(MOTES),
             view: View::new(Camera::Endoscope(Endoscope::default())),
             switches,
             effort: Effort::default(),
@@ -167,7 +177,7 @@ impl<'a> Vision<'a> {
         let life = self.life;
         let broken = |error: RenderError| Failure::Broken(error.to_string());
         sources.looks.want();
-        let mut pace = Pace::new(life, self.effort.period_ticks, 0);
+        let mut pace = Pace::new(life, self.effort.period_ticks, 0).with_backlog(BACKLOG);
         let mut last_ns = system::now_ns();
         while let Some(tick) = pace.wait() {
             let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
@@ -187,6 +197,9 @@ impl<'a> Vision<'a> {
             }
             self.gather(sources).map_err(broken)?;
             self.aim(sample.as_ref());
+            let lens_m = sample.as_ref().filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));
+            let flow_ml_min = sources.pump().map_or(0.0, |pump| pump.inflow_ml_min);
+            self.uploaded += self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.strip.look(&life.clock, tick);
             let set_pa = hand.as_ref().and(sample.as_ref()).map(|sample| sample.controls.set_pressure_pa);
@@ -223,7 +236,7 @@ impl<'a> Vision<'a> {
         if self.effort.period_ticks != before.period_ticks {
             pace.set_period(self.effort.period_ticks);
         }
-        self.view.quality.scale = self.effort.scale;
+        (self.view.quality.scale, self.view.quality.focus) = (self.effort.scale, self.effort.focus);
         // The glow goes with the last pixels that can be spared, and comes back with the first.
         self.view.quality.bloom = self.effort.scale > MIN_SCALE;
     }
@@ -305,6 +318,7 @@ impl<'a> Vision<'a> {
             oblique_rad: optic.oblique_rad,
             field_of_view_rad: optic.field_of_view_rad,
             distortion: distortion(optic.periphery_ratio),
+            focus_m: self.switches.focus_m,
             ..Endoscope::default()
         };
         if let Some(sample) = sample {
@@ -327,6 +341,7 @@ impl<'a> Vision<'a> {
             passes_ms: stats.passes_ms,
             size_px: self.renderer.size_px(),
             period_ticks: [self.effort.period_ticks, self.fastest_ticks].map(|ticks| ticks as u32),
+            focus_m: if self.view.quality.focus && !self.switches.external { self.switches.focus_m } else { 0.0 },
         };
         own.write(page::STATUS, &status);
         own.store64(header::VALUE_NS, system::now_ns());

@@ -187,6 +187,54 @@ fn blood_hides_the_view_and_a_clear_medium_does_not() {
     assert_eq!(changed(&clear, &picture(&mut r, &view)), 0);
 }
 
+/// How sharp a picture of 640 × 480 is between two distances from its middle, px: the mean square of its steps in green from one pixel to the next.
+fn sharpness(shot: &[u8], from_px: f32, to_px: f32) -> f32 {
+    let (mut sum, mut count) = (0.0, 0);
+    for (x, y) in (0..480_usize).flat_map(|y| (1..640_usize).map(move |x| (x, y))) {
+        if (from_px..to_px).contains(&(x as f32 - 320.0).hypot(y as f32 - 240.0)) {
+            let [here, before] = [x, x - 1].map(|x| f32::from(shot[4 * (640 * y + x) + 1]));
+            (sum, count) = (sum + (here - before).powi(2), count + 1);
+        }
+    }
+    sum / count as f32
+}
+
+#[test]
+fn what_the_focus_is_turned_to_is_sharp_and_the_rest_is_not() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    r.resize(640, 480);
+    // A wire at 6 mm, some 115 pixels from the middle, and a ball at 26 mm in it.
+    put(&mut r, TOOL, &shapes::loop_ring(0.002, 0.000_15), Material::Metal);
+    r.stage().set_pose(TOOL, [0.0, 0.0, 0.021], [0.0, 0.0, 0.0, 1.0]).unwrap();
+    put(&mut r, 9, &shapes::ball([0.0, 0.0, 0.043], 0.002, 16, 24), Material::Metal);
+    let mut shoot = |focus_mm: f32, is_focused: bool| {
+        let mut view = through_scope();
+        let Camera::Endoscope(scope) = &mut view.camera else { unreachable!() };
+        scope.focus_m = focus_mm * 1e-3;
+        view.quality.focus = is_focused;
+        let stats = r.render(&view).expect("a frame");
+        assert_eq!(stats.passes_ms[2] > 0.0, is_focused, "the pass is drawn, and timed: {stats:?}");
+        let shot = r.read_rgba().expect("a picture");
+        [sharpness(shot, 95.0, 140.0), sharpness(shot, 0.0, 60.0)]
+    };
+    let [near, far, all] = [shoot(6.0, true), shoot(30.0, true), shoot(6.0, false)];
+    println!("wire and ball: {near:?} set to 6 mm, {far:?} to 30 mm, {all:?} without focus");
+    assert!(near[0] > 1.5 * far[0] && far[1] > 1.5 * near[1], "{near:?} {far:?}");
+    assert!(near[0] > 0.9 * all[0] && far[1] > 0.9 * all[1], "what is in focus stays sharp: {near:?} {far:?} {all:?}");
+    assert_eq!(all, shoot(30.0, false), "without the pass the focus does nothing");
+    let nonsense = shoot(f32::NAN, true);
+    assert_eq!(nonsense, shoot(20.0, true), "a focus that is no number is the usual one");
+}
+
+#[test]
+fn from_outside_nothing_is_out_of_focus() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let mut view = from_outside();
+    let with = picture(&mut r, &view);
+    view.quality.focus = false;
+    assert_eq!(with, picture(&mut r, &view));
+}
+
 #[test]
 fn text_and_sign_are_written_and_wiped() {
     let Some(mut r) = renderer() else { return };

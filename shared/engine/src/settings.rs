@@ -94,6 +94,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
         "picture_hz",
         "auto, 30, 60, 120 or 240: most pictures in a second (default auto: on a GPU and 4 cores as the display shows, else 30)",
     ),
+    ("focus_mm", "3 to 100: distance from the lens at which pictures are sharp (default 20)"),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),

@@ -369,7 +369,7 @@ pub struct RecorderStatus {
 }
 
 /// The passes of a picture that are timed apart, in their order.
-pub const PICTURE_PASSES: [&str; 4] = ["normals", "scene", "glow", "finish"];
+pub const PICTURE_PASSES: [&str; 5] = ["normals", "scene", "focus", "glow", "finish"];
 
 /// What rendering says of itself each frame.
 #[repr(C)]
@@ -391,4 +391,6 @@ pub struct RenderingStatus {
     pub size_px: [u32; 2],
     /// Ticks from one picture to the next, and the least that they may be.
     pub period_ticks: [u32; 2],
+    /// Distance from the lens at which the picture is sharp, m; 0 while nothing is blurred, from outside or to save time.
+    pub focus_m: f32,
 }

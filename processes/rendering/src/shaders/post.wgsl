@@ -1,9 +1,10 @@
-// From linear light to the picture: bloom, exposure, the lens (barrel distortion, vignetting, round mask with notch), text.
+// From linear light to the picture: focus, bloom, exposure, the lens (barrel distortion, vignetting, round mask with notch), text.
 struct Post {
     size: vec4<f32>,     // picture px: width, height; scene texels: width, height
     lens: vec4<f32>,     // k1, k2 of the radial polynomial, 1 if round, notch angle rad
     tone: vec4<f32>,     // gain, rate of adaptation 0..1, 1 if exposure is fixed, bloom 0..1
     text: vec4<f32>,     // glyph scale px, columns, rows, 1 if the last row is a sign
+    focus: vec4<f32>,    // alpha of what is sharp, texels of a disc's radius for each unit of alpha off it, largest radius texels, 0
 };
 @group(0) @binding(0) var<uniform> p: Post;
 @group(0) @binding(1) var source: texture_2d<f32>;
@@ -11,13 +12,16 @@ struct Post {
 @group(0) @binding(3) var smooth_sampler: sampler;
 @group(0) @binding(4) var<storage, read_write> exposure: array<f32>;
 @group(0) @binding(5) var<storage, read> glyphs: array<u32>;  // 8 bytes per glyph, a byte per row, then the text, a code per word
+@group(0) @binding(6) var soft: texture_2d<f32>;               // what is out of focus, with how much of it there is in place of the sharp
+override FOCUSED: bool = false;
 
-// What the last pass branches on comes from its vertices: lavapipe (Mesa 22.3) compiles a fragment shader that branches on uniforms alone
+// What the last passes branch on comes from its vertices: lavapipe (Mesa 22.3) compiles a fragment shader that branches on uniforms alone
 // anew for every frame, which costs 10 ms and is never freed.
 struct Screen {
     @builtin(position) at: vec4<f32>,
     @location(0) uv: vec2<f32>,
-    @location(1) @interpolate(flat) is: vec3<f32>, // 1 if round, 1 if there is text, 1 if the last row is a sign
+    @location(1) @interpolate(flat) is: vec2<f32>,   // 1 if round, 1 if the last row is a sign
+    @location(2) @interpolate(flat) turn: vec2<f32>, // cosine and sine of the notch's angle
 };
 
 @vertex
@@ -25,13 +29,45 @@ fn screen(@builtin(vertex_index) i: u32) -> Screen {
     var s: Screen;
     s.uv = vec2<f32>(f32((i << 1u) & 2u), f32(i & 2u));
     s.at = vec4<f32>(s.uv * vec2<f32>(2.0, -2.0) + vec2<f32>(-1.0, 1.0), 0.0, 1.0);
-    s.is = vec3<f32>(p.lens.z, min(p.text.z, 1.0), p.text.w);
+    s.is = vec2<f32>(p.lens.z, p.text.w);
+    s.turn = vec2<f32>(cos(p.lens.w), sin(p.lens.w));
     return s;
 }
 
 fn clean(c: vec3<f32>) -> vec3<f32> { return clamp(c, vec3<f32>(0.0), vec3<f32>(60.0)); }
 
-// A quarter of the size, each texel the mean of 4 × 4; its alpha is how much of it is covered.
+// Radius of the disc that a point of this alpha is seen as, texels of the scene.
+fn disc(alpha: f32) -> f32 { return min(abs(alpha - p.focus.x) * p.focus.y, p.focus.z); }
+
+// Half of the size, out of focus: the mean over a texel's disc. What lies before it counts as far as its own disc reaches, so that a sharp loop
+// leaves no halo on the wall behind, and a blurred one spreads over it.
+const TAPS: u32 = 12u;
+const LEAST_RADIUS: f32 = 0.45;
+@fragment
+fn defocus(s: Screen) -> @location(0) vec4<f32> {
+    let t = 1.0 / p.size.zw;
+    let own = textureSampleLevel(source, smooth_sampler, s.uv, 0.0);
+    let front = own.a * 1.08 + 1.0e-4;
+    var radius = disc(own.a);
+    for (var corner = 0; corner < 4; corner++) {
+        let to = vec2<f32>(f32(corner & 1), f32(corner >> 1u)) * 4.4 - 2.2;
+        let beside = textureSampleLevel(source, smooth_sampler, s.uv + t * to, 0.0).a;
+        let reach = disc(beside);
+        if beside > front && reach > 3.0 { radius = max(radius, reach); }
+    }
+    if radius < LEAST_RADIUS { return vec4<f32>(own.rgb, 0.0); }
+    var sum = vec4<f32>(min(own.rgb, vec3<f32>(4.0)), 1.0);
+    for (var k = 0u; k < TAPS; k++) {
+        let far = radius * sqrt((f32(k) + 0.5) / f32(TAPS));
+        let angle = 2.399963 * f32(k);
+        let tap = textureSampleLevel(source, smooth_sampler, s.uv + t * far * vec2<f32>(cos(angle), sin(angle)), 0.0);
+        let weight = select(1.0, clamp(disc(tap.a) - far + 1.0, 0.0, 1.0), tap.a > front);
+        sum += vec4<f32>(min(tap.rgb, vec3<f32>(4.0)), 1.0) * weight;
+    }
+    return vec4<f32>(sum.rgb / sum.w, smoothstep(LEAST_RADIUS, 3.0 * LEAST_RADIUS, radius));
+}
+
+// A quarter of the size, each texel the mean of 4 × 4; its alpha is 0 where nothing is.
 @fragment
 fn shrink(s: Screen) -> @location(0) vec4<f32> {
     let t = 1.0 / p.size.zw;
@@ -79,7 +115,7 @@ fn meter(@builtin(local_invocation_index) i: u32) {
         let c = clean(texel.rgb);
         let inside = select(0.0, 1.0, dot(q, q) < 0.9);
         let lum = dot(c, vec3<f32>(0.30, 0.59, 0.11));
-        sum += vec3<f32>(log(lum + 0.01), 1.0, texel.a) * inside;
+        sum += vec3<f32>(log(lum + 0.01), 1.0, select(0.0, 1.0, texel.a > 0.0)) * inside;
     }
     partial[i] = sum;
     workgroupBarrier();
@@ -98,7 +134,7 @@ fn filmic(x: vec3<f32>) -> vec3<f32> {
     return clamp(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), vec3<f32>(0.0), vec3<f32>(1.0));
 }
 
-fn picture(pixel: vec2<f32>, is_round: bool) -> vec3<f32> {
+fn picture(pixel: vec2<f32>, is_round: bool, turn: vec2<f32>) -> vec3<f32> {
     var uv = pixel / p.size.xy;
     var shade = 1.0;
     if is_round {
@@ -107,13 +143,17 @@ fn picture(pixel: vec2<f32>, is_round: bool) -> vec3<f32> {
         let r2 = dot(q, q);
         let r = sqrt(r2);
         if r > 1.0 { return vec3<f32>(0.0); }
-        let turned = vec2<f32>(q.x * cos(p.lens.w) + q.y * sin(p.lens.w), -q.x * sin(p.lens.w) + q.y * cos(p.lens.w));
+        let turned = vec2<f32>(q.x * turn.x + q.y * turn.y, -q.x * turn.y + q.y * turn.x);
         if abs(turned.x) < (turned.y * -1.0 - 0.93) * 0.55 { return vec3<f32>(0.0); } // the orientation notch, a small triangle
         let src = q * (1.0 + p.lens.x * r2 + p.lens.y * r2 * r2) / (1.0 + p.lens.x + p.lens.y);
         uv = src * 0.5 + 0.5;
-        shade = (1.0 - 0.40 * r2 * r2) * (1.0 - smoothstep(0.975, 1.0, r));
+        shade = (1.0 - 0.48 * r2 * r2) * (1.0 - smoothstep(0.975, 1.0, r));
     }
-    let lit = textureSampleLevel(source, smooth_sampler, uv, 0.0);
+    var lit = textureSampleLevel(source, smooth_sampler, uv, 0.0);
+    if FOCUSED {
+        let blurred = textureSampleLevel(soft, smooth_sampler, uv, 0.0);
+        lit = vec4<f32>(mix(lit.rgb, blurred.rgb, blurred.a), lit.a);
+    }
     var behind = vec3<f32>(0.0);
     if !is_round { behind = mix(vec3<f32>(0.085, 0.095, 0.115), vec3<f32>(0.012, 0.014, 0.018), length(uv - vec2<f32>(0.5, 0.42)) * 1.3); }
     let c = lit.rgb + behind * (1.0 - lit.a) + textureSampleLevel(glow, smooth_sampler, uv, 0.0).rgb * p.tone.w;
@@ -121,7 +161,7 @@ fn picture(pixel: vec2<f32>, is_round: bool) -> vec3<f32> {
 }
 
 // x: ink, y: in a cell with a glyph, z: on the sign's row
-fn text(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
+fn glyph(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
     let at = (pixel - vec2<f32>(6.0)) / p.text.x;
     let cell = floor(at / vec2<f32>(7.0, 11.0));
     if any(cell < vec2<f32>(0.0)) || cell.x >= p.text.y || cell.y >= p.text.z { return vec3<f32>(0.0); }
@@ -138,13 +178,15 @@ fn text(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
 
 @fragment
 fn finish(s: Screen) -> @location(0) vec4<f32> {
-    var c = picture(s.at.xy, s.is.x > 0.5);
-    if s.is.y > 0.5 {
-        let t = text(s.at.xy, s.is.z > 0.5);
-        let ink = mix(vec3<f32>(0.86, 0.95, 0.90), vec3<f32>(1.0, 0.74, 0.20), t.z);
-        c = mix(c * (1.0 - 0.55 * t.y), ink, t.x);
-    }
-    return vec4<f32>(c, 1.0);
+    return vec4<f32>(picture(s.at.xy, s.is.x > 0.5, s.turn), 1.0);
+}
+
+// Ink where there is any, and a veil over the picture about it.
+@fragment
+fn text(s: Screen) -> @location(0) vec4<f32> {
+    let t = glyph(s.at.xy, s.is.y > 0.5);
+    let ink = mix(vec3<f32>(0.86, 0.95, 0.90), vec3<f32>(1.0, 0.74, 0.20), t.z);
+    return vec4<f32>(ink * t.x, max(t.x, 0.55 * t.y));
 }
 
 // The finished picture on the window, whole, with its own aspect ratio.

@@ -2,13 +2,14 @@
 // Textures are solid noise looked up at the rest position, so that vessels and glands move with the tissue and need no unwrapping.
 override METAL: bool = false;
 override FLUID: bool = false;
+override OUTSIDE: bool = false;
 
 struct Globals {
     view_proj: mat4x4<f32>,
     eye: vec4<f32>,          // m
     light: vec4<f32>,        // position m, intensity at 10 mm
     light_axis: vec4<f32>,   // unit, cosine of the cone's edge
-    cone: vec4<f32>,         // cosine of the full-light cone, ambient, 1 if seen from outside, 0
+    cone: vec4<f32>,         // cosine of the full-light cone, ambient, nearest distance drawn m, 0
     clip: vec4<f32>,         // tissue with dot(n, p) > d is cut away; n = 0: no cut
     fluid_min: vec4<f32>,    // corner of the fluid's box m, extinction 1/m at density 1
     fluid_max: vec4<f32>,    // opposite corner m
@@ -18,7 +19,7 @@ struct Object {
     model: mat4x4<f32>,
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
-    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1
 };
 @group(0) @binding(0) var<uniform> g: Globals;
 @group(0) @binding(1) var noise: texture_3d<f32>;
@@ -54,6 +55,19 @@ fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @loc
     return v;
 }
 
+// A frame around the round field, before everything: in pieces of a ring from just outside the field to beyond the corners.
+const FRAME_PIECES: u32 = 32u;
+@vertex
+fn frame(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
+    let corner = i % 6u;
+    let angle = 6.2831853 * f32(i / 6u + select(0u, 1u, corner == 1u || corner == 2u || corner == 4u)) / f32(FRAME_PIECES);
+    let radius = select(1.03, 1.6, corner == 2u || corner >= 4u);
+    return vec4<f32>(radius * cos(angle), radius * sin(angle), 0.0, 1.0);
+}
+
+@fragment
+fn nothing() -> @location(0) vec4<f32> { return vec4<f32>(0.0); }
+
 // Light that reaches a point: inverse square (softened within 5 mm of the fibres), cone, nothing else.
 fn spot(to_light: vec3<f32>, distance: f32) -> f32 {
     let cone = smoothstep(g.light_axis.w, g.cone.x, -dot(to_light, g.light_axis.xyz));
@@ -68,21 +82,23 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     let p = in.rest * o.surface.y;
     let a = textureSampleLevel(noise, tiled, p, 0.0);
     let warped = p + a.wzx * 0.035;
-    let fine = textureSampleLevel(noise, tiled, warped * 2.3, 0.0);
+    let fine = textureSampleLevel(noise, tiled, warped * 6.5, 0.0);
     let b1 = textureSampleLevel(bump, tiled, warped, 0.0);
     let b2 = textureSampleLevel(bump, tiled, warped * 3.7, 0.0);
-    let slope = b1.xyz * 0.50 + b2.xyz * 0.30;
+    let slope = b1.xyz * 0.34 + b2.xyz * 0.26;
     let n = normalize(n0 - (slope - n0 * dot(slope, n0)) * o.surface.w);
 
-    // colour: pale glandular patches, redder folds, two sizes of vessels
-    let patchy = smoothstep(-0.35, 0.45, a.z);
-    var albedo = o.colour.rgb * mix(vec3<f32>(0.98, 0.74, 0.70), vec3<f32>(1.05, 1.22, 1.20), patchy);
-    albedo *= 1.0 + 0.22 * vec3<f32>(0.4, 1.0, 1.0) * (b1.w + 0.7 * b2.w);
-    let trunk = 1.0 - smoothstep(0.012, 0.055 + 0.05 * max(fine.z, 0.0), abs(a.x));
-    let branch = 1.0 - smoothstep(0.02, 0.10, abs(fine.y));
-    let spread = smoothstep(-0.15, 0.30, a.y);
-    let vessel = clamp((0.75 * trunk * smoothstep(-0.45, 0.1, a.w) + 0.42 * branch * spread) * o.surface.z, 0.0, 1.0);
-    albedo = mix(albedo, vec3<f32>(0.40, 0.050, 0.052) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
+    // colour: a velvet between cream and orange-red, the mouths of glands as pale dots, a few vessels and the net of the finest ones between
+    let patchy = smoothstep(-0.55, 0.65, a.z + 0.25 * fine.x);
+    var albedo = o.colour.rgb * mix(vec3<f32>(0.98, 0.80, 0.74), vec3<f32>(1.04, 1.16, 1.12), patchy);
+    albedo *= 1.0 + 0.13 * vec3<f32>(0.4, 1.0, 1.0) * (b1.w + 0.7 * b2.w);
+    let spread = smoothstep(-0.25, 0.35, a.y);
+    let trunk = 1.0 - smoothstep(0.006, 0.030 + 0.03 * max(fine.z, 0.0), abs(a.x));
+    let net = 1.0 - smoothstep(0.01, 0.13, abs(fine.y));
+    let vessel = clamp((0.55 * trunk * smoothstep(-0.30, 0.25, a.w) + 0.40 * net * spread) * o.surface.z, 0.0, 1.0);
+    albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
+    let mouth = smoothstep(0.34, 0.75, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
+    albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.60 * mouth * (1.0 - in.raw));
     // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
     let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
     var flesh = mix(vec3<f32>(0.66, 0.36, 0.29), vec3<f32>(0.82, 0.60, 0.50), strand * strand);
@@ -96,19 +112,20 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
     let nl = dot(n, l);
     let soft = max(vec3<f32>(nl) + vec3<f32>(0.32, 0.16, 0.13), vec3<f32>(0.0)) / vec3<f32>(1.32, 1.16, 1.13);
-    let mutual = albedo * albedo * (0.30 + 0.20 * n.y) * g.cone.y;
-    var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.25 + 0.75 * min(e, 1.0));
+    let mutual = albedo * albedo * (0.26 + 0.14 * n.y) * g.cone.y;
+    var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.18 + 0.82 * min(e, 1.0));
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
-    let ripple = slope * 0.9 + (fine.xyz - a.yzw * 0.6) * 0.55;
+    let ripple = slope * 1.1 + fine.xyz * 0.60 - a.yzw * 0.30;
     let film_n = normalize(n0 - (ripple - n0 * dot(ripple, n0)) * o.surface.w);
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
     let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw);
-    let film = (0.15 * lobe(nh, 210.0) + 0.07 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
+    let film = (0.15 * lobe(nh, 260.0) + 0.05 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
-    let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 90.0) * smoothstep(0.0, 0.5, b2.w) * (1.0 - nv) * 1.1 * wet;
-    let rim = pow(1.0 - nv, 4.0) * 0.12 * wet;
+    let glance = 1.0 - nv;
+    let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 120.0) * smoothstep(0.0, 0.5, b2.w) * glance * 1.1 * wet;
+    let rim = glance * glance * glance * glance * 0.10 * wet;
     c += vec3<f32>(1.0, 0.96, 0.93) * (film * e + (rim + pooled) * min(e, 1.0));
     return c;
 }
@@ -118,41 +135,42 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
 fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
     let r = reflect(-v, n);
     let band = 0.30 + 0.70 * smoothstep(-0.25, 0.35, r.y) * (1.0 - 0.55 * smoothstep(0.45, 0.9, r.y));
-    let room = mix(vec3<f32>(0.75, 0.34, 0.30), vec3<f32>(0.85, 0.88, 0.95), g.cone.z);
+    let room = mix(vec3<f32>(0.75, 0.34, 0.30), vec3<f32>(0.85, 0.88, 0.95), f32(OUTSIDE));
     let h = normalize(l + v);
     let sharp = 1.0 - o.surface.x;
     let glint = lobe(dot(n, h), mix(12.0, 160.0, sharp)) * 0.12;
     let fresnel = 0.65 + 0.35 * pow(1.0 - max(dot(n, v), 0.0), 5.0);
     let lit = min(e, 1.5);
     let facing = max(dot(n, l), 0.0);
-    let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + g.cone.z) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
+    let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + f32(OUTSIDE)) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
     return steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z;
 }
 
-// Blood between the lens and a point: extinction along the ray in eight steps, and the light that it scatters back.
+// Blood between the lens and a point: extinction along the ray in six steps, and the light that it scatters back.
+const MURK_STEPS: i32 = 6;
 fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let ray = world - g.eye.xyz;
     let size = g.fluid_max.xyz - g.fluid_min.xyz;
     let jitter = fract(dot(pixel, vec2<f32>(0.7548777, 0.5698403)));
-    var depth = 0.0;
+    let reach = g.fluid_min.w * length(ray) / f32(MURK_STEPS);
+    var through = 1.0; // share of the light that comes so far
     var glow = 0.0;
-    for (var k = 0; k < 8; k++) {
-        let at = g.eye.xyz + ray * ((f32(k) + jitter) / 8.0);
+    for (var k = 0; k < MURK_STEPS; k++) {
+        let at = g.eye.xyz + ray * ((f32(k) + jitter) / f32(MURK_STEPS));
         let u = (at - g.fluid_min.xyz) / size;
-        if all(u >= vec3<f32>(0.0)) && all(u <= vec3<f32>(1.0)) {
-            let density = max(textureSampleLevel(fluid, clamped, u, 0.0).x, 0.0);
-            let step = density * g.fluid_min.w * length(ray) / 8.0;
-            let to = g.light.xyz - at;
-            glow += exp(-depth) * (1.0 - exp(-step)) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), 2.0);
-            depth += step;
-        }
+        let is_inside = all(u >= vec3<f32>(0.0)) && all(u <= vec3<f32>(1.0));
+        let density = select(0.0, max(textureSampleLevel(fluid, clamped, u, 0.0).x, 0.0), is_inside);
+        let clear = exp(-density * reach);
+        let to = g.light.xyz - at;
+        glow += through * (1.0 - clear) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), 2.0);
+        through *= clear;
     }
-    return c * exp(-depth * vec3<f32>(0.45, 1.0, 1.0)) + g.blood.rgb * glow;
+    return c * vec3<f32>(pow(through, 0.45), through, through) + g.blood.rgb * glow;
 }
 
 @fragment
 fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
-    let cut = any(g.clip.xyz != vec3<f32>(0.0));
+    let cut = OUTSIDE && any(g.clip.xyz != vec3<f32>(0.0));
     if cut && o.extra.x < 0.5 && dot(g.clip.xyz, in.world) > g.clip.w { discard; }
     let to_eye = g.eye.xyz - in.world;
     let v = normalize(to_eye);
@@ -173,5 +191,6 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
         c = tissue(in, n, v, l, e);
     }
     if FLUID { c = murk(c, in.world, in.clip.xy); }
-    return vec4<f32>(min(c, vec3<f32>(60.0)), o.colour.a);
+    // Through the lens everything is opaque, and alpha is the nearest distance over this one, by which the focus blurs; 0 is where nothing is.
+    return vec4<f32>(min(c, vec3<f32>(60.0)), select(in.clip.w * g.cone.z, o.colour.a, OUTSIDE));
 }
