@@ -90,6 +90,17 @@ impl Default for ServoParams {
 }
 
 impl ServoParams {
+    /// The same for a device that can do no more than this: N, N/m, N·s/m. What is not above 0 is not stated, and changes nothing.
+    pub fn for_device(&self, max_force_n: f32, max_stiffness_n_m: f32, max_damping_n_s_m: f32) -> Self {
+        let least = |own: f32, stated: f32| if stated > 0.0 { own.min(stated) } else { own };
+        Self {
+            max_force_n: least(self.max_force_n, max_force_n),
+            coupling_stiffness_n_m: least(self.coupling_stiffness_n_m, max_stiffness_n_m),
+            max_damping_n_s_m: least(self.max_damping_n_s_m, max_damping_n_s_m),
+            ..*self
+        }
+    }
+
     /// The largest coupling stiffness that is passive with these parameters at a time step of `dt_s`, N/m:
     /// `min(wanted, (b − B) / (T (½ + delay)))`, at least 1.
     pub fn coupling_limit_n_m(&self, dt_s: f32) -> f32 {
