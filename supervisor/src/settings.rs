@@ -59,8 +59,8 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
         settings.hand = format!("replay:{}", absolute(file)?.display());
     }
     let driver = args.driver.as_deref().map(|file| check_driver(args, file)).transpose()?;
-    if driver.is_some() {
-        settings.hand = "driver".into();
+    if let Some(driver) = &driver {
+        settings.hand = format!("driver:{}", driver.display());
     } else {
         check_hand(&settings)?;
     }
