@@ -1,8 +1,11 @@
 //! The command line, as design.md fixes it.
 
+mod again;
+
 use clap::{Args, Parser, Subcommand};
-use hyst_engine::settings::Replay;
 use std::path::PathBuf;
+
+pub use again::{Again, RecordedCase};
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
 #[derive(Debug, Parser)]
@@ -76,9 +79,9 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Check an engine before a swap, in a private station of its own, and say what is wrong with it.
+    /// Check an engine before a swap, or a driver before a session, in a private station of its own, and say what is wrong with it.
     Conformance {
-        /// A role, as for `swap`.
+        /// A role, as for `swap`; or driver.
         role: String,
         /// The engine's binary.
         binary: PathBuf,
@@ -299,6 +302,9 @@ pub struct RunArgs {
     /// script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle. Default: the mouse in a window, script:press without one.
     #[arg(long)]
     pub hand: Option<String>,
+    /// The driver of a haptic device in the place of the simulated one (docs/driver.md).
+    #[arg(long, conflicts_with = "hand")]
+    pub driver: Option<PathBuf>,
     /// Record the session (MCAP).
     #[arg(long)]
     pub record: Option<PathBuf>,
@@ -323,28 +329,6 @@ pub struct RunArgs {
     /// The recording of `hand` is done again, tick by tick.
     #[arg(skip)]
     pub again: Option<Again>,
-}
-
-/// How `replay` runs a station.
-#[derive(Clone, Debug)]
-pub struct Again {
-    /// From where, and how fast.
-    pub replay: Replay,
-    /// Hash of the scene that was recorded.
-    pub scene_hash: u64,
-    /// The case that was recorded, with its seed, and the file that was named then.
-    pub case: Option<RecordedCase>,
-    /// The last tick.
-    pub end_tick: u64,
-}
-
-/// A case as a recording has it.
-#[derive(Clone, Debug)]
-pub struct RecordedCase {
-    /// Its text, with the seed and the whole path of its scene.
-    pub text: String,
-    /// The file that was named, absolute.
-    pub file: Option<PathBuf>,
 }
 
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.

@@ -6,6 +6,7 @@ use crate::faultfile::{self, Injection};
 use crate::plan::{self, Plan};
 use hyst_engine::Settings;
 use hyst_engine::settings::SET_KEYS;
+use hyst_engine::verify::verify;
 use hyst_exchange::Station;
 use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
 use hyst_recording::Reader;
@@ -59,7 +60,12 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
     if let Some(file) = settings.recording() {
         settings.hand = format!("replay:{}", absolute(file)?.display());
     }
-    check_hand(&settings)?;
+    let driver = args.driver.as_deref().map(|file| check_driver(args, file)).transpose()?;
+    if let Some(driver) = &driver {
+        settings.hand = format!("driver:{}", driver.display());
+    } else {
+        check_hand(&settings)?;
+    }
     for pair in &args.station.set {
         let (key, value) =
             pair.split_once('=').ok_or_else(|| Refusal::input(format!("--set {pair}: write key=value\n{}", known_keys())))?;
@@ -87,7 +93,8 @@ pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Res
         fault.check_in(&slots).map_err(|reason| Refusal::input(at(reason)))?;
     }
     let slots = slots.iter().map(ToString::to_string).collect();
-    let plan = Plan { binaries, slots, swapped: Default::default(), end_tick: end_tick(args), faults };
+    let swapped = driver.map(|driver| (Role::Hardware.name().to_string(), driver)).into_iter().collect();
+    let plan = Plan { binaries, slots, swapped, end_tick: end_tick(args), faults };
     let missing = plan.missing();
     if !missing.is_empty() {
         let list: Vec<String> = missing.iter().map(|path| path.display().to_string()).collect();
@@ -143,6 +150,17 @@ fn own_folder() -> Result<PathBuf, Refusal> {
 fn known_role(name: &str) -> Result<Role, Refusal> {
     Role::from_name(name)
         .ok_or_else(|| Refusal::input(format!("--roles {name}: no such role; use the names that `status` shows")))
+}
+
+/// A driver of a device, which is verified before anything starts. The file itself is started, not a copy: it may need what lies beside it.
+fn check_driver(args: &RunArgs, file: &Path) -> Result<PathBuf, Refusal> {
+    if args.lockstep {
+        return Err(Refusal::input("--driver --lockstep: no device is moved on a virtual clock; leave one of them out"));
+    }
+    let file = absolute(file)?;
+    verify(&file, Role::Hardware)
+        .map_err(|reason| Refusal::input(format!("--driver: {reason}; docs/driver.md says what a driver is")))?;
+    Ok(file)
 }
 
 fn check_hand(settings: &Settings) -> Result<(), Refusal> {

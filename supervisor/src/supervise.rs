@@ -103,6 +103,8 @@ struct Supervisor {
     answered_ns: u64,
     /// Incarnations that were replaced because others distrust them.
     heeded: BTreeSet<u32>,
+    /// Lives of the hardware of which the operator was told that they say what cannot be.
+    doubted: BTreeSet<u32>,
     /// Servos whose stamp stands still: how many steps they had made when that was first seen, and the stamp.
     standing: BTreeMap<u32, (u64, u64)>,
     /// Incarnations that were ready and whose pages did not say so at the last look.
@@ -169,6 +171,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         asked: VecDeque::new(),
         answered_ns: 0,
         heeded: BTreeSet::new(),
+        doubted: BTreeSet::new(),
         standing: BTreeMap::new(),
         unsound: BTreeSet::new(),
         trial: None,

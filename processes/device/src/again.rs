@@ -4,7 +4,7 @@
 use hyst_coupling::LastHopState;
 use hyst_exchange::ReadPage;
 use hyst_messages::page::hardware;
-use hyst_messages::{Applied, ContactModel, Medium};
+use hyst_messages::{Applied, ContactModel, DeviceLimits, Medium};
 use std::collections::VecDeque;
 
 /// Contact models that are kept: far more than the ticks for which a model that is late is used.
@@ -17,6 +17,8 @@ pub struct Given {
     pub model: ContactModel,
     /// What the tissue is told of the medium.
     pub medium: Medium,
+    /// What the device on the desk can do at most.
+    pub limits: DeviceLimits,
     /// Epoch and tick of the fluid's state that it is from.
     pub medium_key: (u32, u64),
     /// How far back the servo's state is that the force goes on from, ticks, if not by its own rule; else 0.
@@ -60,6 +62,7 @@ impl Again {
         Some(Given {
             model,
             medium: recorded.medium(),
+            limits: recorded.limits,
             lag: u64::from(recorded.lag),
             is_mute: recorded.command.kind != Applied::Fresh as u32,
             newborn: is_newborn.then(born),

@@ -6,13 +6,14 @@
 
 use crate::again::{Again, Given};
 use crate::models::Models;
+use crate::plugged::Plugged;
 use crate::replicas::{Chosen, Replicas};
 use hyst_coupling::{AppliedKind, HardwareParams, LastHopParams, LastHopState, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
 use hyst_messages::page::{ProcessState, device as layout, haptic, hardware, header, station};
-use hyst_messages::{Applied, AppliedRecord, ForceCommand, HardwareSample, InputRecord, Medium, Role};
+use hyst_messages::{Applied, AppliedRecord, DeviceLimits, ForceCommand, HardwareSample, InputRecord, Medium, Role};
 
 /// Time after the start of a tick by which a servo's force must be there, ns: it needs about 50 µs, and the hardware reads the command at
 /// any phase of the tick, so that what comes later than this may be felt one tick later.
@@ -28,7 +29,7 @@ const LOOK_NS: u64 = 100_000;
 struct Hop<'a> {
     life: &'a Life,
     inbox: PageInbox,
-    hardware: ReadPage,
+    hardware: Plugged,
     models: Models,
     replicas: Replicas,
     params: LastHopParams,
@@ -48,7 +49,7 @@ pub fn run_ordering(life: &Life, order: fn(u32, u64) -> (u32, u64)) -> Result<()
     let mut inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()), order);
     let mut replicas = Replicas::default();
-    let hardware = first_pages(life, &mut inbox, &mut models, &mut replicas)?;
+    let hardware = Plugged::wait(life, first_pages(life, &mut inbox, &mut models, &mut replicas)?)?;
     let lies = Lies::new(life, size_of::<ForceCommand>());
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
@@ -119,21 +120,18 @@ fn seat(life: &Life, arrival: PageArrival, models: &mut Models, replicas: &mut R
 impl Hop<'_> {
     /// Goes on from the force that the motors make at this moment, so that a restart makes no kick.
     fn resume(&mut self) {
-        let felt = self.hardware.cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
+        let felt = self.hardware.page().cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
         self.state = if felt == [0.0; 3] { LastHopState::default() } else { LastHopState::resumed(felt) };
         self.life.page.set_state(ProcessState::Live);
     }
 
     fn run(&mut self) -> Result<(), Failure> {
         let mut pace = Pace::new(self.life, 1, 0);
-        let mut sample = HardwareSample::default();
         let mut next_tick = None;
         while let Some(tick) = pace.wait() {
             self.life.misbehave();
             self.receive_ports();
-            if let Some((_, newest)) = self.hardware.cell(hardware::SAMPLE) {
-                sample = newest;
-            }
+            let sample = self.hardware.look(self.life)?;
             let Some(given) = self.given(tick) else {
                 pace.end();
                 continue;
@@ -150,11 +148,17 @@ impl Hop<'_> {
         Ok(())
     }
 
+    /// No more than the device on the desk can do: the smaller force of its and the station's.
+    fn heed(&mut self, limits: &DeviceLimits) {
+        let (own_n, stated_n) = (LastHopParams::default().max_force_n, limits.max_force_n);
+        self.params.max_force_n = if stated_n > 0.0 { own_n.min(stated_n) } else { own_n };
+    }
+
     fn receive_ports(&mut self) {
         while let Some(arrival) = self.inbox.take() {
             if arrival.slot.role() == Role::Hardware {
                 // A device that was plugged in again: from the force that its motors make now.
-                let before = std::mem::replace(&mut self.hardware, arrival.page);
+                let before = self.hardware.replace(arrival.page);
                 self.inbox.retire(before);
                 self.resume();
             } else {
@@ -166,7 +170,8 @@ impl Hop<'_> {
     /// Contact model and medium as the tissues and fluids have them now.
     fn newest_model(&mut self, tick: u64) -> Given {
         let (medium, medium_key) = self.models.medium(self.life, tick);
-        Given { model: self.models.newest(self.life, tick), medium, medium_key, ..Given::default() }
+        let limits = self.hardware.limits();
+        Given { model: self.models.newest(self.life, tick), medium, limits, medium_key, ..Given::default() }
     }
 
     /// In lock-step: those of the ticks that the sequencer has seen finished; and every servo of the station has its seat.
@@ -186,14 +191,15 @@ impl Hop<'_> {
     fn given(&mut self, tick: u64) -> Option<Given> {
         let given = if self.life.is_lockstep() { self.exact_model(tick) } else { self.newest_model(tick) };
         match &mut self.again {
-            Some(again) => again.given(&self.hardware, tick, given.model),
+            Some(again) => again.given(self.hardware.page(), tick, given.model),
             None => Some(given),
         }
     }
 
     fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, woken_ns: u64) {
         let page = &self.life.page;
-        let Given { model, medium: Medium { pressure_pa, pieces }, medium_key, lag: replayed_lag, .. } = *given;
+        let Given { model, medium: Medium { pressure_pa, pieces }, limits, medium_key, lag: replayed_lag, .. } = *given;
+        self.heed(&limits);
         let (medium_epoch, medium_tick) = medium_key;
         let (device_incarnation, applied_n) = (self.life.incarnation as u64, self.state.applied_n);
         let selected_incarnation = self.replicas.selected_incarnation() as u64;
@@ -209,7 +215,7 @@ impl Hop<'_> {
             replayed_lag,
             medium_tick,
             medium_epoch,
-            reserved: 0,
+            limits,
         };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);
@@ -220,7 +226,7 @@ impl Hop<'_> {
             let deadline_ns = self.life.clock.start_of(tick) + DEADLINE_NS;
             self.replicas.choose(self.life, &input, &self.params, deadline_ns)
         };
-        let chosen = if given.is_mute { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
+        let chosen = if given.is_mute || self.hardware.is_silent() { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
         let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n);
         self.state = state;
         let kind = told_as(kind, chosen.force_n.is_some());
@@ -252,6 +258,8 @@ impl Hop<'_> {
             pressure_pa,
             medium_epoch,
             medium_tick,
+            limits,
+            reserved: 0,
         };
         page.push(layout::APPLIED, tick, &record);
     }

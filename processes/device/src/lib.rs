@@ -4,6 +4,7 @@ mod again;
 pub mod hardware;
 mod hop;
 mod models;
+mod plugged;
 mod replicas;
 
 pub use hop::{run, run_ordering};

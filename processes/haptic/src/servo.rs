@@ -165,7 +165,9 @@ impl Servo<'_> {
             model_age_ticks: if input.model.epoch == 0 { u32::MAX } else { age },
             applied_n: Some(input.applied_n),
         };
-        let (state, output) = servo_step(&self.params, &from.state, &request);
+        let limits = &input.limits;
+        let params = self.params.for_device(limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m);
+        let (state, output) = servo_step(&params, &from.state, &request);
         self.leave_shadow(input.tick, other.as_ref());
         let mut record = ForceRecord {
             tick: input.tick,

@@ -13,6 +13,7 @@ pub mod page;
 pub mod record;
 pub mod replay;
 pub mod role;
+pub mod statement;
 pub mod stream;
 pub mod tolerance;
 
@@ -21,13 +22,14 @@ pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};
 pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
+pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_text};
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 
 /// One tick of the station, 1 ms, in nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 12;
+pub const LAYOUT_VERSION: u32 = 13;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 1;
@@ -48,6 +50,7 @@ pub const fn layout_hash() -> u64 {
         size_of::<StepRecord>(),
         size_of::<ReplayRecord>(),
         size_of::<HardwareSample>(),
+        size_of::<DeviceStatement>(),
         size_of::<LedgerEntry>(),
         size_of::<ContactModel>(),
         size_of::<TissueStatus>(),

@@ -9,6 +9,7 @@ use crate::SLOTS;
 use crate::fluid::FluidStatus;
 use crate::record::*;
 use crate::replay::{ReplayRecord, StepRecord};
+use crate::statement::DeviceStatement;
 use bytemuck::Pod;
 use std::marker::PhantomData;
 
@@ -117,8 +118,10 @@ pub mod hardware {
         /// Trips of the firmware's watchdog.
         Trips = 10,
     }
+    /// What the device states of itself; written once, before the first sample.
+    pub const STATEMENT: CellAt<DeviceStatement> = CellAt::new(REPLAY.end());
     /// Words of the page.
-    pub const WORDS: usize = REPLAY.end();
+    pub const WORDS: usize = STATEMENT.end();
 }
 
 /// The device's page.

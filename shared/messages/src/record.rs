@@ -1,6 +1,7 @@
 //! The fixed-size records that live in cells and rings of the station pages. SI units; world frame: metres, origin at the pivot
 //! in the cervix, +z into the uterus, +y anterior, +x to the patient's left. Padding is explicit, so that every bit is defined.
 
+use crate::statement::DeviceLimits;
 use bytemuck::{Pod, Zeroable};
 
 /// Most planes in a contact model.
@@ -163,8 +164,8 @@ pub struct InputRecord {
     pub medium_tick: u64,
     /// Its epoch; 0 if there has been none.
     pub medium_epoch: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// What the device on the desk can do at most, as it states it.
+    pub limits: DeviceLimits,
 }
 
 impl InputRecord {
@@ -273,6 +274,10 @@ pub struct AppliedRecord {
     pub medium_epoch: u32,
     /// Its tick.
     pub medium_tick: u64,
+    /// What the device on the desk could do at most, likewise.
+    pub limits: DeviceLimits,
+    /// Zero.
+    pub reserved: u32,
 }
 
 impl AppliedRecord {

@@ -1,7 +1,7 @@
 //! The JSON messages by which a session can be done again: what a tick's input says beside the sample, and what each step of the tissue was made from.
 
 use crate::messages::{Number, Xyz};
-use hyst_messages::{AppliedRecord, MAX_PIECES, PieceFlow, StepRecord};
+use hyst_messages::{AppliedRecord, DeviceLimits, MAX_PIECES, PieceFlow, StepRecord};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -21,6 +21,29 @@ pub(crate) struct Input {
     before_n: Option<Xyz>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     lag: Option<u32>,
+    /// What the device on the desk states of itself; not there if that is nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device_limits: Option<Limits>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Limits {
+    max_force_n: Number,
+    max_stiffness_n_m: Number,
+    max_damping_n_s_m: Number,
+}
+
+impl Limits {
+    fn of(limits: &DeviceLimits) -> Option<Limits> {
+        let numbers = [limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m];
+        let [max_force_n, max_stiffness_n_m, max_damping_n_s_m] = numbers.map(Number);
+        (*limits != DeviceLimits::default()).then_some(Limits { max_force_n, max_stiffness_n_m, max_damping_n_s_m })
+    }
+    fn limits(&self) -> DeviceLimits {
+        let numbers = [&self.max_force_n, &self.max_stiffness_n_m, &self.max_damping_n_s_m];
+        let [max_force_n, max_stiffness_n_m, max_damping_n_s_m] = numbers.map(|number| number.0);
+        DeviceLimits { max_force_n, max_stiffness_n_m, max_damping_n_s_m }
+    }
 }
 
 /// The usual lag of a servo.
@@ -32,8 +55,8 @@ impl Input {
         let bits = |force_n: [f32; 3]| force_n.map(f32::to_bits);
         let is_usual = before.is_some_and(|before| bits(before.command.force_n) == bits(record.before_n));
         let lag = Some(record.lag).filter(|lag| *lag != USUAL_LAG);
-        let medium = |record: &AppliedRecord| (record.pressure_pa.to_bits(), record.pieces);
-        let is_told = before.is_some_and(|before| medium(before) == medium(record));
+        let given = |record: &AppliedRecord| (record.pressure_pa.to_bits(), record.pieces, record.limits);
+        let is_told = before.is_some_and(|before| given(before) == given(record));
         if is_usual && is_told && lag.is_none() {
             return None;
         }
@@ -44,6 +67,7 @@ impl Input {
             pieces: pieces.map(|piece| Piece { object: piece.object, velocity_m_s: Xyz::of(piece.velocity_m_s) }).collect(),
             before_n: (!is_usual).then(|| Xyz::of(record.before_n)),
             lag,
+            device_limits: Limits::of(&record.limits),
         })
     }
 
@@ -53,6 +77,7 @@ impl Input {
         for record in records {
             if let Some((tick, input)) = inputs.range(..=record.tick).next_back() {
                 record.pressure_pa = input.pressure_pa.0;
+                record.limits = input.device_limits.as_ref().map(Limits::limits).unwrap_or_default();
                 for (to, piece) in record.pieces.iter_mut().zip(input.pieces.iter().take(MAX_PIECES)) {
                     *to = PieceFlow { object: piece.object, velocity_m_s: piece.velocity_m_s.array() };
                 }

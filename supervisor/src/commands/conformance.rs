@@ -4,6 +4,8 @@
 //!
 //! Exit codes: 0 it conforms, 1 it does not, 2 it is no engine of that role, 3 this machine gave it no time to show what it is, or no station to show it in.
 
+mod driver;
+
 use super::swap::swap_and_wait;
 use crate::settings::Refusal;
 use crate::swap::{role_of, verify};
@@ -18,6 +20,8 @@ use std::process::{Child, Command, Stdio};
 /// How long the private station may take to be whole: a start takes a second, on a busy machine a minute.
 const WHOLE_WITHIN_NS: u64 = 120_000_000_000;
 const LOOK_NS: u64 = 100_000_000;
+/// What a driver of a device is called here, which is no engine and has checks of its own.
+const DRIVER: &str = "driver";
 /// How often it is swapped in if the machine gives it no time.
 const TRIES: usize = 3;
 /// How long the role may take to be whole again after its death.
@@ -52,30 +56,42 @@ pub struct Place<'a> {
 
 /// Checks an engine.
 pub fn conformance(role: &str, binary: &Path, place: Place, json: bool) -> Result<u8, Refusal> {
-    let role = role_of(role).map_err(Refusal::input)?;
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
+    if role == DRIVER {
+        let checks = driver::conformance(&binary).map_err(|refusal| match refusal.code {
+            2 => refusal,
+            _ => Refusal { code: 3, ..refusal }, // it says nothing of the driver
+        })?;
+        return Ok(tell(DRIVER, &binary, &checks, "a station would not be safe with it", json));
+    }
+    let role = role_of(role).map_err(Refusal::input)?;
     let described = verify::verify(&binary, role).map_err(Refusal::input)?;
     let layout = format!("layout {}/{}, interface {}", described.layout, described.layout_hash, described.interface);
     let mut checks = vec![check("says what it is", Ok(layout)), check("refuses bad arguments", refuses(&binary))];
     checks.extend(in_a_station(role, &binary, place)?);
+    Ok(tell(role.name(), &binary, &checks, "a swap would be rolled back", json))
+}
+
+/// Says what was found; gives the exit code.
+fn tell(role: &str, binary: &Path, checks: &[Check], else_what: &str, json: bool) -> u8 {
     let good = checks.iter().all(|check| check.good);
     let is_shown = checks.iter().all(|check| check.good || check.what != NO_TIME);
     let code = if is_shown { u8::from(!good) } else { 3 };
     if json {
         let conforms = is_shown.then_some(good);
-        println!("{:#}", serde_json::json!({ "role": role.name(), "binary": binary, "conforms": conforms, "checks": checks }));
-        return Ok(code);
+        println!("{:#}", serde_json::json!({ "role": role, "binary": binary, "conforms": conforms, "checks": checks }));
+        return code;
     }
-    for check in &checks {
+    for check in checks {
         println!("{}  {:<28} {}", if check.good { "good" } else { "BAD " }, check.what, check.why);
     }
     let verdict = match code {
-        0 => "conforms",
-        1 => "does not conform; a swap would be rolled back",
-        _ => "this machine is too busy to tell; try it again when it is not",
+        0 => "conforms".to_string(),
+        1 => format!("does not conform; {else_what}"),
+        _ => "this machine is too busy to tell; try it again when it is not".to_string(),
     };
     println!("{}: {verdict}", binary.display());
-    Ok(code)
+    code
 }
 
 /// An engine whose arguments make no sense says so and ends with code 2; it does not begin to do something.

@@ -34,10 +34,18 @@ impl Supervisor {
                 self.heed_newcomer(&charge, is_grave, now_ns);
                 continue;
             }
-            if self.heeded.contains(&charge.incarnation)
-                || !self.is_grave(&charge, slot, now_ns)
-                || !self.is_covered(slot, charge.by)
-            {
+            if self.heeded.contains(&charge.incarnation) || !self.is_grave(&charge, slot, now_ns) {
+                continue;
+            }
+            if slot.role() == Role::Hardware {
+                // Nobody stands in for the device on the desk: what cannot be is not used, and the operator is told once.
+                if self.doubted.insert(charge.incarnation) {
+                    let text = "what it says cannot be, and is not used; `hystation conformance driver` tries a driver";
+                    journal::say(&self.station, &format!("{slot} is distrusted by {}: {text}", charge.by));
+                }
+                continue;
+            }
+            if !self.is_covered(slot, charge.by) {
                 continue;
             }
             self.heeded.insert(charge.incarnation);

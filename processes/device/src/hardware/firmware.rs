@@ -6,12 +6,14 @@ use super::commands::Commands;
 use super::hand::Hand;
 use super::ledger::{Judged, Ledger};
 use super::sequencer::Sequencer;
-use hyst_coupling::{HardwareParams, HardwareState, hardware_step};
+use hyst_coupling::{HardwareParams, HardwareState, ServoParams, hardware_step};
 use hyst_engine::{Failure, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{ReadPage, allocation, system};
 use hyst_messages::page::{ProcessState, hardware, header, rendering};
-use hyst_messages::{HardwareSample, ReplayRecord, Role, TICK_NS};
+use hyst_messages::{
+    DeviceLimits, DeviceStatement, HardwareSample, ReplayRecord, Role, STATEMENT_VERSION, TICK_NS, statement_text,
+};
 
 /// Drift of the simulated clock against the station's, ppm: an ordinary crystal.
 const DRIFT_PPM: f64 = 20.0;
@@ -34,6 +36,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let drift = life.settings.number("drift_ppm", DRIFT_PPM, -500.0..=500.0, "a number from -500 to 500")?;
     let period_ns = TICK_NS as f64 * (1.0 + drift * 1e-6);
     let hand = Hand::of(life)?;
+    life.page.write(hardware::STATEMENT, &stated(&hand, 1e9 / period_ns));
     let roles = [Role::Device, Role::Rendering];
     let inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let canaries = Canaries::start(life)?;
@@ -57,6 +60,31 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         None => firmware.run(period_ns),
     }
     Ok(())
+}
+
+/// What the simulated device states of itself: as much as the station's own bounds let it be asked for, within what the hand's limits leave it.
+fn stated(hand: &Hand, rate_hz: f64) -> DeviceStatement {
+    let (motors, servo, limits) = (HardwareParams::default(), ServoParams::default(), hand.limits());
+    let (tilt_rad, roll_rad) = (limits.tilt_rad.min(1.5), limits.roll_rad.min(std::f32::consts::PI)); // what `DofLimits::clamp` leaves of them
+    DeviceStatement {
+        version: STATEMENT_VERSION,
+        measured_dof: 4,
+        driven_dof: 3,
+        rate_hz: rate_hz as f32,
+        limits: DeviceLimits {
+            max_force_n: motors.max_force_n,
+            max_stiffness_n_m: servo.coupling_stiffness_n_m,
+            max_damping_n_s_m: servo.max_damping_n_s_m,
+        },
+        continuous_force_n: motors.max_force_n, // nothing gets warm
+        pitch_rad: [-tilt_rad, tilt_rad],
+        yaw_rad: [-tilt_rad, tilt_rad],
+        roll_rad: [-roll_rad, roll_rad],
+        insertion_m: [limits.min_insertion_m, limits.max_insertion_m],
+        maker: statement_text("hystation"),
+        name: statement_text("simulated device"),
+        ..DeviceStatement::default()
+    }
 }
 
 impl Firmware<'_> {

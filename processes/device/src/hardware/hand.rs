@@ -157,6 +157,11 @@ impl Hand {
         })
     }
 
+    /// How far the scope can be moved.
+    pub fn limits(&self) -> DofLimits {
+        self.model.limits
+    }
+
     /// In a replay: what was recorded of a tick, which the hand then does. Asked for ascending ticks.
     pub fn again(&mut self, tick: u64) -> Moment {
         match &mut self.will {

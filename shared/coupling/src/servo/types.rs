@@ -90,6 +90,17 @@ impl Default for ServoParams {
 }
 
 impl ServoParams {
+    /// The same for a device that can do no more than this: N, N/m, N·s/m. What is not above 0 is not stated, and changes nothing.
+    pub fn for_device(&self, max_force_n: f32, max_stiffness_n_m: f32, max_damping_n_s_m: f32) -> Self {
+        let least = |own: f32, stated: f32| if stated > 0.0 { own.min(stated) } else { own };
+        Self {
+            max_force_n: least(self.max_force_n, max_force_n),
+            coupling_stiffness_n_m: least(self.coupling_stiffness_n_m, max_stiffness_n_m),
+            max_damping_n_s_m: least(self.max_damping_n_s_m, max_damping_n_s_m),
+            ..*self
+        }
+    }
+
     /// The largest coupling stiffness that is passive with these parameters at a time step of `dt_s`, N/m:
     /// `min(wanted, (b − B) / (T (½ + delay)))`, at least 1.
     pub fn coupling_limit_n_m(&self, dt_s: f32) -> f32 {
@@ -217,3 +228,42 @@ pub struct ServoOutput {
 
 /// What other processes map must not change size unnoticed.
 const _: () = assert!(size_of::<ServoState>() == 96 && size_of::<ContactModel>() == 272);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::servo_step;
+
+    #[test]
+    fn a_device_that_can_do_less_is_asked_for_less_and_one_that_can_do_more_changes_nothing() {
+        let own = ServoParams::default();
+        assert_eq!(own.for_device(3.3, 1_200.0, 1.0), own, "the simulated device");
+        assert_eq!(own.for_device(10.0, 5_000.0, 4.0), own);
+        assert_eq!(own.for_device(0.0, f32::NAN, 0.0), own, "nothing is stated");
+        let weak = own.for_device(0.9, 300.0, 0.2);
+        assert_eq!((weak.max_force_n, weak.max_damping_n_s_m), (0.9, 0.2));
+        assert!(own.coupling_limit_n_m(1e-3) > 300.0 && weak.coupling_limit_n_m(1e-3) <= 300.0);
+        // A tip that is pushed two centimetres into a wall.
+        let wall = crate::Plane { point_m: [0.0; 3], normal: [0.0, 0.0, -1.0], stiffness_n_m: 2_000.0, damping_n_s_m: 0.0 };
+        let model = ContactModel::new(&[wall]);
+        let force_n = |params: &ServoParams| {
+            let (mut state, mut force_n) = (ServoState::default(), 0.0f32);
+            for tick in 1..400u32 {
+                let input = ServoInput {
+                    tick: u64::from(tick),
+                    position_m: [0.0, 0.0, (tick as f32 * 1e-4).min(0.02)],
+                    velocity_m_s: [0.0, 0.0, if tick < 200 { 0.1 } else { 0.0 }],
+                    dt_s: 1e-3,
+                    model: &model,
+                    model_age_ticks: 1,
+                    applied_n: None,
+                };
+                let (next, output) = servo_step(params, &state, &input);
+                (state, force_n) = (next, Vec3::from_array(output.force_n).length());
+            }
+            force_n
+        };
+        let (strong_n, weak_n) = (force_n(&own), force_n(&weak));
+        assert!(strong_n > 3.0 && (0.8..=0.9001).contains(&weak_n), "{strong_n} N, {weak_n} N");
+    }
+}

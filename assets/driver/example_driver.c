@@ -1,0 +1,103 @@
+/* The example of a driver: a device that is not there. Its tip is a mass on the spring of a hand that presses it against the back wall of the cavity and
+ * draws it back, once in three seconds; the motors push it as the station says. A driver of a real device has the device's own library in the place of
+ * `motors` and `encoders`.
+ *
+ *     cc -std=c11 -O2 -Wall -Wextra -pthread -I assets/driver assets/driver/example_driver.c -o example_driver -lm
+ *     hystation conformance driver ./example_driver
+ *     hystation run --driver ./example_driver
+ *
+ * -DFLAW=1 to 12 makes one that does wrong, to see that it is found.
+ */
+#define _GNU_SOURCE
+#include "hystation_driver.h"
+
+#ifndef FLAW
+#define FLAW 0
+#endif
+enum {
+    STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
+    STATES_NOTHING
+};
+
+static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity */
+static const float PERIOD_S = 0.001f;
+
+/* The hand and the tip that it holds, along y. */
+typedef struct {
+    float y_m, speed_m_s, force_n;
+    uint64_t ticks;
+} device;
+
+static float wanted_m(uint64_t ticks) {
+    float time_s = (float)ticks * PERIOD_S - 1.0f; /* at rest in the first second */
+    return time_s < 0.0f ? 0.0f : -0.006f * (1.0f - cosf(2.0f * 3.14159265f * time_s / 3.0f));
+}
+
+/* A hand of 300 N/m that holds 150 g, with as much damping as a grip has. */
+static void motors(device *it, const float force_n[3]) {
+    const float stiffness_n_m = 300.0f, mass_kg = 0.15f, damping_n_s_m = 13.4f;
+    it->force_n = force_n[1];
+    float push_n = stiffness_n_m * (wanted_m(it->ticks) - it->y_m) - damping_n_s_m * it->speed_m_s + force_n[1];
+    it->speed_m_s += push_n / mass_kg * PERIOD_S;
+    it->y_m += it->speed_m_s * PERIOD_S;
+    it->ticks++;
+}
+
+static hyst_sample encoders(const device *it, const float force_n[3]) {
+    hyst_sample sample = {
+        .pose = hyst_pose_of(-asinf(it->y_m / INSERTION_M), 0.0f, 0.0f, INSERTION_M),
+        .velocity_m_s = {0.0f, it->speed_m_s, 0.0f},
+        .force_n = {force_n[0], force_n[1], force_n[2]},
+        .controls = {.inflow_valve = 1.0f, .outflow_valve = 0.3f, .set_pressure_pa = 9333.0f, .light = 1.0f},
+    };
+    return sample;
+}
+
+/* What FLAW makes of a sample and of a force. */
+static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[3]) {
+    static uint32_t first_device;
+    static float kept_n[3];
+    if (first_device == 0) first_device = driver->device_incarnation;
+    int is_mute = FLAW == MAKES_NOTHING || (FLAW == KNOWS_ONE_DEVICE && driver->device_incarnation != first_device);
+    for (int i = 0; i < 3; i++) {
+        if (FLAW == NEVER_LETS_GO && driver->silent_ticks == 0) kept_n[i] = force_n[i];
+        float made_n = FLAW == NEVER_LETS_GO ? kept_n[i] : force_n[i];
+        force_n[i] = sample->force_n[i] = is_mute ? 0.0f : FLAW == MAKES_TWICE ? 2.0f * made_n : made_n;
+    }
+    if (FLAW == SPEAKS_DEGREES) sample->pose.pitch_rad *= 57.3f, sample->pose.roll_rad = 90.0f;
+    if (FLAW == STAMPS_OLD) sample->time_ns = 1 + hyst_now_ns() / 1000000000u * 1000000000u; /* once a second */
+    if (FLAW == SAYS_NAN && driver->tick % 50 == 7) sample->pose.position_m[1] = NAN;
+    if (FLAW == JUMPS && driver->tick % 100 == 7) sample->pose = hyst_pose_of(0.5f, 0.5f, 0.0f, 0.08f);
+}
+
+int main(int argc, char **argv) {
+    static hyst_driver driver;
+    int code = hyst_begin(&driver, argc, argv);
+    if (code >= 0) return code;
+    hyst_statement statement = {
+        .version = HYST_STATEMENT_VERSION,
+        .measured_dof = 4,
+        .driven_dof = 3,
+        .rate_hz = 1.0f / PERIOD_S,
+        .max_force_n = FLAW == STATES_NO_NUMBER ? NAN : 2.0f,
+        .max_stiffness_n_m = 800.0f,
+        .max_damping_n_s_m = 1.0f,
+        .continuous_force_n = 0.9f,
+        .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-0.6f, 0.6f}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
+        .maker = "hystation",
+        .name = "example in C",
+    };
+    if (FLAW != STATES_NOTHING) hyst_state(&driver, &statement);
+    if (!hyst_real_time(&driver)) fprintf(stderr, "not real time: `hystation doctor` says how to allow it\n");
+    device it = {0};
+    float force_n[3] = {0};
+    while (hyst_goes_on(&driver) || FLAW == GOES_ON) {
+        hyst_wait(&driver, FLAW == IS_SLOW ? 2000000u : 1000000u);
+        hyst_take(&driver, force_n);
+        hyst_sample sample = encoders(&it, force_n);
+        spoil(&driver, &sample, force_n);
+        motors(&it, force_n);
+        hyst_give(&driver, &sample);
+    }
+    return hyst_end(&driver);
+}

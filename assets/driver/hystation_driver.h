@@ -1,0 +1,489 @@
+/* hystation_driver.h: what a driver of a haptic device needs to take the place of the simulated one (`hystation run --driver ./my-driver`).
+ * C11, Linux on x86-64, nothing but the C library (-pthread -lm). docs/driver.md says what a driver must state and do.
+ *
+ *     int main(int argc, char **argv) {
+ *         static hyst_driver driver;
+ *         int code = hyst_begin(&driver, argc, argv);
+ *         if (code >= 0) return code;                          // asked what it is, or wrong arguments
+ *         ...open the device; if it is not there: return hyst_fail(&driver, 2, "what, and what to do")
+ *         hyst_state(&driver, &statement);
+ *         hyst_real_time(&driver);
+ *         while (hyst_goes_on(&driver)) {                      // until the station stops
+ *             hyst_wait(&driver, 1000000);                     // or wait for the device's own clock
+ *             float force_n[3];
+ *             hyst_take(&driver, force_n);                     // checked, limited, ramped to zero when the station is silent
+ *             ...give force_n to the motors; read the encoders into sample
+ *             hyst_give(&driver, &sample);
+ *         }
+ *         return hyst_end(&driver);                            // and let the motors go
+ *     }
+ *
+ * SI units. World frame: metres, right-handed, origin at the pivot in the cervix, +z into the uterus, +y anterior, +x to the patient's left.
+ * A force is what the hand is to feel at the tip, N, in that frame. One thread calls these functions.
+ */
+#ifndef HYSTATION_DRIVER_H
+#define HYSTATION_DRIVER_H
+
+#ifndef _GNU_SOURCE
+#error "define _GNU_SOURCE before the first header: real time and robust mutexes need it"
+#endif
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <linux/futex.h>
+#include <math.h>
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+/* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
+/* layout begins */
+/* layout ends */
+
+#define HYST_STATEMENT_VERSION 1u
+#define HYST_ENERGIZED 1u /* hyst_controls.buttons: the hand wants current in the loop */
+#define HYST_EXTENDED 2u  /* ... and this: it wants the loop out */
+
+typedef struct {
+    float position_m[3];    /* tip, in the world frame */
+    float pitch_rad;        /* about x */
+    float orientation[4];   /* unit quaternion x, y, z, w; its +z is the scope's axis, inwards */
+    float yaw_rad;          /* about y */
+    float roll_rad;         /* about the scope's axis */
+    float insertion_m;      /* from the pivot to the tip */
+    float camera_roll_rad;  /* camera head against the scope */
+} hyst_pose;
+
+typedef struct {
+    uint32_t buttons;       /* HYST_ENERGIZED, HYST_EXTENDED */
+    float inflow_valve;     /* 0 shut to 1 open */
+    float outflow_valve;
+    float set_pressure_pa;
+    float light;            /* 0 to 1 */
+    float loop_extension_m; /* beyond the sheath */
+} hyst_controls;
+
+typedef struct {
+    uint64_t hardware_tick; /* counts the samples; hyst_give sets it */
+    uint64_t time_ns;       /* CLOCK_MONOTONIC of the encoders' reading; hyst_give sets it if it is 0 */
+    hyst_pose pose;
+    float velocity_m_s[3];  /* of the tip */
+    float force_n[3];       /* that the motors make at this moment */
+    hyst_controls controls;
+} hyst_sample;
+
+typedef struct {
+    uint64_t tick;          /* of the station, when it was written */
+    uint64_t force_tick;    /* of the input that the force was computed from */
+    float force_n[3];
+    uint32_t kind;          /* 0 fresh, 1 held, 2 on the way to zero, 3 zero */
+    uint32_t source_incarnation;
+    uint32_t device_incarnation;
+} hyst_command;
+
+typedef struct {
+    uint32_t version;             /* HYST_STATEMENT_VERSION */
+    uint32_t measured_dof;        /* 3 to 7: pitch, yaw, insertion at least */
+    uint32_t driven_dof;          /* 1 to 6 */
+    float rate_hz;                /* samples in a second, 500 to 10 000 */
+    float max_force_n;            /* for short, 0.1 to 100 */
+    float max_stiffness_n_m;      /* that it makes stably, 10 to 100 000 */
+    float max_damping_n_s_m;      /* likewise, 0.01 to 1 000 */
+    float continuous_force_n;     /* for any time; no more than max_force_n */
+    float resolution_m;           /* smallest motion of the tip that is measured; 0 if that is not known */
+    uint32_t reserved;            /* 0 */
+    float pitch_rad[2];           /* least and greatest */
+    float yaw_rad[2];
+    float roll_rad[2];
+    float insertion_m[2];
+    char maker[32];               /* UTF-8, ended by a zero */
+    char name[32];
+} hyst_statement;
+
+typedef struct {
+    uint64_t hardware_tick, time_ns, station_tick, force_tick;
+    float force_n[3];
+    uint32_t kind, source_incarnation, is_void;
+} hyst_ledger_entry;
+
+_Static_assert(sizeof(hyst_sample) == HYST_SAMPLE_BYTES && sizeof(hyst_command) == HYST_COMMAND_BYTES &&
+               sizeof(hyst_statement) == HYST_STATEMENT_BYTES && sizeof(hyst_ledger_entry) == HYST_LEDGER_ENTRY_BYTES, "the station's layouts");
+
+typedef struct {
+    _Atomic uint32_t *words32;
+    _Atomic uint64_t *words64;
+    size_t bytes;
+} hyst_page;
+
+typedef struct {
+    char station[32];
+    uint32_t incarnation;
+    hyst_page own, clock, device;
+    hyst_statement stated;
+    uint32_t device_incarnation; /* whose page `device` is; 0 if none */
+    hyst_command command;        /* the newest that was followed */
+    float command_n[3];          /* its force */
+    uint32_t silent_ticks;       /* since then */
+    uint64_t tick;               /* samples given */
+    uint64_t due_ns;             /* when hyst_wait wakes next */
+    uint64_t newest_force_tick, trace;
+    float last_n[3];
+} hyst_driver;
+
+static inline uint64_t hyst_now_ns(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000000u + (uint64_t)now.tv_nsec;
+}
+
+/* ---- cells and rings: one writer, any number of readers; see shared/exchange/src/cell.rs for why these orderings suffice ---- */
+
+static inline uint64_t hyst_hash(uint64_t seed, const uint64_t *words, size_t count) {
+    uint64_t hash = seed ^ 0xcbf29ce484222325u;
+    for (size_t i = 0; i < count; i++) {
+        hash = (hash ^ words[i]) * 0x00000100000001b3u;
+        hash = hash << 23 | hash >> 41;
+    }
+    return hash;
+}
+
+static inline void hyst_write_copy(_Atomic uint64_t *copy, uint64_t stamp, const uint64_t *record, size_t words) {
+    atomic_store_explicit(copy, stamp - 1, memory_order_relaxed);
+    atomic_thread_fence(memory_order_release); /* the odd stamp is there before any word of the record */
+    atomic_store_explicit(copy + 1, hyst_hash(stamp, record, words), memory_order_relaxed);
+    for (size_t i = 0; i < words; i++) atomic_store_explicit(copy + 2 + i, record[i], memory_order_relaxed);
+    atomic_store_explicit(copy, stamp, memory_order_release); /* the record is there before the even stamp */
+}
+
+static inline void hyst_write_cell(_Atomic uint64_t *cell, const uint64_t *record, size_t words) {
+    _Atomic uint64_t *second = cell + 2 + words;
+    uint64_t a = atomic_load_explicit(cell, memory_order_relaxed), b = atomic_load_explicit(second, memory_order_relaxed);
+    uint64_t number = (a > b ? a : b) / 2 + 1;
+    hyst_write_copy(number % 2 == 0 ? cell : second, 2 * number, record, words);
+}
+
+/* The newest whole value; its number, or 0 if there is none. */
+static inline uint64_t hyst_read_cell(_Atomic uint64_t *cell, uint64_t *record, size_t words) {
+    for (int attempt = 0; attempt < 4; attempt++) { /* a writer would have to complete two writes during each */
+        uint64_t stamp[2] = {atomic_load_explicit(cell, memory_order_acquire),
+                             atomic_load_explicit(cell + 2 + words, memory_order_acquire)};
+        if (stamp[0] == 0 && stamp[1] == 0) return 0;
+        for (int i = 0; i < 2; i++) if (stamp[i] % 2 != 0) stamp[i] = 0;
+        for (int turn = 0; turn < 2; turn++) {
+            int i = (stamp[0] > stamp[1]) == (turn == 0) ? 0 : 1;
+            _Atomic uint64_t *copy = i == 0 ? cell : cell + 2 + words;
+            if (stamp[i] == 0) continue;
+            uint64_t checksum = atomic_load_explicit(copy + 1, memory_order_relaxed);
+            for (size_t w = 0; w < words; w++) record[w] = atomic_load_explicit(copy + 2 + w, memory_order_relaxed);
+            atomic_thread_fence(memory_order_acquire); /* a word of a later write shows in the stamp below */
+            if (atomic_load_explicit(copy, memory_order_relaxed) == stamp[i] && hyst_hash(stamp[i], record, words) == checksum)
+                return stamp[i] / 2;
+        }
+    }
+    return 0;
+}
+
+static inline void hyst_write_ring(_Atomic uint64_t *ring, size_t entries, uint64_t key, const uint64_t *record, size_t words) {
+    hyst_write_copy(ring + 1 + key % entries * (2 + words), 2 * (key + 1), record, words);
+    atomic_store_explicit(ring, key + 1, memory_order_release);
+}
+
+/* ---- pages ---- */
+
+static inline uint64_t hyst_load(const hyst_page *page, size_t word) {
+    return atomic_load_explicit(page->words64 + word, memory_order_acquire);
+}
+static inline void hyst_store(hyst_page *page, size_t word, uint64_t value) {
+    atomic_store_explicit(page->words64 + word, value, memory_order_release);
+}
+static inline void hyst_add(hyst_page *page, size_t word, uint64_t value) {
+    hyst_store(page, word, atomic_load_explicit(page->words64 + word, memory_order_relaxed) + value);
+}
+static inline uint32_t hyst_load32(const hyst_page *page, size_t word) {
+    return atomic_load_explicit(page->words32 + word, memory_order_acquire);
+}
+
+/* Maps a page of so many 64-bit words, or its first bytes alone; 0 if that is refused, or it is of another version. */
+static inline int hyst_map(hyst_page *page, const char *path, size_t words, size_t mapped_words, int may_write) {
+    size_t whole = (4 * HYST_WORDS32 + 8 * words + 4095) / 4096 * 4096;
+    size_t bytes = (4 * HYST_WORDS32 + 8 * mapped_words + 4095) / 4096 * 4096;
+    int file = open(path, (may_write ? O_RDWR : O_RDONLY) | O_CLOEXEC);
+    if (file < 0) return 0;
+    struct stat found;
+    void *start = MAP_FAILED;
+    if (fstat(file, &found) == 0 && (size_t)found.st_size == whole)
+        start = mmap(NULL, bytes, PROT_READ | (may_write ? PROT_WRITE : 0), MAP_SHARED | MAP_POPULATE, file, 0);
+    close(file);
+    if (start == MAP_FAILED) return 0;
+    hyst_page made = {(_Atomic uint32_t *)start, (_Atomic uint64_t *)((char *)start + 4 * HYST_WORDS32), bytes};
+    if (hyst_load(&made, HYST_MAGIC_WORD) != (0x4859535450414745u ^ HYST_LAYOUT_HASH)) { /* "HYSTPAGE" */
+        munmap(start, bytes);
+        return 0;
+    }
+    *page = made;
+    return 1;
+}
+
+static inline void hyst_set_state(hyst_driver *driver, uint32_t state) {
+    _Atomic uint32_t *word = driver->own.words32 + HYST_STATE;
+    atomic_store_explicit(word, state, memory_order_release);
+    syscall(SYS_futex, word, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
+}
+
+static inline void hyst_root(const hyst_driver *driver, char *path, size_t size, const char *file) {
+    snprintf(path, size, "/dev/shm/hystation-%u-%s/%s", (unsigned)getuid(), driver->station, file);
+}
+
+/* ---- a life: begin, state, go on, end ---- */
+
+/* Says why it cannot go on: on stderr, which is the process's log, and in its page. Code 2: a restart would not help, and the station ends;
+ * 1: it is started again. */
+static inline int hyst_fail(hyst_driver *driver, int code, const char *why) {
+    fprintf(stderr, "%s\n", why);
+    if (driver->own.words64 == NULL) return code;
+    uint64_t words[HYST_LAST_WORDS_WORDS] = {0};
+    size_t length = strlen(why), most = sizeof words - 1;
+    memcpy(words, why, length < most ? length : most);
+    for (size_t i = 0; i < HYST_LAST_WORDS_WORDS; i++) hyst_store(&driver->own, HYST_LAST_WORDS + i, words[i]);
+    hyst_set_state(driver, 5);
+    return code;
+}
+
+/* The kernel marks this lock when the thread that holds it dies, whatever of: so a death is seen at once. */
+static inline void hyst_hold_latch(hyst_driver *driver) {
+    pthread_mutexattr_t kind;
+    pthread_mutex_t *latch = (pthread_mutex_t *)(void *)(driver->own.words64 + HYST_LATCH);
+    if (pthread_mutexattr_init(&kind) != 0) return;
+    if (pthread_mutexattr_setrobust(&kind, PTHREAD_MUTEX_ROBUST) == 0 && pthread_mutexattr_setpshared(&kind, PTHREAD_PROCESS_SHARED) == 0 &&
+        pthread_mutex_init(latch, &kind) == 0)
+        pthread_mutex_lock(latch);
+    pthread_mutexattr_destroy(&kind);
+}
+
+/* Reads the command line and opens the pages. Below 0: go on; else end with this exit code, everything is said. */
+static inline int hyst_begin(hyst_driver *driver, int argc, char **argv) {
+    memset(driver, 0, sizeof *driver);
+    if (argc == 2 && strcmp(argv[1], "--describe") == 0) {
+        printf("{\"engine_of\":\"hystation\",\"role\":\"hardware\",\"layout\":%u,\"layout_hash\":\"%016llx\",\"interface\":%u}\n",
+               HYST_LAYOUT_VERSION, (unsigned long long)HYST_LAYOUT_HASH, HYST_INTERFACE_VERSION);
+        return 0;
+    }
+    char *end = NULL, path[256], file[64];
+    int is_call = argc == 7 && strcmp(argv[1], "--station") == 0 && strcmp(argv[3], "--slot") == 0 &&
+                  strcmp(argv[4], "hardware") == 0 && strcmp(argv[5], "--incarnation") == 0;
+    unsigned long incarnation = is_call ? strtoul(argv[6], &end, 10) : 0;
+    if (!is_call || *argv[6] == 0 || *end != 0 || incarnation == 0 || incarnation > UINT32_MAX || strlen(argv[2]) >= sizeof driver->station)
+        return hyst_fail(driver, 2, "this is a driver of hystation; start it with `hystation run --driver FILE`");
+    strcpy(driver->station, argv[2]);
+    driver->incarnation = (uint32_t)incarnation;
+    hyst_root(driver, path, sizeof path, "pages/station.page");
+    int is_open = hyst_map(&driver->clock, path, HYST_STATION_WORDS, HYST_STATION_WORDS, 0);
+    snprintf(file, sizeof file, "pages/%02u-%lu.page", HYST_HARDWARE_SLOT, incarnation);
+    hyst_root(driver, path, sizeof path, file);
+    if (!is_open || !hyst_map(&driver->own, path, HYST_HARDWARE_WORDS, HYST_HARDWARE_WORDS, 1))
+        return hyst_fail(driver, 2, "the station's pages cannot be opened, or are of another version: build the driver with the header of this station");
+    uint64_t nobody = 0;
+    if (!atomic_compare_exchange_strong(driver->own.words64 + HYST_PID, &nobody, (uint64_t)getpid())) {
+        driver->own.words64 = NULL;
+        return hyst_fail(driver, 2, "this life is another process's; start drivers with `hystation run --driver FILE`");
+    }
+    hyst_store(&driver->own, HYST_HEARTBEAT_NS, hyst_now_ns());
+    hyst_set_state(driver, 1);
+    hyst_hold_latch(driver);
+    return -1;
+}
+
+/* Says that the driver lives, while it is long in opening the device: 25 s are given. */
+static inline void hyst_heartbeat(hyst_driver *driver) { hyst_store(&driver->own, HYST_HEARTBEAT_NS, hyst_now_ns()); }
+
+/* States what the device is; once, before the first sample. */
+static inline void hyst_state(hyst_driver *driver, const hyst_statement *statement) {
+    uint64_t record[sizeof(hyst_statement) / 8];
+    driver->stated = *statement;
+    memcpy(record, statement, sizeof record);
+    hyst_write_cell(driver->own.words64 + HYST_STATEMENT, record, sizeof record / 8);
+}
+
+/* Memory locked, SCHED_FIFO above the station's engines, on the core of the `device` engine, unless the station was started with --set realtime=off.
+ * 0 if the system refuses: the driver runs as an ordinary process then. */
+static inline int hyst_real_time(hyst_driver *driver) {
+    char path[256], text[4096] = {0};
+    hyst_root(driver, path, sizeof path, "settings.toml");
+    FILE *settings = fopen(path, "r");
+    size_t length = settings != NULL ? fread(text, 1, sizeof text - 1, settings) : 0;
+    if (settings != NULL) fclose(settings);
+    if (length > 0 && strstr(text, "realtime = \"off\"") != NULL) return 0;
+    struct sched_param priority = {.sched_priority = 86};
+    cpu_set_t core;
+    CPU_ZERO(&core);
+    CPU_SET(0, &core);
+    int locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+    int pinned = sysconf(_SC_NPROCESSORS_ONLN) < 2 || sched_setaffinity(0, sizeof core, &core) == 0;
+    int fifo = sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &priority) == 0;
+    hyst_store(&driver->own, HYST_REAL_TIME, (uint64_t)(fifo | locked << 1 | pinned << 2));
+    hyst_heartbeat(driver);
+    return fifo;
+}
+
+/* Whether the station goes on. */
+static inline int hyst_goes_on(hyst_driver *driver) { return hyst_load32(&driver->clock, HYST_STOP) == 0; }
+
+/* Sleeps until the next period of the driver's own clock; periods that have passed are left out. */
+static inline void hyst_wait(hyst_driver *driver, uint64_t period_ns) {
+    uint64_t now_ns = hyst_now_ns();
+    driver->due_ns += period_ns;
+    if (driver->due_ns + period_ns < now_ns) driver->due_ns = now_ns;
+    struct timespec due = {(time_t)(driver->due_ns / 1000000000u), (long)(driver->due_ns % 1000000000u)};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL) == EINTR) {}
+}
+
+/* ---- the force ---- */
+
+static inline float hyst_length(const float v[3]) { return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+/* The station's tick at a time. */
+static inline uint64_t hyst_tick_at(const hyst_driver *driver, uint64_t time_ns) {
+    uint64_t t0_ns = hyst_load(&driver->clock, HYST_T0_NS);
+    return time_ns > t0_ns ? (time_ns - t0_ns) / 1000000u : 0;
+}
+
+/* Finds the page of the `device` engine: another one after each of its deaths. */
+static inline void hyst_look_for_device(hyst_driver *driver) {
+    uint32_t incarnation = hyst_load32(&driver->clock, HYST_SLOT_INCARNATION + HYST_DEVICE_SLOT);
+    if (incarnation == 0 || incarnation == driver->device_incarnation) return;
+    char path[256], file[64];
+    hyst_page page;
+    snprintf(file, sizeof file, "pages/%02u-%u.page", HYST_DEVICE_SLOT, incarnation);
+    hyst_root(driver, path, sizeof path, file);
+    /* Up to the command: a mapping of 80 KiB takes some microseconds. */
+    if (!hyst_map(&page, path, HYST_DEVICE_WORDS, HYST_COMMAND + 2 * (2 + sizeof(hyst_command) / 8), 0)) return;
+    if (driver->device.words64 != NULL) munmap((void *)driver->device.words32, driver->device.bytes);
+    driver->device = page;
+    driver->device_incarnation = incarnation;
+}
+
+/* Counts a command that no motor may follow, and names its writer, which the supervisor replaces. */
+static inline void hyst_refuse(hyst_driver *driver) {
+    uint64_t now_ns = hyst_now_ns(), entry = (uint64_t)HYST_DISTRUST_INVALID << 32 | driver->device_incarnation;
+    hyst_add(&driver->own, HYST_INVALID, 1);
+    if (hyst_load(&driver->own, HYST_DISTRUSTED) != entry) hyst_store(&driver->own, HYST_DISTRUSTED + 1, now_ns);
+    hyst_store(&driver->own, HYST_DISTRUSTED + 2, now_ns);
+    hyst_store(&driver->own, HYST_DISTRUSTED, entry);
+}
+
+/* The force that the motors are to make now, N, never longer than what was stated. A command counts if it is finite, no longer than that, newer than the
+ * last and not from the future. Without one the last force is kept for 8 calls, then ramped to zero in 20. Once for each sample. */
+static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
+    hyst_command command;
+    uint64_t record[sizeof command / 8];
+    float most_n = driver->stated.max_force_n;
+    hyst_look_for_device(driver);
+    driver->silent_ticks += driver->silent_ticks < UINT32_MAX;
+    if (driver->device.words64 != NULL && hyst_read_cell(driver->device.words64 + HYST_COMMAND, record, sizeof record / 8) != 0) {
+        memcpy(&command, record, sizeof command);
+        int is_sound = hyst_length(command.force_n) <= most_n * 1.00001f && command.force_tick <= command.tick &&
+                       command.tick <= hyst_tick_at(driver, hyst_now_ns()) + 2; /* NaN is not */
+        if (!is_sound) hyst_refuse(driver);
+        if (is_sound && command.tick > driver->command.tick) {
+            driver->command = command;
+            memcpy(driver->command_n, command.force_n, sizeof driver->command_n);
+            driver->silent_ticks = 0;
+        }
+    }
+    uint32_t ramped = driver->silent_ticks > 8 ? driver->silent_ticks - 8 : 0;
+    float left = ramped >= 20 ? 0.0f : 1.0f - (float)ramped / 20.0f;
+    if (driver->silent_ticks == 9) hyst_add(&driver->own, HYST_TOTALS + HYST_TRIPS, 1);
+    for (int i = 0; i < 3; i++) force_n[i] = driver->command_n[i] * left;
+}
+
+/* ---- the sample ---- */
+
+/* What the tick was, for the station's ledger: 0 fresh, 1 held, 2 ramped, 3 zero. */
+static inline uint32_t hyst_kind(const hyst_driver *driver, const float force_n[3], uint64_t station_tick) {
+    const hyst_command *command = &driver->command;
+    int is_zero = force_n[0] == 0.0f && force_n[1] == 0.0f && force_n[2] == 0.0f;
+    if (command->tick == 0) return 3;
+    if (command->kind == 0 && command->force_tick + 1 >= station_tick) return 0;
+    if (command->kind == 2 && !is_zero) return 2;
+    if (command->kind == 3) return 3;
+    return is_zero && driver->silent_ticks > 0 && hyst_length(driver->command_n) > 0.0f ? 3 : 1;
+}
+
+static inline void hyst_keep_ledger(hyst_driver *driver, const hyst_sample *sample) {
+    const hyst_command *command = &driver->command;
+    hyst_ledger_entry entry = {sample->hardware_tick, sample->time_ns, hyst_tick_at(driver, sample->time_ns), command->force_tick,
+                               {sample->force_n[0], sample->force_n[1], sample->force_n[2]}, 0, command->source_incarnation, 0};
+    entry.kind = hyst_kind(driver, sample->force_n, entry.station_tick);
+    uint64_t record[sizeof entry / 8], bits[3] = {0}, step_bits, most_bits;
+    double step = 0.0, most;
+    for (int i = 0; i < 3; i++) {
+        step += ((double)sample->force_n[i] - driver->last_n[i]) * ((double)sample->force_n[i] - driver->last_n[i]);
+        memcpy(&bits[i], &sample->force_n[i], 4);
+        driver->last_n[i] = sample->force_n[i];
+    }
+    uint64_t words[2] = {bits[0] << 32 | bits[1], bits[2]};
+    driver->trace = hyst_hash(driver->trace, words, 2);
+    step = sqrt(step);
+    most_bits = hyst_load(&driver->own, HYST_TOTALS + HYST_FORCE_STEP_MAX);
+    memcpy(&most, &most_bits, 8);
+    memcpy(&step_bits, &step, 8);
+    if (step > most) hyst_store(&driver->own, HYST_TOTALS + HYST_FORCE_STEP_MAX, step_bits);
+    hyst_store(&driver->own, HYST_TOTALS + HYST_TRACE_HASH, driver->trace);
+    hyst_add(&driver->own, HYST_TOTALS + HYST_INVALID_APPLIED, !(hyst_length(sample->force_n) <= driver->stated.max_force_n * 1.001f));
+    if (driver->silent_ticks == 0 && command->kind == 0) {
+        hyst_add(&driver->own, HYST_TOTALS + HYST_STALE_APPLIED, command->force_tick < driver->newest_force_tick);
+        if (command->force_tick > driver->newest_force_tick) driver->newest_force_tick = command->force_tick;
+    }
+    hyst_add(&driver->own, HYST_TOTALS, 1);
+    hyst_add(&driver->own, HYST_TOTALS + 1 + entry.kind, 1); /* fresh, held, ramped, zero in this order */
+    memcpy(record, &entry, sizeof record);
+    hyst_write_ring(driver->own.words64 + HYST_LEDGER, HYST_LEDGER_ENTRIES, entry.hardware_tick, record, sizeof record / 8);
+}
+
+/* Gives a sample to the station. force_n in it is what the motors make. */
+static inline void hyst_give(hyst_driver *driver, hyst_sample *sample) {
+    uint64_t record[sizeof *sample / 8];
+    sample->hardware_tick = ++driver->tick;
+    uint64_t now_ns = hyst_now_ns();
+    if (sample->time_ns == 0) sample->time_ns = now_ns;
+    memcpy(record, sample, sizeof record);
+    hyst_write_cell(driver->own.words64 + HYST_SAMPLE, record, sizeof record / 8);
+    hyst_store(&driver->own, HYST_VALUE_NS, sample->time_ns);
+    hyst_keep_ledger(driver, sample);
+    hyst_store(&driver->own, HYST_HEARTBEAT_NS, now_ns);
+    hyst_store(&driver->own, HYST_TICK, driver->tick);
+    hyst_add(&driver->own, HYST_STEPS, 1);
+    if (driver->tick == 1) hyst_set_state(driver, 3); /* live */
+}
+
+/* The pose of a scope whose four degrees of freedom about the pivot are known. */
+static inline hyst_pose hyst_pose_of(float pitch_rad, float yaw_rad, float roll_rad, float insertion_m) {
+    hyst_pose pose = {.pitch_rad = pitch_rad, .yaw_rad = yaw_rad, .roll_rad = roll_rad, .insertion_m = insertion_m};
+    double p = pitch_rad / 2.0, y = yaw_rad / 2.0, r = roll_rad / 2.0;
+    double q[4] = {cos(y) * sin(p), sin(y) * cos(p), -sin(y) * sin(p), cos(y) * cos(p)}; /* about y, then about x */
+    pose.position_m[0] = (float)(insertion_m * sin(yaw_rad) * cos(pitch_rad));
+    pose.position_m[1] = (float)(insertion_m * -sin(pitch_rad));
+    pose.position_m[2] = (float)(insertion_m * cos(yaw_rad) * cos(pitch_rad));
+    pose.orientation[0] = (float)(q[0] * cos(r) + q[1] * sin(r));
+    pose.orientation[1] = (float)(q[1] * cos(r) - q[0] * sin(r));
+    pose.orientation[2] = (float)(q[2] * cos(r) + q[3] * sin(r));
+    pose.orientation[3] = (float)(q[3] * cos(r) - q[2] * sin(r));
+    return pose;
+}
+
+/* The station stops. */
+static inline int hyst_end(hyst_driver *driver) {
+    hyst_set_state(driver, 4);
+    return 0;
+}
+
+#endif

@@ -1,0 +1,210 @@
+//! What is plugged in: the hardware's page, what it states of itself, and which of its samples count. A sample that is not finite, beyond what the
+//! device states, or farther from the one before than a hand can move in the time is refused, and the one before stays. When none has come that counts
+//! for [`MOST_OLD_TICKS`], nobody knows where the tip is, and the force is let go: held for 2 ticks, then ramped to zero.
+
+use hyst_engine::{Failure, Life};
+use hyst_exchange::{ReadPage, system};
+use hyst_messages::page::device::Distrust;
+use hyst_messages::page::hardware;
+use hyst_messages::{DeviceLimits, DeviceStatement, HardwareSample, Role};
+
+/// Ticks without a new sample that counts, after which the force is let go. A device on USB is late by some ticks now and then.
+const MOST_OLD_TICKS: u32 = 10;
+/// Samples in a row that go on from each other and not from the last that counted, after which the hand is believed to be there: by then the force is gone.
+const MOVED_SAMPLES: u32 = 40;
+/// How long a device that was started waits for what the hardware states, ns: as long as a start may take.
+const PATIENCE_NS: u64 = 25_000_000_000;
+/// Between two looks for it, ns.
+const LOOK_NS: u64 = 100_000;
+
+/// The hardware as the device sees it.
+pub struct Plugged {
+    page: ReadPage,
+    stated: DeviceStatement,
+    /// On a virtual clock samples come as they were recorded or are computed, each in its tick.
+    trusts: bool,
+    /// Number of the newest sample that was looked at.
+    number: u64,
+    sample: HardwareSample,
+    counted: bool,
+    old_ticks: u32,
+    /// The newest sample that was refused, and how many in a row went on from each other.
+    strayed: HardwareSample,
+    strayed_count: u32,
+}
+
+impl Plugged {
+    /// Waits until the hardware has said what it is, and checks that.
+    pub fn wait(life: &Life, page: ReadPage) -> Result<Plugged, Failure> {
+        let deadline_ns = system::now_ns() + PATIENCE_NS;
+        while page.cell(hardware::STATEMENT).is_none() {
+            if life.clock.stop_requested() || !life.is_alive(Role::Hardware, page.incarnation()) {
+                return Err(Failure::Broken("the hardware has gone before it said what it is".into()));
+            }
+            if system::now_ns() > deadline_ns {
+                let within_s = PATIENCE_NS / 1_000_000_000;
+                return Err(Failure::Input(format!("the driver has not stated what its device is within {within_s} s")));
+            }
+            life.heartbeat();
+            system::sleep_ns(LOOK_NS);
+        }
+        let mut plugged = Plugged::new(page, life.is_lockstep());
+        plugged.hear()?;
+        Ok(plugged)
+    }
+
+    fn new(page: ReadPage, trusts: bool) -> Plugged {
+        let (stated, sample) = (DeviceStatement::default(), HardwareSample::default());
+        Plugged { page, stated, trusts, number: 0, sample, counted: false, old_ticks: 0, strayed: sample, strayed_count: 0 }
+    }
+
+    /// Another life of the hardware: gives back the page of the one before. What it says counts when it has stated what it is.
+    pub fn replace(&mut self, page: ReadPage) -> ReadPage {
+        let next = Plugged { sample: self.sample, ..Plugged::new(page, self.trusts) };
+        std::mem::replace(self, next).page
+    }
+
+    /// Reads the statement, if it was not read yet. One that is wrong is refused; a successor of this process meets it when it starts.
+    fn hear(&mut self) -> Result<bool, Failure> {
+        if self.stated.version == 0 {
+            let Some((_, stated)) = self.page.cell(hardware::STATEMENT) else { return Ok(false) };
+            stated.check().map_err(|why| Failure::Input(format!("what the driver states cannot be used: {why}")))?;
+            self.stated = stated;
+        }
+        Ok(true)
+    }
+
+    /// The page.
+    pub fn page(&self) -> &ReadPage {
+        &self.page
+    }
+
+    /// What the hardware can do at most; nothing is stated before it was heard.
+    pub fn limits(&self) -> DeviceLimits {
+        self.stated.limits
+    }
+
+    /// The sample of this tick. Once a tick.
+    pub fn look(&mut self, life: &Life) -> Result<HardwareSample, Failure> {
+        self.old_ticks = self.old_ticks.saturating_add(1);
+        if !self.hear()? || self.page.cell_number(hardware::SAMPLE) == self.number {
+            return Ok(self.sample);
+        }
+        if let Some((number, sample)) = self.page.cell(hardware::SAMPLE) {
+            self.number = number;
+            if let Err(why) = self.take(sample) {
+                life.refuse(self.page.incarnation(), why);
+            }
+        }
+        Ok(self.sample)
+    }
+
+    /// Whether nobody knows where the tip is.
+    pub fn is_silent(&self) -> bool {
+        !self.trusts && self.old_ticks > MOST_OLD_TICKS
+    }
+
+    fn take(&mut self, sample: HardwareSample) -> Result<(), Distrust> {
+        if !self.trusts {
+            if self.stated.admits(&sample).is_err() {
+                self.strayed_count = 0;
+                return Err(Distrust::Invalid);
+            }
+            if self.counted && !sample.goes_on_from(&self.sample) {
+                self.strayed_count = if sample.goes_on_from(&self.strayed) { self.strayed_count + 1 } else { 0 };
+                self.strayed = sample;
+                if self.strayed_count < MOVED_SAMPLES {
+                    return Err(Distrust::Invalid);
+                }
+            }
+        }
+        (self.sample, self.counted, self.old_ticks, self.strayed_count) = (sample, true, 0, 0);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::Station;
+    use hyst_messages::{Pose, STATEMENT_VERSION, Slot, TICK_NS, statement_text};
+
+    fn stated() -> DeviceStatement {
+        DeviceStatement {
+            version: STATEMENT_VERSION,
+            measured_dof: 4,
+            driven_dof: 3,
+            rate_hz: 1_000.0,
+            limits: DeviceLimits { max_force_n: 3.3, max_stiffness_n_m: 1_200.0, max_damping_n_s_m: 2.0 },
+            continuous_force_n: 0.9,
+            pitch_rad: [-0.6, 0.6],
+            yaw_rad: [-0.6, 0.6],
+            roll_rad: [-3.0, 3.0],
+            insertion_m: [0.0, 0.1],
+            maker: statement_text("Nobody"),
+            name: statement_text("Nothing"),
+            ..DeviceStatement::default()
+        }
+    }
+
+    /// At rest, so deep.
+    fn at(tick: u64, insertion_m: f32) -> HardwareSample {
+        let pose =
+            Pose { position_m: [0.0, 0.0, insertion_m], orientation: [0.0, 0.0, 0.0, 1.0], insertion_m, ..Pose::default() };
+        HardwareSample { hardware_tick: tick, time_ns: tick * TICK_NS, pose, ..HardwareSample::default() }
+    }
+
+    #[test]
+    fn a_tip_that_jumps_stays_where_it_was_until_the_force_is_gone_and_one_that_is_silent_is_said_to_be() {
+        let station = Station::named(&format!("t{}-plugged", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        std::fs::write(station.settings(), "").unwrap();
+        let slots = [Role::Hardware, Role::Device].map(Slot::first);
+        let hardware = station.create_slot(slots[0], 3).unwrap();
+        let _own = station.create_slot(slots[1], 4).unwrap();
+        let life = Life::begin(station.name(), slots[1], 4).unwrap();
+        let mut plugged = Plugged::new(station.read_slot(slots[0], 3).unwrap(), false);
+        hardware.write(hardware::SAMPLE, &at(1, 0.05));
+        assert_eq!(plugged.look(&life).unwrap(), HardwareSample::default(), "it has not said what it is");
+        hardware.write(hardware::STATEMENT, &stated());
+        assert_eq!(plugged.look(&life).unwrap(), at(1, 0.05));
+        hardware.write(hardware::SAMPLE, &at(2, f32::NAN));
+        assert_eq!((plugged.look(&life).unwrap(), plugged.is_silent()), (at(1, 0.05), false));
+        // Back where it was, and then 3 cm from there in a tick: not believed before the force was let go.
+        hardware.write(hardware::SAMPLE, &at(3, 0.05));
+        assert_eq!(plugged.look(&life).unwrap(), at(3, 0.05));
+        let refused: Vec<bool> = (4..=60)
+            .map(|tick| {
+                hardware.write(hardware::SAMPLE, &at(tick, 0.08));
+                let is_refused = plugged.look(&life).unwrap() == at(3, 0.05);
+                assert_eq!(is_refused && tick > 3 + u64::from(MOST_OLD_TICKS), plugged.is_silent(), "tick {tick}");
+                is_refused
+            })
+            .collect();
+        // Longer than the force needs to be held and ramped, and then believed for good.
+        assert!((35..50).contains(&refused.iter().filter(|refused| **refused).count()), "{refused:?}");
+        assert!(refused.is_sorted_by(|a, b| a >= b), "{refused:?}");
+        for tick in 1..=MOST_OLD_TICKS + 1 {
+            plugged.look(&life).unwrap();
+            assert_eq!(plugged.is_silent(), tick > MOST_OLD_TICKS, "tick {tick} without a sample");
+        }
+        station.wipe();
+    }
+
+    #[test]
+    fn a_statement_that_cannot_be_used_is_refused_with_its_number() {
+        let station = Station::named(&format!("t{}-stated", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let slot = Slot::first(Role::Hardware);
+        let hardware = station.create_slot(slot, 3).unwrap();
+        let mut bad = stated();
+        bad.limits.max_force_n = f32::NAN;
+        hardware.write(hardware::STATEMENT, &bad);
+        let mut plugged = Plugged::new(station.read_slot(slot, 3).unwrap(), false);
+        let said = plugged.hear().unwrap_err();
+        assert!(matches!(&said, Failure::Input(text) if text.contains("max_force_n is NaN")), "{said}");
+        station.wipe();
+    }
+}

@@ -1,0 +1,26 @@
+//! What `replay` adds to the arguments of `run`.
+
+use hyst_engine::settings::Replay;
+use std::path::PathBuf;
+
+/// How `replay` runs a station.
+#[derive(Clone, Debug)]
+pub struct Again {
+    /// From where, and how fast.
+    pub replay: Replay,
+    /// Hash of the scene that was recorded.
+    pub scene_hash: u64,
+    /// The case that was recorded, with its seed, and the file that was named then.
+    pub case: Option<RecordedCase>,
+    /// The last tick.
+    pub end_tick: u64,
+}
+
+/// A case as a recording has it.
+#[derive(Clone, Debug)]
+pub struct RecordedCase {
+    /// Its text, with the seed and the whole path of its scene.
+    pub text: String,
+    /// The file that was named, absolute.
+    pub file: Option<PathBuf>,
+}
