@@ -54,7 +54,14 @@ pub struct Effort {
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { period_ticks: SLOWEST_TICKS, scale: 1.0, focus: true, roomy_ticks: 0, patience_ticks: PATIENCE_TICKS[0], last_ms: 0.0 }
+        Self {
+            period_ticks: SLOWEST_TICKS,
+            scale: 1.0,
+            focus: true,
+            roomy_ticks: 0,
+            patience_ticks: PATIENCE_TICKS[0],
+            last_ms: 0.0,
+        }
     }
 }
 

@@ -7,10 +7,10 @@ use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, HardwareSample, PointerRe
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
 
-/// How far a target may be from the scope: rad, rad, rad, m. A hand's lead over an instrument that is held.
-const REACH: [f32; 4] = [0.25, 0.25, 0.6, 0.012];
-/// Bounds of a target whatever the scope says: rad, rad, rad, m.
-const BOUNDS: [(f32, f32); 4] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2)];
+/// How far a target may be from the scope: rad, rad, rad, m, rad. A hand's lead over an instrument that is held.
+const REACH: [f32; 5] = [0.25, 0.25, 0.6, 0.012, 0.6];
+/// Bounds of a target whatever the scope says: rad, rad, rad, m, rad.
+const BOUNDS: [(f32, f32); 5] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2), (-PI, PI)];
 /// What a key changes the set pressure by, and within what: 5 mmHg, from 15 to 150, the range of such pumps, Pa.
 const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
 const PRESSURE_PA: [f32; 2] = [15.0 * 133.322, 150.0 * 133.322];
@@ -29,12 +29,12 @@ impl Hand {
     /// The next record; `now` is what the hardware says of scope and controls.
     pub fn follow(&mut self, input: &PointerInput, now: &HardwareSample) -> PointerRecord {
         let scope = &now.pose;
-        let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m];
+        let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m, scope.camera_roll_rad];
         if self.record.sequence == 0 {
             (self.record.target, self.record.controls) = (at, now.controls);
         }
         // A view that goes up is a negative turn about +x; one that goes right is a negative turn about +y.
-        let moved = [-input.pitch_rad, -input.yaw_rad, input.roll_rad, input.insertion_m];
+        let moved = [-input.pitch_rad, -input.yaw_rad, input.roll_rad, input.insertion_m, input.head_rad];
         for (axis, target) in self.record.target.iter_mut().enumerate() {
             let wanted = *target + moved[axis];
             let (low, high) = BOUNDS[axis];
@@ -70,7 +70,8 @@ mod tests {
     use hyst_messages::{Controls, Pose};
 
     fn now() -> HardwareSample {
-        let pose = Pose { pitch_rad: 0.1, yaw_rad: -0.2, roll_rad: 0.3, insertion_m: 0.04, ..Pose::default() };
+        let pose =
+            Pose { pitch_rad: 0.1, yaw_rad: -0.2, roll_rad: 0.3, insertion_m: 0.04, camera_roll_rad: 0.5, ..Pose::default() };
         let controls =
             Controls { inflow_valve: 1.0, outflow_valve: 0.3, set_pressure_pa: 9_333.0, light: 1.0, ..Controls::default() };
         HardwareSample { pose, controls, ..HardwareSample::default() }
@@ -84,7 +85,7 @@ mod tests {
     fn the_first_record_leaves_the_scope_where_it_is_and_what_was_set_as_it_was() {
         let controls = Controls { outflow_valve: 0.0, set_pressure_pa: 5_000.0, buttons: BUTTON_EXTENDED, ..now().controls };
         let record = Hand::default().follow(&PointerInput::default(), &HardwareSample { controls, ..now() });
-        assert_eq!((record.sequence, record.target, record.controls), (1, [0.1, -0.2, 0.3, 0.04], controls));
+        assert_eq!((record.sequence, record.target, record.controls), (1, [0.1, -0.2, 0.3, 0.04, 0.5], controls));
     }
 
     #[test]
@@ -142,7 +143,18 @@ mod tests {
 
     #[test]
     fn every_key_of_the_help_moves_the_scope_or_sets_something_or_is_of_the_picture() {
-        let moves = [Key::Down, Key::Up, Key::Left, Key::Right, Key::TurnLeft, Key::TurnRight, Key::Out, Key::In];
+        let moves = [
+            Key::Down,
+            Key::Up,
+            Key::Left,
+            Key::Right,
+            Key::TurnLeft,
+            Key::TurnRight,
+            Key::Out,
+            Key::In,
+            Key::HeadLeft,
+            Key::HeadRight,
+        ];
         for key in Key::all() {
             let mut hand = Hand::default();
             let before = hand.follow(&PointerInput::default(), &now());

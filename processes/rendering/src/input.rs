@@ -16,6 +16,8 @@ pub struct PointerInput {
     pub insertion_m: f32,
     /// clockwise, rad
     pub roll_rad: f32,
+    /// the camera head on the scope, clockwise, rad
+    pub head_rad: f32,
     /// mouse buttons held: bit 0 left, 1 right, 2 middle
     pub buttons: u32,
     /// keys held, a bit per [`Key`]
@@ -55,6 +57,10 @@ pub enum Key {
     TurnLeft,
     /// turn the scope clockwise
     TurnRight,
+    /// turn the camera head anticlockwise
+    HeadLeft,
+    /// turn the camera head clockwise
+    HeadRight,
     /// extend or retract the loop
     LoopOut,
     /// current in the loop
@@ -98,6 +104,7 @@ pub(crate) enum Axis {
     Yaw,
     Roll,
     Insertion,
+    Head,
 }
 
 impl PointerInput {
@@ -108,6 +115,7 @@ impl PointerInput {
             Axis::Yaw => &mut self.yaw_rad,
             Axis::Roll => &mut self.roll_rad,
             Axis::Insertion => &mut self.insertion_m,
+            Axis::Head => &mut self.head_rad,
         }
     }
 }
@@ -151,8 +159,8 @@ pub(crate) const RAD_PER_PX: f32 = 0.0022;
 /// Insertion per notch of the wheel, m.
 const M_PER_NOTCH: f32 = 0.0015;
 
-/// The four degrees of freedom.
-pub(crate) static MOTIONS: [Motion; 4] = [
+/// The degrees of freedom: the scope's four, and its camera's.
+pub(crate) static MOTIONS: [Motion; 5] = [
     Motion {
         axis: Axis::Pitch,
         keys: [(KeyCode::ArrowDown, Key::Down), (KeyCode::ArrowUp, Key::Up)],
@@ -184,6 +192,14 @@ pub(crate) static MOTIONS: [Motion; 4] = [
         mouse: Mouse::Wheel,
         per_step: M_PER_NOTCH,
         does: "out, in",
+    },
+    Motion {
+        axis: Axis::Head,
+        keys: [(KeyCode::KeyZ, Key::HeadLeft), (KeyCode::KeyC, Key::HeadRight)],
+        per_s: 0.8,
+        mouse: Mouse::DragRight(MouseButton::Middle),
+        per_step: 2.0 * RAD_PER_PX,
+        does: "turn the camera head",
     },
 ];
 

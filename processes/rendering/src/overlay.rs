@@ -6,7 +6,7 @@ use crate::font;
 /// Characters per row.
 pub const COLUMNS: usize = 48;
 /// Rows of text, the sign included.
-pub const ROWS: usize = 25;
+pub const ROWS: usize = 26;
 /// From the edge of the picture to the text, px, as `post.wgsl` has it.
 pub(crate) const EDGE_PX: u32 = 6;
 /// Words of the glyph buffer: two per glyph, then one code per cell.

@@ -86,7 +86,13 @@ impl Renderer {
     pub(crate) fn focus_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, wanted: bool) -> bool {
         let is_drawn = wanted && eye.focus.is_some();
         if is_drawn {
-            self.screen_pass(encoder, &self.pipelines.defocus, &self.targets.soft, &self.targets.from_scene, Some((2, true, true)));
+            self.screen_pass(
+                encoder,
+                &self.pipelines.defocus,
+                &self.targets.soft,
+                &self.targets.from_scene,
+                Some((2, true, true)),
+            );
         }
         is_drawn
     }

@@ -247,7 +247,7 @@ mod tests {
 
     /// The axes that a movement goes along, each with its sign.
     fn moved(mut input: PointerInput) -> Vec<(Axis, bool)> {
-        let axes = [Axis::Pitch, Axis::Yaw, Axis::Roll, Axis::Insertion];
+        let axes = [Axis::Pitch, Axis::Yaw, Axis::Roll, Axis::Insertion, Axis::Head];
         let far = axes.into_iter().map(|axis| (axis, *input.along(axis))).filter(|(_, far)| *far != 0.0);
         far.map(|(axis, far)| (axis, far > 0.0)).collect()
     }

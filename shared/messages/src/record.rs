@@ -353,10 +353,12 @@ pub struct TissueStatus {
 pub struct PointerRecord {
     /// Counts changes.
     pub sequence: u64,
-    /// Target of pitch, yaw, roll (rad), insertion (m).
-    pub target: [f32; 4],
+    /// Target of pitch, yaw, roll (rad), insertion (m), and of the camera head on the scope (rad).
+    pub target: [f32; 5],
     /// Valves, buttons, pressure, light.
     pub controls: Controls,
+    /// Explicit padding, zero.
+    pub reserved: u32,
 }
 
 /// How far the recorder has come.

@@ -17,6 +17,8 @@ const REST_S: f64 = 1.0;
 const TICK_S: f32 = 1e-3;
 /// Speed of the loop electrode, m/s: a thumb pushes the working element of a resectoscope to its end in less than half a second.
 const LOOP_SPEED_M_S: f32 = 0.030;
+/// Speed of the camera head at most, rad/s: the other hand turns it.
+const HEAD_SPEED_RAD_S: f32 = 3.0;
 // The scripts' bits go into the records as they are.
 const _: () = assert!(hyst_coupling::BUTTON_ENERGIZED == BUTTON_ENERGIZED && hyst_coupling::BUTTON_EXTENDED == BUTTON_EXTENDED);
 
@@ -44,6 +46,9 @@ pub struct Hand {
     /// How far the loop electrode goes out, and how far it is, m.
     loop_reach_m: f32,
     loop_extension_m: f32,
+    /// How far the camera head is turned on the scope, and is to be, rad.
+    head_rad: f32,
+    head_wanted_rad: f32,
     /// In a replay: the tick that [`Hand::again`] was asked for last is what it does.
     is_again: bool,
 }
@@ -153,6 +158,8 @@ impl Hand {
             changes: scene.fluid.changes.iter().copied().collect(),
             loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
             loop_extension_m: 0.0,
+            head_rad: 0.0,
+            head_wanted_rad: 0.0,
             is_again: false,
         })
     }
@@ -210,6 +217,7 @@ impl Hand {
                 wanted.pose
             }
             Will::Pad(pad) => {
+                self.head_wanted_rad += pad.head_rad_s() * TICK_S;
                 let (pose, pressed) = pad.step(&self.state.pose, &mut self.controls, TICK_S);
                 buttons = pressed;
                 pose
@@ -218,7 +226,8 @@ impl Hand {
                 Some(pointer) => {
                     self.controls = pointer.controls;
                     buttons = pointer.controls.buttons;
-                    let [pitch_rad, yaw_rad, roll_rad, insertion_m] = pointer.target;
+                    let [pitch_rad, yaw_rad, roll_rad, insertion_m, head_rad] = pointer.target;
+                    self.head_wanted_rad = head_rad;
                     *self.pointed.insert(Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m })
                 }
                 None => self.pointed.unwrap_or(self.rest),
@@ -228,6 +237,10 @@ impl Hand {
         let out_m = if buttons & BUTTON_EXTENDED != 0 { self.loop_reach_m } else { 0.0 };
         let most_m = LOOP_SPEED_M_S * TICK_S;
         self.loop_extension_m += (out_m - self.loop_extension_m).clamp(-most_m, most_m);
+        if self.head_wanted_rad.is_finite() {
+            let most_rad = HEAD_SPEED_RAD_S * TICK_S;
+            self.head_rad += (self.head_wanted_rad - self.head_rad).clamp(-most_rad, most_rad);
+        }
         self.controls = Controls { buttons, loop_extension_m: self.loop_extension_m, ..self.controls };
         let pose = &self.state.pose;
         Held {
@@ -238,7 +251,7 @@ impl Hand {
                 yaw_rad: pose.yaw_rad,
                 roll_rad: pose.roll_rad,
                 insertion_m: pose.insertion_m,
-                camera_roll_rad: 0.0,
+                camera_roll_rad: self.head_rad,
             },
             velocity_m_s: self.state.velocity_m_s,
             controls: self.controls,
@@ -307,6 +320,23 @@ mod tests {
             }
             assert!((before_m - end_m).abs() < 1e-6, "{before_m}");
         }
+    }
+
+    #[test]
+    fn the_camera_head_turns_on_the_scope_and_stays_where_it_was_left() {
+        let scene = hyst_scene::load_embedded().unwrap();
+        let mut hand = Hand::in_scene(&scene, "mouse").unwrap();
+        let turned = PointerRecord { sequence: 1, target: [0.0, 0.0, 0.2, 0.04, 0.3], ..PointerRecord::default() };
+        let mut before_rad = 0.0;
+        for tick in 0..300 {
+            let pose = hand.step(tick, [0.0; 3], Some(&turned)).pose;
+            assert!((pose.camera_roll_rad - before_rad).abs() <= 3.001e-3, "{pose:?}");
+            before_rad = pose.camera_roll_rad;
+        }
+        let left = hand.step(300, [0.0; 3], None).pose;
+        assert!((left.camera_roll_rad - 0.3).abs() < 1e-6 && (left.roll_rad - 0.2).abs() < 0.05, "{left:?}");
+        let nowhere = PointerRecord { target: [0.0, 0.0, 0.2, 0.04, f32::NAN], ..turned };
+        assert_eq!(hand.step(301, [0.0; 3], Some(&nowhere)).pose.camera_roll_rad, left.camera_roll_rad);
     }
 
     #[test]

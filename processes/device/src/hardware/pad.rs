@@ -20,6 +20,8 @@ pub use make::{Make, SWITCHES, Switch};
 
 /// Speed at full deflection: pitch, yaw, roll, rad/s; insertion, m/s.
 const SPEEDS: [f32; 4] = [0.7, 0.7, 1.6, 0.04];
+/// Speed of the camera head under a button, rad/s.
+const HEAD_RAD_S: f32 = 0.8;
 /// How far a target may be from the scope: rad, rad, rad, m. Nothing is wound up while the tissue or the workspace holds it.
 const REACH: [f32; 4] = [0.25, 0.25, 0.6, 0.012];
 /// Share of the deflection in which nothing moves: a stick that is let go of does not come to rest in its middle.
@@ -42,6 +44,8 @@ struct Said {
     energized: AtomicU32,
     /// How often each of [`SWITCHES`] was pressed.
     presses: [AtomicU32; SWITCHES.len()],
+    /// Which way the camera head is turned, -1, 0 or 1, as bits of an `f32`.
+    head: AtomicU32,
 }
 
 impl Said {
@@ -50,6 +54,7 @@ impl Said {
             to.store(value.to_bits(), Ordering::Relaxed);
         }
         self.energized.store(u32::from(now.is_energized()), Ordering::Relaxed);
+        self.head.store(now.head().to_bits(), Ordering::Relaxed);
         if let Some(count) = pressed.and_then(|index| self.presses.get(index)) {
             count.fetch_add(1, Ordering::Relaxed);
         }
@@ -79,6 +84,11 @@ impl Pad {
         let read = move || follow(make, &said, first, || find().ok(), pause);
         let thread = std::thread::Builder::new().name("pad".into()).spawn(read);
         thread.map(|_| pad).map_err(|error| Failure::Broken(format!("cannot start a thread: {error}")))
+    }
+
+    /// Speed at which the camera head is turned on the scope, rad/s.
+    pub fn head_rad_s(&self) -> f32 {
+        f32::from_bits(self.said.head.load(Ordering::Relaxed)) * HEAD_RAD_S
     }
 
     /// Where the hand wants the scope in this tick, from where it is; sets valves, pressure and light, and gives the buttons.

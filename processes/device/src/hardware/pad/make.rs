@@ -14,6 +14,9 @@ const AXES: usize = 6;
 /// The vertical axis of a gamepad's cross.
 const CROSS: u16 = 0x11;
 
+/// The camera head turns while they are held: a gamepad's shoulder buttons, to the left and to the right.
+const HEAD: [u16; 2] = [0x136, 0x137];
+
 /// What is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Make {
@@ -122,6 +125,7 @@ pub struct Deflections {
     axes: [f32; AXES],
     is_mouse: bool,
     is_energized: bool,
+    is_turned: [bool; 2],
 }
 
 impl Deflections {
@@ -131,6 +135,7 @@ impl Deflections {
         let pressed = |wanted: Switch| SWITCHES.iter().position(|(code, switch)| (*code, *switch) == (event.code, wanted));
         match (event.kind, event.code) {
             (KEY, code) if CURRENT.contains(&code) => self.is_energized = event.value != 0,
+            (KEY, code) if HEAD.contains(&code) => self.is_turned[usize::from(code - HEAD[0])] = event.value != 0,
             // 2 is a key that repeats itself.
             (KEY, code) if event.value == 1 && code != CROSS => return SWITCHES.iter().position(|(known, _)| *known == code),
             (ABSOLUTE, CROSS) if event.value < 0 => return pressed(Switch::PressureUp),
@@ -153,6 +158,12 @@ impl Deflections {
     /// Whether current flows.
     pub(super) fn is_energized(&self) -> bool {
         self.is_energized
+    }
+
+    /// Which way the camera head is turned: -1 to the left, 1 to the right.
+    pub(super) fn head(&self) -> f32 {
+        let [left, right] = self.is_turned.map(|is_held| if is_held { 1.0 } else { 0.0 });
+        right - left
     }
 
     /// About pitch, yaw, roll and along the insertion. A view that goes up is a negative turn about +x, one that goes right a negative turn about +y.
@@ -211,6 +222,9 @@ mod tests {
             let (down, up) = (after(make, &[(KEY, code, 1)]).0, after(make, &[(KEY, code, 1), (KEY, code, 0)]).0);
             (down.is_energized(), up.is_energized())
         };
+        let head = |events: &[(u16, u16, i32)]| after(Make::Gamepad, events).0.head();
+        let (left, right) = ((KEY, 0x136, 1), (KEY, 0x137, 1));
+        assert_eq!([head(&[left]), head(&[right]), head(&[left, right]), head(&[left, (KEY, 0x136, 0)])], [-1.0, 1.0, 0.0, 0.0]);
         assert_eq!((held(Make::Gamepad, 0x130), held(Make::SpaceMouse, 0x100)), ((true, false), (true, false)));
         let (_, pressed) =
             after(Make::Gamepad, &[(KEY, 0x131, 1), (KEY, 0x131, 2), (KEY, 0x131, 0), (KEY, 0x133, 1), (KEY, 0x2ff, 1)]);
