@@ -1,5 +1,6 @@
 //! The command line, as design.md fixes it.
 
+use crate::case::RecordedCase;
 use clap::{Args, Parser, Subcommand};
 use hyst_engine::settings::Replay;
 use std::path::PathBuf;
@@ -296,6 +297,9 @@ pub struct RunArgs {
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
+    /// Stop by itself when the session of the case is over; its console says when.
+    #[arg(long, conflicts_with = "lockstep")]
+    pub until_end: bool,
     /// script:NAME, replay:FILE, mouse or idle. Default: the mouse in a window, script:press without one.
     #[arg(long)]
     pub hand: Option<String>,
@@ -336,15 +340,6 @@ pub struct Again {
     pub case: Option<RecordedCase>,
     /// The last tick.
     pub end_tick: u64,
-}
-
-/// A case as a recording has it.
-#[derive(Clone, Debug)]
-pub struct RecordedCase {
-    /// Its text, with the seed and the whole path of its scene.
-    pub text: String,
-    /// The file that was named, absolute.
-    pub file: Option<PathBuf>,
 }
 
 /// Reads `30s`, `2m`, `500ms`, `1.5` as seconds.

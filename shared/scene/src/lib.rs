@@ -44,6 +44,7 @@ pub use case::{
 pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{
+    LoopUse, ScriptLeg,
     Deformable, DeformableKind, Electrode, Fixed, Hand, HandPose, Look, Material, Place, Rigid, RigidKind, Scene, Tip, View,
     Workspace,
 };
