@@ -62,7 +62,10 @@ impl Judge {
         let mut lines = vec![format!("goals    {reached} of {}{left}", self.goals.len())];
         if let Some((by, tick)) = self.ended {
             let at_s = self.since_start_s(tick);
-            lines.extend(beside("OVER", &format!("after {:02.0}:{:02.0}: {}", (at_s / 60.0).floor(), (at_s % 60.0).floor(), by.words())));
+            lines.extend(beside(
+                "OVER",
+                &format!("after {:02.0}:{:02.0}: {}", (at_s / 60.0).floor(), (at_s % 60.0).floor(), by.words()),
+            ));
             return lines;
         }
         let is_open = |goal: &crate::judge::GoalState| goal.reached_tick.is_none() && goal.missed_tick.is_none();

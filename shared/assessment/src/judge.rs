@@ -233,7 +233,9 @@ impl Judge {
             Cause::TimeAbove(ticks) => record.tick - self.first_tick.unwrap_or(record.tick) > ticks,
             Cause::Alarm(alarm) => known.alarms & bit(alarm) != 0,
             Cause::Current => is_energized(record),
-            Cause::CurrentIn(region) => is_energized(record) && is_at(&region, record, f64::from(record.sample.controls.loop_extension_m)),
+            Cause::CurrentIn(region) => {
+                is_energized(record) && is_at(&region, record, f64::from(record.sample.controls.loop_extension_m))
+            }
         }
     }
 
@@ -341,7 +343,8 @@ fn is_at(region: &Region, record: &AppliedRecord, ahead_m: f64) -> bool {
         Region::Ball(centre_m, radius_m) => {
             let [x, y, z, w] = pose.orientation.map(f64::from);
             let axis = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
-            let away_m = |tip_m: [f64; 3]| (0..3).map(|i| (tip_m[i] + ahead_m * axis[i] - centre_m[i]).powi(2)).sum::<f64>().sqrt();
+            let away_m =
+                |tip_m: [f64; 3]| (0..3).map(|i| (tip_m[i] + ahead_m * axis[i] - centre_m[i]).powi(2)).sum::<f64>().sqrt();
             finite(pose.position_m).map(away_m).is_some_and(|away_m| away_m <= radius_m)
         }
         Region::Insertion([least_m, most_m]) => (least_m..=most_m).contains(&(f64::from(pose.insertion_m) + ahead_m)),

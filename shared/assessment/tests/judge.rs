@@ -175,6 +175,7 @@ fn current_is_warned_of_where_the_loop_is_and_not_where_the_tip_is() {
     }
     let first: Vec<_> = judge.warnings.iter().map(|warning| warning.first_tick).collect();
     assert_eq!(first, [Some(3), Some(3), Some(2)]);
+    judge.tick(&at(1_500, [0.0, 0.0, 0.042])); // calm
     // Turned by a quarter about y the axis points along x.
     let quarter = std::f32::consts::FRAC_1_SQRT_2;
     let mut record = at(2_000, [-0.012, 0.0, 0.05]);

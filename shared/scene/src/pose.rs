@@ -139,7 +139,8 @@ pub struct LoadedHand {
 impl LoadedHand {
     /// A hand that moves by itself, of which the checks have shown that it has a way or legs.
     pub(crate) fn from_file(name: &str, hand: &Hand, target: Option<usize>) -> LoadedHand {
-        let common = LoadedHand { name: name.to_owned(), target, is_once: hand.once, changes: hand.change.clone(), ..Default::default() };
+        let common =
+            LoadedHand { name: name.to_owned(), target, is_once: hand.once, changes: hand.change.clone(), ..Default::default() };
         if let (Some(first), Some(last)) = (hand.leg.first(), hand.leg.last()) {
             let legs: Vec<HandLeg> = hand.leg.iter().map(HandLeg::from).collect();
             let way = vec![Pose::from(&last.to), Pose::from(&first.to)];

@@ -94,7 +94,13 @@ const CASES: [(&str, &str, Kind, usize, &str); 54] = [
         16,
         "hand.a.leg[0].time_s",
     ),
-    ("[hand.mine]", "[hand.a]\nlike = \"press\"\nchange = [{ at_s = nan }]\n[hand.mine]", Kind::Range, 17, "hand.a.change[0].at_s"),
+    (
+        "[hand.mine]",
+        "[hand.a]\nlike = \"press\"\nchange = [{ at_s = nan }]\n[hand.mine]",
+        Kind::Range,
+        17,
+        "hand.a.change[0].at_s",
+    ),
     ("period_s = 2.0", "period_s = 0.0", Kind::Range, 18, "hand.mine.period_s"),
     ("period_s = 2.0", "period_s = 2.0\ntarget = \"myoma\"", Kind::Name, 19, "hand.mine.target"),
 ];

@@ -311,7 +311,8 @@ mod tests {
             let mut hand = Hand::in_scene(&scene, &format!("script:{name}")).unwrap();
             controls(&mut hand, 2 * period_ticks, None)
         });
-        let last_cut = |all: &[Controls]| all.iter().rposition(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap() as u64;
+        let last_cut =
+            |all: &[Controls]| all.iter().rposition(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap() as u64;
         assert!(last_cut(&all[0]) < period_ticks && last_cut(&all[1]) > period_ticks);
         assert_eq!(all[0].last().unwrap().buttons, 0);
         let set = all.map(|all| all.last().map(|controls| (controls.inflow_valve, controls.outflow_valve)).unwrap());
