@@ -59,7 +59,7 @@ fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_cu
 
 #[test]
 fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
-    let [good, bad] = ["stops", "goes-on"].map(|hand| session("perforation", hand, "40s"));
+    let [good, bad] = ["stops", "goes-on"].map(|hand| session("perforation", hand, "48s"));
     for report in [&good, &bad] {
         assert!(warned(report, "the pump's alarm “perforation”") >= 1, "the wall is pierced");
     }
