@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Makes the meshes of `assets/meshes` from published dimensions: a uterus with a distended cavity, a polyp and a myoma in it.
+"""Makes the meshes of `assets/meshes` from published dimensions: a uterus with a distended cavity, a polyp, a myoma
+and a septum in it.
 
 Promise: the same versions of gmsh and numpy write the same bytes. Every count is a parameter (see `--help`), so that
 finer organs for a benchmark cost one command. Where each dimension comes from stands in SOURCES.md.
@@ -38,6 +39,12 @@ POLYP_HEAD_RADII = (3.9, 3.4)            # flattened as the cavity is
 # --- the myoma: submucous, more than half of it in the cavity ----------------------------------------------------------------
 MYOMA_CENTRE = (-6.0, 4.2, 38.0)         # in the anterior wall, on the patient's right
 MYOMA_RADIUS = 6.0
+# --- the septum: a wedge in the midline that hangs from the fundus and joins the anterior to the posterior wall -----------------
+SEPTUM_TIP_Z, SEPTUM_ROOT_Z = 34.0, 55.5  # 18 mm into a cavity that ends at z = 52, and 3.5 mm in the wall of the fundus
+SEPTUM_EDGE_HALF_WIDTH, SEPTUM_SPREAD = 1.0, 0.05  # of its free edge, and growth per mm towards the fundus
+SEPTUM_IN_WALL = 1.3                     # so far it goes into the anterior and the posterior wall
+SEPTUM_ROUND = 2.0                       # over this length its free edge, and its root, are rounded off
+SEPTUM_SQUARENESS = 5.0                  # of its section across: 2 would be an ellipse
 
 RIM_Z = -9.0            # below it the rim of the external os is meshed finely, so that its edge stays round
 RING = 72               # points on each ring of the fine surface that gmsh meshes anew
@@ -105,6 +112,21 @@ def myoma_rings(grow):
     """Rings of a ball about the origin, from pole to pole."""
     radius = MYOMA_RADIUS * grow
     return [(-radius * np.cos(t), radius * np.sin(t), radius * np.sin(t), 2.0) for t in np.linspace(0.0, np.pi, 40)]
+
+
+def septum_rings(grow):
+    """Rings of the septum from its free edge to its root in the fundus."""
+    middle, half = (SEPTUM_TIP_Z + SEPTUM_ROOT_Z) / 2, (SEPTUM_ROOT_Z - SEPTUM_TIP_Z) / 2 + grow
+    rings = []
+    for t in np.linspace(0.0, np.pi, 60):
+        z = middle - half * np.cos(t)
+        end = np.clip((half - abs(z - middle)) / (SEPTUM_ROUND + grow), 0.0, 1.0)
+        close = np.sqrt(max(0.0, 1 - (1 - end) ** 2))
+        within = np.clip(z, SEPTUM_TIP_Z, CAP_Z)
+        a = SEPTUM_EDGE_HALF_WIDTH + SEPTUM_SPREAD * (z - SEPTUM_TIP_Z) + grow
+        rings.append((z, a * close, (inside_at(within)[1] + SEPTUM_IN_WALL + grow) * close, SEPTUM_SQUARENESS))
+    rings[0], rings[-1] = (rings[0][0], 0.0, 0.0, 2.0), (rings[-1][0], 0.0, 0.0, 2.0)
+    return rings
 
 
 def skin(rings):
@@ -257,11 +279,17 @@ def myoma(solid, count):
     return (points + np.array(MYOMA_CENTRE), triangles), lambda f: lambda *_: f, start
 
 
+def septum(solid, count):
+    start = 2.0 * (800 / count) ** (1 / 3) if solid else 1.1 * (1400 / count) ** 0.5
+    return skin(septum_rings(0.12 if solid else 0.0)), lambda f: lambda *_: f, start
+
+
 # File, shape, tets, triangles (None: the surface of the same shape serves).
 SETS = {
     "uterus": (uterus, 3198, 1646),
     "polyp": (polyp, 206, 1336),
     "myoma": (myoma, 391, 1100),
+    "septum": (septum, 800, 1400),
     "uterus-medium": (uterus, 5392, None),
     "uterus-fine": (uterus, 9780, None),
 }
@@ -273,7 +301,7 @@ def wanted(text):
         return text, *SETS[text]
     shape, *counts = text.split(":")
     numbers = [int(count) for count in counts if count.isdecimal()]
-    if shape not in ("uterus", "polyp", "myoma") or len(numbers) != len(counts) or len(numbers) not in (1, 2) or 0 in numbers:
+    if shape not in ("uterus", "polyp", "myoma", "septum") or len(numbers) != len(counts) or len(numbers) not in (1, 2) or 0 in numbers:
         raise argparse.ArgumentTypeError(f"{text} is neither one of {', '.join(SETS)} nor SHAPE:TETS[:TRIANGLES]")
     return f"{shape}-{numbers[0]}", SETS[shape][0], numbers[0], numbers[1] if len(numbers) == 2 else None
 

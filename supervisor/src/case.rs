@@ -7,6 +7,15 @@ use hyst_exchange::Station;
 use hyst_scene::{SettledCase, find_case};
 use std::path::{Path, PathBuf};
 
+/// A case as a recording has it.
+#[derive(Clone, Debug)]
+pub struct RecordedCase {
+    /// Its text, with the seed and the whole path of its scene.
+    pub text: String,
+    /// The file that was named, absolute.
+    pub file: Option<PathBuf>,
+}
+
 /// A case that can be run.
 pub struct RunCase {
     /// The file that was named.

@@ -5,7 +5,7 @@ mod again;
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
-pub use again::{Again, RecordedCase};
+pub use again::Again;
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
 #[derive(Debug, Parser)]
@@ -299,6 +299,9 @@ pub struct RunArgs {
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]
     pub for_s: Option<f64>,
+    /// Stop by itself when the session of the case is over; its console says when.
+    #[arg(long, conflicts_with = "lockstep")]
+    pub until_end: bool,
     /// script:NAME, replay:FILE, mouse, gamepad, spacemouse or idle. Default: the mouse in a window, script:press without one.
     #[arg(long)]
     pub hand: Option<String>,

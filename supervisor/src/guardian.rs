@@ -22,7 +22,7 @@ use crate::spawn::note_exit;
 use crate::supervise::register;
 use crate::view::{StationView, TEST_MODE, Viewer, table};
 use found::{Ground, Wanted, settle, take_name};
-use hyst_engine::Address;
+use hyst_engine::{Address, Told};
 use hyst_exchange::{OwnedPage, Roster, Station, system};
 use hyst_messages::page::station as layout;
 use hyst_messages::{Role, SLOTS, Slot};
@@ -39,6 +39,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const LOOK_NS: u64 = 20_000_000;
 /// Between two drawings of the table.
 const DRAW_NS: u64 = 500_000_000;
+/// How long `--until-end` leaves the end of a session in window and recording.
+const LAST_LOOK_NS: u64 = 3_000_000_000;
 /// How long `--for` waits for the last process to become ready before it counts.
 const READY_WITHIN_NS: u64 = 30_000_000_000;
 /// How long the supervisor may take to stop everything.
@@ -69,6 +71,8 @@ struct Guardian {
     lines: Vec<String>,
     /// Where the operator's page is, as it was last said.
     page_url: Option<String>,
+    /// Since when the session of the case is known to be over.
+    case_over_ns: Option<u64>,
     draw: bool,
     printer: Printer,
 }
@@ -86,11 +90,16 @@ enum End {
 pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let station = Station::named(name).map_err(|e| Refusal::input(e.to_string()))?;
     let case = RunCase::of(&station, args)?;
+    if args.until_end && (case.is_none() || args.station.set.iter().any(|pair| pair == "console=off")) {
+        return Err(Refusal::input(
+            "--until-end: only a case has an end, and a console that sees it; name a case, leave console=off out",
+        ));
+    }
     let (settings, plan) = prepare(args, &station, case.as_ref())?;
     let signals = Signals::catch()?;
     let report =
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
-    let order = Order { report, for_s: args.for_s, ..Order::default() };
+    let order = Order { report, for_s: args.for_s, until_end: args.until_end, ..Order::default() };
     let name = take_name(&station)?;
     let recorded_scene = args.again.as_ref().map(|again| again.scene_hash);
     let wanted = Wanted { settings: &settings, plan: &plan, case: case.as_ref(), recorded_scene };
@@ -167,6 +176,7 @@ impl Guardian {
             seen: 0,
             lines: Vec::new(),
             page_url: None,
+            case_over_ns: None,
             draw,
             printer,
         })
@@ -221,6 +231,9 @@ impl Guardian {
 
     /// Whether the run has lasted as long as it was asked to.
     fn is_over(&self, plan: &Plan, now_ns: u64) -> bool {
+        if self.order.until_end && self.case_over_ns.is_some_and(|since_ns| now_ns >= since_ns + LAST_LOOK_NS) {
+            return true;
+        }
         if let Some(end_tick) = plan.end_tick {
             return self.page.load64(layout::ENDED_TICK) >= end_tick;
         }
@@ -266,9 +279,14 @@ impl Guardian {
         for line in journal::news(&self.station, &mut self.seen) {
             self.tell(line.trim_end());
         }
+        let told = Told::read(&self.station, viewer.page().present_tick());
+        if let Some(over) = told.as_ref().and_then(|told| told.over.as_ref()).filter(|_| self.case_over_ns.is_none()) {
+            self.case_over_ns = Some(system::now_ns());
+            self.tell(&format!("the session is over {over}"));
+        }
         if self.draw {
             let view = viewer.look_all();
-            self.printer.show(screen(&view, &mut self.lines));
+            self.printer.show(screen(&view, told.map_or(Vec::new(), |told| told.lines), &mut self.lines));
             return;
         }
         // As soon as the console has written it, and again if another one had to take another port.
@@ -345,9 +363,10 @@ fn all_ready(viewer: &mut Viewer, plan: &Plan) -> bool {
 const SHOWN_LINES: usize = 8;
 
 /// The whole screen: table and newest events, drawn over the one before.
-fn screen(view: &StationView, lines: &mut Vec<String>) -> String {
+fn screen(view: &StationView, case: Vec<String>, lines: &mut Vec<String>) -> String {
     let surplus = lines.len().saturating_sub(SHOWN_LINES);
     lines.drain(..surplus);
-    let text = format!("{}\n{}\nCtrl-C stops the station and removes everything.\n", table(view), lines.join("\n"));
+    let case: String = case.iter().map(|line| format!("{line}\n")).collect();
+    let text = format!("{}\n{case}{}\nCtrl-C stops the station and removes everything.\n", table(view), lines.join("\n"));
     format!("\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))
 }

@@ -3,8 +3,8 @@
 
 use crate::sources::Sources;
 use hyst_assessment::Judge;
-use hyst_engine::Life;
-use hyst_exchange::{Roster, system};
+use hyst_engine::{Life, Told};
+use hyst_exchange::{Roster, Station, system};
 use serde_json::Value;
 use std::path::PathBuf;
 
@@ -17,6 +17,7 @@ const TELL_NS: u64 = 200_000_000;
 pub struct Referee {
     judge: Judge,
     roster: Roster,
+    station: Station,
     kept: PathBuf,
     told: Value,
     kept_ns: u64,
@@ -38,7 +39,8 @@ impl Referee {
         let before = std::fs::read_to_string(&kept).ok().and_then(|text| serde_json::from_str::<Judge>(&text).ok());
         let judge = before.filter(|before| before.brief == fresh.brief).unwrap_or(fresh);
         let roster = Roster::open(&life.station).ok()?;
-        Some(Referee { judge, roster, kept, told: Value::Null, kept_ns: 0, told_ns: 0 })
+        let station = life.station.clone();
+        Some(Referee { judge, roster, station, kept, told: Value::Null, kept_ns: 0, told_ns: 0 })
     }
 
     /// Takes what is new; gives case and judgement if they are to be told.
@@ -70,8 +72,10 @@ impl Referee {
         is_new.then(|| self.told.clone())
     }
 
-    /// Writes the judgement beside the one before, and puts it in its place.
+    /// Writes the judgement beside the one before, and puts it in its place; and what window and terminal show of it.
     fn keep(&self) {
+        let told = Told { tick: self.judge.last_tick, over: self.judge.over(), lines: self.judge.strip() };
+        let _ = told.write(&self.station); // they show what was before, then nothing
         let next = self.kept.with_extension("next");
         let Ok(text) = serde_json::to_string(&self.judge) else { return };
         // Refused, a successor goes on from an older one, or begins anew.

@@ -23,6 +23,8 @@ const DIM: f32 = 0.3;
 #[derive(Debug, Default)]
 pub struct Hand {
     record: PointerRecord,
+    /// The session is over: no key puts current into the loop any more.
+    pub is_over: bool,
 }
 
 impl Hand {
@@ -57,7 +59,7 @@ impl Hand {
             controls.set_pressure_pa = wanted_pa.clamp(PRESSURE_PA[0], PRESSURE_PA[1]);
         }
         controls.buttons &= !BUTTON_ENERGIZED;
-        controls.buttons |= if input.is_held(Key::Energize) { BUTTON_ENERGIZED } else { 0 };
+        controls.buttons |= if input.is_held(Key::Energize) && !self.is_over { BUTTON_ENERGIZED } else { 0 };
         controls.buttons ^= if input.was_pressed(Key::LoopOut) { BUTTON_EXTENDED } else { 0 };
         self.record.sequence += 1;
         self.record
@@ -79,6 +81,17 @@ mod tests {
 
     fn press(key: Key) -> PointerInput {
         PointerInput { pressed: key.bit(), held: key.bit(), ..PointerInput::default() }
+    }
+
+    #[test]
+    fn a_session_that_is_over_has_no_current_and_everything_else_goes_on() {
+        let mut hand = Hand::default();
+        let keys = PointerInput { held: Key::Energize.bit(), insertion_m: 0.001, ..PointerInput::default() };
+        assert_eq!(hand.follow(&keys, &now()).controls.buttons & BUTTON_ENERGIZED, BUTTON_ENERGIZED);
+        hand.is_over = true;
+        let record = hand.follow(&keys, &now());
+        assert_eq!(record.controls.buttons & BUTTON_ENERGIZED, 0);
+        assert!(record.target[3] > 0.041, "{:?}", record.target);
     }
 
     #[test]

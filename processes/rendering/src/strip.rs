@@ -1,5 +1,6 @@
-//! What the strip of text says: time, pump with its alarms, pictures per second, and for some seconds which process was replaced.
+//! What the strip of text says: time, pump with its alarms, pictures per second, the case, and for some seconds which process was replaced.
 
+use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
 use hyst_messages::{FluidStatus, PUMP_ALARMS, SLOTS, Slot};
 use rendering::Overlay;
@@ -8,6 +9,8 @@ use rendering::Overlay;
 const SIGN_TICKS: u64 = 3_000;
 /// Interval over which pictures are counted, ticks.
 const COUNT_TICKS: u64 = 1_000;
+/// Interval in which it is asked what is told of the case, ticks.
+const HEAR_TICKS: u64 = 400;
 /// The first line in a station in test mode, for as long as it runs.
 const TEST_MODE: &str = "*** TEST MODE: faults may be injected ***";
 /// 1 mmHg, Pa.
@@ -23,6 +26,8 @@ pub struct Strip {
     counted_from: u64,
     frames: u64,
     rate_hz: f32,
+    told: Option<Told>,
+    heard_at: u64,
 }
 
 impl Strip {
@@ -47,6 +52,24 @@ impl Strip {
                 self.note(slot, clock.incarnation(slot), tick);
             }
         }
+    }
+
+    /// Asks what is told of the case.
+    pub fn hear(&mut self, life: &Life, tick: u64) {
+        if tick >= self.heard_at + HEAR_TICKS {
+            (self.told, self.heard_at) = (Told::read(&life.station, tick), tick);
+        }
+    }
+
+    /// Whether the session is over: then there is no current.
+    pub fn is_over(&self) -> bool {
+        self.told.as_ref().is_some_and(|told| told.over.is_some())
+    }
+
+    /// What is told of the case, under an empty line.
+    pub fn case(&self) -> Vec<String> {
+        let lines = self.told.iter().flat_map(|told| told.lines.iter().cloned());
+        self.told.iter().map(|_| String::new()).chain(lines).collect()
     }
 
     fn note(&mut self, slot: Slot, life: u32, tick: u64) {
@@ -99,6 +122,15 @@ mod tests {
         strip.note(haptic, 9, 2_000);
         assert_eq!(strip.overlay(4_999, None, None).sign, "haptic:1 replaced");
         assert_eq!(strip.overlay(5_000, None, None).sign, "");
+    }
+
+    #[test]
+    fn the_case_stands_under_an_empty_line_and_its_end_is_known() {
+        assert!(Strip::default().case().is_empty() && !Strip::default().is_over());
+        let told = Told { tick: 1, over: Some("all goals".into()), lines: vec!["goals    2 of 2".into()] };
+        let strip = Strip { told: Some(told), ..Strip::default() };
+        assert_eq!(strip.case(), ["", "goals    2 of 2"]);
+        assert!(strip.is_over());
     }
 
     #[test]

@@ -190,6 +190,7 @@ impl<'a> Vision<'a> {
                 Ok(Some(input)) => {
                     self.switches.press(&input);
                     if let (Some(hand), Some(sample)) = (hand.as_mut(), &sample) {
+                        hand.is_over = self.strip.is_over();
                         life.page.write(page::POINTER, &hand.follow(&input, sample));
                     }
                 }
@@ -202,11 +203,13 @@ impl<'a> Vision<'a> {
             self.uploaded += self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.strip.look(&life.clock, tick);
+            self.strip.hear(life, tick);
             let set_pa = hand.as_ref().and(sample.as_ref()).map(|sample| sample.controls.set_pressure_pa);
             self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
             if display.window().is_some() {
                 self.view.overlay.lines.extend(self.switches.lines(hand.is_some()));
             }
+            self.view.overlay.lines.extend(self.strip.case());
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);

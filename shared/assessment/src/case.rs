@@ -12,6 +12,11 @@ const MOST_TIMES: usize = 20;
 const MOST_WORDS: usize = 1_000;
 /// Columns of a line of the task, and of a goal.
 const LINE: usize = 96;
+/// Columns of what stands beside a picture, and of the words at its left; most lines of one goal, and most warnings there.
+const STRIP: usize = 46;
+const STRIP_HEAD: usize = 9;
+const STRIP_LINES: usize = 2;
+const STRIP_WARNINGS: usize = 2;
 
 impl Judge {
     /// Case and judgement for programs. Times are seconds from the first tick.
@@ -46,6 +51,40 @@ impl Judge {
             "ends": self.brief.end.words(),
             "ended": self.ended.map(|(by, tick)| json!({ "by": by, "words": by.words(), "at_s": self.since_start_s(tick) })),
         })
+    }
+
+    /// The case in some short lines, ASCII, for what stands beside a picture: goals and time, the next goal or the end, what is warned of.
+    pub fn strip(&self) -> Vec<String> {
+        let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
+        let left_s = self.brief.end.time_s.map(|time_s| (time_s - self.since_start_s(self.last_tick)).max(0.0).ceil() as u64);
+        let left = left_s.filter(|_| self.ended.is_none());
+        let left = left.map_or(String::new(), |left_s| format!("   {:02}:{:02} left", left_s / 60, left_s % 60));
+        let mut lines = vec![format!("goals    {reached} of {}{left}", self.goals.len())];
+        if let Some((by, tick)) = self.ended {
+            let at_s = self.since_start_s(tick);
+            lines.extend(beside(
+                "OVER",
+                &format!("after {:02.0}:{:02.0}: {}", (at_s / 60.0).floor(), (at_s % 60.0).floor(), by.words()),
+            ));
+            return lines;
+        }
+        let is_open = |goal: &crate::judge::GoalState| goal.reached_tick.is_none() && goal.missed_tick.is_none();
+        let next = self.brief.goals.iter().zip(&self.goals).find(|(_, goal)| is_open(goal));
+        lines.extend(next.into_iter().flat_map(|(goal, state)| {
+            let share = if state.progress > 0.0 { format!("{:.0} %: ", 100.0 * state.progress) } else { String::new() };
+            beside("next", &format!("{share}{}", goal.words))
+        }));
+        let standing = self.brief.warnings.iter().zip(&self.warnings).filter(|(_, state)| state.stands);
+        lines.extend(standing.take(STRIP_WARNINGS).flat_map(|(warning, _)| beside("WARNING", &warning.words)));
+        lines
+    }
+
+    /// How the session ended, in one sentence; `None` while it runs.
+    pub fn over(&self) -> Option<String> {
+        let (by, tick) = self.ended?;
+        let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
+        let of = self.goals.len();
+        Some(format!("after {:.1} s: {}; {reached} of {of} goals reached", self.since_start_s(tick), by.words()))
     }
 
     /// The task in one line.
@@ -145,6 +184,36 @@ pub(crate) fn html(page: &mut String, judge: &Judge) {
         let _ = writeln!(page, "<dt>warning</dt><dd class=\"warning\">{}: {}</dd>", escape(&words), escape(&when));
     }
     page.push_str("</dl></section>\n");
+}
+
+/// Words beside a head, in as many lines as there are; letters that a simple font lacks are written with others.
+fn beside(head: &str, words: &str) -> Vec<String> {
+    let letter = |letter: char| match letter {
+        '²' => '2',
+        '³' => '3',
+        '·' => '.',
+        '“' | '”' => '"',
+        '’' => '\'',
+        '–' | '—' => '-',
+        'µ' => 'u',
+        ' '..='~' => letter,
+        _ => '?',
+    };
+    let plain: String = words.chars().map(letter).collect();
+    let mut rows = vec![String::new()];
+    for word in plain.split_whitespace() {
+        let row = rows.last().map_or(0, String::len);
+        if row > 0 && row + 1 + word.len() > STRIP - STRIP_HEAD {
+            rows.push(String::new());
+        }
+        if let Some(row) = rows.last_mut() {
+            row.push_str(if row.is_empty() { "" } else { " " });
+            row.push_str(word);
+        }
+    }
+    rows.truncate(STRIP_LINES);
+    let head = |index: usize| if index == 0 { head } else { "" };
+    rows.iter().enumerate().map(|(index, row)| format!("{:<STRIP_HEAD$}{row}", head(index))).collect()
 }
 
 fn cut(words: &str) -> String {

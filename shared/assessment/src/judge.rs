@@ -232,7 +232,10 @@ impl Judge {
             Cause::ForceAbove(limit_n) => finite(record.command.force_n).map(length).is_some_and(|n| n > limit_n),
             Cause::TimeAbove(ticks) => record.tick - self.first_tick.unwrap_or(record.tick) > ticks,
             Cause::Alarm(alarm) => known.alarms & bit(alarm) != 0,
-            Cause::Current => record.sample.controls.buttons & BUTTON_ENERGIZED != 0,
+            Cause::Current => is_energized(record),
+            Cause::CurrentIn(region) => {
+                is_energized(record) && is_at(&region, record, f64::from(record.sample.controls.loop_extension_m))
+            }
         }
     }
 
@@ -269,7 +272,7 @@ impl Judge {
                 goal.hold(known.pressure_pa.is_some_and(|pa| (*from_pa..=*to_pa).contains(&pa)), tick, *ticks)
             }
             Aim::Visit { places, stay_ticks } => {
-                let is_there = places.get(goal.places).is_some_and(|place| is_in(&place.is, record));
+                let is_there = places.get(goal.places).is_some_and(|place| is_at(&place.is, record, 0.0));
                 if goal.hold(is_there, tick, *stay_ticks) {
                     (goal.places, goal.since_tick) = (goal.places + 1, None);
                 }
@@ -281,7 +284,7 @@ impl Judge {
                     goal.since_tick.get_or_insert(tick);
                 }
                 let controls = &record.sample.controls;
-                let is_stopped = controls.inflow_valve < SHUT && controls.buttons & BUTTON_ENERGIZED == 0;
+                let is_stopped = controls.inflow_valve < SHUT && !is_energized(record);
                 goal.missed_tick = goal.since_tick.filter(|since| !is_stopped && tick - since > *ticks).map(|_| tick);
                 goal.since_tick.is_some() && is_stopped
             }
@@ -329,16 +332,22 @@ impl GoalState {
     }
 }
 
-/// Whether the tip is there.
-fn is_in(region: &Region, record: &AppliedRecord) -> bool {
+fn is_energized(record: &AppliedRecord) -> bool {
+    record.sample.controls.buttons & BUTTON_ENERGIZED != 0
+}
+
+/// Whether the point so far before the tip, on the scope's axis, is there.
+fn is_at(region: &Region, record: &AppliedRecord, ahead_m: f64) -> bool {
     let pose = &record.sample.pose;
     match *region {
         Region::Ball(centre_m, radius_m) => {
-            let tip_m = finite(pose.position_m);
-            let away_m = tip_m.map(|tip_m| (0..3).map(|axis| (tip_m[axis] - centre_m[axis]).powi(2)).sum::<f64>().sqrt());
-            away_m.is_some_and(|away_m| away_m <= radius_m)
+            let [x, y, z, w] = pose.orientation.map(f64::from);
+            let axis = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+            let away_m =
+                |tip_m: [f64; 3]| (0..3).map(|i| (tip_m[i] + ahead_m * axis[i] - centre_m[i]).powi(2)).sum::<f64>().sqrt();
+            finite(pose.position_m).map(away_m).is_some_and(|away_m| away_m <= radius_m)
         }
-        Region::Insertion([least_m, most_m]) => (least_m..=most_m).contains(&f64::from(pose.insertion_m)),
+        Region::Insertion([least_m, most_m]) => (least_m..=most_m).contains(&(f64::from(pose.insertion_m) + ahead_m)),
     }
 }
 

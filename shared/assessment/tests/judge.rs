@@ -158,6 +158,57 @@ fn each_end_comes_at_its_tick_and_nothing_counts_after_it() {
     }
 }
 
+/// The tip is 8 mm before the place, and the loop 12 mm before the tip: out and hot it is beyond the middle of the place, but in it.
+#[test]
+fn current_is_warned_of_where_the_loop_is_and_not_where_the_tip_is() {
+    let causes = json!([
+        { "current_in": { "ball": [[0.0, 0.0, 0.05], 0.005] } },
+        { "current_in": { "insertion": [0.05, 0.07] } },
+        { "current_in": { "insertion": [0.035, 0.045] } },
+    ]);
+    let mut judge = judge(json!([]), json!({}), causes);
+    for (tick, buttons, loop_extension_m) in [(1, 0, 0.012), (2, BUTTON_ENERGIZED, 0.0), (3, BUTTON_ENERGIZED, 0.012)] {
+        let mut record = at(tick, [0.0, 0.0, 0.042]);
+        record.sample.controls.buttons = buttons;
+        record.sample.controls.loop_extension_m = loop_extension_m;
+        judge.tick(&record);
+    }
+    let first: Vec<_> = judge.warnings.iter().map(|warning| warning.first_tick).collect();
+    assert_eq!(first, [Some(3), Some(3), Some(2)]);
+    judge.tick(&at(1_500, [0.0, 0.0, 0.042])); // calm
+    // Turned by a quarter about y the axis points along x.
+    let quarter = std::f32::consts::FRAC_1_SQRT_2;
+    let mut record = at(2_000, [-0.012, 0.0, 0.05]);
+    record.sample.pose.orientation = [0.0, quarter, 0.0, quarter];
+    (record.sample.controls.buttons, record.sample.controls.loop_extension_m) = (BUTTON_ENERGIZED, 0.012);
+    judge.tick(&record);
+    assert_eq!(judge.warnings[0].count, 2);
+}
+
+#[test]
+fn what_stands_beside_a_picture_names_the_next_goal_the_time_and_the_end_in_plain_letters() {
+    let goals = json!([{ "removed": 1.0 }, { "piece": 0.5 }]);
+    let mut judge = judge(goals, json!({ "time_s": 100.0 }), json!([{ "force_above": 1.0 }]));
+    judge.brief.goals[1].words = "take a chip of 5 mm³ for the “laboratory”, and one more for the archive of the house".into();
+    // Three pieces: together enough, none large enough.
+    for (step, removed_ml) in [0.0, 0.4, 0.8, 1.2].into_iter().enumerate() {
+        let tick = 250 * step as u64;
+        judge.tissue(&tissue(tick, 1, removed_ml));
+        wait(&mut judge, tick..tick + 250);
+    }
+    judge.tick(&at(1_000, [0.0, 0.0, 0.02]));
+    let strip = judge.strip();
+    assert_eq!(strip[0], "goals    1 of 2   01:39 left");
+    assert!(strip[1].starts_with("next     80 %: take a chip of 5 mm3 for the"), "{strip:?}");
+    assert!(strip.len() == 3 && strip.iter().all(|line| line.is_ascii() && line.len() <= 46), "{strip:?}");
+    assert_eq!(judge.over(), None);
+    judge.tick(&record(1_001, [0.0, 0.0, 0.02], 2.0));
+    assert!(judge.strip().iter().any(|line| line == "WARNING  number 0"), "{:?}", judge.strip());
+    wait(&mut judge, 1_002..100_002);
+    assert_eq!(judge.strip(), ["goals    1 of 2", "OVER     after 01:40: the time was over"]);
+    assert_eq!(judge.over().unwrap(), "after 100.0 s: the time was over; 1 of 2 goals reached");
+}
+
 #[test]
 fn a_warning_that_flickers_is_one_and_comes_again_after_a_second_of_calm() {
     let causes = json!([{ "force_above": 1.0 }, { "alarm": "abnormal_loss" }, "current", { "pressure_below": 1_000.0 }]);

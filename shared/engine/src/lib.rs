@@ -13,6 +13,7 @@ pub mod room;
 pub mod settings;
 pub mod silence;
 pub mod stateful;
+pub mod told;
 pub mod verify;
 
 pub use address::Address;
@@ -22,6 +23,7 @@ pub use pace::Pace;
 pub use settings::Settings;
 pub use silence::Silence;
 pub use stateful::{Stateful, StepContext, run_stateful};
+pub use told::Told;
 
 /// Counts allocations on real-time threads; every engine installs it, so that the station itself reports them.
 #[global_allocator]

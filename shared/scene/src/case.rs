@@ -89,6 +89,7 @@ pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>) -> Result<Settl
         let what = "the path of the scene is no text";
         located(SceneError::new(Kind::Missing, "scene", what, "give folders names in UTF-8"))
     })?;
+    read.scene.hand.extend(case.hand.clone());
     let (seats, drawn) = vary::draw(&case, case.seed, &mut read.scene);
     validate(&read.scene).map_err(|error| located(SceneError { key: "vary".into(), ..error }))?;
     let mut scene = read.load(&seats)?;

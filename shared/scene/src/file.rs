@@ -3,7 +3,7 @@
 //! Frame of every position: metres, origin at the pivot in the cervix, +z along the canal into the uterus, +y anterior, +x to the
 //! patient's left. Angles are in degrees here and in radians everywhere after loading.
 
-use crate::fluid::{Fluid, Vessels};
+use crate::fluid::{Fluid, PumpChange, Vessels};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -313,19 +313,62 @@ pub struct HandPose {
     pub insertion_m: f64,
 }
 
-/// A scripted hand: from `from` through `through` into `into` and back the same way, once per period, for ever.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+/// A scripted hand, which moves in one of three ways: from `from` through `through` into `into` and back the same way in `period_s`; along `leg`, with the
+/// loop; or `like` another one.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct Hand {
     /// Where it starts.
-    pub from: HandPose,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from: Option<HandPose>,
     /// What it passes on the way.
-    #[serde(default)]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub through: Vec<HandPose>,
     /// Where it turns.
-    pub into: HandPose,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub into: Option<HandPose>,
     /// Time there and back, 0.1 to 600 s.
-    pub period_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub period_s: Option<f64>,
     /// Name of the object that it is meant to touch.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<String>,
+    /// What it does one after the other, from where the last one ends.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub leg: Vec<ScriptLeg>,
+    /// The hand whose movement it makes: `press`, `explore` or `polyp`, which are found from the geometry, or one that moves by itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub like: Option<String>,
+    /// It moves once and then rests where it began. Default: again and again.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub once: bool,
+    /// What it sets at the pump and the valves, in the order of its time; instead of the scene's `fluid.change`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub change: Vec<PumpChange>,
+}
+
+/// A part of what a scripted hand does.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptLeg {
+    /// Where it ends.
+    pub to: HandPose,
+    /// Time that it takes, 0.01 to 600 s.
+    pub time_s: f64,
+    /// What the loop does meanwhile. Default: it is in.
+    #[serde(default, rename = "loop")]
+    pub electrode: LoopUse,
+}
+
+/// What a scripted hand does with the loop.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LoopUse {
+    /// It is in, or goes in.
+    #[default]
+    In,
+    /// It is out, or goes out, cold.
+    Out,
+    /// It is out, with current.
+    Cut,
 }

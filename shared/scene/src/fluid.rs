@@ -81,10 +81,13 @@ pub struct PumpChange {
     /// Time since the hand began, 0 to 86 400 s.
     pub at_s: f64,
     /// Set pressure of the pump, 0 to 20 kPa.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub set_pressure_pa: Option<f64>,
     /// Inflow valve, 0 shut to 1 open.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub inflow_valve: Option<f64>,
     /// Outflow valve, 0 shut to 1 open.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub outflow_valve: Option<f64>,
 }
 
@@ -171,16 +174,7 @@ pub(crate) fn validate(fluid: &Fluid) -> Checked {
     range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;
     range("fluid.density_kg_m3", fluid.density_kg_m3, 100.0, 5_000.0, "kg/m³")?;
     range("fluid.margin_m", fluid.margin_m, 0.0, 0.1, "m")?;
-    range("fluid.change", fluid.change.len() as f64, 0.0, MAX_CHANGES as f64, "entries")?;
-    let mut before_s = 0.0;
-    for (index, change) in fluid.change.iter().enumerate() {
-        let key = |name: &str| format!("fluid.change[{index}].{name}");
-        range(key("at_s"), change.at_s, before_s, 86_400.0, "s")?;
-        range(key("set_pressure_pa"), change.set_pressure_pa.unwrap_or(0.0), 0.0, 20_000.0, "Pa")?;
-        range(key("inflow_valve"), change.inflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
-        range(key("outflow_valve"), change.outflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
-        before_s = change.at_s;
-    }
+    validate_changes("fluid.change", &fluid.change)?;
     match (&fluid.box_min_m, &fluid.box_max_m) {
         (Some(min_m), Some(max_m)) => crate::validate::corners("fluid.box_min_m", min_m, max_m),
         (None, None) => Ok(()),
@@ -189,6 +183,20 @@ pub(crate) fn validate(fluid: &Fluid) -> Checked {
             Err(SceneError::new(Kind::Incomplete, "fluid", what, "give both, or none to have the box found"))
         }
     }
+}
+
+pub(crate) fn validate_changes(key: &str, changes: &[PumpChange]) -> Checked {
+    range(key, changes.len() as f64, 0.0, MAX_CHANGES as f64, "entries")?;
+    let mut before_s = 0.0;
+    for (index, change) in changes.iter().enumerate() {
+        let key = |name: &str| format!("{key}[{index}].{name}");
+        range(key("at_s"), change.at_s, before_s, 86_400.0, "s")?;
+        range(key("set_pressure_pa"), change.set_pressure_pa.unwrap_or(0.0), 0.0, 20_000.0, "Pa")?;
+        range(key("inflow_valve"), change.inflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
+        range(key("outflow_valve"), change.outflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
+        before_s = change.at_s;
+    }
+    Ok(())
 }
 
 pub(crate) fn validate_vessels(vessels: &Vessels) -> Checked {

@@ -102,6 +102,7 @@ pub(crate) fn find(
     let mut hands: Vec<LoadedHand> = scene
         .hand
         .iter()
+        .filter(|(_, hand)| hand.like.is_none())
         .map(|(name, hand)| LoadedHand::from_file(name, hand, hand.target.as_ref().and_then(index_of)))
         .collect();
     let explore = explore(probe);
@@ -119,6 +120,15 @@ pub(crate) fn find(
     for hand in found.into_iter().flatten() {
         if !scene.hand.contains_key(&hand.name) {
             hands.push(hand);
+        }
+    }
+    for (name, hand) in &scene.hand {
+        let Some(other) = &hand.like else { continue };
+        let moves_itself = scene.hand.get(other).is_none_or(|one| one.like.is_none());
+        let found = hands.iter().find(|found| found.name == *other && moves_itself);
+        match found.map(|found| found.like(name, hand)) {
+            Some(hand) => hands.push(hand),
+            None => notes.push(format!("hand `{name}`: there is no hand `{other}` that it could move like; it is left out")),
         }
     }
     hands.sort_by(|a, b| a.name.cmp(&b.name));
@@ -145,7 +155,7 @@ fn press(probe: &Probe<'_>, hollow: bool) -> Option<LoadedHand> {
         _ => return None,
     };
     let way = vec![from, into];
-    Some(LoadedHand { name: "press".to_owned(), way, legs: Vec::new(), period_s: PRESS_PERIOD_S, target: Some(target) })
+    Some(LoadedHand { name: "press".to_owned(), way, period_s: PRESS_PERIOD_S, target: Some(target), ..LoadedHand::default() })
 }
 
 /// The hand that looks around: in, right, up, left, down, in again, and back, without touching.
@@ -159,7 +169,7 @@ fn explore(probe: &Probe<'_>) -> LoadedHand {
         probe.clamp(tilted(&middle, pitch, yaw, free_rad.min(SWEEP_RAD)))
     };
     let way = vec![at(0.2), middle, sweep(0.0, -1.0), sweep(-1.0, 0.0), sweep(0.0, 1.0), sweep(1.0, 0.0), middle, at(0.92)];
-    LoadedHand { name: "explore".to_owned(), way, legs: Vec::new(), period_s: EXPLORE_PERIOD_S, target: None }
+    LoadedHand { name: "explore".to_owned(), way, period_s: EXPLORE_PERIOD_S, ..LoadedHand::default() }
 }
 
 /// The hand that goes to the first pathology of which it can cut a chip with the loop; where there is none, to the first that it can press on.
@@ -199,5 +209,5 @@ fn touch(probe: &Probe<'_>, target: usize, middle_m: [f32; 3]) -> Option<LoadedH
     let at = |by_m: f32| probe.clamp(Pose { insertion_m: insertion_m + by_m, ..aim });
     let way =
         vec![probe.clamp(Pose::straight(insertion_m * APPROACH_SHARE)), at(-2.0 * PRESS_CLEARANCE_M), at(PRESS_DEPTH_M * 0.5)];
-    Some(LoadedHand { name: "polyp".to_owned(), way, legs: Vec::new(), period_s: POLYP_PERIOD_S, target: Some(target) })
+    Some(LoadedHand { name: "polyp".to_owned(), way, period_s: POLYP_PERIOD_S, target: Some(target), ..LoadedHand::default() })
 }

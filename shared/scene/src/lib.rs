@@ -44,8 +44,8 @@ pub use case::{
 pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{
-    Deformable, DeformableKind, Electrode, Fixed, Hand, HandPose, Look, Material, Place, Rigid, RigidKind, Scene, Tip, View,
-    Workspace,
+    Deformable, DeformableKind, Electrode, Fixed, Hand, HandPose, Look, LoopUse, Material, Place, Rigid, RigidKind, Scene,
+    ScriptLeg, Tip, View, Workspace,
 };
 pub use fluid::{Fluid, LoadedFluid, Medium, PumpChange, Vessels};
 pub use load::{load, load_embedded, load_or_embedded};

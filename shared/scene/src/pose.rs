@@ -1,6 +1,7 @@
 //! The hand's four degrees of freedom about the pivot, and the scripted hands that move through them.
 
-use crate::file::{Hand, HandPose};
+use crate::file::{Hand, HandPose, LoopUse, ScriptLeg};
+use crate::fluid::PumpChange;
 use glam::{Quat, Vec3};
 
 /// A pose of the instrument about the pivot.
@@ -85,6 +86,13 @@ impl Pose {
     }
 }
 
+impl From<&ScriptLeg> for HandLeg {
+    fn from(leg: &ScriptLeg) -> HandLeg {
+        let is_energized = leg.electrode == LoopUse::Cut;
+        HandLeg { to: Pose::from(&leg.to), time_s: leg.time_s, is_extended: leg.electrode != LoopUse::In, is_energized }
+    }
+}
+
 impl From<&HandPose> for Pose {
     fn from(pose: &HandPose) -> Pose {
         Pose {
@@ -110,7 +118,7 @@ pub struct HandLeg {
 }
 
 /// A scripted hand, ready to be followed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct LoadedHand {
     /// Its name in the scene: `press`, `explore`, `polyp`, or the author's.
     pub name: String,
@@ -122,13 +130,29 @@ pub struct LoadedHand {
     pub period_s: f64,
     /// Index of the object that it is meant to touch.
     pub target: Option<usize>,
+    /// It moves for one period and then rests where it began.
+    pub is_once: bool,
+    /// What it sets at the pump instead of what the scene says, in the order of its time.
+    pub changes: Vec<PumpChange>,
 }
 
 impl LoadedHand {
+    /// A hand that moves by itself, of which the checks have shown that it has a way or legs.
     pub(crate) fn from_file(name: &str, hand: &Hand, target: Option<usize>) -> LoadedHand {
-        let middle = hand.through.iter().map(Pose::from);
-        let way = std::iter::once(Pose::from(&hand.from)).chain(middle).chain([Pose::from(&hand.into)]).collect();
-        LoadedHand { name: name.to_owned(), way, legs: Vec::new(), period_s: hand.period_s, target }
+        let common =
+            LoadedHand { name: name.to_owned(), target, is_once: hand.once, changes: hand.change.clone(), ..Default::default() };
+        if let (Some(first), Some(last)) = (hand.leg.first(), hand.leg.last()) {
+            let legs: Vec<HandLeg> = hand.leg.iter().map(HandLeg::from).collect();
+            let way = vec![Pose::from(&last.to), Pose::from(&first.to)];
+            return LoadedHand { way, period_s: legs.iter().map(|leg| leg.time_s).sum(), legs, ..common };
+        }
+        let way = hand.from.iter().chain(&hand.through).chain(&hand.into).map(Pose::from).collect();
+        LoadedHand { way, period_s: hand.period_s.unwrap_or(1.0), ..common }
+    }
+
+    /// A hand that moves like this one.
+    pub(crate) fn like(&self, name: &str, hand: &Hand) -> LoadedHand {
+        LoadedHand { name: name.to_owned(), is_once: hand.once, changes: hand.change.clone(), ..self.clone() }
     }
 
     /// The pose at a time: there and back along the way, once per period, at rest at both ends. A pure function of the time; a time
@@ -182,7 +206,7 @@ mod tests {
     #[test]
     fn a_hand_goes_there_and_back_and_repeats_exactly() {
         let way = vec![Pose::straight(0.01), Pose::straight(0.02), Pose::straight(0.05)];
-        let hand = LoadedHand { name: "x".to_owned(), way, legs: Vec::new(), period_s: 2.0, target: None };
+        let hand = LoadedHand { name: "x".to_owned(), way, period_s: 2.0, ..LoadedHand::default() };
         assert_eq!(hand.pose_at(0.0), Pose::straight(0.01));
         assert_eq!(hand.pose_at(1.0), Pose::straight(0.05));
         assert_eq!(hand.pose_at(0.5), Pose::straight(0.02));

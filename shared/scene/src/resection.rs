@@ -286,6 +286,7 @@ impl<'a> Search<'a> {
             period_s: legs.iter().map(|leg| leg.time_s).sum(),
             legs,
             target: Some(self.target),
+            ..LoadedHand::default()
         }
     }
 }

@@ -147,14 +147,22 @@ fn view(view: &View) -> Checked {
     range("view.light", view.light, 0.0, 10.0, "")
 }
 
-fn hand(script: &Hand, key: &str, scene: &Scene) -> Checked {
-    range(format!("{key}.period_s"), script.period_s, 0.1, 600.0, "s")?;
+pub(crate) fn hand(script: &Hand, key: &str, scene: &Scene) -> Checked {
+    movement(script, key)?;
+    range(format!("{key}.period_s"), script.period_s.unwrap_or(1.0), 0.1, 600.0, "s")?;
     range(format!("{key}.through"), script.through.len() as f64, 0.0, 1_000.0, "poses")?;
-    pose(&script.from, &format!("{key}.from"), &scene.workspace)?;
-    pose(&script.into, &format!("{key}.into"), &scene.workspace)?;
+    range(format!("{key}.leg"), script.leg.len() as f64, 0.0, 1_000.0, "legs")?;
+    for (name, end) in [("from", &script.from), ("into", &script.into)] {
+        end.as_ref().map_or(Ok(()), |end| pose(end, &format!("{key}.{name}"), &scene.workspace))?;
+    }
     for (index, passed) in script.through.iter().enumerate() {
         pose(passed, &format!("{key}.through[{index}]"), &scene.workspace)?;
     }
+    for (index, leg) in script.leg.iter().enumerate() {
+        pose(&leg.to, &format!("{key}.leg[{index}].to"), &scene.workspace)?;
+        range(format!("{key}.leg[{index}].time_s"), leg.time_s, 0.01, 600.0, "s")?;
+    }
+    crate::fluid::validate_changes(&format!("{key}.change"), &script.change)?;
     match &script.target {
         Some(name) if !scene.deformable.iter().any(|object| object.name == *name) => {
             let what = format!("no deformable is named “{name}”");
@@ -162,6 +170,20 @@ fn hand(script: &Hand, key: &str, scene: &Scene) -> Checked {
         }
         _ => Ok(()),
     }
+}
+
+/// It moves in one way, and wholly.
+fn movement(script: &Hand, key: &str) -> Checked {
+    let has_way = script.from.is_some() || script.into.is_some() || script.period_s.is_some() || !script.through.is_empty();
+    let is_whole = script.from.is_some() && script.into.is_some() && script.period_s.is_some();
+    let ways = [has_way, !script.leg.is_empty(), script.like.is_some()];
+    let (kind, what) = match ways.iter().filter(|is| **is).count() {
+        1 if has_way && !is_whole => (Kind::Incomplete, "a way has from, into and period_s"),
+        1 => return Ok(()),
+        0 => (Kind::Incomplete, "does not say how it moves"),
+        _ => (Kind::Contradiction, "moves in more than one way"),
+    };
+    Err(SceneError::new(kind, key, what, "give from, into and period_s, or leg, or like"))
 }
 
 fn pose(pose: &HandPose, key: &str, limits: &Workspace) -> Checked {

@@ -56,7 +56,7 @@ fn find(name: &str, text: &str) -> Result<(), SceneError> {
 }
 
 /// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
-const ALONE: [(&str, &str, Kind, usize, &str); 49] = [
+const ALONE: [(&str, &str, Kind, usize, &str); 51] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
     ("name = \"test\"", "name = \"\"", Kind::Name, 2, "name"),
@@ -109,13 +109,16 @@ const ALONE: [(&str, &str, Kind, usize, &str); 49] = [
     ("time_s = 60.0", "bled_ml = -5.0", Kind::Range, 25, "end.bled_ml"),
     ("deficit_above_ml = 100.0", "force_above_n = 0.0", Kind::Range, 27, "warning[0].force_above_n"),
     ("deficit_above_ml = 100.0", "time_above_s = 60.0", Kind::Contradiction, 27, "warning[0].time_above_s"),
+    ("deficit_above_ml = 100.0", "current_in = \"top\"", Kind::Name, 27, "warning[0].current_in"),
+    ("deficit_above_ml = 100.0", "force_above_n = 1.0\ncurrent_in = \"middle\"", Kind::Range, 28, "warning[0].current_in"),
     ("weight = 2.0", "weight = -0.1", Kind::Range, 29, "score.time.weight"),
     ("weight = 2.0", "full = 2.0", Kind::Incomplete, 29, "score.time"),
     ("time = {", "beauty = {", Kind::UnknownKey, 29, "score.beauty"),
 ];
 
 /// The same, where the scene shows it.
-const TOGETHER: [(&str, &str, Kind, usize, &str); 12] = [
+const TOGETHER: [(&str, &str, Kind, usize, &str); 13] = [
+    ("[score]", "[hand.mine]\nlike = \"polyp\"\nperiod_s = 2.0\n[score]", Kind::Contradiction, 28, "hand.mine"),
     ("SCENE", "nowhere.toml", Kind::Missing, 5, "scene"),
     ("object = \"polyp\"", "object = \"liver\"", Kind::Name, 8, "vary[0].object"),
     ("object = \"polyp\"", "object = \"uterus\"", Kind::Contradiction, 8, "vary[0].object"),

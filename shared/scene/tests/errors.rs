@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 }
 
 /// Replacement in the good scene, and the kind, the line (0 for none) and the key of the error that it must give.
-const CASES: [(&str, &str, Kind, usize, &str); 48] = [
+const CASES: [(&str, &str, Kind, usize, &str); 54] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
@@ -77,6 +77,30 @@ const CASES: [(&str, &str, Kind, usize, &str); 48] = [
     ("[hand.mine]", "[vessels]\nconductance_ml_s_pa = 1.0\n[hand.mine]", Kind::Range, 16, "vessels.conductance_ml_s_pa"),
     ("[hand.mine]", "[vessels]\npressure = 1.0\n[hand.mine]", Kind::UnknownKey, 16, "vessels.pressure"),
     ("insertion_m = 0.03", "insertion_m = 0.3", Kind::Range, 17, "hand.mine.into.insertion_m"),
+    ("period_s = 2.0\n", "", Kind::Incomplete, 15, "hand.mine"),
+    ("period_s = 2.0", "period_s = 2.0\nlike = \"press\"", Kind::Contradiction, 15, "hand.mine"),
+    ("[hand.mine]", "[hand.other]\nonce = true\n[hand.mine]", Kind::Incomplete, 15, "hand.other"),
+    (
+        "[hand.mine]",
+        "[hand.a]\nleg = [{ to = { insertion_m = 0.3 }, time_s = 1.0 }]\n[hand.mine]",
+        Kind::Range,
+        16,
+        "hand.a.leg[0].to.insertion_m",
+    ),
+    (
+        "[hand.mine]",
+        "[hand.a]\nleg = [{ to = { insertion_m = 0.03 }, time_s = 0.0 }]\n[hand.mine]",
+        Kind::Range,
+        16,
+        "hand.a.leg[0].time_s",
+    ),
+    (
+        "[hand.mine]",
+        "[hand.a]\nlike = \"press\"\nchange = [{ at_s = nan }]\n[hand.mine]",
+        Kind::Range,
+        17,
+        "hand.a.change[0].at_s",
+    ),
     ("period_s = 2.0", "period_s = 0.0", Kind::Range, 18, "hand.mine.period_s"),
     ("period_s = 2.0", "period_s = 2.0\ntarget = \"myoma\"", Kind::Name, 19, "hand.mine.target"),
 ];
@@ -99,7 +123,7 @@ fn the_good_scene_is_good() {
 fn whole_numbers_do_where_a_length_or_a_modulus_is_asked() {
     let scene = parse(&GOOD.replace("3e4", "30000").replace("2.0", "2")).unwrap();
     assert_eq!(scene.deformable[0].material.youngs_modulus_pa, 30e3);
-    assert_eq!(scene.hand["mine"].period_s, 2.0);
+    assert_eq!(scene.hand["mine"].period_s, Some(2.0));
 }
 
 #[test]

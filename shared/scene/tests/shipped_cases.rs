@@ -30,7 +30,8 @@ fn rooted(scene: &LoadedScene, name: &str) -> usize {
 
 #[test]
 fn the_ladder_has_its_rungs_and_each_case_loads_with_goals_and_an_end() {
-    let ladder = ["access", "biopsy", "bleeding", "distension", "fluid-overload", "myoma", "navigation", "perforation", "polyp"];
+    let ladder =
+        ["access", "biopsy", "bleeding", "distension", "fluid-overload", "myoma", "navigation", "perforation", "polyp", "septum"];
     assert_eq!(names(), ladder);
     for name in ladder {
         let case = settled(name, None);
@@ -105,6 +106,41 @@ fn the_surface_and_the_root_follow_the_tets_that_were_moved() {
         }
         assert!(hyst_mesh::check(&object.mesh).inverted.is_empty());
     }
+}
+
+#[test]
+fn the_septum_and_the_complications_have_trainees_of_their_own_who_use_the_loop() {
+    let trainees = [
+        ("septum", &["divide"][..]),
+        ("perforation", &["goes-on", "stops"]),
+        ("bleeding", &["looks-on", "staunches"]),
+        ("fluid-overload", &["looks-on", "watches"]),
+    ];
+    for (case, names) in trainees {
+        let scene = settled(case, None).scene;
+        for name in names {
+            let hand = scene.hand(name).unwrap_or_else(|| panic!("{case}: no hand {name}: {:?}", scene.notes));
+            assert!(hand.legs.iter().any(|leg| leg.is_energized && leg.is_extended), "{case} {name}");
+        }
+    }
+    let [handles, looks_on] = ["staunches", "looks-on"].map(|name| settled("bleeding", None).scene.hand(name).unwrap().clone());
+    let found = settled("bleeding", None).scene.hand("polyp").unwrap().clone();
+    assert_eq!((&handles.legs, &looks_on.legs), (&found.legs, &found.legs), "they move like the one that is found");
+    assert!(handles.is_once && !handles.changes.is_empty() && looks_on.changes.is_empty() && !found.is_once);
+}
+
+#[test]
+fn the_septum_divides_the_cavity_and_is_rooted_in_both_walls_and_the_fundus() {
+    let scene = load(&folder().join("../scenes/septum.toml")).unwrap();
+    let septum = &scene.objects[1];
+    assert_eq!(septum.kind, DeformableKind::Pathology);
+    let rooted: Vec<[f32; 3]> =
+        septum.attach.as_ref().unwrap().nodes.iter().map(|node| septum.mesh.positions_m[node.node as usize]).collect();
+    let of = |is: fn(&[f32; 3]) -> bool| rooted.iter().filter(|place| is(place)).count();
+    assert!(of(|place| place[1] > 0.004) >= 10 && of(|place| place[1] < -0.004) >= 10 && of(|place| place[2] > 0.052) >= 10);
+    let lowest = septum.mesh.positions_m.iter().map(|place| place[2]).fold(f32::MAX, f32::min);
+    // The cavity ends 52 mm from the pivot.
+    assert!((0.052 - lowest - 0.018).abs() < 0.000_5, "{lowest}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! What `replay` adds to the arguments of `run`.
 
+use crate::case::RecordedCase;
 use hyst_engine::settings::Replay;
-use std::path::PathBuf;
 
 /// How `replay` runs a station.
 #[derive(Clone, Debug)]
@@ -14,13 +14,4 @@ pub struct Again {
     pub case: Option<RecordedCase>,
     /// The last tick.
     pub end_tick: u64,
-}
-
-/// A case as a recording has it.
-#[derive(Clone, Debug)]
-pub struct RecordedCase {
-    /// Its text, with the seed and the whole path of its scene.
-    pub text: String,
-    /// The file that was named, absolute.
-    pub file: Option<PathBuf>,
 }

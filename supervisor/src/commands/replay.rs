@@ -1,7 +1,8 @@
 //! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
-use crate::cli::{Again, RecordedCase, ReplayArgs, RunArgs, StationArgs};
+use crate::case::RecordedCase;
+use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::Station;

@@ -12,6 +12,9 @@ pub struct Order {
     pub report: Option<PathBuf>,
     /// How long the station runs once it is ready, s.
     pub for_s: Option<f64>,
+    /// The station ends with the session of its case.
+    #[serde(default)]
+    pub until_end: bool,
     /// When it was ready, CLOCK_MONOTONIC ns.
     pub ready_ns: Option<u64>,
     /// The guardian stands in for one that died, and makes room for a `run` of the same name and settings.

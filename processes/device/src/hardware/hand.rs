@@ -41,8 +41,10 @@ pub struct Hand {
     model: HandModel,
     state: HandState,
     controls: Controls,
-    /// What the scene's script still has to set of them.
+    /// What the script still has to set of them.
     changes: VecDeque<PumpChange>,
+    /// When the script is through, s; one that begins anew never is.
+    end_s: f64,
     /// How far the loop electrode goes out, and how far it is, m.
     loop_reach_m: f32,
     loop_extension_m: f32,
@@ -147,6 +149,8 @@ impl Hand {
             light: 1.0,
             ..Controls::default()
         };
+        let script = name.strip_prefix("script:").and_then(|name| scene.hand(name));
+        let own = script.map(|hand| &hand.changes).filter(|changes| !changes.is_empty());
         let electrode = scene.rigid.first().and_then(|rigid| rigid.electrode.as_ref());
         Ok(Hand {
             will,
@@ -155,7 +159,8 @@ impl Hand {
             state: HandState::at_rest(&model, &rest),
             model,
             controls,
-            changes: scene.fluid.changes.iter().copied().collect(),
+            changes: own.unwrap_or(&scene.fluid.changes).iter().copied().collect(),
+            end_s: script.filter(|hand| hand.is_once).map_or(f64::INFINITY, |hand| hand.period_s),
             loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
             loop_extension_m: 0.0,
             head_rad: 0.0,
@@ -205,6 +210,7 @@ impl Hand {
                 return Held { pose, velocity_m_s, controls, felt_n: self.is_again.then_some(force_n) };
             }
             Will::Idle => self.rest,
+            _ if time_s >= self.end_s => self.rest,
             Will::Way(hand) => pose4(&hand.pose_at(time_s)),
             Will::Legs(legs) => {
                 let wanted = hand_along(legs, time_s);
@@ -337,6 +343,26 @@ mod tests {
         assert!((left.camera_roll_rad - 0.3).abs() < 1e-6 && (left.roll_rad - 0.2).abs() < 0.05, "{left:?}");
         let nowhere = PointerRecord { target: [0.0, 0.0, 0.2, 0.04, f32::NAN], ..turned };
         assert_eq!(hand.step(301, [0.0; 3], Some(&nowhere)).pose.camera_roll_rad, left.camera_roll_rad);
+    }
+
+    #[test]
+    fn a_hand_that_moves_once_rests_cold_where_it_began_and_sets_what_it_says_itself() {
+        let mut scene = hyst_scene::load_embedded().unwrap();
+        scene.fluid.changes = vec![PumpChange { at_s: 1.0, outflow_valve: Some(0.9), ..PumpChange::default() }];
+        let changes = vec![PumpChange { at_s: 2.0, inflow_valve: Some(0.0), ..PumpChange::default() }];
+        let found = scene.hand("polyp").unwrap().clone();
+        let period_ticks = (found.period_s * 1e3) as u64 + 1_000;
+        scene.hands.push(LoadedHand { name: "once".into(), is_once: true, changes, ..found });
+        let all = ["once", "polyp"].map(|name| {
+            let mut hand = Hand::in_scene(&scene, &format!("script:{name}")).unwrap();
+            controls(&mut hand, 2 * period_ticks, None)
+        });
+        let last_cut =
+            |all: &[Controls]| all.iter().rposition(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap() as u64;
+        assert!(last_cut(&all[0]) < period_ticks && last_cut(&all[1]) > period_ticks);
+        assert_eq!(all[0].last().unwrap().buttons, 0);
+        let set = all.map(|all| all.last().map(|controls| (controls.inflow_valve, controls.outflow_valve)).unwrap());
+        assert_eq!(set, [(0.0, 0.3), (1.0, 0.9)]);
     }
 
     #[test]

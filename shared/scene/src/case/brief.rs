@@ -127,6 +127,8 @@ pub enum Cause {
     Alarm(Alarm),
     /// Current in the loop, of a kind that is wrong in the medium.
     Current,
+    /// Current in the loop while the middle of its ring is there.
+    CurrentIn(Region),
 }
 
 impl Alarm {
@@ -167,7 +169,7 @@ pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneErro
     if rules.energy == Energy::Monopolar && medium == Medium::Saline {
         warnings.push(Named { words: "monopolar current in saline: it conducts".to_owned(), is: Cause::Current });
     }
-    warnings.extend(case.warning.iter().filter_map(warning));
+    warnings.extend(case.warning.iter().filter_map(|one| warning(one, case, scene)));
     Ok(Brief {
         name: case.name.clone(),
         rung: case.rung,
@@ -254,7 +256,7 @@ fn trigger(stop: &Stop) -> (String, Cause) {
 }
 
 /// A warning that the checks have shown to have one condition.
-fn warning(warning: &Warning) -> Option<Named<Cause>> {
+fn warning(warning: &Warning, case: &Case, scene: &LoadedScene) -> Option<Named<Cause>> {
     let made = [
         warning.pressure_above_pa.map(|pa| (format!("pressure above {:.0} mmHg", mmhg(pa)), Cause::PressureAbove(pa))),
         warning.pressure_below_pa.map(|pa| (format!("pressure below {:.0} mmHg", mmhg(pa)), Cause::PressureBelow(pa))),
@@ -263,6 +265,7 @@ fn warning(warning: &Warning) -> Option<Named<Cause>> {
         warning.force_above_n.map(|n| (format!("force above {n} N"), Cause::ForceAbove(n))),
         warning.time_above_s.map(|s| (format!("{s} s have passed"), Cause::TimeAbove(ticks(s)))),
         warning.alarm.map(|alarm| (format!("the pump's alarm “{}”", alarm.name()), Cause::Alarm(alarm))),
+        warning.current_in.as_ref().map(|name| (format!("current in: {name}"), Cause::CurrentIn(region(case, name, scene).is))),
     ];
     let (words, is) = made.into_iter().flatten().next()?;
     Some(Named { words: warning.words.clone().unwrap_or(words), is })

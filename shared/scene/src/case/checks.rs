@@ -245,12 +245,17 @@ fn holding(case: &Case, held: &Held, key: &str) -> Checked {
 fn visiting(case: &Case, visit: &Visit, key: &str) -> Checked {
     range(format!("{key}.places"), visit.places.len() as f64, 1.0, MAX_ENTRIES as f64, "places")?;
     range(format!("{key}.stay_s"), visit.stay_s, 0.0, 60.0, "s")?;
-    if let Some(name) = visit.places.iter().find(|name| !case.place.iter().any(|place| place.name == **name)) {
-        let known: Vec<&str> = case.place.iter().map(|place| place.name.as_str()).collect();
-        let what = format!("no [[place]] is named “{name}”; there are: {}", known.join(", "));
-        return wrong(Kind::Name, format!("{key}.places"), what, "name one of these");
-    }
+    visit.places.iter().try_for_each(|name| is_placed(case, &format!("{key}.places"), name))?;
     in_time(case, &format!("{key}.stay_s"), visit.stay_s * visit.places.len() as f64)
+}
+
+/// Whether a place of the case has this name.
+fn is_placed(case: &Case, key: &str, name: &str) -> Checked {
+    if case.place.iter().any(|place| place.name == name) {
+        return Ok(());
+    }
+    let known: Vec<&str> = case.place.iter().map(|place| place.name.as_str()).collect();
+    wrong(Kind::Name, key, format!("no [[place]] is named “{name}”; there are: {}", known.join(", ")), "name one of these")
 }
 
 fn staunching(case: &Case, goal: &Goal, key: &str) -> Checked {
@@ -324,7 +329,9 @@ fn warning(case: &Case, warning: &Warning, key: &str) -> Checked {
         ("time_above_s", warning.time_above_s, 1.0, DAY_S, "s", end.time_s),
     ];
     let given = figures.iter().map(|(name, value, ..)| (*name, value.is_some()));
-    one_of(key, &given.chain([("alarm", warning.alarm.is_some())]).collect::<Vec<_>>())?;
+    let others = [("alarm", warning.alarm.is_some()), ("current_in", warning.current_in.is_some())];
+    one_of(key, &given.chain(others).collect::<Vec<_>>())?;
+    warning.current_in.as_ref().map_or(Ok(()), |name| is_placed(case, &format!("{key}.current_in"), name))?;
     for (name, value, low, high, unit, ends_at) in figures {
         let Some(value) = value else { continue };
         range(format!("{key}.{name}"), value, low, high, unit)?;

@@ -3,6 +3,7 @@
 //! Frame and units are those of a scene: metres, origin at the pivot in the cervix, +z into the uterus. A case names a scene and says what the trainee is
 //! to do in it, by which rules, when it is over, and what the scores weigh.
 
+use crate::file::Hand;
 use crate::fluid::Medium;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -46,6 +47,9 @@ pub struct Case {
     /// Metrics whose weight or scale is another one than the default, by their key in a report (`hystation report --json`).
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub score: BTreeMap<String, Score>,
+    /// Scripted hands by name, beside those of the scene: trainees who do the task, well or badly.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub hand: BTreeMap<String, Hand>,
 }
 
 /// The rungs of the ladder, and the complications.
@@ -285,6 +289,8 @@ pub struct Warning {
     pub time_above_s: Option<f64>,
     /// The pump gives this alarm.
     pub alarm: Option<Alarm>,
+    /// There is current in the loop while the middle of its ring is in this place.
+    pub current_in: Option<String>,
 }
 
 /// How a metric is scored. What is missing is the report's default.

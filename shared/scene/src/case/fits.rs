@@ -7,7 +7,7 @@ use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
 use crate::fluid::Medium;
-use crate::validate::{Checked, range};
+use crate::validate::{Checked, hand, range};
 
 /// What the case and its scene show together.
 pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
@@ -19,6 +19,7 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
         reachable(place, index, scene)?;
     }
     goals(case, scene)?;
+    case.hand.iter().try_for_each(|(name, script)| hand(script, &format!("hand.{name}"), scene))?;
     let limit_ml = deficit_limit_ml(case.rules.medium.unwrap_or(scene.fluid.medium));
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
 }

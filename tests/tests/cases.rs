@@ -1,0 +1,135 @@
+//! Cases from their start to their report, each by scripted trainees that the case itself has: the septum, and the complications, which really happen and are
+//! handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
+
+use serde_json::Value;
+use station_tests::{Folder, hystation, run};
+use std::path::Path;
+
+const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
+
+/// What the report says of a case that a hand does for so long.
+fn session(case: &str, hand: &str, time: &str) -> Value {
+    let folder = Folder::new(&format!("case-{case}-{hand}"));
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../assets/cases/{case}.toml"));
+    let recording = folder.path("session.mcap");
+    // A name has 24 letters.
+    let station = format!("k{}-{}", std::process::id(), &hand[..2]);
+    let mut command = hystation();
+    command.args(["--name", &station, "run"]).arg(file).args(["--headless", "--lockstep", "--hand", &format!("script:{hand}")]);
+    command.args(["--roles", ROLES, "--for", time, "--record", &recording]);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{case} {hand}: {said}");
+    let (code, report, said) = run(hystation().args(["report", &recording, "--json", "-"]));
+    assert_eq!(code, Some(0), "{case} {hand}: {said}");
+    let report: Value = serde_json::from_str(&report).unwrap();
+    println!("{case} {hand}: {:#}", report["case"]);
+    report
+}
+
+/// A metric's raw value, and its score.
+fn metric(report: &Value, key: &str) -> (f64, Option<f64>) {
+    let found = report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key);
+    let found = found.unwrap_or_else(|| panic!("no {key}"));
+    (found["value"].as_f64().unwrap_or_else(|| panic!("{key}: {found}")), found["score"].as_f64())
+}
+
+fn goal(report: &Value, index: usize) -> &str {
+    report["case"]["goals"][index]["state"].as_str().unwrap()
+}
+
+fn ended_by(report: &Value) -> Option<&str> {
+    report["case"]["ended"]["by"].as_str()
+}
+
+/// How often a warning fell.
+fn warned(report: &Value, words: &str) -> u64 {
+    let warnings = report["case"]["warnings"].as_array().unwrap();
+    let found = warnings.iter().find(|warning| warning["words"] == words);
+    found.unwrap_or_else(|| panic!("no warning {words:?}: {warnings:?}"))["count"].as_u64().unwrap()
+}
+
+#[test]
+fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_current_at_the_fundus() {
+    let report = session("septum", "divide", "58s");
+    assert_eq!([goal(&report, 0), goal(&report, 1)], ["reached", "reached"]);
+    assert_eq!(ended_by(&report), Some("goals"));
+    assert!(metric(&report, "pathology").0 >= 12.0 && metric(&report, "cuts").0 >= 20.0, "{}", report["case"]);
+    assert_eq!(warned(&report, "current at the fundus: the septum ends here"), 0);
+}
+
+#[test]
+fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
+    let [good, bad] = ["stops", "goes-on"].map(|hand| session("perforation", hand, "48s"));
+    for report in [&good, &bad] {
+        assert!(warned(report, "the pump's alarm “perforation”") >= 1, "the wall is pierced");
+    }
+    assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
+    assert_eq!(goal(&bad, 0), "missed");
+    assert!(metric(&bad, "deficit").0 > metric(&good, "deficit").0);
+    assert!(metric(&good, "goals").1 > metric(&bad, "goals").1);
+}
+
+#[test]
+fn a_bleeding_is_staunched_by_who_raises_the_pressure_and_goes_on_under_who_looks_on() {
+    let [good, bad] = ["staunches", "looks-on"].map(|hand| session("bleeding", hand, "24s"));
+    for report in [&good, &bad] {
+        assert_eq!(goal(report, 0), "reached", "a chip is cut, and it bleeds");
+        assert!(metric(report, "bled").0 > 0.2);
+    }
+    assert_eq!((goal(&good, 1), ended_by(&good)), ("reached", Some("goals")));
+    assert_eq!((goal(&bad, 1), ended_by(&bad)), ("open", None));
+    assert!(metric(&bad, "bled").0 > metric(&good, "bled").0);
+    assert_eq!(warned(&good, "pressure above 100 mmHg"), 0);
+}
+
+#[test]
+fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_looks_on() {
+    let [good, bad] = ["watches", "looks-on"].map(|hand| session("fluid-overload", hand, "72s"));
+    for report in [&good, &bad] {
+        assert!(warned(report, "50 ml of glycine are missing") == 1);
+    }
+    assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
+    assert_eq!(goal(&bad, 0), "missed");
+    assert!(metric(&bad, "deficit").0 > metric(&good, "deficit").0 + 20.0);
+}
+
+/// The navigation case, over after four seconds.
+fn short_case(folder: &Folder) -> String {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).unwrap();
+    let scene = assets.join("scenes/default.toml").display().to_string();
+    folder.write("short.toml", &text.replace("time_s = 240.0", "time_s = 4.0").replace("../scenes/default.toml", &scene))
+}
+
+/// In real time, where the console judges. `--for` is what ends it if its session does not.
+#[test]
+fn a_station_that_is_to_end_with_its_session_says_how_it_ended_and_does() {
+    let folder = Folder::new("case-end");
+    let case = short_case(&folder);
+    let (station, page) = (format!("e{}", std::process::id()), "console_port=0");
+    let report = folder.path("report.json");
+    let roles = "hardware,device,haptic,tissue,fluid,collision-worker,console";
+    let mut command = hystation();
+    command.args(["--name", &station, "run", &case, "--headless", "--hand", "idle", "--roles", roles, "--set", page]);
+    command.args(["--until-end", "--for", "120s", "--report", &report]);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("the session is over after 4.0 s: the time was over; 0 of 1 goals reached"), "{said}");
+    let report: Value = serde_json::from_str(&folder.read("report.json")).unwrap();
+    let ticks = report["device"]["ticks"].as_u64().unwrap_or_else(|| panic!("{report}"));
+    assert!((4_000..100_000).contains(&ticks), "it ran for {ticks} ticks");
+}
+
+#[test]
+fn what_has_no_end_or_nobody_who_sees_it_cannot_be_run_until_then() {
+    let folder = Folder::new("case-endless");
+    let case = short_case(&folder);
+    for arguments in
+        [&["--until-end"][..], &[&case, "--until-end", "--set", "console=off"], &[&case, "--until-end", "--lockstep"]]
+    {
+        let mut command = hystation();
+        command.args(["--name", &format!("f{}", std::process::id()), "run", "--headless", "--for", "2s"]).args(arguments);
+        let (code, _, said) = run(&mut command);
+        assert!(code == Some(2) && said.contains("--until-end"), "{arguments:?}: {said}");
+    }
+}
