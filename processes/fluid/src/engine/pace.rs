@@ -1,18 +1,41 @@
-//! The step of a session: the scene's, or what the machine affords of it.
+//! The step of a session: that of the role, or for who founds it the scene's, or what the machine affords of it.
 
 use super::{FlowEngine, inputs_of};
-use crate::afford::{affordable_step, at_rest, tissue_at_rest};
+use crate::afford::{affordable_step, at_rest, is_step, tissue_at_rest};
 use crate::cavity::Cavity;
 use hyst_engine::Failure;
 use hyst_exchange::Roster;
 use hyst_messages::Role;
+use hyst_messages::page::fluid;
 use hyst_scene::LoadedScene;
 
 impl FlowEngine<'_> {
-    /// Takes the step that the machine affords; what the dry steps did to the flow is undone.
+    /// Takes the step of the role, which whoever follows goes on with whatever it would afford itself: dry steps would only delay it, on a machine that is
+    /// too slow for the scene by seconds. Who finds none takes the step that the machine affords.
     pub(super) fn choose_step(&mut self, scene: &LoadedScene) -> Result<(), Failure> {
-        let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let has_begun = Roster::open(&self.life.station)?.holder(Role::Fluid).epoch > 0;
+        match self.step_of_role().filter(|_| has_begun) {
+            Some(step_ticks) => {
+                self.step_ticks.set(step_ticks);
+                Ok(())
+            }
+            None => self.find_step(scene, has_begun),
+        }
+    }
+
+    /// The step that the processes of the role say they make, dead ones too: a state that is of another one corrects it.
+    fn step_of_role(&self) -> Option<u64> {
+        let others = self.life.clock.occupied(Role::Fluid).filter(|(_, incarnation)| *incarnation != self.life.incarnation);
+        let said = others.filter_map(|(slot, incarnation)| {
+            let page = self.life.station.read_slot(slot, incarnation).ok()?;
+            page.cell(fluid::STATUS).map(|(_, status)| u64::from(status.step_ticks))
+        });
+        said.filter(|ticks| is_step(self.scene_ticks, *ticks)).max()
+    }
+
+    /// Takes the step that the machine affords; what the dry steps did to the flow is undone.
+    fn find_step(&mut self, scene: &LoadedScene, has_begun: bool) -> Result<(), Failure> {
+        let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let (sample, (positions_m, tets)) = (at_rest(scene), tissue_at_rest(scene));
         let [_, bytes, ..] = self.sections();
         let (mut first, mut block) = (vec![0u64; bytes.div_ceil(8)], vec![0u64; bytes.div_ceil(8)]);
