@@ -115,10 +115,11 @@ fn dry_steps_that_find_the_pace_leave_the_flow_as_the_scene_has_it() {
 #[test]
 fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
     in_a_station("follows", |mut engine| {
-        let (station, scene) = (&engine.life.station, load_scene(None).unwrap());
+        let (life, scene) = (engine.life, load_scene(None).unwrap());
         let other = Slot::new(Role::Fluid, 1).unwrap();
-        let page = station.create_slot(other, 2).unwrap();
-        let founded = hyst_exchange::Roster::open(station).unwrap().promote(Role::Fluid, Tenure::default(), 2).unwrap();
+        let page = life.station.create_slot(other, 2).unwrap();
+        life.station.open_for_keeping().unwrap().store32(station::SLOT_INCARNATION + other.number(), 2);
+        let founded = hyst_exchange::Roster::open(&life.station).unwrap().promote(Role::Fluid, Tenure::default(), 2).unwrap();
         let mut chosen = |step_ticks: u64| {
             page.write(
                 fluid::STATUS,
