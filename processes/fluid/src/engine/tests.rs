@@ -107,7 +107,7 @@ fn dry_steps_that_find_the_pace_leave_the_flow_as_the_scene_has_it() {
         let mut first = vec![0u64; fresh.state_bytes() / 8];
         fresh.store(bytemuck::cast_slice_mut(&mut first)).unwrap();
         assert!(state(&engine) == first);
-        engine.choose_step(&scene).unwrap();
+        engine.choose_step(&scene).unwrap().unwrap();
         assert!(state(&engine) == first && engine.cavity.mask().iter().all(|cell| *cell == 0));
     });
 }
@@ -126,7 +126,7 @@ fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
                 &FluidStatus { epoch: founded.epoch, step_ticks: step_ticks as u32, ..FluidStatus::default() },
             );
             engine.step_ticks.set(1);
-            engine.choose_step(&scene).unwrap();
+            engine.choose_step(&scene).unwrap().unwrap();
             Stateful::step_ticks(&engine)
         };
         // Longer than any machine needs for the default scene, so that no dry step finds it.
