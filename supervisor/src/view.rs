@@ -56,6 +56,8 @@ pub struct StepView {
     pub ms: u32,
     /// What the scene asks for, ms: less, where the machine does not afford it.
     pub scene_ms: u32,
+    /// How many times the scene's grid is halved along each axis, where the machine affords no step of it.
+    pub halvings: u32,
 }
 
 /// The register of a Site Manager.
@@ -98,7 +100,8 @@ fn register_of(page: &ReadPage) -> Option<RegisterView> {
 
 fn steps_of(page: &ReadPage) -> Option<StepView> {
     let (_, status) = page.cell(fluid::STATUS)?;
-    (status.step_ticks > 0).then_some(StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks })
+    let steps = StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks, halvings: status.halvings };
+    (steps.ms > 0).then_some(steps)
 }
 
 /// The station.
@@ -309,9 +312,24 @@ pub fn table(view: &StationView) -> String {
             process.binary.as_deref().unwrap_or(Path::new("-")).display()
         ));
     }
-    let longer = view.processes.iter().filter(|process| process.active).find_map(|process| process.steps);
-    if let Some(StepView { ms, scene_ms }) = longer.filter(|steps| steps.ms != steps.scene_ms) {
+    if let Some(steps) = view.processes.iter().filter(|process| process.active).find_map(|process| process.steps) {
+        text.push_str(&slow_flow(&steps));
+    }
+    text
+}
+
+/// What of the scene's flow the machine does not afford, a line each.
+fn slow_flow(steps: &StepView) -> String {
+    let StepView { ms, scene_ms, halvings } = steps;
+    let mut text = String::new();
+    if ms != scene_ms {
         text.push_str(&format!("the flow is computed every {ms} ms: for the scene's {scene_ms} ms this machine is too slow\n"));
+    }
+    if *halvings > 0 {
+        let part = 1u64 << (*halvings).min(u32::BITS - 1);
+        text.push_str(&format!(
+            "the flow has 1/{part} of the scene's cells along each axis: for more this machine is too slow\n"
+        ));
     }
     text
 }
@@ -334,9 +352,11 @@ mod tests {
     }
 
     #[test]
-    fn a_flow_that_is_computed_more_rarely_than_the_scene_asks_for_is_said() {
-        let slow = table(&flow(StepView { ms: 66, scene_ms: 33 }));
-        assert!(slow.contains("every 66 ms") && slow.contains("33 ms"), "{slow}");
-        assert!(!table(&flow(StepView { ms: 33, scene_ms: 33 })).contains("the flow is computed"));
+    fn a_flow_that_is_computed_more_rarely_or_coarsely_than_the_scene_asks_for_is_said() {
+        let slow = table(&flow(StepView { ms: 66, scene_ms: 33, halvings: 0 }));
+        assert!(slow.contains("every 66 ms") && slow.contains("33 ms") && !slow.contains("cells"), "{slow}");
+        let coarse = table(&flow(StepView { ms: 33, scene_ms: 33, halvings: 2 }));
+        assert!(coarse.contains("1/4 of the scene's cells along each axis") && !coarse.contains("every"), "{coarse}");
+        assert!(!table(&flow(StepView { ms: 33, scene_ms: 33, halvings: 0 })).contains("the flow"));
     }
 }

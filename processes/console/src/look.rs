@@ -92,6 +92,8 @@ pub struct Pump {
     pub step_ms: u32,
     /// See `step_ms`.
     pub scene_step_ms: u32,
+    /// How many times the scene's grid is halved along each axis.
+    pub halvings: u32,
 }
 
 impl Pump {
@@ -109,6 +111,7 @@ impl Pump {
             alarms: alarms(status.alarms),
             step_ms: status.step_ticks,
             scene_step_ms: status.scene_step_ticks,
+            halvings: status.halvings,
         };
         let figures =
             [pump.pressure_mmhg, pump.inflow_ml_min, pump.outflow_ml_min, pump.deficit_ml, pump.cavity_ml, pump.bled_ml];

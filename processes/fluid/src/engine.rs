@@ -7,6 +7,7 @@ mod tests;
 
 use crate::afford::is_step;
 use crate::cavity::Cavity;
+use crate::coarse::halved;
 use crate::crew::Crew;
 use crate::gas;
 use crate::holes::Holes;
@@ -58,6 +59,8 @@ pub struct FlowEngine<'a> {
     seed_m: [f32; 3],
     /// Step that the scene asks for, ticks.
     scene_ticks: u64,
+    /// How many times the scene's grid is halved along each axis.
+    halvings: u32,
     /// That of the session: the scene's, or what the machine affords.
     step_ticks: Cell<u64>,
     /// Epoch, tick and writer of the state that the solver holds.
@@ -94,29 +97,29 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
 }
 
 impl<'a> FlowEngine<'a> {
-    /// An engine for the settings' scene.
-    pub fn new(life: &'a Life) -> Result<FlowEngine<'a>, Failure> {
+    /// An engine for a scene, on its grid halved so many times along each axis.
+    fn on_grid(life: &'a Life, scene: &LoadedScene, halvings: u32) -> Result<FlowEngine<'a>, Failure> {
         let input = |error: hyst_flow::FlowError| Failure::Input(error.to_string());
-        let scene = load_scene(life.settings.scene.as_deref())?;
-        life.admit_scene(scene.hash)?;
         let figures = &scene.fluid;
-        let model = model_of(&scene, figures.grid.map(|count| count as usize)).map_err(input)?;
+        let cells = halved(figures.grid, halvings).unwrap_or(figures.grid);
+        let model = model_of(scene, cells.map(|count| count as usize)).map_err(input)?;
         let (grid, cells) = (model.grid, model.grid.cells());
         // Half of the machine at most, so that the threads of the layers leave room for whatever is real time.
         let default = (system::cores() / 2).clamp(1, 4) as f64;
         let bands = life.settings.number("fluid_threads", default, 1.0..=16.0, "a whole number from 1 to 16")? as usize;
         let crew = Crew::new(Solver::new(model, bands.min(cells[2]).min(8)).map_err(input)?)?;
-        let mut engine = FlowEngine {
+        Ok(FlowEngine {
             life,
             crew,
             cavity: Cavity::new(grid),
             pieces: Pieces::new(grid.cell_count()),
             wounds: Wounds::new(&figures.vessels),
-            holes: Holes::new(&scene),
+            holes: Holes::new(scene),
             radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
             electrode: scene.rigid.first().and_then(|rigid| rigid.electrode.clone()),
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             scene_ticks: figures.period_ticks(),
+            halvings,
             step_ticks: Cell::new(figures.period_ticks()),
             holds: None,
             sources: Default::default(),
@@ -125,12 +128,7 @@ impl<'a> FlowEngine<'a> {
             horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
-        };
-        // In lock-step, a replay's too, the step must not depend on the machine.
-        if !life.is_lockstep() {
-            engine.choose_step(&scene)?;
-        }
-        Ok(engine)
+        })
     }
 
     fn sections(&self) -> [usize; SECTIONS] {
@@ -196,9 +194,10 @@ impl<'a> FlowEngine<'a> {
         inputs
     }
 
-    /// A status that also says the step.
+    /// A status that also says the step and the grid.
     fn told(&self, step_ticks: u64, status: FluidStatus) -> FluidStatus {
-        FluidStatus { step_ticks: step_ticks as u32, scene_step_ticks: self.scene_ticks as u32, ..status }
+        let (step_ticks, scene_step_ticks) = (step_ticks as u32, self.scene_ticks as u32);
+        FluidStatus { step_ticks, scene_step_ticks, halvings: self.halvings, ..status }
     }
 
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {

@@ -3,6 +3,7 @@
 mod afford;
 mod bench;
 mod cavity;
+mod coarse;
 mod crew;
 mod engine;
 mod gas;

@@ -266,7 +266,8 @@ impl Stateful for MainLoop<'_> {
         let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
         let passage = Passage { hash: &table, before: (&before.pose, before.loop_m), velocities_m_s: velocities, dt_s };
         self.contacts.meet(world, self.collision.hits(), (&tool, &passage), positions, bytemuck::cast_slice_mut(memory))?;
-        medium_forces(world, (&before, hand.draw.as_ref()), positions, &mut self.pressure_pa, self.contacts.node_force_n());
+        let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
+        medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
 
         // Deformation of all objects, and the surfaces for the eye.
@@ -358,14 +359,15 @@ impl Stateful for MainLoop<'_> {
 fn medium_forces(
     world: &World,
     (before, draw): (&Core, Option<&Draw>),
-    positions: &[[f32; 3]],
+    nodes: (&[[f32; 3]], &[[f32; 3]]),
+    dt_s: f32,
     pressure_pa: &mut [f32],
     node_force_n: &mut [[f32; 3]],
 ) {
     let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
     pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
-    pressure_forces(&world.wall, positions, pressure_pa, node_force_n);
-    drift_forces(&world.drifters, (&before.pieces, draw), positions, &world.model, node_force_n);
+    pressure_forces(&world.wall, nodes.0, pressure_pa, node_force_n);
+    drift_forces(&world.drifters, (&before.pieces, draw), nodes, (&world.model, dt_s), node_force_n);
 }
 
 /// The status of a step after the one before; `times_ns`: when it began, and when test, response, deformation and all had ended.

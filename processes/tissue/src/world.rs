@@ -1,7 +1,7 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
 use crate::body::{Body, Room, version_of};
-use crate::drift::{Drifter, weight_n_kg};
+use crate::drift::{Bath, Drifter};
 use crate::materials::{lowered, materials};
 use crate::outlet::Outlet;
 use crate::points::ContactPoints;
@@ -35,8 +35,9 @@ pub struct Case {
     objects: Vec<(String, ObjectKind)>,
     /// Whether an object of the scene has a cavity.
     hollow: Vec<bool>,
-    /// Weight in the medium per mass of each object of the scene, N/kg.
-    weight_n_kg: Vec<f32>,
+    /// Density of each object of the scene, and what they are in.
+    density_kg_m3: Vec<f64>,
+    bath: Bath,
     /// Instruments by name.
     rigid: Vec<String>,
     /// What holds a pathology in its host: the object and the place at rest of the node that is held, and how.
@@ -205,7 +206,6 @@ fn bits(point: [f32; 3]) -> [u32; 3] {
 impl Case {
     fn of(scene: &LoadedScene, body: &Body, starts: &[usize]) -> Result<Case, Failure> {
         let rigid = scene.rigid.first().ok_or_else(|| Failure::Input("the scene has no rigid object".into()))?;
-        let medium_kg_m3 = f64::from(scene.fluid.density_kg_m3);
         let kind = |kind| match kind {
             DeformableKind::Organ => ObjectKind::Organ,
             DeformableKind::Pathology => ObjectKind::Pathology,
@@ -213,7 +213,8 @@ impl Case {
         Ok(Case {
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
             hollow: scene.objects.iter().map(|object| object.hollow).collect(),
-            weight_n_kg: scene.objects.iter().map(|object| weight_n_kg(object.material.density_kg_m3, medium_kg_m3)).collect(),
+            density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
+            bath: Bath { density_kg_m3: scene.fluid.density_kg_m3.into(), viscosity_pa_s: scene.fluid.viscosity_pa_s.into() },
             rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
             roots: roots(scene, body, starts),
             cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
@@ -267,8 +268,8 @@ impl World {
         let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         Ok(World {
             case: Arc::clone(case),
-            drifters: Drifter::of(&objects, &body, |object| {
-                case.weight_n_kg.get(case.origin(&body, object)).copied().unwrap_or(0.0)
+            drifters: Drifter::of(&objects, &body, &case.bath, |object| {
+                case.density_kg_m3.get(case.origin(&body, object)).copied().unwrap_or(case.bath.density_kg_m3)
             }),
             points,
             objects,

@@ -40,7 +40,8 @@ fn pose4(pose: &Pose) -> Pose4 {
 }
 
 fn leg(leg: &HandLeg) -> Leg {
-    Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons: if leg.is_energized { BUTTON_ENERGIZED } else { 0 } }
+    let buttons = if leg.is_energized { BUTTON_ENERGIZED } else { 0 };
+    Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons, is_rinsing: leg.is_rinsing }
 }
 
 /// One round of the hand; gives the volume that was burnt, mm³.

@@ -70,6 +70,15 @@ pub struct HandPose {
     pub pose: Pose4,
     /// `BUTTON_…` bits.
     pub buttons: u32,
+    /// Whether it holds the outflow valve wide open.
+    pub is_rinsing: bool,
+}
+
+impl HandPose {
+    /// With nothing pressed, and the valves as they are.
+    fn cold(pose: Pose4) -> HandPose {
+        HandPose { pose, buttons: 0, is_rinsing: false }
+    }
 }
 
 /// The hand at `t_s` seconds since the start. Time that is negative or not a number counts as 0.
@@ -80,9 +89,9 @@ pub fn hand_pose(script: &HandScript, t_s: f64) -> HandPose {
     let u = (t_s / period_s).fract();
     let (rest, into) = (script.rest, script.into);
     match script.hand {
-        Hand::Idle => HandPose { pose: rest, buttons: 0 },
+        Hand::Idle => HandPose::cold(rest),
         Hand::Press => along(&[(0.1, rest, 0), (0.45, into, 0), (0.6, into, 0), (0.95, rest, 0), (1.0, rest, 0)], u),
-        Hand::Explore => HandPose { pose: tour(script, t_s / period_s), buttons: 0 },
+        Hand::Explore => HandPose::cold(tour(script, t_s / period_s)),
         Hand::Polyp => polyp(script, u),
     }
 }
@@ -96,15 +105,17 @@ pub struct Leg {
     pub time_s: f64,
     /// `BUTTON_…` bits during it.
     pub buttons: u32,
+    /// Whether the outflow valve is wide open during it.
+    pub is_rinsing: bool,
 }
 
 /// The hand at `t_s` seconds since the start: along the legs one after the other, from where the last one ends, again and again. Time that is negative
 /// or not a number counts as 0; without a leg that takes time the hand rests where the last one ends.
 pub fn hand_along(legs: &[Leg], t_s: f64) -> HandPose {
-    let Some(last) = legs.last() else { return HandPose { pose: Pose4::default(), buttons: 0 } };
+    let Some(last) = legs.last() else { return HandPose::cold(Pose4::default()) };
     let time_s = |leg: &Leg| if leg.time_s.is_finite() { leg.time_s.max(0.0) } else { 0.0 };
     let period_s: f64 = legs.iter().map(time_s).sum();
-    let resting = HandPose { pose: last.to, buttons: 0 };
+    let resting = HandPose::cold(last.to);
     if period_s <= 0.0 {
         return resting;
     }
@@ -113,7 +124,8 @@ pub fn hand_along(legs: &[Leg], t_s: f64) -> HandPose {
     for leg in legs {
         let leg_s = time_s(leg);
         if left_s < leg_s {
-            return HandPose { pose: from.blend(&leg.to, least_jerk(left_s / leg_s)), buttons: leg.buttons };
+            let pose = from.blend(&leg.to, least_jerk(left_s / leg_s));
+            return HandPose { pose, buttons: leg.buttons, is_rinsing: leg.is_rinsing };
         }
         (left_s, from) = (left_s - leg_s, leg.to);
     }
@@ -157,11 +169,11 @@ fn along(keys: &[(f64, Pose4, u32)], u: f64) -> HandPose {
     for (to_u, to, buttons) in keys {
         if u <= *to_u {
             let share = least_jerk((u - from_u) / (to_u - from_u));
-            return HandPose { pose: from.blend(to, share), buttons: *buttons };
+            return HandPose { pose: from.blend(to, share), buttons: *buttons, is_rinsing: false };
         }
         (from_u, from) = (*to_u, *to);
     }
-    HandPose { pose: from, buttons: 0 }
+    HandPose::cold(from)
 }
 
 /// The tour: `rounds` is time in periods. It begins at `rest` and swells to full amplitude over the first quarter round.
@@ -202,7 +214,7 @@ mod tests {
 
     fn legs() -> [Leg; 5] {
         let pose = |pitch_rad, yaw_rad, roll_rad, insertion_m| Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m };
-        let leg = |to, time_s, buttons| Leg { to, time_s, buttons };
+        let leg = |to, time_s, buttons| Leg { to, time_s, buttons, is_rinsing: buttons == 0 };
         const CUT: u32 = BUTTON_EXTENDED | BUTTON_ENERGIZED;
         [
             leg(pose(0.0, 0.0, 0.0, 0.02), 0.5, 0),
@@ -245,6 +257,7 @@ mod tests {
             end_s += leg.time_s;
             let end = hand_along(&legs, end_s - 1e-9);
             assert_eq!((middle.buttons, end.buttons), (leg.buttons, leg.buttons), "leg {index}");
+            assert_eq!((middle.is_rinsing, end.is_rinsing), (leg.is_rinsing, leg.is_rinsing), "leg {index}");
             for (a, b) in dofs(end.pose).into_iter().zip(dofs(leg.to)) {
                 assert!((a - b).abs() < 1e-7, "leg {index}: {end:?}");
             }
@@ -255,7 +268,7 @@ mod tests {
 
     #[test]
     fn legs_without_time_or_with_time_that_is_none_are_rested_at() {
-        let resting = HandPose { pose: legs()[4].to, buttons: 0 };
+        let resting = HandPose::cold(legs()[4].to);
         for time_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let timeless = legs().map(|leg| Leg { time_s, ..leg });
             assert_eq!(hand_along(&timeless, 2.0), resting, "{time_s}");
@@ -265,7 +278,7 @@ mod tests {
             assert!((hand_along(&one, 2.6).pose.insertion_m - expected.insertion_m).abs() < 1e-7, "{time_s}");
         }
         assert_eq!(hand_along(&legs(), f64::NAN), hand_along(&legs(), 0.0));
-        assert_eq!(hand_along(&[], 1.0), HandPose { pose: Pose4::default(), buttons: 0 });
+        assert_eq!(hand_along(&[], 1.0), HandPose::cold(Pose4::default()));
     }
 
     #[test]

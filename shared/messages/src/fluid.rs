@@ -36,6 +36,10 @@ pub struct FluidStatus {
     pub step_ticks: u32,
     /// The one that the scene asks for, ticks: the shorter one, where the machine does not afford it.
     pub scene_step_ticks: u32,
+    /// How many times the scene's grid is halved along each axis, where the machine affords no step of it.
+    pub halvings: u32,
+    /// Padding, zero.
+    pub reserved: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

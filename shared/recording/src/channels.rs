@@ -116,7 +116,7 @@ impl Channel {
             }
             Channel::Fluid => {
                 let mut fields = json!({});
-                add(&mut fields, "integer", &["tick", "alarms", "step_ticks", "scene_step_ticks"]);
+                add(&mut fields, "integer", &["tick", "alarms", "step_ticks", "scene_step_ticks", "halvings"]);
                 add(
                     &mut fields,
                     "number",

@@ -23,6 +23,8 @@ pub(crate) struct Fluid {
     step_ticks: u32,
     #[serde(default)]
     scene_step_ticks: u32,
+    #[serde(default)]
+    halvings: u32,
 }
 
 impl Fluid {
@@ -38,6 +40,7 @@ impl Fluid {
             bled_ml: status.bled_ml,
             step_ticks: status.step_ticks,
             scene_step_ticks: status.scene_step_ticks,
+            halvings: status.halvings,
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -52,6 +55,7 @@ impl Fluid {
             bled_ml: self.bled_ml,
             step_ticks: self.step_ticks,
             scene_step_ticks: self.scene_step_ticks,
+            halvings: self.halvings,
             ..FluidStatus::default()
         }
     }

@@ -38,6 +38,8 @@ pub(crate) struct Probe<'a> {
     pub(crate) points_m: &'a [[f32; 3]],
     /// Its loop electrode.
     pub(crate) electrode: Option<&'a LoadedLoop>,
+    /// Half its diameter.
+    pub(crate) radius_m: f32,
     pub(crate) pivot_m: [f32; 3],
     /// Lowest and highest pitch, yaw, roll (radians) and insertion.
     pub(crate) pitch_rad: [f32; 2],

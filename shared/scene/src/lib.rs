@@ -33,6 +33,7 @@ mod pose;
 mod report;
 mod resection;
 mod rigid;
+mod rinse;
 mod source;
 mod validate;
 mod wrap;

@@ -134,6 +134,7 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>])
         objects: &locators,
         points_m: &rigid[0].points_m,
         electrode: rigid[0].electrode.as_ref(),
+        radius_m: rigid[0].radius_m,
         pivot_m: workspace.pivot_m,
         pitch_rad: workspace.pitch_rad,
         yaw_rad: workspace.yaw_rad,

@@ -115,6 +115,8 @@ pub struct HandLeg {
     pub is_extended: bool,
     /// Whether there is to be current in it.
     pub is_energized: bool,
+    /// Whether the outflow valve is to be wide open.
+    pub is_rinsing: bool,
 }
 
 /// A scripted hand, ready to be followed.

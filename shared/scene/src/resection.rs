@@ -2,11 +2,14 @@
 //! at the far end it bites into it sideways with the current on, is drawn back along the shaft until it has left it, and goes away cold. So what it has
 //! swept parts a chip. Cutting always towards oneself is what surgeons call slicing (Di Spiezio Sardo et al., Hum Reprod Update 2008; 14: 101–119).
 //!
+//! Then it opens the outflow and brings it to where the chip has sunk to ([`crate::rinse`]).
+//!
 //! Promise: along the whole way the shaft touches nothing, the loop nothing but the pathology, and that with its ring, while there is current in it.
 
 use crate::electrode::LoadedLoop;
 use crate::hands::{APPROACH_SHARE, Probe};
 use crate::pose::{HandLeg, LoadedHand, Pose};
+use crate::rinse::rinse;
 use glam::{Quat, Vec3};
 
 /// How deep the ring bites, as a share of its radius: its arms stay outside.
@@ -38,6 +41,8 @@ const ROLL_RAD_S: f32 = 1.2;
 /// Shortest leg, and shortest rest.
 const LEAST_S: f64 = 0.5;
 const REST_S: f64 = 0.6;
+/// How long the outflow waits over a chip, wide open: what is carried with a few millimetres a second comes over a centimetre.
+const RINSE_S: f64 = 2.0;
 /// Speed at which a rest lets the loop go out and in: two thirds of the device's.
 const LOOP_M_S: f32 = 0.02;
 
@@ -260,7 +265,7 @@ impl<'a> Search<'a> {
         let rest_s = REST_S.max(f64::from(self.electrode.reach_m / LOOP_M_S));
         let mut legs: Vec<HandLeg> = Vec::new();
         let mut from = rest;
-        let keys = [
+        let cuts = [
             (rest, false, false),
             (front, false, false),
             (front, true, false),
@@ -270,14 +275,22 @@ impl<'a> Search<'a> {
             (drawn, true, false),
             (front, true, false),
             (front, false, false),
-            (rest, false, false),
         ];
-        for (to, is_extended, is_energized) in keys {
+        // The outflow comes to the chip, waits there, and goes.
+        let rinsed = rinse(self.probe, front, rest, self.ring_m(drawn));
+        let rinses = rinsed.iter().flat_map(|over| [over, over]).map(|over| (over, true)).chain([(rest, rinsed.is_some())]);
+        let cuts = cuts.into_iter().map(|(to, is_extended, is_energized)| (to, is_extended, is_energized, false));
+        let rinses = rinses.map(|(to, is_rinsing)| (to, false, false, is_rinsing));
+        for (to, is_extended, is_energized, is_rinsing) in cuts.chain(rinses) {
             let speed_m_s = if is_energized { CUT_M_S } else { MOVE_M_S };
             let moved_s = f64::from(self.ring_m(from).distance(self.ring_m(to)) / speed_m_s);
             let rolled_s = f64::from((to.roll_rad - from.roll_rad).abs() / ROLL_RAD_S);
-            let time_s = if from == to { rest_s } else { moved_s.max(rolled_s).max(LEAST_S) };
-            legs.push(HandLeg { to: *to, time_s, is_extended, is_energized });
+            let time_s = match is_rinsing {
+                _ if from != to => moved_s.max(rolled_s).max(LEAST_S),
+                true => RINSE_S,
+                false => rest_s,
+            };
+            legs.push(HandLeg { to: *to, time_s, is_extended, is_energized, is_rinsing });
             from = to;
         }
         LoadedHand {

@@ -1,7 +1,8 @@
 //! The scenes that come with the station: what they hold, that they can be run, and that binary and folder give the same.
 #![allow(missing_docs)]
 
-use hyst_scene::{DeformableKind, LoadedScene, Pose, load, load_embedded};
+use glam::{Vec3, Vec3Swizzles};
+use hyst_scene::{DeformableKind, LoadedScene, OUTFLOW_RADII, Pose, load, load_embedded};
 use std::path::{Path, PathBuf};
 
 fn scene() -> LoadedScene {
@@ -147,26 +148,51 @@ fn the_loop_cuts_into_a_pathology_and_neither_it_nor_the_shaft_touches_anything_
         let hand = scene.hand("polyp").unwrap_or_else(|| panic!("{name}: no hand reaches it"));
         let reach_m = scene.rigid[0].electrode.as_ref().unwrap().reach_m;
         assert_eq!(hand.target, Some(1), "{name}");
-        let (mut cutting, mut from) = (0, hand.way[0]);
+        let (mut cutting, mut from, mut was_extended) = (0, hand.way[0], false);
         for (index, leg) in hand.legs.iter().enumerate() {
             for step in 0..=20u8 {
                 let share = f32::from(step) / 20.0;
                 let pose = from.towards(&leg.to, share);
                 assert_eq!(touched(&scene, &pose), Vec::<usize>::new(), "{name}, leg {index}: the shaft touches at {pose:?}");
                 // While the hand rests the loop may be anywhere on its way out or in.
-                let extension_m = match (leg.is_extended, from == leg.to) {
-                    (_, true) => share * reach_m,
+                let extension_m = match (leg.is_extended || was_extended, from == leg.to) {
+                    (true, true) => share * reach_m,
                     (true, false) => reach_m,
-                    (false, false) => 0.0,
+                    (false, _) => 0.0,
                 };
                 let objects = 0..scene.objects.len();
                 let ringed: Vec<usize> = objects.filter(|&object| ring_touches(&scene, &pose, extension_m, object)).collect();
                 assert!(ringed.is_empty() || (ringed == [1] && leg.is_energized), "{name}, leg {index}: {ringed:?} at {pose:?}");
                 cutting += ringed.len();
             }
-            from = leg.to;
+            (from, was_extended) = (leg.to, leg.is_extended);
         }
         assert!(cutting > 10 && from == hand.way[0], "{name}: the ring is in the pathology in {cutting} poses");
+    }
+}
+
+/// Where the outflow is in a pose, and where the ring when it is out.
+fn outflow_and_ring_m(scene: &LoadedScene, pose: &Pose) -> [Vec3; 2] {
+    let (rigid, pivot_m) = (&scene.rigid[0], scene.workspace.pivot_m);
+    let ahead = [-OUTFLOW_RADII[0] * rigid.radius_m, rigid.electrode.as_ref().unwrap().reach_m];
+    ahead.map(|ahead_m| pose.place(pivot_m, [0.0, 0.0, ahead_m]).into())
+}
+
+#[test]
+fn the_hand_that_has_cut_waits_with_the_outflow_open_over_what_it_has_cut() {
+    for (name, scene) in scenes() {
+        let hand = scene.hand("polyp").unwrap();
+        let cut = hand.legs.iter().rposition(|leg| leg.is_energized).unwrap();
+        let [before_m, chip_m] = outflow_and_ring_m(&scene, &hand.legs[cut].to);
+        let waits =
+            hand.legs.windows(2).find(|legs| legs[1].is_rinsing && legs[0].to == legs[1].to).unwrap_or_else(|| panic!("{name}"));
+        let [over_m, _] = outflow_and_ring_m(&scene, &waits[1].to);
+        let (along_m, was_m) = ((over_m - chip_m).xz().length(), (before_m - chip_m).xz().length());
+        println!("{name}: the outflow is {along_m} m beside the place below the chip, it was {was_m} m; {:?}", waits[1].to);
+        assert!(along_m < 0.5 * was_m && over_m.y < chip_m.y + 1e-3, "{name}: {over_m} over {chip_m}");
+        let after = &hand.legs[cut + 1..];
+        assert!(hand.legs[..=cut].iter().all(|leg| !leg.is_rinsing) && after.iter().all(|leg| !leg.is_energized), "{name}");
+        assert!(after.iter().all(|leg| !(leg.is_rinsing && leg.is_extended)), "{name}: the loop is in");
     }
 }
 

@@ -45,6 +45,8 @@ pub struct Hand {
     changes: VecDeque<PumpChange>,
     /// When the script is through, s; one that begins anew never is.
     end_s: f64,
+    /// How far the outflow valve is open while the hand rinses; `None` where the scene's script has the valve.
+    rinsing_valve: Option<f32>,
     /// How far the loop electrode goes out, and how far it is, m.
     loop_reach_m: f32,
     loop_extension_m: f32,
@@ -74,7 +76,7 @@ fn pose4(pose: &hyst_scene::Pose) -> Pose4 {
 fn leg(leg: &HandLeg) -> Leg {
     let button = |is_pressed: bool, bit: u32| if is_pressed { bit } else { 0 };
     let buttons = button(leg.is_energized, BUTTON_ENERGIZED) | button(leg.is_extended, BUTTON_EXTENDED);
-    Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons }
+    Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons, is_rinsing: leg.is_rinsing }
 }
 
 fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
@@ -161,6 +163,7 @@ impl Hand {
             controls,
             changes: own.unwrap_or(&scene.fluid.changes).iter().copied().collect(),
             end_s: script.filter(|hand| hand.is_once).map_or(f64::INFINITY, |hand| hand.period_s),
+            rinsing_valve: own.unwrap_or(&scene.fluid.changes).iter().all(|change| change.outflow_valve.is_none()).then_some(1.0),
             loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
             loop_extension_m: 0.0,
             head_rad: 0.0,
@@ -198,7 +201,7 @@ impl Hand {
     /// One tick of the hand, pushed by the force of the motors, N.
     pub fn step(&mut self, tick: u64, force_n: [f32; 3], pointer: Option<&PointerRecord>) -> Held {
         let time_s = (tick as f64 * 1e-3 - REST_S).max(0.0);
-        let mut buttons = 0;
+        let (mut buttons, mut rinsing_valve) = (0, None);
         if !matches!(self.will, Will::Pointer | Will::Pad(_) | Will::Score(_)) {
             self.change(time_s);
         }
@@ -215,6 +218,7 @@ impl Hand {
             Will::Legs(legs) => {
                 let wanted = hand_along(legs, time_s);
                 buttons = wanted.buttons;
+                rinsing_valve = self.rinsing_valve.filter(|_| wanted.is_rinsing);
                 wanted.pose
             }
             Will::Script(script) => {
@@ -260,7 +264,7 @@ impl Hand {
                 camera_roll_rad: self.head_rad,
             },
             velocity_m_s: self.state.velocity_m_s,
-            controls: self.controls,
+            controls: Controls { outflow_valve: rinsing_valve.unwrap_or(self.controls.outflow_valve), ..self.controls },
             felt_n: None,
         }
     }
@@ -305,6 +309,23 @@ mod tests {
             }
             assert!(all.iter().any(|controls| controls.buttons == BUTTON_EXTENDED), "{what}: it goes out cold");
         }
+    }
+
+    #[test]
+    fn the_hand_opens_the_outflow_once_it_has_cut_and_leaves_it_to_a_scene_that_sets_it() {
+        let mut scene = hyst_scene::load_embedded().unwrap();
+        let mut valves = |changes: Vec<PumpChange>| {
+            scene.fluid.changes = changes;
+            let all = controls(&mut Hand::in_scene(&scene, "script:polyp").unwrap(), 12_000, None);
+            let cut = all.iter().position(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap();
+            let [before, after] =
+                [&all[..cut], &all[cut..]].map(|part| part.iter().map(|controls| controls.outflow_valve).fold(0.0, f32::max));
+            (before, after)
+        };
+        assert_eq!(valves(Vec::new()), (0.3, 1.0));
+        let shut = PumpChange { at_s: 0.0, outflow_valve: Some(0.2), ..PumpChange::default() };
+        assert_eq!(valves(vec![shut]).1, 0.2);
+        assert_eq!(valves(vec![PumpChange { outflow_valve: None, set_pressure_pa: Some(5e3), ..shut }]), (0.3, 1.0));
     }
 
     #[test]

@@ -107,8 +107,31 @@ fn dry_steps_that_find_the_pace_leave_the_flow_as_the_scene_has_it() {
         let mut first = vec![0u64; fresh.state_bytes() / 8];
         fresh.store(bytemuck::cast_slice_mut(&mut first)).unwrap();
         assert!(state(&engine) == first);
-        engine.choose_step(&scene).unwrap();
+        engine.choose_step(&scene).unwrap().unwrap();
         assert!(state(&engine) == first && engine.cavity.mask().iter().all(|cell| *cell == 0));
+    });
+}
+
+#[test]
+fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
+    in_a_station("follows", |mut engine| {
+        let (life, scene) = (engine.life, load_scene(None).unwrap());
+        let other = Slot::new(Role::Fluid, 1).unwrap();
+        let page = life.station.create_slot(other, 2).unwrap();
+        life.station.open_for_keeping().unwrap().store32(station::SLOT_INCARNATION + other.number(), 2);
+        let founded = hyst_exchange::Roster::open(&life.station).unwrap().promote(Role::Fluid, Tenure::default(), 2).unwrap();
+        let mut chosen = |step_ticks: u64| {
+            page.write(
+                fluid::STATUS,
+                &FluidStatus { epoch: founded.epoch, step_ticks: step_ticks as u32, ..FluidStatus::default() },
+            );
+            engine.step_ticks.set(1);
+            engine.choose_step(&scene).unwrap().unwrap();
+            Stateful::step_ticks(&engine)
+        };
+        // Longer than any machine needs for the default scene, so that no dry step finds it.
+        assert_eq!(chosen(4 * scene.fluid.period_ticks()), 4 * scene.fluid.period_ticks());
+        assert_eq!(chosen(7), scene.fluid.period_ticks(), "what is no step of the scene is not taken");
     });
 }
 
