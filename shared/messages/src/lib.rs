@@ -14,6 +14,7 @@ pub mod record;
 pub mod replay;
 pub mod role;
 pub mod statement;
+pub mod status;
 pub mod stream;
 pub mod tolerance;
 
@@ -23,6 +24,7 @@ pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};
 pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
 pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_text};
+pub use status::*;
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 
 /// One tick of the station, 1 ms, in nanoseconds.

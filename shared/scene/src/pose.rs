@@ -89,7 +89,13 @@ impl Pose {
 impl From<&ScriptLeg> for HandLeg {
     fn from(leg: &ScriptLeg) -> HandLeg {
         let is_energized = leg.electrode == LoopUse::Cut;
-        HandLeg { to: Pose::from(&leg.to), time_s: leg.time_s, is_extended: leg.electrode != LoopUse::In, is_energized }
+        HandLeg {
+            to: Pose::from(&leg.to),
+            time_s: leg.time_s,
+            is_extended: leg.electrode != LoopUse::In,
+            is_energized,
+            is_rinsing: false,
+        }
     }
 }
 
