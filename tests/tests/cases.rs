@@ -13,7 +13,7 @@ fn session(case: &str, hand: &str, time: &str) -> Value {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../assets/cases/{case}.toml"));
     let recording = folder.path("session.mcap");
     // A name has 24 letters.
-    let station = format!("k{}-{}", std::process::id(), &hand[..2]);
+    let station = format!("k{}-{}{}", std::process::id(), &case[..2], &hand[..2]);
     let mut command = hystation();
     command.args(["--name", &station, "run"]).arg(file).args(["--headless", "--lockstep", "--hand", &format!("script:{hand}")]);
     command.args(["--roles", ROLES, "--for", time, "--record", &recording]);
