@@ -13,7 +13,7 @@ fn session(case: &str, hand: &str, time: &str) -> Value {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../assets/cases/{case}.toml"));
     let recording = folder.path("session.mcap");
     // A name has 24 letters.
-    let station = format!("k{}-{}", std::process::id(), &hand[..2]);
+    let station = format!("k{}-{}{}", std::process::id(), &case[..2], &hand[..2]);
     let mut command = hystation();
     command.args(["--name", &station, "run"]).arg(file).args(["--headless", "--lockstep", "--hand", &format!("script:{hand}")]);
     command.args(["--roles", ROLES, "--for", time, "--record", &recording]);
@@ -84,7 +84,7 @@ fn a_bleeding_is_staunched_by_who_raises_the_pressure_and_goes_on_under_who_look
 
 #[test]
 fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_looks_on() {
-    let [good, bad] = ["watches", "looks-on"].map(|hand| session("fluid-overload", hand, "72s"));
+    let [good, bad] = ["watches", "looks-on"].map(|hand| session("fluid-overload", hand, "82s"));
     for report in [&good, &bad] {
         assert!(warned(report, "50 ml of glycine are missing") == 1);
     }
