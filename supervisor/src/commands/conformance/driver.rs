@@ -134,7 +134,7 @@ fn push(bench: &mut Bench, begun: u64, most_n: f32) -> Result<String, String> {
         let [x, y, z] = entry.force_n;
         (length([x, y - wanted, z]), wanted)
     };
-    
+
     let is_far = |entry: &&LedgerEntry| {
         let (off_n, wanted) = far_n(entry);
         !is_within(off_n, OFF_N + SHARE_OFF * wanted)
@@ -251,7 +251,7 @@ fn wrong_commands(bench: &mut Bench, stated: &DeviceStatement, most_n: f32) -> R
     });
     for entry in bench.ledger(begun + first..begun + first + 400) {
         let [x, y, z] = entry.force_n;
-        
+
         let most_aside_n = OFF_N + SHARE_OFF * most_n;
         let is_good = is_within(length(entry.force_n), most_n + most_aside_n) && is_within(x.abs().max(z.abs()), most_aside_n);
         if !is_good {
