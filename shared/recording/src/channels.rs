@@ -126,9 +126,7 @@ impl Channel {
             }
             Channel::Input => {
                 let piece = json!({"type": "object", "properties": {"object": {"type": "integer"}, "velocity_m_s": xyz}});
-                let mut limits = json!({});
-                add(&mut limits, "number", &["max_force_n", "max_stiffness_n_m", "max_damping_n_s_m"]);
-                let limits = json!({"type": "object", "properties": limits});
+                let limits = vector_schema(&["max_force_n", "max_stiffness_n_m", "max_damping_n_s_m"]);
                 let mut fields = json!({"before_n": xyz, "device_limits": limits, "pieces": {"type": "array", "items": piece}});
                 add(&mut fields, "integer", &["tick", "lag"]);
                 add(&mut fields, "number", &["pressure_pa"]);

@@ -245,7 +245,7 @@ fn wrong_commands(bench: &mut Bench, stated: &DeviceStatement, most_n: f32) -> R
     let each = |tick: u64| ((tick - begun).saturating_sub(first) / 100) as usize;
     bench.drive(first + 400 + REST_TICKS, |tick| {
         let since = tick - begun;
-        let is_wrong = since >= first && since < first + 400 && (since - first) % 100 < BAD_TICKS;
+        let is_wrong = (first..first + 400).contains(&since) && (since - first) % 100 < BAD_TICKS;
         let good = fresh(tick, [0.0, wanted_n(tick, begun, most_n), 0.0]);
         Some(if is_wrong { wrong[each(tick)].1(tick, limit_n) } else { good })
     });
