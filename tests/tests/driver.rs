@@ -237,7 +237,8 @@ fn a_driver_in_c_moves_the_scope_feels_the_tissue_dies_hangs_and_is_there_again(
     station.signal(pid, Signal::STOP);
     let gone = wait_for(RECOVERY_LIMIT, || (applied() == 0.0).then_some(()));
     assert!(gone.is_some(), "a hand that nobody knows of is still told to be pushed by {} N", applied());
-    station.run_ticks(300);
+    let told = wait_for(RECOVERY_LIMIT, || station.said().contains("it is not killed").then_some(()));
+    assert!(told.is_some(), "nobody says that it hangs: {}", station.said());
     assert_eq!(applied(), 0.0);
     station.signal(pid, Signal::CONT);
     let back = wait_for(RECOVERY_LIMIT, || (applied() > 0.2).then_some(()));
