@@ -256,7 +256,7 @@ fn a_weaker_device_is_never_asked_for_more_than_it_states_and_a_replay_makes_the
     let driver = compile(&folder, "weak", &Path::new(FOLDER).join("example_driver.c"), &["-DFORCE_N=0.4f"]);
     let (name, file) = (format!("driver-weak-{}", std::process::id()), folder.path("session.mcap"));
     let words = ["--name", &name, "run", "--headless", "--quiet", "--for", "6s", "--record", &file, "--driver"];
-    let (code, out, said) = run(hystation().args(words).arg(&driver));
+    let (code, out, said) = run(hystation().args(words).arg(driver));
     assert!(matches!(code, Some(0 | 3)), "{code:?} {out}{said}");
     let recording = Recording::read(Path::new(&file)).expect("the recording");
     let force_n = |force_n: [f32; 3]| force_n.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
