@@ -422,7 +422,8 @@ static inline void hyst_refuse(hyst_driver *driver) {
 }
 
 /* The force that the motors are to make now, N, never longer than what was stated. A command counts if it is finite, no longer than that, newer than the
- * last and not from the future. Without one the last force is kept for 8 calls, then ramped to zero in 20. Once for each sample. */
+ * last and not from the future. Without one the last force is kept for 8 ms, then ramped to zero in 20, by the rate that was stated. Once
+ * for each sample. */
 static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     hyst_command command;
     uint64_t record[sizeof command / 8];
@@ -440,9 +441,9 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
             driver->silent_ticks = 0;
         }
     }
-    uint32_t ramped = driver->silent_ticks > 8 ? driver->silent_ticks - 8 : 0;
-    float left = ramped >= 20 ? 0.0f : 1.0f - (float)ramped / 20.0f;
-    if (driver->silent_ticks == 9) hyst_add(&driver->own, HYST_TOTALS + HYST_TRIPS, 1);
+    float per_ms = driver->stated.rate_hz / 1000.0f, ramped = (float)driver->silent_ticks - 8.0f * per_ms;
+    float left = ramped <= 0.0f ? 1.0f : ramped < 20.0f * per_ms ? 1.0f - ramped / (20.0f * per_ms) : 0.0f;
+    if (driver->silent_ticks == (uint32_t)(8.0f * per_ms) + 1) hyst_add(&driver->own, HYST_TOTALS + HYST_TRIPS, 1);
     for (int i = 0; i < 3; i++) force_n[i] = driver->command_n[i] * left;
 }
 
