@@ -14,6 +14,9 @@
 #ifndef FLAW
 #define FLAW 0
 #endif
+#ifndef FORCE_N
+#define FORCE_N 2.0f /* what its motors can make */
+#endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
     STATES_NOTHING
@@ -79,10 +82,10 @@ int main(int argc, char **argv) {
         .measured_dof = 4,
         .driven_dof = 3,
         .rate_hz = 1.0f / PERIOD_S,
-        .max_force_n = FLAW == STATES_NO_NUMBER ? NAN : 2.0f,
+        .max_force_n = FLAW == STATES_NO_NUMBER ? NAN : FORCE_N,
         .max_stiffness_n_m = 800.0f,
         .max_damping_n_s_m = 1.0f,
-        .continuous_force_n = 0.9f,
+        .continuous_force_n = 0.3f,
         .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-0.6f, 0.6f}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
         .maker = "hystation",
         .name = "example in C",

@@ -47,6 +47,47 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
+#define HYST_LAYOUT_VERSION 13u
+#define HYST_LAYOUT_HASH 0x2eafbd64dbc441c8u
+#define HYST_INTERFACE_VERSION 1u
+#define HYST_MAGIC_WORD 0
+#define HYST_PID 3
+#define HYST_HEARTBEAT_NS 4
+#define HYST_TICK 5
+#define HYST_STEPS 6
+#define HYST_VALUE_NS 8
+#define HYST_INVALID 10
+#define HYST_REAL_TIME 15
+#define HYST_DISTRUSTED 20
+#define HYST_LATCH 44
+#define HYST_LAST_WORDS 384
+#define HYST_LAST_WORDS_WORDS 64
+#define HYST_STATE 0
+#define HYST_SAMPLE 512
+#define HYST_LEDGER 544
+#define HYST_LEDGER_ENTRIES 16384
+#define HYST_TOTALS 148001
+#define HYST_TRACE_HASH 6
+#define HYST_INVALID_APPLIED 7
+#define HYST_STALE_APPLIED 8
+#define HYST_FORCE_STEP_MAX 9
+#define HYST_TRIPS 10
+#define HYST_STATEMENT 148113
+#define HYST_HARDWARE_WORDS 148151
+#define HYST_COMMAND 5661
+#define HYST_DEVICE_WORDS 198196
+#define HYST_STATION_WORDS 288
+#define HYST_T0_NS 1
+#define HYST_STOP 1
+#define HYST_SLOT_INCARNATION 64
+#define HYST_WORDS32 1024
+#define HYST_DISTRUST_INVALID 1
+#define HYST_SAMPLE_BYTES 112
+#define HYST_COMMAND_BYTES 40
+#define HYST_STATEMENT_BYTES 136
+#define HYST_LEDGER_ENTRY_BYTES 56
+#define HYST_HARDWARE_SLOT 0u
+#define HYST_DEVICE_SLOT 1u
 /* layout ends */
 
 #define HYST_STATEMENT_VERSION 1u
@@ -364,7 +405,7 @@ static inline void hyst_look_for_device(hyst_driver *driver) {
     hyst_page page;
     snprintf(file, sizeof file, "pages/%02u-%u.page", HYST_DEVICE_SLOT, incarnation);
     hyst_root(driver, path, sizeof path, file);
-    /* Up to the command: a mapping of 80 KiB takes some microseconds. */
+    /* Up to the command: a mapping of 50 KiB takes some microseconds. */
     if (!hyst_map(&page, path, HYST_DEVICE_WORDS, HYST_COMMAND + 2 * (2 + sizeof(hyst_command) / 8), 0)) return;
     if (driver->device.words64 != NULL) munmap((void *)driver->device.words32, driver->device.bytes);
     driver->device = page;
@@ -381,7 +422,8 @@ static inline void hyst_refuse(hyst_driver *driver) {
 }
 
 /* The force that the motors are to make now, N, never longer than what was stated. A command counts if it is finite, no longer than that, newer than the
- * last and not from the future. Without one the last force is kept for 8 calls, then ramped to zero in 20. Once for each sample. */
+ * last and not from the future. Without one the last force is kept for 8 ms, then ramped to zero in 20, by the rate that was stated. Once
+ * for each sample. */
 static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     hyst_command command;
     uint64_t record[sizeof command / 8];
@@ -399,9 +441,9 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
             driver->silent_ticks = 0;
         }
     }
-    uint32_t ramped = driver->silent_ticks > 8 ? driver->silent_ticks - 8 : 0;
-    float left = ramped >= 20 ? 0.0f : 1.0f - (float)ramped / 20.0f;
-    if (driver->silent_ticks == 9) hyst_add(&driver->own, HYST_TOTALS + HYST_TRIPS, 1);
+    float per_ms = driver->stated.rate_hz / 1000.0f, ramped = (float)driver->silent_ticks - 8.0f * per_ms;
+    float left = ramped <= 0.0f ? 1.0f : ramped < 20.0f * per_ms ? 1.0f - ramped / (20.0f * per_ms) : 0.0f;
+    if (driver->silent_ticks == (uint32_t)(8.0f * per_ms) + 1) hyst_add(&driver->own, HYST_TOTALS + HYST_TRIPS, 1);
     for (int i = 0; i < 3; i++) force_n[i] = driver->command_n[i] * left;
 }
 

@@ -297,7 +297,9 @@ impl Supervisor {
                         (format!("hangs (last heartbeat {silent_ms} ms ago)"), "heartbeat")
                     }
                 };
-                journal::say(&self.station, &format!("{slot} {why} and is killed"));
+                let is_on_the_desk = slot.role() == Role::Hardware; // nobody stands in for it
+                let end = if is_on_the_desk { "; it is not killed" } else { " and is killed" };
+                journal::say(&self.station, &format!("{slot} {why}{end}"));
                 self.faults.late(slot, incarnation, at_ns, beat_ns, by);
                 let actions = policy::step(at_ns, Event::HeartbeatLate { slot, incarnation, beat_ns }, &mut self.policy);
                 self.act(actions);

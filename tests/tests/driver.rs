@@ -5,6 +5,7 @@ use hyst_messages::page::{ProcessState, device, hardware, header, station};
 use hyst_messages::{
     DeviceStatement, ForceCommand, HardwareSample, INTERFACE_VERSION, LAYOUT_VERSION, LedgerEntry, Role, Slot, layout_hash,
 };
+use hyst_recording::Recording;
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
@@ -236,7 +237,8 @@ fn a_driver_in_c_moves_the_scope_feels_the_tissue_dies_hangs_and_is_there_again(
     station.signal(pid, Signal::STOP);
     let gone = wait_for(RECOVERY_LIMIT, || (applied() == 0.0).then_some(()));
     assert!(gone.is_some(), "a hand that nobody knows of is still told to be pushed by {} N", applied());
-    station.run_ticks(300);
+    let told = wait_for(RECOVERY_LIMIT, || station.said().contains("it is not killed").then_some(()));
+    assert!(told.is_some(), "nobody says that it hangs: {}", station.said());
     assert_eq!(applied(), 0.0);
     station.signal(pid, Signal::CONT);
     let back = wait_for(RECOVERY_LIMIT, || (applied() > 0.2).then_some(()));
@@ -245,6 +247,23 @@ fn a_driver_in_c_moves_the_scope_feels_the_tissue_dies_hangs_and_is_there_again(
     assert!(ended.said.lines().any(|line| line.contains("hardware") && line.contains("died")), "{}", ended.said);
     assert_eq!(ended.number("invalid_applied"), 0.0, "{}", ended.report);
     assert!(ended.number("device.ticks") > 5_000.0 && ended.number("device.fresh") > 4_000.0, "{}", ended.report["device"]);
+}
+
+/// The example without a flaw is pushed back with 0.68 N (`hystation report` of six seconds, 2026-11-25).
+#[test]
+fn a_weaker_device_is_never_asked_for_more_than_it_states_and_a_replay_makes_the_same_forces() {
+    let folder = Folder::new("driver-weak");
+    let driver = compile(&folder, "weak", &Path::new(FOLDER).join("example_driver.c"), &["-DFORCE_N=0.4f"]);
+    let (name, file) = (format!("driver-weak-{}", std::process::id()), folder.path("session.mcap"));
+    let words = ["--name", &name, "run", "--headless", "--quiet", "--for", "6s", "--record", &file, "--driver"];
+    let (code, out, said) = run(hystation().args(words).arg(driver));
+    assert!(matches!(code, Some(0 | 3)), "{code:?} {out}{said}");
+    let recording = Recording::read(Path::new(&file)).expect("the recording");
+    let force_n = |force_n: [f32; 3]| force_n.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
+    let most_n = recording.applied().iter().map(|record| force_n(record.command.force_n)).fold(0.0, f64::max);
+    assert!((0.38..=0.4001).contains(&most_n), "{most_n} N");
+    let (code, out, said) = run(hystation().args(["--name", &name, "replay", &file, "--verify"]));
+    assert!(code == Some(0) && format!("{out}{said}").contains("the same to the bit"), "{code:?} {out}{said}");
 }
 
 /// What the device engine has told the motors last.

@@ -26,6 +26,8 @@ pub struct Plugged {
     /// Number of the newest sample that was looked at.
     number: u64,
     sample: HardwareSample,
+    /// Stamp of the newest sample, whether it counted or not, ns.
+    heard_ns: u64,
     counted: bool,
     old_ticks: u32,
     /// The newest sample that was refused, and how many in a row went on from each other.
@@ -55,7 +57,8 @@ impl Plugged {
 
     fn new(page: ReadPage, trusts: bool) -> Plugged {
         let (stated, sample) = (DeviceStatement::default(), HardwareSample::default());
-        Plugged { page, stated, trusts, number: 0, sample, counted: false, old_ticks: 0, strayed: sample, strayed_count: 0 }
+        let (counted, old_ticks, strayed, strayed_count) = (false, 0, sample, 0);
+        Plugged { page, stated, trusts, number: 0, sample, heard_ns: 0, counted, old_ticks, strayed, strayed_count }
     }
 
     /// Another life of the hardware: gives back the page of the one before. What it says counts when it has stated what it is.
@@ -106,11 +109,13 @@ impl Plugged {
 
     fn take(&mut self, sample: HardwareSample) -> Result<(), Distrust> {
         if !self.trusts {
+            // A hand has the time since the device spoke last: one that jumps and speaks on is not believed because time passes.
+            let before = HardwareSample { time_ns: std::mem::replace(&mut self.heard_ns, sample.time_ns), ..self.sample };
             if self.stated.admits(&sample).is_err() {
                 self.strayed_count = 0;
                 return Err(Distrust::Invalid);
             }
-            if self.counted && !sample.goes_on_from(&self.sample) {
+            if self.counted && !sample.goes_on_from(&before) {
                 self.strayed_count = if sample.goes_on_from(&self.strayed) { self.strayed_count + 1 } else { 0 };
                 self.strayed = sample;
                 if self.strayed_count < MOVED_SAMPLES {

@@ -123,8 +123,8 @@ impl DeviceStatement {
             ("insertion_m", self.insertion_m, 0.0, 1.0, 1e-4),
         ];
         for (what, [from, to], least, most, width) in ranges {
-            // Written so that NaN counts as wrong.
-            if !(from >= least && to <= most && to - from >= width) {
+            let is_range = from >= least && to <= most && to - from >= width; // not with a NaN
+            if !is_range {
                 return Err(format!(
                     "{what} goes from {from} to {to}; it must lie within {least} to {most}, {width} wide at least"
                 ));

@@ -126,8 +126,8 @@ impl Channel {
             }
             Channel::Input => {
                 let piece = json!({"type": "object", "properties": {"object": {"type": "integer"}, "velocity_m_s": xyz}});
-                let pieces = json!({"type": "array", "items": piece});
-                let mut fields = json!({"before_n": xyz, "device_limits": limits_schema(), "pieces": pieces});
+                let limits = vector_schema(&["max_force_n", "max_stiffness_n_m", "max_damping_n_s_m"]);
+                let mut fields = json!({"before_n": xyz, "device_limits": limits, "pieces": {"type": "array", "items": piece}});
                 add(&mut fields, "integer", &["tick", "lag"]);
                 add(&mut fields, "number", &["pressure_pa"]);
                 fields
@@ -141,12 +141,6 @@ impl Channel {
         };
         json!({"$schema": "https://json-schema.org/draft/2020-12/schema", "title": self.schema_name(), "type": "object", "properties": properties})
     }
-}
-
-fn limits_schema() -> Value {
-    let mut limits = json!({});
-    add(&mut limits, "number", &["max_force_n", "max_stiffness_n_m", "max_damping_n_s_m"]);
-    json!({"type": "object", "properties": limits})
 }
 
 fn time_schema() -> Value {

@@ -107,6 +107,11 @@ fn wanted_n(tick: u64, begun: u64, most_n: f32) -> f32 {
     most_n * share * (0.8 + 0.2 * (since as f32 * 0.01).sin())
 }
 
+/// Whether a value is no larger than it may be; NaN is not.
+fn is_within(value: f32, most: f32) -> bool {
+    value <= most
+}
+
 fn length(force_n: [f32; 3]) -> f32 {
     force_n.iter().map(|c| c * c).sum::<f32>().sqrt()
 }
@@ -129,10 +134,10 @@ fn push(bench: &mut Bench, begun: u64, most_n: f32) -> Result<String, String> {
         let [x, y, z] = entry.force_n;
         (length([x, y - wanted, z]), wanted)
     };
-    // Written so that NaN counts as far.
+
     let is_far = |entry: &&LedgerEntry| {
         let (off_n, wanted) = far_n(entry);
-        !(off_n <= OFF_N + SHARE_OFF * wanted)
+        !is_within(off_n, OFF_N + SHARE_OFF * wanted)
     };
     let far: Vec<&LedgerEntry> = entries.iter().filter(is_far).collect();
     if far.len() as f64 > entries.len() as f64 * FEW {
@@ -240,17 +245,16 @@ fn wrong_commands(bench: &mut Bench, stated: &DeviceStatement, most_n: f32) -> R
     let each = |tick: u64| ((tick - begun).saturating_sub(first) / 100) as usize;
     bench.drive(first + 400 + REST_TICKS, |tick| {
         let since = tick - begun;
-        let is_wrong = since >= first && since < first + 400 && (since - first) % 100 < BAD_TICKS;
+        let is_wrong = (first..first + 400).contains(&since) && (since - first) % 100 < BAD_TICKS;
         let good = fresh(tick, [0.0, wanted_n(tick, begun, most_n), 0.0]);
         Some(if is_wrong { wrong[each(tick)].1(tick, limit_n) } else { good })
     });
     for entry in bench.ledger(begun + first..begun + first + 400) {
         let [x, y, z] = entry.force_n;
-        // Written so that NaN counts as followed.
-        if !(length(entry.force_n) <= most_n + OFF_N + SHARE_OFF * most_n
-            && x.abs() < OFF_N + 0.1 * most_n
-            && z.abs() < OFF_N + 0.1 * most_n)
-        {
+
+        let most_aside_n = OFF_N + SHARE_OFF * most_n;
+        let is_good = is_within(length(entry.force_n), most_n + most_aside_n) && is_within(x.abs().max(z.abs()), most_aside_n);
+        if !is_good {
             let (name, _) = wrong[each(entry.station_tick).min(3)];
             return Err(format!("near a command {name} it made [{x:.3}, {y:.3}, {z:.3}] N"));
         }
@@ -271,21 +275,21 @@ fn silence(bench: &mut Bench, most_n: f32) -> Result<String, String> {
     let silent = bench.tick();
     bench.drive(SILENT_TICKS + 2 * REST_TICKS, |_| None);
     let entries = bench.ledger(silent..silent + SILENT_TICKS + REST_TICKS);
-    let steps = entries.windows(2).map(|two| {
+    let mut steps = entries.windows(2).map(|two| {
         let fell = std::array::from_fn(|i| two[1].force_n[i] - two[0].force_n[i]);
         (length(fell), two[1].station_tick)
     });
-    if let Some((step_n, tick)) = steps.into_iter().find(|(step_n, _)| !(*step_n <= OFF_N + 0.25 * most_n)) {
+    if let Some((step_n, tick)) = steps.find(|(step_n, _)| !is_within(*step_n, OFF_N + 0.25 * most_n)) {
         return Err(format!("{} ms after the last command it let go of {step_n:.3} N at once", tick.saturating_sub(silent)));
     }
-    let late = entries.iter().filter(|entry| entry.station_tick >= silent + SILENT_TICKS);
-    match late.clone().find(|entry| !(length(entry.force_n) <= OFF_N)) {
+    let late: Vec<&LedgerEntry> = entries.iter().filter(|entry| entry.station_tick >= silent + SILENT_TICKS).collect();
+    match late.iter().find(|entry| !is_within(length(entry.force_n), OFF_N)) {
         Some(entry) => Err(format!(
             "{} ms after the last command it still makes {:.3} N",
             entry.station_tick - silent,
             length(entry.force_n)
         )),
-        None if late.count() == 0 => Err("its ledger has no entry for the time in which nobody commanded".into()),
+        None if late.is_empty() => Err("its ledger has no entry for the time in which nobody commanded".into()),
         None => {
             let gone = entries.iter().find(|entry| length(entry.force_n) <= OFF_N).map_or(0, |entry| entry.station_tick - silent);
             Ok(format!("no force {gone} ms after the last command"))

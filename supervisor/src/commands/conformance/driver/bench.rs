@@ -12,8 +12,8 @@ use std::process::{Child, Command, Stdio};
 
 /// The lives on the bench: the driver's, the first one in the place of the device, and its successor.
 const DRIVER: u32 = 1;
-pub const FIRST_DEVICE: u32 = 2;
-pub const SECOND_DEVICE: u32 = 3;
+const FIRST_DEVICE: u32 = 2;
+const SECOND_DEVICE: u32 = 3;
 /// How long a driver may take to state what it is, and from there to its first sample.
 const STATES_WITHIN_NS: u64 = 25_000_000_000;
 const SAMPLES_WITHIN_NS: u64 = 5_000_000_000;
