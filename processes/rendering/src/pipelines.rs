@@ -186,7 +186,8 @@ fn compute_pipeline(
 }
 
 fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule, v: Variant) -> wgpu::RenderPipeline {
-    let constants = [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
+    let constants =
+        [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
     let (point, flag) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32);
     let formats = [point, point, point, flag];
     let attribute =

@@ -166,13 +166,7 @@ impl Renderer {
         self.wait(submission)?;
         let mut passes_ms = self.timer.as_ref().map_or([0.0; PASSES], |t| t.read_ms(&self.gpu.device));
         passes_ms[FOCUS_PASS] *= f32::from(u8::from(is_focused)); // stamps stay as they were where a pass is left out
-        Ok(FrameStats {
-            total_ms: ms_since(began),
-            encode_ms,
-            passes_ms,
-            inner_px: self.targets.sizes.inner,
-            triangles,
-        })
+        Ok(FrameStats { total_ms: ms_since(began), encode_ms, passes_ms, inner_px: self.targets.sizes.inner, triangles })
     }
 
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {

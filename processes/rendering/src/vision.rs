@@ -18,8 +18,8 @@ use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, External, FOCUS_M, FOCUS_RANGE_M, FrameStats, Gpu, MIN_SCALE, Motes, Prefer, RenderError, Renderer, Shown, View, Window,
-    fastest_ticks,
+    Bubbles, Camera, Effort, Endoscope, External, FOCUS_M, FOCUS_RANGE_M, FrameStats, Gpu, MIN_SCALE, Motes, Prefer, RenderError,
+    Renderer, Shown, View, Window, fastest_ticks,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.

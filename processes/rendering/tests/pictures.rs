@@ -203,6 +203,8 @@ fn sharpness(shot: &[u8], from_px: f32, to_px: f32) -> f32 {
 fn what_the_focus_is_turned_to_is_sharp_and_the_rest_is_not() {
     let Some((mut r, _)) = in_cavity() else { return };
     r.resize(640, 480);
+    picture(&mut r, &through_scope()); // which sets the exposure
+    r.stage().remove_object(CAVITY);
     // A wire at 6 mm, some 115 pixels from the middle, and a ball at 26 mm in it.
     put(&mut r, TOOL, &shapes::loop_ring(0.002, 0.000_15), Material::Metal);
     r.stage().set_pose(TOOL, [0.0, 0.0, 0.021], [0.0, 0.0, 0.0, 1.0]).unwrap();
