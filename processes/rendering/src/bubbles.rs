@@ -71,7 +71,7 @@ impl Bubbles {
         };
         let triangles: Vec<[u32; 3]> = (0..room).flat_map(of).collect();
         let rest_m = vec![NOWHERE_M; room * corners];
-        let appearance = Appearance { base_colour: [0.9, 0.93, 0.95], roughness: 0.05, ..Appearance::of(Material::Metal) };
+        let appearance = Appearance::of(Material::Gas);
         stage.set_object(self.id, SurfaceMesh { triangles: &triangles, rest_m: &rest_m, raw: &[], appearance })?;
         self.room = room;
         Ok(())

@@ -80,7 +80,7 @@ impl Effort {
             let mut slower = LADDER_TICKS.into_iter().rev().filter(|ticks| *ticks > period);
             let period_ticks = slower.find(|ticks| fits(*ticks, 1.0)).unwrap_or(SLOWEST_TICKS);
             let patience_ticks = (2 * self.patience_ticks).min(PATIENCE_TICKS[1]);
-            return Effort { period_ticks, patience_ticks, roomy_ticks: 0, ..effort };
+            return Effort { period_ticks, patience_ticks, roomy_ticks: 0, last_ms: 0.0, ..self };
         }
         if period == SLOWEST_TICKS && self.focus && lasting_ms > budget_ms(period) {
             let patience_ticks = (2 * self.patience_ticks).min(PATIENCE_TICKS[1]);

@@ -59,7 +59,7 @@ impl Renderer {
             pass.set_pipeline(&self.pipelines.mask);
             pass.draw(0..MASK_VERTICES, 0..1);
         }
-        let is_metal = |o: &Object| o.appearance.material == Material::Metal;
+        let is_metal = |o: &Object| matches!(o.appearance.material, Material::Metal | Material::Gas);
         let is_translucent = |o: &Object| o.appearance.material == Material::MucosaTissue && eye.tissue_alpha < 0.999;
         let is_halved = |o: &Object| eye.round && !is_metal(o);
         for (translucent, hidden) in ROUNDS {

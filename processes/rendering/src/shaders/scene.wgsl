@@ -19,7 +19,7 @@ struct Object {
     model: mat4x4<f32>,
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
-    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1 or, with metal, 1 of gas
 };
 @group(0) @binding(0) var<uniform> g: Globals;
 @group(0) @binding(1) var noise: texture_3d<f32>;
@@ -97,8 +97,8 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     let net = 1.0 - smoothstep(0.01, 0.13, abs(fine.y));
     let vessel = clamp((0.55 * trunk * smoothstep(-0.30, 0.25, a.w) + 0.40 * net * spread) * o.surface.z, 0.0, 1.0);
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
-    let mouth = smoothstep(0.34, 0.75, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
-    albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.60 * mouth * (1.0 - in.raw));
+    let mouth = smoothstep(0.46, 0.80, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
+    albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
     // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
     let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
     var flesh = mix(vec3<f32>(0.66, 0.36, 0.29), vec3<f32>(0.82, 0.60, 0.50), strand * strand);
@@ -131,7 +131,8 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
 }
 
 // Brushed steel in a pink room: no diffuse light to speak of, a bright band where the room's light part mirrors. With current in it a wire glows
-// in the orange of sodium, as it does in saline.
+// in the orange of sodium, as it does in saline. A bubble of gas is no metal, but drawn with it: it shows the wall behind, small and turned about, in
+// its middle, is dark where light from behind is mirrored away, and bright again at its rim.
 fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
     let r = reflect(-v, n);
     let band = 0.30 + 0.70 * smoothstep(-0.25, 0.35, r.y) * (1.0 - 0.55 * smoothstep(0.45, 0.9, r.y));
@@ -143,7 +144,10 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
     let lit = min(e, 1.5);
     let facing = max(dot(n, l), 0.0);
     let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + f32(OUTSIDE)) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
-    return steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z;
+    let edge = 1.0 - max(dot(n, v), 0.0);
+    let clear = room * (0.75 + 0.25 * r.y) * (0.24 + 0.42 * lit) * (1.0 - 0.8 * smoothstep(0.30, 0.62, edge));
+    let gas = clear + vec3<f32>(0.30) * lit * smoothstep(0.72, 0.95, edge) + vec3<f32>(3.0 * glint * lit);
+    return mix(steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z, gas, o.extra.w);
 }
 
 // Blood between the lens and a point: extinction along the ray in six steps, and the light that it scatters back.

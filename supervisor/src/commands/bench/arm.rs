@@ -70,7 +70,7 @@ impl Arm {
         let name = format!("bench-{}-{}", std::process::id(), if self.kind == Kind::Threads { "t" } else { "p" });
         let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
         let mut running = Running::start(station, self.command(&name, mesh)?)?;
-        let window = running.measure(self.workers);
+        let window = running.measure(self.kind, self.workers);
         let (code, said) = running.stop();
         match window {
             Ok(window) => self.windows.push(window),
@@ -119,9 +119,10 @@ impl Running {
     }
 
     /// Waits until everyone is ready and the hand moves, and measures one window.
-    fn measure(&mut self, workers: usize) -> Result<Window, Refusal> {
+    fn measure(&mut self, kind: Kind, workers: usize) -> Result<Window, Refusal> {
         let failed = |what: &str| Refusal::failed(format!("bench station: the station {what}; `hystation doctor` may say why"));
-        let slots = plan::slots(&Settings { workers, ..Settings::default() }, true, None);
+        let mut slots = plan::slots(&Settings { workers, ..Settings::default() }, true, None);
+        slots.retain(|slot| kind == Kind::Processes || slot.role() != Role::Console); // which has no thread: nobody looks
         let end_ns = system::now_ns() + START_NS;
         let mut viewer = loop {
             if self.has_ended().is_some() {
