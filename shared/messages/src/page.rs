@@ -10,6 +10,7 @@ use crate::fluid::FluidStatus;
 use crate::record::*;
 use crate::replay::{ReplayRecord, StepRecord};
 use crate::statement::DeviceStatement;
+use crate::status::{RecorderStatus, RenderingStatus};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 
