@@ -234,7 +234,8 @@ fn is_one_pose(sample: &HardwareSample) -> Result<(), String> {
 /// Commands that are no number, beyond the device, or old, among good ones.
 fn wrong_commands(bench: &mut Bench, stated: &DeviceStatement, most_n: f32) -> Result<String, String> {
     let begun = bench.tick();
-    let wrong: [(&str, fn(u64, f32) -> ForceCommand); 4] = [
+    type Make = fn(u64, f32) -> ForceCommand;
+    let wrong: [(&str, Make); 4] = [
         ("that is no number", |tick, _| fresh(tick, [0.0, f32::NAN, 0.0])),
         ("of ten times its force", |tick, limit_n| fresh(tick, [10.0 * limit_n, 0.0, 0.0])),
         ("of a tick that has passed", |tick, limit_n| fresh(tick - 100, [0.0, 0.0, 0.2 * limit_n])),
