@@ -76,7 +76,8 @@ impl Renderer {
                 }
                 pass.set_index_buffer(object.triangles.slice(..), wgpu::IndexFormat::Uint32);
                 pass.draw_indexed(0..object.indices, 0, 0..1);
-                triangles += u64::from(object.indices / 3);
+                // The halves of an object are its faces once.
+                triangles += if hidden == Some(wgpu::Face::Front) { 0 } else { u64::from(object.indices / 3) };
             }
         }
         triangles

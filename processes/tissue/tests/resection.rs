@@ -112,7 +112,8 @@ fn a_round_of_the_hand_parts_a_chip_from_the_pathology_and_leaves_all_else_as_it
 
 #[test]
 fn a_chip_comes_off_also_where_the_tissue_is_a_little_beside_its_place() {
-    for path in scenes() {
+    // A septum is no piece that hangs free: its case's own hand takes it down by many slices, and a slice of it may hold beside its place.
+    for path in scenes().into_iter().filter(|path| !path.ends_with("septum.toml")) {
         let scene = load(&path).unwrap();
         let hand = scene.hand("polyp").unwrap();
         for axis in 0..3 {
