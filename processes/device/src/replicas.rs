@@ -94,7 +94,7 @@ impl Replicas {
             let hope = if none_to_come || still(other) < still(self.selected) { other } else { self.selected };
             self.wait_for(hope, life, input.tick, deadline_ns + hop::DEADLINE_NS / 2, true);
         }
-        self.take(life, input, params)
+        self.take(life, input, hash, params)
     }
 
     /// In lock-step: waits for every replica that is warm or live, until it has answered or is lost, and chooses.
@@ -104,7 +104,7 @@ impl Replicas {
             let over = || replica.page.load64(header::TICK) >= input.tick || lockstep::is_lost(&life.clock, &replica.page);
             lockstep::wait_for(life, || (!answers() || over()).then_some(()));
         }
-        self.take(life, input, params)
+        self.take(life, input, input_hash(input), params)
     }
 
     /// Whether every servo that lives in the station has its seat.
@@ -116,8 +116,7 @@ impl Replicas {
     }
 
     /// Chooses from what the replicas have said. Once a tick: the watch counts looks.
-    fn take(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams) -> Chosen {
-        let hash = input_hash(input);
+    fn take(&mut self, life: &Life, input: &InputRecord, hash: u64, params: &LastHopParams) -> Chosen {
         let said = [0, 1].map(|index| self.valid(index, life, input, hash, params));
         let mut records = said.map(|record| record.filter(|record| record.flags & FORCE_SHADOW == 0));
         if life.is_lockstep() && records == [None, None] {
