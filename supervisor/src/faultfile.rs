@@ -6,7 +6,7 @@ mod target;
 
 pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
-pub use target::{Aim, Keepers, NEWCOMER, Target, Which};
+pub use target::{Aim, Keepers, Target, Which};
 
 use hyst_messages::Slot;
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,7 @@
 //! Promise: the first record repeats where the scope is and how valves, pressure, light and loop are set, so that a restarted window changes nothing;
 //! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, HardwareSample, PointerRecord};
+use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, PointerRecord, Switch};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
 
@@ -11,13 +11,15 @@ use std::f32::consts::PI;
 const REACH: [f32; 5] = [0.25, 0.25, 0.6, 0.012, 0.6];
 /// Bounds of a target whatever the scope says: rad, rad, rad, m, rad.
 const BOUNDS: [(f32, f32); 5] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2), (-PI, PI)];
-/// What a key changes the set pressure by, and within what: 5 mmHg, from 15 to 150, the range of such pumps, Pa.
-const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
-const PRESSURE_PA: [f32; 2] = [15.0 * 133.322, 150.0 * 133.322];
-/// Opening of the outflow valve, share.
-const OUTFLOW: f32 = 0.3;
-/// A light that is dimmed, share.
-const DIM: f32 = 0.3;
+/// What the keys of the hand turn.
+const TURNS: [(Key, Switch); 6] = [
+    (Key::Inflow, Switch::Inflow),
+    (Key::Outflow, Switch::Outflow),
+    (Key::Light, Switch::Light),
+    (Key::PressureUp, Switch::PressureUp),
+    (Key::PressureDown, Switch::PressureDown),
+    (Key::LoopOut, Switch::Loop),
+];
 
 /// Adds up what the hand does.
 #[derive(Debug, Default)]
@@ -45,22 +47,12 @@ impl Hand {
             }
         }
         let controls = &mut self.record.controls;
-        let turned = |key: Key, value: f32, on: f32, off: f32| match input.was_pressed(key) {
-            true if value == on => off,
-            true => on,
-            false => value,
-        };
-        controls.inflow_valve = turned(Key::Inflow, controls.inflow_valve, 1.0, 0.0);
-        controls.outflow_valve = turned(Key::Outflow, controls.outflow_valve, OUTFLOW, 0.0);
-        controls.light = turned(Key::Light, controls.light, 1.0, DIM);
-        let steps = f32::from(i8::from(input.was_pressed(Key::PressureUp)) - i8::from(input.was_pressed(Key::PressureDown)));
-        if steps != 0.0 && controls.set_pressure_pa.is_finite() {
-            let wanted_pa = controls.set_pressure_pa + steps * PRESSURE_STEP_PA;
-            controls.set_pressure_pa = wanted_pa.clamp(PRESSURE_PA[0], PRESSURE_PA[1]);
-        }
+        // Up and down at once is neither.
+        let both = input.was_pressed(Key::PressureUp) && input.was_pressed(Key::PressureDown);
+        let due = |key: Key| input.was_pressed(key) && !(both && matches!(key, Key::PressureUp | Key::PressureDown));
+        TURNS.iter().filter(|(key, _)| due(*key)).for_each(|(_, switch)| controls.turn(*switch));
         controls.buttons &= !BUTTON_ENERGIZED;
         controls.buttons |= if input.is_held(Key::Energize) && !self.is_over { BUTTON_ENERGIZED } else { 0 };
-        controls.buttons ^= if input.was_pressed(Key::LoopOut) { BUTTON_EXTENDED } else { 0 };
         self.record.sequence += 1;
         self.record
     }
@@ -69,7 +61,8 @@ impl Hand {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::{Controls, Pose};
+    use hyst_messages::controls::PRESSURE_PA;
+    use hyst_messages::{BUTTON_EXTENDED, Controls, Pose};
 
     fn now() -> HardwareSample {
         let pose =

@@ -4,6 +4,7 @@
 //! Promise: what is read is checked. A record from another version, of another length or with an offset out of range gives
 //! a [`WireError`], never a panic and never a value.
 
+pub mod controls;
 mod fluid;
 pub mod latency;
 mod looks;
@@ -18,6 +19,7 @@ pub mod status;
 pub mod stream;
 pub mod tolerance;
 
+pub use controls::Switch;
 pub use fluid::{FluidStatus, PUMP_ALARMS};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
 pub use record::*;

@@ -3,7 +3,7 @@
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
-use crate::faultfile::{Aim, FaultKind, Injection, Keepers, NEWCOMER, Place};
+use crate::faultfile::{Aim, FaultKind, Injection, Keepers, Place, Target, Which};
 use crate::plan;
 use hyst_engine::Settings;
 use hyst_messages::{MAX_WORKERS, Role};
@@ -169,8 +169,7 @@ impl Group {
             (_, Some(_)) => return Err("swap: only a cell with state \"swap\" has one beside it".into()),
             _ => None,
         };
-        let is_brought = |role| swap.is_some_and(|swap| swap.name() == role);
-        if target.split_once(':').is_some_and(|(role, which)| which == NEWCOMER && !is_brought(role)) {
+        if is_of_newcomer(target) && Target::parse(target).map(|target| target.role) != swap {
             return Err(format!("{target}: only a swap of its role brings one; write states = [\"swap\"] and swap = ROLE"));
         }
         let options: String = self.options.iter().map(|(key, value)| format!(" {key}={value}")).collect();
@@ -244,6 +243,11 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
     Ok(injection)
 }
 
+/// Whether a target is the process that a swap brings.
+fn is_of_newcomer(target: &str) -> bool {
+    Target::parse(target).is_some_and(|target| target.which == Which::Newcomer)
+}
+
 fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
     let is_tissue = target.split(':').next() == Some(Role::Tissue.name());
     let text = text.unwrap_or(if is_tissue { "kill haptic:active" } else { "kill tissue:active" });
@@ -258,7 +262,7 @@ fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
     if [other, target].into_iter().any(|name| name.ends_with(":both")) {
         return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
     }
-    if other.ends_with(NEWCOMER) {
+    if is_of_newcomer(other) {
         return Err(format!("with = {text:?}: take state swap for who a swap brings"));
     }
     injection(kind, other, &options)
@@ -272,7 +276,7 @@ impl Cell {
 
     /// Whether it is for the process that the swap brings.
     pub fn is_of_newcomer(&self) -> bool {
-        self.injection.target.split_once(':').is_some_and(|(_, which)| which == NEWCOMER)
+        is_of_newcomer(&self.injection.target)
     }
 
     /// Whether it leaves damage in what is shared that a process may read long after, when another fault has come: its stations have no other faults.

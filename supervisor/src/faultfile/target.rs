@@ -3,9 +3,6 @@
 use crate::policy::is_replicated;
 use hyst_messages::{Role, Slot};
 
-/// The word for who a swap has brought.
-pub const NEWCOMER: &str = "newcomer";
-
 /// Which process of a role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Which {
@@ -39,7 +36,7 @@ impl Target {
             "active" => Which::Active,
             "spare" if role.is_indexed() => Which::Spare,
             "both" if is_replicated(role) => Which::Both,
-            NEWCOMER => Which::Newcomer,
+            "newcomer" => Which::Newcomer,
             index => Which::Slot(Slot::new(role, index.parse().ok()?)?),
         };
         Some(Target { role, which })

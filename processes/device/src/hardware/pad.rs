@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-pub use make::{Make, SWITCHES, Switch};
+pub use make::{Make, SWITCHES};
 
 /// Speed at full deflection: pitch, yaw, roll, rad/s; insertion, m/s.
 const SPEEDS: [f32; 4] = [0.7, 0.7, 1.6, 0.04];
@@ -26,12 +26,6 @@ const HEAD_RAD_S: f32 = 0.8;
 const REACH: [f32; 4] = [0.25, 0.25, 0.6, 0.012];
 /// Share of the deflection in which nothing moves: a stick that is let go of does not come to rest in its middle.
 const DEAD: f32 = 0.08;
-/// What a press changes the set pressure by, and within what: 5 mmHg, from 15 to 150, the range of such pumps, Pa.
-const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
-const PRESSURE_PA: [f32; 2] = [15.0 * 133.322, 150.0 * 133.322];
-/// Opening of the outflow valve, share, and a light that is dimmed.
-const OUTFLOW: f32 = 0.3;
-const DIM: f32 = 0.3;
 /// Between two looks for one that was pulled out.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -102,17 +96,17 @@ impl Pad {
                 target[axis] = wanted.clamp(at[axis] - REACH[axis], at[axis] + REACH[axis]);
             }
         }
-        let mut buttons = controls.buttons & BUTTON_EXTENDED;
+        controls.buttons &= BUTTON_EXTENDED;
         for (index, (_, switch)) in SWITCHES.iter().enumerate() {
             let presses = self.said.presses[index].load(Ordering::Relaxed);
             for _ in 0..presses.wrapping_sub(self.seen[index]).min(8) {
-                turn(*switch, controls, &mut buttons);
+                controls.turn(*switch);
             }
             self.seen[index] = presses;
         }
-        buttons |= if self.said.energized.load(Ordering::Relaxed) != 0 { BUTTON_ENERGIZED } else { 0 };
+        let current = if self.said.energized.load(Ordering::Relaxed) != 0 { BUTTON_ENERGIZED } else { 0 };
         let [pitch_rad, yaw_rad, roll_rad, insertion_m] = *target;
-        (Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m }, buttons)
+        (Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m }, controls.buttons | current)
     }
 }
 
@@ -120,19 +114,6 @@ impl Pad {
 fn eased(deflection: f32) -> f32 {
     let size = ((deflection.abs() - DEAD) / (1.0 - DEAD)).clamp(0.0, 1.0);
     if size.is_finite() { size * size * deflection.signum() } else { 0.0 }
-}
-
-fn turn(switch: Switch, controls: &mut Controls, buttons: &mut u32) {
-    let other = |value: f32, on: f32, off: f32| if value == on { off } else { on };
-    let by = |pascal: f32| if pascal.is_finite() { pascal.clamp(PRESSURE_PA[0], PRESSURE_PA[1]) } else { pascal };
-    match switch {
-        Switch::Loop => *buttons ^= BUTTON_EXTENDED,
-        Switch::Inflow => controls.inflow_valve = other(controls.inflow_valve, 1.0, 0.0),
-        Switch::Outflow => controls.outflow_valve = other(controls.outflow_valve, OUTFLOW, 0.0),
-        Switch::Light => controls.light = other(controls.light, 1.0, DIM),
-        Switch::PressureUp => controls.set_pressure_pa = by(controls.set_pressure_pa + PRESSURE_STEP_PA),
-        Switch::PressureDown => controls.set_pressure_pa = by(controls.set_pressure_pa - PRESSURE_STEP_PA),
-    }
 }
 
 /// One that can be read, until it is gone.
@@ -201,6 +182,8 @@ fn follow<S: Source>(make: Make, said: &Said, first: S, mut find: impl FnMut() -
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::Switch;
+    use hyst_messages::controls::{DIM, OUTFLOW, PRESSURE_PA};
     use std::cell::RefCell;
     use std::collections::VecDeque;
 

@@ -2,6 +2,7 @@
 //! gamepad specification (`Documentation/input/gamepad.rst`). A 3D mouse says x to the right, y towards the user, z down, and turns about them.
 
 use evdev::{AbsoluteAxisCode, Device, KeyCode, RelativeAxisCode};
+use hyst_messages::Switch;
 
 /// Types of events.
 const KEY: u16 = 1;
@@ -24,23 +25,6 @@ pub enum Make {
     Gamepad,
     /// A knob with six degrees of freedom, as the SpaceMouse.
     SpaceMouse,
-}
-
-/// What a press turns.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Switch {
-    /// The loop, out or in.
-    Loop,
-    /// The inflow valve.
-    Inflow,
-    /// The outflow valve.
-    Outflow,
-    /// The light, full or dim.
-    Light,
-    /// The set pressure, 5 mmHg up.
-    PressureUp,
-    /// The set pressure, 5 mmHg down.
-    PressureDown,
 }
 
 /// Buttons that turn something, by their code: of a gamepad east, west, north and select, the cross; of a 3D mouse its second button.
