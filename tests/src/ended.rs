@@ -1,7 +1,7 @@
 //! How a station ended: its exit code, its report, its last words and its recording, and what holds of every one of them.
 
 use hyst_messages::AppliedRecord;
-use hyst_recording::Recording;
+use hyst_recording::{Continuity, Recording};
 use serde_json::Value;
 
 /// Of so many recorded ticks at most one may be lost: whoever makes them holds the last seconds, which a recorder's restart takes.
@@ -67,23 +67,19 @@ impl Ended {
     pub fn assert_recorded(&self) {
         let recording = self.recording.as_ref().unwrap_or_else(|error| panic!("{error}\n{}", self.said));
         assert!(recording.damage.is_empty(), "{:?}", recording.damage);
-        let ticks: Vec<u64> = recording.applied().iter().map(|record| record.tick).collect();
-        assert!(ticks.len() > 1_000, "only {} ticks were recorded\n{}", ticks.len(), self.said);
-        assert!(ticks.windows(2).all(|pair| pair[0] < pair[1]), "ticks come twice or out of order");
-        // A tick that is not there was never made, and the recorder says how many those are, or it is named as lost.
-        let is_named = |tick: &u64| recording.content.lost.iter().any(|range| (range.first..=range.last).contains(tick));
-        let absent = ticks.windows(2).flat_map(|pair| pair[0] + 1..pair[1]).filter(|tick| !is_named(tick)).count();
-        let unmade: usize =
-            recording.content.events.iter().filter(|event| event.kind == "skipped").map(|event| first_number(&event.text)).sum();
-        assert!(absent <= unmade, "{absent} ticks are not there, {unmade} were never made\n{}", self.said);
+        let continuity = Continuity::of(&recording.content);
+        let (ticks, lost) = (continuity.ticks, continuity.lost());
+        assert!(ticks > 1_000, "only {ticks} ticks were recorded\n{}", self.said);
+        assert_eq!(continuity.repeated, 0, "ticks come twice or out of order");
+        let (missing, unmade) = (continuity.missing(), continuity.unmade);
+        assert_eq!(missing, 0, "ticks are not there, beyond {unmade} that were never made\n{}", self.said);
         let stale = |key: fn(&AppliedRecord) -> (u32, u64)| {
             let keys: Vec<(u32, u64)> = recording.applied().iter().map(key).filter(|key| *key != (0, 0)).collect();
             keys.windows(2).filter(|pair| pair[1] < pair[0]).count()
         };
         assert_eq!(stale(|it| (it.model_epoch, it.model_tick)), 0, "contact models older than the one before\n{}", self.said);
         assert_eq!(stale(|it| (it.medium_epoch, it.medium_tick)), 0, "media older than the one before\n{}", self.said);
-        let lost: u64 = recording.content.lost.iter().map(|range| range.last - range.first + 1).sum();
-        assert!(lost <= ticks.len() as u64 / LOST_AT_MOST, "{lost} of {} ticks are lost\n{}", ticks.len(), self.said);
+        assert!(lost <= ticks / LOST_AT_MOST, "{lost} of {ticks} ticks are lost\n{}", self.said);
     }
 
     /// Nothing wrong was ever applied, nothing is left behind, and the exit code says what the report says.
@@ -116,9 +112,4 @@ impl Ended {
             self.code, self.report["given_up"], self.report["held"], self.said
         );
     }
-}
-
-/// The first number in a text, 0 if there is none.
-fn first_number(text: &str) -> usize {
-    text.split(|c: char| !c.is_ascii_digit()).find(|digits| !digits.is_empty()).map_or(0, |digits| digits.parse().unwrap_or(0))
 }

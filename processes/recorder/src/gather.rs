@@ -7,7 +7,7 @@ use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
 use hyst_recording::sequence::RING_TICKS;
-use hyst_recording::{Block, Collector, Event, History, Level, TickRange};
+use hyst_recording::{Block, Collector, History};
 use std::cell::Cell;
 
 /// How often the device's ring is looked at when the station stops, ns, and how often at most.
@@ -110,10 +110,8 @@ impl Gather {
         }
         self.read_streams(life);
         let taken = self.collector.collect(&self.lives);
-        let tick = life.tick();
+        block.events.extend(taken.events(life.tick()));
         block.applied.extend(taken.records);
-        block.events.extend(say(tick, Level::Warning, "skipped", "the device made no tick", &taken.unmade));
-        block.events.extend(say(tick, Level::Error, "lost", "the recording has lost", &taken.lost));
         block.lost.extend(taken.lost);
         self.forget_lives();
         self.read_statuses(roster, block);
@@ -208,12 +206,4 @@ impl Gather {
             }
         }
     }
-}
-
-/// One event for all ranges of one look.
-fn say(tick: u64, level: Level, kind: &str, what: &str, ranges: &[TickRange]) -> Option<Event> {
-    let (first, last) = (ranges.first()?.first, ranges.last()?.last);
-    let count: u64 = ranges.iter().map(TickRange::count).sum();
-    let text = format!("{what}: {count} in {} ranges from tick {first} to {last}", ranges.len());
-    Some(Event { tick, level, kind: kind.into(), process: "recorder".into(), incarnation: 0, text })
 }

@@ -10,6 +10,7 @@
 mod again;
 mod block;
 pub mod channels;
+mod continuity;
 mod fluid;
 mod frame;
 mod messages;
@@ -21,6 +22,7 @@ mod summary;
 mod writer;
 
 pub use block::{Block, Event, Level, TickRange};
+pub use continuity::Continuity;
 pub use playback::{Moment, Playback};
 pub use reader::{Damage, Ending, ReadError, Reader, Recording};
 pub use sequence::{Collector, History, Taken};

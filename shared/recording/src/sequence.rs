@@ -1,7 +1,7 @@
 //! Each tick once: puts together what the force streams bring and what the rings of the device's lives still hold, says which ticks the
 //! device never made and which are lost. Computes only; pages and streams are the caller's.
 
-use crate::block::TickRange;
+use crate::block::{Event, Level, TickRange};
 use hyst_messages::AppliedRecord;
 use hyst_messages::page::device::APPLIED;
 use std::collections::BTreeMap;
@@ -32,6 +32,30 @@ pub struct Taken {
     pub lost: Vec<TickRange>,
     /// Ticks that the device skipped or was not there for.
     pub unmade: Vec<TickRange>,
+}
+
+/// Kind of the event that says which ticks the device never made.
+const SKIPPED: &str = "skipped";
+
+impl Taken {
+    /// What is said of the ticks that are not there: one event for all that were never made, and one for all that are lost.
+    pub fn events(&self, tick: u64) -> Vec<Event> {
+        let unmade = say(tick, Level::Warning, SKIPPED, "the device made no tick", &self.unmade);
+        unmade.into_iter().chain(say(tick, Level::Error, "lost", "the recording has lost", &self.lost)).collect()
+    }
+}
+
+fn say(tick: u64, level: Level, kind: &str, what: &str, ranges: &[TickRange]) -> Option<Event> {
+    let (first, last) = (ranges.first()?.first, ranges.last()?.last);
+    let count: u64 = ranges.iter().map(TickRange::count).sum();
+    let text = format!("{what}: {count} in {} ranges from tick {first} to {last}", ranges.len());
+    Some(Event { tick, level, kind: kind.into(), process: "recorder".into(), incarnation: 0, text })
+}
+
+/// How many ticks an event says were never made; `None` if it speaks of something else.
+pub(crate) fn unmade_in(event: &Event) -> Option<u64> {
+    let count = event.text.split_once(": ")?.1.split(' ').next()?;
+    count.parse().ok().filter(|_| event.kind == SKIPPED)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
