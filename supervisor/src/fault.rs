@@ -25,6 +25,10 @@ const DEVICE_STEP_N: f64 = 0.2;
 /// What a servo publishes by these kinds is never applied. A stamp that stands still, or an old output, is as it should be the first time; every later time
 /// the ledger itself finds it late or stale.
 const NEVER_APPLIED: [&str; 4] = ["nan", "inf", "range", "ahead"];
+/// A servo's output that stands still bears the stamps of its ticks, and is fresh to the ledger. Its force tells: in contact no two ticks make the same one.
+const STANDS_STILL: &str = "frozen";
+/// Ticks before such a fault in which no force may have repeated: a hand that does not move makes one that stands still by itself.
+const MOVING_TICKS: u64 = 100;
 /// Ticks after its injection for which a servo may still make the force that it had begun.
 const BEGUN_TICKS: u64 = 2;
 /// Fault-free ticks that a force step is compared with.
@@ -94,6 +98,9 @@ pub struct Fault {
     /// Those bytes, until it is closed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) flips: Vec<Flip>,
+    /// Its window, from its end to its verdict.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) seen: Option<Seen>,
     pub(crate) slot: usize,
     pub(crate) incarnation: u32,
     pub(crate) dead: bool,
@@ -126,11 +133,19 @@ impl Fault {
     /// Ticks at which the hand was given what this servo made while it did wrong. The last hop lets nothing through that is not finite or too large, so the
     /// force itself would not show that nobody had checked it; the hardware's ledger says whose it was.
     fn wrong_ticks(&self, ledger: &Ledger) -> u64 {
-        let is_lie = self.target.split(':').next() == Some(Role::Haptic.name()) && NEVER_APPLIED.contains(&self.kind.as_str());
-        let Some(recovered_us) = self.recovered_us.filter(|_| is_lie) else { return 0 };
+        let is_servo = self.target.split(':').next() == Some(Role::Haptic.name());
+        let Some(recovered_us) = self.recovered_us.filter(|_| is_servo) else { return 0 };
+        let to_tick = self.tick + whole_ticks(recovered_us);
+        if self.kind == STANDS_STILL {
+            let stood = ledger.repeated(self.incarnation, self.tick.saturating_sub(MOVING_TICKS), self.tick);
+            return if stood == 0 { ledger.repeated(self.incarnation, self.tick, to_tick) } else { 0 };
+        }
+        if !NEVER_APPLIED.contains(&self.kind.as_str()) {
+            return 0;
+        }
         // By the stamp of the force: a stall of the machine may let the servo read its orders later, and what it makes until then is as it should be.
         let is_wrong = |tick: &&Tick| tick.force_tick >= self.tick + BEGUN_TICKS;
-        ledger.fresh_of(self.incarnation, self.tick, self.tick + whole_ticks(recovered_us)).filter(is_wrong).count() as u64
+        ledger.fresh_of(self.incarnation, self.tick, to_tick).filter(is_wrong).count() as u64
     }
 
     /// Whether the process was found by its death, and not ended because it hung.
@@ -159,25 +174,49 @@ pub(crate) fn bounds(fault: &Fault) -> (u64, u64) {
     (fault.tick, fault.tick + (recovery_ticks + AFTER_TICKS).max(WINDOW_TICKS))
 }
 
-pub(crate) fn judge(fault: &mut Fault, control: Option<Window>, ledger: &Ledger, taken: &[(u64, u64)]) {
+/// What the ledger says of a fault's own window. It is taken as soon as the window is over: a control of equal length may lie after it, and by the end of
+/// that one the ledger has forgotten the beginning of a long window.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Seen {
+    window: Window,
+    contained_us: f64,
+    /// Largest force step in the fault-free ticks before it, N.
+    quiet_n: f64,
+    /// Whether the hand was in contact at its beginning.
+    pub(crate) contact: bool,
+    step: Vec<Tick>,
+    late: Vec<Tick>,
+}
+
+/// Looks at the window of a fault; `None` without a ledger.
+pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Option<Seen> {
     let (from_tick, to_tick) = bounds(fault);
     let mut window = ledger.window(from_tick, to_tick);
     window.wrong += fault.wrong_ticks(ledger);
-    if window.ticks + window.voided == 0 {
-        return; // no ledger: nothing can be judged
-    }
-    fault.contained_us =
-        Some(ledger.last_miss(from_tick, to_tick).map_or(0.0, |tick| (tick + 1 - from_tick) as f64 * TICK_NS as f64 * 1e-3));
-    if let Some(control) = control {
-        let quiet_n = quiet_step_max_n(ledger, from_tick, taken).max(control.force_step_max_n);
-        let smooth = window.force_step_max_n <= fault.most_step_n(quiet_n);
-        fault.step = if smooth { Vec::new() } else { ledger.around_step(&window) };
+    let contained_ticks = ledger.last_miss(from_tick, to_tick).map_or(0, |tick| tick + 1 - from_tick);
+    (window.ticks + window.voided > 0).then(|| Seen {
+        window,
+        contained_us: (contained_ticks * TICK_NS) as f64 * 1e-3,
+        quiet_n: quiet_step_max_n(ledger, from_tick, taken),
+        contact: ledger.in_contact(from_tick),
+        step: ledger.around_step(&window),
+        late: ledger.late(&window),
+    })
+}
+
+/// Judges a fault by its window and its control. Where one of them has gaps nothing is said.
+pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
+    let window = seen.window;
+    fault.contained_us = Some(seen.contained_us);
+    if let Some(control) = control.filter(|control| window.is_whole() && control.is_whole()) {
+        let smooth = window.force_step_max_n <= fault.most_step_n(seen.quiet_n.max(control.force_step_max_n));
+        fault.step = if smooth { Vec::new() } else { seen.step };
         let allowed = match fault.may_be_felt() {
             true if fault.is_of_both_servos() => u64::MAX,
             true => control.missed + DEVICE_TICKS,
             false => control.missed,
         };
-        fault.late = if window.missed <= allowed { Vec::new() } else { ledger.late(&window) };
+        fault.late = if window.missed <= allowed { Vec::new() } else { seen.late };
         fault.promise_held = Some(fault.recovered_us.is_some() && window.missed <= allowed && smooth && window.wrong == 0);
     }
     (fault.window, fault.control) = (Some(window), control);
@@ -227,7 +266,8 @@ mod tests {
         let window = ledger.window(1_500, 1_700);
         let (kind, target, recovered_us) = (kind.into(), target.into(), Some(100_000.0));
         let mut fault = Fault { kind, target, tick: 1_200, incarnation: 7, recovered_us, ..Fault::default() };
-        judge(&mut fault, Some(window), &ledger, &[]);
+        let seen = look(&fault, &ledger, &[]).unwrap();
+        judge(&mut fault, seen, Some(window));
         (fault.window.unwrap().wrong, fault.promise_held)
     }
 
@@ -243,5 +283,50 @@ mod tests {
         assert_eq!(wrong_of("replay", "haptic:0", &[(1_205, 1_205), (1_207, 1_205)]).0, 1);
         // A stall may hold up the force that was made before, too, but not for long.
         assert_eq!(wrong_of("nan", "haptic:0", &[(1_202, 1_201)]), (0, Some(true)));
+    }
+
+    #[test]
+    fn of_a_window_with_gaps_nothing_is_said() {
+        let ledger = ledger_of(|_| [0.0; 3]);
+        let held = |from_tick: u64, control: Window| {
+            let mut fault =
+                Fault { target: "fluid:0".into(), tick: from_tick, recovered_us: Some(100_000.0), ..Fault::default() };
+            let seen = look(&fault, &ledger, &[]).unwrap();
+            judge(&mut fault, seen, Some(control));
+            (fault.promise_held, fault.window.is_some() && fault.control.is_some())
+        };
+        let whole = ledger.window(1_500, 1_700);
+        assert_eq!(held(1_200, whole), (Some(true), true));
+        assert_eq!(held(900, whole), (None, true), "its first 100 ticks are not in the ledger");
+        assert_eq!(held(1_200, ledger.window(1_900, 2_100)), (None, true), "nor are the last 100 of its control");
+    }
+
+    /// The ledger of ticks 1 000 to 2 000, all fresh and of servo 7, with these forces.
+    fn ledger_of(force_n: impl Fn(u64) -> [f32; 3]) -> Ledger {
+        let mut ledger = Ledger::default();
+        for tick in 1_000..2_000u64 {
+            let (hardware_tick, station_tick, force_tick, force_n) = (tick, tick, tick, force_n(tick));
+            let entry =
+                LedgerEntry { hardware_tick, station_tick, force_tick, force_n, source_incarnation: 7, ..LedgerEntry::default() };
+            ledger.push(&entry, true);
+        }
+        ledger
+    }
+
+    #[test]
+    fn a_force_that_stands_still_while_the_hand_touches_is_wrong_from_its_third_tick_on() {
+        let moving = |tick: u64| [0.5 + tick as f32 * 1e-4, 0.0, 0.0];
+        let wrong = |ledger: &Ledger, target: &str| {
+            let (kind, target, recovered_us) = ("frozen".into(), target.into(), Some(100_000.0));
+            let fault = Fault { kind, target, tick: 1_200, incarnation: 7, recovered_us, ..Fault::default() };
+            look(&fault, ledger, &[]).unwrap().window.wrong
+        };
+        let stands = |tick: u64| (1_210..1_220).contains(&tick);
+        let frozen = ledger_of(|tick| moving(if stands(tick) { 1_210 } else { tick }));
+        assert_eq!([wrong(&frozen, "haptic:1"), wrong(&frozen, "tissue:0")], [8, 0]);
+        assert_eq!(wrong(&ledger_of(moving), "haptic:1"), 0, "nobody followed it");
+        let apart = ledger_of(|tick| if stands(tick) { [0.0; 3] } else { moving(tick) });
+        assert_eq!(wrong(&apart, "haptic:1"), 0, "without tissue there is no force, and it does not move");
+        assert_eq!(wrong(&ledger_of(|_| moving(1_000)), "haptic:1"), 0, "the hand itself stands still");
     }
 }

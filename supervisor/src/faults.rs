@@ -8,7 +8,7 @@ mod over;
 mod tend;
 
 use crate::active::ActiveLog;
-use crate::fault::{Death, Fault, LATCH, PIDFD, bounds, judge, us};
+use crate::fault::{Death, Fault, LATCH, PIDFD, bounds, judge, look, us};
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
 use crate::policy::Exit;
@@ -288,12 +288,18 @@ impl Faults {
         let taken: Vec<(u64, u64)> = self.all().map(bounds).collect();
         let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
         let mut spent: Vec<(u64, u64)> = taken.iter().copied().chain(self.closed.iter().filter_map(used)).collect();
-        let closed_before = self.closed.len();
+        let mut has_news = false;
         let mut still_open = Vec::new();
         for mut fault in std::mem::take(&mut self.open.faults) {
             let (from_tick, to_tick) = bounds(&fault);
+            let is_through = newest_tick >= to_tick;
+            if fault.seen.is_none() && is_through && fault.recovered_us.is_some() {
+                fault.seen = look(&fault, &self.ledger, &taken);
+                has_news = true;
+            }
+            let contact = fault.seen.as_ref().map_or_else(|| self.ledger.in_contact(from_tick), |seen| seen.contact);
             let find = |taken: &[(u64, u64)]| {
-                if newest_tick >= to_tick { control_for(&self.ledger, from_tick, to_tick, taken) } else { None }
+                if is_through { control_for(&self.ledger, (from_tick, to_tick), contact, taken) } else { None }
             };
             let mut control = find(&spent);
             if !is_due(&fault, newest_tick, control.is_some()) {
@@ -316,12 +322,15 @@ impl Faults {
                 fault.remains = Some(corrupt::remains(&std::mem::take(&mut fault.flips)));
             }
             spent.extend(control.map(|control| (control.from_tick, control.to_tick)));
-            judge(&mut fault, control, &self.ledger, &taken);
+            if let Some(seen) = fault.seen.take().or_else(|| look(&fault, &self.ledger, &taken)) {
+                judge(&mut fault, seen, control);
+            }
             self.append(&fault);
             self.closed.push(fault);
+            has_news = true;
         }
         self.open.faults = still_open;
-        if self.closed.len() != closed_before {
+        if has_news {
             self.keep_open();
         }
     }
@@ -339,6 +348,7 @@ impl Faults {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::{Applied, LedgerEntry};
 
     #[test]
     fn a_fault_from_outside_began_at_a_heartbeat_that_can_have_been() {
@@ -346,5 +356,35 @@ mod tests {
         assert_eq!(begin_ns(now_ns - 7, now_ns), now_ns - 7);
         assert_eq!([0, u64::MAX].map(|beat_ns| begin_ns(beat_ns, now_ns)), [now_ns; 2], "never, and in the future");
         assert_eq!(begin_ns(1, now_ns), now_ns - 40_000_000_000, "the machine's whole life is no fault's window");
+    }
+
+    /// `hang-start haptic:active` of a campaign took 30 s. When its control of 30 s more had passed, 9 815 of its 30 092 ticks were left.
+    #[test]
+    fn a_long_fault_is_judged_on_its_whole_window_whenever_its_control_ends() {
+        let station = Station::named(&format!("t{}-long", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let mut faults = Faults::new(&station, &[]).unwrap();
+        let fault = faults.start("hang-start", Slot::first(Role::Haptic), 7, 1_000);
+        (fault.tick, fault.recovered_us) = (2_000, Some(30_071_149.0));
+        let tell = |faults: &mut Faults, ticks: std::ops::Range<u64>| {
+            for tick in ticks {
+                let kind = if tick == 2_500 { Applied::Held } else { Applied::Fresh } as u32;
+                let entry =
+                    LedgerEntry { hardware_tick: tick, station_tick: tick, force_tick: tick, kind, ..LedgerEntry::default() };
+                faults.ledger.push(&entry, true);
+            }
+            faults.close(|_, _, has_control| has_control);
+        };
+        tell(&mut faults, 0..33_000);
+        assert_eq!((faults.closed.len(), faults.open.faults.len()), (0, 1), "there is no control yet");
+        let mut successor = Faults::new(&station, &[]).unwrap();
+        assert_eq!(successor.open.faults, faults.open.faults, "a supervisor that comes after this one knows of it");
+        tell(&mut successor, 0..64_000);
+        let (window, control) = successor.closed[0].window.zip(successor.closed[0].control).unwrap();
+        assert_eq!((window.ticks, window.missed, control.ticks, control.missed), (30_092, 1, 30_092, 0));
+        assert!(control.from_tick >= window.to_tick && successor.ledger.window(2_000, 32_092).ticks < 30_092);
+        assert_eq!((successor.closed[0].promise_held, successor.closed[0].late.len()), (Some(false), 1));
+        station.wipe();
     }
 }

@@ -15,6 +15,8 @@ pub const SETTLING_TICKS: u64 = 500;
 /// Ticks before a large change of the force, and after it, that are kept with a fault that broke its promise by it; of those that missed their force
 /// twice as many.
 const AROUND: usize = 8;
+/// Of so many ticks the hardware's drifting clock makes one more or less at most (`drift_ppm`: 500 at most).
+const MOST_DRIFT: u64 = 1_000;
 /// No motor of such a device makes more, N; more was never meant to be applied.
 const LIMIT_N: f32 = 50.0;
 
@@ -60,6 +62,15 @@ pub struct Window {
     pub wrong: u64,
     /// Largest change of the force from one tick to the next, N.
     pub force_step_max_n: f64,
+}
+
+impl Window {
+    /// Whether it holds each of its ticks: the hardware's clock drifts against the station's, by less than one tick in a thousand. Of one that is not whole
+    /// nothing can be said, neither that it missed few nor that it missed many.
+    pub fn is_whole(&self) -> bool {
+        let span = self.to_tick.saturating_sub(self.from_tick);
+        self.ticks + self.voided + 1 + span / MOST_DRIFT >= span
+    }
 }
 
 /// The history.
@@ -218,17 +229,33 @@ impl Ledger {
         self.ticks.range(first..end.max(first)).filter(move |tick| !tick.late && tick.source == source)
     }
 
+    /// Of the same those at which the force was that of the two before it, to the bit, while the hand was in contact.
+    pub fn repeated(&self, source: u32, from_tick: u64, to_tick: u64) -> u64 {
+        let (mut before, mut run, mut repeated) = ([0.0; 3], 0, 0);
+        for tick in self.fresh_of(source, from_tick, to_tick) {
+            run = if tick.force_n.map(f32::to_bits) == before.map(f32::to_bits) { run + 1 } else { 1 };
+            before = tick.force_n;
+            repeated += u64::from(run > 2 && is_contact(tick.force_n));
+        }
+        repeated
+    }
+
     /// The last tick of `from_tick..to_tick` that missed its force and counts. It costs as much as the ledger holds of them, however long they are.
     pub fn last_miss(&self, from_tick: u64, to_tick: u64) -> Option<u64> {
         let (first, end) = self.range(from_tick, to_tick);
         self.ticks.range(first..end.max(first)).rev().find(|tick| tick.late && !tick.void).map(|tick| tick.station_tick)
     }
 
-    /// Whether the hand was in contact at a tick: a force of more than a hundredth of a newton.
+    /// Whether the hand was in contact at a tick.
     pub fn in_contact(&self, tick: u64) -> bool {
         let at = self.ticks.partition_point(|entry| entry.station_tick < tick);
-        self.ticks.get(at).is_some_and(|tick| norm(tick.force_n) > 0.01)
+        self.ticks.get(at).is_some_and(|tick| is_contact(tick.force_n))
     }
+}
+
+/// Whether the hand feels tissue: a force of more than a hundredth of a newton.
+fn is_contact(force_n: [f32; 3]) -> bool {
+    norm(force_n) > 0.01
 }
 
 fn norm(v: [f32; 3]) -> f32 {
@@ -246,10 +273,9 @@ const CONTROL_REACH_TICKS: u64 = 8_000;
 
 /// The control of a fault window: the same length, in the same state (contact or none at its start), overlapping no fault's window, as
 /// close before the fault as there is one, else as close after it. `None` if there is none yet.
-pub fn control_for(ledger: &Ledger, from_tick: u64, to_tick: u64, taken: &[(u64, u64)]) -> Option<Window> {
+pub fn control_for(ledger: &Ledger, (from_tick, to_tick): (u64, u64), contact: bool, taken: &[(u64, u64)]) -> Option<Window> {
     let length = to_tick - from_tick;
     let (settled, newest) = (ledger.settled_tick()?, ledger.newest_tick()?);
-    let contact = ledger.in_contact(from_tick);
     let free = |start: u64| taken.iter().all(|(from, to)| start + length <= *from || start >= *to);
     let before =
         (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map_while(|step| from_tick.checked_sub(length + step * CONTROL_STEP_TICKS));
@@ -307,13 +333,23 @@ mod tests {
     #[test]
     fn a_control_has_the_same_length_and_state_and_meets_no_fault() {
         let ledger = ledger(6_000, &[], &[]);
-        let control = control_for(&ledger, 3_600, 3_800, &[(3_600, 3_800)]).unwrap();
+        let control = control_for(&ledger, (3_600, 3_800), true, &[(3_600, 3_800)]).unwrap();
         assert_eq!((control.to_tick - control.from_tick, control.to_tick <= 3_600), (200, true));
         assert!(ledger.in_contact(control.from_tick) && ledger.in_contact(3_600));
         let taken = [(3_600, 3_800), (1_000, 3_600)];
-        let control = control_for(&ledger, 3_600, 3_800, &taken).unwrap();
+        let control = control_for(&ledger, (3_600, 3_800), true, &taken).unwrap();
         assert!(control.to_tick <= 1_000 || control.from_tick >= 3_800, "{control:?}");
-        assert_eq!(control_for(&ledger, 3_600, 3_800, &[(0, 6_000)]), None);
+        assert_eq!(control_for(&ledger, (3_600, 3_800), true, &[(0, 6_000)]), None);
+    }
+
+    #[test]
+    fn a_window_that_the_history_no_longer_holds_is_not_whole_and_a_drifting_clock_leaves_it_so() {
+        let short = ledger(HISTORY_TICKS as u64 + 10_000, &[], &[12_000]);
+        assert!(short.window(11_000, 31_000).is_whole(), "with its void tick");
+        assert!(!short.window(9_900, 30_000).is_whole(), "its first 100 ticks are gone");
+        let window = |ticks, to_tick| Window { ticks, to_tick, ..Window::default() };
+        assert_eq!([199, 198].map(|ticks| window(ticks, 200).is_whole()), [true, false]);
+        assert_eq!([29_969, 29_968].map(|ticks| window(ticks, 30_000).is_whole()), [true, false]);
     }
 
     #[test]

@@ -162,7 +162,9 @@ impl Arms {
     fn of<'a>(faults: impl Iterator<Item = &'a Fault>) -> Arms {
         let mut arms = Arms::default();
         for fault in faults {
-            let (Some(window), Some(control)) = (fault.window, fault.control) else {
+            let Some((window, control)) =
+                fault.window.zip(fault.control).filter(|(window, control)| window.is_whole() && control.is_whole())
+            else {
                 continue;
             };
             for (sums, window) in [(&mut arms.fault, window), (&mut arms.control, control)] {
