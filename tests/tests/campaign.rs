@@ -233,6 +233,31 @@ fn a_campaign_that_is_interrupted_ends_with_code_3() {
     assert_nothing_left();
 }
 
+/// The `hystation run` that comes after a guardian that was killed is asked to end as soon as it is there, and catches no signals yet: 13 processes stayed.
+#[test]
+fn a_campaign_that_is_interrupted_right_after_it_killed_a_guardian_leaves_nothing() {
+    let folder = Folder::new("campaign-orphans");
+    let text = "gap_ticks = [450, 500]\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"guardian\"]\ncount = 9\n";
+    let (file, out) = (folder.write("guardians.toml", text), folder.path("out"));
+    let name = format!("campaign-{}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &name, "fault", "campaign", &file, "--report", &out]);
+    let child = command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().expect("a campaign");
+    let list = format!("/proc/{0}/task/{0}/children", child.id());
+    let runs = || std::fs::read_to_string(&list).unwrap_or_default();
+    let first = wait_for(Duration::from_secs(120), || Some(runs()).filter(|runs| !runs.is_empty())).expect("a station");
+    let another = || Some(runs()).filter(|runs| !runs.is_empty() && *runs != first);
+    let second = wait_for(Duration::from_secs(120), another);
+    let _ = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    let ended = child.wait_with_output().expect("its end");
+    let said = String::from_utf8_lossy(&ended.stdout).into_owned() + &String::from_utf8_lossy(&ended.stderr);
+    assert!(second.is_some(), "no guardian was replaced: {said}");
+    assert_eq!(ended.status.code(), Some(3), "{said}");
+    assert_nothing_left();
+    let (code, _, said) = run(hystation().args(["--name", &name, "status"]));
+    assert_ne!(code, Some(0), "somebody answers: {said}");
+}
+
 #[test]
 fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
     let folder = Folder::new("campaign-refused");

@@ -66,27 +66,18 @@ impl Runner<'_> {
     ) -> Result<StationOutcome, Refusal> {
         let Some(first) = entries.first() else { return Ok(StationOutcome::default()) };
         let mut station = StationOutcome { run, station: first.station, arm: first.arm.clone(), ..StationOutcome::default() };
-        let (mut trouble, mut cut_ns) = (None, u64::MAX);
+        let trouble;
+        let mut cut_ns = u64::MAX;
         match self.start(entries, files) {
-            Err(Trouble::Refused(why)) => return Err(Refusal::input(format!("no station can be started: {why}"))),
-            Err(error) => trouble = Some(error),
+            Err(error) => (trouble, station.never_whole) = (Some(error), true),
             Ok(mut session) => {
-                for entry in entries {
-                    let begun_ns = system::now_ns();
-                    match self.hurt(&mut session, entry) {
-                        Ok((outcome, ended)) => {
-                            say(self.json, &format!("{}\n", text::line(&outcome, self.plan.faults.len())));
-                            station.faults.push(entry.index);
-                            take(outcome)?;
-                            trouble = ended;
-                        }
-                        Err(error) => (trouble, cut_ns) = (Some(error), begun_ns),
-                    }
-                    if trouble.is_some() {
-                        break;
-                    }
+                match session.await_whole() {
+                    Err(Trouble::Refused(why)) => return Err(Refusal::input(format!("no station can be started: {why}"))),
+                    Err(error) => (trouble, station.never_whole) = (Some(error), true),
+                    Ok(()) => (trouble, cut_ns) = self.hurt_all(&mut session, entries, &mut station, take)?,
                 }
-                station.exit_code = session.stop();
+                let ended = session.stop();
+                (station.exit_code, station.leftovers) = (ended.exit_code, ended.leftovers);
             }
         }
         station.read_report(&files.with_extension("json"));
@@ -95,8 +86,8 @@ impl Runner<'_> {
         if self.campaign.records() {
             station.read_recording(&recording);
         }
-        if station.lost.is_empty() && station.damage.is_empty() {
-            let _ = std::fs::remove_file(&recording); // kept only if it shows something
+        if !station.recording_shows_something() {
+            let _ = std::fs::remove_file(&recording);
         }
         if let Some(error) = trouble {
             eprintln!("hystation: run {run}: {error}");
@@ -105,6 +96,31 @@ impl Runner<'_> {
             }
         }
         Ok(station)
+    }
+
+    /// Injects the faults one after another and hands on what came of each; gives what kept the station from going on, and since when the fault was under
+    /// way that was cut off by it, ns.
+    fn hurt_all(
+        &self,
+        session: &mut Session,
+        entries: &[&Entry],
+        station: &mut StationOutcome,
+        take: &mut dyn FnMut(Outcome) -> Result<(), Refusal>,
+    ) -> Result<(Option<Trouble>, u64), Refusal> {
+        for entry in entries {
+            let begun_ns = system::now_ns();
+            let (outcome, ended) = match self.hurt(session, entry) {
+                Ok(found) => found,
+                Err(error) => return Ok((Some(error), begun_ns)),
+            };
+            say(self.json, &format!("{}\n", text::line(&outcome, self.plan.faults.len())));
+            station.faults.push(entry.index);
+            take(outcome)?;
+            if ended.is_some() {
+                return Ok((ended, u64::MAX));
+            }
+        }
+        Ok((None, u64::MAX))
     }
 
     fn start(&self, entries: &[&Entry], files: &Path) -> Result<Session, Trouble> {

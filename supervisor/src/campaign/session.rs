@@ -3,6 +3,7 @@
 
 mod closing;
 mod counters;
+mod end;
 mod keepers;
 mod swaps;
 
@@ -13,12 +14,12 @@ use super::outcome::{Ending, Outcome};
 use crate::control::{self, Request};
 use crate::faultfile::{Injection, Keepers};
 use crate::plan::Plan;
+use crate::remains;
 use crate::view::Viewer;
-use crate::{proc, remains};
 use closing::Asked;
+pub use end::Ended;
 use hyst_exchange::{Station, system};
 use hyst_messages::{Role, Slot, TICK_NS};
-use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -28,8 +29,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const START_NS: u64 = 120_000_000_000;
 /// A station that is not whole and in the wanted state by then will not be: the hands' periods are at most 12 s.
 const READY_NS: u64 = 60_000_000_000;
-/// A stop takes 2 s for processes that hang, and then some for the report.
-const STOP_NS: u64 = 30_000_000_000;
 /// Between two looks.
 const LOOK_NS: u64 = 5_000_000;
 /// The fault is asked for at least this long before its tick: the socket and the supervisor's loop take 10 ms of it, more on a busy machine.
@@ -78,10 +77,12 @@ pub struct Session {
     read_bytes: usize,
     whole_since_tick: Option<u64>,
     quiet_from_tick: u64,
+    /// It was ended, or never was: the name is another's, or the settings were refused.
+    is_over: bool,
 }
 
 impl Session {
-    /// Starts the station and waits until it is whole.
+    /// Starts the station.
     pub fn start(
         campaign: &Campaign,
         arm: &Arm,
@@ -98,7 +99,7 @@ impl Session {
             command(campaign, arm, entries, station, files).map_err(|e| Trouble::System("this program".into(), e))?;
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(log);
         let child = command.spawn().map_err(|e| Trouble::System("cannot start `hystation run`".into(), e))?;
-        let mut session = Session {
+        Ok(Session {
             station: station.clone(),
             command,
             child,
@@ -109,8 +110,13 @@ impl Session {
             read_bytes: 0,
             whole_since_tick: None,
             quiet_from_tick: 0,
-        };
-        let whole = session.wait(START_NS, |session| {
+            is_over: false,
+        })
+    }
+
+    /// Waits until the station is whole.
+    pub fn await_whole(&mut self) -> Result<(), Trouble> {
+        let whole = self.wait(START_NS, |session| {
             if session.viewer.is_none() {
                 // Both are made by the guardian; the viewer opens once all pages are there.
                 session.slots = Plan::read(&session.station).ok()?.slots();
@@ -118,16 +124,16 @@ impl Session {
             }
             session.whole().then_some(())
         });
-        let whole = whole.map_err(|trouble| session.why_refused().map_or(trouble, Trouble::Refused))?;
-        whole.ok_or_else(|| Trouble::NotWhole(START_NS / 1_000_000_000, session.said()))?;
-        Ok(session)
+        let whole = whole.map_err(|trouble| self.why_refused().map_or(trouble, Trouble::Refused))?;
+        whole.ok_or_else(|| Trouble::NotWhole(START_NS / 1_000_000_000, self.said()))
     }
 
-    /// What it said if it has ended with the exit code of bad input.
+    /// What it said if it has ended with the exit code of bad input: then nothing was founded.
     fn why_refused(&mut self) -> Option<String> {
         let code = self.child.try_wait().ok().flatten()?.code()?;
+        self.is_over = code == 2;
         let line = crate::journal::last_line_of(&self.files.with_extension("log")).unwrap_or_default();
-        (code == 2).then(|| line.trim_start_matches("hystation: ").to_string())
+        self.is_over.then(|| line.trim_start_matches("hystation: ").to_string())
     }
 
     fn said(&self) -> String {
@@ -257,40 +263,6 @@ impl Session {
         }
         let request = Injection { tick, phase_us, ..injection.clone() };
         control::ask(&self.station, &Request::Fault(request)).map(|_| None)
-    }
-
-    /// Stops the station as Ctrl-C does; gives its exit code, if it had one. Its report lies in the folder.
-    pub fn stop(mut self) -> Option<i32> {
-        self.end()
-    }
-
-    fn end(&mut self) -> Option<i32> {
-        if let Some(pid) = proc::pid(self.child.id()).filter(|_| matches!(self.child.try_wait(), Ok(None))) {
-            let _ = rustix::process::kill_process(pid, Signal::INT); // one that has just ended is reaped below
-        }
-        let end_ns = system::now_ns() + STOP_NS;
-        while system::now_ns() < end_ns {
-            if let Ok(Some(status)) = self.child.try_wait() {
-                return status.code();
-            }
-            system::sleep_ns(LOOK_NS);
-        }
-        let _ = self.child.kill().and_then(|()| self.child.wait()); // the guardian hangs: nothing else is left to do
-        remains::kill_all(&self.station, || {});
-        if let Some(stand_in) = remains::guardian(&self.station) {
-            proc::signal(stand_in.pid, Signal::KILL); // the supervisor had time to start one
-            remains::kill_all(&self.station, || {});
-        }
-        self.station.wipe();
-        None
-    }
-}
-
-impl Drop for Session {
-    fn drop(&mut self) {
-        if matches!(self.child.try_wait(), Ok(None)) {
-            self.end();
-        }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::deficit::Deficit;
 use crate::fault::Fault;
-use hyst_recording::{Ending, Reader};
+use hyst_recording::sequence::RING_TICKS;
+use hyst_recording::{Continuity, Ending, Reader};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -22,6 +23,9 @@ pub struct StationOutcome {
     pub exit_code: Option<i32>,
     /// Why it ended before its faults were through.
     pub trouble: String,
+    /// It was never whole: of what it left nothing is asked but that it is nothing.
+    #[serde(default)]
+    pub never_whole: bool,
     /// Ticks of the hardware.
     pub ticks: u64,
     /// Ticks in which the host itself stalled.
@@ -41,7 +45,7 @@ pub struct StationOutcome {
     pub deficit_jumps: Vec<(u64, f64)>,
     /// Slots that were given up.
     pub given_up: Vec<String>,
-    /// Processes, segments and files that were left.
+    /// Processes, segments and files that were left, as the station says or as the campaign found, whichever is more.
     pub leftovers: u64,
     /// Processes that ended although nobody hurt them, to the end of the run.
     #[serde(default)]
@@ -54,9 +58,18 @@ pub struct StationOutcome {
     pub recorded_ticks: u64,
     /// Ticks that the recording says are lost: first and last.
     pub lost: Vec<(u64, u64)>,
-    /// What is wrong with the recording itself.
+    /// Ticks of the recording that are not there although nobody says that they are lost or were never made.
+    #[serde(default)]
+    pub missing_ticks: u64,
+    /// Ticks that it holds twice, or out of order.
+    #[serde(default)]
+    pub repeated_ticks: u64,
+    /// What is wrong with the recording itself, or why it cannot be read.
     pub damage: Vec<String>,
 }
+
+/// Ticks of the hardware that need not be in the recording: those before the device made its first, and at the end those after its last.
+const MOST_UNRECORDED: u64 = RING_TICKS;
 
 impl StationOutcome {
     /// Takes what a station's report says.
@@ -74,7 +87,13 @@ impl StationOutcome {
         self.external = faults.filter_map(|fault| Fault::deserialize(fault).ok()).collect();
         let names = report["given_up"].as_array().into_iter().flatten();
         self.given_up = names.filter_map(|name| name.as_str().map(str::to_string)).collect();
-        self.leftovers = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
+        let left = report["leftovers"].as_object().map_or(0, |left| left.values().map(number).sum());
+        self.leftovers = self.leftovers.max(left);
+    }
+
+    /// Whether its recording is worth keeping.
+    pub fn recording_shows_something(&self) -> bool {
+        !self.lost.is_empty() || !self.damage.is_empty() || self.missing_ticks + self.repeated_ticks > 0
     }
 
     /// Leaves out those that ended since a time, ns: of a fault that was cut off and will be injected again.
@@ -82,18 +101,18 @@ impl StationOutcome {
         self.external.retain(|fault| fault.injected_ns < ns);
     }
 
-    /// Counts what the recording holds and what it says is lost.
+    /// Counts what the recording holds, what it says is lost and what it does not say. Comes after the report, which has the ticks that there were.
     pub fn read_recording(&mut self, path: &Path) {
         let mut reader = match Reader::open(path) {
             Ok(reader) => reader,
             Err(error) => return self.damage.push(error.to_string()),
         };
         let (mut newest, mut newest_medium) = ((0, 0), (0, 0));
-        let mut deficit = Deficit::default();
+        let (mut deficit, mut continuity) = (Deficit::default(), Continuity::default());
         loop {
             match reader.next_block() {
                 Ok(Some(block)) => {
-                    self.recorded_ticks += block.applied.len() as u64;
+                    continuity.follow(&block);
                     for applied in &block.applied {
                         let model = (applied.model_epoch, applied.model_tick);
                         self.stale_models += u64::from(model < newest && model != (0, 0));
@@ -113,6 +132,9 @@ impl StationOutcome {
             }
         }
         self.deficit_jumps = deficit.jumps();
+        (self.recorded_ticks, self.repeated_ticks) = (continuity.ticks, continuity.repeated);
+        let beyond = self.ticks.saturating_sub(continuity.ticks + continuity.lost() + continuity.unmade);
+        self.missing_ticks = continuity.missing().max(if beyond > MOST_UNRECORDED { beyond } else { 0 });
         self.damage.extend(reader.damage().iter().map(|damage| format!("byte {}: {}", damage.at, damage.reason)));
         if !matches!(reader.ending(), Some(Ending::Complete)) {
             self.damage.push("the recording was not closed by its writer".into());
@@ -139,9 +161,11 @@ impl StationOutcome {
                 found.push(format!("arm {}, run {}: {text}", self.arm, self.run));
             }
         };
+        // Who ends in the middle closes no file and may leave no report.
+        let is_excused = may_end || self.never_whole;
         note(self.did_not_go_on() && !may_end, format!("after {} faults: {}", self.faults.len(), self.end_in_words()));
         let code = self.exit_code.map_or("none, it had to be killed".into(), |code| code.to_string());
-        note(!matches!(self.exit_code, Some(0 | 1)) && !may_end, format!("its exit code is {code}"));
+        note(!matches!(self.exit_code, Some(0 | 1)) && !is_excused, format!("its exit code is {code}"));
         note(
             self.stale_models > 0,
             format!("{} ticks used a contact model older than that of the tick before", self.stale_models),
@@ -150,10 +174,20 @@ impl StationOutcome {
             self.stale_media > 0,
             format!("{} ticks told the tissue of a medium older than that of the tick before", self.stale_media),
         );
+        let damage = self.damage.first().map_or("", String::as_str);
+        note(
+            !self.damage.is_empty() && !is_excused,
+            format!("its recording is damaged in {} places: {damage}", self.damage.len()),
+        );
+        note(
+            self.missing_ticks > 0 && !is_excused,
+            format!("{} ticks are not in its recording, and it does not say so", self.missing_ticks),
+        );
+        note(self.repeated_ticks > 0, format!("{} ticks are in its recording twice or out of order", self.repeated_ticks));
         note(self.invalid_applied > 0, format!("{} invalid forces were applied", self.invalid_applied));
         note(self.stale_applied > 0, format!("{} stale forces were applied", self.stale_applied));
         note(self.leftovers > 0, format!("{} processes, segments or files were left over", self.leftovers));
-        note(!self.reported && !may_end, "it left no report".into());
+        note(!self.reported && !is_excused, "it left no report".into());
         found
     }
 }
