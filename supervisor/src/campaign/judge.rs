@@ -104,6 +104,8 @@ pub fn judge(
 fn unknown(campaign: &Campaign, stations: &[&StationOutcome], void_share: f64, lost_elsewhere: u64) -> Vec<String> {
     let troubled = stations.iter().filter(|station| !station.trouble.is_empty() && station.faults.is_empty());
     let mut unknown: Vec<String> = troubled.map(|station| format!("run {}: {}", station.run, station.trouble)).collect();
+    let silent = stations.iter().filter(|station| !station.reported && !station.never_whole);
+    unknown.extend(silent.map(|station| format!("run {}: it left no report, so that nobody knows what it applied", station.run)));
     if void_share > campaign.most_void {
         let (share, most) = (100.0 * void_share, 100.0 * campaign.most_void);
         unknown.push(format!("{share:.0} % of the faults are without a verdict, at most {most:.0} % may be"));

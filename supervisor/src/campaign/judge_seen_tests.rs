@@ -3,7 +3,7 @@
 use super::notice::notice;
 use super::tests::{TEXT, all_of, ended, of, setup, station, window};
 use super::*;
-use crate::campaign::outcome::SwapSeen;
+use crate::campaign::outcome::{Ending, SwapSeen};
 use crate::campaign::text::text;
 use crate::corrupt::Remains;
 use crate::fault::Fault;
@@ -141,4 +141,48 @@ fn a_kind_that_stalls_the_kernel_is_not_held_by_leaving_out_what_it_stalls() {
         window(&mut outcomes, "kill haptic:active", number).late = 0;
     }
     assert_eq!(judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).cells[0].verdict, Verdict::Held);
+}
+
+#[test]
+fn a_fault_without_a_control_is_looked_at_all_the_same() {
+    let judged = |harm: fn(&mut Fault)| {
+        let (campaign, plan, mut outcomes) = setup(TEXT);
+        let fault = fault(&mut outcomes, "kill haptic:active", 0);
+        fault.control = None;
+        harm(fault);
+        let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+        (judgement.cells[0].verdict, judgement.cells[0].without_verdict, judgement.cells[0].reasons.join("; "))
+    };
+    assert_eq!(judged(|_| {}), (Verdict::Held, 1, String::new()));
+    let (verdict, _, why) = judged(|fault| fault.window.as_mut().unwrap().wrong = 2);
+    assert!(verdict == Verdict::Broken && why.contains("the hand was given 2 forces"), "{why}");
+    let (verdict, _, why) = judged(|fault| fault.window.as_mut().unwrap().missed = 21);
+    assert!(verdict == Verdict::Broken && why.contains("the hand lost 21 ticks"), "{why}");
+}
+
+#[test]
+fn a_window_that_the_ledger_no_longer_held_is_no_verdict() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    window(&mut outcomes, "kill haptic:active", 0).to_tick = 300;
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    assert_eq!((judgement.cells[0].without_verdict, judgement.cells[0].excess.unwrap().faults), (1, 99), "200 of 300 ticks");
+}
+
+#[test]
+fn a_fault_that_ended_its_station_was_injected_and_what_left_no_report_is_not_known() {
+    let cells = "most_void = 1.0\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"fluid:active\"]\ncount = 2\nwhere = \"page\"\n\
+                 may = [\"station-ends\"]\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    (outcomes[1].fault, outcomes[1].ending) = (None, Ending::Open);
+    let trouble = "the station ended by itself".to_string();
+    let ended = StationOutcome { trouble, exit_code: None, ..all_of(&campaign, &outcomes) };
+    let judged = |station: &StationOutcome| judge(&campaign, &plan, &outcomes, std::slice::from_ref(station), None);
+    let judgement = judged(&ended);
+    let figures = &judgement.cells[0];
+    assert_eq!((figures.injected, figures.noticed["the station ended"], judgement.exit_code), (2, 1, 0), "{judgement:?}");
+    let silent = judged(&StationOutcome { reported: false, ..ended.clone() });
+    assert!(silent.exit_code == 3 && silent.unknown[0].contains("left no report"), "{silent:?}");
+    // What it did to its file is excused, and what it did to the hand is not.
+    assert_eq!(judged(&StationOutcome { damage: vec!["cut".into()], missing_ticks: 3, ..ended.clone() }).exit_code, 0);
+    assert_eq!(judged(&StationOutcome { leftovers: 1, ..ended }).exit_code, 1);
 }

@@ -177,6 +177,9 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
         StationOutcome { exit_code: Some(3), ..good.clone() },
         StationOutcome { stale_models: 1, ..good.clone() },
         StationOutcome { stale_media: 1, ..good.clone() },
+        StationOutcome { damage: vec!["byte 9: is none".into()], ..good.clone() },
+        StationOutcome { missing_ticks: 1, ..good.clone() },
+        StationOutcome { repeated_ticks: 1, ..good.clone() },
         StationOutcome { deficit_jumps: vec![(7, 1.0)], ..good.clone() },
         StationOutcome { faults: vec![0], trouble: "the station ended by itself".into(), ..good.clone() },
         StationOutcome { given_up: vec!["fluid:0".into()], ..good.clone() },
@@ -256,7 +259,8 @@ fn hurt_beyond(may: &str) -> Judgement {
     for (number, outcome) in outcomes.iter_mut().enumerate() {
         (outcome.tick, outcome.before.founded_tick) = (1_000 * number as u64, if number < 3 { 0 } else { 2_500 });
         outcome.after.founded_tick = outcome.before.founded_tick;
-        outcome.fault.as_mut().unwrap().window.as_mut().unwrap().to_tick = outcome.tick + 200;
+        let window = outcome.fault.as_mut().unwrap().window.as_mut().unwrap();
+        (window.from_tick, window.to_tick) = (outcome.tick, outcome.tick + 200);
     }
     let faults: Vec<usize> = outcomes[..4].iter().map(|outcome| outcome.index).collect();
     let trouble = "the station ended by itself".to_string();

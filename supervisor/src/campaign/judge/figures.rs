@@ -127,11 +127,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
         figures.take_sequel(cell, outcome, known.blame);
         let taken = match (&outcome.fault, outcome.ending) {
             (Some(fault), Ending::Closed) => figures.take(fault, cell, known, outcome),
-            (_, Ending::Open) => {
-                let reason = format!("fault {}: {}", outcome.index, outcome.reason);
-                figures.reasons.extend(known.blame.ended(outcome.index).is_none().then_some(reason)); // else said by its sequel
-                Taken::NoVerdict
-            }
+            (_, Ending::Open) => figures.take_open(cell, known, outcome),
             _ => {
                 figures.not_shown.push(outcome.index);
                 Taken::NoVerdict

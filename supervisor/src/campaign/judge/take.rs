@@ -48,6 +48,20 @@ impl Figures {
         self.collateral.extend(sequel.others().map(|other| format!("fault {index}: {} at tick {}", end_of(other), other.tick)));
     }
 
+    /// Adds a fault that was injected and that nobody closed: the station came to its end over it, or it has no end.
+    pub(super) fn take_open(&mut self, cell: &Cell, known: &Known, outcome: &Outcome) -> Taken {
+        let has_ended = known.blame.ended(outcome.index).is_some();
+        let sequel = known.blame.sequel(outcome);
+        let fault = outcome.fault.clone().unwrap_or_default();
+        let was_noticed = !is_done_from_outside(cell) || self.take_notice(cell, &fault, outcome.index, sequel, has_ended);
+        self.injected += 1;
+        self.manifested += usize::from(has_ended);
+        if !has_ended {
+            self.reasons.push(format!("fault {}: {}", outcome.index, outcome.reason)); // else said by its sequel
+        }
+        if was_noticed { Taken::NoVerdict } else { Taken::Unnoticed }
+    }
+
     /// Adds a fault.
     pub(super) fn take(&mut self, fault: &Fault, cell: &Cell, known: &Known, outcome: &Outcome) -> Taken {
         let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
@@ -77,10 +91,13 @@ impl Figures {
         if fault.manifested && fault.recovered_us.is_none() && !has_ended {
             self.reasons.push(format!("fault {index}: {} did not recover", fault.target));
         }
+        self.take_wrong(outcome);
+        if !has_ended {
+            self.take_gap(fault, outcome, cell, known.most_missed);
+        }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
         self.take_windows(fault, outcome, window, control, known.steps_n);
-        self.take_gap(fault, outcome, cell, known.most_missed);
-        if !shows || is_astray || is_beside(outcome, fault) || is_void(window) || is_void(control) {
+        if !shows || is_astray || is_beside(outcome, fault) || ![window, control].iter().all(tells) {
             self.astray += usize::from(is_astray);
             return Taken::NoVerdict;
         }
@@ -102,14 +119,8 @@ impl Figures {
         }
     }
 
-    /// Adds what its window and its control hold.
-    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, steps_n: [f64; 2]) {
-        for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
-            sums[0] += window.ticks;
-            sums[1] += window.voided;
-        }
-        self.missed[0] += window.missed;
-        self.missed[1] += control.missed;
+    /// Adds the forces that the hand must not be given, whether there is a control or not.
+    fn take_wrong(&mut self, outcome: &Outcome) {
         let wrong = [&outcome.fault, &outcome.with]
             .into_iter()
             .flatten()
@@ -122,6 +133,16 @@ impl Figures {
             let text = "forces that were not finite, too large, old, or made by a servo that lied";
             self.reasons.push(format!("fault {}: the hand was given {wrong} {text}", outcome.index));
         }
+    }
+
+    /// Adds what its window and its control hold.
+    fn take_windows(&mut self, fault: &Fault, outcome: &Outcome, window: Window, control: Window, steps_n: [f64; 2]) {
+        for (sums, window) in [(&mut self.window_ticks, window), (&mut self.control_ticks, control)] {
+            sums[0] += window.ticks;
+            sums[1] += window.voided;
+        }
+        self.missed[0] += window.missed;
+        self.missed[1] += control.missed;
         self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
         let step_n = steps_n[usize::from(outcome.before.contacts > 0)];
         if window.force_step_max_n > fault.most_step_n(step_n) && fault.promise_held != Some(true) {
@@ -134,8 +155,9 @@ impl Figures {
     }
 }
 
-fn is_void(window: Window) -> bool {
-    window.voided >= window.ticks
+/// Whether something can be said of a window: it has all its ticks, and most of them count.
+fn tells(window: &Window) -> bool {
+    window.is_whole() && window.voided < window.ticks
 }
 
 /// Whether it was to fall into a recovery, or a swap, and came after it.
