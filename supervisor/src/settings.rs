@@ -142,7 +142,8 @@ fn has_display() -> bool {
     ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
-fn own_folder() -> Result<PathBuf, Refusal> {
+/// The folder of this program, in which its engines lie.
+pub fn own_folder() -> Result<PathBuf, Refusal> {
     let program = std::env::current_exe().map_err(|e| Refusal::failed(format!("cannot find the folder of this program: {e}")))?;
     Ok(program.parent().map(Path::to_path_buf).unwrap_or_default())
 }

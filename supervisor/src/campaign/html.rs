@@ -41,6 +41,9 @@ pub fn html(judgement: &Judgement, outcomes: &[Outcome], stations: &[StationOutc
             / stations.iter().map(|station| station.ticks).sum::<u64>().max(1) as f64,
         100.0 * judgement.void_share
     );
+    for batch in &judgement.origins {
+        let _ = writeln!(page, "<p class=\"note\">{}</p>", escape(&batch.words()));
+    }
     reasons(&mut page, judgement);
     let mut arms: Vec<&str> = judgement.cells.iter().map(|cell| cell.arm.as_str()).collect();
     arms.dedup();
@@ -111,7 +114,7 @@ fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
          <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
-         <th>largest force step N<br>fault / control</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
+         <th>largest force step N<br>fault / control</th><th>invalid or stale<br>applied, ticks</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>left over</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {
         if figures.arm == arm {
@@ -157,8 +160,10 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         figures.mean_excess_misses.map_or("–".into(), |mean| format!("{mean:.3}")),
         format!("{} / {}", figures.missed[0], figures.missed[1]),
         format!("{:.3} / {:.3}", figures.step_max_n[0], figures.step_max_n[1]),
+        figures.wrong.to_string(),
         format!("{} / {}", figures.window_ticks[1], figures.control_ticks[1]),
         figures.data_lost_ticks.to_string(),
+        figures.leftovers.to_string(),
         escape(&figures.collateral.join("; ")),
         escape(&besides(figures).join(", ")),
     ];

@@ -18,6 +18,7 @@ pub use figures::{Figures, Verdict};
 use super::cell::Cell;
 use super::draw::Plan;
 use super::file::Campaign;
+use super::origin::{Batch, batches};
 use super::outcome::Outcome;
 use super::station::StationOutcome;
 use blame::Blame;
@@ -35,6 +36,8 @@ pub struct Judgement {
     pub planned: usize,
     /// Faults that are through.
     pub done: usize,
+    /// By what its stations were run.
+    pub origins: Vec<Batch>,
     /// Cells, in the file's order, arm by arm.
     pub cells: Vec<Figures>,
     /// Pools.
@@ -81,6 +84,7 @@ pub fn judge(
     let here: Vec<&Figures> = cells.iter().filter(|cell| campaign.judges(&cell.arm)).collect();
     let done: usize = here.iter().map(|cell| cell.done()).sum();
     let void_share = here.iter().map(|cell| cell.without_verdict).sum::<usize>() as f64 / done.max(1) as f64;
+    let origins = batches(stations);
     let stations: Vec<&StationOutcome> = stations.iter().filter(|station| campaign.judges(&station.arm)).collect();
     let mut unknown = unknown(campaign, &stations, void_share, blame.lost_elsewhere);
     unknown.extend(stopped.map(str::to_string));
@@ -89,6 +93,7 @@ pub fn judge(
         seed: plan.seed,
         planned: plan.faults.len(),
         done: outcomes.len(),
+        origins,
         cells,
         pools,
         broken: blame.broken,

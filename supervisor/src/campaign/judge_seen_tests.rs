@@ -186,3 +186,49 @@ fn a_fault_that_ended_its_station_was_injected_and_what_left_no_report_is_not_kn
     assert_eq!(judged(&StationOutcome { damage: vec!["cut".into()], missing_ticks: 3, ..ended.clone() }).exit_code, 0);
     assert_eq!(judged(&StationOutcome { leftovers: 1, ..ended }).exit_code, 1);
 }
+
+#[test]
+fn a_newcomer_that_was_hurt_on_trial_must_not_get_the_role_and_how_swaps_end_is_counted() {
+    let cells = "most_void = 1.0\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:newcomer\", \"fluid:active\"]\n\
+                 states = [\"swap\"]\nswap = \"fluid\"\ncount = 3\n";
+    let [newcomer, active] = ["newcomer", "active"].map(|which| format!("kill fluid:{which} in a swap of fluid"));
+    let judged = |cell: &str, stage: &str, end: &str| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        for outcome in &mut outcomes {
+            let since_ns = outcome.since_ns();
+            outcome.swap = Some(SwapSeen {
+                begun_ns: since_ns - 9,
+                ended_ns: Some(since_ns + 9),
+                stage: "ready".into(),
+                end: "the swap was undone: it died".into(),
+                ..SwapSeen::default()
+            });
+        }
+        let swap = of(&mut outcomes, cell, 0).swap.as_mut().unwrap();
+        (swap.stage, swap.end) = (stage.into(), end.into());
+        let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+        let figures = judgement.cells.iter().find(|figures| figures.name == cell).unwrap().clone();
+        (figures.reasons.join("; "), figures.seen.get("swap done").copied(), figures.seen["swap undone"])
+    };
+    let done = "the swap was done";
+    let (why, ..) = judged(&newcomer, "agrees with the old engine", done);
+    assert!(why.contains("was hurt on trial, and the swap was done all the same"), "{why}");
+    let over = "its probation is over: the role is its own";
+    assert_eq!(judged(&newcomer, over, done), (String::new(), Some(1), 2), "it had the role for good");
+    assert_eq!(judged(&newcomer, "ready", "the swap was undone: it died"), (String::new(), None, 3));
+    assert_eq!(judged(&active, "ready", done), (String::new(), Some(1), 2), "the old engine was hurt");
+}
+
+#[test]
+fn reasons_that_are_left_out_are_numbered() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    for number in 0..11 {
+        fault(&mut outcomes, "kill haptic:active", number).recovered_us = None;
+    }
+    let reasons = &judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).cells[0].reasons;
+    assert_eq!(
+        (reasons.len(), reasons[8].as_str()),
+        (9, "… and 5 more"),
+        "three of the faults and two of the bound: {reasons:?}"
+    );
+}

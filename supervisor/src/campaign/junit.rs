@@ -1,6 +1,7 @@
 //! A campaign's report for a build server: a test case for each cell and pool, and one for the stations as a whole.
 
 use super::judge::{Figures, Judgement, Verdict};
+use super::text::{counts, percentile};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -19,34 +20,26 @@ pub fn junit(judgement: &Judgement) -> String {
     let count = |wanted: Mark| results.iter().filter(|result| **result == wanted).count();
     let mut text = format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites>\n<testsuite name=\"campaign {}\" tests=\"{}\" failures=\"{}\" errors=\"{}\" \
-         skipped=\"{}\">\n<properties><property name=\"seed\" value=\"{}\"/><property name=\"faults\" value=\"{}\"/></properties>\n",
+         skipped=\"{}\">\n{}\n",
         escape(&judgement.campaign),
         results.len(),
         count(Mark::Failed),
         count(Mark::Error),
         count(Mark::Skipped),
-        judgement.seed,
-        judgement.done
+        properties(&of_all(judgement))
     );
     for (kind, list) in [("", &judgement.cells), ("pool ", &judgement.pools)] {
         for figures in list {
-            case(
-                &mut text,
-                &judgement.campaign,
-                &figures.arm,
-                &format!("{kind}{}", figures.name),
-                mark(result(figures)),
-                &figures.reasons,
-            );
+            let name = format!("{kind}{}", figures.name);
+            let case = Case { arm: &figures.arm, name: &name, result: mark(result(figures)), reasons: &figures.reasons };
+            case.write(&mut text, &judgement.campaign, &columns(figures));
         }
     }
-    case(
+    let (arm, name) = ("stations", "nothing invalid, nothing stale, nothing left over");
+    Case { arm, name, result: mark(Mark::of(verdict_of_all)), reasons: reasons_of_all }.write(
         &mut text,
         &judgement.campaign,
-        "stations",
-        "nothing invalid, nothing stale, nothing left over",
-        mark(Mark::of(verdict_of_all)),
-        reasons_of_all,
+        &[],
     );
     text.push_str("</testsuite>\n</testsuites>\n");
     text
@@ -78,20 +71,80 @@ fn result(figures: &Figures) -> Mark {
     if passes { Mark::Passed } else { Mark::of(figures.verdict) }
 }
 
-fn case(text: &mut String, campaign: &str, arm: &str, name: &str, result: Mark, reasons: &[String]) {
-    let class = format!("{campaign}.{arm}");
-    let said = escape(&reasons.join("\n"));
-    let first = escape(reasons.first().map_or("", String::as_str));
-    let _ = write!(text, "<testcase classname=\"{}\" name=\"{}\">", escape(&class), escape(name));
-    let _ = match result {
-        Mark::Passed => Ok(()),
-        Mark::Failed => write!(text, "<failure message=\"{first}\">{said}</failure>"),
-        Mark::Error => write!(text, "<error message=\"nothing can be said: {first}\">{said}</error>"),
-        Mark::Skipped => {
-            write!(text, "<skipped message=\"nothing was injected, nothing is judged here, or the plan is not through\"/>")
-        }
+/// Names with their values.
+type Properties = [(&'static str, String)];
+
+fn properties(list: &Properties) -> String {
+    let property = |(name, value): &(&str, String)| format!("<property name=\"{name}\" value=\"{}\"/>", escape(value));
+    if list.is_empty() {
+        String::new()
+    } else {
+        format!("<properties>{}</properties>", list.iter().map(property).collect::<String>())
+    }
+}
+
+/// What holds of the campaign as a whole.
+fn of_all(judgement: &Judgement) -> Vec<(&'static str, String)> {
+    let origins = judgement.origins.iter().map(|batch| ("runs", batch.words()));
+    [("seed", judgement.seed.to_string()), ("faults", judgement.done.to_string())].into_iter().chain(origins).collect()
+}
+
+/// The figures of a cell or a pool.
+fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
+    let times = |list: &[f64]| match (percentile(list, 0.5), percentile(list, 1.0)) {
+        (Some(middle), Some(most)) => format!("{middle:.1}/{most:.1}"),
+        _ => "-".into(),
     };
-    text.push_str("</testcase>\n");
+    let [step_n, control_step_n] = figures.step_max_n;
+    let excess = figures.excess.map_or(["-".to_string(), "-".into()], |excess| {
+        [format!("{:.4}", excess.mean), format!("{:.4} to {:.4}", excess.lower95, excess.upper95)]
+    });
+    let [mean, bounds] = excess;
+    vec![
+        ("injected", figures.injected.to_string()),
+        ("planned", figures.planned.to_string()),
+        ("manifested", figures.manifested.to_string()),
+        ("without_verdict", figures.without_verdict.to_string()),
+        ("detected_by", counts(&figures.detected_by)),
+        ("detected_ms_median_and_largest", times(&figures.detected_ms)),
+        ("contained_ms_median_and_largest", times(&figures.contained_ms)),
+        ("recovered_ms_median_and_largest", times(&figures.recovered_ms)),
+        ("excess_misses_per_fault", mean),
+        ("excess_misses_per_fault_95", bounds),
+        ("force_step_max_n", format!("{step_n:.3}")),
+        ("force_step_max_control_n", format!("{control_step_n:.3}")),
+        ("invalid_or_stale_applied_ticks", figures.wrong.to_string()),
+        ("data_lost_ticks", figures.data_lost_ticks.to_string()),
+        ("leftovers", figures.leftovers.to_string()),
+        ("what_else", counts(&figures.seen)),
+    ]
+}
+
+/// A test case.
+struct Case<'a> {
+    arm: &'a str,
+    name: &'a str,
+    result: Mark,
+    reasons: &'a [String],
+}
+
+impl Case<'_> {
+    fn write(&self, text: &mut String, campaign: &str, figures: &Properties) {
+        let class = format!("{campaign}.{}", self.arm);
+        let said = escape(&self.reasons.join("\n"));
+        let first = escape(self.reasons.first().map_or("", String::as_str));
+        let (class, name) = (escape(&class), escape(self.name));
+        let _ = write!(text, "<testcase classname=\"{class}\" name=\"{name}\">{}", properties(figures));
+        let _ = match self.result {
+            Mark::Passed => Ok(()),
+            Mark::Failed => write!(text, "<failure message=\"{first}\">{said}</failure>"),
+            Mark::Error => write!(text, "<error message=\"nothing can be said: {first}\">{said}</error>"),
+            Mark::Skipped => {
+                write!(text, "<skipped message=\"nothing was injected, nothing is judged here, or the plan is not through\"/>")
+            }
+        };
+        text.push_str("</testcase>\n");
+    }
 }
 
 #[cfg(test)]
@@ -112,6 +165,7 @@ mod tests {
             seed: 1,
             planned: 2,
             done: 2,
+            origins: vec![],
             cells: vec![
                 figures("good", Verdict::Held),
                 figures("bad", Verdict::Broken),
@@ -128,12 +182,16 @@ mod tests {
         };
         let text = junit(&judgement);
         assert!(text.contains("tests=\"7\" failures=\"1\" errors=\"1\" skipped=\"2\""), "{text}");
+        let of = |name: &str| text.lines().find(|line| line.contains(&format!("name=\"{name}\">"))).unwrap();
         assert!(text.contains("<failure message=\"1 &lt; 2 &amp; &quot;3&quot;\u{fffd}\">"), "{text}");
         assert_eq!((text.matches("<testcase").count(), text.matches("</testcase>").count()), (7, 7));
         let going_on = junit(&Judgement { planned: 3, ..judgement.clone() });
         assert!(going_on.contains("failures=\"1\" errors=\"0\" skipped=\"3\""), "{going_on}");
         let stopped = junit(&Judgement { planned: 3, exit_code: 3, ..judgement });
         assert!(stopped.contains("errors=\"1\" skipped=\"2\""), "{stopped}");
-        assert!(text.contains("name=\"pooled\"></testcase>") && text.contains("name=\"dim\"><error message="), "{text}");
+        assert!(
+            of("pooled").ends_with("</properties></testcase>") && of("dim").contains("</properties><error message="),
+            "{text}"
+        );
     }
 }

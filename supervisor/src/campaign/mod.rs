@@ -14,6 +14,7 @@ mod found;
 pub mod html;
 pub mod judge;
 pub mod junit;
+mod origin;
 pub mod outcome;
 pub mod plots;
 mod repeat;
@@ -23,6 +24,9 @@ pub mod session;
 pub mod station;
 pub mod store;
 pub mod text;
+
+#[cfg(test)]
+mod report_tests;
 
 use crate::cli::CampaignArgs;
 use crate::settings::Refusal;

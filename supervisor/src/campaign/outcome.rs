@@ -180,6 +180,16 @@ pub struct SwapSeen {
 }
 
 impl SwapSeen {
+    /// Whether the role runs the new engine since; `None` of one that did not end.
+    pub fn was_done(&self) -> Option<bool> {
+        self.ended_ns.map(|_| self.end.starts_with("the swap was done"))
+    }
+
+    /// Whether the fault came before the newcomer's probation was over.
+    pub fn was_on_trial(&self) -> bool {
+        !self.stage.starts_with("its probation is over")
+    }
+
     /// Whether it was under way at a time, ns.
     pub fn is_at(&self, ns: u64) -> bool {
         self.begun_ns <= ns && self.ended_ns.is_none_or(|ended_ns| ns < ended_ns)

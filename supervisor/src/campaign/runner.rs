@@ -2,6 +2,7 @@
 
 use super::draw::{Entry, FIRST_TICK, Plan};
 use super::file::Campaign;
+use super::origin::Origin;
 use super::outcome::Outcome;
 use super::session::{Session, Trouble};
 use super::station::StationOutcome;
@@ -37,7 +38,10 @@ impl Runner<'_> {
             let lap = closed_up(&lap, &self.plan.faults, self.campaign.gap_ticks[1]);
             let run = store.stations.len();
             let files = store.folder().join(format!("run-{run}"));
-            let station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut |outcome| store.add(outcome))?;
+            let origin = Origin::here(self.campaign)?;
+            store.check_build(&origin)?;
+            let mut station = self.lap(&lap.iter().collect::<Vec<_>>(), run, &files, &mut |outcome| store.add(outcome))?;
+            station.origin = Some(origin);
             let through = station.faults.len();
             store.add_station(station)?;
             failed = if through == 0 { failed + 1 } else { 0 };

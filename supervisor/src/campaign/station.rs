@@ -1,6 +1,7 @@
 //! What came of one run of a station: a line of `stations.jsonl` in the folder of the results, and what in it is a broken promise.
 
 use super::deficit::Deficit;
+use super::origin::Origin;
 use crate::fault::Fault;
 use hyst_recording::sequence::RING_TICKS;
 use hyst_recording::{Continuity, Ending, Reader};
@@ -13,6 +14,9 @@ use std::path::Path;
 pub struct StationOutcome {
     /// Number of the run, from 0; its files are named by it.
     pub run: usize,
+    /// By which programs it was run, where and when; none of those that were run before that was noted.
+    #[serde(default)]
+    pub origin: Option<Origin>,
     /// Number of the station in the plan; more than once if it was started again to go on.
     pub station: usize,
     /// Arm.

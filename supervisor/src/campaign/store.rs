@@ -2,6 +2,7 @@
 //! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed.
 
 use super::draw::Plan;
+use super::origin::Origin;
 use super::outcome::Outcome;
 use super::station::StationOutcome;
 use crate::plan::write_whole;
@@ -64,6 +65,17 @@ impl Store {
     /// Whether a fault is through.
     pub fn has(&self, index: usize) -> bool {
         self.outcomes.iter().any(|outcome| outcome.index == index)
+    }
+
+    /// Refuses to go on with another build than that of the results so far; what is through can be judged by any.
+    pub fn check_build(&self, origin: &Origin) -> Result<(), Refusal> {
+        let is_same = |known: Option<&Origin>| known.is_some_and(|known| known.is_same_build(origin));
+        let Some(other) = self.stations.iter().find(|station| !is_same(station.origin.as_ref())) else { return Ok(()) };
+        let whose =
+            other.origin.as_ref().map_or("a build that nobody noted".into(), |it| format!("build {} of {}", it.build, it.date));
+        let what =
+            format!("its results are of {whose}, this is build {}; go on with that one, or give another folder", origin.build);
+        Err(refuse(&self.folder, &what))
     }
 
     /// Adds a fault.
@@ -138,6 +150,16 @@ mod tests {
         let again = Store::open(Some(&folder), &plan).unwrap();
         assert_eq!((again.outcomes.len(), again.has(0), again.has(1), again.has(2)), (2, true, true, false));
         assert_eq!(std::fs::read_to_string(&results).unwrap(), whole);
+        let build = |build: &str| Origin { build: build.into(), ..Origin::default() };
+        let (own, another) = (build("f00"), build("bad"));
+        assert!(again.check_build(&own).is_ok(), "nothing was run yet");
+        store.add_station(StationOutcome { origin: Some(own.clone()), ..StationOutcome::default() }).unwrap();
+        let mut again = Store::open(Some(&folder), &plan).unwrap();
+        assert!(again.check_build(&own).is_ok());
+        let refused = again.check_build(&another).unwrap_err();
+        assert!(refused.code == 2 && refused.message.contains("its results are of build f00"), "{}", refused.message);
+        again.add_station(StationOutcome::default()).unwrap();
+        assert_eq!(again.check_build(&own).unwrap_err().code, 2, "of whom nobody knows");
         let other = draw::plan(&file::parse("t", text).unwrap(), 2);
         assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
         std::fs::write(&results, "{}\n").unwrap();

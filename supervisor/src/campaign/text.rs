@@ -72,7 +72,7 @@ fn row(figures: &Figures) -> String {
     let [step, control_step] = figures.step_max_n;
     let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
     format!(
-        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5}  {:<8} {}\n",
+        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
         figures.name,
         figures.injected,
         figures.planned,
@@ -89,7 +89,9 @@ fn row(figures: &Figures) -> String {
         with_void,
         format!("{}/{}", void(figures.window_ticks), void(figures.control_ticks)),
         format!("{step:.3}/{control_step:.3}"),
+        figures.wrong,
         figures.data_lost_ticks,
+        figures.leftovers,
         word(figures.verdict),
         remarks.join(", ")
     )
@@ -168,12 +170,15 @@ pub fn text(judgement: &Judgement) -> String {
         judgement.planned,
         if judgement.done < judgement.planned { "; the same command goes on" } else { "" }
     );
+    for batch in &judgement.origins {
+        let _ = writeln!(text, "{}", batch.words());
+    }
     let mut arms: Vec<&str> = judgement.cells.iter().map(|cell| cell.arm.as_str()).collect();
     arms.dedup();
     for arm in arms {
         let _ = write!(
             text,
-            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5}  {:<8} found by, and what else came of it\n",
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
             "cell: times are median/largest in ms; none: no verdict",
             "injected",
             "shown",
@@ -189,7 +194,9 @@ pub fn text(judgement: &Judgement) -> String {
             "+/- void",
             "void %",
             "step/N",
+            "wrong",
             "lost",
+            "left",
             "verdict"
         );
         for figures in judgement.cells.iter().filter(|cell| cell.arm == arm) {

@@ -30,6 +30,8 @@ pub(super) struct Blame<'a> {
     others: BTreeMap<usize, Vec<&'a Fault>>,
     /// The last fault of each run that did not go on, and how that ended.
     ended: BTreeMap<usize, String>,
+    /// What was left of the runs, by their last faults.
+    left: BTreeMap<usize, u64>,
     /// What was broken in stations of judged arms, in words.
     pub broken: Vec<String>,
 }
@@ -61,6 +63,7 @@ impl<'a> Blame<'a> {
                 }
             }
             let may = |outcome: &Outcome, what: May| cell_of(campaign, outcome).is_some_and(|cell| cell.may.contains(&what));
+            blame.left.extend(here.last().map(|outcome| (outcome.index, station.leftovers)));
             let last = here.last().filter(|_| station.did_not_go_on());
             blame.ended.extend(last.map(|outcome| (outcome.index, station.end_in_words())));
             if !is_judged {
@@ -116,6 +119,11 @@ impl<'a> Blame<'a> {
     /// Ticks that the recording lost because of a fault.
     pub(super) fn lost_ticks(&self, index: usize) -> u64 {
         self.lost.get(&index).copied().unwrap_or(0)
+    }
+
+    /// Processes, segments and files that were left of the run, if this fault was its last.
+    pub(super) fn leftovers(&self, index: usize) -> u64 {
+        self.left.get(&index).copied().unwrap_or(0)
     }
 
     /// How the run ended if this fault was its last.

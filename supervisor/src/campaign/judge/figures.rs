@@ -77,9 +77,11 @@ pub struct Figures {
     pub step_max_n: [f64; 2],
     /// Ticks that the recording lost after these faults.
     pub data_lost_ticks: u64,
+    /// Processes, segments and files that were left of the runs whose last faults these were.
+    pub leftovers: u64,
     /// Other processes that died, or hung and were ended, each with the fault that was the last before it.
     pub collateral: Vec<String>,
-    /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended.
+    /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended, swap done, swap undone.
     pub seen: BTreeMap<&'static str, usize>,
     /// Faults of which nothing came, or that were refused, by their numbers.
     pub not_shown: Vec<usize>,
@@ -239,6 +241,10 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
     if is_silent {
         figures.reasons.push("none of its faults showed: it proves nothing".into());
     }
-    figures.reasons.truncate(MOST_REASONS);
+    let surplus = figures.reasons.len().saturating_sub(MOST_REASONS);
+    if surplus > 0 {
+        figures.reasons.truncate(MOST_REASONS);
+        figures.reasons.push(format!("… and {surplus} more"));
+    }
     figures
 }

@@ -45,6 +45,7 @@ impl Figures {
             saw("station ended", May::StationEnds, end.into());
         }
         self.data_lost_ticks += blame.lost_ticks(index);
+        self.leftovers += blame.leftovers(index);
         self.collateral.extend(sequel.others().map(|other| format!("fault {index}: {} at tick {}", end_of(other), other.tick)));
     }
 
@@ -91,6 +92,7 @@ impl Figures {
         if fault.manifested && fault.recovered_us.is_none() && !has_ended {
             self.reasons.push(format!("fault {index}: {} did not recover", fault.target));
         }
+        self.take_swap(cell, fault, outcome);
         self.take_wrong(outcome);
         if !has_ended {
             self.take_gap(fault, outcome, cell, known.most_missed);
@@ -116,6 +118,16 @@ impl Figures {
         if lost.saturating_sub(missed(fault.control)) > most {
             self.reasons
                 .push(format!("fault {}: the hand lost {lost} ticks, {most_missed} at most without a fault", outcome.index));
+        }
+    }
+
+    /// Adds how the swap beside it ended. Who was hurt before his probation was over must not get the role for good.
+    fn take_swap(&mut self, cell: &Cell, fault: &Fault, outcome: &Outcome) {
+        let Some((swap, was_done)) = outcome.swap.as_ref().and_then(|swap| Some((swap, swap.was_done()?))) else { return };
+        *self.seen.entry(if was_done { "swap done" } else { "swap undone" }).or_default() += 1;
+        if was_done && cell.is_of_newcomer() && fault.manifested && swap.was_on_trial() && swap.is_at(fault.injected_ns) {
+            self.reasons
+                .push(format!("fault {}: {} was hurt on trial, and the swap was done all the same", outcome.index, fault.target));
         }
     }
 

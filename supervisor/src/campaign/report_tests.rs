@@ -1,0 +1,156 @@
+//! What stands in every report of a campaign, as text, JSON, JUnit and page.
+
+use super::bounds::Excess;
+use super::file;
+use super::judge::{Figures, Judgement, Verdict, judge};
+use super::origin::{Batch, Origin};
+use super::outcome::Outcome;
+use super::station::StationOutcome;
+use super::{draw, html, junit, text};
+use serde_json::{Value, json};
+
+/// Each figure is another number, so that none stands in for another.
+fn judgement() -> Judgement {
+    let figures = Figures {
+        arm: "as built".into(),
+        judged: true,
+        name: "kill fluid:active".into(),
+        planned: 83,
+        injected: 71,
+        manifested: 67,
+        without_verdict: 5,
+        detected_by: [("latch".to_string(), 59)].into(),
+        detected_ms: vec![1.3, 4.7],
+        contained_ms: vec![2.1, 8.9],
+        recovered_ms: vec![150.3, 310.7],
+        excess: Some(Excess { faults: 66, worse: 7, better: 3, mean: 0.0606, lower95: 0.0123, upper95: 0.1357 }),
+        step_max_n: [0.213, 0.087],
+        wrong: 29,
+        data_lost_ticks: 43,
+        leftovers: 37,
+        verdict: Verdict::Held,
+        ..Figures::default()
+    };
+    let origin = Origin {
+        version: "0.1.0".into(),
+        build: "0123456789abcdef".into(),
+        cpu: "a processor".into(),
+        cores: 2,
+        kernel: "6.1.2".into(),
+        date: "2026-11-24".into(),
+    };
+    Judgement {
+        campaign: "c".into(),
+        seed: 9,
+        planned: 83,
+        done: 71,
+        origins: vec![Batch { origin: Some(origin), last_date: "2026-11-25".into(), stations: 3 }],
+        cells: vec![figures],
+        pools: vec![],
+        broken: vec![],
+        unknown: vec![],
+        void_share: 0.0,
+        exit_code: 0,
+    }
+}
+
+fn assert_has(report: &str, words: &[&str]) {
+    words.iter().for_each(|word| assert!(report.contains(word), "{word:?} is missing in\n{report}"));
+}
+
+#[test]
+fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
+    let judgement = judgement();
+    let text = text::text(&judgement);
+    let row = text.lines().find(|line| line.starts_with("kill fluid:active")).unwrap();
+    let words: Vec<&str> = row.split_whitespace().collect();
+    let expected = [
+        "kill",
+        "fluid:active",
+        "71/83",
+        "67",
+        "5",
+        "4.7/4.7",
+        "8.9/8.9",
+        "310.7/310.7",
+        "7-3",
+        "0.0606",
+        "0.1357",
+        "-",
+        "-",
+        "-",
+        "0.0/0.0",
+        "0.213/0.087",
+        "29",
+        "43",
+        "37",
+        "held",
+        "latch",
+        "59",
+    ];
+    assert_eq!(words, expected);
+
+    let json = serde_json::to_value(&judgement.cells[0]).unwrap();
+    let number = |key: &str| json[key].as_u64();
+    let keys = ["injected", "manifested", "wrong", "data_lost_ticks", "leftovers"];
+    assert_eq!(keys.map(number), [71, 67, 29, 43, 37].map(Some));
+    assert_eq!((&json["detected_by"]["latch"], &json["excess"]["upper95"]), (&json!(59), &json!(0.1357)));
+    let lists = ["detected_ms", "contained_ms", "recovered_ms", "step_max_n"].map(|key| json[key].clone());
+    assert_eq!(lists, [json!([1.3, 4.7]), json!([2.1, 8.9]), json!([150.3, 310.7]), json!([0.213, 0.087])]);
+
+    let junit = junit::junit(&judgement);
+    let case = junit.lines().find(|line| line.contains("name=\"kill fluid:active\"")).unwrap();
+    let property = |name: &str, value: &str| assert_has(case, &[&format!("<property name=\"{name}\" value=\"{value}\"/>")]);
+    for (name, value) in [
+        ("injected", "71"),
+        ("manifested", "67"),
+        ("detected_by", "latch 59"),
+        ("detected_ms_median_and_largest", "4.7/4.7"),
+        ("contained_ms_median_and_largest", "8.9/8.9"),
+        ("recovered_ms_median_and_largest", "310.7/310.7"),
+        ("excess_misses_per_fault", "0.0606"),
+        ("excess_misses_per_fault_95", "0.0123 to 0.1357"),
+        ("force_step_max_n", "0.213"),
+        ("force_step_max_control_n", "0.087"),
+        ("invalid_or_stale_applied_ticks", "29"),
+        ("data_lost_ticks", "43"),
+        ("leftovers", "37"),
+    ] {
+        property(name, value);
+    }
+
+    let page = html::html(&judgement, &[], &[]);
+    let row = page.lines().find(|line| line.contains("<td>kill fluid:active</td>")).unwrap();
+    let cells =
+        ["71 / 83", "67", "latch 59", "4.7 / 4.7", "8.9 / 8.9", "310.7 / 310.7", "0.0606", "0.0123 … 0.1357", "0.213 / 0.087"];
+    cells.into_iter().chain(["29", "43", "37"]).for_each(|cell| assert_has(row, &[&format!("<td>{cell}</td>")]));
+    let table = &page[..page.find(row).unwrap()];
+    let head = &table[table.rfind("<tr><th>").unwrap()..];
+    assert_eq!(head.matches("<th>").count(), row.matches("<td").count(), "a heading for each column");
+}
+
+#[test]
+fn every_report_names_build_machine_and_days() {
+    let judgement = judgement();
+    let words = ["runs of build 0.1.0 0123456789abcdef, 2026-11-24 to 2026-11-25, on a processor, 2 cores, Linux 6.1.2: 3"];
+    assert_has(&text::text(&judgement), &words);
+    assert_has(&junit::junit(&judgement), &words);
+    assert_has(&html::html(&judgement, &[], &[]), &words);
+    let json: Value = serde_json::to_value(&judgement).unwrap();
+    assert_eq!(json["origins"][0]["origin"]["build"], "0123456789abcdef");
+}
+
+#[test]
+fn what_a_run_left_is_the_last_faults_who_had_it() {
+    let campaign = file::parse("t", "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid\", \"recorder\"]\ncount = 2\n").unwrap();
+    let plan = draw::plan(&campaign, 1);
+    let outcomes: Vec<Outcome> = plan.faults.iter().map(Outcome::of).collect();
+    let faults: Vec<usize> = plan.faults.iter().map(|entry| entry.index).collect();
+    let last = &plan.faults[3].cell;
+    let arm = campaign.arms[0].name.clone();
+    let station = StationOutcome { arm, faults, reported: true, exit_code: Some(0), leftovers: 6, ..StationOutcome::default() };
+    let judgement = judge(&campaign, &plan, &outcomes, &[station], None);
+    let left: Vec<u64> =
+        judgement.cells.iter().map(|cell| if cell.name == *last { cell.leftovers } else { 6 - cell.leftovers }).collect();
+    assert_eq!((left, judgement.broken.len()), (vec![6, 6], 1), "{judgement:?}");
+}
