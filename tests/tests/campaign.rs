@@ -213,6 +213,13 @@ fn an_engine_that_accepts_stale_epochs_is_found_and_only_where_it_is() {
     assert!(broken.iter().any(is_stale), "{broken:?}");
 }
 
+/// A recorder that drops ticks and does not say so: its file is whole, and every block of it is sound.
+#[test]
+fn a_recorder_that_drops_ticks_in_silence_is_found_and_only_where_it_is() {
+    let broken = broken_by("recorder", "holes", "kinds = [\"kill\"]\ntargets = [\"collision-worker:0\"]", 3);
+    assert!(broken.iter().all(|text| text.contains("ticks are not in its recording, and it does not say so")), "{broken:?}");
+}
+
 /// Ctrl-C before the batch is through is no verdict, and the same command goes on.
 #[test]
 fn a_campaign_that_is_interrupted_ends_with_code_3() {

@@ -1,7 +1,7 @@
 //! A campaign's report for a build server: a test case for each cell and pool, and one for the stations as a whole.
 
 use super::judge::{Figures, Judgement, Verdict};
-use super::text::{counts, percentile};
+use super::text::{counts, times};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -91,10 +91,6 @@ fn of_all(judgement: &Judgement) -> Vec<(&'static str, String)> {
 
 /// The figures of a cell or a pool.
 fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
-    let times = |list: &[f64]| match (percentile(list, 0.5), percentile(list, 1.0)) {
-        (Some(middle), Some(most)) => format!("{middle:.1}/{most:.1}"),
-        _ => "-".into(),
-    };
     let [step_n, control_step_n] = figures.step_max_n;
     let excess = figures.excess.map_or(["-".to_string(), "-".into()], |excess| {
         [format!("{:.4}", excess.mean), format!("{:.4} to {:.4}", excess.lower95, excess.upper95)]

@@ -57,11 +57,15 @@ fn sides(excess: &Excess) -> String {
     format!("{}-{}", excess.worse, excess.better)
 }
 
-fn row(figures: &Figures) -> String {
-    let times = |list: &[f64]| match (percentile(list, 0.5), percentile(list, 1.0)) {
+/// The median and the largest of an ascending list of times; a dash of none.
+pub fn times(list: &[f64]) -> String {
+    match (percentile(list, 0.5), percentile(list, 1.0)) {
         (Some(middle), Some(most)) => format!("{middle:.1}/{most:.1}"),
         _ => "-".into(),
-    };
+    }
+}
+
+fn row(figures: &Figures) -> String {
     let mut remarks: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
     remarks.extend(besides(figures));
     let excess = figures.excess.map_or(("-".into(), "-".into(), "-".into()), |excess| {
@@ -160,6 +164,23 @@ pub fn unnoticed(figures: &Figures) -> Option<String> {
     (!numbers.is_empty()).then(|| format!("done and not noticed: fault {}", numbers.join(", ")))
 }
 
+/// What speaks against cells and pools, and what else is to be known of them.
+fn remarks(text: &mut String, judgement: &Judgement) {
+    for figures in judgement.cells.iter().chain(&judgement.pools) {
+        for reason in &figures.reasons {
+            let _ = writeln!(text, "{}, {}: {reason}", figures.arm, figures.name);
+        }
+    }
+    for figures in &judgement.cells {
+        for line in &figures.collateral {
+            let _ = writeln!(text, "{}, {}: beside {line}", figures.arm, figures.name);
+        }
+        for list in not_shown(figures).into_iter().chain(unnoticed(figures)) {
+            let _ = writeln!(text, "{}, {}: {list}", figures.arm, figures.name);
+        }
+    }
+}
+
 /// The report.
 pub fn text(judgement: &Judgement) -> String {
     let mut text = format!(
@@ -208,19 +229,7 @@ pub fn text(judgement: &Judgement) -> String {
     }
     text.push_str(&segments_text(judgement));
     text.push('\n');
-    for figures in judgement.cells.iter().chain(&judgement.pools) {
-        for reason in &figures.reasons {
-            let _ = writeln!(text, "{}, {}: {reason}", figures.arm, figures.name);
-        }
-    }
-    for figures in &judgement.cells {
-        for line in &figures.collateral {
-            let _ = writeln!(text, "{}, {}: beside {line}", figures.arm, figures.name);
-        }
-        for list in not_shown(figures).into_iter().chain(unnoticed(figures)) {
-            let _ = writeln!(text, "{}, {}: {list}", figures.arm, figures.name);
-        }
-    }
+    remarks(&mut text, judgement);
     for reason in judgement.broken.iter().chain(&judgement.unknown) {
         let _ = writeln!(text, "{reason}");
     }

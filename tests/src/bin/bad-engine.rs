@@ -5,8 +5,9 @@
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted};
 use hyst_exchange::{Links, system};
-use hyst_messages::page::{ProcessState, header, tissue as tissue_page};
-use hyst_messages::{ContactModel, Kind, Message, Role, StreamHeader, TICK_NS};
+use hyst_messages::page::{ProcessState, device as device_page, header, tissue as tissue_page};
+use hyst_messages::{ContactModel, Kind, Message, Role, Slot, StreamHeader, TICK_NS};
+use hyst_recording::{Block, WriteError, Writer};
 use rustix::process::{Signal, getpid, kill_process};
 use std::process::ExitCode;
 
@@ -194,6 +195,36 @@ fn sabotage(life: &Life, kind: &str) -> Result<(), Failure> {
     Ok(())
 }
 
+/// One tick in so many is not in the file of a recorder that has `holes`.
+const DROPPED: u64 = 500;
+/// Between two looks of a recorder, ns: far less than the device's ring holds.
+const LOOK_NS: u64 = 50_000_000;
+
+/// A recorder that leaves out a tick now and then and does not say so. It reads the ring of the device that lives, and nothing else.
+fn record_with_holes(life: &Life) -> Result<(), Failure> {
+    let Some(path) = &life.settings.record else { return beat(life) };
+    let broken = |error: WriteError| Failure::Broken(error.to_string());
+    let session = [("session".to_string(), life.station.name().to_string())].into();
+    let mut writer = Writer::open(path, &session).map_err(broken)?;
+    let slot = Slot::first(Role::Device);
+    let mut next_tick = None;
+    life.page.set_state(ProcessState::Live);
+    while !life.clock.stop_requested() {
+        life.heartbeat();
+        life.page.add64(header::STEPS, 1);
+        if let Ok(page) = life.station.read_slot(slot, life.clock.incarnation(slot)) {
+            let end = page.ring_end(device_page::APPLIED);
+            let ticks = next_tick.unwrap_or(end)..end;
+            let applied =
+                ticks.filter(|tick| tick % DROPPED != 0).filter_map(|tick| page.ring(device_page::APPLIED, tick)).collect();
+            writer.append(&Block { applied, ..Block::default() }).map_err(broken)?;
+            next_tick = Some(end);
+        }
+        system::sleep_ns(LOOK_NS);
+    }
+    writer.finish().map(drop).map_err(broken)
+}
+
 /// An engine that is not linked here, or says nothing: it beats, and that is all.
 fn beat(life: &Life) -> Result<(), Failure> {
     life.page.set_state(ProcessState::Live);
@@ -213,6 +244,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (Role::Fluid, kind) => stateful(life, fluid::engine(life)?, kind),
         // Whatever epoch a contact model is of, it goes by the tick.
         (Role::Device, "unfenced") => device::run_ordering(life, |_, tick| (0, tick)),
+        (Role::Recorder, "holes") => record_with_holes(life),
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (role, kind) => {
             sabotage(life, kind)?;
