@@ -234,6 +234,11 @@ impl Faults {
             }
             return self.keep_open();
         }
+        let is_known = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, true);
+        if let Some(fault) = self.open.faults.iter_mut().find(is_known) {
+            fault.exit = exit.to_string(); // a newcomer's swap was undone for its death, which is told of after that
+            return self.keep_open();
+        }
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
         }
