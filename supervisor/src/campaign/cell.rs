@@ -289,14 +289,11 @@ impl Cell {
         self.injection.target.split(':').next().unwrap_or("")
     }
 
-    /// Whether it can be in an arm: the processes it hurts exist there, and the state comes about.
+    /// Whether it can be in an arm: the processes it hurts exist there, and the hand does something. Whether that cuts is the scene's to say.
     pub fn check_in(&self, arm: &Arm, campaign: &Campaign) -> Result<(), String> {
-        let hand = campaign.station.hand.as_deref().unwrap_or("script:press");
+        let hand = campaign.hand();
         if self.state == State::Contact && (hand == "idle" || hand == "script:idle") {
             return Err(format!("state contact: the hand {hand:?} never touches; take script:press"));
-        }
-        if self.state == State::Cutting && hand != "script:polyp" {
-            return Err(format!("state cutting: the hand {hand:?} cuts nothing; take script:polyp"));
         }
         let workers = campaign.station.workers.unwrap_or(Settings::default().workers);
         if workers > MAX_WORKERS {
