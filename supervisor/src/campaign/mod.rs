@@ -21,6 +21,7 @@ mod repeat;
 mod room;
 mod runner;
 pub mod session;
+pub mod stage;
 pub mod station;
 pub mod store;
 pub mod text;
