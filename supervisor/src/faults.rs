@@ -272,7 +272,7 @@ impl Faults {
         if let Some(page) = viewer.slot_page(Slot::first(Role::Hardware)) {
             self.ledger.read(page);
         }
-        self.close(|fault, newest_tick, has_control| {
+        self.close(false, |fault, newest_tick, has_control| {
             let (from_tick, to_tick) = bounds(fault);
             let patience_ticks = CONTROL_WAIT_TICKS.max(to_tick - from_tick + CONTROL_WAIT_TICKS / 3); // a long window has a long control
             let give_up_ns = if fault.kind == FaultKind::HangStart.name() { GIVE_UP_START_NS } else { GIVE_UP_NS };
@@ -285,10 +285,11 @@ impl Faults {
 
     /// Closes everything as it is, at the end of a run.
     pub fn close_all(&mut self) {
-        self.close(|_, _, _| true);
+        self.close(true, |_, _, _| true);
     }
 
-    fn close(&mut self, mut is_due: impl FnMut(&Fault, u64, bool) -> bool) {
+    /// Closes those that are due; one for whose line there is no room now is closed later, unless this is the end.
+    fn close(&mut self, is_end: bool, mut is_due: impl FnMut(&Fault, u64, bool) -> bool) {
         let newest_tick = self.ledger.newest_tick().unwrap_or(0);
         let taken: Vec<(u64, u64)> = self.all().map(bounds).collect();
         let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
@@ -322,7 +323,10 @@ impl Faults {
             }
             spent.extend(control.map(|control| (control.from_tick, control.to_tick)));
             judge(&mut fault, control, &self.ledger, &taken);
-            self.append(&fault);
+            if self.append(&fault).is_err() && !is_end {
+                still_open.push(fault);
+                continue;
+            }
             self.closed.push(fault);
         }
         self.open.faults = still_open;
@@ -331,13 +335,13 @@ impl Faults {
         }
     }
 
-    fn append(&self, fault: &Fault) {
-        let Ok(line) = serde_json::to_string(fault) else {
-            return;
-        };
-        if let Ok(mut file) = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, "faults.jsonl")) {
-            let _ = file.write_all(format!("{line}\n").as_bytes()); // a full disk costs the line, not the station
-        }
+    /// Writes the line of a closed fault, or none of it.
+    fn append(&self, fault: &Fault) -> std::io::Result<()> {
+        let line = serde_json::to_string(fault)?;
+        let mut file = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, "faults.jsonl"))?;
+        let length = file.metadata()?.len();
+        let written = file.write_all(format!("{line}\n").as_bytes());
+        written.inspect_err(|_| drop(file.set_len(length)))
     }
 }
 
@@ -351,5 +355,26 @@ mod tests {
         assert_eq!(begin_ns(now_ns - 7, now_ns), now_ns - 7);
         assert_eq!([0, u64::MAX].map(|beat_ns| begin_ns(beat_ns, now_ns)), [now_ns; 2], "never, and in the future");
         assert_eq!(begin_ns(1, now_ns), now_ns - 40_000_000_000, "the machine's whole life is no fault's window");
+    }
+
+    /// The line of a fault that filled /dev/shm was lost while its ballast was still being freed.
+    #[test]
+    fn a_fault_whose_line_cannot_be_written_is_closed_once_it_can() {
+        let station = Station::named(&format!("t{}-line", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let mut faults = Faults::new(&station, &[]).unwrap();
+        faults.start("kill", Slot::first(Role::Fluid), 7, 1_000);
+        let file = path(&station, "faults.jsonl");
+        std::fs::create_dir(&file).unwrap(); // nobody writes into that
+        let mut close = || {
+            faults.close(false, |_, _, _| true);
+            (faults.closed.len(), faults.open.faults.len())
+        };
+        assert_eq!(close(), (0, 1));
+        std::fs::remove_dir(&file).unwrap();
+        assert_eq!(close(), (1, 0));
+        assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 1);
+        station.wipe();
     }
 }
