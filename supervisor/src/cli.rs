@@ -261,7 +261,7 @@ pub struct CampaignArgs {
     /// Print the plan, and do nothing else.
     #[arg(long)]
     pub plan: bool,
-    /// Repeat this one fault of the plan, at the same tick and phase.
+    /// Repeat this one fault of the plan, at the same tick and phase; one in a swap so long after the same stage of it.
     #[arg(long, conflicts_with_all = ["plan", "batch"])]
     pub only: Option<usize>,
     /// At most so many faults in this run; the next run with the same folder goes on.

@@ -4,6 +4,7 @@
 //! that sends nothing or does not read is ended; none of them holds another one or the supervisor, which only ever sees whole and valid requests.
 
 use crate::faultfile::Injection;
+use crate::keepers::Suffered;
 use crate::supervise::Input;
 use hyst_exchange::Station;
 use rustix::event::{PollFd, PollFlags, Timespec};
@@ -47,6 +48,8 @@ pub enum Request {
     Stop,
     /// Inject a fault.
     Fault(Injection),
+    /// Note what was done to one who keeps the station, by whoever asks.
+    Suffered(Suffered),
     /// The kinds of faults that there are.
     Kinds,
     /// Put another engine in the place of a role's.
@@ -66,6 +69,11 @@ pub fn good(value: serde_json::Value) -> String {
 /// An answer that carries an error.
 pub fn bad(reason: &str) -> String {
     serde_json::json!({ "ok": false, "error": reason }).to_string()
+}
+
+/// The answer to something that is to be done.
+pub fn done(done: Result<(), String>) -> String {
+    done.map_or_else(|reason| bad(&reason), |()| good(serde_json::json!({})))
 }
 
 /// Starts the thread that serves the socket.
@@ -237,7 +245,7 @@ fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> Result<Option<usize
 pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
     let mut answer = ask_once(station, request);
     // A swap or a fault may have been begun by one who died, or had to make room, before he could say so: it is not asked for twice.
-    let is_deed = matches!(request, Request::Swap { .. } | Request::Fault(_));
+    let is_deed = matches!(request, Request::Swap { .. } | Request::Fault(_) | Request::Suffered(_));
     let tries = if is_deed { 1 } else { TRIES };
     for _ in 1..tries {
         if !matches!(&answer, Err(reason) if reason.ends_with(CUT_OFF)) {

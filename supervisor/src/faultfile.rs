@@ -8,7 +8,7 @@ pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
 pub use target::{Aim, Keepers, Target, Which};
 
-use hyst_messages::Slot;
+use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -116,13 +116,7 @@ impl Injection {
 
     /// What is wrong with it, if anything.
     pub fn check(&self) -> Result<Aim, String> {
-        let aim = Aim::parse(&self.target).ok_or_else(|| {
-            format!(
-                "target {:?}: write PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both, PROCESS:newcomer or PROCESS:INDEX, as `status` names them, or \
-                 supervisor, guardian or supervisor+guardian",
-                self.target
-            )
-        })?;
+        let aim = Aim::parse(&self.target).ok_or_else(|| no_target(&self.target))?;
         if self.phase_us > 999 {
             return Err(format!("phase_us = {}: microseconds in a tick, 0 to 999", self.phase_us));
         }
@@ -161,6 +155,17 @@ impl Injection {
             )),
         }
     }
+}
+
+/// Why a name means nobody who can be hurt.
+fn no_target(name: &str) -> String {
+    if name.split(':').next() == Some(Role::Hardware.name()) {
+        return "hardware stands for the device on the desk, which keeps the ledger: it is no engine, and is not hurt; take device".into();
+    }
+    format!(
+        "target {name:?}: write PROCESS, PROCESS:active, PROCESS:spare, PROCESS:both, PROCESS:newcomer or PROCESS:INDEX, for an engine as `status` \
+         names them, or supervisor, guardian or supervisor+guardian"
+    )
 }
 
 /// Reads and checks a fault file; the faults come back in the order of their ticks.
@@ -202,6 +207,10 @@ mod tests {
         assert_eq!(seeds(&two), [Some(41), Some(7)], "the file's seed is that of whoever names none");
         let bad_target = parse("f", &good.replace("haptic:active", "heptic")).unwrap_err().to_string();
         assert!(bad_target.contains("fault 2") && bad_target.contains("heptic"), "{bad_target}");
+        for target in ["hardware", "hardware:0"] {
+            let hardware = parse("f", &good.replace("haptic:active", target)).unwrap_err().to_string();
+            assert!(hardware.contains("it is no engine, and is not hurt"), "{hardware}");
+        }
         assert!(parse("f", &good.replace("tick = 300", "tock = 300")).unwrap_err().to_string().contains("tock"));
         assert!(parse("f", &good.replace("\"kill\"", "\"melt\"")).is_err());
         assert!(parse("f", &good.replace("for = 0.5", "for = nan")).is_err());

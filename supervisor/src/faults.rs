@@ -6,6 +6,8 @@
 mod inject;
 mod over;
 mod tend;
+#[cfg(test)]
+mod tests;
 
 use crate::active::ActiveLog;
 use crate::fault::{Death, Fault, LATCH, PIDFD, bounds, judge, look, us};
@@ -234,6 +236,11 @@ impl Faults {
             }
             return self.keep_open();
         }
+        let is_known = |fault: &&mut Fault| (fault.slot, fault.incarnation, fault.dead) == (slot.number(), incarnation, true);
+        if let Some(fault) = self.open.faults.iter_mut().find(is_known) {
+            fault.exit = exit.to_string(); // a newcomer's swap was undone for its death, which is told of after that
+            return self.keep_open();
+        }
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
         }
@@ -267,7 +274,7 @@ impl Faults {
         if let Some(page) = viewer.slot_page(Slot::first(Role::Hardware)) {
             self.ledger.read(page);
         }
-        self.close(|fault, newest_tick, has_control| {
+        self.close(false, |fault, newest_tick, has_control| {
             let (from_tick, to_tick) = bounds(fault);
             let patience_ticks = CONTROL_WAIT_TICKS.max(to_tick - from_tick + CONTROL_WAIT_TICKS / 3); // a long window has a long control
             let give_up_ns = if fault.kind == FaultKind::HangStart.name() { GIVE_UP_START_NS } else { GIVE_UP_NS };
@@ -280,10 +287,11 @@ impl Faults {
 
     /// Closes everything as it is, at the end of a run.
     pub fn close_all(&mut self) {
-        self.close(|_, _, _| true);
+        self.close(true, |_, _, _| true);
     }
 
-    fn close(&mut self, mut is_due: impl FnMut(&Fault, u64, bool) -> bool) {
+    /// Closes those that are due; one for whose line there is no room now is closed later, unless this is the end.
+    fn close(&mut self, is_end: bool, mut is_due: impl FnMut(&Fault, u64, bool) -> bool) {
         let newest_tick = self.ledger.newest_tick().unwrap_or(0);
         let taken: Vec<(u64, u64)> = self.all().map(bounds).collect();
         let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
@@ -322,10 +330,14 @@ impl Faults {
                 fault.remains = Some(corrupt::remains(&std::mem::take(&mut fault.flips)));
             }
             spent.extend(control.map(|control| (control.from_tick, control.to_tick)));
-            if let Some(seen) = fault.seen.take().or_else(|| look(&fault, &self.ledger, &taken)) {
+            let seen = fault.seen.take().or_else(|| look(&fault, &self.ledger, &taken));
+            if let Some(seen) = seen.clone() {
                 judge(&mut fault, seen, control);
             }
-            self.append(&fault);
+            if self.append(&fault).is_err() && !is_end {
+                still_open.push(Fault { seen, ..fault });
+                continue;
+            }
             self.closed.push(fault);
             has_news = true;
         }
@@ -335,56 +347,12 @@ impl Faults {
         }
     }
 
-    fn append(&self, fault: &Fault) {
-        let Ok(line) = serde_json::to_string(fault) else {
-            return;
-        };
-        if let Ok(mut file) = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, "faults.jsonl")) {
-            let _ = file.write_all(format!("{line}\n").as_bytes()); // a full disk costs the line, not the station
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_messages::{Applied, LedgerEntry};
-
-    #[test]
-    fn a_fault_from_outside_began_at_a_heartbeat_that_can_have_been() {
-        let now_ns = 500_000_000_000;
-        assert_eq!(begin_ns(now_ns - 7, now_ns), now_ns - 7);
-        assert_eq!([0, u64::MAX].map(|beat_ns| begin_ns(beat_ns, now_ns)), [now_ns; 2], "never, and in the future");
-        assert_eq!(begin_ns(1, now_ns), now_ns - 40_000_000_000, "the machine's whole life is no fault's window");
-    }
-
-    /// `hang-start haptic:active` of a campaign took 30 s. When its control of 30 s more had passed, 9 815 of its 30 092 ticks were left.
-    #[test]
-    fn a_long_fault_is_judged_on_its_whole_window_whenever_its_control_ends() {
-        let station = Station::named(&format!("t{}-long", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
-        let fault = faults.start("hang-start", Slot::first(Role::Haptic), 7, 1_000);
-        (fault.tick, fault.recovered_us) = (2_000, Some(30_071_149.0));
-        let tell = |faults: &mut Faults, ticks: std::ops::Range<u64>| {
-            for tick in ticks {
-                let kind = if tick == 2_500 { Applied::Held } else { Applied::Fresh } as u32;
-                let entry =
-                    LedgerEntry { hardware_tick: tick, station_tick: tick, force_tick: tick, kind, ..LedgerEntry::default() };
-                faults.ledger.push(&entry, true);
-            }
-            faults.close(|_, _, has_control| has_control);
-        };
-        tell(&mut faults, 0..33_000);
-        assert_eq!((faults.closed.len(), faults.open.faults.len()), (0, 1), "there is no control yet");
-        let mut successor = Faults::new(&station, &[]).unwrap();
-        assert_eq!(successor.open.faults, faults.open.faults, "a supervisor that comes after this one knows of it");
-        tell(&mut successor, 0..64_000);
-        let (window, control) = successor.closed[0].window.zip(successor.closed[0].control).unwrap();
-        assert_eq!((window.ticks, window.missed, control.ticks, control.missed), (30_092, 1, 30_092, 0));
-        assert!(control.from_tick >= window.to_tick && successor.ledger.window(2_000, 32_092).ticks < 30_092);
-        assert_eq!((successor.closed[0].promise_held, successor.closed[0].late.len()), (Some(false), 1));
-        station.wipe();
+    /// Writes the line of a closed fault, or none of it.
+    fn append(&self, fault: &Fault) -> std::io::Result<()> {
+        let line = serde_json::to_string(fault)?;
+        let mut file = std::fs::OpenOptions::new().append(true).create(true).open(path(&self.station, "faults.jsonl"))?;
+        let length = file.metadata()?.len();
+        let written = file.write_all(format!("{line}\n").as_bytes());
+        written.inspect_err(|_| drop(file.set_len(length)))
     }
 }

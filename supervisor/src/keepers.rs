@@ -1,39 +1,107 @@
 //! Faults of those who keep the station: the supervisor cannot be asked to hurt itself or its guardian and to tell of it, so whoever wants it does it
-//! from outside, in test mode alone. The station's page says who they are.
+//! from outside, in test mode alone: a signal, or a limit that is lowered. The station's page says who they are.
+//!
+//! A death is told of by whoever replaces the dead. What lasted for a time, and was outlived, nobody else knows of: whoever did it tells the supervisor.
 
+use crate::control::{self, Request};
 use crate::faultfile::{FaultKind, Injection, Keepers};
 use crate::remains::{self, Living};
+use crate::shortage::{self, Lowered};
 use crate::{moment, proc};
 use hyst_exchange::{Station, system};
 use hyst_messages::Slot;
 use rustix::process::Signal;
+use serde::{Deserialize, Serialize};
 
 /// Why nobody is hurt in a station that trains.
 pub const OUTSIDE_OF_TEST_MODE: &str = "faults are refused outside of test mode; start the station with --test-mode";
 
-/// Does it at a moment (CLOCK_MONOTONIC, ns; in the past: now), to all of them at the same instant; gives who was hit.
-pub fn hurt(station: &Station, keepers: Keepers, kind: FaultKind, moment_ns: u64) -> Result<Vec<Living>, String> {
-    let page = station.open().map_err(|error| error.to_string())?;
-    if !page.test_mode() {
-        return Err(OUTSIDE_OF_TEST_MODE.into());
-    }
-    let signal = kind.signal().ok_or_else(|| format!("{} is no signal", kind.name()))?;
-    let mut victims = Vec::new();
-    for role in keepers.roles() {
-        let living = remains::slot_alive(&page, Slot::first(*role).number());
-        victims.push(living.ok_or_else(|| format!("the {} is not alive now; wait until it is back", role.name()))?);
-    }
-    let send = || {
-        for victim in &victims {
-            if signal == Signal::SEGV {
-                proc::segfault(victim.pid)
-            } else {
-                proc::signal(victim.pid, signal)
-            };
+/// What was done to a keeper for a time, and outlived.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Suffered {
+    /// What.
+    pub kind: FaultKind,
+    /// Who.
+    pub keepers: Keepers,
+    /// From when on, ns.
+    pub since_ns: u64,
+    /// Until when, ns.
+    pub until_ns: u64,
+}
+
+/// What was done to some of them.
+#[derive(Debug)]
+pub struct Hurt {
+    kind: FaultKind,
+    keepers: Keepers,
+    /// When, ns.
+    pub struck_ns: u64,
+    hit: Vec<(Living, Option<Lowered>)>,
+}
+
+impl Hurt {
+    /// Does it at a moment (CLOCK_MONOTONIC, ns; in the past: now), to all of them at the same instant.
+    pub fn at(station: &Station, keepers: Keepers, kind: FaultKind, moment_ns: u64) -> Result<Hurt, String> {
+        let page = station.open().map_err(|error| error.to_string())?;
+        if !page.test_mode() {
+            return Err(OUTSIDE_OF_TEST_MODE.into());
         }
-    };
-    moment::at(moment_ns, send)?;
-    Ok(victims)
+        let mut victims = Vec::new();
+        for role in keepers.roles() {
+            let living = remains::slot_alive(&page, Slot::first(*role).number());
+            victims.push(living.ok_or_else(|| format!("the {} is not alive now; wait until it is back", role.name()))?);
+        }
+        let send = || victims.iter().map(|victim| strike(victim.pid, kind)).collect::<Vec<_>>();
+        let (struck_ns, lowered) = moment::at(moment_ns, send)?;
+        let refused = lowered.iter().find_map(|done| done.clone().err());
+        let hit = victims.into_iter().zip(lowered.into_iter().map(|lowered| lowered.ok().flatten())).collect();
+        let hurt = Hurt { kind, keepers, struck_ns, hit };
+        match refused {
+            Some(reason) => {
+                hurt.release();
+                Err(reason)
+            }
+            None => Ok(hurt),
+        }
+    }
+
+    /// Whether all of them are still there.
+    pub fn is_outlived(&self) -> bool {
+        self.hit.iter().all(|(victim, _)| victim.is_alive())
+    }
+
+    /// Waits for so many seconds, ends it, and tells the supervisor of it where all outlived it.
+    pub fn last_for(&self, station: &Station, for_s: f64) -> Result<(), String> {
+        system::sleep_until_ns(self.struck_ns + (for_s * 1e9) as u64);
+        let until_ns = system::now_ns();
+        self.release();
+        if !self.is_outlived() {
+            return Ok(());
+        }
+        let suffered = Suffered { kind: self.kind, keepers: self.keepers, since_ns: self.struck_ns, until_ns };
+        control::ask(station, &Request::Suffered(suffered)).map(drop)
+    }
+
+    /// Those who were stopped go on, and limits are put back.
+    fn release(&self) {
+        for (victim, lowered) in self.hit.iter().filter(|(victim, _)| victim.is_alive()) {
+            match lowered {
+                Some(lowered) => shortage::restore(victim.pid, *lowered),
+                None => drop(proc::signal(victim.pid, Signal::CONT)),
+            }
+        }
+    }
+}
+
+/// Does it to one of them.
+fn strike(pid: u32, kind: FaultKind) -> Result<Option<Lowered>, String> {
+    match kind.signal() {
+        Some(Signal::SEGV) => drop(proc::segfault(pid)),
+        Some(signal) => drop(proc::signal(pid, signal)),
+        None => return shortage::lower(pid, kind).map(Some),
+    }
+    Ok(None)
 }
 
 /// Does what the command line says, and stays until its end.
@@ -42,12 +110,6 @@ pub fn inject(station: &Station, keepers: Keepers, injection: &Injection) -> Res
         0 => 0,
         tick => station.open().map_err(|error| error.to_string())?.start_of(tick) + u64::from(injection.phase_us) * 1_000,
     };
-    let victims = hurt(station, keepers, injection.kind, moment_ns)?;
-    if let Some(for_s) = injection.for_s {
-        system::sleep_ns((for_s * 1e9) as u64);
-        for victim in victims.iter().filter(|victim| victim.is_alive()) {
-            proc::signal(victim.pid, Signal::CONT);
-        }
-    }
-    Ok(())
+    let hurt = Hurt::at(station, keepers, injection.kind, moment_ns)?;
+    injection.for_s.map_or(Ok(()), |for_s| hurt.last_for(station, for_s))
 }

@@ -171,9 +171,11 @@ fn take(file: &std::fs::File, at: u64, piece: u64) -> std::io::Result<()> {
     }
 }
 
-/// Removes a ballast; absent is as good.
+/// Removes a ballast; absent is as good. There is room again at once: whoever fills has the file open, and may not be let run for long.
 pub fn relieve(ballast: &Path) {
+    let file = std::fs::OpenOptions::new().write(true).open(ballast);
     let _ = std::fs::remove_file(ballast);
+    let _ = file.and_then(|file| file.set_len(0)); // it has no name any more, so that nobody makes it grow
 }
 
 /// Removes what a supervisor that died may have left of the kinds that nobody remembers.
@@ -222,6 +224,7 @@ mod tests {
         take(&file, 0, 1 << 20).unwrap();
         assert_eq!(file.metadata().unwrap().len(), 1 << 20);
         relieve(&path);
+        assert_eq!(file.metadata().unwrap().len(), 0, "it takes no room, though it is open still");
         assert_eq!(helping(&file, &path, 1 << 20), 1 << 20, "its name is gone");
         assert!(!is_full(&path));
     }

@@ -386,13 +386,11 @@ impl Supervisor {
                 Ok(number) => control::good(serde_json::json!({ "number": number })),
                 Err(reason) => control::bad(&reason),
             },
-            Request::Fault(injection) if self.page.load32(layout::TEST_MODE) != 0 => {
-                match self.faults.inject(injection, &mut self.viewer) {
-                    Ok(()) => control::good(serde_json::json!({})),
-                    Err(reason) => control::bad(&reason),
-                }
+            Request::Fault(_) | Request::Suffered(_) if self.page.load32(layout::TEST_MODE) == 0 => {
+                control::bad(crate::keepers::OUTSIDE_OF_TEST_MODE)
             }
-            Request::Fault(_) => control::bad(crate::keepers::OUTSIDE_OF_TEST_MODE),
+            Request::Fault(injection) => control::done(self.faults.inject(injection, &mut self.viewer)),
+            Request::Suffered(suffered) => control::done(self.faults.suffered(suffered)),
         }
     }
 }

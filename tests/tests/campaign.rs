@@ -144,6 +144,47 @@ fn one_fault_is_repeated_at_its_tick_and_phase() {
     assert_nothing_left();
 }
 
+/// What has a result is repeated where it came and not where it was drawn; in a swap that is so long after the same stage of it.
+#[test]
+fn a_fault_that_has_a_result_is_repeated_where_it_came() {
+    let folder = Folder::new("campaign-again");
+    let text = "gap_ticks = [450, 500]\nmost_void = 1.0\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:spare\"]\ncount = 1\n\
+                [[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:spare\"]\nstates = [\"swap\"]\nswap = \"collision-worker\"\ncount = 1\n";
+    let (file, out) = (folder.write("again.toml", text), folder.path("out"));
+    let (_, printed, said) = campaign(&[&file, "--report", &out]);
+    let first = results(&folder);
+    assert_eq!(first.len(), 2, "{printed}\n{said}");
+    let drawn: Value = serde_json::from_str(&folder.read("out/plan.json")).expect("JSON");
+    let us = |tick: i64, outcome: &Value| 1_000 * tick + outcome["injected_phase_us"].as_i64().unwrap_or(0);
+    let number = |value: &Value| value.as_i64().unwrap_or_else(|| panic!("{value} is no number: {first:#?}"));
+    for before in &first {
+        let index = number(&before["index"]);
+        assert_eq!(before["planned_tick"], drawn["faults"][index as usize]["tick"]);
+        let (code, printed, said) = campaign(&[&file, "--report", &out, "--only", &index.to_string()]);
+        let text = folder.read(&format!("out/only-{index}.json"));
+        let found: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}\n{printed}\n{said}"));
+        let again = &found["outcome"];
+        assert_eq!(again["planned_tick"], before["planned_tick"]);
+        let (from, is_swap) = match &before["swap"]["since"] {
+            Value::Null => ([0, 0], false),
+            since => {
+                assert_eq!(again["swap"]["since"][0], since[0], "the same stage: {found:#}");
+                ([number(&since[1]), number(&again["swap"]["since"][1])], true)
+            }
+        };
+        assert_eq!(is_swap, before["cell"] == "kill fluid:spare in a swap of collision-worker", "{before:#}");
+        let off_us = us(number(&again["tick"]) - from[1], again) - us(number(&before["tick"]) - from[0], before);
+        assert_eq!(found["off_us"].as_i64(), Some(off_us), "{found:#}");
+        assert!(
+            code != Some(0) || off_us.abs() <= if is_swap { 20_000 } else { 1_000 },
+            "another moment is no repetition: {found:#}"
+        );
+        println!("{}: {off_us} us from where it came", before["cell"]);
+    }
+    assert_eq!(results(&folder).len(), 2, "a repetition is no result of the campaign");
+    assert_nothing_left();
+}
+
 /// The station goes on without its guardian, or without both keepers, until the same command has taken it over; two that are hit at once are one fault.
 #[test]
 fn those_who_keep_the_station_and_two_at_once_are_hurt_too() {
@@ -278,12 +319,35 @@ fn a_campaign_that_cannot_be_is_refused_before_anything_starts() {
         ("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = -1\n", "count"),
         ("[[cell]]\nkinds = [\"undo\"]\ntargets = [\"tissue\"]\ncount = 1\n", "nothing is"),
         ("[station]\nbinaries = \".\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "no hardware there"),
+        ("[station]\nscene = \"bad.toml\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "bad.toml"),
+        ("[station]\nhand = \"script:stir\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "no such hand"),
+        ("[station]\nhand = \"stir\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = 1\n", "--hand stir"),
     ] {
         let file = folder.write("bad.toml", text);
         let (code, printed, said) = campaign(&[&file, "--report", &folder.path("out")]);
         assert!(code == Some(2) && printed.is_empty() && said.contains(words), "{code:?} {printed}{said}");
     }
+    // A case's own hand may be asked to cut if it does, whatever it is called.
+    let case = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/septum.toml");
+    for (hand, expected) in [("script:divide", Some(0)), ("script:press", Some(2))] {
+        let text = format!(
+            "[station]\nscene = {case:?}\nhand = \"{hand}\"\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\nstates = [\"cutting\"]\n\
+             count = 1\n"
+        );
+        let (code, printed, said) = campaign(&[&folder.write("case.toml", &text), "--plan"]);
+        assert_eq!((code, said.contains("cuts nothing")), (expected, expected == Some(2)), "{hand}: {printed}{said}");
+    }
     assert!(!folder.as_path().join("out").exists(), "nothing was made");
+    // A plan of which nothing came does not stand in the way of the corrected file.
+    let plan = |count: u32| {
+        let text = format!("[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue\"]\ncount = {count}\n");
+        let file = folder.write("good.toml", &text);
+        campaign(&[&file, "--report", &folder.path("out"), "--batch", "0"])
+    };
+    for count in [1, 2] {
+        let (code, printed, said) = plan(count);
+        assert!(code != Some(2) && folder.as_path().join("out/plan.json").exists(), "{code:?} {printed}{said}");
+    }
     let (code, _, said) = campaign(&[&folder.path("missing.toml")]);
     assert!(code == Some(2) && said.contains("missing.toml"), "{code:?} {said}");
     assert_nothing_left();

@@ -3,7 +3,7 @@
 
 use super::file::{Arm, Campaign, Pool};
 use crate::fault::DEVICE_TICKS;
-use crate::faultfile::{Aim, FaultKind, Injection, Keepers, Place, Target, Which};
+use crate::faultfile::{FaultKind, Injection, Keepers, Place, Target, Which};
 use crate::plan;
 use hyst_engine::Settings;
 use hyst_messages::{MAX_WORKERS, Role};
@@ -111,7 +111,7 @@ pub struct Cell {
     pub pool: Option<String>,
     /// The arms that it is in; empty: in all.
     pub arms: Vec<String>,
-    /// Misses beyond the control's that this fault may cost: 20 ms for the device, else none.
+    /// Misses beyond the control's that this fault may cost: 20 ms for each device that ends, else none.
     pub allowed_misses: u64,
     /// Half of those that hang are to be found within this time, ms.
     pub found_ms: Option<f64>,
@@ -173,7 +173,10 @@ impl Group {
             return Err(format!("{target}: only a swap of its role brings one; write states = [\"swap\"] and swap = ROLE"));
         }
         let options: String = self.options.iter().map(|(key, value)| format!(" {key}={value}")).collect();
-        let is_device = target.split(':').next() == Some(Role::Device.name());
+        // Its own death, and that of the old one which a swap ends.
+        let devices_ended =
+            [target.split(':').next(), swap.map(Role::name)].into_iter().filter(|name| *name == Some(Role::Device.name()));
+        let device_ticks = devices_ended.count() as u64 * DEVICE_TICKS;
         let beside = swap.map(|role| format!(" {}", role.name())).unwrap_or_default();
         let from = self.with.as_ref().map(|with| format!(" from {with}")).unwrap_or_default();
         Ok(Cell {
@@ -184,7 +187,7 @@ impl Group {
             limit_upper95: self.limit_upper95.or(if self.pool.is_some() { None } else { Some(limit_upper95) }),
             pool: self.pool.clone(),
             arms: self.arms.clone(),
-            allowed_misses: self.allowed_misses.unwrap_or(if is_device { DEVICE_TICKS } else { 0 }),
+            allowed_misses: self.allowed_misses.unwrap_or(device_ticks),
             found_ms: self.found_ms,
             with,
             swap,
@@ -196,11 +199,6 @@ impl Group {
 /// The role of a swap that faults may fall into.
 fn swapped(name: &str, target: &str) -> Result<Role, String> {
     let role = crate::swap::role_of(name).map_err(|reason| format!("swap: {reason}"))?;
-    if matches!(role, Role::Device | Role::Rendering | Role::Console) {
-        return Err(format!(
-            "swap = {name:?}: it has no spare, so that its swap is a restart; take fluid, tissue, haptic, collision-worker or recorder"
-        ));
-    }
     match Keepers::parse(target) {
         Some(keepers) if keepers != Keepers::Supervisor => Err(format!("{target} in a swap: take supervisor, which undoes it")),
         _ => Ok(role),
@@ -233,13 +231,7 @@ fn injection(kind: &str, target: &str, options: &toml::Table) -> Result<Injectio
     table.insert("kind".into(), kind.into());
     table.insert("target".into(), target.into());
     let injection: Injection = table.try_into().map_err(|e: toml::de::Error| e.message().to_string())?;
-    let aim = injection.check()?;
-    let ends_stopped = matches!(aim, Aim::Keepers(keepers) if keepers != Keepers::Supervisor || injection.for_s.is_some());
-    if ends_stopped && matches!(kind, "stop" | "cont") {
-        return Err(format!(
-            "stop of {target}: it is told of only if it is replaced, which a stopped supervisor is; take kill, segfault or abort"
-        ));
-    }
+    injection.check()?;
     Ok(injection)
 }
 
@@ -289,14 +281,11 @@ impl Cell {
         self.injection.target.split(':').next().unwrap_or("")
     }
 
-    /// Whether it can be in an arm: the processes it hurts exist there, and the state comes about.
+    /// Whether it can be in an arm: the processes it hurts exist there, and the hand does something. Whether that cuts is the scene's to say.
     pub fn check_in(&self, arm: &Arm, campaign: &Campaign) -> Result<(), String> {
-        let hand = campaign.station.hand.as_deref().unwrap_or("script:press");
+        let hand = campaign.hand();
         if self.state == State::Contact && (hand == "idle" || hand == "script:idle") {
             return Err(format!("state contact: the hand {hand:?} never touches; take script:press"));
-        }
-        if self.state == State::Cutting && hand != "script:polyp" {
-            return Err(format!("state cutting: the hand {hand:?} cuts nothing; take script:polyp"));
         }
         let workers = campaign.station.workers.unwrap_or(Settings::default().workers);
         if workers > MAX_WORKERS {

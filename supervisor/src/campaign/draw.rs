@@ -6,6 +6,7 @@
 
 use super::cell::Cell;
 use super::file::Campaign;
+use super::stage::Place;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,9 @@ pub struct Entry {
     pub phase_us: u32,
     /// Ticks after the other fault, for one that falls into its recovery.
     pub with_ticks: u64,
+    /// Where in its swap it comes, for one that falls into one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_swap: Option<Place>,
 }
 
 /// The whole plan.
@@ -110,6 +114,7 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
                 tick,
                 phase_us: draw.between(0, 999) as u32,
                 with_ticks: draw.between(1, most_with_ticks(cell)),
+                in_swap: cell.swap.map(|role| Place::draw(role, cell.is_of_newcomer(), &mut draw)),
             });
             tick += room_ticks(cell);
         }

@@ -1,4 +1,5 @@
-//! A campaign's file: faults × targets × states with counts, limits and a seed; read and checked in full before anything is started.
+//! A campaign's file: faults × targets × states with counts, limits and a seed; read and checked before anything is started, as its stations are
+//! ([`super::fit`]).
 //!
 //! What kinds of faults there are, and what options they take, is said by [`crate::faultfile`] alone: what a cell says beyond its own keys is
 //! handed to it.
@@ -289,6 +290,10 @@ impl Campaign {
     /// Whether the promises are judged in the arm of this name.
     pub fn judges(&self, arm: &str) -> bool {
         self.arms.iter().any(|known| known.name == arm && known.judged)
+    }
+    /// The hand of its stations.
+    pub fn hand(&self) -> &str {
+        self.station.hand.as_deref().unwrap_or("script:press")
     }
     /// Whether its stations record.
     pub fn records(&self) -> bool {

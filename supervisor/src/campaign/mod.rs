@@ -10,6 +10,7 @@ pub mod cell;
 mod deficit;
 pub mod draw;
 pub mod file;
+mod fit;
 mod found;
 pub mod html;
 pub mod judge;
@@ -21,6 +22,7 @@ mod repeat;
 mod room;
 mod runner;
 pub mod session;
+pub mod stage;
 pub mod station;
 pub mod store;
 pub mod text;
@@ -41,6 +43,7 @@ use store::Store;
 /// Runs a campaign, or a batch of it; gives the exit code.
 pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     let campaign = file::read(&args.file)?;
+    fit::check(&campaign)?;
     let plan = draw::plan(&campaign, args.seed.unwrap_or(campaign.seed));
     if let Some(index) = args.only.filter(|index| *index >= plan.faults.len()) {
         return Err(Refusal::input(format!("--only {index}: the plan has faults 0 to {}", plan.faults.len() - 1)));

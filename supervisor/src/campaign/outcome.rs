@@ -1,6 +1,7 @@
 //! What came of one fault: a line of `results.jsonl` in the folder of the results.
 
 use super::draw::Entry;
+use super::stage::{Place, Stage};
 use crate::fault::Fault;
 use serde::{Deserialize, Serialize};
 
@@ -177,6 +178,9 @@ pub struct SwapSeen {
     pub stage: String,
     /// How it ended.
     pub end: String,
+    /// The stage after which the fault was to come, and the tick in which the swap was seen to have come to it; `None` if it ended before.
+    #[serde(default)]
+    pub since: Option<(Stage, u64)>,
 }
 
 impl SwapSeen {
@@ -187,9 +191,14 @@ impl SwapSeen {
 
     /// Whether the fault came before the newcomer's probation was over.
     pub fn was_on_trial(&self) -> bool {
-        !self.stage.starts_with("its probation is over")
+        let is_proven = self.since.is_some_and(|(stage, _)| stage >= Stage::Proven);
+        !is_proven && !self.stage.starts_with("its probation is over")
     }
 
+    /// Where in it a fault of this tick came, if it is known.
+    pub fn place_of(&self, tick: u64) -> Option<Place> {
+        self.since.map(|(stage, since_tick)| Place { stage, offset_ticks: tick.saturating_sub(since_tick) })
+    }
     /// Whether it was under way at a time, ns.
     pub fn is_at(&self, ns: u64) -> bool {
         self.begun_ns <= ns && self.ended_ns.is_none_or(|ended_ns| ns < ended_ns)

@@ -135,9 +135,17 @@ impl Runner<'_> {
 
     fn hurt(&self, session: &mut Session, entry: &Entry) -> Result<(Outcome, Option<Trouble>), Trouble> {
         match self.campaign.cells.iter().find(|cell| cell.name == entry.cell) {
-            Some(cell) => session.hurt(entry, cell),
+            Some(cell) => session.hurt(entry, cell).map(|(outcome, ended)| (self.as_planned(outcome), ended)),
             None => Ok((Outcome::of(entry), None)),
         }
+    }
+
+    /// With the tick and phase that were drawn: a run that goes on, and a repetition, ask for others.
+    fn as_planned(&self, mut outcome: Outcome) -> Outcome {
+        if let Some(drawn) = self.plan.faults.get(outcome.index) {
+            (outcome.planned_tick, outcome.phase_us) = (drawn.tick, drawn.phase_us);
+        }
+        outcome
     }
 }
 

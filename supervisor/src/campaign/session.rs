@@ -266,7 +266,14 @@ impl Session {
     }
 }
 
-fn command(campaign: &Campaign, arm: &Arm, entries: &[&Entry], station: &Station, files: &Path) -> std::io::Result<Command> {
+/// What starts a station for these faults.
+pub(super) fn command(
+    campaign: &Campaign,
+    arm: &Arm,
+    entries: &[&Entry],
+    station: &Station,
+    files: &Path,
+) -> std::io::Result<Command> {
     use std::os::unix::process::CommandExt;
     let last_tick = entries.last().map_or(0, |entry| entry.tick);
     let mut command = Command::new(std::env::current_exe()?);
@@ -277,7 +284,7 @@ fn command(campaign: &Campaign, arm: &Arm, entries: &[&Entry], station: &Station
     if campaign.records() {
         command.arg("--record").arg(files.with_extension("mcap"));
     }
-    command.arg("--hand").arg(campaign.station.hand.as_deref().unwrap_or("script:press"));
+    command.arg("--hand").arg(campaign.hand());
     if let Some(workers) = campaign.station.workers {
         command.arg("--workers").arg(workers.to_string());
     }

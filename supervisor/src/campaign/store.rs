@@ -1,5 +1,5 @@
 //! The folder of a campaign's results. A line of `results.jsonl` is written when its fault is closed, so that a campaign that is interrupted,
-//! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed.
+//! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed; a plan of which nothing came gives way.
 
 use super::draw::Plan;
 use super::origin::Origin;
@@ -37,15 +37,18 @@ impl Store {
         std::fs::create_dir_all(&path).map_err(|e| refuse(&path, &format!("{e}; give a folder that can be made")))?;
         let text = serde_json::to_string_pretty(plan).map_err(|e| refuse(&path, &e.to_string()))?;
         let plan_file = path.join("plan.json");
+        let is_there = |name: &str| std::fs::metadata(path.join(name)).is_ok_and(|file| file.len() > 0);
+        let has_results = ["results.jsonl", "stations.jsonl"].into_iter().any(is_there);
         match std::fs::read_to_string(&plan_file) {
-            Ok(known) if known != text => {
+            Ok(known) if known == text => {}
+            Ok(_) if has_results => {
                 return Err(refuse(&path, "it holds the results of another campaign, or of another seed; give another folder"));
             }
-            Ok(_) => {}
-            Err(_) if path.join("results.jsonl").exists() => {
+            Err(_) if has_results => {
                 return Err(refuse(&path, "it holds results without their plan.json; give another folder"));
             }
-            Err(_) => write_whole(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
+            // Nothing has come of the plan that lies there.
+            _ => write_whole(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
         }
         let mut store = Store {
             outcomes: lines(&path, "results.jsonl")?,
@@ -141,6 +144,8 @@ mod tests {
         let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 3\n";
         let plan = draw::plan(&file::parse("t", text).unwrap(), 1);
         let folder = std::env::temp_dir().join(format!("hystation-store-{}", std::process::id()));
+        let other = draw::plan(&file::parse("t", text).unwrap(), 2);
+        Store::open(Some(&folder), &other).unwrap(); // nothing comes of it
         let mut store = Store::open(Some(&folder), &plan).unwrap();
         store.add(Outcome::of(&plan.faults[1])).unwrap();
         store.add(Outcome::of(&plan.faults[0])).unwrap();
@@ -160,7 +165,6 @@ mod tests {
         assert!(refused.code == 2 && refused.message.contains("its results are of build f00"), "{}", refused.message);
         again.add_station(StationOutcome::default()).unwrap();
         assert_eq!(again.check_build(&own).unwrap_err().code, 2, "of whom nobody knows");
-        let other = draw::plan(&file::parse("t", text).unwrap(), 2);
         assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
         std::fs::write(&results, "{}\n").unwrap();
         assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));

@@ -6,7 +6,7 @@ use crate::plan::Plan;
 use crate::settings::Refusal;
 use hyst_engine::Settings;
 use hyst_messages::Role;
-use hyst_scene::LoadedScene;
+use hyst_scene::{LoadedHand, LoadedScene};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -16,6 +16,8 @@ pub struct Admitted {
     pub hash: u64,
     /// Bytes of its tissue's state: the nodes, and the vertices of the surfaces that are drawn.
     pub state_bytes: u64,
+    /// The hand draws the loop under current; of one that is no script nobody knows, and it may.
+    pub may_cut: bool,
 }
 
 /// Loads the scene of a run as the engines will, so that a station is never half-started. What was repaired is said on stderr.
@@ -46,7 +48,14 @@ pub fn admit(settings: &Settings, plan: &Plan, case: Option<&RunCase>) -> Result
     }
     let bytes = |object: &hyst_scene::LoadedDeformable| object.mesh.positions_m.len() * 24 + object.bindings.len() * 12;
     let state_bytes = loaded.objects.iter().map(bytes).sum::<usize>() as u64;
-    Ok(Admitted { hash: loaded.hash, state_bytes })
+    Ok(Admitted { hash: loaded.hash, state_bytes, may_cut: may_cut(&settings.hand, &loaded) })
+}
+
+fn may_cut(hand: &str, loaded: &LoadedScene) -> bool {
+    let Some(name) = hand.strip_prefix("script:") else { return hand != "idle" };
+    // Where no way was found along a polyp, a hand of that name has no legs, and touches it under current.
+    let cuts = |hand: &LoadedHand| hand.legs.iter().any(|leg| leg.is_energized) || name == "polyp" && hand.legs.is_empty();
+    loaded.hand(name).is_some_and(cuts)
 }
 
 /// What the Main Loop says of the model that it would make of a scene, one sentence each. It alone knows, and this program links no simulation.
@@ -86,4 +95,29 @@ pub fn check(file: Option<&Path>, json: bool) -> Result<u8, Refusal> {
         println!("{}", report.to_string().trim_end());
     }
     Ok(if report.runnable { 0 } else { 2 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A case's own hand was told that it cuts nothing, because it was not called polyp.
+    #[test]
+    fn a_hand_cuts_if_one_of_its_legs_does_whatever_its_name_is() {
+        let mut scene = hyst_scene::load_embedded().unwrap();
+        let found = |scene: &LoadedScene| {
+            ["script:polyp", "script:press", "script:idle", "idle", "mouse"].map(|hand| may_cut(hand, scene))
+        };
+        assert_eq!(found(&scene), [true, false, false, false, true]);
+        let polyp = scene.hand("polyp").unwrap().clone();
+        for hand in &mut scene.hands {
+            match hand.name.as_str() {
+                "press" => hand.legs = polyp.legs.clone(),
+                "polyp" => hand.legs.iter_mut().for_each(|leg| leg.is_energized = false),
+                _ => {}
+            }
+        }
+        assert!(!polyp.legs.is_empty());
+        assert_eq!(found(&scene), [false, true, false, false, true]);
+    }
 }

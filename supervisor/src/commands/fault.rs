@@ -27,8 +27,17 @@ fn list() -> String {
     let kinds = FaultKind::ALL.map(|(kind, name, text)| (name, kind.targets(), text));
     let width = kinds.iter().map(|(_, targets, _)| targets.len()).max().unwrap_or(0);
     let head = ("kind", "of".to_string(), "what it does");
-    [head].iter().chain(&kinds).map(|(name, targets, text)| format!("{name:<11} {targets:<width$}  {text}\n")).collect()
+    let lines = [head]
+        .iter()
+        .chain(&kinds)
+        .map(|(name, targets, text)| format!("{name:<11} {targets:<width$}  {text}\n"))
+        .collect::<String>();
+    lines + KEEPERS
 }
+
+/// Why those who keep the station take so few.
+const KEEPERS: &str = "\nSupervisor and guardian take what is done from outside: a signal, or a limit that is lowered (oom: it is lowered, and nobody asks \
+                       them to take more).\nAll else an engine does because it is asked to, in its steps or beside them; they make none, and are not asked.\n";
 
 /// A fault is asked for this long before its tick, ns: less than the supervisor waits for one.
 const ASK_AHEAD_NS: u64 = 40_000_000;

@@ -237,9 +237,8 @@ impl FaultKind {
             Role::Device | Role::Rendering | Role::Recorder | Role::Console if what == Mischief::LeakLoans => {
                 Some("it has no stream that it writes in each step")
             }
-            Role::Rendering | Role::Recorder | Role::Console if what.is_lie() => {
-                Some("it publishes nothing that another process computes from")
-            }
+            Role::Rendering if what.is_lie() => Some("its pictures are for the eye alone: nobody computes from them"),
+            Role::Recorder | Role::Console if what.is_lie() => Some("it publishes nothing that another process computes from"),
             Role::Haptic if what == Mischief::Doom => None, // all of them compute from the same input
             _ if what.is_lasting() && !is_stateful(role) => Some("it has no state that a successor goes on from"),
             Role::Device | Role::Haptic if what == Mischief::Epoch => Some("its output has no epoch"),
@@ -250,9 +249,21 @@ impl FaultKind {
         }
     }
 
-    /// Whether those who keep the station may be hurt so: they do nothing that they are asked to.
+    /// Whether a time can be given with it: it lasts, and ends by itself when that is over.
+    pub(crate) fn takes_duration(self) -> bool {
+        let at_once =
+            [FaultKind::Kill, FaultKind::Cont, FaultKind::Segfault, FaultKind::Abort, FaultKind::Corrupt, FaultKind::Undo];
+        !at_once.contains(&self)
+    }
+
+    /// Whether it is a limit of its victim that is lowered.
+    pub fn is_limit(self) -> bool {
+        matches!(self, FaultKind::Oom | FaultKind::NoFiles)
+    }
+
+    /// Whether those who keep the station may be hurt so: it is done to them from outside, since they do nothing that they are asked to.
     pub(super) fn is_for_keepers(self) -> bool {
-        self.signal().is_some() && self.mischief().is_none()
+        self.is_limit() || self.signal().is_some() && self.mischief().is_none()
     }
 
     /// Who can be its target, in words: as few names as say it.
@@ -261,7 +272,7 @@ impl FaultKind {
         let (can, cannot): (Vec<Role>, Vec<Role>) = engines.partition(|role| self.hindrance(*role).is_none());
         let names = |roles: &[Role]| roles.iter().map(|role| role.name()).collect::<Vec<_>>().join(", ");
         match () {
-            () if self.is_for_keepers() => "all, supervisor, guardian".into(), // a signal hinders nobody
+            () if self.is_for_keepers() => "all, supervisor, guardian".into(), // what is done from outside hinders nobody
             () if cannot.is_empty() => "all".into(),
             () if cannot.len() < can.len() => format!("all but {}", names(&cannot)),
             () => names(&can),
@@ -282,6 +293,7 @@ mod tests {
     fn it_is_said_to_whom_a_kind_can_be_done() {
         for (kind, expected) in [
             (FaultKind::Kill, "all, supervisor, guardian"),
+            (FaultKind::NoFiles, "all, supervisor, guardian"),
             (FaultKind::HangStart, "all"),
             (FaultKind::ShmFull, "all"),
             (FaultKind::DiskFull, "recorder"),

@@ -89,6 +89,9 @@ impl Injection {
                 refuse("where, bytes and seed belong to corrupt")
             }
             () if kind.needs_duration() && self.for_s.is_none() => Err(format!("{} needs a duration: for (--for)", kind.name())),
+            () if !kind.takes_duration() && self.for_s.is_some() => {
+                Err(format!("{} is done in an instant, and takes no duration; leave for (--for) out", kind.name()))
+            }
             () if is_slow && factor.is_none() && extra_s.is_none() => refuse("slow needs a factor or an extra time"),
             () if is_corrupt && self.place.is_none() => {
                 let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
@@ -104,26 +107,30 @@ impl Injection {
         }
     }
 
-    /// What can be done to those who keep the station: the faults that are a signal.
+    /// What can be done to those who keep the station: what is done from outside, a signal or a limit that is lowered.
     pub(super) fn check_of_keepers(&self, keepers: Keepers) -> Result<(), String> {
         let kind = self.kind;
         let bare = Injection {
             tick: self.tick,
             phase_us: self.phase_us,
-            for_s: self.for_s.filter(|_| kind == FaultKind::Stop),
+            for_s: self.for_s.filter(|_| kind.takes_duration()),
             ..Injection::now(kind, &self.target)
         };
         if !kind.is_for_keepers() || *self != bare {
             return Err(format!(
-                "{} of {}: it takes kill, stop, cont, segfault and abort, without options but for (--for) with stop",
+                "{} of {}: it takes kill, stop, cont, segfault, abort, no-files and oom, without options but for (--for) with stop, no-files \
+                 and oom",
                 kind.name(),
                 self.target
             ));
         }
-        if kind == FaultKind::Stop && keepers != Keepers::Supervisor && self.for_s.is_none() {
-            return Err("stop of the guardian needs a duration: for (--for); nobody else continues or replaces it".into());
-        }
-        Ok(())
+        let why = match kind {
+            _ if self.for_s.is_some() => return Ok(()),
+            kind if kind.is_limit() => "whoever lowers the limit puts it back",
+            FaultKind::Stop if keepers == Keepers::Both => "nobody is left to continue or replace them",
+            _ => return Ok(()),
+        };
+        Err(format!("{} of {} needs a duration: for (--for); {why}", kind.name(), self.target))
     }
 }
 
@@ -168,7 +175,38 @@ mod tests {
         for (kind, target) in good {
             assert!(checked(kind, target, none).is_ok(), "{kind} {target}");
         }
-        assert!(checked("stop", "guardian", |it| it.for_s = Some(1.0)).is_ok());
+        for (kind, target) in [("nan", "rendering"), ("layout", "rendering")] {
+            assert!(checked(kind, target, none).unwrap_err().contains("for the eye"), "{kind} {target}");
+        }
+    }
+
+    /// A supervisor and a guardian replace each other when one of them stands; both together nobody replaces.
+    #[test]
+    fn those_who_keep_the_station_take_signals_and_limits() {
+        let for_a_second = |it: &mut Injection| it.for_s = Some(1.0);
+        for target in ["supervisor", "guardian", "supervisor+guardian"] {
+            for kind in ["stop", "no-files", "oom"] {
+                assert!(checked(kind, target, for_a_second).is_ok(), "{kind} {target}");
+            }
+            for kind in ["no-files", "oom"] {
+                assert!(checked(kind, target, |_| ()).unwrap_err().contains("duration"), "{kind} {target}");
+            }
+            for kind in ["slow", "spin", "block", "leak-memory", "corrupt"] {
+                assert!(checked(kind, target, for_a_second).unwrap_err().contains("it takes kill, stop"), "{kind} {target}");
+            }
+            assert_eq!(checked("stop", target, |_| ()).is_ok(), target != "supervisor+guardian", "{target}");
+        }
+    }
+
+    #[test]
+    fn a_duration_is_refused_by_what_is_done_in_an_instant() {
+        for (kind, _, _) in FaultKind::ALL {
+            let refused = checked(kind.name(), "recorder", |it| it.for_s = Some(1.0)).is_err_and(|why| why.contains("instant"));
+            let is_instant = ["kill", "cont", "segfault", "abort", "corrupt", "undo"].contains(&kind.name());
+            // One that the recorder cannot do is refused for that.
+            assert!(refused == is_instant, "{}", kind.name());
+        }
+        assert!(checked("kill", "guardian", |it| it.for_s = Some(1.0)).is_err());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use crate::policy::is_replicated;
 use hyst_messages::{Role, Slot};
+use serde::{Deserialize, Serialize};
 
 /// Which process of a role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +45,8 @@ impl Target {
 }
 
 /// Those who keep the station: the supervisor, the guardian, or both at the same instant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Keepers {
     /// The supervisor.
     Supervisor,

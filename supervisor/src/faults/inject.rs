@@ -72,13 +72,12 @@ impl Faults {
         if hit < victims.len() {
             return Err(format!("{} is not alive now; wait until it is back", injection.target));
         }
+        if kind == FaultKind::Undo {
+            return self.undo_all(&victims, injection, now_ns);
+        }
         for (index, victim) in victims.iter().enumerate() {
-            if kind == FaultKind::Undo {
-                self.undo(victim, now_ns);
-            } else {
-                let deed = if hinders { Deed::default() } else { self.deed(victim, injection, now_ns, index == 0)? };
-                self.begin(victim, injection, now_ns, deed).together = target.which == Which::Both;
-            }
+            let deed = if hinders { Deed::default() } else { self.deed(victim, injection, now_ns, index == 0)? };
+            self.begin(victim, injection, now_ns, deed).together = target.which == Which::Both;
         }
         self.keep_open();
         Ok(())
@@ -132,6 +131,22 @@ impl Faults {
             _ => {}
         }
         fault
+    }
+
+    /// Ends what is done to these processes; an error if there is nothing that could end, which says to whom there is.
+    fn undo_all(&mut self, victims: &[Victim], injection: &Injection, now_ns: u64) -> Result<(), String> {
+        let lasting: Vec<Slot> =
+            self.open.faults.iter().filter(|fault| is_lasting(fault)).filter_map(|fault| Slot::from_number(fault.slot)).collect();
+        if !victims.iter().any(|victim| lasting.contains(&victim.slot)) {
+            let whom: Vec<String> = victims.iter().map(|victim| victim.slot.to_string()).collect();
+            let others: Vec<String> = lasting.iter().map(Slot::to_string).collect();
+            let others = if others.is_empty() { "nor to anybody else".into() } else { format!("but to {}", others.join(", ")) };
+            let (name, whom) = (&injection.target, whom.join(", "));
+            return Err(format!("{name} is {whom} now, and nothing is being done to it that could end, {others}"));
+        }
+        victims.iter().for_each(|victim| self.undo(victim, now_ns));
+        self.keep_open();
+        Ok(())
     }
 
     /// Ends what is done to a process for a time, and what hinders its start; these faults are over now.
@@ -203,6 +218,14 @@ impl Faults {
     }
 }
 
+/// Whether a fault still does something that can end: to its living victim, to a start, or to a file system.
+fn is_lasting(fault: &Fault) -> bool {
+    let is_of = |kind: FaultKind| fault.kind == kind.name();
+    let is_asked = fault.asked.is_some() && !is_of(FaultKind::Corrupt); // bytes that were flipped stay so
+    let to_victim = !fault.dead && fault.recovered_us.is_none() && (is_of(FaultKind::Stop) || is_asked);
+    to_victim || fault.starts_left.is_some_and(|left| left > 0) || fault.ballast.is_some()
+}
+
 /// The process in a slot, by its id and its start: an id alone may be another's by now, and the page may be damaged.
 fn victim(slot: Slot, viewer: &mut Viewer) -> Result<Victim, String> {
     let living = remains::slot_alive(viewer.page(), slot.number()).filter(|_| !viewer.page().is_dead(slot));
@@ -216,5 +239,35 @@ fn strike(pid: u32, signal: Option<Signal>) -> bool {
     match signal {
         Some(Signal::SEGV) => proc::segfault(pid),
         signal => signal.is_none_or(|signal| proc::signal(pid, signal)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::Station;
+
+    /// It ended with exit code 0 although nothing was undone; by `:active` it may be another process than the one that was hurt.
+    #[test]
+    fn what_is_undone_must_be_there_and_whoever_has_it_is_named() {
+        let station = Station::named(&format!("t{}-undone", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let mut faults = Faults::new(&station, &[]).unwrap();
+        let [first, second] = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
+        let now_ns = system::now_ns();
+        let undo = |faults: &mut Faults, slot: Slot, incarnation: u32| {
+            let victim = Victim { slot, incarnation, pid: 0, done: 0 };
+            faults.undo_all(&[victim], &Injection::now(FaultKind::Undo, "tissue:active"), now_ns)
+        };
+        assert!(undo(&mut faults, first, 1).unwrap_err().contains("tissue:active is tissue:0 now"));
+        faults.start("corrupt", second, 2, now_ns).asked = Some((now_ns, 0));
+        faults.start("kill", first, 3, now_ns).dead = true;
+        assert!(undo(&mut faults, second, 2).unwrap_err().contains("nor to anybody else"), "neither of them ends");
+        faults.start("stop", first, 1, now_ns);
+        assert!(undo(&mut faults, second, 2).unwrap_err().contains("but to tissue:0"));
+        assert_eq!(undo(&mut faults, first, 1), Ok(()));
+        assert!(faults.all().any(|fault| fault.kind == "stop" && fault.continue_ns == Some(now_ns)));
+        station.wipe();
     }
 }

@@ -1,29 +1,22 @@
-//! A swap that is under way when a fault comes: begun by the campaign, from a copy of the role's own engine, and hurt at a drawn stage. Whether it succeeds
-//! is the swap's affair; that it ends is a promise.
+//! A swap that is under way when a fault comes: begun by the campaign, from a copy of the role's own engine, and hurt at a drawn place of it. Whether it
+//! succeeds is the swap's affair; that it ends is a promise. How far it is, is said by its record, and after its probation by the roster and the places.
 
-use super::{AHEAD_TICKS, Session, Trouble};
+use super::{AHEAD_TICKS, EARLY_TICKS, Session, Trouble};
 use crate::campaign::cell::Cell;
 use crate::campaign::draw::Entry;
 use crate::campaign::outcome::{Ending, Outcome, SwapSeen};
+use crate::campaign::stage::{Place, Stage};
 use crate::control::{self, Request};
 use crate::plan::Plan;
 use crate::swap::{Record, Step};
 use hyst_exchange::system;
-use hyst_messages::Role;
+use hyst_messages::{Role, Slot, TICK_NS};
 use std::path::PathBuf;
 
-/// The first steps of a swap's record, among which the stage of the fault is drawn: asked for, ready, compared, agreed, in the role. A servo's are asked
-/// for, ready, in the role; of one that is replaced in place, asked for and ready. After each of them the swap goes on for longer than a fault is asked for ahead.
-fn stages(role: Role) -> u64 {
-    match role {
-        Role::Tissue | Role::Fluid => 5,
-        Role::Haptic => 3,
-        _ => 2,
-    }
-}
-
-/// How long a swap may take to come to a stage, ns: a newcomer starts within 30 s.
-const STAGE_NS: u64 = 40_000_000_000;
+/// How long a swap may take to come to a stage, ns: a newcomer starts within 30 s, is compared for 1 s, is on probation for up to 4 s, and two others start.
+const STAGE_NS: u64 = 60_000_000_000;
+/// How much longer than until the tick it is waited for one, ns.
+const SPARE_NS: u64 = 1_000_000_000;
 /// How long it may take to end: what each of its stages may take at most (`policy::swap`), and the restart of each slot.
 const END_NS: u64 = 180_000_000_000;
 
@@ -35,12 +28,23 @@ impl Session {
         cell: &Cell,
         outcome: &mut Outcome,
     ) -> Result<Result<Option<u64>, String>, Trouble> {
-        let Some(role) = cell.swap else { return Ok(Ok(None)) };
-        outcome.swap = Some(SwapSeen { role: role.name().into(), begun_ns: system::now_ns(), ..SwapSeen::default() });
-        // A newcomer is there from the second step on.
-        let first = u64::from(cell.is_of_newcomer());
-        let begun = self.begin_swap(role, (first + entry.with_ticks % (stages(role) - first)) as usize)?;
-        Ok(begun.map(|()| Some(self.tick() + AHEAD_TICKS + entry.with_ticks)))
+        let Some((role, place)) = cell.swap.zip(entry.in_swap) else { return Ok(Ok(None)) };
+        let begun_ns = system::now_ns();
+        let begun = self.begin_swap(role, place.stage)?;
+        let since = begun.as_ref().ok().copied().flatten().map(|tick| (place.stage, tick));
+        outcome.swap = Some(SwapSeen { role: role.name().into(), begun_ns, since, ..SwapSeen::default() });
+        match begun {
+            Ok(since_tick) => self.tick_after(since_tick.unwrap_or_else(|| self.tick()), place).map(|tick| Ok(Some(tick))),
+            Err(reason) => Ok(Err(reason)),
+        }
+    }
+
+    /// Waits until a fault may be asked for so long after a tick; gives its tick, or 0 for one that is nearer than it can be asked for: it comes at once.
+    fn tick_after(&mut self, since_tick: u64, place: Place) -> Result<u64, Trouble> {
+        let tick = since_tick + place.offset_ticks;
+        let until_ns = place.offset_ticks * TICK_NS + SPARE_NS;
+        self.wait(until_ns, |session| (session.tick() + AHEAD_TICKS + EARLY_TICKS >= tick).then_some(()))?;
+        Ok(if tick < self.tick() + AHEAD_TICKS { 0 } else { tick })
     }
 
     /// Waits for the end of the swap, if there is one; one that does not end is no verdict, but a broken promise.
@@ -50,14 +54,19 @@ impl Session {
         }
         let at_ns = outcome.fault.as_ref().map_or(0, |fault| fault.injected_ns);
         match self.end_swap()? {
-            Some(record) => outcome.swap = Some(seen(&record, at_ns)),
+            Some(record) => {
+                let since = outcome.swap.as_ref().and_then(|swap| swap.since);
+                outcome.swap = Some(SwapSeen { since, ..seen(&record, at_ns) });
+            }
             None => (outcome.ending, outcome.reason) = (Ending::Open, "the swap does not end".into()),
         }
         Ok(())
     }
 
-    /// Asks for a swap of a role and waits until it has come to a stage, or has ended before. The text says why it did not begin.
-    fn begin_swap(&mut self, role: Role, stage: usize) -> Result<Result<(), String>, Trouble> {
+    /// Asks for a swap of a role and waits until it has come to a stage; gives in which tick that was seen, `None` if it ended before. The text says why it
+    /// did not begin.
+    fn begin_swap(&mut self, role: Role, stage: Stage) -> Result<Result<Option<u64>, String>, Trouble> {
+        let before = self.places(role);
         let number = match self
             .copy(role)
             .and_then(|binary| control::ask(&self.station, &Request::Swap { role: role.name().into(), binary }))
@@ -65,11 +74,38 @@ impl Session {
             Ok(answer) => answer["number"].as_u64().unwrap_or(0),
             Err(reason) => return Ok(Err(format!("swap of {}: {reason}", role.name()))),
         };
-        self.wait(STAGE_NS, |session| {
+        let found = self.wait(STAGE_NS, |session| {
             let record = Record::read(&session.station).filter(|record| record.number == number)?;
-            (record.steps.len() > stage || record.promoted.is_some()).then_some(())
+            let is_there = session.has_come_to(stage, &record, role, &before);
+            (is_there || record.promoted.is_some()).then(|| is_there.then(|| session.tick()))
         })?;
-        Ok(Ok(()))
+        Ok(Ok(found.flatten()))
+    }
+
+    /// The places of a role but the guest's, with their incarnations.
+    fn places(&self, role: Role) -> Vec<(Slot, u32)> {
+        let Some(viewer) = &self.viewer else { return Vec::new() };
+        let of_role = self.slots.iter().filter(|slot| slot.role() == role);
+        of_role.map(|slot| (*slot, viewer.page().incarnation(*slot))).collect()
+    }
+
+    /// Whether a swap has come to a stage; `before` is who was in the role's places when it was asked for.
+    fn has_come_to(&mut self, stage: Stage, record: &Record, role: Role, before: &[(Slot, u32)]) -> bool {
+        let Some(viewer) = &mut self.viewer else { return false };
+        let newcomer = record.incarnation;
+        let settled =
+            before.iter().filter(|(slot, old)| viewer.page().incarnation(*slot) != *old && viewer.is_well(*slot)).count();
+        let holds = newcomer != 0 && viewer.holder(role) == newcomer;
+        match stage {
+            Stage::Asked => true,
+            Stage::Ready => newcomer != 0,
+            Stage::Agreed => record.steps.len() > 2, // asked for, ready, agreed
+            Stage::Holds => holds,
+            Stage::Proven => record.proven,
+            Stage::Settling => record.proven && settled > 0,
+            Stage::Settled => record.proven && settled == before.len(),
+            Stage::Returned => record.proven && settled == before.len() && !holds,
+        }
     }
 
     /// Waits for the end of the swap; `None` if it does not end.
@@ -98,7 +134,7 @@ fn seen(record: &Record, at_ns: u64) -> SwapSeen {
         format!("the swap was undone: {}", record.reason)
     };
     let ended_ns = record.steps.last().map(ns).filter(|_| record.promoted.is_some());
-    SwapSeen { role: record.role.clone(), begun_ns: record.begun_ns, ended_ns, stage, end }
+    SwapSeen { role: record.role.clone(), begun_ns: record.begun_ns, ended_ns, stage, end, since: None }
 }
 
 #[cfg(test)]
@@ -134,11 +170,5 @@ mod tests {
         assert_eq!([60, 3_040, 3_051, 3_110].map(is_in), [true, true, false, false]);
         let going_on = seen(&Record { promoted: None, ..record.clone() }, 5_000_000_000);
         assert!(going_on.is_at(5_000_000_000) && !going_on.is_at(999_999_999));
-    }
-
-    #[test]
-    fn a_stage_is_one_after_which_the_swap_goes_on() {
-        // A servo's fourth and fifth step are the end of its probation, 20 ms before its end, and the end.
-        assert_eq!([Role::Fluid, Role::Tissue, Role::Haptic, Role::Recorder].map(stages), [5, 5, 3, 2]);
     }
 }

@@ -1,0 +1,60 @@
+use super::*;
+use hyst_messages::{Applied, LedgerEntry};
+
+#[test]
+fn a_fault_from_outside_began_at_a_heartbeat_that_can_have_been() {
+    let now_ns = 500_000_000_000;
+    assert_eq!(begin_ns(now_ns - 7, now_ns), now_ns - 7);
+    assert_eq!([0, u64::MAX].map(|beat_ns| begin_ns(beat_ns, now_ns)), [now_ns; 2], "never, and in the future");
+    assert_eq!(begin_ns(1, now_ns), now_ns - 40_000_000_000, "the machine's whole life is no fault's window");
+}
+
+/// `hang-start haptic:active` of a campaign took 30 s. When its control of 30 s more had passed, 9 815 of its 30 092 ticks were left.
+#[test]
+fn a_long_fault_is_judged_on_its_whole_window_whenever_its_control_ends() {
+    let station = Station::named(&format!("t{}-long", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    let mut faults = Faults::new(&station, &[]).unwrap();
+    let fault = faults.start("hang-start", Slot::first(Role::Haptic), 7, 1_000);
+    (fault.tick, fault.recovered_us) = (2_000, Some(30_071_149.0));
+    let tell = |faults: &mut Faults, ticks: std::ops::Range<u64>| {
+        for tick in ticks {
+            let kind = if tick == 2_500 { Applied::Held } else { Applied::Fresh } as u32;
+            let entry = LedgerEntry { hardware_tick: tick, station_tick: tick, force_tick: tick, kind, ..LedgerEntry::default() };
+            faults.ledger.push(&entry, true);
+        }
+        faults.close(false, |_, _, has_control| has_control);
+    };
+    tell(&mut faults, 0..33_000);
+    assert_eq!((faults.closed.len(), faults.open.faults.len()), (0, 1), "there is no control yet");
+    let mut successor = Faults::new(&station, &[]).unwrap();
+    assert_eq!(successor.open.faults, faults.open.faults, "a supervisor that comes after this one knows of it");
+    tell(&mut successor, 0..64_000);
+    let (window, control) = successor.closed[0].window.zip(successor.closed[0].control).unwrap();
+    assert_eq!((window.ticks, window.missed, control.ticks, control.missed), (30_092, 1, 30_092, 0));
+    assert!(control.from_tick >= window.to_tick && successor.ledger.window(2_000, 32_092).ticks < 30_092);
+    assert_eq!((successor.closed[0].promise_held, successor.closed[0].late.len()), (Some(false), 1));
+    station.wipe();
+}
+
+/// The line of a fault that filled /dev/shm was lost while its ballast was still being freed.
+#[test]
+fn a_fault_whose_line_cannot_be_written_is_closed_once_it_can() {
+    let station = Station::named(&format!("t{}-line", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    let mut faults = Faults::new(&station, &[]).unwrap();
+    faults.start("kill", Slot::first(Role::Fluid), 7, 1_000);
+    let file = path(&station, "faults.jsonl");
+    std::fs::create_dir(&file).unwrap(); // nobody writes into that
+    let mut close = || {
+        faults.close(false, |_, _, _| true);
+        (faults.closed.len(), faults.open.faults.len())
+    };
+    assert_eq!(close(), (0, 1));
+    std::fs::remove_dir(&file).unwrap();
+    assert_eq!(close(), (1, 0));
+    assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 1);
+    station.wipe();
+}
