@@ -110,7 +110,7 @@ typedef struct {
     float outflow_valve;
     float set_pressure_pa;
     float light;            /* 0 to 1 */
-    float loop_extension_m; /* beyond the sheath */
+    float loop_extension_m; /* of a loop beyond the sheath; of jaws from tip to tip */
 } hyst_controls;
 
 typedef struct {

@@ -94,6 +94,8 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "removed_volume_ml": status.removed_volume_ml,
         "washed_out": status.washed_out,
         "washed_out_ml": status.washed_out_ml,
+        "taken_out": status.taken_out,
+        "taken_out_ml": status.taken_out_ml,
         "cuts": status.cuts,
         "rss_mib": accounts.slots.values().map(|account| account.resident_mib).sum::<f64>(),
         "pss_mib": accounts.slots.values().map(|account| account.proportional_mib).sum::<f64>(),
@@ -287,6 +289,8 @@ struct Statuses {
     cuts: u32,
     washed_out: u32,
     washed_out_ml: f32,
+    taken_out: u32,
+    taken_out_ml: f32,
     deficit_ml: f64,
     bled_ml: f64,
     copied_per_frame: Option<u64>,
@@ -304,6 +308,7 @@ impl Statuses {
                 found.state_hash = status.state_hash;
                 (found.removed_volume_ml, found.cuts) = (status.removed_volume_ml, status.cuts);
                 (found.washed_out, found.washed_out_ml) = (status.washed_out, status.washed_out_ml);
+                (found.taken_out, found.taken_out_ml) = (status.taken_out, status.taken_out_ml);
             }
             let status = Slot::new(Role::Fluid, index).and_then(|slot| viewer.slot_page(slot)?.cell(fluid::STATUS));
             if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {

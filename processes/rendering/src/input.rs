@@ -205,7 +205,7 @@ pub(crate) static MOTIONS: [Motion; 5] = [
 
 /// The other keys.
 pub(crate) static SWITCHES: [Switch; 9] = [
-    Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], of_hand: true, does: "loop out, in" },
+    Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], of_hand: true, does: "loop out, in; jaws open, close" },
     Switch { keys: &[(KeyCode::Space, Key::Energize)], of_hand: true, does: "current, while held" },
     Switch { keys: &[(KeyCode::KeyI, Key::Inflow)], of_hand: true, does: "inflow shut, open" },
     Switch { keys: &[(KeyCode::KeyO, Key::Outflow)], of_hand: true, does: "outflow shut, open" },

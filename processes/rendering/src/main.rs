@@ -6,6 +6,7 @@
 mod album;
 mod display;
 mod hand;
+mod instrument;
 mod looks;
 mod medium;
 mod pulse;

@@ -2,37 +2,17 @@
 //!
 //! Promise: a message whose ranges, indices or numbers make no sense changes nothing.
 
+use crate::instrument::{Instrument, TOOL};
 use crate::looks;
-use glam::{Quat, Vec3};
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
-use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, Kind, Message, WireError};
-use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, shapes};
+use hyst_messages::{Kind, Message, WireError};
+use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh};
 use std::ops::Range;
 
-/// The tool's id on the stage, beyond all registration numbers.
-const TOOL: u64 = 1 << 32;
-/// Those of its loop electrode: the ring, which is bare and glows with current in it, and the arms, which are not.
-const RING: u64 = TOOL + 1;
-const ARMS: u64 = TOOL + 2;
 /// That of the bubbles.
 pub const BUBBLES: u64 = TOOL + 3;
 /// That of the flakes in the medium.
 pub const MOTES: u64 = TOOL + 4;
-/// Length of the arms, m: farther than any loop reaches, so that they end in the sheath, behind the lens.
-const ARM_M: f32 = 0.06;
-/// A loop that is in lies this far behind the tip, in the sheath, m: behind the lens as well.
-const SHEATHED_M: f32 = 0.02;
-/// The scope until the tissue has said what the scene's is: 5 mm, 30° fore-oblique, and no loop.
-const USUAL: ScopeRecord = ScopeRecord {
-    oblique_rad: std::f32::consts::FRAC_PI_6,
-    field_of_view_rad: std::f32::consts::FRAC_PI_2,
-    periphery_ratio: 0.52,
-    light: 1.0,
-    shaft_radius_m: 0.0025,
-    shaft_length_m: 0.3,
-    loop_radius_m: 0.0,
-    loop_wire_radius_m: 0.0,
-};
 const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
 const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
 const RIGID_TOOL: u32 = ObjectKind::Tool as u32;
@@ -85,15 +65,13 @@ struct Part {
 /// What the topology says, and the looks.
 #[derive(Debug)]
 pub struct Scenery {
-    /// How the instrument sees.
-    pub scope: ScopeRecord,
+    /// The instrument.
+    pub instrument: Instrument,
     /// Writer and version of the topology on the stage.
     topology: Option<(u32, u32)>,
     surfaces: Vec<(u64, Range<usize>)>,
     tools: Vec<u64>,
     vertices: usize,
-    /// Whether the loop is drawn as one with current in it.
-    is_hot: bool,
     said: bool,
 }
 
@@ -127,35 +105,11 @@ fn check_finite(points_m: &[[f32; 3]]) -> Result<(), Refused> {
     bad.map_or(Ok(()), |vertex| Err(Refused::NotFinite(vertex)))
 }
 
-fn set_tool(stage: &mut Stage, scope: &ScopeRecord) -> Result<(), RenderError> {
-    let shape = shapes::scope(scope.shaft_radius_m, scope.shaft_length_m, scope.oblique_rad);
-    let appearance = Appearance { external_only: true, ..Appearance::of(Material::Metal) };
-    stage.set_object(TOOL, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance })?;
-    if scope.loop_radius_m <= 0.0 {
-        stage.remove_object(RING);
-        stage.remove_object(ARMS);
-        return Ok(());
-    }
-    let ring = shapes::loop_ring(scope.loop_radius_m, scope.loop_wire_radius_m);
-    let arms = shapes::loop_arms(scope.loop_radius_m, scope.loop_wire_radius_m, ARM_M);
-    for (id, shape) in [(RING, ring), (ARMS, arms)] {
-        let appearance = Appearance::of(Material::Metal);
-        stage.set_object(id, SurfaceMesh { triangles: &shape.triangles, rest_m: &shape.positions_m, raw: &[], appearance })?;
-    }
-    Ok(())
-}
-
-/// Where the loop's ring is, m before the tip, when it has gone out so far.
-fn ring_m(extension_m: f32) -> f32 {
-    if extension_m > 0.0 { extension_m.min(ARM_M) } else { -SHEATHED_M }
-}
-
 impl Scenery {
     /// A stage with the tool alone.
     pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
-        set_tool(stage, &USUAL)?;
-        let (surfaces, tools) = (Vec::new(), Vec::new());
-        Ok(Scenery { scope: USUAL, topology: None, surfaces, tools, vertices: 0, is_hot: false, said: false })
+        let (instrument, surfaces, tools) = (Instrument::new(stage)?, Vec::new(), Vec::new());
+        Ok(Scenery { instrument, topology: None, surfaces, tools, vertices: 0, said: false })
     }
 
     /// Whether the objects on the stage are those of this version, from this or any other writer.
@@ -183,6 +137,7 @@ impl Scenery {
         for id in gone {
             stage.remove_object(id);
         }
+        self.instrument.rebuild(stage, &message)?;
         self.tools = records.iter().filter(|record| record.kind == RIGID_TOOL).map(|record| record.id as u64).collect();
         self.topology = Some((message.header().incarnation, message.header().topology_version));
         self.vertices = rest_m.len();
@@ -206,31 +161,9 @@ impl Scenery {
         Ok(uploaded)
     }
 
-    /// Puts the tool and its loop where the hardware says that they are; a loop with current in it glows.
-    pub fn hold_tool(&mut self, stage: &mut Stage, sample: &HardwareSample) -> Result<(), RenderError> {
-        let (pose, controls) = (&sample.pose, &sample.controls);
-        stage.set_pose(TOOL, pose.position_m, pose.orientation)?;
-        if self.scope.loop_radius_m <= 0.0 {
-            return Ok(());
-        }
-        let axis = Quat::from_array(pose.orientation) * Vec3::Z;
-        let ring = Vec3::from(pose.position_m) + axis * ring_m(controls.loop_extension_m);
-        stage.set_pose(RING, ring.to_array(), pose.orientation)?;
-        stage.set_pose(ARMS, ring.to_array(), pose.orientation)?;
-        let is_hot = controls.buttons & BUTTON_ENERGIZED != 0 && controls.loop_extension_m > 0.0;
-        if std::mem::replace(&mut self.is_hot, is_hot) != is_hot {
-            let glow = if is_hot { 1.0 } else { 0.0 };
-            stage.set_appearance(RING, Appearance { glow, ..Appearance::of(Material::Metal) })?;
-        }
-        Ok(())
-    }
-
     /// Gives scope and objects the looks that the tissue has answered with; what is not on the stage any more is left out.
     pub fn dress(&mut self, stage: &mut Stage, scope: ScopeRecord, records: &[AppearanceRecord]) -> Result<(), RenderError> {
-        if std::mem::replace(&mut self.scope, scope) != scope {
-            set_tool(stage, &scope)?;
-            self.is_hot = false;
-        }
+        self.instrument.dress(stage, scope)?;
         for record in records {
             let is_tool = self.tools.contains(&(record.id as u64));
             let look = Appearance { external_only: is_tool, ..looks::appearance(record) };
@@ -270,12 +203,6 @@ mod tests {
         assert!(matches!(huge, Err(Refused::Range { what: "triangles", .. })));
         let foreign = parts(&[record(3, 0, [4, 3], [0, 1])], &[[0, 5, 6]], 7).unwrap();
         assert!(foreign[0].triangles[0][0] > 7, "a foreign corner must not be taken for an own one");
-    }
-
-    #[test]
-    fn a_loop_that_is_in_lies_in_the_sheath_and_one_that_is_out_before_the_tip() {
-        assert_eq!([0.0, 0.000_03, 0.012, 9.0].map(ring_m), [-SHEATHED_M, 0.000_03, 0.012, ARM_M]);
-        assert_eq!(ring_m(f32::NAN), -SHEATHED_M);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::looks::Looks;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
-use hyst_messages::page::{fluid, hardware};
+use hyst_messages::page::{fluid, hardware, tissue};
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHeader};
 
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
@@ -26,6 +26,7 @@ pub struct Sources {
     topologies: [Option<Subscriber>; REPLICAS],
     fields: [Option<Subscriber>; REPLICAS],
     held: [Option<Held>; REPLICAS],
+    tissues: [Option<ReadPage>; REPLICAS],
     fluids: [Option<ReadPage>; REPLICAS],
     hardware: Option<ReadPage>,
     console: Option<ReadPage>,
@@ -56,6 +57,7 @@ impl Sources {
     pub fn open(life: &Life, links: Links) -> Result<Sources, Failure> {
         let interests = vec![
             (Role::Hardware, Wanted::Page),
+            (Role::Tissue, Wanted::Page),
             (Role::Tissue, Wanted::Stream(Kind::TissueState)),
             (Role::Tissue, Wanted::Stream(Kind::Topology)),
             (Role::Tissue, Wanted::Client(Kind::Appearance)),
@@ -71,6 +73,7 @@ impl Sources {
             topologies: Default::default(),
             fields: Default::default(),
             held: Default::default(),
+            tissues: Default::default(),
             fluids: Default::default(),
             hardware: None,
             console: None,
@@ -93,6 +96,7 @@ impl Sources {
         match (arrival.slot.role(), arrival.port) {
             (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
             (Role::Console, Port::Page(page)) => self.console.replace(page).map(Departure::Page),
+            (Role::Tissue, Port::Page(page)) => self.tissues[index].replace(page).map(Departure::Page),
             (Role::Fluid, Port::Page(page)) => self.fluids[index].replace(page).map(Departure::Page),
             (Role::Tissue, Port::Stream(Kind::TissueState, stream)) => self.states[index].replace(stream).map(Departure::Stream),
             (Role::Tissue, Port::Stream(Kind::Topology, stream)) => self.topologies[index].replace(stream).map(Departure::Stream),
@@ -141,6 +145,13 @@ impl Sources {
         let pose = &sample.pose;
         let finite = pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite());
         finite.then_some(sample)
+    }
+
+    /// How far the jaws were apart when they took hold of what they hold, m, as the newest of the tissues says; 0 for none.
+    pub fn hold_m(&self) -> f32 {
+        let says = self.tissues.iter().flatten().filter_map(|page| page.cell(tissue::STATUS)).map(|(_, status)| status);
+        let newest = says.max_by_key(|status| status.state_tick);
+        newest.map(|status| status.hold_m).filter(|hold_m| hold_m.is_finite()).unwrap_or(0.0)
     }
 
     /// What the newest of the fluids says of the pump.

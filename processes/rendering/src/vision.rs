@@ -160,7 +160,7 @@ impl<'a> Vision<'a> {
             uploaded: 0,
             copied: 0,
         };
-        vision.aim(None);
+        vision.aim(None, 0.0);
         vision.renderer.render(&vision.view)?;
         life.say(&format!("{name}, {width}x{height}, at most {} pictures/s", 1_000 / fastest_ticks));
         Ok(vision)
@@ -197,7 +197,7 @@ impl<'a> Vision<'a> {
                 Err(reason) => return Ok(End::NoWindow(reason)),
             }
             self.gather(sources).map_err(broken)?;
-            self.aim(sample.as_ref());
+            self.aim(sample.as_ref(), sources.hold_m());
             let lens_m = sample.as_ref().filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));
             let flow_ml_min = sources.pump().map_or(0.0, |pump| pump.inflow_ml_min);
             self.uploaded += self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
@@ -309,14 +309,14 @@ impl<'a> Vision<'a> {
         Ok(())
     }
 
-    /// Points the camera, moves the tool, sets the light.
-    fn aim(&mut self, sample: Option<&HardwareSample>) {
+    /// Points the camera, moves the tool, whose jaws hold something at such an opening, m, sets the light.
+    fn aim(&mut self, sample: Option<&HardwareSample>, hold_m: f32) {
         if let Some(sample) = sample {
             // The tool is on the stage from the start.
-            let _ = self.scenery.hold_tool(self.renderer.stage(), sample);
-            self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.scope.light;
+            let _ = self.scenery.instrument.hold(self.renderer.stage(), sample, hold_m);
+            self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.instrument.scope.light;
         }
-        let optic = &self.scenery.scope;
+        let optic = &self.scenery.instrument.scope;
         let mut scope = Endoscope {
             oblique_rad: optic.oblique_rad,
             field_of_view_rad: optic.field_of_view_rad,

@@ -152,7 +152,7 @@ fn knife(scene: &LoadedScene) -> Result<Value, String> {
 fn with_many_points(mut scene: LoadedScene) -> LoadedScene {
     if let (Some(mut tool), Some(rigid)) = (scene.scene.rigid.first().cloned(), scene.rigid.first_mut()) {
         tool.points = MANY_POINTS;
-        rigid.points_m = collision_points(&tool);
+        (rigid.points_m, rigid.outward) = collision_points(&tool);
     }
     scene
 }

@@ -19,8 +19,9 @@ const INTERVAL_NS: u64 = 2_000_000;
 const WAITING: usize = 4;
 
 /// Sections of a topology: objects, tets, owner of each tet, triangles, surface vertices at rest, wall triangles, 1 for each surface vertex on a wound,
-/// nodes at rest.
-pub const SECTIONS: usize = 8;
+/// nodes at rest; of the instrument, where it has surfaces from files, the vertices of the shaft's and then of the jaw's, their triangles, and how many
+/// vertices and triangles are the shaft's.
+pub const SECTIONS: usize = 11;
 
 /// Ends the clerk's thread when dropped.
 pub struct Clerk {
@@ -74,6 +75,9 @@ fn send_topology(publisher: &Publisher, world: &World, incarnation: u32) -> Resu
         bytemuck::cast_slice(&world.wall),
         bytemuck::cast_slice(&raw),
         bytemuck::cast_slice(&world.body.rest.positions_m),
+        bytemuck::cast_slice(&world.case.metal.positions_m),
+        bytemuck::cast_slice(&world.case.metal.triangles),
+        bytemuck::cast_slice(&world.case.metal.of_shaft),
     ];
     let lengths = parts.map(<[u8]>::len);
     let mut loan = publisher.loan(message_bytes(&lengths))?;
@@ -100,6 +104,9 @@ fn most_bytes(world: &World) -> usize {
         room.tets * 24,
         room.vertices * 4,
         room.nodes * 12,
+        world.case.metal.positions_m.len() * 12,
+        world.case.metal.triangles.len() * 12,
+        size_of_val(&world.case.metal.of_shaft),
     ])
 }
 

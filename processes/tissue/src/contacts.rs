@@ -5,12 +5,13 @@
 
 use crate::through::{Passage, Through};
 use crate::world::{TOOL_ID, World};
+use glam::Vec3;
 use hyst_contact::{
     ContactForce, Gap, HashMut, HashRef, HashSizes, Hit, Layout, Memory, NONE, Penetration, PenetrationInput, PenetrationParams,
     PlaneInput, PlaneParams, PlaneSet, Points, Retreat, Source, Tissue, Workspace, find_gaps, own_face, penetration, planes,
 };
 use hyst_engine::Failure;
-use hyst_tissue::{ContactLaw, PairSpring, PlaneSpring, Scratch, StateRef};
+use hyst_tissue::{ContactLaw, Hold, PairSpring, PlaneSpring, Scratch, StateRef, gather};
 
 /// Contact stiffness per area, N/m³: a tip of 5 mm diameter (20 mm²) is met with about 1.5 kN/m, several times stiffer than tissue of 30 kPa
 /// under it, so that the tissue yields and not the contact.
@@ -154,7 +155,7 @@ impl Contacts {
                 let (depth_m, normal) = way_out(world, &tissue, found, point);
                 let stiffness_n_m = TISSUE_STIFFNESS_N_M3 * area_m2;
                 self.pairs.push(PairSpring { node, tet: *nodes, weights, normal, depth_m, stiffness_n_m });
-            } else {
+            } else if (found.point as usize) < world.case.tool.pads {
                 let normal = found.direction.map(|c| -c);
                 let along: f32 = normal.iter().zip(point).map(|(n, p)| n * p).sum();
                 let is_loop = found.point as usize >= world.case.tool.shaft;
@@ -198,21 +199,32 @@ impl Contacts {
         self.springs.len()
     }
 
-    /// The planes for the servo and the force on the tool, from the tissue as it is after the step that `scratch` has made.
+    /// The planes for the servo and the force on the tool, from the tissue as it is after the step that `scratch` has made, with what the tool holds.
     pub fn planes(
         &mut self,
         world: &World,
         hash: &HashRef<'_>,
-        tool: &ToolMotion<'_>,
+        (tool, holds): (&ToolMotion<'_>, &[Hold]),
         after: &StateRef<'_>,
         scratch: &Scratch,
     ) -> Result<(PlaneSet, [f32; 3]), Failure> {
         let mut total = [0.0f32; 3];
+        self.forces.truncate(self.springs.len());
         for (spring, force) in self.springs.iter().zip(&mut self.forces) {
             let push = scratch.push(&world.model, &LAW, spring, after);
             (force.normal_n, force.stiffness_n_m) = (push.normal_n, push.stiffness_n_m);
             force.force_n = push.force_n.map(|part| -part);
             total.iter_mut().zip(force.force_n).for_each(|(sum, part)| *sum += part);
+        }
+        for hold in holds {
+            let pull = scratch.pull(&world.model, &LAW, hold, after);
+            let at = gather(hold.nodes, hold.weights, after.position_m).map(Vec3::from);
+            // The tool is drawn to where the tissue is.
+            let direction = at.map_or(Vec3::ZERO, |at| (at - Vec3::from(hold.place_m)).normalize_or_zero()).to_array();
+            let (force_n, normal_n, stiffness_n_m) = (pull.force_n.map(|part| -part), pull.normal_n, pull.stiffness_n_m);
+            let force = ContactForce { owner: TOOL_ID, direction, normal_n, force_n, stiffness_n_m, ..ContactForce::default() };
+            self.forces.push(force);
+            total.iter_mut().zip(force_n).for_each(|(sum, part)| *sum += part);
         }
         let tissue = tissue(world, after.position_m);
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());

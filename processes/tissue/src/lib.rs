@@ -8,9 +8,11 @@ mod clerk;
 mod collision;
 mod contacts;
 mod drift;
+mod grasp;
 mod knife;
 mod main_loop;
 mod materials;
+mod metal;
 mod outlet;
 mod points;
 mod site;
@@ -28,6 +30,12 @@ use hyst_engine::{Failure, Life, Stateful};
 pub fn engine(life: &Life) -> Result<impl Stateful + '_, Failure> {
     let (workshop, world) = world::Workshop::load(life)?;
     main_loop::MainLoop::new(life, workshop, world)
+}
+
+/// The scene of the tests of jaws.
+#[cfg(test)]
+fn grasper_scene() -> std::path::PathBuf {
+    std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes/grasper.toml")
 }
 
 /// The whole life of a Main Loop.

@@ -6,7 +6,10 @@
 //! substitute computes the same bits.
 
 mod cutting;
+mod grasping;
 mod hand;
+mod medium;
+mod telling;
 #[cfg(test)]
 mod tests;
 
@@ -14,9 +17,8 @@ use crate::afford::{LONGEST_STEP, affordable_step};
 use crate::clerk::Clerk;
 use crate::collision::Collision;
 use crate::contacts::{Contacts, LAW};
-use crate::drift::drift_forces;
+use crate::grasp::Grasp;
 use crate::knife::Knife;
-use crate::outlet::Draw;
 use crate::site::SiteManager;
 use crate::state::{Core, hash, is_sound, most_bytes, sections};
 use crate::through::Passage;
@@ -28,15 +30,13 @@ use hyst_exchange::{Links, ReadPage, Roster, system};
 use hyst_messages::page::{device, header, station, tissue};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{
-    BUTTON_ENERGIZED, ContactModel, ContactPlane, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
+    BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
 };
-use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
+use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, step, surface_update};
+use medium::medium_forces;
 use std::cell::Cell;
 use std::sync::Arc;
-
-/// Distension about the rest shape that the wall follows, Pa. The scene's rest shape is the cavity at its set pressure; farther from it the
-/// wall would need the stress-free shape, which no mesh of a distended cavity holds.
-const MAX_DISTENSION_PA: f32 = 2_000.0;
+use telling::status_of;
 
 /// The engine.
 pub struct MainLoop<'a> {
@@ -45,6 +45,7 @@ pub struct MainLoop<'a> {
     world: Arc<World>,
     site: SiteManager,
     knife: Knife,
+    grasp: Grasp,
     /// Whether a cut was refused, which is said once.
     has_refused: bool,
     scratch: Scratch,
@@ -77,6 +78,7 @@ impl<'a> MainLoop<'a> {
             workshop,
             site,
             knife: Knife::default(),
+            grasp: Grasp::default(),
             has_refused: false,
             scratch: Scratch::new(&world.model),
             collision: Collision::new(life, &world),
@@ -121,29 +123,6 @@ impl<'a> MainLoop<'a> {
             pressure_pa: case.rest_pressure_pa,
             ..Core::default()
         }
-    }
-
-    /// Puts the contact model of a finished state into the page.
-    fn publish_model(&mut self, context: &StepContext, message: &Message<'_>) {
-        let mut model = ContactModel {
-            epoch: context.tenure.epoch,
-            incarnation: self.life.incarnation,
-            state_tick: context.next_tick,
-            input_tick: message.header().input_tick,
-            plane_count: self.planes.count,
-            pose_hash: message.record::<Core>(0).map_or(0, |core| core.pose.hash()),
-            ..ContactModel::default()
-        };
-        for (to, from) in model.planes.iter_mut().zip(&self.planes.planes[..self.planes.count as usize]) {
-            *to = ContactPlane {
-                point_m: from.point_m,
-                stiffness_n_m: from.stiffness_n_m,
-                normal: from.normal,
-                damping_n_s_m: from.damping_n_s_m,
-            };
-        }
-        self.lies.tell(self.life, &mut model);
-        self.life.page.write(tissue::MODEL, &model);
     }
 }
 
@@ -193,12 +172,13 @@ impl Stateful for MainLoop<'_> {
         let world = &self.world;
         let header = StreamHeader { topology_version: world.version, ..header };
         let parts = MessageMut::format(state, Kind::TissueState, header, &sections(world, 0))?.split();
-        let [core, positions, velocities, surface, memory, body, ..] = parts;
+        let [core, positions, velocities, surface, memory, body, _, grasp, ..] = parts;
         core.copy_from_slice(bytemuck::bytes_of(&self.first_core()));
         let positions: &mut [[f32; 3]] = bytemuck::cast_slice_mut(positions);
         positions.copy_from_slice(world.model.rest_m());
         velocities.fill(0);
         memory.fill(0);
+        grasp.fill(0);
         body.copy_from_slice(bytemuck::cast_slice(&world.words));
         surface_update(&world.body.skin.bindings, world.model.tets(), positions, bytemuck::cast_slice_mut(surface));
         Ok(())
@@ -241,14 +221,16 @@ impl Stateful for MainLoop<'_> {
         let before: Core = message.record(0)?;
         let (positions, velocities): (&[[f32; 3]], &[[f32; 3]]) = (message.section(1)?, message.section(2)?);
         let hand = self.hand(context.tick, &before);
+        let [stood, stands] = self.stands(&message, &before, &hand, positions)?;
         // Deformation pauses where something is cut, and goes on from what is left. The workers have the mesh that it was until then.
         let change = self.change(&message, &hand, (positions, velocities))?;
         let context = &StepContext { holding: context.holding && !change.is_any(), ..*context };
         let (positions, velocities) = if change.is_cut { self.knife.moved() } else { (positions, velocities) };
         let world = &*self.world;
+        self.grasp.keep_tissue(world);
         let header = StreamHeader { input_tick: hand.input_tick, topology_version: world.version, ..*message.header() };
         let sections = sections(world, self.knife.stroke_bytes());
-        let [core, next_positions, next_velocities, surface, memory, body, next_stroke, ..] =
+        let [core, next_positions, next_velocities, surface, memory, body, next_stroke, next_grasp, ..] =
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
         body.copy_from_slice(bytemuck::cast_slice(&world.words));
         self.knife.write_stroke(next_stroke);
@@ -256,7 +238,7 @@ impl Stateful for MainLoop<'_> {
 
         // Rigid objects and their points, those of tissue that may meet other tissue, then the intersection test.
         let (tool, rest) = (&world.case.tool, &world.body.rest.positions_m[..]);
-        world.points.place(tool, (&hand.pose, hand.loop_m), (positions, rest), &mut self.points_m);
+        world.points.place(tool, (&hand.pose, stands), (positions, rest), &mut self.points_m);
         let job = self.collision.hash(context, &self.points_m, &world.points, world.case.cell_m)?;
         self.collision.test(self.life, context, job, &self.points_m, world, positions)?;
         let tested_ns = system::now_ns();
@@ -264,8 +246,10 @@ impl Stateful for MainLoop<'_> {
         // Response: contacts as springs for the deformation, the fluid's pressure as forces.
         let tool = hand.motion(world.case.pivot_m, &self.points_m);
         let (table, dt_s) = (self.collision.table()?, context.step_ticks as f32 * 1e-3);
-        let passage = Passage { hash: &table, before: (&before.pose, before.loop_m), velocities_m_s: velocities, dt_s };
+        let passage = Passage { hash: &table, before: (&before.pose, stood), velocities_m_s: velocities, dt_s };
         self.contacts.meet(world, self.collision.hits(), (&tool, &passage), positions, bytemuck::cast_slice_mut(memory))?;
+        let seen = if stands.looks { self.collision.hits() } else { &[] };
+        self.grasp.act(world, seen, (&hand.pose, hand.velocity_m_s), next_grasp);
         let (medium, nodes) = ((&before, hand.draw.as_ref()), (positions, velocities));
         medium_forces(world, medium, nodes, dt_s, &mut self.pressure_pa, self.contacts.node_force_n());
         let answered_ns = system::now_ns();
@@ -277,6 +261,7 @@ impl Stateful for MainLoop<'_> {
             external_force_n: self.contacts.forces_n(),
             springs: self.contacts.springs(),
             pairs: self.contacts.pairs(),
+            holds: self.grasp.holds(),
             attachments: &world.attachments,
             law: LAW,
             dt_s,
@@ -289,9 +274,9 @@ impl Stateful for MainLoop<'_> {
 
         // Forces to the device.
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
-        let (planes, force_n) = self.contacts.planes(world, &table, &tool, &after, &self.scratch)?;
+        let (planes, force_n) = self.contacts.planes(world, &table, (&tool, self.grasp.holds()), &after, &self.scratch)?;
         self.planes = planes;
-        let core_now = hand.core(&before, force_n, self.contacts.count(), &change);
+        let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), &change);
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
         self.status = status_of(self.status, &core_now, before.pressure_pa, self.collision.missing(), times_ns);
@@ -352,44 +337,5 @@ impl Stateful for MainLoop<'_> {
             }
             (_, Port::Client(..)) => {}
         }
-    }
-}
-
-/// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, and its flow on what floats.
-fn medium_forces(
-    world: &World,
-    (before, draw): (&Core, Option<&Draw>),
-    nodes: (&[[f32; 3]], &[[f32; 3]]),
-    dt_s: f32,
-    pressure_pa: &mut [f32],
-    node_force_n: &mut [[f32; 3]],
-) {
-    let distension_pa = before.pressure_pa - world.case.rest_pressure_pa;
-    pressure_pa.fill(distension_pa.clamp(-MAX_DISTENSION_PA, MAX_DISTENSION_PA));
-    pressure_forces(&world.wall, nodes.0, pressure_pa, node_force_n);
-    drift_forces(&world.drifters, (&before.pieces, draw), nodes, (&world.model, dt_s), node_force_n);
-}
-
-/// The status of a step after the one before; `times_ns`: when it began, and when test, response, deformation and all had ended.
-fn status_of(
-    before: TissueStatus,
-    core: &Core,
-    cavity_pressure_pa: f32,
-    shares_missing: u32,
-    times_ns: [u64; 5],
-) -> TissueStatus {
-    let us = |part: usize| (times_ns[part + 1] - times_ns[part]) as f32 * 1e-3;
-    TissueStatus {
-        removed_volume_ml: core.removed_volume_ml,
-        cuts: core.cuts,
-        is_cutting: core.is_cutting,
-        washed_out: core.washed_out,
-        washed_out_ml: core.washed_out_ml as f32,
-        cavity_pressure_pa,
-        contact_count: core.contact_count,
-        tool_force_n: core.force_n,
-        shares_missing,
-        phase_us: [us(2), us(0), us(1), us(3)],
-        ..before
     }
 }

@@ -6,7 +6,7 @@
 
 use crate::body::Body;
 use crate::site::MAX_OBJECTS;
-use crate::tool::{NOWHERE, Tool};
+use crate::tool::{NOWHERE, Stand, Tool};
 use crate::world::{Case, TOOL_ID};
 use glam::Vec3;
 use hyst_contact::{HashMut, HashSizes, Hit, Layout, NONE, OwnContact, PointGraph, Points, Share, Tissue, Topology, intersect};
@@ -148,16 +148,16 @@ impl ContactPoints {
         Points { owner: &self.owner, node: &self.node, own: Some(own) }
     }
 
-    /// Puts the tool's points where the pose and its loop's way out say, and the others where their nodes are; nowhere those that can meet no fold.
+    /// Puts the tool's points where its pose and the stand of its working element say, and the others where their nodes are; nowhere those that can meet no fold.
     pub fn place(
         &self,
         tool: &Tool,
-        (pose, loop_m): (&Pose, f32),
+        (pose, stand): (&Pose, Stand),
         (positions_m, rest_m): (&[[f32; 3]], &[[f32; 3]]),
         out_m: &mut [[f32; 3]],
     ) {
         let (of_tool, of_tissue) = out_m.split_at_mut(self.tool.min(out_m.len()));
-        tool.place(pose, loop_m, of_tool);
+        tool.place(pose, stand, of_tool);
         let (of_others, of_folds) = of_tissue.split_at_mut((self.own_from - self.tool).min(of_tissue.len()));
         let at = |places_m: &[[f32; 3]], node: &u32| places_m.get(*node as usize).copied().unwrap_or(NOWHERE);
         for (out, node) in of_others.iter_mut().zip(&self.node[self.tool..]) {
@@ -261,7 +261,7 @@ mod tests {
         let mut out = vec![[0.0; 3]; points.len()];
         let pose = Pose { orientation: [0.0, 0.0, 0.0, 1.0], ..Pose::default() };
         let mut there = |positions_m: &[[f32; 3]]| {
-            points.place(&world.case.tool, (&pose, 0.0), (positions_m, rest_m), &mut out);
+            points.place(&world.case.tool, (&pose, Stand::default()), (positions_m, rest_m), &mut out);
             let is_there: Vec<bool> = out.iter().map(|place| place[0].is_finite()).collect();
             let folds = &is_there[points.own_from..];
             assert!(is_there[..world.case.tool.shaft].iter().all(|is| *is), "the shaft");

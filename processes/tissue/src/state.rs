@@ -1,6 +1,7 @@
 //! What a tissue state holds, and what a sound one is.
 
 use crate::body::{Body, version_of};
+use crate::grasp;
 use crate::knife::most_stroke_bytes;
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
@@ -28,6 +29,8 @@ pub struct Core {
     pub removed_volume_ml: f64,
     /// What has left through the outflow so far, ml.
     pub washed_out_ml: f64,
+    /// What was taken out in the jaws so far, ml.
+    pub taken_out_ml: f64,
     /// Pressure in the cavity to be used by the next step, Pa.
     pub pressure_pa: f32,
     /// Contacts in the step.
@@ -36,10 +39,18 @@ pub struct Core {
     pub cuts: u32,
     /// 1 while a stroke is under way.
     pub is_cutting: u32,
-    /// How far the loop is out where it is solid, m; 0 in its sheath, and while it cuts.
+    /// How far the loop is out where it is solid, m; 0 in its sheath, and while it cuts. Of jaws how far they are apart.
     pub loop_m: f32,
     /// Pieces that have left through the outflow, so far.
     pub washed_out: u32,
+    /// Points that the jaws hold.
+    pub held: u32,
+    /// Pieces that were taken out in the jaws, so far.
+    pub taken_out: u32,
+    /// How far the jaws were apart when they took hold, m; not solid until they are that again. 0 for solid ones.
+    pub hold_m: f32,
+    /// Zero.
+    pub reserved: u32,
     /// The flow at free pieces to be used by the next step.
     pub pieces: [PieceFlow; MAX_PIECES],
 }
@@ -48,17 +59,19 @@ impl Core {
     /// Whether what counts and what the next step uses of it are numbers that can be.
     pub fn is_sane(&self) -> bool {
         let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-        let numbers = [self.removed_volume_ml as f32, self.washed_out_ml as f32, self.pressure_pa, self.loop_m];
+        let numbers = [self.removed_volume_ml as f32, self.washed_out_ml as f32, self.pressure_pa, self.loop_m, self.hold_m];
         numbers.iter().all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
     }
 }
 
-/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke.
-pub const SECTIONS: usize = 7;
+/// Sections of a tissue state, in order: core, positions, velocities, surface vertices, memory of the tool's points, body, stroke, what the jaws hold.
+pub const SECTIONS: usize = 8;
 /// The body's.
 pub const BODY: usize = 5;
 /// The stroke's.
 pub const STROKE: usize = 6;
+/// That of what the jaws hold.
+pub const GRASP: usize = 7;
 
 /// Bytes of each section of a state of a world.
 pub fn sections(world: &World, stroke: usize) -> [usize; SECTIONS] {
@@ -68,7 +81,8 @@ pub fn sections(world: &World, stroke: usize) -> [usize; SECTIONS] {
 
 fn of_counts(world: &World, nodes: usize, vertices: usize, words: usize, stroke: usize) -> [usize; SECTIONS] {
     let memory = world.case.tool.points_m.len() * size_of::<Memory>();
-    [size_of::<Core>(), nodes * 12, nodes * 12, vertices * 12, memory, words * 4, stroke]
+    let grasp = grasp::most_bytes(&world.case.tool);
+    [size_of::<Core>(), nodes * 12, nodes * 12, vertices * 12, memory, words * 4, stroke, grasp]
 }
 
 /// Bytes of the greatest state that can come of a world.

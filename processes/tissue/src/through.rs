@@ -5,6 +5,7 @@
 //! remembers where it came in), or it was so fast that no step saw it in there, which the sweep finds.
 
 use crate::contacts::ToolMotion;
+use crate::tool::Stand;
 use crate::world::World;
 use glam::{Quat, Vec3};
 use hyst_contact::{
@@ -28,8 +29,8 @@ const MOST_ALONG: f32 = 0.2;
 pub struct Passage<'a> {
     /// The table of this step.
     pub hash: &'a HashRef<'a>,
-    /// Where the tool was in the step before, and how far its solid loop was out, m.
-    pub before: (&'a Pose, f32),
+    /// Where the tool was in the step before, and how its working element stood.
+    pub before: (&'a Pose, Stand),
     /// Velocities of the nodes, m/s.
     pub velocities_m_s: &'a [[f32; 3]],
     /// The step, s.

@@ -3,6 +3,7 @@
 use crate::body::{Body, Room, version_of};
 use crate::drift::{Bath, Drifter};
 use crate::materials::{lowered, materials};
+use crate::metal::Metal;
 use crate::outlet::Outlet;
 use crate::points::ContactPoints;
 use crate::site::{MAX_OBJECTS, object};
@@ -56,6 +57,8 @@ pub struct Case {
     pub looks: Vec<Option<Look>>,
     /// How the instrument sees, and what is drawn of it.
     pub scope: ScopeRecord,
+    /// Its surfaces from files.
+    pub metal: Metal,
     /// Where the hand rests at first.
     pub rest: hyst_scene::Pose,
     /// The pivot of the hand, m.
@@ -224,6 +227,7 @@ impl Case {
             outlet: Outlet::of(rigid),
             looks: scene.objects.iter().map(|object| object.look).collect(),
             scope: scope(scene, rigid),
+            metal: Metal::of(rigid),
             rest: scene.rest,
             pivot_m: scene.workspace.pivot_m,
             rest_pressure_pa: scene.fluid.set_pressure_pa,
@@ -233,6 +237,11 @@ impl Case {
     /// The object of the scene that an object is, or was a part of.
     pub fn origin(&self, body: &Body, object: u32) -> usize {
         body.origin.get(object as usize).map_or(0, |origin| *origin as usize)
+    }
+
+    /// Whether an object is one of the scene, and not one that has come free of such.
+    pub fn is_of_scene(&self, object: u32) -> bool {
+        (object as usize) < self.objects.len()
     }
 
     /// Whether an object is, or was a part of, what is to be removed.
@@ -308,9 +317,11 @@ fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRe
     body.skin.triangles.iter().enumerate().for_each(|(index, triangle)| note(of_vertex(triangle[0] as usize), 2, index));
     let deformable = (0..count).map(|index| {
         let (name, kind) = &case.objects[body.origin[index] as usize];
-        let is_of_scene = index < case.objects.len();
+        let is_of_scene = case.is_of_scene(index as u32);
         let name = if is_of_scene { name.clone() } else { format!("{name}, piece {}", index + 1 - case.objects.len()) };
-        let kind = if is_of_scene || held[index] { *kind } else { ObjectKind::FreePiece };
+        // An organ that nothing holds is still one; a pathology that nothing holds is a free piece from the beginning.
+        let is_free = !held[index] && !(is_of_scene && *kind == ObjectKind::Organ);
+        let kind = if is_free { ObjectKind::FreePiece } else { *kind };
         let [tets, vertices, triangles, nodes] = counts[index];
         ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }
     });

@@ -41,7 +41,7 @@ impl Pose {
 
 /// Bit of [`Controls::buttons`]: the hand wants current in the loop electrode.
 pub const BUTTON_ENERGIZED: u32 = 1;
-/// Bit of [`Controls::buttons`]: the hand wants the loop electrode out; [`Controls::loop_extension_m`] says how far it is.
+/// Bit of [`Controls::buttons`]: the hand wants the loop electrode out, or the jaws open; [`Controls::loop_extension_m`] says how far it is, or they are.
 pub const BUTTON_EXTENDED: u32 = 2;
 
 /// What the hand sets beside the pose.
@@ -58,7 +58,7 @@ pub struct Controls {
     pub set_pressure_pa: f32,
     /// Light, 0…1.
     pub light: f32,
-    /// Extension of the loop electrode beyond the sheath, m.
+    /// Extension of the loop electrode beyond the sheath, or what the tips of jaws are apart, m.
     pub loop_extension_m: f32,
 }
 
@@ -345,6 +345,14 @@ pub struct TissueStatus {
     pub washed_out: u32,
     /// Their volume, ml. Of what is to be removed it is in `removed_volume_ml` too, since it came free.
     pub washed_out_ml: f32,
+    /// Points of tissue that the jaws hold.
+    pub held: u32,
+    /// How far the jaws were apart when they took hold, m; 0 while they are solid.
+    pub hold_m: f32,
+    /// Pieces that were taken out in the jaws, so far.
+    pub taken_out: u32,
+    /// Their volume, ml, likewise.
+    pub taken_out_ml: f32,
 }
 
 /// The hand that comes from a window: targets for the simulated hardware.

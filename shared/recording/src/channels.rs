@@ -109,9 +109,14 @@ impl Channel {
                 add(
                     &mut fields,
                     "integer",
-                    &[&["tick", "cuts", "is_cutting", "topology_version", "washed_out"], &counts[..]].concat(),
+                    &[&["tick", "cuts", "is_cutting", "topology_version", "washed_out", "held", "taken_out"], &counts[..]]
+                        .concat(),
                 );
-                add(&mut fields, "number", &["removed_volume_ml", "washed_out_ml", "cavity_pressure_pa"]);
+                add(
+                    &mut fields,
+                    "number",
+                    &["removed_volume_ml", "washed_out_ml", "hold_m", "taken_out_ml", "cavity_pressure_pa"],
+                );
                 fields
             }
             Channel::Fluid => {

@@ -287,6 +287,14 @@ pub(crate) struct Tissue {
     washed_out: u32,
     #[serde(default)]
     washed_out_ml: f32,
+    #[serde(default)]
+    held: u32,
+    #[serde(default)]
+    hold_m: f32,
+    #[serde(default)]
+    taken_out: u32,
+    #[serde(default)]
+    taken_out_ml: f32,
 }
 
 impl Tissue {
@@ -309,6 +317,10 @@ impl Tissue {
             topology_version: status.topology_version,
             washed_out: status.washed_out,
             washed_out_ml: status.washed_out_ml,
+            held: status.held,
+            hold_m: status.hold_m,
+            taken_out: status.taken_out,
+            taken_out_ml: status.taken_out_ml,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -330,6 +342,10 @@ impl Tissue {
             topology_version: self.topology_version,
             washed_out: self.washed_out,
             washed_out_ml: self.washed_out_ml,
+            held: self.held,
+            hold_m: self.hold_m,
+            taken_out: self.taken_out,
+            taken_out_ml: self.taken_out_ml,
         }
     }
 }

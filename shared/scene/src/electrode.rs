@@ -1,6 +1,6 @@
 //! The loop electrode, ready to cut. The instrument's frame: tip at the origin, shaft along −z.
 
-use crate::file::Rigid;
+use crate::instrument::Rigid;
 
 /// Pieces of the half ring: their middles lie half a hundredth of its radius inside it.
 const PIECES: u32 = 16;

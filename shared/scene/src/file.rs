@@ -4,6 +4,7 @@
 //! patient's left. Angles are in degrees here and in radians everywhere after loading.
 
 use crate::fluid::{Fluid, PumpChange, Vessels};
+use crate::instrument::Rigid;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -87,7 +88,7 @@ pub struct Deformable {
     #[serde(default)]
     pub material: Material,
     /// Nodes that do not move. Default: none for an attached object; else the outer shell of a hollow organ, or the part of
-    /// the organ that is farthest from the scope.
+    /// the organ that is farthest from the scope. A pathology with an empty list, attached to nothing, floats from the beginning.
     pub fixed: Option<Vec<Fixed>>,
     /// How it looks. Default: by its kind.
     pub look: Option<Look>,
@@ -160,91 +161,6 @@ pub enum Fixed {
     AboveZM(f64),
     /// Boundary nodes no deeper under the object's convex hull than this share of its thinnest extent, 0 to 0.5.
     OuterShell(f64),
-}
-
-/// What an instrument is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
-#[serde(rename_all = "snake_case")]
-pub enum RigidKind {
-    /// A rigid hysteroscope in its sheath.
-    #[default]
-    Hysteroscope,
-}
-
-/// Form of an instrument's tip.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Default)]
-#[serde(rename_all = "snake_case")]
-pub enum Tip {
-    /// A hemisphere.
-    #[default]
-    Round,
-    /// A flat end.
-    Flat,
-}
-
-/// A rigid instrument. Its own frame: tip at the origin, shaft along −z.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Rigid {
-    /// Name, different from that of any other object.
-    pub name: String,
-    /// What it is. Default: a hysteroscope.
-    #[serde(default)]
-    pub kind: RigidKind,
-    /// Outer diameter, 0.5 to 20 mm. Default: 5 mm, a diagnostic sheath.
-    #[serde(default = "diameter_m")]
-    pub diameter_m: f64,
-    /// Length that is drawn, at least the collision length and at most 1 m. Default: 0.3 m.
-    #[serde(default = "length_m")]
-    pub length_m: f64,
-    /// Length behind the tip that can touch. Default: 35 mm.
-    #[serde(default = "collision_length_m")]
-    pub collision_length_m: f64,
-    /// Form of the tip. Default: round.
-    #[serde(default)]
-    pub tip: Tip,
-    /// Number of collision points, 16 to 5 000. Default: 400.
-    #[serde(default = "points")]
-    pub points: u32,
-    /// The loop electrode. Default: one that fits the shaft.
-    #[serde(default, rename = "loop")]
-    pub electrode: Electrode,
-}
-
-/// A loop electrode: a half ring of wire on two arms, which goes out before the tip. It stands across the shaft, its middle to the side to which a
-/// fore-oblique optic looks (the instrument's +y).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Electrode {
-    /// Radius of the half ring, to the middle of the wire, from the wire's diameter to 20 mm. Default: the shaft's radius less the wire's diameter; a shaft
-    /// that is too thin for that has no loop.
-    pub radius_m: Option<f64>,
-    /// Diameter of the wire, 0.05 to 2 mm. Default: 0.3 mm.
-    pub wire_m: f64,
-    /// How far it goes out before the tip, 0 (there is no loop) to 50 mm. Default: 12 mm.
-    pub reach_m: f64,
-}
-
-impl Default for Electrode {
-    fn default() -> Self {
-        Electrode { radius_m: None, wire_m: 0.000_3, reach_m: 0.012 }
-    }
-}
-
-fn diameter_m() -> f64 {
-    0.005
-}
-
-fn length_m() -> f64 {
-    0.3
-}
-
-fn collision_length_m() -> f64 {
-    0.035
-}
-
-fn points() -> u32 {
-    400
 }
 
 /// The pivot in the cervix and the limits of the hand's four degrees of freedom.
@@ -355,7 +271,7 @@ pub struct ScriptLeg {
     pub to: HandPose,
     /// Time that it takes, 0.01 to 600 s.
     pub time_s: f64,
-    /// What the loop does meanwhile. Default: it is in.
+    /// What the loop does meanwhile, or jaws, which are open where a loop is out. Default: it is in.
     #[serde(default, rename = "loop")]
     pub electrode: LoopUse,
 }

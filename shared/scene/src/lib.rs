@@ -22,6 +22,8 @@ mod fixed;
 mod fluid;
 mod hands;
 mod hash;
+mod instrument;
+mod jaws;
 mod load;
 mod loaded;
 mod locate;
@@ -35,6 +37,7 @@ mod resection;
 mod rigid;
 mod rinse;
 mod source;
+mod spread;
 mod validate;
 mod wrap;
 
@@ -45,10 +48,11 @@ pub use case::{
 pub use electrode::LoadedLoop;
 pub use error::{SceneError, SceneErrorKind};
 pub use file::{
-    Deformable, DeformableKind, Electrode, Fixed, Hand, HandPose, Look, LoopUse, Material, Place, Rigid, RigidKind, Scene,
-    ScriptLeg, Tip, View, Workspace,
+    Deformable, DeformableKind, Fixed, Hand, HandPose, Look, LoopUse, Material, Place, Scene, ScriptLeg, View, Workspace,
 };
 pub use fluid::{Fluid, LoadedFluid, Medium, PumpChange, Vessels};
+pub use instrument::{Electrode, Jaws, Rigid, RigidKind, Tip};
+pub use jaws::LoadedJaws;
 pub use load::{load, load_embedded, load_or_embedded};
 pub use loaded::{Attach, AttachedNode, LoadedDeformable, LoadedScene, LoadedWorkspace};
 pub use object::{MAX_TETS, MAX_TRIANGLES};

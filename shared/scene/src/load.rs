@@ -1,9 +1,8 @@
 //! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
 
 use crate::case::Seat;
-use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
-use crate::file::{Rigid, Scene};
+use crate::file::Scene;
 use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
 use crate::fluid::LoadedFluid;
 use crate::hands::{self, Probe};
@@ -13,7 +12,7 @@ use crate::locate::{Locator, bounds};
 use crate::object::{self, RawObject};
 use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
-use crate::rigid::{LoadedRigid, collision_points};
+use crate::rigid::{LoadedRigid, load_rigid};
 use crate::source::{Folder, read_bounded};
 use crate::{case, embedded, wrap};
 use glam::Vec3;
@@ -128,7 +127,9 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>])
         objects.push(object);
         hollow.push(deep);
     }
-    let rigid: Vec<LoadedRigid> = scene.rigid.iter().map(load_rigid).collect();
+    let instruments = scene.rigid.iter().enumerate();
+    let rigid: Vec<LoadedRigid> =
+        instruments.map(|(index, rigid)| load_rigid(rigid, index, folder, &mut notes)).collect::<Result<_, _>>()?;
     let fluid = fluid(&scene, &objects[0], &hollow[0], workspace.pivot_m);
     let probe = Probe {
         objects: &locators,
@@ -233,7 +234,7 @@ fn finish(
     let held = fixed.iter().filter(|&&fixed| fixed).count();
     if held == fixed.len() {
         notes.push(format!("{}: every node is fixed, nothing will give way; make `fixed` smaller", object.name));
-    } else if held == 0 && object.attach_to.is_none() {
+    } else if held == 0 && object.attach_to.is_none() && object.fixed.as_ref().is_none_or(|shapes| !shapes.is_empty()) {
         notes.push(format!("{}: no node is fixed and it is attached to nothing: it will drift; add `fixed`", object.name));
     }
     let loaded = LoadedDeformable {
@@ -249,19 +250,6 @@ fn finish(
         hollow: !deep.is_empty(),
     };
     Ok((loaded, deep))
-}
-
-fn load_rigid(rigid: &Rigid) -> LoadedRigid {
-    LoadedRigid {
-        name: rigid.name.clone(),
-        kind: rigid.kind,
-        tip: rigid.tip,
-        radius_m: (rigid.diameter_m / 2.0) as f32,
-        length_m: rigid.length_m as f32,
-        collision_length_m: rigid.collision_length_m as f32,
-        points_m: collision_points(rigid),
-        electrode: electrode(rigid),
-    }
 }
 
 fn workspace(scene: &Scene) -> LoadedWorkspace {
@@ -320,6 +308,10 @@ fn content_hash(loaded: &LoadedScene) -> u64 {
         if let Some(electrode) = &rigid.electrode {
             hash.floats(&electrode.wire_m);
             hash.floats(&[[electrode.wire_radius_m, electrode.reach_m]]);
+        }
+        for surface in rigid.surface.iter().chain(rigid.jaws.iter().map(|jaws| &jaws.surface)) {
+            hash.floats(&surface.positions_m);
+            hash.indices(&surface.triangles);
         }
     }
     hash.finish()

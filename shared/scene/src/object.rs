@@ -31,7 +31,8 @@ pub(crate) struct RawObject {
     pub(crate) other_volume_cells: usize,
 }
 
-fn unreadable(error: &hyst_mesh::ReadError, key: &str, name: &str) -> SceneError {
+/// Why a mesh cannot be read, at a key.
+pub(crate) fn unreadable(error: &hyst_mesh::ReadError, key: &str, name: &str) -> SceneError {
     let what = format!("{}: found {}, expected {}", error.place, error.found, error.expected);
     SceneError::new(Kind::Mesh, key, what, error.cure.clone()).at(name)
 }

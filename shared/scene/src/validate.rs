@@ -1,8 +1,9 @@
 //! What the text of a scene alone can show to be wrong: ranges, names, attachments.
 
 use crate::error::{SceneError, SceneErrorKind as Kind};
-use crate::file::{Deformable, Fixed, Hand, HandPose, Rigid, Scene, View, Workspace};
+use crate::file::{Deformable, Fixed, Hand, HandPose, Scene, View, Workspace};
 use crate::fluid;
+use crate::instrument::Rigid;
 use crate::names::{attachments, names};
 
 /// Most objects of each kind and most hands in a scene: each costs time at every tick or at every start.
@@ -127,7 +128,12 @@ fn rigid(object: &Rigid, key: &str) -> Checked {
     let electrode = &object.electrode;
     range(format!("{key}.loop.wire_m"), electrode.wire_m, 0.000_05, 0.002, "m")?;
     range(format!("{key}.loop.reach_m"), electrode.reach_m, 0.0, 0.05, "m")?;
-    electrode.radius_m.map_or(Ok(()), |radius_m| range(format!("{key}.loop.radius_m"), radius_m, electrode.wire_m, 0.02, "m"))
+    electrode.radius_m.map_or(Ok(()), |radius_m| range(format!("{key}.loop.radius_m"), radius_m, electrode.wire_m, 0.02, "m"))?;
+    range(format!("{key}.scale_to_m"), object.scale_to_m, 1e-6, 1e3, "")?;
+    let Some(jaws) = &object.jaws else { return Ok(()) };
+    range(format!("{key}.jaws.scale_to_m"), jaws.scale_to_m, 1e-6, 1e3, "")?;
+    range(format!("{key}.jaws.opening_m"), jaws.opening_m, 0.001, 0.03, "m")?;
+    range(format!("{key}.jaws.points"), f64::from(jaws.points), 16.0, 1_000.0, "points")
 }
 
 fn workspace(limits: &Workspace) -> Checked {

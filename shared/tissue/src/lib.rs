@@ -36,7 +36,7 @@ pub use build::ModelMaker;
 pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
 pub use forces::{gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
-pub use links::{Attachment, ContactLaw, PairSpring, PlaneSpring, Push};
+pub use links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring, Push};
 pub use material::{Material, MaterialError, POISSON_RATIO_MAX};
 pub use model::{Model, ModelError, ModelReport, Options};
 pub use state::{StateMut, StateRef, StepError, StepInput, StepReport};

@@ -1,4 +1,5 @@
-//! Springs that are evaluated in every substep: contacts with a plane, contacts of a node with a tet, and attachments of a node to a point in a tet.
+//! Springs that are evaluated in every substep: contacts with a plane, contacts of a node with a tet, attachments of a node to a point in a tet, and points
+//! that are held from outside ([`Hold`]).
 //!
 //! A contact is damped along its normal and has friction across it, both as far as explicit integration allows: the tissue has next to no damping of its
 //! own at the frequency of a node in a stiff contact, and would ring on for as long as it is touched.
@@ -10,8 +11,12 @@
 
 #![allow(clippy::needless_range_loop)] // indices are those of the formulas
 
+mod hold;
+
 use crate::model::Model;
 use crate::step::EXTERNAL_FORCE_MAX_N;
+
+pub use hold::Hold;
 
 /// How far a spring's normal may be from unit length.
 const NORMAL_TOLERANCE: f32 = 1e-3;
@@ -117,6 +122,7 @@ pub struct PairSpring {
 pub(crate) struct Links<'a> {
     pub springs: &'a [PlaneSpring],
     pub pairs: &'a [PairSpring],
+    pub holds: &'a [Hold],
     pub attachments: &'a [Attachment],
     pub law: ContactLaw,
     /// Substep, s.
@@ -148,9 +154,14 @@ impl PlaneSpring {
 
     /// Row sums of its stiffness matrix, as (node, N/m).
     fn loads(&self) -> [(u32, f32); 4] {
-        let sum: f32 = self.weights.iter().sum();
-        [0, 1, 2, 3].map(|i| (self.nodes[i], self.stiffness_n_m * self.weights[i] * sum))
+        loads_of_point(&self.nodes, &self.weights, self.stiffness_n_m)
     }
+}
+
+/// Row sums of the stiffness matrix of what holds a point of four nodes, as (node, N/m).
+fn loads_of_point(nodes: &[u32; 4], weights: &[f32; 4], stiffness_n_m: f32) -> [(u32, f32); 4] {
+    let sum: f32 = weights.iter().sum();
+    [0, 1, 2, 3].map(|i| (nodes[i], stiffness_n_m * weights[i] * sum))
 }
 
 /// Whether a node can be joined with a point in a tet.
@@ -294,11 +305,20 @@ fn dot<const N: usize>(weights: &[f32; 4], nodes: &[u32; 4], rows: &[[f32; N]], 
     sum
 }
 
+/// Adds a force on a point of four nodes to them.
+fn add_at_point(nodes: &[u32; 4], weights: &[f32; 4], force_n: [f32; 3], force: &mut [[f32; 4]]) {
+    for (&node, weight) in nodes.iter().zip(weights) {
+        for axis in 0..3 {
+            force[node as usize][axis] += weight * force_n[axis];
+        }
+    }
+}
+
 impl Links<'_> {
     /// Sums the stiffness at each node into `load_n_m`; returns how many springs are softened and how many ignored.
     pub fn weigh(&self, model: &Model, load_n_m: &mut [f32]) -> (u32, u32) {
         let (mut softened, mut ignored) = (0, 0);
-        if self.springs.is_empty() && self.pairs.is_empty() && self.attachments.is_empty() {
+        if self.springs.is_empty() && self.pairs.is_empty() && self.holds.is_empty() && self.attachments.is_empty() {
             return (softened, ignored);
         }
         let count = load_n_m.len();
@@ -308,6 +328,9 @@ impl Links<'_> {
         }
         for pair in self.pairs.iter().filter(|pair| pair.usable(count)) {
             pair.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
+        }
+        for hold in self.holds.iter().filter(|hold| hold.usable(count)) {
+            hold.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
         }
         for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
             attachment.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
@@ -322,6 +345,11 @@ impl Links<'_> {
             let usable = pair.usable(count);
             ignored += u32::from(!usable);
             softened += u32::from(usable && grip.softening(&pair.loads()) < 1.0);
+        }
+        for hold in self.holds {
+            let usable = hold.usable(count);
+            ignored += u32::from(!usable);
+            softened += u32::from(usable && grip.softening(&hold.loads()) < 1.0);
         }
         for attachment in self.attachments {
             let usable = attachment.usable(count);
@@ -342,11 +370,7 @@ impl Links<'_> {
         let (count, grip) = (load_n_m.len(), Grip { model, load_n_m, substep_s: self.substep_s });
         for spring in self.springs.iter().filter(|spring| spring.usable(count)) {
             let push = grip.of_plane(&self.law, spring, position, velocity);
-            for (&node, weight) in spring.nodes.iter().zip(spring.weights) {
-                for axis in 0..3 {
-                    force[node as usize][axis] += weight * push.force_n[axis];
-                }
-            }
+            add_at_point(&spring.nodes, &spring.weights, push.force_n, force);
         }
         for pair in self.pairs.iter().filter(|pair| pair.usable(count)) {
             let push = grip.of_pair(&self.law, pair, position, velocity);
@@ -356,6 +380,10 @@ impl Links<'_> {
                     force[node as usize][axis] -= weight * push.force_n[axis];
                 }
             }
+        }
+        for hold in self.holds.iter().filter(|hold| hold.usable(count)) {
+            let pull = grip.of_hold(&self.law, hold, position, velocity);
+            add_at_point(&hold.nodes, &hold.weights, pull.force_n, force);
         }
         for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
             let stiffness = attachment.stiffness_n_m * grip.softening(&attachment.loads());

@@ -1,6 +1,6 @@
 //! What goes into a step and what comes out of it: plain slices, so that they may lie in shared memory.
 
-use crate::links::{Attachment, ContactLaw, PairSpring, PlaneSpring};
+use crate::links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring};
 
 /// The state at one tick, one entry per node, in the caller's frame.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +31,8 @@ pub struct StepInput<'a> {
     pub springs: &'a [PlaneSpring],
     /// Contacts of this step within the model.
     pub pairs: &'a [PairSpring],
+    /// What is held from outside of the model in this step.
+    pub holds: &'a [Hold],
     /// Attachments that hold in this step.
     pub attachments: &'a [Attachment],
     /// How contacts answer.
@@ -47,6 +49,7 @@ impl Default for StepInput<'_> {
             targets_m: &[],
             springs: &[],
             pairs: &[],
+            holds: &[],
             attachments: &[],
             law: ContactLaw::default(),
             dt_s: 1e-3,

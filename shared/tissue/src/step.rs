@@ -7,7 +7,7 @@ use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
 use crate::layout::{self, LANES, Row};
-use crate::links::{ContactLaw, Grip, Links, PlaneSpring, Push};
+use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push};
 use crate::model::{Model, SUBSTEPS_MAX};
 use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
 
@@ -48,13 +48,20 @@ impl Scratch {
     /// What a contact that was in the last step does at the state that the step wrote: what the tissue feels of it there, and so what the other side
     /// is to feel. Nothing if the step ignored it.
     pub fn push(&self, model: &Model, law: &ContactLaw, spring: &PlaneSpring, at: &StateRef<'_>) -> Push {
-        let count = self.load_n_m.len();
-        let has_room = [model.node_count(), at.position_m.len(), at.velocity_m_s.len()] == [count; 3];
-        if !has_room || !spring.usable(count) {
-            return Push::default();
-        }
-        let grip = Grip { model, load_n_m: &self.load_n_m, substep_s: self.substep_s };
-        grip.of_plane(&law.sane(), spring, at.position_m, at.velocity_m_s)
+        let grip = self.grip(model, at).filter(|_| spring.usable(self.load_n_m.len()));
+        grip.map_or(Push::default(), |grip| grip.of_plane(&law.sane(), spring, at.position_m, at.velocity_m_s))
+    }
+
+    /// The same for what was held in the last step.
+    pub fn pull(&self, model: &Model, law: &ContactLaw, hold: &Hold, at: &StateRef<'_>) -> Push {
+        let grip = self.grip(model, at).filter(|_| hold.usable(self.load_n_m.len()));
+        grip.map_or(Push::default(), |grip| grip.of_hold(&law.sane(), hold, at.position_m, at.velocity_m_s))
+    }
+
+    /// How the springs of the last step held on to a model; `None` if this is not its scratch, or the state is of another one.
+    fn grip<'a>(&'a self, model: &'a Model, at: &StateRef<'_>) -> Option<Grip<'a>> {
+        let is_of_it = [model.node_count(), at.position_m.len(), at.velocity_m_s.len()] == [self.load_n_m.len(); 3];
+        is_of_it.then_some(Grip { model, load_n_m: &self.load_n_m, substep_s: self.substep_s })
     }
 }
 
@@ -77,8 +84,8 @@ pub fn step(
     read(model, scratch, &now, input, &mut report);
     let substep_s = input.dt_s / substeps as f32;
     scratch.substep_s = substep_s;
-    let StepInput { springs, pairs, attachments, law, .. } = *input;
-    let links = Links { springs, pairs, attachments, law: law.sane(), substep_s };
+    let StepInput { springs, pairs, holds, attachments, law, .. } = *input;
+    let links = Links { springs, pairs, holds, attachments, law: law.sane(), substep_s };
     (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
     let job = Job { model, scratch, links, substep_s, substeps };
     let sums = match model.options.isa {

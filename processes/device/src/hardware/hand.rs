@@ -7,7 +7,7 @@ use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, han
 use hyst_engine::{Failure, Life};
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose};
 use hyst_recording::Moment;
-use hyst_scene::{HandLeg, LoadedHand, LoadedScene, PumpChange};
+use hyst_scene::{HandLeg, LoadedHand, LoadedRigid, LoadedScene, PumpChange};
 use std::collections::VecDeque;
 use std::path::Path;
 
@@ -47,9 +47,11 @@ pub struct Hand {
     end_s: f64,
     /// How far the outflow valve is open while the hand rinses; `None` where the scene's script has the valve.
     rinsing_valve: Option<f32>,
-    /// How far the loop electrode goes out, and how far it is, m.
+    /// How far the loop electrode goes out or the jaws open, and how far it is or they are, m.
     loop_reach_m: f32,
     loop_extension_m: f32,
+    /// Whether there is a loop that current can be in.
+    has_loop: bool,
     /// How far the camera head is turned on the scope, and is to be, rad.
     head_rad: f32,
     head_wanted_rad: f32,
@@ -153,7 +155,7 @@ impl Hand {
         };
         let script = name.strip_prefix("script:").and_then(|name| scene.hand(name));
         let own = script.map(|hand| &hand.changes).filter(|changes| !changes.is_empty());
-        let electrode = scene.rigid.first().and_then(|rigid| rigid.electrode.as_ref());
+        let instrument = scene.rigid.first();
         Ok(Hand {
             will,
             rest,
@@ -164,8 +166,9 @@ impl Hand {
             changes: own.unwrap_or(&scene.fluid.changes).iter().copied().collect(),
             end_s: script.filter(|hand| hand.is_once).map_or(f64::INFINITY, |hand| hand.period_s),
             rinsing_valve: own.unwrap_or(&scene.fluid.changes).iter().all(|change| change.outflow_valve.is_none()).then_some(1.0),
-            loop_reach_m: electrode.map_or(0.0, |electrode| electrode.reach_m),
+            loop_reach_m: instrument.map_or(0.0, LoadedRigid::element_m),
             loop_extension_m: 0.0,
+            has_loop: instrument.is_some_and(|rigid| rigid.electrode.is_some()),
             head_rad: 0.0,
             head_wanted_rad: 0.0,
             is_again: false,
@@ -251,6 +254,7 @@ impl Hand {
             let most_rad = HEAD_SPEED_RAD_S * TICK_S;
             self.head_rad += (self.head_wanted_rad - self.head_rad).clamp(-most_rad, most_rad);
         }
+        let buttons = if self.has_loop { buttons } else { buttons & !BUTTON_ENERGIZED };
         self.controls = Controls { buttons, loop_extension_m: self.loop_extension_m, ..self.controls };
         let pose = &self.state.pose;
         Held {

@@ -3,6 +3,7 @@
 
 use crate::contacts::{self, Contacts, ToolMotion};
 use crate::through::Passage;
+use crate::tool::Stand;
 use crate::world::{Workshop, World};
 use hyst_contact::{HashMut, HashRef, HashSizes, Hit, Layout, Memory, Share, Split, intersect, intersect_brute, merge};
 use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
@@ -209,7 +210,7 @@ impl Press {
         {
             let mut input = shared.input.write();
             let places = (&input.positions_m[..], &world.body.rest.positions_m[..]);
-            world.points.place(&world.case.tool, (&pose, 0.0), places, &mut self.points_m);
+            world.points.place(&world.case.tool, (&pose, Stand::default()), places, &mut self.points_m);
             let mut hash = HashMut::in_words(&mut input.table, self.sizes).map_err(text)?;
             hash.build(&self.points_m, world.case.cell_m, Layout::Auto).map_err(text)?;
         }
@@ -231,7 +232,7 @@ impl Press {
         let table = HashRef::in_words(&input.table).map_err(text)?;
         let last = std::mem::replace(&mut self.last, pose);
         let dt_s = DT_S / self.finer as f32;
-        let passage = Passage { hash: &table, before: (&last, 0.0), velocities_m_s, dt_s };
+        let passage = Passage { hash: &table, before: (&last, Stand::default()), velocities_m_s, dt_s };
         self.contacts.meet(world, &self.hits[..found], (&tool, &passage), positions_m, &mut self.memory).map_err(text)?;
         pressure_forces(&world.wall, positions_m, &self.pressure_pa, self.contacts.node_force_n());
         laps.lap();
@@ -254,7 +255,7 @@ impl Press {
         laps.lap();
 
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
-        let (_, force_n) = self.contacts.planes(world, &table, &tool, &after, &self.scratch).map_err(text)?;
+        let (_, force_n) = self.contacts.planes(world, &table, (&tool, &[]), &after, &self.scratch).map_err(text)?;
         laps.lap();
         laps.record.force_n = force_n;
         drop(input);

@@ -5,13 +5,23 @@ use super::hand::Hand;
 use crate::body::Body;
 use crate::contacts::Contacts;
 use crate::knife::{Stroke, removed_m3};
-use crate::outlet::Draw;
 use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
 use hyst_messages::Message;
 use hyst_tissue::Scratch;
 use std::sync::Arc;
+
+/// Up to so far from the pivot the tip is in the cervix, and what the jaws hold is drawn out with it, m.
+const OUT_M: f32 = 0.006;
+
+/// A piece that has left.
+#[derive(Clone, Copy, Debug)]
+struct Left {
+    volume_ml: f64,
+    /// What of it is removed by that, ml.
+    removed_ml: f64,
+}
 
 /// What a step did to the mesh before it deformed it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,14 +30,16 @@ pub(super) struct Change {
     pub(super) is_cut: bool,
     /// What that removed, ml.
     pub(super) removed_ml: f64,
-    /// Volume of a piece that has left, ml.
+    /// Volume of a piece that has left through the outflow, ml.
     pub(super) washed_out_ml: Option<f64>,
+    /// Volume of a piece that was taken out in the jaws, ml.
+    pub(super) taken_out_ml: Option<f64>,
 }
 
 impl Change {
     /// Whether the mesh is another one now.
     pub(super) fn is_any(&self) -> bool {
-        self.is_cut || self.washed_out_ml.is_some()
+        self.is_cut || self.washed_out_ml.or(self.taken_out_ml).is_some()
     }
 }
 
@@ -39,21 +51,38 @@ impl MainLoop<'_> {
         hand: &Hand,
         nodes: (&[[f32; 3]], &[[f32; 3]]),
     ) -> Result<Change, Failure> {
-        let (is_cut, removed_ml) = self.cut(message, hand.wire_m.as_deref(), nodes)?;
+        let (is_cut, mut removed_ml) = self.cut(message, hand.wire_m.as_deref(), nodes)?;
         // While the wire cuts nothing leaves: the stroke names the tets that it is in.
         let draw = hand.draw.filter(|_| hand.wire_m.is_none());
-        let washed_out_ml = draw.and_then(|draw| self.wash_out(&draw, nodes.0));
-        Ok(Change { is_cut, removed_ml, washed_out_ml })
+        let washed = draw.and_then(|draw| Some(draw.leaving(&self.world.drifters, nodes.0)?.object()));
+        let taken = self.is_out(hand).then(|| self.in_the_jaws()).flatten();
+        // One at most: the next leaves in the next step.
+        let left = washed.or(taken).and_then(|object| self.let_go(object).map(|left| (object, left)));
+        removed_ml += left.map_or(0.0, |(_, left)| left.removed_ml);
+        let volume_ml = |of: Option<u32>| left.filter(|(object, _)| of == Some(*object)).map(|(_, left)| left.volume_ml);
+        let taken = taken.filter(|_| washed.is_none());
+        Ok(Change { is_cut, removed_ml, washed_out_ml: volume_ml(washed), taken_out_ml: volume_ml(taken) })
     }
 
-    /// Lets a piece go that has come to the outflow and is small enough; gives its volume, ml. One at most: the next leaves in the next step.
-    fn wash_out(&mut self, draw: &Draw, positions_m: &[[f32; 3]]) -> Option<f64> {
-        let piece = draw.leaving(&self.world.drifters, positions_m)?;
-        let (object, volume_ml) = (piece.object(), 1e6 * piece.volume_m3());
-        // What is left has a model as it had one with the piece; if it had none, the piece stays, as one that is caught.
+    /// Whether the tip has been drawn back so far that what is in the jaws is out of the cavity.
+    fn is_out(&self, hand: &Hand) -> bool {
+        self.world.case.tool.jaws().is_some() && hand.pose.insertion_m <= OUT_M
+    }
+
+    /// A free piece that the jaws hold.
+    fn in_the_jaws(&self) -> Option<u32> {
+        let is_free = |object: &u32| self.world.drifters.iter().any(|piece| piece.object() == *object);
+        self.grasp.objects(&self.world).find(is_free)
+    }
+
+    /// Goes on without a piece. What is left has a model as it had one with the piece; if it had none, the piece stays.
+    fn let_go(&mut self, object: u32) -> Option<Left> {
+        let volume_ml = 1e6 * self.world.body.volume_of_m3(object);
+        // One that came free has been counted then; one that the scene has free is removed now.
+        let is_removed = self.world.case.is_of_scene(object) && self.world.case.is_pathology(&self.world.body, object);
         let world = self.workshop.make(self.world.body.without(object)).ok()?;
         self.take_world(world);
-        Some(volume_ml)
+        Some(Left { volume_ml, removed_ml: if is_removed { volume_ml } else { 0.0 } })
     }
 
     /// Goes on with another world; what was made for the one before is made anew.

@@ -3,6 +3,7 @@
 use super::MainLoop;
 use super::cutting::Change;
 use crate::contacts::ToolMotion;
+use crate::grasp;
 use crate::knife::{solid_m, wire_m};
 use crate::outlet::Draw;
 use crate::state::Core;
@@ -19,7 +20,7 @@ pub(super) struct Hand {
     pub(super) velocity_m_s: [f32; 3],
     /// Where the wire is, m, if it cuts.
     pub(super) wire_m: Option<Vec<[f32; 3]>>,
-    /// How far the loop is out, m, if it is solid; else 0.
+    /// How far the loop is out, m, if it is solid; else 0. Of jaws how far they are apart.
     pub(super) loop_m: f32,
     /// The outflow, if it draws.
     pub(super) draw: Option<Draw>,
@@ -35,8 +36,15 @@ impl Hand {
         ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
     }
 
-    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts, and what became of the mesh.
-    pub(super) fn core(&self, before: &Core, force_n: [f32; 3], contacts: usize, change: &Change) -> Core {
+    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts and points that are held, and what became of
+    /// the mesh.
+    pub(super) fn core(
+        &self,
+        before: &Core,
+        force_n: [f32; 3],
+        (contacts, (held, hold_m)): (usize, (usize, f32)),
+        change: &Change,
+    ) -> Core {
         Core {
             pose: self.pose,
             velocity_m_s: self.velocity_m_s,
@@ -49,6 +57,11 @@ impl Hand {
             is_cutting: u32::from(self.wire_m.is_some()),
             loop_m: self.loop_m,
             washed_out: before.washed_out + u32::from(change.washed_out_ml.is_some()),
+            held: held as u32,
+            hold_m,
+            reserved: 0,
+            taken_out: before.taken_out + u32::from(change.taken_out_ml.is_some()),
+            taken_out_ml: before.taken_out_ml + change.taken_out_ml.unwrap_or(0.0),
             pieces: self.next_medium.pieces,
         }
     }
@@ -73,13 +86,16 @@ impl MainLoop<'_> {
             let (pose, loop_m) = (before.pose, before.loop_m);
             return Hand { input_tick: 0, pose, velocity_m_s: [0.0; 3], wire_m: None, loop_m, draw: None, next_medium: medium };
         };
-        let sample = &input.sample;
+        let (sample, tool) = (&input.sample, &self.world.case.tool);
         Hand {
             input_tick: input.tick,
             pose: sample.pose,
             velocity_m_s: sample.velocity_m_s,
             wire_m: wire_m(self.world.case.electrode.as_ref(), &sample.pose, &sample.controls),
-            loop_m: solid_m(self.world.case.electrode.as_ref(), &sample.controls),
+            loop_m: match tool.jaws() {
+                Some(_) => grasp::apart_m(tool, &sample.controls, before.loop_m),
+                None => solid_m(self.world.case.electrode.as_ref(), &sample.controls),
+            },
             draw: self.world.case.outlet.draw(&input),
             next_medium: if input.pressure_pa > 0.0 {
                 Medium { pressure_pa: input.pressure_pa, pieces: input.pieces }

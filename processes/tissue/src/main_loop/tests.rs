@@ -2,6 +2,7 @@
 
 mod cold;
 mod fold;
+mod grasp;
 mod held;
 mod lattice;
 mod outflow;

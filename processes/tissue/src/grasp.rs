@@ -1,0 +1,165 @@
+//! What the jaws hold: points of the tissue that both of them met when they closed, each drawn to where its pad is, until they open or it slips out.
+//!
+//! Promise: what is held is in the state (its eighth section), so that whoever goes on from one holds the same; jaws that hold are not solid until they are as
+//! far apart again as when they took hold, so that nothing is pressed out from between them or thrown by them; what slips, or is no tissue any more, is let
+//! go.
+
+use crate::contacts::STIFFNESS_N_M3;
+use crate::state::Core;
+use crate::tool::{Stand, Tool};
+use crate::world::World;
+use bytemuck::{Pod, Zeroable};
+use glam::{Quat, Vec3};
+use hyst_contact::{Hit, NONE};
+use hyst_messages::{Controls, Pose};
+use hyst_tissue::{Hold, gather};
+use std::ops::Range;
+
+/// What has been drawn so far from its pad slips out, m: jaws of 9 mm hold a soft polyp with some 0.6 N. Assumed; no published figure is used.
+const SLIP_M: f32 = 1.5e-3;
+/// Jaws that are farther apart than a step before by more than this open, m.
+const OPENS_M: f32 = 1e-6;
+
+/// A point that is held, as the state has it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Grip {
+    /// The pad that holds it, counted from 1; 0 for none.
+    pub pad: u32,
+    /// Nodes of the tet that it lies in.
+    pub nodes: [u32; 4],
+    /// Its weights there, 0 to 1 with the sum 1.
+    pub weights: [f32; 4],
+}
+
+/// Bytes of what jaws hold at most.
+pub fn most_bytes(tool: &Tool) -> usize {
+    (tool.points_m.len() - tool.pads) * size_of::<Grip>()
+}
+
+/// How far jaws are apart by the controls, m; as before where those say nothing.
+pub fn apart_m(tool: &Tool, controls: &Controls, before_m: f32) -> f32 {
+    let most_m = tool.jaws().map_or(0.0, |jaws| jaws.opening_m);
+    Some(controls.loop_extension_m).filter(|apart_m| apart_m.is_finite()).unwrap_or(before_m).clamp(0.0, most_m)
+}
+
+/// What a section of a state says that is held; nothing of what makes no sense.
+fn held(section: &[u8]) -> impl Iterator<Item = Grip> {
+    let grips = section.chunks_exact(size_of::<Grip>()).map(bytemuck::pod_read_unaligned::<Grip>);
+    grips.filter(|grip| grip.pad > 0 && grip.weights.iter().all(|weight| (0.0..=1.0).contains(weight)))
+}
+
+/// What the jaws hold in a step.
+#[derive(Debug, Default)]
+pub struct Grasp {
+    grips: Vec<Grip>,
+    holds: Vec<Hold>,
+    /// How far the jaws are apart, m.
+    apart_m: f32,
+    /// How far they were when they took hold, m; 0 for solid ones.
+    hold_m: f32,
+}
+
+impl Grasp {
+    /// Goes on with what a state holds in a step in which the tool is at a pose and its jaws are so far apart; gives how the jaws stand in it.
+    pub fn go_on(
+        &mut self,
+        world: &World,
+        (section, before): (&[u8], &Core),
+        (pose, apart_m): (&Pose, f32),
+        positions_m: &[[f32; 3]],
+    ) -> Stand {
+        self.grips.clear();
+        (self.apart_m, self.hold_m) = (apart_m, 0.0);
+        let tool = &world.case.tool;
+        if tool.jaws().is_none() {
+            return Stand::default();
+        }
+        if apart_m <= before.loop_m + OPENS_M {
+            let at = pad_placer(tool, pose);
+            let is_near = |grip: &Grip| {
+                let point = gather(grip.nodes, grip.weights, positions_m).map(Vec3::from);
+                at(grip.pad).zip(point).is_some_and(|(pad, point)| pad.distance(point) <= SLIP_M)
+            };
+            self.grips.extend(held(section).filter(is_near));
+        }
+        if !self.grips.is_empty() || apart_m < before.hold_m {
+            self.hold_m = before.hold_m;
+            return Stand::default();
+        }
+        Stand { solid_m: Some(apart_m), looks: apart_m < before.loop_m }
+    }
+
+    /// Lets go of what is no tissue of a world any more.
+    pub fn keep_tissue(&mut self, world: &World) {
+        let object = |node: &u32| world.points.object_of.get(*node as usize).copied().unwrap_or(NONE);
+        self.grips.retain(|grip| grip.nodes.iter().all(|node| object(node) != NONE));
+    }
+
+    /// Takes hold of the tissue that pads which look were found in, draws what is held to where the pads are of a tool at a pose with a velocity, and writes
+    /// it into its section.
+    pub fn act(&mut self, world: &World, seen: &[Hit], (pose, velocity_m_s): (&Pose, [f32; 3]), section: &mut [u8]) {
+        self.take(world, seen);
+        self.hold(&world.case.tool, pose, velocity_m_s);
+        section.fill(0);
+        for (place, grip) in section.chunks_exact_mut(size_of::<Grip>()).zip(&self.grips) {
+            place.copy_from_slice(bytemuck::bytes_of(grip));
+        }
+    }
+
+    /// What lies at the pads of an object that both jaws have met.
+    fn take(&mut self, world: &World, hits: &[Hit]) {
+        let [right, left, pads] = world.case.tool.parts();
+        let object = |hit: &Hit| world.body.rest.regions.get(hit.tet as usize);
+        let of = |part: &Range<usize>| {
+            let part = part.clone();
+            hits.iter().filter(move |hit| part.contains(&(hit.point as usize)))
+        };
+        let is_met = |hit: &Hit| [&right, &left].into_iter().all(|jaw| of(jaw).any(|other| object(other) == object(hit)));
+        for hit in of(&pads).filter(|hit| is_met(hit)) {
+            let pad = (hit.point as usize - pads.start) as u32 + 1;
+            let Some(nodes) = world.model.tets().get(hit.tet as usize) else { continue };
+            // One that lies in two objects holds the first of them.
+            if self.grips.last().is_none_or(|last| last.pad != pad) {
+                self.hold_m = self.apart_m;
+                self.grips.push(Grip { pad, nodes: *nodes, weights: hit.weights.map(|weight| weight.clamp(0.0, 1.0)) });
+            }
+        }
+    }
+
+    fn hold(&mut self, tool: &Tool, pose: &Pose, velocity_m_s: [f32; 3]) {
+        self.holds.clear();
+        let (at, area_m2) = (pad_placer(tool, pose), tool.jaws().map_or(0.0, |jaws| jaws.pad_area_m2));
+        let stiffness_n_m = STIFFNESS_N_M3 * area_m2;
+        for grip in &self.grips {
+            if let Some(place) = at(grip.pad) {
+                let (nodes, weights) = (grip.nodes, grip.weights);
+                self.holds.push(Hold { nodes, weights, place_m: place.to_array(), velocity_m_s, stiffness_n_m });
+            }
+        }
+    }
+
+    /// What is held in the step.
+    pub fn holds(&self) -> &[Hold] {
+        &self.holds
+    }
+
+    /// How many points are held, and how far the jaws were apart when they took hold, m.
+    pub fn held(&self) -> (usize, f32) {
+        (self.grips.len(), self.hold_m)
+    }
+
+    /// Objects of which something is held.
+    pub fn objects<'a>(&'a self, world: &'a World) -> impl Iterator<Item = u32> + 'a {
+        self.grips.iter().filter_map(|grip| world.points.object_of.get(grip.nodes[0] as usize).copied())
+    }
+}
+
+/// Where a pad is, counted from 1, of a tool at a pose, m.
+fn pad_placer(tool: &Tool, pose: &Pose) -> impl Fn(u32) -> Option<Vec3> {
+    let (tip, turn) = (Vec3::from(pose.position_m), Quat::from_array(pose.orientation));
+    move |pad| {
+        let point = tool.points_m[tool.pads..].get((pad as usize).checked_sub(1)?)?;
+        Some(tip + turn * Vec3::from(*point))
+    }
+}

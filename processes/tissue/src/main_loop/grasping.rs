@@ -1,0 +1,26 @@
+//! How the working element stands in a step, and what the jaws hold in it.
+
+use super::MainLoop;
+use super::hand::Hand;
+use crate::state::{Core, GRASP};
+use crate::tool::Stand;
+use hyst_engine::Failure;
+use hyst_messages::Message;
+
+impl MainLoop<'_> {
+    /// How the working element stood in the step that made a state, and how it stands in the one from it; what the jaws hold is gone on with.
+    pub(super) fn stands(
+        &mut self,
+        message: &Message<'_>,
+        before: &Core,
+        hand: &Hand,
+        positions_m: &[[f32; 3]],
+    ) -> Result<[Stand; 2], Failure> {
+        if self.world.case.tool.jaws().is_none() {
+            return Ok([before.loop_m, hand.loop_m].map(Stand::of_loop));
+        }
+        let stood = Stand { solid_m: (before.hold_m == 0.0).then_some(before.loop_m), looks: false };
+        let stands = self.grasp.go_on(&self.world, (message.section(GRASP)?, before), (&hand.pose, hand.loop_m), positions_m);
+        Ok([stood, stands])
+    }
+}

@@ -1,0 +1,150 @@
+//! Promise of the Main Loop about jaws: they take hold of what is between them when they close, it comes along with them, whoever goes on from which state,
+//! they let it go when they open, and the hand feels what holds on to it until it slips out.
+
+use super::pieces::sunk;
+use super::*;
+use glam::Vec3;
+use hyst_messages::Controls;
+use hyst_messages::stream::ObjectKind;
+
+/// How fast the device opens and closes the jaws, m per tick.
+const CLOSES_M: f32 = 30e-6;
+/// How fast the hand goes back with what it holds, m/s, and for how many ticks.
+const BACK_M_S: f32 = 0.02;
+const BACK: u64 = 250;
+/// How deep the hand is in the cavity, m; the tests' tool stands where they want it.
+const IN_M: f32 = 0.03;
+
+/// An input: jaws that are so far apart and are to close on a place, the tool going with a velocity along its axis.
+fn at(world: &World, tick: u64, (middle_m, apart_m): (Vec3, f32), (velocity_m_s, insertion_m): (f32, f32)) -> InputRecord {
+    let jaws = world.case.tool.jaws().expect("the scene's instrument has jaws");
+    let mut record = InputRecord { tick, pressure_pa: world.case.rest_pressure_pa, ..InputRecord::default() };
+    let aim = hyst_scene::Pose::aim(world.case.pivot_m, middle_m.to_array()).unwrap();
+    let tip_m = middle_m - 0.7 * jaws.length_m * Vec3::from(aim.axis());
+    record.sample.pose = Pose { position_m: tip_m.to_array(), orientation: aim.orientation(), insertion_m, ..Pose::default() };
+    record.sample.velocity_m_s = (velocity_m_s * Vec3::from(aim.axis())).to_array();
+    record.sample.controls = Controls { loop_extension_m: apart_m, ..Controls::default() };
+    record
+}
+
+/// Ticks in which what is loose has sunk to the wall.
+const SINKS: u64 = 700;
+
+/// Jaws that have closed on the middle of an object: the state, where that was, and the next tick.
+fn closed_on(main: &mut MainLoop<'_>, device: &OwnedPage, object: u32) -> (Vec<u64>, Vec3, u64) {
+    let mut now = first_state(main);
+    let world = Arc::clone(&main.world);
+    let open_m = world.case.tool.jaws().unwrap().opening_m;
+    for tick in 1..=SINKS {
+        now = fed(main, device, &now, &at(&world, tick, (0.2 * Vec3::NEG_Z, 0.0), (0.0, IN_M)));
+    }
+    let (_, middle_m) = sunk(main, &now, object);
+    let ticks = (open_m / CLOSES_M) as u64 + 2;
+    for step in 0..=ticks {
+        let apart_m = (open_m - CLOSES_M * step as f32).max(0.0);
+        now = fed(main, device, &now, &at(&world, SINKS + 1 + step, (middle_m, apart_m), (0.0, IN_M)));
+        let held = core_of(&now).held;
+        assert!(step > 0 || held == 0, "{held} points are held by jaws that do not close");
+    }
+    (now, middle_m, SINKS + ticks + 2)
+}
+
+/// A station whose scene has jaws, and the settings of its tissue.
+fn settings() -> String {
+    format!("workers = 0\nscene = {:?}", crate::grasper_scene())
+}
+
+/// The scene's loose piece.
+fn piece(world: &World) -> u32 {
+    let free = world.objects.iter().find(|object| object.is_free_piece());
+    free.expect("a piece that nothing holds from the beginning").id
+}
+
+#[test]
+fn what_is_between_jaws_that_close_comes_along_is_let_go_when_they_open_and_can_be_taken_out() {
+    let (station, pages) = founded("grasp", &settings());
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
+    let (world, object) = (Arc::clone(&main.world), piece(&main.world));
+    let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], object);
+    let held = core_of(&now).held;
+    assert!(held >= 6, "{held} points are held");
+    let (from_m, back) = (sunk(&main, &now, object).1, middle_m.normalize());
+
+    // Back, and whoever finds a state on the way holds the same.
+    for step in 0..BACK {
+        middle_m -= 1e-3 * BACK_M_S * back;
+        let before = now.clone();
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, 0.0), (-BACK_M_S, IN_M)));
+        if step % 50 == 0 {
+            succeeds(&mut successor, tick, bytemuck::cast_slice(&before), &now);
+        }
+        tick += 1;
+    }
+    let came_m = sunk(&main, &now, object).1 - from_m;
+    let went_m = 1e-3 * BACK_M_S * BACK as f32;
+    println!("{held} points are held, the jaws went back by {went_m} m, the piece by {came_m}");
+    assert!(came_m.distance(-went_m * back) < 0.15 * went_m, "{came_m} of {went_m} m");
+    assert_eq!(core_of(&now).held, held, "nothing slipped out");
+    let gripped = now.clone();
+
+    // Opened, they hold nothing, and what they held stays.
+    let (mut open, mut away_m) = (now, middle_m);
+    for step in 1..=BACK {
+        away_m -= 1e-3 * BACK_M_S * back;
+        let apart_m = (CLOSES_M * step as f32).min(0.008);
+        open = fed(&mut main, &pages[1], &open, &at(&world, tick + step, (away_m, apart_m), (-BACK_M_S, IN_M)));
+        assert_eq!(core_of(&open).held, 0);
+    }
+    let stayed_m = sunk(&main, &open, object).1 - from_m - came_m;
+    assert!(stayed_m.length() < 0.4 * went_m, "let go, it still went by {stayed_m} m of {went_m}");
+
+    // Drawn back into the cervix, they bring out what they hold: once.
+    let present = main.site.present();
+    let volume_ml = 1e6 * world.body.volume_of_m3(object);
+    let out = fed(&mut main, &pages[1], &gripped, &at(&world, tick, (middle_m, 0.0), (0.0, 0.004)));
+    let core = core_of(&out);
+    assert_eq!((core.taken_out, core.held, core.washed_out, main.site.present()), (1, 0, 0, present - 1));
+    assert!((core.removed_volume_ml - volume_ml).abs() < 1e-9, "{} ml of {volume_ml}", core.removed_volume_ml);
+    succeeds(&mut successor, tick, bytemuck::cast_slice(&gripped), &out);
+    let after = fed(&mut main, &pages[1], &out, &at(&world, tick + 1, (middle_m, 0.0), (0.0, 0.004)));
+    assert_eq!((core_of(&after).taken_out, core_of(&after).removed_volume_ml), (1, core.removed_volume_ml));
+    drop((main, successor));
+}
+
+#[test]
+fn the_hand_feels_what_holds_on_to_the_tissue_and_it_slips_out_of_jaws_that_pull_too_far() {
+    let (station, pages) = founded("pull", &settings());
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let world = Arc::clone(&main.world);
+    let polyp = world.objects.iter().find(|object| object.kind == ObjectKind::Pathology as u32).unwrap().id;
+    let (mut now, mut middle_m, mut tick) = closed_on(&mut main, &pages[1], polyp);
+    let held = core_of(&now).held;
+    assert!(held >= 3, "{held} points are held");
+    let back = middle_m.normalize();
+    let (mut pulled_n, mut planes) = (Vec::new(), 0);
+    while core_of(&now).held > 0 {
+        middle_m -= 1e-3 * BACK_M_S * back;
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick, (middle_m, 0.0), (-BACK_M_S, IN_M)));
+        pulled_n.push(Vec3::from(core_of(&now).force_n).dot(back));
+        planes = planes.max(main.planes.count);
+        tick += 1;
+        assert!(pulled_n.len() < 3_000, "it holds for ever: {:?} N", pulled_n.last());
+    }
+    let most_n = pulled_n.iter().copied().fold(0.0, f32::max);
+    let quarter_n = pulled_n[pulled_n.len() / 4];
+    println!("{held} points are held; pulled by {:.1} mm with {most_n:.2} N until they slip", 0.02 * pulled_n.len() as f32);
+    assert!(most_n > 0.2 && most_n < 5.0 && quarter_n > 0.02 && quarter_n < most_n && planes > 0, "{quarter_n} of {most_n} N");
+    assert_eq!(core_of(&now).taken_out, 0);
+    for more in 0..50 {
+        now = fed(&mut main, &pages[1], &now, &at(&world, tick + more, (middle_m, 0.0), (0.0, IN_M)));
+    }
+    assert!(
+        Vec3::from(core_of(&now).force_n).dot(back) < 0.1 * most_n,
+        "let go, the tissue still pulls: {:?}",
+        core_of(&now).force_n
+    );
+}
