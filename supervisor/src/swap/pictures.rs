@@ -33,10 +33,10 @@ impl Stream {
     }
 }
 
-/// The picture that was looked at last, and where the scope was.
+/// The picture that was looked at last, where the scope was when it came first, and whether it has moved from there since.
 #[derive(Debug, Default)]
 pub(super) struct Gallery {
-    last: Option<(Vec<u8>, [f32; 3])>,
+    last: Option<(Vec<u8>, [f32; 3], bool)>,
 }
 
 impl Gallery {
@@ -56,12 +56,14 @@ impl Gallery {
         if (0..RGB).all(|channel| contrast(channel) < LEAST_CONTRAST) {
             return Err("its picture is all of one colour");
         }
-        let Some((_, from_m)) = self.last.as_ref().filter(|(last, _)| last == rgb) else {
-            self.last = Some((rgb.to_vec(), at_m));
+        let Some((_, from_m, has_moved)) = self.last.as_mut().filter(|(last, ..)| last == rgb) else {
+            self.last = Some((rgb.to_vec(), at_m, false));
             return Ok(());
         };
+        // A hand that goes to and fro comes back to where it was.
         let moved_m = from_m.iter().zip(at_m).map(|(from, to)| (from - to).powi(2)).sum::<f32>().sqrt();
-        if moved_m > MOVED_M { Err("its pictures stand still while the scope moves") } else { Ok(()) }
+        *has_moved |= moved_m > MOVED_M;
+        if *has_moved { Err("its pictures stand still while the scope moves") } else { Ok(()) }
     }
 }
 
@@ -102,7 +104,7 @@ mod tests {
         let mut look = |shift: usize, z_m: f32| gallery.look(Some(&picture([20, 10], |at| (at + shift) as u8)), [0.0, 0.0, z_m]);
         assert_eq!([look(0, 0.01), look(0, 0.0102)], [Ok(()); 2], "hardly moved");
         let still = Err("its pictures stand still while the scope moves");
-        assert_eq!([look(0, 0.011), look(0, 0.012)], [still; 2]);
+        assert_eq!([look(0, 0.011), look(0, 0.012), look(0, 0.01)], [still; 3], "it went, and came back");
         assert_eq!([look(1, 0.012), look(1, 0.0121)], [Ok(()); 2], "another one");
     }
 }
