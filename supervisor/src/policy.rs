@@ -13,6 +13,7 @@
 mod event;
 mod ladder;
 mod limits;
+mod reason;
 mod record;
 mod state;
 mod swap;
@@ -20,6 +21,7 @@ mod swap;
 pub use event::{Action, Event, Exit, Left};
 pub use ladder::{DOOMED_NS, FIRST_HOLD_NS, Ground, Ladder, MOST_DOOMED, MOST_HOLD_NS, TROUBLE_OVER_NS};
 pub use limits::{Limits, is_judged, is_replicated, is_stateful, limits, sources};
+pub use reason::{Cause, Reason};
 pub use record::Record;
 pub use state::State;
 pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};
@@ -100,7 +102,7 @@ fn decide(now_ns: u64, event: Event, state: &mut State) -> Vec<Action> {
         Event::SwapAsked { slot, incumbent } => swap::begin(now_ns, slot, incumbent, state),
         Event::SwapLeft(left) => swap::resume(now_ns, &left, state),
         Event::Agreed { incarnation } => swap::agreed(now_ns, incarnation, state),
-        Event::Doubted { incarnation, reason } => swap::doubted(now_ns, incarnation, &reason, state),
+        Event::Doubted { incarnation, reason } => swap::doubted(now_ns, incarnation, reason, state),
         Event::StopRequested => {
             state.stopping = true;
             Vec::new()
@@ -148,7 +150,7 @@ fn begin(now_ns: u64, adopted: Vec<(Slot, u32)>, warming: Vec<(Slot, u32)>, stat
 }
 
 fn unfit(now_ns: u64, slot: Slot, incarnation: u32, reason: &str, state: &mut State) -> Vec<Action> {
-    let undone = swap::doubted(now_ns, incarnation, reason, state);
+    let undone = swap::doubted(now_ns, incarnation, Reason::new(Cause::Unfit, reason), state);
     if !undone.is_empty() || slot.is_guest() {
         return undone;
     }

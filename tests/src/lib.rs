@@ -6,6 +6,7 @@ mod ended;
 mod folder;
 mod keepers;
 pub mod shown;
+pub mod swapped;
 pub mod windows;
 
 use hyst_exchange::ReadPage;

@@ -24,12 +24,15 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
     let script = folder.write("script", "#!/bin/sh\necho '{}'\n");
     std::fs::set_permissions(&script, std::fs::Permissions::from_mode(0o755)).expect("its rights");
     let cases = [
-        (binaries().join("example-engine"), 0, Some(true), ""),
-        (bad_engine(folder.as_path(), "fluid", "off"), 1, Some(false), "out of tolerance"),
-        (bad_engine(folder.as_path(), "fluid", "garbage"), 1, Some(false), ""),
+        ("fluid", binaries().join("example-engine"), 0, Some(true), ""),
+        ("fluid", bad_engine(folder.as_path(), "fluid", "off"), 1, Some(false), "out of tolerance"),
+        ("fluid", bad_engine(folder.as_path(), "fluid", "garbage"), 1, Some(false), ""),
+        // Its author is not told that the machine is too busy.
+        ("fluid", bad_engine(folder.as_path(), "fluid", "slow"), 1, Some(false), "missed its steps"),
+        ("haptic", bad_engine(folder.as_path(), "haptic", "slow"), 1, Some(false), ""),
     ];
-    for (binary, expected, conforms, why) in cases {
-        let (code, told, said) = tried("fluid", &binary);
+    for (role, binary, expected, conforms, why) in cases {
+        let (code, told, said) = tried(role, &binary);
         if code == Some(3) {
             not_shown(&format!("whether {} conforms: the machine was too busy", binary.display()));
             continue;
@@ -39,6 +42,7 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         let checks = told["checks"].as_array().cloned().unwrap_or_default();
         let is_said = |check: &Value| check["good"] == false && check["why"].as_str().is_some_and(|text| text.contains(why));
         assert_eq!(checks.iter().any(is_said), expected == 1, "{told:#}");
+        assert!(checks.iter().any(|check| check["what"] == "  tolerance"), "{told:#}");
         let is_good = |what: &str| checks.iter().any(|check| check["what"] == what && check["good"] == true);
         assert!(is_good("leaves nothing behind") && is_good("comes back after its death") == (expected == 0), "{told:#}");
     }

@@ -3,7 +3,7 @@
 
 use rustix::process::Signal;
 use serde_json::Value;
-use station_tests::{Folder, RECOVERY_LIMIT, Station, binaries, wait_for};
+use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, wait_for};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
 use std::time::Duration;
@@ -213,6 +213,23 @@ fn what_is_changed_is_changed_by_a_post_of_the_page_alone() {
     let proven = wait_for(RECOVERY_LIMIT, || station.events().contains("its probation is over").then_some(()));
     assert!(proven.is_some(), "{}", station.events());
     station.recover();
+    station.stop().assert_clean();
+}
+
+/// Each of the two times that it is asked what it is it answers in time, and both together are more than the page waits for.
+#[test]
+fn an_engine_that_takes_too_long_to_be_verified_is_answered_before_the_browser_is_cut_off_and_is_not_swapped_in() {
+    let station = Station::start("reluctant", &["--hand", "script:press"]);
+    let page = Page::of(&station);
+    let before = station.pid("fluid", true);
+    let engine = bad_engine(station.folder(), "fluid", "reluctant");
+    let answer = page.post("/swap", &format!("{{\"role\":\"fluid\",\"binary\":{engine:?}}}"));
+    assert!(answer.status == 503 && answer.text().contains("nothing was swapped"), "{answer:?}");
+    // What was begun ends by itself, and the supervisor does not hear of it.
+    station.run_ticks(5_000);
+    assert_eq!(page.get("/").status, 200);
+    assert!(!station.events().contains("is to run"), "{}", station.events());
+    assert_eq!(station.pid("fluid", true), before, "{}", station.said());
     station.stop().assert_clean();
 }
 

@@ -14,7 +14,7 @@ use tokio::time::MissedTickBehavior;
 /// Between two looks at the processes: each costs the supervisor about a millisecond.
 const LOOK: Duration = Duration::from_secs(1);
 /// How long the supervisor may take: it answers within milliseconds, or says within 5 s itself that it is busy.
-const ANSWER_WITHIN: Duration = Duration::from_secs(6);
+pub const ANSWER_WITHIN: Duration = Duration::from_secs(6);
 /// Longest answer that is read, bytes; that about the processes has some thousands.
 const MOST_BYTES: u64 = 1 << 20;
 

@@ -18,7 +18,7 @@ use tokio::time::Sleep;
 const USUAL_PORT: u16 = 8_642;
 /// Connections at a time: five browsers with six each, as they open them. Whoever comes later waits until one of them ends.
 const SEATS: usize = 32;
-/// No connection lasts longer: the verification of a binary and the supervisor's answer take some 16 s at most. A stream of events ends before by itself, and
+/// No connection lasts longer. What is asked for is answered before, if only by saying that it takes too long; a stream of events ends before by itself, and
 /// browsers open it again.
 pub const VISIT: Duration = Duration::from_secs(20);
 /// Before the next try when no connection can be taken: the process may open no more files.

@@ -1,7 +1,7 @@
 //! What a browser can ask for. What is read comes from the desk; what is changed goes to the supervisor, as `hystation swap` and `hystation fault` send
 //! it, and its answer goes back. Promise: no request makes this process wait, grow or end.
 
-use crate::ask::ask;
+use crate::ask::{ANSWER_WITHIN, ask};
 use crate::desk::Desk;
 use crate::door::{VISIT, Visitors, random_letters};
 use crate::guard::{self, query, refused};
@@ -34,6 +34,8 @@ const NONCE: &str = "%NONCE%";
 const MOST_BODY_BYTES: usize = 8 * 1024;
 /// How long a stream of events lasts: it ends by itself before its connection is ended, and the browser comes again.
 const STREAM: Duration = VISIT.saturating_sub(Duration::from_secs(5));
+/// How long an engine may take to be verified, twice, and copied: the supervisor is asked then, and there is time left to answer the browser.
+const KEPT_WITHIN: Duration = VISIT.saturating_sub(ANSWER_WITHIN).saturating_sub(Duration::from_secs(2));
 /// How long a request for a picture waits for one.
 const PICTURE_WITHIN: Duration = Duration::from_secs(1);
 
@@ -164,7 +166,16 @@ async fn swap(State(desk): State<Arc<Desk>>, body: Bytes) -> Response {
     }
     // As `hystation swap` does it: verified and copied by an ordinary process, before the supervisor hears of it.
     let station = desk.station().clone();
-    match tokio::task::spawn_blocking(move || kept::keep(&station, Path::new(&binary), known)).await {
+    let keeping = tokio::task::spawn_blocking(move || kept::keep(&station, Path::new(&binary), known));
+    let Ok(kept) = tokio::time::timeout(KEPT_WITHIN, keeping).await else {
+        let text = format!(
+            "the binary is not verified and copied after {} s, and nothing was swapped; is the machine busy, or another swap under way? \
+             `hystation swap` waits longer",
+            KEPT_WITHIN.as_secs()
+        );
+        return refused(StatusCode::SERVICE_UNAVAILABLE, &text);
+    };
+    match kept {
         Ok(Ok(kept)) => {
             let request = json!({ "do": "swap", "role": role, "binary": kept.binary() });
             let answer = ask(&desk.control(), &request).await;

@@ -36,6 +36,7 @@ struct Hop<'a> {
     state: LastHopState,
     lies: Lies,
     again: Option<Again>,
+    gives: fn([f32; 3]) -> [f32; 3],
 }
 
 /// The whole life of the device.
@@ -45,6 +46,15 @@ pub fn run(life: &Life) -> Result<(), Failure> {
 
 /// The same of one that orders contact models in another way: for whoever tries what becomes of a device that takes those of an epoch that is over.
 pub fn run_ordering(life: &Life, order: fn(u32, u64) -> (u32, u64)) -> Result<(), Failure> {
+    run_as(life, order, |force_n| force_n)
+}
+
+/// The same of one that makes another force of the one that it has chosen: for whoever tries what becomes of a device that does.
+pub fn run_giving(life: &Life, gives: fn([f32; 3]) -> [f32; 3]) -> Result<(), Failure> {
+    run_as(life, |epoch, tick| (epoch, tick), gives)
+}
+
+fn run_as(life: &Life, order: fn(u32, u64) -> (u32, u64), gives: fn([f32; 3]) -> [f32; 3]) -> Result<(), Failure> {
     let roles = [Role::Hardware, Role::Haptic, Role::Tissue, Role::Fluid];
     let mut inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let mut models = Models::new([Role::Tissue, Role::Fluid].map(|role| Horizon::open(&life.station, role).ok()), order);
@@ -53,7 +63,7 @@ pub fn run_ordering(life: &Life, order: fn(u32, u64) -> (u32, u64)) -> Result<()
     let lies = Lies::new(life, size_of::<ForceCommand>());
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
-    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, lies, again };
+    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, lies, again, gives };
     realtime::go(life)?;
     hop.resume();
     hop.run()
@@ -227,7 +237,7 @@ impl Hop<'_> {
             self.replicas.choose(self.life, &input, &self.params, deadline_ns)
         };
         let chosen = if given.is_mute || self.hardware.is_silent() { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
-        let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n);
+        let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n.map(self.gives));
         self.state = state;
         let kind = told_as(kind, chosen.force_n.is_some());
         let command = ForceCommand {

@@ -7,4 +7,4 @@ mod models;
 mod plugged;
 mod replicas;
 
-pub use hop::{run, run_ordering};
+pub use hop::{run, run_giving, run_ordering};

@@ -4,4 +4,4 @@ mod accord;
 mod drain;
 mod servo;
 
-pub use servo::{SHADOW_TICKS, run};
+pub use servo::{SHADOW_TICKS, run, run_telling};

@@ -33,12 +33,18 @@ struct Servo<'a> {
     /// Ticks in which another servo lived and its page was not there.
     unseen: u32,
     shadow: bool,
+    tells: fn([f32; 3]) -> [f32; 3],
     allocations: u64,
     lies: Lies,
 }
 
 /// The whole life of a servo.
 pub fn run(life: &Life) -> Result<(), Failure> {
+    run_telling(life, |force_n| force_n)
+}
+
+/// The same of one that tells another force than it has computed, or tells it later: for whoever tries what becomes of a servo that does.
+pub fn run_telling(life: &Life, tells: fn([f32; 3]) -> [f32; 3]) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let _drain = drain::start(life, links)?;
     life.ports_are_open();
@@ -54,6 +60,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         agreed: 0,
         unseen: 0,
         shadow: true,
+        tells,
         allocations: 0,
         lies: Lies::new(life, size_of::<ForceRecord>()),
     };
@@ -181,7 +188,7 @@ impl Servo<'_> {
         };
         bytemuck::cast_slice_mut(&mut record.servo_state)[..size_of::<ServoState>()].copy_from_slice(bytemuck::bytes_of(&state));
         self.life.drag(woken_ns);
-        let mut told = record;
+        let mut told = ForceRecord { force_n: (self.tells)(record.force_n), ..record };
         self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
         page.push(haptic::FORCES, input.tick, &told);

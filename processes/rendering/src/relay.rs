@@ -1,5 +1,5 @@
-//! What the operator's page shows of the pictures: now and then a small one, as a stream, written in place, and only while somebody looks. The console
-//! says in its page until when it wants them; while nobody does, that costs one load in a frame.
+//! What others see of the pictures: now and then a small one, as a stream, written in place, and only while somebody looks. The console says in its page
+//! until when it wants them for the operator's; and while this process is on trial, its judge wants them. While nobody does, that costs two loads in a frame.
 
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{Links, Publisher, ReadPage, system};
@@ -41,7 +41,8 @@ impl Relay {
         renderer: &mut Renderer,
     ) -> Result<(), RenderError> {
         let now_ns = system::now_ns();
-        let is_asked = console.is_some_and(|page| page.load64(console::PICTURES_UNTIL_NS) > now_ns);
+        let is_on_trial = life.clock.swap(Role::Rendering).is_on_trial(life.incarnation);
+        let is_asked = is_on_trial || console.is_some_and(|page| page.load64(console::PICTURES_UNTIL_NS) > now_ns);
         if !is_asked || now_ns < self.due_ns {
             return Ok(());
         }

@@ -7,11 +7,12 @@
 mod driver;
 
 use super::swap::swap_and_wait;
+use crate::policy::{self, Cause};
 use crate::settings::Refusal;
-use crate::swap::{role_of, verify};
+use crate::swap::{role_of, stated, verify};
 use crate::view::Viewer;
 use hyst_exchange::{Station, system};
-use hyst_messages::{Kind, Role, kinds_of, tolerance};
+use hyst_messages::Role;
 use serde::Serialize;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -215,21 +216,21 @@ fn swap_in(role: Role, binary: &Path, private: &mut Private) -> Result<Vec<Check
     let station = &private.station.clone();
     let mut record = swap_and_wait(station, role.name(), binary)?;
     for _ in 1..TRIES {
-        if record.promoted == Some(false) && record.got_no_time() {
+        if record.cause == Some(Cause::NoTime) {
             record = swap_and_wait(station, role.name(), binary)?;
         }
     }
-    if record.promoted == Some(false) && record.got_no_time() {
+    if record.cause == Some(Cause::NoTime) {
         return Ok(vec![check(NO_TIME, Err(record.reason))]);
     }
     let told = |text: &str| record.steps.iter().find(|step| step.what.contains(text));
     let ready = told("ready, and").map(|step| format!("after {:.0} ms", step.at_ms)).ok_or(record.reason.clone());
     let mut checks = vec![check("becomes ready", ready)];
-    if let Some(kind) = kinds_of(role).first().filter(|kind| matches!(kind, Kind::TissueState | Kind::FluidState)) {
+    if policy::is_stateful(role) {
         let compared = told("states compared").map(|step| step.what.clone()).ok_or(record.reason.clone());
         checks.push(check("agrees with the old engine", compared));
-        checks.extend(tolerance::stated(*kind).into_iter().map(|text| check("  tolerance", Ok(text))));
     }
+    checks.extend(stated(role).into_iter().map(|text| check("  tolerance", Ok(text))));
     let is_proven = record.promoted == Some(true);
     let proven = if is_proven { Ok("nobody had a reason to doubt it".into()) } else { Err(record.reason) };
     checks.push(check("passes its probation", proven));

@@ -4,9 +4,10 @@ mod state;
 
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, Request};
-use crate::faultfile::{Aim, FaultKind, Injection, Place};
+use crate::faultfile::{Aim, FaultKind, Injection, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
+use crate::swap::Record;
 use crate::{keepers, shortage};
 use hyst_exchange::{Station, system};
 
@@ -65,6 +66,14 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     }
     if let Some(word) = &args.state {
         state::wait_for(station, word)?;
+    }
+    if let Aim::Engines(Target { role, which: Which::Newcomer }) = aim
+        && Record::under_way(station, role).is_none()
+    {
+        return Err(Refusal::input(format!(
+            "no swap of {0} is under way; begin one with `hystation swap {0} BINARY`",
+            role.name()
+        )));
     }
     match aim {
         Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),

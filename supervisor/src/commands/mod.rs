@@ -66,6 +66,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
             let role = crate::swap::role_of(&role).map_err(Refusal::input)?;
             let judged = match role {
                 Role::Console => crate::swap::visit(&station),
+                Role::Device => crate::swap::feel(&station),
                 Role::Recorder | Role::Rendering => crate::swap::inspect(&station, role, guest, draws),
                 _ => crate::swap::judge::judge(&station, role, guest),
             };

@@ -182,7 +182,7 @@ impl Faults {
     /// The process that the swap of a role has brought; it may be in its start still where it has a place of its own.
     fn newcomer(&self, role: Role, viewer: &Viewer) -> Result<Slot, String> {
         let none = || format!("no swap of {} is under way whose newcomer is there", role.name());
-        let record = Record::read(&self.station).filter(|record| record.role == role.name() && record.promoted.is_none());
+        let record = Record::under_way(&self.station, role);
         let is_it = |slot: &Slot, record: &Record| slot.is_guest() || viewer.page().incarnation(*slot) == record.incarnation;
         record.and_then(|record| Slot::parse(&record.slot).filter(|slot| is_it(slot, &record))).ok_or_else(none)
     }

@@ -1,6 +1,6 @@
 //! What the policy is told, and what it asks for.
 
-use super::Ground;
+use super::{Ground, Reason};
 use hyst_messages::page::Stage;
 use hyst_messages::{Role, Slot};
 
@@ -126,7 +126,7 @@ pub enum Event {
         /// Whom.
         incarnation: u32,
         /// Why.
-        reason: String,
+        reason: Reason,
     },
     /// Somebody asked the station to stop.
     StopRequested,
@@ -199,7 +199,7 @@ pub enum Action {
         /// Who did the role's work before.
         to: u32,
         /// Why.
-        reason: String,
+        reason: Reason,
     },
     /// The swap is over.
     EndSwap {

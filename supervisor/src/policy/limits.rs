@@ -51,9 +51,9 @@ pub const fn is_stateful(role: Role) -> bool {
     matches!(role, Role::Tissue | Role::Fluid)
 }
 
-/// Whether somebody compares what a newcomer on probation makes with what it should be: its states, its page, its recording or its pictures.
+/// Whether a helper compares what a newcomer on probation makes with what it should be: its states, its force, its page, its recording or its pictures.
 pub const fn is_judged(role: Role) -> bool {
-    is_stateful(role) || matches!(role, Role::Console | Role::Recorder | Role::Rendering)
+    is_stateful(role) || matches!(role, Role::Device | Role::Console | Role::Recorder | Role::Rendering)
 }
 
 /// Roles whose streams a role reads. Its own is left out: of two that follow each other the ladder and the last one's right to live decide.

@@ -12,7 +12,7 @@
 mod retreat;
 mod settle;
 
-use super::{Action, Life, State, is_judged, is_replicated, is_stateful};
+use super::{Action, Cause, Life, Reason, State, is_judged, is_replicated, is_stateful};
 use hyst_messages::page::Stage as Told;
 use hyst_messages::{Role, Slot};
 use retreat::{fail, retreated};
@@ -33,11 +33,11 @@ pub const MOST_LOSSES: u32 = 3;
 /// How long the guest may take to give the role back after all others are settled, ns.
 const GIVE_BACK_WITHIN_NS: u64 = 5_000_000_000;
 
-/// Time on probation: longer than a hang of the role takes to be found, ns.
+/// Time on probation: longer than a hang of the role takes to be found, ns; of a device for two strokes of a hand that presses, beyond its ramps.
 pub const fn probation_ns(role: Role) -> u64 {
     match role {
         Role::Rendering => 12_000_000_000,
-        Role::Fluid | Role::Recorder | Role::Console => 4_000_000_000,
+        Role::Device | Role::Fluid | Role::Recorder | Role::Console => 4_000_000_000,
         _ => 2_000_000_000,
     }
 }
@@ -202,7 +202,7 @@ pub(super) fn resume(now_ns: u64, left: &super::Left, state: &mut State) -> Vec<
         let settled = Action::Told { role: left.slot.role(), stage: Told::Settled, incarnation };
         return std::iter::once(settled).filter(|_| incarnation != 0).chain(tend(now_ns, state)).collect();
     }
-    fail(now_ns, "the supervisor died meanwhile".into(), state)
+    fail(now_ns, Reason::new(Cause::Interrupted, "the supervisor died meanwhile"), state)
 }
 
 fn enter(now_ns: u64, stage: Stage, state: &mut State) {
@@ -271,25 +271,28 @@ pub(super) fn holds(now_ns: u64, role: Role, incarnation: u32, state: &mut State
             swap.incumbent = incarnation; // whose spare took over meanwhile
             Vec::new()
         }
-        Stage::Shadowing if own && is_stateful(role) => fail(now_ns, "it took the role unasked".into(), state),
+        Stage::Shadowing if own && is_stateful(role) => {
+            fail(now_ns, Reason::new(Cause::Unasked, "it took the role unasked"), state)
+        }
         Stage::Probation if !own && is_stateful(role) && swap.losses < MOST_LOSSES => {
             swap.losses += 1;
             swap.enter(now_ns, Stage::Promoting);
             Vec::new()
         }
         Stage::Probation if !own && is_stateful(role) => {
-            fail(now_ns, "it missed its steps again and again, and the old engine took the role back".into(), state)
+            let text = "it missed its steps again and again, and the old engine took the role back";
+            fail(now_ns, Reason::new(Cause::Missed, text), state)
         }
         _ => Vec::new(),
     }
 }
 
 /// Somebody has a reason not to trust a process: if that is the newcomer, its swap is undone for it.
-pub(super) fn doubted(now_ns: u64, incarnation: u32, reason: &str, state: &mut State) -> Vec<Action> {
+pub(super) fn doubted(now_ns: u64, incarnation: u32, reason: Reason, state: &mut State) -> Vec<Action> {
     let is_newcomer = |swap: &Swap| {
         incarnation != 0 && swap.incarnation == incarnation && !swap.is_proven() && !matches!(swap.stage, Stage::Retreating)
     };
-    if state.swap.as_ref().is_some_and(is_newcomer) { fail(now_ns, reason.to_string(), state) } else { Vec::new() }
+    if state.swap.as_ref().is_some_and(is_newcomer) { fail(now_ns, reason, state) } else { Vec::new() }
 }
 
 /// A process died that the swap has to do with: gives what follows, or nothing if this is an ordinary death.
@@ -311,8 +314,8 @@ pub(super) fn died(now_ns: u64, slot: Slot, incarnation: u32, hung: bool, state:
         Stage::Retreating => Some(retreated(slot, state)),
         Stage::Arriving | Stage::Shadowing | Stage::Promoting | Stage::Probation => {
             let (role, to) = (swap.role(), swap.incumbent);
-            let reason = if hung { "it hung" } else { "it died" };
-            let mut actions = vec![Action::Retreat { role, to, reason: reason.into() }];
+            let reason = if hung { Reason::new(Cause::Hung, "it hung") } else { Reason::new(Cause::Died, "it died") };
+            let mut actions = vec![Action::Retreat { role, to, reason }];
             actions.extend(retreated(slot, state));
             Some(actions)
         }
@@ -328,7 +331,7 @@ pub(super) fn died(now_ns: u64, slot: Slot, incarnation: u32, hung: bool, state:
 pub(super) fn spawn_failed(slot: Slot, state: &mut State) -> Option<Vec<Action>> {
     let swap = state.swap.as_ref().filter(|swap| swap.slot == slot && !swap.is_proven())?;
     let (role, to) = (swap.role(), swap.incumbent);
-    let retreat = Action::Retreat { role, to, reason: "it cannot be started".into() };
+    let retreat = Action::Retreat { role, to, reason: Reason::new(Cause::NotReady, "it cannot be started") };
     let mut actions = if swap.stage == Stage::Retreating { Vec::new() } else { vec![retreat] };
     actions.extend(retreated(slot, state));
     Some(actions)
@@ -340,14 +343,18 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
     let (role, passed_ns) = (swap.role(), now_ns.saturating_sub(swap.since_ns));
     match swap.stage {
         Stage::Vacating => Vec::new(), // it was killed, and its death ends this
-        Stage::Arriving if passed_ns > arrive_within_ns(role) => fail(now_ns, "it did not become ready".into(), state),
-        Stage::Shadowing if passed_ns > SHADOW_WITHIN_NS => {
-            fail(now_ns, "it could not be compared with the old engine in time".into(), state)
+        Stage::Arriving if passed_ns > arrive_within_ns(role) => {
+            fail(now_ns, Reason::new(Cause::NotReady, "it did not become ready"), state)
         }
-        Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => fail(now_ns, "it did not take the role".into(), state),
+        Stage::Shadowing if passed_ns > SHADOW_WITHIN_NS => {
+            fail(now_ns, Reason::new(Cause::NotCompared, "it could not be compared with the old engine in time"), state)
+        }
+        Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => {
+            fail(now_ns, Reason::new(Cause::Missed, "it did not take the role"), state)
+        }
         Stage::Probation if swap.agrees && passed_ns >= probation_ns(role) => settle::begin(now_ns, &swap, state),
         Stage::Probation if passed_ns > PROVE_WITHIN_NS => {
-            fail(now_ns, "it could not be compared on its probation".into(), state)
+            fail(now_ns, Reason::new(Cause::NotCompared, "it could not be compared on its probation"), state)
         }
         Stage::Settling => settle::next(now_ns, state),
         Stage::Returning if state.holder(role) != swap.incarnation => {

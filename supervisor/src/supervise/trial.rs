@@ -2,18 +2,18 @@
 //! servo's force, what its readers say of it, and whether it makes its steps.
 
 mod effort;
+mod forces;
 
 use super::{Input, Supervisor};
 use crate::journal;
 use crate::mischief::Charge;
-use crate::policy::{self, Action, Event, Left};
+use crate::policy::{self, Action, Cause, Event, Left, Reason};
 use crate::swap::judge::Seen;
 use crate::swap::{Record, first_slot, kept, role_of};
-use effort::{Effort, KEPT_OFF_FOR_LATE, Spent};
-use hyst_engine::realtime;
+use effort::{Effort, KEPT_OFF_FOR_LATE, Spent, Tenures};
 use hyst_exchange::{Station, system};
 use hyst_messages::page::device::Distrust;
-use hyst_messages::page::{ProcessState, Stage, Swap, device, haptic, rendering, station as layout};
+use hyst_messages::page::{Stage, Swap, device, rendering, station as layout};
 use hyst_messages::{Role, Slot};
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
@@ -29,8 +29,6 @@ const LEAST_COMPARED: u64 = 10;
 const LEAST_PROVEN: u64 = 30;
 /// States in a row out of tolerance after which the newcomer goes: one may come from an input that was read at another moment.
 const MOST_OUTSIDE: u64 = 3;
-/// What a servo's force may differ by from the other's for the same tick, N: what the hand feels of a step is 0.05 N.
-const MOST_FORCE_N: f32 = 0.05;
 /// A newcomer that does not answer in time for so long is too slow, ns.
 const LATE_NS: u64 = 200_000_000;
 
@@ -53,8 +51,11 @@ pub struct Trial {
     old: Spent,
     /// The old rendering drew pictures.
     drew: bool,
-    /// What the newcomer spends; when its rate was last looked at, ns; looks at which it was too slow.
+    /// What the newcomer spends, and who had the role before, where that one works beside it.
     effort: Option<Effort>,
+    beside: Option<Effort>,
+    tenures: Tenures,
+    /// When its rate was last looked at, ns; looks at which it was too slow.
     looked_ns: u64,
     slow: u32,
 }
@@ -64,14 +65,9 @@ impl Trial {
     fn begin(record: Record, role: Role, old: Spent) -> Trial {
         let (stage, since_ns) = (Stage::None, system::now_ns());
         let (compared, forces) = ((0, 0), (0, 0, 0));
-        let judge = None;
-        Trial { record, role, stage, since_ns, judge, compared, forces, old, drew: false, effort: None, looked_ns: 0, slow: 0 }
-    }
-
-    /// Whether the machine did not let the newcomer run, since then.
-    fn is_excused(&self, since_ns: u64, kept_off: f64) -> bool {
-        let spent = self.effort.as_ref().and_then(|effort| effort.since(since_ns));
-        realtime::priority(self.role).is_some() && spent.is_some_and(|spent| spent.is_excused(self.old.step_ns(), kept_off))
+        let (judge, effort, beside, drew, tenures) = (None, None, None, false, Tenures::default());
+        let (looked_ns, slow) = (0, 0);
+        Trial { record, role, stage, since_ns, judge, compared, forces, old, drew, effort, beside, tenures, looked_ns, slow }
     }
 }
 
@@ -111,6 +107,7 @@ impl Supervisor {
             incumbent,
             proven: false,
             promoted: None,
+            cause: None,
             reason: String::new(),
             begun_ns: system::now_ns(),
             steps: Vec::new(),
@@ -167,10 +164,11 @@ impl Supervisor {
                     let undone = Swap { stage: Stage::Undone, guest };
                     self.page.store64(layout::SWAP + role as usize, undone.word());
                 }
+                let Reason { cause, text } = self.trial.as_ref().map_or(reason.clone(), |trial| trial.weighed(reason));
                 if let Some(trial) = &mut self.trial {
-                    trial.record.reason = reason.clone();
+                    (trial.record.cause, trial.record.reason) = (Some(cause), text.clone());
                 }
-                self.note_step(&format!("rolled back: {reason}"));
+                self.note_step(&format!("rolled back: {text}"));
                 self.faults.doubted(guest, system::now_ns());
                 self.spawner.mortality.pass("swap-undone");
             }
@@ -180,7 +178,7 @@ impl Supervisor {
     }
 
     fn tell(&mut self, role: Role, stage: Stage, incarnation: u32) {
-        if policy::is_stateful(role) {
+        if policy::is_stateful(role) || role == Role::Rendering {
             self.page.store64(layout::SWAP + role as usize, Swap { stage, guest: incarnation }.word());
         }
         if role == Role::Haptic && stage == Stage::Trial {
@@ -238,7 +236,9 @@ impl Supervisor {
                 trial.compared.1 = trial.compared.0;
             }
             self.note_step("has the role, on probation; the old engine keeps its own state");
+            self.note_role(true);
         } else if self.is_newcomer(before) {
+            self.note_role(false);
             self.note_step(&format!("{} went from it to incarnation {now}", role.name()));
         }
     }
@@ -249,7 +249,7 @@ impl Supervisor {
         incarnation != 0 && self.trial.as_ref().is_some_and(of)
     }
 
-    pub(super) fn doubt(&mut self, incarnation: u32, reason: String) {
+    pub(super) fn doubt(&mut self, incarnation: u32, reason: Reason) {
         let actions = policy::step(system::now_ns(), Event::Doubted { incarnation, reason }, &mut self.policy);
         self.act(actions);
     }
@@ -263,11 +263,11 @@ impl Supervisor {
             && charge.last_ns.saturating_sub(charge.since_ns.max(trial_ns)) > LATE_NS
             && now_ns.saturating_sub(charge.last_ns) < LATE_NS;
         if is_grave {
-            self.doubt(charge.incarnation, format!("{} refuses what it says", charge.by));
+            self.doubt(charge.incarnation, Reason::new(Cause::Refused, format!("{} refuses what it says", charge.by)));
         } else if late
             && !self.trial.as_ref().is_some_and(|trial| trial.is_excused(now_ns.saturating_sub(LATE_NS), KEPT_OFF_FOR_LATE))
         {
-            self.doubt(charge.incarnation, format!("{} has no answer from it in time", charge.by));
+            self.doubt(charge.incarnation, Reason::new(Cause::Late, format!("{} has no answer from it in time", charge.by)));
         }
     }
 
@@ -283,7 +283,8 @@ impl Supervisor {
             self.compare_forces(now_ns);
         }
         self.note_effort(now_ns);
-        if stage == Stage::Trial {
+        // Of those with a state the elders judge whether they are in time.
+        if stage == Stage::Trial && !policy::is_stateful(role) {
             self.look_at_rate(now_ns);
         }
     }
@@ -299,32 +300,6 @@ impl Supervisor {
         self.act(actions);
     }
 
-    /// A servo is compared here with the other one: both say their force in their pages.
-    fn compare_forces(&mut self, now_ns: u64) {
-        let slots = [0, 1].map(|index| Slot::new(Role::Haptic, index));
-        let records = slots.map(|slot| self.viewer.slot_page(slot?)?.cell(haptic::FORCE).map(|(_, record)| record));
-        let [Some(a), Some(b)] = records else { return };
-        let is_out = slots
-            .iter()
-            .flatten()
-            .all(|slot| self.viewer.slot_page(*slot).is_some_and(|page| page.state() == ProcessState::Live));
-        let Some(trial) = &mut self.trial else { return };
-        let (outside, compared, last) = trial.forces;
-        if a.tick != b.tick || a.tick == last {
-            return;
-        }
-        let near = a.force_n.iter().zip(b.force_n).all(|(a, b)| (a - b).abs() <= MOST_FORCE_N);
-        trial.forces = (if near || !is_out { 0 } else { outside + 1 }, compared + u64::from(is_out), a.tick);
-        let (incarnation, (outside, compared, _)) = (trial.record.incarnation, trial.forces);
-        let long = now_ns.saturating_sub(trial.since_ns) >= SHADOW_NS;
-        if outside >= MOST_OUTSIDE {
-            self.doubt(incarnation, format!("its force differs by more than {MOST_FORCE_N} N from the other servo's"));
-        } else if trial.stage == Stage::Shadow && long && compared >= LEAST_COMPARED {
-            let actions = policy::step(now_ns, Event::Agreed { incarnation }, &mut self.policy);
-            self.act(actions);
-        }
-    }
-
     /// A line of the judge.
     pub(super) fn judged(&mut self, incarnation: u32, seen: &Seen) {
         let Some(trial) = self.trial.as_mut().filter(|trial| trial.record.incarnation == incarnation) else { return };
@@ -338,7 +313,7 @@ impl Supervisor {
         let least = if is_proof { LEAST_PROVEN } else { LEAST_COMPARED };
         let is_enough = is_long && seen.outside == 0 && seen.compared - trial.compared.1 >= least;
         if seen.outside >= MOST_OUTSIDE {
-            self.doubt(incarnation, format!("out of tolerance: {}", seen.text));
+            self.doubt(incarnation, Reason::new(Cause::OutOfTolerance, format!("out of tolerance: {}", seen.text)));
         } else if is_enough && matches!(stage, Stage::Shadow | Stage::Trial) {
             if stage == Stage::Shadow {
                 self.note_step(&format!("{} states compared, the worst at {:.2e} of the tolerance", seen.compared, seen.worst));

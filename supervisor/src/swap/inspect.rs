@@ -3,21 +3,16 @@
 //! disk that does not answer.
 
 use super::judge::{Seen, tell};
+use super::pictures::{Gallery, Stream};
+use super::stated::{MOST_BEHIND_TICKS, STILL_NS, STILL_RECORDER_NS};
 use hyst_engine::Settings;
 use hyst_exchange::{ReadPage, Station, StationPage, system};
-use hyst_messages::page::{device, recorder, rendering, tissue};
+use hyst_messages::page::{device, hardware, recorder, rendering, tissue};
 use hyst_messages::{RecorderStatus, RenderingStatus, Role, Slot};
 
 /// Between two looks, ns; and after one that speaks against the newcomer: what a stall makes of three of them at once is no verdict.
 const LOOK_NS: u64 = 250_000_000;
 const AMISS_NS: u64 = 1_000_000_000;
-/// For how long there may be no new picture, ns: a busy machine keeps rendering off for seconds, and nobody agrees meanwhile.
-const STILL_NS: u64 = 8_000_000_000;
-/// The same of a recorder, whose looks are not put off either: the device keeps 4.1 s for the one that takes its place again, and a good one that is rolled
-/// back because it was not let run is swapped in again at no loss.
-const STILL_RECORDER_NS: u64 = 1_500_000_000;
-/// Ticks that may not be on disk yet: about as many as the device keeps for a recorder.
-const MOST_BEHIND_TICKS: u64 = 4_096;
 /// How far ahead of the present a tick on disk may be said to be: none, but for what passes between two words of a page.
 const MOST_AHEAD_TICKS: u64 = 100;
 
@@ -77,13 +72,16 @@ pub fn inspect(station: &Station, role: Role, guest: u32, draws: bool) -> Result
     let own = station.read_slot(Slot::first(role), guest).map_err(|error| error.to_string())?;
     let (mut recording, mut pictures) = (Recording::default(), Pictures { draws, ..Pictures::default() });
     let mut inspection = Inspection::of(role, system::now_ns());
+    let mut stream = if role == Role::Rendering { Some(Stream::of(station, guest)?) } else { None };
     while !clock.stop_requested() {
         let look = if role == Role::Recorder {
             let status = own.cell(recorder::STATUS).map(|(_, status)| status);
             let size = settings.record.as_ref().map(|path| std::fs::metadata(path).map_or(0, |file| file.len()));
             recording.look(status, size, newest_tick(station, &clock), clock.present_tick())
         } else {
-            pictures.look(own.cell(rendering::STATUS).map(|(_, status)| status), newest_state(station, &clock))
+            let picture = stream.as_mut().and_then(Stream::newest);
+            let shown = pictures.gallery.look(picture.as_ref().map(|held| held.bytes()), place_m(station, &clock));
+            pictures.look(own.cell(rendering::STATUS).map(|(_, status)| status), newest_state(station, &clock), shown)
         };
         let is_amiss = inspection.take(look, system::now_ns());
         if !tell(&inspection.seen)? {
@@ -108,6 +106,12 @@ fn newest_tick(station: &Station, clock: &StationPage) -> u64 {
 fn newest_state(station: &Station, clock: &StationPage) -> u64 {
     let ticks = pages(station, clock, Role::Tissue).filter_map(|page| page.cell(tissue::STATUS));
     ticks.map(|(_, status)| status.state_tick).max().unwrap_or(0)
+}
+
+/// Where the scope is, m; the origin if there is no hardware.
+fn place_m(station: &Station, clock: &StationPage) -> [f32; 3] {
+    let samples = pages(station, clock, Role::Hardware).filter_map(|page| page.cell(hardware::SAMPLE));
+    samples.map(|(_, sample)| sample.pose.position_m).next().unwrap_or_default()
 }
 
 /// What a recorder has brought forth so far.
@@ -143,14 +147,15 @@ impl Recording {
 #[derive(Debug, Default)]
 struct Pictures {
     draws: bool,
+    gallery: Gallery,
     frames: u64,
     /// Tick of the newest state when pictures last showed a new one.
     state: u64,
 }
 
 impl Pictures {
-    /// `state`: the tick of the newest state that it can draw.
-    fn look(&mut self, status: Option<RenderingStatus>, state: u64) -> Look {
+    /// `state`: the tick of the newest state that it can draw; `shown`: what speaks against its newest picture.
+    fn look(&mut self, status: Option<RenderingStatus>, state: u64, shown: Result<(), &str>) -> Look {
         let Some(status) = status else { return Look::Nothing("its page says nothing of pictures".into()) };
         let RenderingStatus { frames, upload_bytes, size_px: [width, height], frame_ms, .. } = status;
         match () {
@@ -162,10 +167,13 @@ impl Pictures {
             }
             // A state that is shown is uploaded; a picture between two states counts for nothing.
             () if upload_bytes == 0 && state > self.state => Look::Nothing("its pictures show no new state".into()),
-            () => {
-                (self.frames, self.state) = (frames, state);
-                Look::New(0.0, format!("it has drawn {frames} pictures"))
-            }
+            () => match shown {
+                Err(why) => Look::Nothing(why.into()),
+                Ok(()) => {
+                    (self.frames, self.state) = (frames, state);
+                    Look::New(0.0, format!("it has drawn {frames} pictures"))
+                }
+            },
         }
     }
 }
@@ -213,22 +221,24 @@ mod tests {
         let status = |frames: u64, upload_bytes: u64| {
             Some(RenderingStatus { frames, upload_bytes, size_px: [640, 480], ..RenderingStatus::default() })
         };
-        assert_eq!(nothing(pictures.look(None, 10)), "its page says nothing of pictures");
-        assert_eq!(nothing(pictures.look(Some(RenderingStatus::default()), 10)), "it has drawn nothing");
-        assert!(matches!(pictures.look(status(3, 900), 10), Look::New(0.0, _)));
-        assert!(nothing(pictures.look(status(3, 900), 260)).contains("no picture after its 3"));
-        assert_eq!(nothing(pictures.look(status(9, 0), 260)), "its pictures show no new state");
-        assert!(matches!(pictures.look(status(9, 0), 10), Look::New(0.0, _)), "there is no new state");
+        assert_eq!(nothing(pictures.look(None, 10, Ok(()))), "its page says nothing of pictures");
+        assert_eq!(nothing(pictures.look(Some(RenderingStatus::default()), 10, Ok(()))), "it has drawn nothing");
+        assert!(matches!(pictures.look(status(3, 900), 10, Ok(())), Look::New(0.0, _)));
+        assert!(nothing(pictures.look(status(3, 900), 260, Ok(()))).contains("no picture after its 3"));
+        assert_eq!(nothing(pictures.look(status(9, 0), 260, Ok(()))), "its pictures show no new state");
+        assert!(matches!(pictures.look(status(9, 0), 10, Ok(())), Look::New(0.0, _)), "there is no new state");
         let empty = Some(RenderingStatus { frames: 20, upload_bytes: 900, ..RenderingStatus::default() });
-        assert!(nothing(pictures.look(empty, 300)).contains("0x0"));
-        assert!(matches!(pictures.look(status(20, 900), 300), Look::New(0.0, _)));
+        assert!(nothing(pictures.look(empty, 300, Ok(()))).contains("0x0"));
+        assert!(matches!(pictures.look(status(20, 900), 300, Ok(())), Look::New(0.0, _)));
+        assert_eq!(nothing(pictures.look(status(21, 900), 300, Err("it is black"))), "it is black");
+        assert!(matches!(pictures.look(status(21, 900), 300, Ok(())), Look::New(0.0, _)), "it was not counted");
     }
 
     #[test]
     fn a_rendering_without_a_driver_may_follow_one_that_drew_nothing() {
         let mut pictures = Pictures::default();
-        assert!(matches!(pictures.look(Some(RenderingStatus::default()), 10), Look::New(0.0, _)));
-        assert_eq!(nothing(pictures.look(None, 10)), "its page says nothing of pictures");
+        assert!(matches!(pictures.look(Some(RenderingStatus::default()), 10, Err("it sends none")), Look::New(0.0, _)));
+        assert_eq!(nothing(pictures.look(None, 10, Ok(()))), "its page says nothing of pictures");
     }
 
     #[test]

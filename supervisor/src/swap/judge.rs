@@ -13,7 +13,7 @@ use std::io::Write;
 /// Between two looks at the streams, ns: a reader's buffer holds two messages.
 const LOOK_NS: u64 = 1_000_000;
 /// Between two lines, ns.
-const LINE_NS: u64 = 50_000_000;
+pub(super) const LINE_NS: u64 = 50_000_000;
 /// Ticks of which a state waits for its counterpart.
 const MOST_WAITING: usize = 8;
 /// States of a real-time role are compared at every so many steps: 62 times a second at 1 kHz.
@@ -162,13 +162,14 @@ fn said(found: Deviation) -> (f64, String) {
     (found.ratio(), format!("{} differ by {:.3e} {}, {:.3e} is allowed", found.what, found.by, found.unit, found.most))
 }
 
-/// The pages of a role's living incarnations, and the number of each contact model that was taken last.
+/// The pages of a role's living incarnations, and how far each was read: the number of the contact model that was taken last, or the key after the last entry
+/// of a ring.
 #[derive(Default)]
-struct Pages(BTreeMap<u32, (ReadPage, u64)>);
+pub(super) struct Pages(pub(super) BTreeMap<u32, (ReadPage, u64)>);
 
 impl Pages {
     /// Opens those of newcomers, and drops those of the dead.
-    fn follow(&mut self, station: &Station, clock: &StationPage, role: Role) {
+    pub(super) fn follow(&mut self, station: &Station, clock: &StationPage, role: Role) {
         let living: Vec<_> = clock.occupied(role).collect();
         self.0.retain(|incarnation, _| living.iter().any(|(_, lives)| lives == incarnation));
         for (slot, incarnation) in living {

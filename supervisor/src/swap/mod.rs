@@ -1,15 +1,21 @@
 //! A swap as it is written down: what is asked for, how far it is, what happened when, how it ended. One file in the station's root, replaced as a whole,
 //! so that a supervisor that dies in the middle leaves what its successor needs, and whoever asked can read how it goes.
 
+mod feel;
 mod inspect;
 pub mod judge;
+mod pictures;
+mod stated;
 mod visit;
 
+pub use feel::feel;
 pub use inspect::inspect;
+pub use stated::{SERVO_FORCE_N, stated};
 pub use visit::visit;
 
 pub use hyst_engine::{kept, verify};
 
+use crate::policy::Cause;
 use hyst_exchange::{Station, system};
 use hyst_messages::page::device;
 use hyst_messages::{Role, Slot};
@@ -47,6 +53,8 @@ pub struct Record {
     /// How it ended; `None` while it goes on.
     pub promoted: Option<bool>,
     /// Why it was undone.
+    pub cause: Option<Cause>,
+    /// In words.
     pub reason: String,
     /// When it was asked for, ns.
     pub begun_ns: u64,
@@ -54,22 +62,19 @@ pub struct Record {
     pub steps: Vec<Step>,
 }
 
-/// Reasons that a newcomer which gets no time is rolled back for.
-const NO_TIME: [&str; 4] = ["could not be compared", "did not take the role", "missed its steps", "has no answer"];
-
 impl Record {
     /// The station's newest swap.
     pub fn read(station: &Station) -> Option<Record> {
         serde_json::from_str(&std::fs::read_to_string(station.swap()).ok()?).ok()
     }
+    /// The swap of a role that is under way.
+    pub fn under_way(station: &Station, role: Role) -> Option<Record> {
+        Record::read(station).filter(|record| record.role == role.name() && record.promoted.is_none())
+    }
     /// Writes it; false if that is refused.
     pub fn write(&self, station: &Station) -> bool {
         let text = serde_json::to_string(self).unwrap_or_default();
         crate::plan::write_whole(&station.swap(), text.as_bytes()).is_ok()
-    }
-    /// Whether it was undone for want of time: the newcomer could not show what it is, which speaks of the machine and not of the engine.
-    pub fn got_no_time(&self) -> bool {
-        NO_TIME.iter().any(|reason| self.reason.contains(reason))
     }
     /// Notes what happened.
     pub fn note(&mut self, what: &str) {
@@ -130,13 +135,19 @@ mod tests {
             incumbent: 6,
             proven: false,
             promoted: None,
+            cause: None,
             reason: String::new(),
             begun_ns: system::now_ns(),
             steps: Vec::new(),
         };
         record.note("ready");
+        (record.cause, record.reason) = (Some(Cause::NoTime), "it had none".into());
         assert!(record.write(&station));
         assert_eq!(Record::read(&station), Some(record.clone()));
+        assert_eq!(Record::under_way(&station, Role::Fluid), Some(record.clone()));
+        assert_eq!(Record::under_way(&station, Role::Tissue), None);
+        record.promoted = Some(false);
+        assert!(record.write(&station) && Record::under_way(&station, Role::Fluid).is_none(), "it is over");
         assert_eq!(record.slot(), Slot::guest(Role::Fluid));
         station.wipe();
         for name in ["device", "haptic", "tissue", "fluid", "rendering", "recorder", "collision-worker", "console"] {

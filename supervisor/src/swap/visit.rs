@@ -2,6 +2,7 @@
 //! answers whoever has the token, and with figures of this station's present.
 
 use super::judge::{Seen, tell};
+use super::stated::MOST_AGE_TICKS;
 use hyst_engine::Address;
 use hyst_exchange::{Station, StationPage, system};
 use std::io::{Read, Write};
@@ -17,8 +18,6 @@ const BEGIN_NS: u64 = 5_000_000_000;
 const ANSWER_WITHIN: Duration = Duration::from_secs(3);
 /// Most bytes of an answer that are read.
 const MOST_BYTES: u64 = 1 << 20;
-/// How old its figures may be, ticks: it asks the supervisor once in a second.
-const MOST_AGE_TICKS: f64 = 5_000.0;
 
 /// The helper itself: writes a line of JSON after each visit until nobody reads it or the station stops.
 pub fn visit(station: &Station) -> Result<(), String> {

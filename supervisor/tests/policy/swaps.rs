@@ -3,7 +3,9 @@
 use super::{Dice, World};
 use hyst_messages::Slot;
 use hyst_messages::page::Stage;
-use hystation::policy::{Action, Event, Exit, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, State, is_replicated, probation_ns};
+use hystation::policy::{
+    Action, Cause, Event, Exit, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, Reason, State, is_replicated, probation_ns,
+};
 
 /// What was seen of the swap that is under way.
 #[derive(Clone, Copy)]
@@ -103,7 +105,7 @@ impl World {
                 }
                 self.event(state, Event::Agreed { incarnation: newcomer });
             }
-            2 => self.event(state, Event::Doubted { incarnation: newcomer, reason: "the dice".into() }),
+            2 => self.event(state, Event::Doubted { incarnation: newcomer, reason: Reason::new(Cause::Refused, "the dice") }),
             _ => drop(self.bury_dismissed(state)),
         }
     }
@@ -202,13 +204,21 @@ mod by_hand {
     fn one_that_is_doubted_gives_the_role_to_whom_it_had_it_from_and_goes() {
         let ([_, _, guest], role) = (tissues(), Role::Tissue);
         let mut state = on_probation();
-        let actions = step(6, Event::Doubted { incarnation: 3, reason: "off".into() }, &mut state);
+        let actions = step(6, Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "off") }, &mut state);
         let dismiss = Action::Dismiss { slot: guest, incarnation: 3 };
         assert_eq!(
             actions,
-            [Action::Retreat { role, to: 1, reason: "off".into() }, Action::HandOver { role, incarnation: 1 }, dismiss]
+            [
+                Action::Retreat { role, to: 1, reason: Reason::new(Cause::Refused, "off") },
+                Action::HandOver { role, incarnation: 1 },
+                dismiss
+            ]
         );
-        assert_eq!(step(7, Event::Doubted { incarnation: 3, reason: "again".into() }, &mut state), [], "told once");
+        assert_eq!(
+            step(7, Event::Doubted { incarnation: 3, reason: Reason::new(Cause::Refused, "again") }, &mut state),
+            [],
+            "told once"
+        );
         let actions = step(8, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(9) }, &mut state);
         assert_eq!(actions.last(), Some(&Action::EndSwap { role, promoted: false }));
     }
@@ -222,7 +232,10 @@ mod by_hand {
         step(8, Event::Holds { role, incarnation: 3 }, &mut state);
         assert_eq!(step(8 + probation_ns(role), Event::Tick, &mut state), []);
         let actions = step(9 + PROVE_WITHIN_NS, Event::Tick, &mut state);
-        assert!(matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.contains("compared")), "{actions:?}");
+        assert!(
+            matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.cause == Cause::NotCompared),
+            "{actions:?}"
+        );
     }
 
     #[test]
@@ -230,7 +243,7 @@ mod by_hand {
         let ([_, _, guest], role) = (tissues(), Role::Tissue);
         for mut state in [shadowing(), on_probation()] {
             let actions = step(6, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(11) }, &mut state);
-            let retreat = Action::Retreat { role, to: 1, reason: "it died".into() };
+            let retreat = Action::Retreat { role, to: 1, reason: Reason::new(Cause::Died, "it died") };
             let expected = [Action::MarkDead { slot: guest, incarnation: 3 }, retreat, Action::EndSwap { role, promoted: false }];
             assert_eq!(actions, expected);
             for now_ns in [7, 1_000_000_000, 100_000_000_000] {
@@ -245,13 +258,13 @@ mod by_hand {
         let role = Role::Tissue;
         let mut state = shadowing();
         let actions = step(4, Event::Holds { role, incarnation: 3 }, &mut state);
-        assert!(matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.contains("unasked")), "{actions:?}");
+        assert!(matches!(&actions[..], [Action::Retreat { reason, .. }, ..] if reason.cause == Cause::Unasked), "{actions:?}");
         let mut state = on_probation();
         let mut losses = 0;
         loop {
             let actions = step(10, Event::Holds { role, incarnation: 1 }, &mut state);
             if let [Action::Retreat { reason, .. }, ..] = &actions[..] {
-                assert!(reason.contains("again and again"), "{reason}");
+                assert_eq!(reason.cause, Cause::Missed, "{reason:?}");
                 break;
             }
             losses += 1;

@@ -2,14 +2,18 @@
 //! of its folder, says of which role it is and what is wrong with it: `bad.ROLE.KIND`, as a link to this program. It is the real engine but for one
 //! defect, which shows in the place that the kind names.
 
+use hyst_engine::life::{DESCRIBE, Description};
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted};
 use hyst_exchange::{Links, system};
-use hyst_messages::page::{ProcessState, device as device_page, header, tissue as tissue_page};
-use hyst_messages::{ContactModel, Kind, Message, Role, Slot, StreamHeader, TICK_NS};
+use hyst_messages::page::{ProcessState, device as device_page, header, rendering as rendering_page, tissue as tissue_page};
+use hyst_messages::stream::message_bytes;
+use hyst_messages::{ContactModel, Kind, Message, MessageMut, RenderingStatus, Role, Slot, StreamHeader, TICK_NS};
 use hyst_recording::{Block, WriteError, Writer};
 use rustix::process::{Signal, getpid, kill_process};
+use std::io::Write;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Steps in the shadow, or of its tenure, after which the defect shows.
 const AFTER: u32 = 5;
@@ -17,6 +21,15 @@ const AFTER: u32 = 5;
 const AFTER_NS: u64 = 300_000_000;
 /// What a slow engine adds to a step, in periods.
 const PERIODS: u64 = 4;
+/// Steps after which the defect of a servo shows: it is out of the other's shadow by then.
+const AFTER_STEPS: u32 = 300;
+/// What a servo's force is off by, N.
+const OFF_N: f32 = 0.2;
+/// How long a reluctant one takes to say what it is, ns: it is verified twice, and less than that is left to each.
+const DESCRIBES_AFTER_NS: u64 = 7_000_000_000;
+/// Size of a picture, px, and the time between two, ns: it is faster than a good one.
+const PICTURE_PX: [u32; 2] = [320, 240];
+const PICTURE_NS: u64 = 20_000_000;
 
 /// Sends a signal to the own process until it takes effect: the runtime's handler lets the first SIGSEGV that was sent go by, and one that is
 /// pending already is not sent again.
@@ -53,13 +66,9 @@ impl<S: Stateful> Bad<'_, S> {
         match self.kind.trim_start_matches("shadow-") {
             "panic" => panic!("a broken invariant"),
             "segfault" => die_of(Signal::SEGV),
-            "abort" => std::process::abort(),
             "exit" => std::process::exit(0),
             "spin" => loop {
                 std::hint::spin_loop();
-            },
-            "block" => loop {
-                system::sleep_ns(TICK_NS);
             },
             "stop" => stop(),
             "slow" => system::sleep_ns(PERIODS * context.step_ticks * TICK_NS),
@@ -68,7 +77,7 @@ impl<S: Stateful> Bad<'_, S> {
     }
 
     /// What is wrong with a state, after it was computed.
-    fn spoil(&self, now: &[u8], next: &mut [u8]) {
+    fn spoil(&self, next: &mut [u8]) {
         let (spoils_shadow, kind) = match self.kind.strip_prefix("shadow-") {
             Some(kind) => (true, kind),
             None => (false, self.kind.as_str()),
@@ -86,7 +95,6 @@ impl<S: Stateful> Bad<'_, S> {
                     number.copy_from_slice(&(value * 1.1 + 0.2).to_ne_bytes());
                 }
             }
-            "frozen" => next.copy_from_slice(&now[..next.len()]),
             "garbage" => next.fill(0xa5),
             _ => {}
         }
@@ -151,7 +159,7 @@ impl<S: Stateful> Stateful for Bad<'_, S> {
         // It takes the role as if nothing had been before.
         let begins_anew = context.holding && self.held == 1 && !self.blank.is_empty();
         self.engine.step(context, if begins_anew { &self.blank } else { now }, next)?;
-        self.spoil(now, next);
+        self.spoil(next);
         Ok(())
     }
     fn finished(&mut self, context: &StepContext, state: &[u8]) {
@@ -225,6 +233,48 @@ fn record_with_holes(life: &Life) -> Result<(), Failure> {
     writer.finish().map(drop).map_err(broken)
 }
 
+/// Whether a servo has made enough steps for its defect to show.
+fn is_out_of_its_shadow() -> bool {
+    static STEPS: AtomicU32 = AtomicU32::new(0);
+    STEPS.fetch_add(1, Ordering::Relaxed) > AFTER_STEPS
+}
+
+fn off(force_n: [f32; 3]) -> [f32; 3] {
+    if is_out_of_its_shadow() { force_n.map(|newton| newton + OFF_N) } else { force_n }
+}
+
+fn slow(force_n: [f32; 3]) -> [f32; 3] {
+    if is_out_of_its_shadow() {
+        system::sleep_ns(PERIODS * TICK_NS);
+    }
+    force_n
+}
+
+/// A rendering whose page says all that a good one's says, and whose pictures are of these levels, byte by byte, again and again.
+fn draw(life: &Life, level: fn(usize) -> u8) -> Result<(), Failure> {
+    let sections = [3 * (PICTURE_PX[0] * PICTURE_PX[1]) as usize];
+    let links = Links::join(&life.station, &life.slot.to_string())?;
+    let stream = links.publisher(Role::Rendering, life.incarnation, Kind::Picture, message_bytes(&sections))?;
+    life.ports_are_open();
+    life.page.set_state(ProcessState::Live);
+    for frames in 1.. {
+        if life.clock.stop_requested() {
+            break;
+        }
+        life.heartbeat();
+        life.page.add64(header::STEPS, 1);
+        let status = RenderingStatus { frames, upload_bytes: 1, size_px: PICTURE_PX, ..RenderingStatus::default() };
+        life.page.write(rendering_page::STATUS, &status);
+        let mut loan = stream.loan(message_bytes(&sections))?;
+        let header = StreamHeader { tick: life.tick(), incarnation: life.incarnation, words: PICTURE_PX, ..Default::default() };
+        let mut message = MessageMut::format(loan.bytes_mut(), Kind::Picture, header, &sections)?;
+        message.section::<u8>(0)?.iter_mut().enumerate().for_each(|(at, byte)| *byte = level(at));
+        loan.send()?;
+        system::sleep_ns(PICTURE_NS);
+    }
+    Ok(())
+}
+
 /// An engine that is not linked here, or says nothing: it beats, and that is all.
 fn beat(life: &Life) -> Result<(), Failure> {
     life.page.set_state(ProcessState::Live);
@@ -245,6 +295,12 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         // Whatever epoch a contact model is of, it goes by the tick.
         (Role::Device, "unfenced") => device::run_ordering(life, |_, tick| (0, tick)),
         (Role::Recorder, "holes") => record_with_holes(life),
+        // It is consistent: the servos are told of the half that the motors are told of.
+        (Role::Device, "half") => device::run_giving(life, |force_n| force_n.map(|newton| 0.5 * newton)),
+        (Role::Haptic, "off") => haptic::run_telling(life, off),
+        (Role::Haptic, "slow") => haptic::run_telling(life, slow),
+        (Role::Rendering, "black") => draw(life, |_| 0),
+        (Role::Rendering, "still") => draw(life, |at| at as u8),
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (role, kind) => {
             sabotage(life, kind)?;
@@ -258,6 +314,28 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
     }
 }
 
+/// What is wrong when it is asked what it is; true if it then says so as any engine does.
+fn describes(role: Role, kind: &str) -> bool {
+    match kind {
+        "silent" => loop {
+            system::sleep_ns(TICK_NS);
+        },
+        // Whether anybody reads it or not.
+        "flood" => loop {
+            let _ = std::io::stdout().write_all(&[b'x'; 4_096]);
+        },
+        "reluctant" => system::sleep_ns(DESCRIBES_AFTER_NS),
+        "foreign" => {
+            let mut own = Description::of(role);
+            own.interface += 1;
+            println!("{}", serde_json::to_string(&own).unwrap_or_default());
+            return false;
+        }
+        _ => {}
+    }
+    true
+}
+
 fn main() -> ExitCode {
     let name = std::env::args().next().unwrap_or_default();
     let own = name.rsplit('/').find(|part| part.starts_with("bad.")).unwrap_or_default();
@@ -266,5 +344,8 @@ fn main() -> ExitCode {
         eprintln!("{name}: call this by a name such as bad.fluid.panic");
         return ExitCode::from(2);
     };
+    if std::env::args().nth(1).as_deref() == Some(DESCRIBE) && !describes(role, kind) {
+        return ExitCode::SUCCESS;
+    }
     hyst_engine::run(role, |life| run(life, kind))
 }

@@ -154,6 +154,7 @@ mod tests {
             incumbent: 3,
             proven: true,
             promoted: Some(true),
+            cause: None,
             reason: String::new(),
             begun_ns: 1_000_000_000,
             steps: vec![

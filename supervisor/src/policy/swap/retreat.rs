@@ -2,11 +2,11 @@
 //! is ready, but for a bounded time.
 
 use super::{Stage, Swap, tend};
-use crate::policy::{Action, LEAVE_WITHIN_NS, Life, State, is_replicated};
+use crate::policy::{Action, LEAVE_WITHIN_NS, Life, Reason, State, is_replicated};
 use hyst_messages::Slot;
 
 /// Undoes the swap.
-pub(super) fn fail(now_ns: u64, reason: String, state: &mut State) -> Vec<Action> {
+pub(super) fn fail(now_ns: u64, reason: Reason, state: &mut State) -> Vec<Action> {
     let Some(swap) = &mut state.swap else { return Vec::new() };
     let (role, to) = (swap.role(), swap.incumbent);
     swap.enter(now_ns, Stage::Retreating);

@@ -1,10 +1,14 @@
-//! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run.
+//! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run. Nor is
+//! it to blame for steps that it missed, or for what could not be compared, while it was kept off its core.
 
 use super::super::Supervisor;
+use super::Trial;
+use crate::policy::{self, Cause, Reason};
 use crate::proc::{START_UNIT_NS, ThreadFiles};
+use hyst_engine::realtime;
 use hyst_exchange::system;
-use hyst_messages::Slot;
-use hyst_messages::page::header;
+use hyst_messages::page::{hardware, header};
+use hyst_messages::{Role, Slot, TICK_NS};
 use std::collections::VecDeque;
 
 /// Between two entries, ns.
@@ -18,6 +22,10 @@ const KEPT_OFF_FOR_SLOW: f64 = 0.3;
 /// One that runs for this part of the time, at so many times what a step took the old engine, is slow by itself, whoever keeps it off.
 const BUSY: f64 = 0.1;
 const COSTLY: f64 = 3.0;
+/// One that slept for this part of the time, and yet made few steps, was not kept from them.
+const ASLEEP: f64 = 0.5;
+/// One that made so many steps in time whenever it had the role is not slow: it lost the role to a stall.
+const STEADY_STEPS: u64 = 100;
 
 /// Between two looks at the steps of a newcomer in place, ns.
 const RATE_NS: u64 = 900_000_000;
@@ -34,6 +42,8 @@ pub(super) struct Spent {
     ran_ns: u64,
     waited_ns: u64,
     steps: u64,
+    /// Time in which the host itself stood still, as the hardware's canaries say, ns: the kernel books it as time that somebody ran.
+    stalled_ns: u64,
 }
 
 impl Spent {
@@ -47,11 +57,46 @@ impl Spent {
         self.steps as f64 * 1e9 / self.passed_ns.max(1) as f64
     }
 
-    /// Whether it is the machine that makes it slow; `old_step_ns` is what a step took the old engine, 0 if that is not known.
-    pub(super) fn is_excused(&self, old_step_ns: f64, kept_off: f64) -> bool {
-        let part = |time_ns: u64| time_ns as f64 / self.passed_ns.max(1) as f64;
-        let is_costly = self.ran_ns as f64 > COSTLY * old_step_ns * self.steps as f64;
-        part(self.waited_ns) > kept_off && !(part(self.ran_ns) > BUSY && is_costly)
+    /// What was spent since another reading of the same books.
+    fn less(&self, from: &Spent) -> Spent {
+        Spent {
+            passed_ns: self.passed_ns.saturating_sub(from.passed_ns),
+            ran_ns: self.ran_ns.saturating_sub(from.ran_ns),
+            waited_ns: self.waited_ns.saturating_sub(from.waited_ns),
+            steps: self.steps.saturating_sub(from.steps),
+            stalled_ns: self.stalled_ns.saturating_sub(from.stalled_ns),
+        }
+    }
+
+    fn and(&self, more: &Spent) -> Spent {
+        Spent {
+            passed_ns: self.passed_ns + more.passed_ns,
+            ran_ns: self.ran_ns + more.ran_ns,
+            waited_ns: self.waited_ns + more.waited_ns,
+            steps: self.steps + more.steps,
+            stalled_ns: self.stalled_ns + more.stalled_ns,
+        }
+    }
+
+    fn part(&self, time_ns: u64) -> f64 {
+        time_ns as f64 / self.passed_ns.max(1) as f64
+    }
+
+    /// Whether its steps are dear; `old` is what the old engine spent, nothing if that is not known.
+    fn is_costly(&self, old: &Spent) -> bool {
+        let ran_ns = self.ran_ns.saturating_sub(self.stalled_ns);
+        self.part(ran_ns) > BUSY && ran_ns as f64 > COSTLY * old.step_ns() * self.steps as f64
+    }
+
+    /// Whether it is the machine that makes it slow: it kept the process off its core for more than this part of the time, or stood still.
+    fn is_excused(&self, old: &Spent, kept_off: f64) -> bool {
+        self.part(self.waited_ns.max(self.stalled_ns)) > kept_off && !self.is_costly(old)
+    }
+
+    /// Whether it slept while `old` made its steps.
+    fn is_asleep(&self, old: &Spent) -> bool {
+        let slept_ns = self.passed_ns.saturating_sub(self.ran_ns).saturating_sub(self.waited_ns);
+        self.rate_hz() < LEAST_RATE * old.rate_hz() && self.part(slept_ns) > ASLEEP
     }
 }
 
@@ -69,29 +114,81 @@ impl Effort {
         ThreadFiles::open(process).map(|files| Effort { files, entries: VecDeque::with_capacity(MOST_ENTRIES) })
     }
 
-    /// Makes an entry, unless the last one is young. `steps` are those that the process has made so far.
-    pub(super) fn enter(&mut self, now_ns: u64, steps: u64) {
+    /// Reads the books: `steps` are those that the process has made so far, `stalled_ns` the time for which the host has stood still. A kernel that keeps no
+    /// books excuses nobody; the steps count all the same.
+    fn read(&self, now_ns: u64, steps: u64, stalled_ns: u64) -> Spent {
+        let (ran_ns, waited_ns) = self.files.ran_and_waited_ns().unwrap_or((0, 0));
+        Spent { passed_ns: now_ns, ran_ns, waited_ns, steps, stalled_ns }
+    }
+
+    /// Makes an entry of what is read now, unless the last one is young.
+    fn enter(&mut self, now_ns: u64, steps: u64, stalled_ns: u64) {
         if self.entries.back().is_some_and(|last| now_ns.saturating_sub(last.passed_ns) < ENTRY_NS) {
             return;
         }
         if self.entries.len() == MOST_ENTRIES {
             self.entries.pop_front();
         }
-        // A kernel that keeps no books excuses nobody; the steps count all the same.
-        let (ran_ns, waited_ns) = self.files.ran_and_waited_ns().unwrap_or((0, 0));
-        self.entries.push_back(Spent { passed_ns: now_ns, ran_ns, waited_ns, steps });
+        self.entries.push_back(self.read(now_ns, steps, stalled_ns));
     }
 
     /// What was spent since a time, or the last entry before it; `None` if the books do not reach back so far.
     pub(super) fn since(&self, time_ns: u64) -> Option<Spent> {
-        let to = self.entries.back()?;
-        let from = self.entries.iter().rev().find(|entry| entry.passed_ns <= time_ns)?;
-        Some(Spent {
-            passed_ns: to.passed_ns - from.passed_ns,
-            ran_ns: to.ran_ns.saturating_sub(from.ran_ns),
-            waited_ns: to.waited_ns.saturating_sub(from.waited_ns),
-            steps: to.steps.saturating_sub(from.steps),
-        })
+        self.from(self.entries.iter().rev().find(|entry| entry.passed_ns <= time_ns)?)
+    }
+
+    /// The same as far as the books reach back.
+    fn lately(&self, time_ns: u64) -> Option<Spent> {
+        self.since(time_ns).or_else(|| self.from(self.entries.front()?))
+    }
+
+    fn from(&self, from: &Spent) -> Option<Spent> {
+        self.entries.back().map(|to| to.less(from))
+    }
+}
+
+/// The times for which a newcomer had the role.
+#[derive(Debug, Default)]
+pub(super) struct Tenures {
+    /// The books at the beginning of the present one.
+    since: Option<Spent>,
+    /// What was spent in those that are over, and how many there were.
+    over: Spent,
+    count: u64,
+}
+
+impl Tenures {
+    /// The newcomer has the role, or has lost it.
+    fn note(&mut self, holds: bool, read: Spent) {
+        match self.since.take() {
+            Some(since) if !holds => (self.over, self.count) = (self.over.and(&read.less(&since)), self.count + 1),
+            before => self.since = before.or(holds.then_some(read)),
+        }
+    }
+}
+
+impl Trial {
+    /// Whether the machine did not let the newcomer run, since then.
+    pub(super) fn is_excused(&self, since_ns: u64, kept_off: f64) -> bool {
+        let spent = self.effort.as_ref().and_then(|effort| effort.since(since_ns));
+        realtime::priority(self.role).is_some() && spent.is_some_and(|spent| spent.is_excused(&self.old, kept_off))
+    }
+
+    /// A reason for its end, once the machine was heard: one that missed steps, or left too little to compare, got no time if it was kept off its core. What the
+    /// one beside it spent tells what the steps cost anybody.
+    pub(super) fn weighed(&self, reason: Reason) -> Reason {
+        let of = |effort: &Option<Effort>| effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
+        let old = of(&self.beside).unwrap_or(self.old);
+        let Tenures { over, count, .. } = &self.tenures;
+        let had_the_role = reason.cause == Cause::Missed && *count > 0;
+        let spent = if had_the_role { Some(*over) } else { of(&self.effort) };
+        let is_kept_off = |spent: Spent| spent.is_excused(&old, KEPT_OFF_FOR_SLOW) && !spent.is_asleep(&old);
+        let is_steady = had_the_role && over.steps >= STEADY_STEPS * count;
+        let may_be = matches!(reason.cause, Cause::Missed | Cause::NotCompared);
+        if may_be && (is_steady || spent.is_some_and(is_kept_off)) {
+            return Reason::new(Cause::NoTime, format!("{}; the machine left it no time", reason.text));
+        }
+        reason
     }
 }
 
@@ -105,7 +202,7 @@ impl Supervisor {
         let passed_ns = system::now_ns().saturating_sub(start_ns);
         let spent = ThreadFiles::open(pid).and_then(|files| files.ran_and_waited_ns());
         let (ran_ns, waited_ns) = spent.unwrap_or((0, 0));
-        if passed_ns < RATE_NS { Spent::default() } else { Spent { passed_ns, ran_ns, waited_ns, steps } }
+        if passed_ns < RATE_NS { Spent::default() } else { Spent { passed_ns, ran_ns, waited_ns, steps, stalled_ns: 0 } }
     }
 
     /// Steps that the process in a slot has made, as its page says.
@@ -113,17 +210,40 @@ impl Supervisor {
         self.viewer.slot_page(slot).map_or(0, |page| page.load64(header::STEPS))
     }
 
-    /// Makes an entry in the newcomer's books.
+    /// Makes an entry in the books of the newcomer, and of the one that had the role before and works beside it.
     pub(super) fn note_effort(&mut self, now_ns: u64) {
-        let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
-        let (steps, pid) = (self.steps_of(slot), self.viewer.page().pid(slot));
+        let Some(trial) = &self.trial else { return };
+        let (own, role, incumbent) = (trial.record.slot(), trial.role, trial.record.incumbent);
+        let beside = self.slots.iter().copied().find(|slot| self.viewer.page().incarnation(*slot) == incumbent);
+        let beside = beside.filter(|_| policy::is_replicated(role));
+        let stalled_ns = self.stalled_ns();
+        let [own, beside] = [own, beside].map(|slot| slot.map(|slot| (self.steps_of(slot), self.viewer.page().pid(slot))));
         let Some(trial) = &mut self.trial else { return };
-        if trial.effort.is_none() {
-            trial.effort = Effort::of(pid);
+        for (effort, found) in [(&mut trial.effort, own), (&mut trial.beside, beside)] {
+            let Some((steps, pid)) = found else { continue };
+            if effort.is_none() {
+                *effort = Effort::of(pid);
+            }
+            if let Some(effort) = effort {
+                effort.enter(now_ns, steps, stalled_ns);
+            }
         }
-        if let Some(effort) = &mut trial.effort {
-            effort.enter(now_ns, steps);
+    }
+
+    /// The newcomer has the role, or has lost it.
+    pub(super) fn note_role(&mut self, holds: bool) {
+        let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
+        let (steps, stalled_ns) = (self.steps_of(slot), self.stalled_ns());
+        let Some(trial) = &mut self.trial else { return };
+        if let Some(effort) = &trial.effort {
+            trial.tenures.note(holds, effort.read(system::now_ns(), steps, stalled_ns));
         }
+    }
+
+    /// For how long the host has stood still, as the hardware's canaries say, ns.
+    fn stalled_ns(&mut self) -> u64 {
+        let page = self.viewer.slot_page(Slot::first(Role::Hardware));
+        TICK_NS * page.map_or(0, |page| page.load64(hardware::TOTALS + hardware::Total::Void as usize))
     }
 
     /// Whether the newcomer makes its steps.
@@ -140,7 +260,8 @@ impl Supervisor {
         let is_slow = rate_hz < LEAST_RATE * old_hz && !trial.is_excused(looked_ns, KEPT_OFF_FOR_SLOW);
         trial.slow = if is_slow { trial.slow + 1 } else { 0 };
         if trial.slow >= MOST_SLOW {
-            self.doubt(incarnation, format!("it makes {rate_hz:.0} steps a second, the old engine made {old_hz:.0}"));
+            let text = format!("it makes {rate_hz:.0} steps a second, the old engine made {old_hz:.0}");
+            self.doubt(incarnation, Reason::new(Cause::Slow, text));
         }
     }
 }
@@ -148,39 +269,111 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::swap::Record;
 
     const MS: u64 = 1_000_000;
 
+    fn record() -> Record {
+        Record {
+            number: 1,
+            role: "fluid".into(),
+            slot: "fluid:2".into(),
+            binary: "/x/fluid".into(),
+            before: "/y/fluid".into(),
+            incarnation: 17,
+            incumbent: 6,
+            proven: false,
+            promoted: None,
+            cause: None,
+            reason: String::new(),
+            begun_ns: 0,
+            steps: Vec::new(),
+        }
+    }
+
+    fn spent(ran_ms: u64, waited_ms: u64, steps: u64) -> Spent {
+        Spent { passed_ns: 200 * MS, ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, steps, stalled_ns: 0 }
+    }
+
     #[test]
     fn one_that_is_not_let_run_is_excused_and_one_whose_steps_cost_more_is_not() {
-        let spent = |ran_ms: u64, waited_ms: u64, steps: u64| Spent {
-            passed_ns: 200 * MS,
-            ran_ns: ran_ms * MS,
-            waited_ns: waited_ms * MS,
-            steps,
+        let old = spent(12, 0, 200);
+        assert!(!spent(12, 3, 200).is_excused(&old, KEPT_OFF_FOR_LATE), "it was let run");
+        assert!(!spent(1, 3, 0).is_excused(&old, KEPT_OFF_FOR_LATE), "it sleeps");
+        assert!(spent(6, 60, 100).is_excused(&old, KEPT_OFF_FOR_LATE), "kept off its core");
+        assert!(!spent(6, 40, 100).is_excused(&old, KEPT_OFF_FOR_SLOW), "that alone does not cost half its steps");
+        assert!(spent(0, 200, 0).is_excused(&old, KEPT_OFF_FOR_LATE), "not let run at all");
+        assert!(!spent(100, 60, 20).is_excused(&old, KEPT_OFF_FOR_LATE), "5 ms a step, on a core that others need");
+        assert!(!spent(60, 140, 12).is_excused(&Spent::default(), KEPT_OFF_FOR_LATE), "of the old one nothing is known");
+        assert_eq!((old.step_ns(), old.rate_hz()), (60e3, 1e3));
+    }
+
+    #[test]
+    fn one_whose_host_stood_still_is_excused_and_what_the_kernel_booked_meanwhile_makes_no_step_dear() {
+        let (old, stalled) = (spent(12, 0, 200), Spent { stalled_ns: 80 * MS, ..spent(86, 0, 100) });
+        assert!(stalled.is_excused(&old, KEPT_OFF_FOR_LATE));
+        assert!(!Spent { stalled_ns: 4 * MS, ..stalled }.is_excused(&old, KEPT_OFF_FOR_LATE), "it was let run");
+        assert!(!Spent { stalled_ns: 40 * MS, ..stalled }.is_excused(&old, KEPT_OFF_FOR_LATE), "its steps are dear beside that");
+    }
+
+    /// What is made of a cause if the newcomer spent this since it was told last how far it is, and this in each of three times that it had the role.
+    fn weighed(cause: Cause, own: Spent, tenure: Option<Spent>) -> Cause {
+        let books = |spent: Spent| {
+            let mut effort = Effort::of(std::process::id()).unwrap();
+            effort.entries = [Spent::default(), spent].into();
+            Some(effort)
         };
-        let old_step_ns = 60e3;
-        assert!(!spent(12, 3, 200).is_excused(old_step_ns, KEPT_OFF_FOR_LATE), "it was let run");
-        assert!(!spent(1, 3, 0).is_excused(old_step_ns, KEPT_OFF_FOR_LATE), "it sleeps");
-        assert!(spent(6, 60, 100).is_excused(old_step_ns, KEPT_OFF_FOR_LATE), "kept off its core");
-        assert!(!spent(6, 40, 100).is_excused(old_step_ns, KEPT_OFF_FOR_SLOW), "that alone does not cost half its steps");
-        assert!(spent(0, 200, 0).is_excused(old_step_ns, KEPT_OFF_FOR_LATE), "not let run at all");
-        assert!(!spent(100, 60, 20).is_excused(old_step_ns, KEPT_OFF_FOR_LATE), "5 ms a step, on a core that others need");
-        assert!(!spent(60, 140, 12).is_excused(0.0, KEPT_OFF_FOR_LATE), "of the old one nothing is known");
-        assert_eq!((spent(12, 0, 200).step_ns(), spent(12, 0, 200).rate_hz()), (60e3, 1e3));
+        let mut trial = Trial::begin(record(), Role::Fluid, Spent::default());
+        (trial.since_ns, trial.effort, trial.beside) = (0, books(own), books(spent(12, 0, 200)));
+        for read in (1..=3).filter_map(|_| tenure) {
+            trial.tenures.note(true, Spent::default());
+            trial.tenures.note(true, spent(1, 0, 1)); // told once more
+            trial.tenures.note(false, read);
+            trial.tenures.note(false, spent(1, 0, 1));
+        }
+        trial.weighed(Reason::new(cause, "why")).cause
+    }
+
+    #[test]
+    fn only_one_that_missed_its_steps_or_was_not_compared_and_was_kept_from_both_got_no_time() {
+        for cause in [Cause::Missed, Cause::NotCompared] {
+            assert_eq!(weighed(cause, spent(6, 70, 110), None), Cause::NoTime, "kept off its core");
+            assert_eq!(weighed(cause, spent(12, 10, 200), None), cause, "it waited as everybody does");
+            assert_eq!(weighed(cause, spent(2, 70, 40), None), cause, "it slept, and waited beside");
+            assert_eq!(weighed(cause, spent(100, 70, 20), None), cause, "its steps are dear");
+        }
+        for cause in [Cause::Late, Cause::Slow, Cause::Died, Cause::OutOfTolerance, Cause::NotReady] {
+            assert_eq!(weighed(cause, spent(6, 70, 110), Some(spent(6, 70, 110))), cause);
+        }
+    }
+
+    #[test]
+    fn of_one_that_had_the_role_those_times_alone_tell_whether_it_missed_its_steps_by_itself() {
+        let busy = spent(6, 70, 110);
+        let missed = |tenure: Spent| weighed(Cause::Missed, busy, Some(tenure));
+        assert_eq!(missed(spent(12, 0, 110)), Cause::NoTime, "it was in time, again and again");
+        assert_eq!(missed(spent(12, 0, 90)), Cause::Missed, "never for long, and nobody kept it off");
+        assert_eq!(missed(spent(6, 130, 60)), Cause::NoTime);
+        assert_eq!(missed(spent(2, 70, 40)), Cause::Missed, "it slept");
+        assert_eq!(
+            weighed(Cause::NotCompared, spent(12, 0, 200), Some(busy)),
+            Cause::NotCompared,
+            "its tenures do not tell that"
+        );
     }
 
     #[test]
     fn the_books_of_a_living_process_say_what_it_ran_between_two_entries() {
         let mut effort = Effort::of(std::process::id()).unwrap();
         let begun_ns = system::now_ns();
-        effort.enter(begun_ns, 7);
-        effort.enter(begun_ns + 1, 8);
+        effort.enter(begun_ns, 7, MS);
+        effort.enter(begun_ns + 1, 8, MS);
         assert_eq!(effort.entries.len(), 1, "too soon");
-        effort.enter(begun_ns + ENTRY_NS, 9);
+        effort.enter(begun_ns + ENTRY_NS, 9, 3 * MS);
         let spent = effort.since(begun_ns + 5).unwrap();
-        assert_eq!((spent.passed_ns, spent.steps), (ENTRY_NS, 2));
+        assert_eq!((spent.passed_ns, spent.steps, spent.stalled_ns), (ENTRY_NS, 2, 2 * MS));
         assert_eq!(effort.since(begun_ns - 1), None, "before the first entry");
+        assert_eq!(effort.lately(begun_ns - 1), Some(spent), "as far as they go");
         assert!(Effort::of(u32::MAX).is_none());
     }
 }
