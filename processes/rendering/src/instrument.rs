@@ -114,7 +114,9 @@ impl Instrument {
             stage.remove_object(ARMS);
         }
         if self.jaw.triangles.is_empty() {
-            JAWS.map(|jaw| stage.remove_object(jaw));
+            for jaw in JAWS {
+                stage.remove_object(jaw);
+            }
             return Ok(());
         }
         put(stage, JAWS[0], &self.jaw, metal)?;

@@ -320,7 +320,7 @@ fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRe
         let is_of_scene = case.is_of_scene(index as u32);
         let name = if is_of_scene { name.clone() } else { format!("{name}, piece {}", index + 1 - case.objects.len()) };
         // An organ that nothing holds is still one; a pathology that nothing holds is a free piece from the beginning.
-        let is_free = !held[index] && !(is_of_scene && *kind == ObjectKind::Organ);
+        let is_free = !(held[index] || is_of_scene && *kind == ObjectKind::Organ);
         let kind = if is_free { ObjectKind::FreePiece } else { *kind };
         let [tets, vertices, triangles, nodes] = counts[index];
         ObjectRecord { nodes, tets, vertices, triangles, ..object(&name, kind, index as u32) }

@@ -76,6 +76,7 @@ fn resect(scene: &LoadedScene, hand: &LoadedHand, tissue: &mut Cuttable, every_m
 fn scenes() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes");
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| !path.ends_with("grasper.toml")); // nothing cuts there
     paths.sort();
     paths
 }

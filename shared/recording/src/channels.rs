@@ -105,28 +105,17 @@ impl Channel {
             Channel::Tissue => {
                 let phases = vector_schema(&["deformation", "collision", "response", "surface"]);
                 let mut fields = json!({"tool_force_n": xyz, "phase_us": phases, "state_hash": {"type": "string"}});
-                let counts = ["contact_count", "shares_missing", "objects", "engines", "step_ticks"];
-                add(
-                    &mut fields,
-                    "integer",
-                    &[&["tick", "cuts", "is_cutting", "topology_version", "washed_out", "held", "taken_out"], &counts[..]]
-                        .concat(),
-                );
-                add(
-                    &mut fields,
-                    "number",
-                    &["removed_volume_ml", "washed_out_ml", "hold_m", "taken_out_ml", "cavity_pressure_pa"],
-                );
+                add(&mut fields, "integer", &["tick", "contact_count", "shares_missing", "objects", "engines", "step_ticks"]);
+                add(&mut fields, "integer", &["cuts", "is_cutting", "topology_version", "washed_out", "held", "taken_out"]);
+                add(&mut fields, "number", &["removed_volume_ml", "washed_out_ml", "taken_out_ml"]);
+                add(&mut fields, "number", &["hold_m", "cavity_pressure_pa"]);
                 fields
             }
             Channel::Fluid => {
                 let mut fields = json!({});
                 add(&mut fields, "integer", &["tick", "alarms", "step_ticks", "scene_step_ticks", "halvings"]);
-                add(
-                    &mut fields,
-                    "number",
-                    &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa", "inflow_ml_min", "outflow_ml_min"],
-                );
+                add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa"]);
+                add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min"]);
                 fields
             }
             Channel::Input => {

@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 }
 
 /// Replacement in the good scene, and the kind, the line (0 for none) and the key of the error that it must give.
-const CASES: [(&str, &str, Kind, usize, &str); 54] = [
+const CASES: [(&str, &str, Kind, usize, &str); 57] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
@@ -60,6 +60,15 @@ const CASES: [(&str, &str, Kind, usize, &str); 54] = [
     ("name = \"scope\"", "name = \"s\"\n[rigid.loop]\nradius_m = 0.0001", Kind::Range, 12, "rigid[0].loop.radius_m"),
     ("name = \"scope\"", "name = \"s\"\nloop = { radius_m = inf }", Kind::Range, 11, "rigid[0].loop.radius_m"),
     ("name = \"scope\"", "name = \"s\"\nloop = { size_m = 0.002 }", Kind::UnknownKey, 11, "rigid[0].loop.size_m"),
+    ("name = \"scope\"", "name = \"s\"\nscale_to_m = nan", Kind::Range, 11, "rigid[0].scale_to_m"),
+    (
+        "name = \"scope\"",
+        "name = \"s\"\njaws = { mesh = \"j.obj\", opening_m = 0.5 }",
+        Kind::Range,
+        11,
+        "rigid[0].jaws.opening_m",
+    ),
+    ("name = \"scope\"", "name = \"s\"\njaws = { mesh = \"j.obj\", points = 3 }", Kind::Range, 11, "rigid[0].jaws.points"),
     ("insertion_m = [0.0, 0.06]", "insertion_m = [0.06, 0.0]", Kind::Range, 12, "workspace.insertion_m"),
     ("grid = [32, 32, 18]", "grid = [0, 32, 18]", Kind::Range, 14, "fluid.grid"),
     ("grid = [32, 32, 18]", "grid = [1000000000, 32, 18]", Kind::Range, 14, "fluid.grid"),

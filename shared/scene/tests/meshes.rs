@@ -22,8 +22,14 @@ impl Folder {
 
     /// Loads a scene of one deformable table and one instrument.
     fn load(&self, deformable: &str) -> Result<LoadedScene, SceneError> {
-        let text =
-            format!("version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n");
+        self.load_with(deformable, "")
+    }
+
+    /// The same with more of the instrument.
+    fn load_with(&self, deformable: &str, rigid: &str) -> Result<LoadedScene, SceneError> {
+        let text = format!(
+            "version = 1\nname = \"t\"\n[[deformable]]\nname = \"organ\"\n{deformable}\n[[rigid]]\nname = \"scope\"\n{rigid}\n"
+        );
         load(&self.file("scene.toml", &text))
     }
 }
@@ -215,4 +221,63 @@ fn the_hash_follows_the_content() {
     assert_eq!(first, folder.load("mesh = \"organ.msh\"").unwrap());
     folder.file("organ.msh", &block(2, 80.0, 0.0).replacen(" 40 ", " 40.1 ", 1));
     assert_ne!(first.hash, folder.load("mesh = \"organ.msh\"").unwrap().hash);
+}
+
+/// A box as OBJ, from a corner to the other.
+fn a_box([x, y, z]: [f64; 3], [u, v, w]: [f64; 3]) -> String {
+    let corners = [[x, y, z], [u, y, z], [x, v, z], [u, v, z], [x, y, w], [u, y, w], [x, v, w], [u, v, w]];
+    let vertices: String = corners.iter().map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect();
+    let quads = [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]];
+    vertices + &quads.map(|[a, b, c, d]| format!("f {a} {b} {c}\nf {a} {c} {d}\n")).concat()
+}
+
+#[test]
+fn an_instrument_from_a_mesh_has_its_points_on_it_and_one_that_does_not_end_at_its_tip_is_refused() {
+    let folder = Folder::new("instrument");
+    folder.file("block.msh", &block(2, 0.05, 0.0));
+    folder.file("rod.obj", &a_box([-2.0, -3.0, -80.0], [2.0, 3.0, 0.0]));
+    let organ = "mesh = \"block.msh\"";
+    let scene = folder.load_with(organ, "mesh = \"rod.obj\"\nscale_to_m = 0.001").unwrap();
+    let rigid = &scene.rigid[0];
+    assert_eq!((rigid.points_m.len(), rigid.outward.len(), rigid.points_m[0][2]), (400, 400, 0.0));
+    let is_on = |[x, y, z]: &[f32; 3]| {
+        let sides = [(x.abs() - 0.002).abs(), (y.abs() - 0.003).abs(), z.abs()];
+        sides.iter().any(|away_m| *away_m < 1e-7) && x.abs() < 0.00201 && y.abs() < 0.00301 && (-0.081..=0.0).contains(z)
+    };
+    assert!(rigid.points_m.iter().all(is_on), "{:?}", rigid.points_m);
+    assert!(rigid.points_m.iter().any(|point| point[2] < -0.02) && scene.hand("press").is_some());
+    let other = folder.load_with(organ, "mesh = \"rod.obj\"\nscale_to_m = 0.00099").unwrap();
+    assert_ne!(other.hash, scene.hash, "the hash follows the instrument");
+    folder.file("ahead.obj", &a_box([-2.0, -3.0, -80.0], [2.0, 3.0, 9.0]));
+    for (file, what) in [("ahead.obj", "foremost point is at z = 9.000e-3 m"), ("none.obj", "there is no such file")] {
+        let error = folder.load_with(organ, &format!("mesh = \"{file}\"\nscale_to_m = 0.001")).unwrap_err();
+        assert!(error.key == "rigid[0].mesh" && error.to_string().contains(what), "{error}");
+    }
+    let error = folder.load_with(organ, "mesh = \"rod.obj\"").unwrap_err();
+    assert!(error.kind == Kind::Size && error.to_string().contains("set scale_to_m"), "{error}");
+}
+
+#[test]
+fn jaws_lie_along_their_shaft_on_one_side_of_it_and_open_no_farther_than_they_can() {
+    let folder = Folder::new("jaws");
+    folder.file("block.msh", &block(2, 0.05, 0.0));
+    folder.file("jaw.obj", &a_box([0.0, -1.5, 0.0], [1.0, 1.5, 9.0]));
+    folder.file("turned.obj", &a_box([0.0, -1.5, -9.0], [1.0, 1.5, 1.5]));
+    folder.file("both.obj", &a_box([-1.0, -1.5, 0.0], [1.0, 1.5, 9.0]));
+    let load = |rest: &str| folder.load_with("mesh = \"block.msh\"", &format!("jaws = {{ {rest} }}"));
+    let scene = load("mesh = \"jaw.obj\", scale_to_m = 0.001, points = 64").unwrap();
+    let jaws = scene.rigid[0].jaws.as_ref().unwrap();
+    assert!(scene.rigid[0].electrode.is_none() && (jaws.length_m, jaws.points_m.len()) == (0.009, 64), "{jaws:?}");
+    // Two sides, two faces, two ends.
+    let area_m2 = 64.0 * jaws.point_area_m2;
+    assert!((area_m2 - 2.0 * (9.0 + 27.0 + 3.0) * 1e-6).abs() < 1e-9, "{area_m2}");
+    for (rest, kind, what) in [
+        ("mesh = \"jaw.obj\"", Kind::Size, "long along +z"),
+        ("mesh = \"turned.obj\", scale_to_m = 0.001", Kind::Size, "does not lie along +z"),
+        ("mesh = \"both.obj\", scale_to_m = 0.001", Kind::Size, "does not lie along +z"),
+        ("mesh = \"jaw.obj\", scale_to_m = 0.001, opening_m = 0.02", Kind::Range, "give at most 0.0144 m"),
+    ] {
+        let error = load(rest).unwrap_err();
+        assert!(error.kind == kind && error.to_string().contains(what) && error.key.starts_with("rigid[0].jaws"), "{error}");
+    }
 }

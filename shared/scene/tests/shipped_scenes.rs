@@ -142,9 +142,25 @@ fn the_press_starts_free_and_ends_in_the_posterior_wall() {
     }
 }
 
+/// Those whose instrument has a loop.
+fn scenes_with_a_loop() -> Vec<(String, LoadedScene)> {
+    scenes().into_iter().filter(|(_, scene)| scene.rigid[0].electrode.is_some()).collect()
+}
+
+#[test]
+fn a_scene_with_jaws_has_no_loop_and_a_hand_of_its_own() {
+    let (_, scene) = scenes().into_iter().find(|(_, scene)| scene.rigid[0].jaws.is_some()).expect("one has jaws");
+    let jaws = scene.rigid[0].jaws.as_ref().unwrap();
+    assert!(scene.rigid[0].electrode.is_none() && scene.hand("fetch").is_some() && scene.notes.is_empty(), "{:?}", scene.notes);
+    assert!((jaws.length_m - 0.009).abs() < 1e-6 && scene.rigid[0].element_m() == jaws.opening_m);
+    let tip = jaws.turn(jaws.opening_m) * Vec3::from(jaws.points_m[0]);
+    assert!((2.0 * tip.x - jaws.opening_m).abs() < 1e-5, "{tip}: half of the opening");
+    assert!(jaws.points_m.iter().all(|point| point[0] >= 0.0) && jaws.pads_m.iter().all(|pad| pad[0] == 0.0));
+}
+
 #[test]
 fn the_loop_cuts_into_a_pathology_and_neither_it_nor_the_shaft_touches_anything_else() {
-    for (name, scene) in scenes() {
+    for (name, scene) in scenes_with_a_loop() {
         let hand = scene.hand("polyp").unwrap_or_else(|| panic!("{name}: no hand reaches it"));
         let reach_m = scene.rigid[0].electrode.as_ref().unwrap().reach_m;
         assert_eq!(hand.target, Some(1), "{name}");
@@ -180,7 +196,7 @@ fn outflow_and_ring_m(scene: &LoadedScene, pose: &Pose) -> [Vec3; 2] {
 
 #[test]
 fn the_hand_that_has_cut_waits_with_the_outflow_open_over_what_it_has_cut() {
-    for (name, scene) in scenes() {
+    for (name, scene) in scenes_with_a_loop() {
         let hand = scene.hand("polyp").unwrap();
         let cut = hand.legs.iter().rposition(|leg| leg.is_energized).unwrap();
         let [before_m, chip_m] = outflow_and_ring_m(&scene, &hand.legs[cut].to);

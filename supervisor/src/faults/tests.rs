@@ -1,3 +1,5 @@
+//! The book of faults: when a fault began, that its whole window counts, and that its line is written.
+
 use super::*;
 use hyst_messages::{Applied, LedgerEntry};
 
