@@ -64,6 +64,13 @@ pub fn end(page: &OwnedPage, slot: Slot) {
     page.store64(layout::MISCHIEF + slot.number(), 0);
 }
 
+/// Whether a slot was asked for what outlives who was asked: whoever reads what it wrote goes on dying of it until it ends.
+pub fn outlives(page: &OwnedPage, slot: Slot) -> bool {
+    let words =
+        [layout::MISCHIEF, layout::MISCHIEF_UNTIL_NS, layout::MISCHIEF_EXTENT].map(|word| page.load64(word + slot.number()));
+    Request::lasting(words).is_some()
+}
+
 /// How often the process in a slot has done wrong as it was asked to.
 pub fn done(viewer: &mut Viewer, slot: Slot) -> u64 {
     viewer.slot_page(slot).map_or(0, |page| page.load64(header::MISCHIEF))

@@ -165,7 +165,7 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         ("fluid", "off", &["out-of-tolerance"], ""),
         ("haptic", "abort", dies, ""),
         ("haptic", "stop", stands, ""),
-        ("haptic", "off", &["out-of-tolerance"], "from the other servo's"),
+        ("haptic", "off", &["out-of-tolerance", "refused"], "from the other servo's"),
         ("haptic", "slow", &["late", "slow", "not-compared"], ""),
         ("collision-worker", "segfault", dies, ""),
         ("collision-worker", "blind", &["refused"], ""),

@@ -135,8 +135,9 @@ impl Faults {
 
     /// Ends what is done to these processes; an error if there is nothing that could end, which says to whom there is.
     fn undo_all(&mut self, victims: &[Victim], injection: &Injection, now_ns: u64) -> Result<(), String> {
-        let lasting: Vec<Slot> =
-            self.open.faults.iter().filter(|fault| is_lasting(fault)).filter_map(|fault| Slot::from_number(fault.slot)).collect();
+        let is_hurt = |slot: &Slot| self.open.faults.iter().any(|fault| fault.slot == slot.number() && is_lasting(fault));
+        let slots = (0..SLOTS).filter_map(Slot::from_number);
+        let lasting: Vec<Slot> = slots.filter(|slot| is_hurt(slot) || mischief::outlives(&self.page, *slot)).collect();
         if !victims.iter().any(|victim| lasting.contains(&victim.slot)) {
             let whom: Vec<String> = victims.iter().map(|victim| victim.slot.to_string()).collect();
             let others: Vec<String> = lasting.iter().map(Slot::to_string).collect();
@@ -267,6 +268,11 @@ mod tests {
         faults.start("stop", first, 1, now_ns);
         assert!(undo(&mut faults, second, 2).unwrap_err().contains("but to tissue:0"));
         assert_eq!(undo(&mut faults, first, 1), Ok(()));
+        // What a state was doomed with goes on when its writer has long died, and the fault is closed.
+        let doom = Injection::now(FaultKind::Doom, "tissue:1");
+        assert_eq!(mischief::ask(&faults.page, second, 2, &doom, now_ns), Some(0));
+        assert_eq!(undo(&mut faults, second, 7), Ok(()));
+        assert!(undo(&mut faults, second, 7).is_err(), "it has ended");
         assert!(faults.all().any(|fault| fault.kind == "stop" && fault.continue_ns == Some(now_ns)));
         station.wipe();
     }
