@@ -38,6 +38,8 @@ pub struct Instrument {
     /// Surfaces from files: of the shaft, and of the jaw on the side of +x, closed.
     shaft: Shape,
     jaw: Shape,
+    /// From the jaws' hinge to their tips, m.
+    jaw_length_m: f32,
     /// Whether the loop is drawn as one with current in it.
     is_hot: bool,
 }
@@ -76,7 +78,8 @@ fn turn_rad(apart_m: f32, length_m: f32) -> f32 {
 impl Instrument {
     /// The usual one, on a stage.
     pub fn new(stage: &mut Stage) -> Result<Instrument, RenderError> {
-        let mut instrument = Instrument { scope: USUAL, shaft: Shape::default(), jaw: Shape::default(), is_hot: false };
+        let mut instrument =
+            Instrument { scope: USUAL, shaft: Shape::default(), jaw: Shape::default(), jaw_length_m: 0.0, is_hot: false };
         instrument.set(stage)?;
         Ok(instrument)
     }
@@ -93,6 +96,7 @@ impl Instrument {
     pub fn rebuild(&mut self, stage: &mut Stage, topology: &Message<'_>) -> Result<(), Refused> {
         let Some([shaft, jaw]) = surfaces(topology)? else { return Ok(()) };
         if (&self.shaft, &self.jaw) != (&shaft, &jaw) {
+            self.jaw_length_m = jaw.positions_m.iter().map(|place| place[2]).fold(0.0, f32::max);
             (self.shaft, self.jaw) = (shaft, jaw);
             self.set(stage)?;
         }
@@ -130,8 +134,7 @@ impl Instrument {
         stage.set_pose(TOOL, pose.position_m, pose.orientation)?;
         let turn = Quat::from_array(pose.orientation);
         if !self.jaw.triangles.is_empty() {
-            let length_m = self.jaw.positions_m.iter().map(|place| place[2]).fold(0.0, f32::max);
-            let opened_rad = turn_rad(controls.loop_extension_m.max(hold_m), length_m);
+            let opened_rad = turn_rad(controls.loop_extension_m.max(hold_m), self.jaw_length_m);
             for (jaw, opened_rad) in JAWS.into_iter().zip([opened_rad, -opened_rad]) {
                 stage.set_pose(jaw, pose.position_m, (turn * Quat::from_rotation_y(opened_rad)).to_array())?;
             }

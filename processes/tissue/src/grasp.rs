@@ -9,7 +9,7 @@ use crate::state::Core;
 use crate::tool::{Stand, Tool};
 use crate::world::World;
 use bytemuck::{Pod, Zeroable};
-use glam::{Quat, Vec3};
+use glam::Vec3;
 use hyst_contact::{Hit, NONE};
 use hyst_messages::{Controls, Pose};
 use hyst_tissue::{Hold, gather};
@@ -157,9 +157,10 @@ impl Grasp {
 
 /// Where a pad is, counted from 1, of a tool at a pose, m.
 fn pad_placer(tool: &Tool, pose: &Pose) -> impl Fn(u32) -> Option<Vec3> {
-    let (tip, turn) = (Vec3::from(pose.position_m), Quat::from_array(pose.orientation));
+    let at = tool.placer(pose, Stand { solid_m: None, looks: true });
+    let [.., pads] = tool.parts();
     move |pad| {
-        let point = tool.points_m[tool.pads..].get((pad as usize).checked_sub(1)?)?;
-        Some(tip + turn * Vec3::from(*point))
+        let index = pads.start + (pad as usize).checked_sub(1)?;
+        pads.contains(&index).then(|| at(index).into())
     }
 }

@@ -116,17 +116,13 @@ pub fn first_slot(role: Role, device: Option<&hyst_exchange::ReadPage>) -> Slot 
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    #[test]
-    fn a_record_is_read_back_and_a_name_means_an_engine_or_is_refused() {
-        let station = Station::named(&format!("t{}-swap", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        assert_eq!(Record::read(&station), None);
-        let mut record = Record {
-            number: 3,
+    /// One of a fluid.
+    pub(crate) fn record() -> Record {
+        Record {
+            number: 1,
             role: "fluid".into(),
             slot: "fluid:2".into(),
             binary: "/x/fluid".into(),
@@ -137,9 +133,18 @@ mod tests {
             promoted: None,
             cause: None,
             reason: String::new(),
-            begun_ns: system::now_ns(),
+            begun_ns: 0,
             steps: Vec::new(),
-        };
+        }
+    }
+
+    #[test]
+    fn a_record_is_read_back_and_a_name_means_an_engine_or_is_refused() {
+        let station = Station::named(&format!("t{}-swap", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        assert_eq!(Record::read(&station), None);
+        let mut record = Record { number: 3, begun_ns: system::now_ns(), ..record() };
         record.note("ready");
         (record.cause, record.reason) = (Some(Cause::NoTime), "it had none".into());
         assert!(record.write(&station));

@@ -269,27 +269,9 @@ impl Supervisor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::swap::Record;
+    use crate::swap::tests::record;
 
     const MS: u64 = 1_000_000;
-
-    fn record() -> Record {
-        Record {
-            number: 1,
-            role: "fluid".into(),
-            slot: "fluid:2".into(),
-            binary: "/x/fluid".into(),
-            before: "/y/fluid".into(),
-            incarnation: 17,
-            incumbent: 6,
-            proven: false,
-            promoted: None,
-            cause: None,
-            reason: String::new(),
-            begun_ns: 0,
-            steps: Vec::new(),
-        }
-    }
 
     fn spent(ran_ms: u64, waited_ms: u64, steps: u64) -> Spent {
         Spent { passed_ns: 200 * MS, ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, steps, stalled_ns: 0 }
