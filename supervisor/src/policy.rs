@@ -24,7 +24,7 @@ pub use limits::{Limits, is_judged, is_replicated, is_stateful, limits, sources}
 pub use reason::{Cause, Reason};
 pub use record::Record;
 pub use state::State;
-pub use swap::{PROVE_WITHIN_NS, Swap, probation_ns};
+pub use swap::{ARRIVE_WITHIN_NS, GIVE_BACK_WITHIN_NS, PROVE_WITHIN_NS, Swap, probation_ns};
 
 use hyst_messages::{Role, Slot};
 use state::{Life, Place};

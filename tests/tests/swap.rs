@@ -2,6 +2,9 @@
 //! ones of many kinds that are rolled back, and a supervisor that dies in the middle. What a swap costs the hand is
 //! judged at the simulated hardware, against control windows of the same run.
 
+use hyst_exchange::Roster;
+use hyst_messages::page::Stage;
+use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
@@ -249,6 +252,50 @@ fn a_supervisor_or_a_holder_that_dies_in_the_middle_of_a_swap_leaves_the_station
         assert!(ended.status.code() == Some(1) && got_no_time(&record), "{record:#}\n{}", station.said());
     }
     not_shown(&format!("a swap whose holder dies: {TRIES} times the newcomer got no time"));
+    station.stop().assert_clean();
+}
+
+/// A guest that has passed and then loses the role, as it does to a stall of the machine, is a spare of it: when its holder dies while the other slot is
+/// in its start, nobody else has the state.
+#[test]
+fn a_guest_that_has_passed_takes_the_role_when_its_holder_dies_before_the_others_are_settled() {
+    let station = Station::start("passed", &["--hand", "script:press", "--test-mode"]);
+    let (role, clock) = (Role::Tissue, station.clock());
+    let roster = Roster::open(&hyst_exchange::Station::named(station.name()).expect("its name")).expect("the roster");
+    let mut command = hystation();
+    command.args(["--name", station.name(), "swap", "tissue", "--json"]).stdout(Stdio::piped());
+    for round in 0..TRIES {
+        let incumbent = roster.holder(role).incarnation;
+        let victim = station.holder("tissue").0;
+        let begun = command.arg(copy(&station, "tissue", round)).spawn().expect("hystation");
+        let is_lost = wait_for(RECOVERY_LIMIT, || {
+            let (swap, holder) = (clock.swap(role), roster.holder(role));
+            let is_spare =
+                |(slot, incarnation): (Slot, u32)| !slot.is_guest() && incarnation != incumbent && !clock.is_dead(slot);
+            let is_over =
+                swap.stage == Stage::None && station.processes("tissue").iter().all(|process| process["name"] != "tissue:2");
+            match swap.has_passed(holder.incarnation) && !clock.occupied(role).any(is_spare) {
+                true => Some(roster.promote(role, holder, incumbent).is_ok()),
+                false => is_over.then_some(false),
+            }
+        });
+        if is_lost == Some(true) {
+            station.signal_if_alive(victim, Signal::KILL);
+        }
+        let ended = begun.wait_with_output().expect("hystation");
+        station.recover();
+        let record = serde_json::from_slice(&ended.stdout).unwrap_or(Value::Null);
+        let founded = station.said().matches(" in epoch ").count();
+        assert_eq!(founded, 1, "the state began anew: {}", station.said());
+        if is_lost == Some(true) {
+            assert_eq!(ended.status.code(), Some(0), "{record:#}\n{}", station.said());
+            station.stop().assert_clean();
+            return;
+        }
+        command = hystation();
+        command.args(["--name", station.name(), "swap", "tissue", "--json"]).stdout(Stdio::piped());
+    }
+    not_shown(&format!("a guest that loses the role after it has passed: {TRIES} times it had not, or was not seen in time"));
     station.stop().assert_clean();
 }
 

@@ -189,8 +189,11 @@ impl<S: Stateful> Loop<'_, S> {
     /// Whether another process of the role is warm: it has the last state and will promote itself, as soon as it is its turn.
     fn has_warm_spare(&self) -> bool {
         let clock = &self.life.clock;
-        let is_other = |slot: Slot| slot != self.life.slot && !slot.is_guest() && !clock.is_dead(slot);
-        let mut others = clock.occupied(self.role).filter(|(slot, _)| is_other(*slot));
+        let swap = clock.swap(self.role);
+        let is_other = |(slot, incarnation): &(Slot, u32)| {
+            *slot != self.life.slot && (!slot.is_guest() || swap.has_passed(*incarnation)) && !clock.is_dead(*slot)
+        };
+        let mut others = clock.occupied(self.role).filter(is_other);
         others.any(|(slot, incarnation)| {
             let page = self.life.station.read_slot(slot, incarnation);
             page.is_ok_and(|page| page.state().is_ready())
@@ -277,7 +280,7 @@ impl<S: Stateful> Loop<'_, S> {
                 let tick = self.tick_of(tick, holder);
                 self.step(tick, holder)?;
             } else if self.is_guest() {
-                self.shadow(tick, holder)?;
+                self.shadow(tick, holder, leaves)?;
             } else if self.life.clock.swap(self.role).is_on_trial(holder.incarnation) {
                 self.guard(tick, holder)?;
             } else {

@@ -31,7 +31,7 @@ pub const PROVE_WITHIN_NS: u64 = 30_000_000_000;
 /// the probation begins anew.
 pub const MOST_LOSSES: u32 = 3;
 /// How long the guest may take to give the role back after all others are settled, ns.
-const GIVE_BACK_WITHIN_NS: u64 = 5_000_000_000;
+pub const GIVE_BACK_WITHIN_NS: u64 = 5_000_000_000;
 
 /// Time on probation: longer than a hang of the role takes to be found, ns; of a device for two strokes of a hand that presses, beyond its ramps.
 pub const fn probation_ns(role: Role) -> u64 {
@@ -358,6 +358,9 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
         }
         Stage::Settling => settle::next(now_ns, state),
         Stage::Returning if state.holder(role) != swap.incarnation => {
+            if passed_ns <= GIVE_BACK_WITHIN_NS && !settle::others_are_back(&swap, state) {
+                return Vec::new();
+            }
             enter(now_ns, Stage::Leaving, state);
             dismiss(swap.slot, state).map_or_else(|| tend(now_ns, state), |action| vec![action])
         }

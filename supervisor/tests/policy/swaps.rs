@@ -4,7 +4,8 @@ use super::{Dice, World};
 use hyst_messages::Slot;
 use hyst_messages::page::Stage;
 use hystation::policy::{
-    Action, Cause, Event, Exit, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, Reason, State, is_replicated, probation_ns,
+    ARRIVE_WITHIN_NS, Action, Cause, Event, Exit, GIVE_BACK_WITHIN_NS, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, Reason, State,
+    is_replicated, probation_ns,
 };
 
 /// What was seen of the swap that is under way.
@@ -16,6 +17,7 @@ pub struct Seen {
     trial_ns: Option<u64>,
     retreat_ns: Option<u64>,
     adopted: bool,
+    adopted_ns: u64,
 }
 
 impl World {
@@ -34,6 +36,15 @@ impl World {
                     "{slot} goes, and nobody is left to do its work"
                 );
                 assert_eq!(self.alive.get(&slot).map(|(alive, _)| *alive), Some(incarnation), "dismissed somebody else");
+                if slot.is_guest() && seen.adopted {
+                    let mut others = [0, 1].into_iter().filter_map(|index| Slot::new(slot.role(), index));
+                    let is_back =
+                        |other: &Slot| self.alive.get(other).is_some_and(|(_, ready)| *ready) || self.given_up.contains(other);
+                    assert!(
+                        others.all(|other| is_back(&other)) || self.now_ns - seen.adopted_ns > GIVE_BACK_WITHIN_NS,
+                        "the guest goes while another place is not back"
+                    );
+                }
                 self.dismissed.push((slot, incarnation));
             }
             Action::Told { stage: Stage::Trial, .. } => seen.trial_ns = Some(self.now_ns),
@@ -43,7 +54,7 @@ impl World {
                 assert!(self.now_ns - trial_ns >= probation_ns(role), "adopted before the end of the probation");
                 assert!(seen.agreed || !is_replicated(role), "adopted without having agreed");
                 assert!(seen.retreat_ns.is_none() && !seen.adopted, "adopted twice, or in the retreat");
-                seen.adopted = true;
+                (seen.adopted, seen.adopted_ns) = (true, self.now_ns);
             }
             Action::Retreat { .. } => {
                 assert!(!seen.adopted && seen.retreat_ns.is_none(), "a retreat after the end, or twice");
@@ -95,7 +106,15 @@ impl World {
             0 if state.may_swap(slot).is_ok() => {
                 assert!(self.swap.is_none(), "two swaps at a time");
                 let incumbent = self.holder.get(&slot.role()).copied().unwrap_or(0);
-                self.swap = Some(Seen { slot, incumbent, agreed: false, trial_ns: None, retreat_ns: None, adopted: false });
+                self.swap = Some(Seen {
+                    slot,
+                    incumbent,
+                    agreed: false,
+                    trial_ns: None,
+                    retreat_ns: None,
+                    adopted: false,
+                    adopted_ns: 0,
+                });
                 self.runs_new.clear();
                 self.event(state, Event::SwapAsked { slot, incumbent });
             }
@@ -198,6 +217,48 @@ mod by_hand {
         let actions = step(now_ns, Event::Died { slot: guest, incarnation: 3, exit: Exit::Signal(9) }, &mut state);
         assert_eq!(actions, [Action::MarkDead { slot: guest, incarnation: 3 }, Action::EndSwap { role, promoted: true }]);
         assert!(state.swap().is_none());
+    }
+
+    /// Who holds the role dies while the last slot is in its start: of those that have the state nobody but the guest is left.
+    #[test]
+    fn a_guest_stays_until_every_other_slot_is_ready_and_not_for_ever() {
+        let ([first, second, guest], role) = (tissues(), Role::Tissue);
+        let mut state = on_probation();
+        step(6, Event::Agreed { incarnation: 3 }, &mut state);
+        let mut now_ns = 5 + probation_ns(role);
+        step(now_ns, Event::Tick, &mut state);
+        for (slot, old, new) in [(second, 2, 4), (first, 1, 5)] {
+            step(now_ns, Event::Died { slot, incarnation: old, exit: Exit::Signal(9) }, &mut state);
+            step(now_ns, Event::Spawned { slot, incarnation: new }, &mut state);
+            step(now_ns, Event::Ready { slot, incarnation: new }, &mut state);
+            if slot == second {
+                step(now_ns, Event::Holds { role, incarnation: new }, &mut state); // the guest was late
+                step(now_ns, Event::Tick, &mut state);
+            }
+        }
+        let mut handed = state.clone();
+        assert_eq!(step(now_ns, Event::Tick, &mut handed), [], "returning");
+        assert_eq!(
+            step(now_ns, Event::Tick, &mut handed),
+            [Action::Dismiss { slot: guest, incarnation: 3 }],
+            "the role is where it belongs"
+        );
+        step(now_ns, Event::Died { slot: second, incarnation: 4, exit: Exit::Signal(9) }, &mut state);
+        for at_ns in [now_ns, now_ns + 1_000_000_000, now_ns + GIVE_BACK_WITHIN_NS / 2] {
+            let actions = step(at_ns, Event::Tick, &mut state.clone());
+            assert!(
+                !actions.iter().any(|action| matches!(action, Action::Dismiss { .. } | Action::HandOver { .. })),
+                "{actions:?}"
+            );
+        }
+        for _ in 0..20 {
+            now_ns += ARRIVE_WITHIN_NS / 4;
+            let actions = step(now_ns, Event::Tick, &mut state);
+            if actions.contains(&Action::Dismiss { slot: guest, incarnation: 3 }) {
+                return;
+            }
+        }
+        panic!("it never leaves: {:?}", state.swap());
     }
 
     #[test]

@@ -48,6 +48,10 @@ impl Swap {
     pub fn keeps_line(self) -> bool {
         matches!(self.stage, Stage::Trial | Stage::Undone)
     }
+    /// Whether this incarnation is the newcomer and has passed: until it leaves, it is one of the role like the others.
+    pub fn has_passed(self, newcomer: u32) -> bool {
+        self.stage == Stage::Settled && self.guest == newcomer
+    }
     /// Whether this incarnation is the newcomer and has the role on trial.
     pub fn is_on_trial(self, holder: u32) -> bool {
         self.keeps_line() && self.guest == holder

@@ -21,6 +21,13 @@ pub(super) fn begin(now_ns: u64, swap: &Swap, state: &mut State) -> Vec<Action> 
     actions
 }
 
+/// Whether each place of the role but the guest's has somebody who is ready, or will have nobody any more. Before, the guest stays: it may be the only one
+/// that has the state.
+pub(super) fn others_are_back(swap: &Swap, state: &State) -> bool {
+    let mut others = state.places.keys().filter(|slot| slot.role() == swap.role() && **slot != swap.slot);
+    others.all(|slot| state.is_ready(*slot) || state.is_given_up(*slot))
+}
+
 /// The next slot that an old engine is in; at the end the role goes back from the guest.
 pub(super) fn next(now_ns: u64, state: &mut State) -> Vec<Action> {
     let Some(swap) = state.swap.clone() else { return Vec::new() };
@@ -29,6 +36,10 @@ pub(super) fn next(now_ns: u64, state: &mut State) -> Vec<Action> {
         if !swap.slot.is_guest() {
             state.swap = None;
             return vec![Action::EndSwap { role, promoted: true }];
+        }
+        let is_late = now_ns.saturating_sub(swap.since_ns) > arrive_within_ns(role);
+        if !is_late && !others_are_back(&swap, state) {
+            return Vec::new();
         }
         let Some(elder) = state.elder(swap.slot, 0) else { return Vec::new() };
         enter(now_ns, Stage::Returning, state);
