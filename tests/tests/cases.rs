@@ -1,11 +1,20 @@
 //! Cases from their start to their report, each by scripted trainees that the case itself has: the septum, and the complications, which really happen and are
-//! handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
+//! handled well by one trainee and badly by another. In lock-step, so that the same comes of it
+//! every time.
 
 use serde_json::Value;
 use station_tests::{Folder, hystation, run};
 use std::path::Path;
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
+
+/// Two trainees at the same case, side by side: in lock-step nothing comes of how fast a station is, and it fills less than a core.
+fn sessions(case: &str, hands: [&str; 2], time: &str) -> [Value; 2] {
+    std::thread::scope(|scope| {
+        let both = hands.map(|hand| scope.spawn(move || session(case, hand, time)));
+        both.map(|one| one.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })
+}
 
 /// What the report says of a case that a hand does for so long.
 fn session(case: &str, hand: &str, time: &str) -> Value {
@@ -60,7 +69,7 @@ fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_cu
 
 #[test]
 fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
-    let [good, bad] = ["stops", "goes-on"].map(|hand| session("perforation", hand, "48s"));
+    let [good, bad] = sessions("perforation", ["stops", "goes-on"], "48s");
     for report in [&good, &bad] {
         assert!(warned(report, "the pump's alarm “perforation”") >= 1, "the wall is pierced");
     }
@@ -72,7 +81,7 @@ fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
 
 #[test]
 fn a_bleeding_is_staunched_by_who_raises_the_pressure_and_goes_on_under_who_looks_on() {
-    let [good, bad] = ["staunches", "looks-on"].map(|hand| session("bleeding", hand, "24s"));
+    let [good, bad] = sessions("bleeding", ["staunches", "looks-on"], "24s");
     for report in [&good, &bad] {
         assert_eq!(goal(report, 0), "reached", "a chip is cut, and it bleeds");
         assert!(metric(report, "bled").0 > 0.2);
@@ -85,7 +94,7 @@ fn a_bleeding_is_staunched_by_who_raises_the_pressure_and_goes_on_under_who_look
 
 #[test]
 fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_looks_on() {
-    let [good, bad] = ["watches", "looks-on"].map(|hand| session("fluid-overload", hand, "82s"));
+    let [good, bad] = sessions("fluid-overload", ["watches", "looks-on"], "82s");
     for report in [&good, &bad] {
         assert!(warned(report, "50 ml of glycine are missing") == 1);
     }

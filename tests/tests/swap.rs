@@ -60,6 +60,19 @@ fn kill_supervisor(station: &Station) {
     station.wait_until_gone(pid);
 }
 
+/// Bad engines that end as another one of the list does: shown in many rounds alone.
+const AS_THE_OTHERS: [(&str, &str); 9] = [
+    ("tissue", "start"),
+    ("tissue", "panic"),
+    ("tissue", "exit"),
+    ("tissue", "spin"),
+    ("tissue", "off"),
+    ("fluid", "slow"),
+    ("haptic", "stop"),
+    ("collision-worker", "segfault"),
+    ("recorder", "exit"),
+];
+
 /// Ticks that a swap may cost, beyond what so long a control loses: none, as far as 50 of each engine tell.
 const ALLOWED_EACH: f64 = 0.05;
 
@@ -181,8 +194,11 @@ fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() 
         ("device", "abort", dies, ""),
         ("device", "half", &["out-of-tolerance"], "the motors' force"),
     ];
+    // In a single round one of each kind: every role refuses in its own way, and dies as the others do.
+    let is_another = |case: &&(&str, &str, &[&str], &str)| swaps() > 1 || !AS_THE_OTHERS.contains(&(case.0, case.1));
+    let cases: Vec<_> = cases.iter().filter(is_another).collect();
     let (mut windows, mut device) = (BTreeMap::<&str, Pairs>::new(), Pairs::default());
-    for (role, kind, causes, words) in std::iter::repeat_n(cases, swaps()).flatten() {
+    for (role, kind, causes, words) in std::iter::repeat_n(cases, swaps()).flatten().copied() {
         let path = bad_engine(station.folder(), role, kind);
         let before = station.processes(role)[0]["binary"].clone();
         let tried = || {
