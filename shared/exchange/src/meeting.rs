@@ -8,6 +8,7 @@
 
 mod process;
 pub mod rules;
+mod spin;
 mod thread;
 
 pub use process::{ProcessCoordinator, ProcessMember};

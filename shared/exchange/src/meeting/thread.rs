@@ -1,9 +1,11 @@
-//! The Meeting Point between threads of one process: one lock, two conditions.
+//! The Meeting Point between threads of one process: one lock, two conditions, and two counts by which a waiter sees without the lock that there is news.
 
+use super::spin::Spin;
 use super::{Coordinator, Group, MAX_MEMBERS, Member, Outcome, Release, members};
 use crate::system;
 use parking_lot::{Condvar, Mutex};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 #[derive(Debug, Default)]
@@ -25,12 +27,28 @@ struct Shared {
     state: Mutex<State>,
     release: Condvar,
     join: Condvar,
+    /// Releases, and the end of them.
+    releases: AtomicU32,
+    /// Joins and deaths.
+    joins: AtomicU32,
+}
+
+impl Shared {
+    fn tell_members(&self) {
+        self.releases.fetch_add(1, Ordering::Release);
+        self.release.notify_all();
+    }
+    fn tell_coordinator(&self) {
+        self.joins.fetch_add(1, Ordering::Release);
+        self.join.notify_one();
+    }
 }
 
 /// The side that releases; dropping it ends the members' waits.
 #[derive(Debug)]
 pub struct ThreadCoordinator {
     shared: Arc<Shared>,
+    spin: Spin,
 }
 
 /// One member; dropping it (a panic of its thread, say) counts as its death, and no release waits for it again.
@@ -39,14 +57,17 @@ pub struct ThreadMember {
     shared: Arc<Shared>,
     index: usize,
     seen: u32,
+    /// Releases that it has looked at.
+    looked: u32,
+    spin: Spin,
 }
 
 /// A Meeting Point of `count` threads (at most [`MAX_MEMBERS`]).
 pub fn threads(count: usize) -> (ThreadCoordinator, Vec<ThreadMember>) {
     let shared = Arc::new(Shared::default());
-    let member = |index| ThreadMember { shared: Arc::clone(&shared), index, seen: 0 };
+    let member = |index| ThreadMember { shared: Arc::clone(&shared), index, seen: 0, looked: 0, spin: Spin::default() };
     let members = (0..count.min(MAX_MEMBERS)).map(member).collect();
-    (ThreadCoordinator { shared }, members)
+    (ThreadCoordinator { shared, spin: Spin::default() }, members)
 }
 
 fn instant(deadline_ns: u64) -> Instant {
@@ -58,7 +79,7 @@ impl ThreadCoordinator {
     /// Ends the members' waits for good.
     fn close(&self) {
         self.shared.state.lock().closed = true;
-        self.shared.release.notify_all();
+        self.shared.tell_members();
     }
 }
 
@@ -67,6 +88,8 @@ impl ThreadCoordinator {
 pub struct Begun {
     group: Group,
     asked: Group,
+    /// The count of joins before it.
+    joins: u32,
 }
 
 impl ThreadCoordinator {
@@ -84,15 +107,19 @@ impl ThreadCoordinator {
         for index in members(asked) {
             state.named[index] = number;
         }
+        let joins = self.shared.joins.load(Ordering::Relaxed);
         drop(state);
-        self.shared.release.notify_all();
-        Begun { group, asked }
+        self.shared.tell_members();
+        Begun { group, asked, joins }
     }
 
     /// Waits for the members of a release that has begun, until the deadline.
     pub fn finish(&mut self, begun: Begun, deadline_ns: u64) -> Outcome {
         let until = instant(deadline_ns);
-        let Begun { group, asked } = begun;
+        let Begun { group, asked, joins } = begun;
+        let all = joins.wrapping_add(asked.count_ones());
+        // Whoever dies or comes late is counted too: then this ends a little early or late, and the lock knows better.
+        self.spin.until(deadline_ns, || self.shared.joins.load(Ordering::Acquire).wrapping_sub(all) < u32::MAX / 2);
         let mut state = self.shared.state.lock();
         // Bounded by the deadline; a member that dies wakes the coordinator.
         while asked & !state.gone & !state.joined != 0 {
@@ -141,8 +168,11 @@ impl ThreadMember {
 impl Member for ThreadMember {
     fn await_release(&mut self, deadline_ns: u64) -> Option<Release> {
         let until = instant(deadline_ns);
+        self.spin.until(deadline_ns, || self.shared.releases.load(Ordering::Acquire) != self.looked);
         let mut state = self.shared.state.lock();
         loop {
+            // Under the lock: what is told after this is seen by the next look.
+            self.looked = self.shared.releases.load(Ordering::Acquire);
             if state.closed {
                 return None;
             }
@@ -166,7 +196,7 @@ impl Member for ThreadMember {
         if state.number == release.number {
             state.joined |= 1 << self.index;
             drop(state);
-            self.shared.join.notify_one();
+            self.shared.tell_coordinator();
         }
     }
 }
@@ -174,7 +204,7 @@ impl Member for ThreadMember {
 impl Drop for ThreadMember {
     fn drop(&mut self) {
         self.shared.state.lock().gone |= 1 << self.index;
-        self.shared.join.notify_one();
+        self.shared.tell_coordinator();
     }
 }
 
