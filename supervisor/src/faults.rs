@@ -194,10 +194,12 @@ impl Faults {
         self.open.faults.iter_mut().filter(of_slot).find(hinders)
     }
 
-    /// The process has missed three periods. What was done to it on purpose is found by that; of others it is said once they are guilty.
+    /// The process has missed three periods. What was done to it on purpose is found by that, unless it lies: who is late is not known to lie. Of others it
+    /// is said once they are guilty.
     pub fn suspected(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
         self.suspects.insert((slot.number(), incarnation), at_ns);
-        if let Some(fault) = self.find(slot, incarnation).filter(|fault| fault.detected_us.is_none()) {
+        let is_found = |fault: &&mut Fault| fault.detected_us.is_none() && !mischief::is_lie(&fault.kind);
+        if let Some(fault) = self.find(slot, incarnation).filter(is_found) {
             fault.manifested = true;
             fault.detected_by = "heartbeat".into();
             fault.detected_us = Some(us(at_ns, fault.injected_ns));
@@ -268,16 +270,6 @@ impl Faults {
                 fault.detected_us = Some(us(at_ns, fault.injected_ns));
             }
         }
-        self.keep_open();
-    }
-
-    /// The supervisor before this one died.
-    pub fn supervisor_died(&mut self, beat_ns: u64, now_ns: u64) {
-        let since_ns = begin_ns(beat_ns, now_ns);
-        let fault = self.start("external", Slot::first(Role::Supervisor), 0, since_ns);
-        (fault.manifested, fault.dead, fault.detected_by) = (true, true, "guardian".into());
-        fault.detected_us = Some(us(now_ns, since_ns));
-        fault.recovered_us = fault.detected_us;
         self.keep_open();
     }
 

@@ -170,7 +170,10 @@ impl Supervisor {
                     (trial.record.cause, trial.record.reason) = (Some(cause), text.clone());
                 }
                 self.note_step(&format!("rolled back: {text}"));
-                self.faults.doubted(guest, system::now_ns());
+                if let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) {
+                    self.faults.look_at_the_dead(slot, guest, &mut self.viewer);
+                }
+                self.faults.doubted(guest, cause, system::now_ns());
                 self.spawner.mortality.pass("swap-undone");
             }
             Action::EndSwap { role, promoted } => self.end_swap(role, promoted),
