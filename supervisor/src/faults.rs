@@ -222,8 +222,9 @@ impl Faults {
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
         }
-        let seen_ns = self.suspects.remove(&(slot.number(), incarnation)).unwrap_or(at_ns);
+        let suspected_ns = self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
+            let seen_ns = suspected_ns.filter(|_| !mischief::is_lie(&fault.kind)).unwrap_or(at_ns);
             fault.manifested = true;
             // It does not end by itself any more: a successor ends it.
             fault.asked = fault.asked.map(|(_, done)| (0, done));

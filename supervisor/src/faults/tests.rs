@@ -100,3 +100,21 @@ fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
     );
     station.wipe();
 }
+
+#[test]
+fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
+    let station = Station::named(&format!("t{}-lies", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    let mut faults = Faults::new(&station, &[]).unwrap();
+    let slots = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
+    for (kind, slot) in ["nan", "spin"].into_iter().zip(slots) {
+        faults.start(kind, slot, 7, 1_000_000);
+        faults.suspected(slot, 7, 4_000_000);
+    }
+    let seen = |faults: &Faults| faults.all().map(|fault| (fault.manifested, fault.detected_us)).collect::<Vec<_>>();
+    assert_eq!(seen(&faults), [(false, None), (true, Some(3_000.0))]);
+    faults.late(slots[0], 7, 9_000_000, 9_000_000, "tissue:1");
+    assert_eq!(seen(&faults)[0], (true, Some(8_000.0)));
+    station.wipe();
+}
