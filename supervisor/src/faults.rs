@@ -5,6 +5,7 @@
 
 mod inject;
 mod over;
+mod swaps;
 mod tend;
 #[cfg(test)]
 mod tests;
@@ -29,7 +30,7 @@ const GIVE_UP_NS: u64 = 40_000_000_000;
 const GIVE_UP_START_NS: u64 = 240_000_000_000;
 /// Faults of the schedule that did not come about and are named.
 const MOST_NAMED: usize = 100;
-/// How long a closed window waits for a control of its own, ticks; then it shares another fault's.
+/// How long a window, or the swap that it lies in, is over when it waits no longer for a control of its own, ticks; then it shares another fault's.
 const CONTROL_WAIT_TICKS: u64 = 3_000;
 
 /// A fault of the schedule that did not come about, and why.
@@ -58,6 +59,7 @@ struct Open {
     refused: (usize, Vec<NotInjected>),
     faults: Vec<Fault>,
     counted: Counted,
+    swaps: Vec<swaps::Swap>,
 }
 
 /// All faults of a station.
@@ -82,6 +84,11 @@ pub struct Faults {
 fn begin_ns(beat_ns: u64, seen_ns: u64) -> u64 {
     let oldest_ns = seen_ns.saturating_sub(HISTORY_TICKS as u64 * TICK_NS);
     if beat_ns == 0 { seen_ns } else { beat_ns.clamp(oldest_ns, seen_ns) }
+}
+
+/// A long window has a long control.
+fn patience_ticks(length: u64) -> u64 {
+    CONTROL_WAIT_TICKS.max(length + CONTROL_WAIT_TICKS / 3)
 }
 
 fn path(station: &Station, name: &str) -> PathBuf {
@@ -148,9 +155,14 @@ impl Faults {
         }
     }
 
+    /// The station's tick at a time that has been.
+    fn tick_at(&self, ns: u64) -> u64 {
+        let tick_of = |page: StationPage| if page.is_lockstep() { page.present_tick() } else { page.tick_at(ns) };
+        self.station.open().map_or(0, tick_of)
+    }
+
     fn start(&mut self, kind: &str, slot: Slot, incarnation: u32, injected_ns: u64) -> &mut Fault {
-        let tick_of = |page: StationPage| if page.is_lockstep() { page.present_tick() } else { page.tick_at(injected_ns) };
-        let tick = self.station.open().map_or(0, tick_of);
+        let tick = self.tick_at(injected_ns);
         let active = match slot.role() {
             Role::Haptic | Role::Tissue | Role::Fluid => self.active.active_at(injected_ns, slot.role()) == incarnation,
             _ => true,
@@ -182,10 +194,12 @@ impl Faults {
         self.open.faults.iter_mut().filter(of_slot).find(hinders)
     }
 
-    /// The process has missed three periods. What was done to it on purpose is found by that; of others it is said once they are guilty.
+    /// The process has missed three periods. What was done to it on purpose is found by that, unless it lies: who is late is not known to lie. Of others it
+    /// is said once they are guilty.
     pub fn suspected(&mut self, slot: Slot, incarnation: u32, at_ns: u64) {
         self.suspects.insert((slot.number(), incarnation), at_ns);
-        if let Some(fault) = self.find(slot, incarnation).filter(|fault| fault.detected_us.is_none()) {
+        let is_found = |fault: &&mut Fault| fault.detected_us.is_none() && !mischief::is_lie(&fault.kind);
+        if let Some(fault) = self.find(slot, incarnation).filter(is_found) {
             fault.manifested = true;
             fault.detected_by = "heartbeat".into();
             fault.detected_us = Some(us(at_ns, fault.injected_ns));
@@ -208,8 +222,9 @@ impl Faults {
         if self.find(slot, incarnation).is_none() {
             self.start("external", slot, incarnation, begin_ns(beat_ns, at_ns));
         }
-        let seen_ns = self.suspects.remove(&(slot.number(), incarnation)).unwrap_or(at_ns);
+        let suspected_ns = self.suspects.remove(&(slot.number(), incarnation));
         if let Some(fault) = self.find(slot, incarnation) {
+            let seen_ns = suspected_ns.filter(|_| !mischief::is_lie(&fault.kind)).unwrap_or(at_ns);
             fault.manifested = true;
             // It does not end by itself any more: a successor ends it.
             fault.asked = fault.asked.map(|(_, done)| (0, done));
@@ -259,29 +274,16 @@ impl Faults {
         self.keep_open();
     }
 
-    /// The supervisor before this one died.
-    pub fn supervisor_died(&mut self, beat_ns: u64, now_ns: u64) {
-        let since_ns = begin_ns(beat_ns, now_ns);
-        let fault = self.start("external", Slot::first(Role::Supervisor), 0, since_ns);
-        (fault.manifested, fault.dead, fault.detected_by) = (true, true, "guardian".into());
-        fault.detected_us = Some(us(now_ns, since_ns));
-        fault.recovered_us = fault.detected_us;
-        self.keep_open();
-    }
-
     /// Reads the hardware's ledger and closes the faults whose windows are complete.
     pub fn read_ledger(&mut self, viewer: &mut Viewer) {
         if let Some(page) = viewer.slot_page(Slot::first(Role::Hardware)) {
             self.ledger.read(page);
         }
-        self.close(false, |fault, newest_tick, has_control| {
-            let (from_tick, to_tick) = bounds(fault);
-            let patience_ticks = CONTROL_WAIT_TICKS.max(to_tick - from_tick + CONTROL_WAIT_TICKS / 3); // a long window has a long control
+        self.close(false, |fault, is_through, has_waited| {
             let give_up_ns = if fault.kind == FaultKind::HangStart.name() { GIVE_UP_START_NS } else { GIVE_UP_NS };
             let until_ns = fault.asked.map_or(0, |(until_ns, _)| until_ns);
             let over = system::now_ns().saturating_sub(fault.injected_ns.max(until_ns)) > give_up_ns;
-            let recovered = fault.recovered_us.is_some() && newest_tick >= to_tick;
-            over || recovered && (has_control || newest_tick >= to_tick + patience_ticks)
+            over || fault.recovered_us.is_some() && is_through && has_waited
         });
     }
 
@@ -290,16 +292,19 @@ impl Faults {
         self.close(true, |_, _, _| true);
     }
 
-    /// Closes those that are due; one for whose line there is no room now is closed later, unless this is the end.
-    fn close(&mut self, is_end: bool, mut is_due: impl FnMut(&Fault, u64, bool) -> bool) {
+    /// Closes those that are due, by whether the window is over, and whether there is a control of its own or none is waited for; one for whose line there
+    /// is no room now is closed later, unless this is the end.
+    fn close(&mut self, is_end: bool, mut is_due: impl FnMut(&Fault, bool, bool) -> bool) {
         let newest_tick = self.ledger.newest_tick().unwrap_or(0);
-        let taken: Vec<(u64, u64)> = self.all().map(bounds).collect();
+        let swaps = self.swaps(newest_tick);
+        let taken: Vec<(u64, u64)> = self.all().map(bounds).chain(swaps.iter().copied()).collect();
         let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
         let mut spent: Vec<(u64, u64)> = taken.iter().copied().chain(self.closed.iter().filter_map(used)).collect();
         let mut has_news = false;
         let mut still_open = Vec::new();
         for mut fault in std::mem::take(&mut self.open.faults) {
             let (from_tick, to_tick) = bounds(&fault);
+            let whole = swaps::around((from_tick, to_tick), &swaps);
             let is_through = newest_tick >= to_tick;
             if fault.seen.is_none() && is_through && fault.recovered_us.is_some() {
                 fault.seen = look(&fault, &self.ledger, &taken);
@@ -307,10 +312,12 @@ impl Faults {
             }
             let contact = fault.seen.as_ref().map_or_else(|| self.ledger.in_contact(from_tick), |seen| seen.contact);
             let find = |taken: &[(u64, u64)]| {
-                if is_through { control_for(&self.ledger, (from_tick, to_tick), contact, taken) } else { None }
+                let length = to_tick - from_tick;
+                if is_through { control_for(&self.ledger, length, whole, contact, taken) } else { None }
             };
             let mut control = find(&spent);
-            if !is_due(&fault, newest_tick, control.is_some()) {
+            let has_waited = newest_tick >= whole.1 + patience_ticks(to_tick - from_tick);
+            if !is_due(&fault, is_through, control.is_some() || has_waited) {
                 still_open.push(fault);
                 continue;
             }

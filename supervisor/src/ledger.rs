@@ -268,13 +268,18 @@ fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 /// Between two tries for a control window, ticks.
 const CONTROL_STEP_TICKS: u64 = 20;
-/// How far from the fault its control may lie, ticks: the same breath of the scripted hand, and the same load of the machine.
+/// How far from the fault, or from the swap that it fell into, its control may lie, ticks: the same breath of the scripted hand, and the same load of the machine.
 const CONTROL_REACH_TICKS: u64 = 8_000;
 
-/// The control of a fault window: the same length, in the same state (contact or none at its start), overlapping no fault's window, as
-/// close before the fault as there is one, else as close after it. `None` if there is none yet.
-pub fn control_for(ledger: &Ledger, (from_tick, to_tick): (u64, u64), contact: bool, taken: &[(u64, u64)]) -> Option<Window> {
-    let length = to_tick - from_tick;
+/// The control of a fault window of this length: in the same state (contact or none at its start), overlapping nothing that is taken by a fault or a swap, as
+/// close before the fault, or the swap that it fell into, as there is one, else as close after it. `None` if there is none yet.
+pub fn control_for(
+    ledger: &Ledger,
+    length: u64,
+    (from_tick, to_tick): (u64, u64),
+    contact: bool,
+    taken: &[(u64, u64)],
+) -> Option<Window> {
     let (settled, newest) = (ledger.settled_tick()?, ledger.newest_tick()?);
     let free = |start: u64| taken.iter().all(|(from, to)| start + length <= *from || start >= *to);
     let before =
@@ -333,13 +338,13 @@ mod tests {
     #[test]
     fn a_control_has_the_same_length_and_state_and_meets_no_fault() {
         let ledger = ledger(6_000, &[], &[]);
-        let control = control_for(&ledger, (3_600, 3_800), true, &[(3_600, 3_800)]).unwrap();
+        let control = control_for(&ledger, 200, (3_600, 3_800), true, &[(3_600, 3_800)]).unwrap();
         assert_eq!((control.to_tick - control.from_tick, control.to_tick <= 3_600), (200, true));
         assert!(ledger.in_contact(control.from_tick) && ledger.in_contact(3_600));
         let taken = [(3_600, 3_800), (1_000, 3_600)];
-        let control = control_for(&ledger, (3_600, 3_800), true, &taken).unwrap();
+        let control = control_for(&ledger, 200, (3_600, 3_800), true, &taken).unwrap();
         assert!(control.to_tick <= 1_000 || control.from_tick >= 3_800, "{control:?}");
-        assert_eq!(control_for(&ledger, (3_600, 3_800), true, &[(0, 6_000)]), None);
+        assert_eq!(control_for(&ledger, 200, (3_600, 3_800), true, &[(0, 6_000)]), None);
     }
 
     #[test]

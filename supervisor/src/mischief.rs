@@ -1,6 +1,6 @@
 //! Engines that do wrong on request: the words in the station's page that ask them to, and what others have to say of them.
 
-use crate::faultfile::{Injection, default_rate};
+use crate::faultfile::{FaultKind, Injection, default_rate};
 use crate::view::Viewer;
 use hyst_exchange::{OwnedPage, ReadPage};
 use hyst_messages::mischief::{Mischief, Request};
@@ -97,9 +97,39 @@ fn said(by: Slot, page: &ReadPage) -> impl Iterator<Item = Charge> + '_ {
     (0..header::DISTRUSTED_ENTRIES).filter_map(entry)
 }
 
-/// When and by whom an incarnation was first found out after a time.
-pub fn first_after(charges: &[Charge], incarnation: u32, after_ns: u64) -> Option<(u64, Slot)> {
-    let of = charges.iter().filter(|charge| charge.incarnation == incarnation && charge.last_ns >= after_ns);
+/// Whether a fault of this kind publishes what is not so.
+pub fn is_lie(kind: &str) -> bool {
+    FaultKind::from_name(kind).and_then(FaultKind::mischief).is_some_and(Mischief::is_lie)
+}
+
+/// When and by whom an incarnation was first found out after a time, in what it was asked to do. That it is late, or differs from another that may be the one
+/// that is wrong, tells nobody that it lies.
+pub fn first_after(charges: &[Charge], kind: &str, incarnation: u32, after_ns: u64) -> Option<(u64, Slot)> {
+    let is_told = |charge: &Charge| [Distrust::Invalid, Distrust::Still, Distrust::Frozen].iter().any(|why| charge.is(*why));
+    let counts = |charge: &&Charge| !is_lie(kind) || is_told(charge);
+    let of = charges.iter().filter(|charge| charge.incarnation == incarnation && charge.last_ns >= after_ns).filter(counts);
     // A series that began before the fault is noise of the host; its newest word is not.
     of.map(|charge| (if charge.since_ns >= after_ns { charge.since_ns } else { charge.last_ns }, charge.by)).min()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::Role;
+
+    #[test]
+    fn who_is_late_is_not_found_to_lie() {
+        let [tissue, device] = [Role::Tissue, Role::Device].map(Slot::first);
+        let charge = |by, why, since_ns| Charge { by, incarnation: 7, why: why as u64, since_ns, last_ns: since_ns + 5 };
+        let mut charges = vec![charge(tissue, Distrust::Missing, 1_000), charge(tissue, Distrust::Differs, 1_100)];
+        let found = |charges: &[Charge]| ["nan", "frozen", "slow", "poison"].map(|kind| first_after(charges, kind, 7, 900));
+        let late = Some((1_000, tissue));
+        assert_eq!(found(&charges), [None, None, late, late]);
+        for why in [Distrust::Invalid, Distrust::Still, Distrust::Frozen] {
+            charges.truncate(2);
+            charges.push(charge(device, why, 2_000));
+            let told = Some((2_000, device));
+            assert_eq!(found(&charges), [told, told, late, late]);
+        }
+    }
 }

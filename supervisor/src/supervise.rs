@@ -120,7 +120,7 @@ struct Supervisor {
 
 /// Supervises a station that was founded, until it stops. Gives the exit code.
 pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
-    let system_error = |e| SuperviseError::System(station.name().to_string(), e);
+    let (begun_ns, system_error) = (system::now_ns(), |e| SuperviseError::System(station.name().to_string(), e));
     let Some(_lock) = name::lock(station).map_err(system_error)? else {
         return Ok(0); // there is one
     };
@@ -182,7 +182,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     };
     roles::resume(&supervisor.page, supervisor.viewer.page(), &mut supervisor.policy);
     supervisor.recall();
-    supervisor.start();
+    supervisor.start(begun_ns);
     Ok(supervisor.run(&inbox))
 }
 
@@ -316,6 +316,7 @@ impl Supervisor {
     /// Somebody is dead: it is told, and what follows from it is done; of the device, without which the hand has nobody, first done and then told.
     fn died(&mut self, slot: Slot, incarnation: u32, exit: Exit, death: Death) {
         self.spawner.mortality.pass("reaped");
+        self.faults.look_at_the_dead(slot, incarnation, &mut self.viewer);
         self.note_holders(death.at_ns); // one that took the role and died since the last look held it
         let is_urgent = slot.role() == Role::Device;
         let is_dismissed = self.dismissed.remove(&incarnation);

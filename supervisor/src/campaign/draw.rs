@@ -7,12 +7,13 @@
 use super::cell::Cell;
 use super::file::Campaign;
 use super::stage::Place;
+use crate::faultfile::Injection;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
 /// First tick at which a fresh station may be hurt: it is whole after some 2 s, and the ledger's start-up is over.
 pub(super) const FIRST_TICK: u64 = 6_000;
-/// Longest wait between the other fault and the one that falls into its recovery, ticks.
+/// Longest wait between the other fault, once it can have come about, and the one that falls into its recovery, ticks.
 const MOST_WITH_TICKS: u64 = 40;
 /// The same if the other is a servo's, whose successor is warm after 12 ticks where it takes the least; one that comes late has no verdict.
 const MOST_WITH_SERVO_TICKS: u64 = 8;
@@ -113,7 +114,7 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
                 cell: cell.name.clone(),
                 tick,
                 phase_us: draw.between(0, 999) as u32,
-                with_ticks: draw.between(1, most_with_ticks(cell)),
+                with_ticks: draw_with_ticks(cell, &mut draw),
                 in_swap: cell.swap.map(|role| Place::draw(role, cell.is_of_newcomer(), &mut draw)),
             });
             tick += room_ticks(cell);
@@ -122,10 +123,25 @@ pub fn plan(campaign: &Campaign, seed: u64) -> Plan {
     Plan { campaign: campaign.name.clone(), seed, file_hash: format!("{:016x}", campaign.hash), faults }
 }
 
-/// Longest wait for a fault in the recovery of another.
-fn most_with_ticks(cell: &Cell) -> u64 {
-    let is_servos = cell.with.as_ref().is_some_and(|with| with.target.split(':').next() == Some(Role::Haptic.name()));
-    if is_servos { MOST_WITH_SERVO_TICKS } else { MOST_WITH_TICKS }
+/// How long after the other fault one comes that falls into its recovery. Who is to do wrong itself does it in its next step, and that may have begun: it
+/// has two of them for it, or nothing had happened yet that the second fault could fall into.
+fn draw_with_ticks(cell: &Cell, draw: &mut Draw) -> u64 {
+    let role = cell.with.as_ref().and_then(|with| Role::from_name(with.target.split(':').next()?));
+    let is_asked = |with: &Injection| with.kind.mischief().is_some() && with.kind.signal().is_none();
+    let least = if cell.with.as_ref().is_some_and(is_asked) { 2 * role.map_or(0, period_ticks) } else { 0 };
+    let most = if role == Some(Role::Haptic) { MOST_WITH_SERVO_TICKS } else { least + MOST_WITH_TICKS };
+    draw.between(least.max(1), most)
+}
+
+/// Longest step of a role on a machine that is not hopeless, ticks; a plan is drawn where no station runs that could be asked. A tissue and a fluid take longer
+/// steps where the machine affords no shorter ones: 4, and twice the 33 of the default scene's.
+fn period_ticks(role: Role) -> u64 {
+    match role {
+        Role::Hardware | Role::Device | Role::Haptic => 1,
+        Role::Tissue | Role::CollisionWorker => 4,
+        Role::Fluid => 66,
+        Role::Rendering | Role::Recorder | Role::Console | Role::Supervisor | Role::Guardian => 33,
+    }
 }
 
 /// Ticks that the recovery from a fault takes at least beyond the gap. Not what it may take: a fault whose tick has passed comes as soon as the
@@ -204,6 +220,24 @@ mod tests {
         }
         assert!(stations.values().all(|lap| lap.iter().all(|damages| *damages == lap[0])), "{stations:?}");
         assert!(stations.values().all(|lap| lap.len() <= 7) && stations.values().any(|lap| lap[0]));
+    }
+
+    /// `kill fluid:active` from `poison fluid:active` came 1 to 40 ticks after a request that is heeded in a step of 33.
+    #[test]
+    fn who_is_asked_to_do_wrong_has_two_steps_for_it_before_the_next_fault() {
+        let drawn = |with: &str| {
+            let cell = format!(
+                "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\nstates = [\"recovery\"]\nwith = \"{with}\"\ncount = 400\n"
+            );
+            let campaign = parse("t", &format!("[[arm]]\nname = \"a\"\n{cell}")).unwrap();
+            let ticks = plan(&campaign, 1).faults.into_iter().map(|entry| entry.with_ticks);
+            ticks.fold((u64::MAX, 0), |(least, most), ticks| (least.min(ticks), most.max(ticks)))
+        };
+        assert_eq!([drawn("poison fluid:active for=0.5"), drawn("poison tissue:active for=0.5")], [(132, 172), (8, 48)]);
+        assert_eq!(drawn("nan haptic:active for=0.5"), (2, 8));
+        let at_once = ["kill tissue:active", "crash-loop tissue:active", "no-files device for=0.5"];
+        assert_eq!(at_once.map(drawn), [(1, 40); 3]);
+        assert_eq!(drawn("kill haptic:active"), (1, 8));
     }
 
     #[test]

@@ -37,7 +37,7 @@ const AHEAD_TICKS: u64 = 35;
 const EARLY_TICKS: u64 = 15;
 /// A station that was whole for this long has settled (the policy's SETTLED_NS, and a margin).
 const SETTLED_TICKS: u64 = 150;
-/// Fault-free ticks between the end of a fault's window and the next fault: room for a control window.
+/// Ticks between the end of a fault's window, and of a swap, and the next fault or its swap: room for a control window.
 const QUIET_TICKS: u64 = 320;
 /// Longest run of a station beyond what its faults should take, s: it ends by itself if the campaign was killed.
 const SPARE_TIME_S: u64 = 1_800;
@@ -257,7 +257,7 @@ impl Session {
     /// Gives when a keeper was struck: of an engine the station says it.
     fn inject(&mut self, injection: &Injection, tick: u64, phase_us: u32) -> Result<Option<u64>, String> {
         let start_ns = self.viewer.as_ref().map_or(0, |viewer| viewer.page().start_of(tick));
-        system::sleep_until_ns(start_ns.saturating_sub((AHEAD_TICKS + EARLY_TICKS) * TICK_NS)); // at most 100 ms, for a second fault
+        system::sleep_until_ns(start_ns.saturating_sub((AHEAD_TICKS + EARLY_TICKS) * TICK_NS)); // at most a quarter of a second, for a second fault
         if let Some(keepers) = Keepers::parse(&injection.target) {
             return self.hurt_keepers(keepers, injection, start_ns + u64::from(phase_us) * 1_000).map(Some);
         }

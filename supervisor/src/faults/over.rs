@@ -1,17 +1,29 @@
 //! How a fault is over whose victim is not the one who ends it: a successor is there, a place is empty on purpose, the keepers are whole again.
 
-use super::Faults;
+use super::{Faults, begin_ns};
 use crate::fault::{Fault, us};
 use crate::faultfile::{FaultKind, Keepers};
 use crate::keepers::Suffered;
+use crate::policy::Cause;
 use hyst_exchange::system;
 use hyst_messages::{Role, Slot};
 
 impl Faults {
-    /// The guardian died; whoever takes its place is awaited by [`Faults::guardian_back`].
-    pub fn guardian_died(&mut self, at_ns: u64) {
-        let fault = self.start("external", Slot::first(Role::Guardian), 0, at_ns);
-        (fault.manifested, fault.dead, fault.detected_by, fault.detected_us) = (true, true, "supervisor".into(), Some(0.0));
+    /// The guardian is found dead at a time, and was well when it was last looked at; whoever takes its place is awaited by [`Faults::guardian_back`].
+    pub fn guardian_died(&mut self, well_ns: u64, found_ns: u64) {
+        let since_ns = begin_ns(well_ns, found_ns);
+        let fault = self.start("external", Slot::first(Role::Guardian), 0, since_ns);
+        (fault.manifested, fault.dead, fault.detected_by) = (true, true, "supervisor".into());
+        fault.detected_us = Some(us(found_ns, since_ns));
+        self.keep_open();
+    }
+
+    /// The supervisor before this one died after its last heartbeat, was found by the guardian when that started this one, and is replaced now.
+    pub fn supervisor_died(&mut self, beat_ns: u64, found_ns: u64, now_ns: u64) {
+        let since_ns = begin_ns(beat_ns, now_ns);
+        let fault = self.start("external", Slot::first(Role::Supervisor), 0, since_ns);
+        (fault.manifested, fault.dead, fault.detected_by) = (true, true, "guardian".into());
+        (fault.detected_us, fault.recovered_us) = (Some(us(found_ns, since_ns)), Some(us(now_ns, since_ns)));
         self.keep_open();
     }
 
@@ -44,12 +56,18 @@ impl Faults {
         self.keep_open();
     }
 
-    /// The newcomer of a swap goes: what was done to it is found by that, and is over with whoever has its place.
-    pub fn doubted(&mut self, incarnation: u32, at_ns: u64) {
+    /// The newcomer of a swap goes: what was done to it is over with whoever has its place, and is found by that where the cause speaks of the newcomer.
+    /// Whether it did what it was asked to, its own count says.
+    pub fn doubted(&mut self, incarnation: u32, cause: Cause, at_ns: u64) {
         let of = |fault: &&mut Fault| fault.incarnation == incarnation && fault.recovered_us.is_none();
+        let speaks_of_it = !matches!(cause, Cause::NoTime | Cause::Interrupted);
         for fault in self.open.faults.iter_mut().filter(of) {
-            (fault.manifested, fault.dead) = (true, true);
-            if fault.detected_us.is_none() {
+            let is_signal = fault.asked.is_none() && fault.starts_left.is_none();
+            fault.manifested |= is_signal || cause == Cause::Died && fault.starts_left.is_none();
+            // Bytes that were flipped and files that cannot be opened end nobody who goes for another reason, and are over by themselves.
+            let is_beside_it = [FaultKind::Corrupt, FaultKind::NoFiles].iter().any(|kind| fault.kind == kind.name());
+            fault.dead |= speaks_of_it || !is_beside_it;
+            if fault.detected_us.is_none() && speaks_of_it {
                 (fault.detected_by, fault.detected_us) = ("swap".into(), Some(us(at_ns, fault.injected_ns)));
             }
         }
@@ -101,7 +119,7 @@ mod tests {
         for (slot, incarnation) in [(guest, 7), (other, 8)] {
             faults.start("nan", slot, incarnation, 1_000);
         }
-        faults.doubted(7, 2_000); // found out, and ended on purpose: it did not die
+        faults.doubted(7, Cause::Refused, 2_000); // found out, and ended on purpose: it did not die
         let death = Death { at_ns: 2_500, open_ns: Some(1_500), beat_ns: 900 };
         faults.died(guest, 7, Exit::Signal(9), death); // told of after what followed from it: it is no other's
         faults.vacated(guest, 5_000);
@@ -109,6 +127,47 @@ mod tests {
         assert_eq!(found, [(true, "swap"), (false, "")]);
         let recovered: Vec<_> = faults.all().map(|fault| (fault.slot, fault.recovered_us.is_some())).collect();
         assert_eq!(recovered, [(guest.number(), true), (other.number(), false)]);
+        station.wipe();
+    }
+
+    #[test]
+    fn a_swap_that_had_no_time_found_nobody_and_no_swap_says_that_it_was_done_as_asked() {
+        let station = Station::named(&format!("t{}-no-time", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let mut faults = Faults::new(&station, &[]).unwrap();
+        let guest = Slot::guest(Role::Fluid).unwrap();
+        let causes = [Cause::NoTime, Cause::Interrupted, Cause::Slow, Cause::Died];
+        for (incarnation, cause) in (1..).zip(causes) {
+            faults.start("nan", guest, incarnation, 1_000).asked = Some((0, 0));
+            faults.start("stop", guest, incarnation, 1_000);
+            let corrupt = faults.start("corrupt", guest, incarnation, 1_000);
+            (corrupt.manifested, corrupt.asked) = (true, Some((9_000, 0)));
+            faults.doubted(incarnation, cause, 2_000);
+        }
+        let seen: Vec<_> = faults.all().map(|fault| (fault.manifested, fault.detected_us.is_some(), fault.dead)).collect();
+        let of_no_time = [(false, false, true), (true, false, true), (true, false, false)];
+        assert_eq!([&seen[..3], &seen[3..6]], [of_no_time; 2]);
+        assert_eq!(seen[6..9], [(false, true, true), (true, true, true), (true, true, true)]);
+        assert_eq!(seen[9], (true, true, true), "who died has done it");
+        station.wipe();
+    }
+
+    #[test]
+    fn a_keeper_is_hurt_when_it_was_last_well_and_found_later() {
+        let station = Station::named(&format!("t{}-struck", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let mut faults = Faults::new(&station, &[]).unwrap();
+        let now_ns = 500_000_000_000;
+        faults.guardian_died(now_ns - 3_050_000_000, now_ns);
+        faults.guardian_died(0, now_ns); // nobody has seen it well
+        faults.supervisor_died(now_ns - 40_000_000, now_ns - 15_000_000, now_ns);
+        faults.guardian_back(now_ns + 1_000_000_000);
+        let ms = |us: Option<f64>| us.map(|us| us * 1e-3);
+        let of = |fault: &Fault| ((now_ns - fault.injected_ns) / 1_000_000, ms(fault.detected_us), ms(fault.recovered_us));
+        let found: Vec<_> = faults.all().map(of).collect();
+        assert_eq!(found, [(3_050, Some(3_050.0), Some(4_050.0)), (0, Some(0.0), Some(1_000.0)), (40, Some(25.0), Some(40.0))]);
         station.wipe();
     }
 }

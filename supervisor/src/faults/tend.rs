@@ -7,6 +7,7 @@ use crate::faultfile::FaultKind;
 use crate::shortage::{self, FILL_WITHIN_NS};
 use crate::view::Viewer;
 use crate::{mischief, proc, remains};
+use hyst_messages::page::header;
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 
@@ -55,6 +56,14 @@ impl Faults {
         }
     }
 
+    /// One goes: what it did as it was asked to is looked at for the last time, whatever it goes of.
+    pub fn look_at_the_dead(&mut self, slot: Slot, incarnation: u32, viewer: &mut Viewer) {
+        let count =
+            viewer.slot_page(slot).filter(|page| page.incarnation() == incarnation).map(|page| page.load64(header::MISCHIEF));
+        let of = |fault: &&mut Fault| (fault.slot, fault.incarnation) == (slot.number(), incarnation);
+        self.open.faults.iter_mut().filter(of).for_each(|fault| note_done(fault, count.unwrap_or(0)));
+    }
+
     /// Looks whether the engines that were asked to do wrong do it, whether somebody found them out, and whether it is over.
     fn look_at_the_asked(&mut self, now_ns: u64, viewer: &mut Viewer) {
         let pending = |fault: &Fault| fault.asked.is_some() && !fault.dead && fault.recovered_us.is_none();
@@ -63,14 +72,16 @@ impl Faults {
         }
         let charges = mischief::charges(viewer);
         for fault in self.open.faults.iter_mut().filter(|fault| pending(fault)) {
-            let Some(((until_ns, done), slot)) = fault.asked.zip(Slot::from_number(fault.slot)) else { continue };
+            let Some(((until_ns, _), slot)) = fault.asked.zip(Slot::from_number(fault.slot)) else { continue };
             let present = viewer.page().incarnation(slot) == fault.incarnation;
-            fault.manifested |= present && mischief::done(viewer, slot) > done;
+            if present {
+                note_done(fault, mischief::done(viewer, slot));
+            }
             // What leaks is found by its growth; that somebody was late once in those seconds is noise.
             let leaks = [FaultKind::LeakMemory, FaultKind::LeakFiles].iter().any(|kind| fault.kind == kind.name());
             if fault.detected_us.is_none()
                 && !leaks
-                && let Some((at_ns, by)) = mischief::first_after(&charges, fault.incarnation, fault.injected_ns)
+                && let Some((at_ns, by)) = mischief::first_after(&charges, &fault.kind, fault.incarnation, fault.injected_ns)
             {
                 (fault.detected_by, fault.detected_us) = (by.to_string(), Some(us(at_ns, fault.injected_ns)));
             }
@@ -81,6 +92,11 @@ impl Faults {
             }
         }
     }
+}
+
+/// Whether somebody did what it was asked to, once more.
+fn note_done(fault: &mut Fault, count: u64) {
+    fault.manifested |= fault.asked.is_some_and(|(_, before)| count > before);
 }
 
 /// The fault's victim, if it lives.
@@ -116,5 +132,34 @@ fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
         && let Some(pid) = pid_of(fault, slot, viewer)
     {
         shortage::restore(pid, lowered);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::Station;
+    use hyst_messages::page::station as layout;
+
+    #[test]
+    fn what_one_did_as_it_was_asked_to_is_read_once_more_as_it_goes() {
+        let station = Station::named(&format!("t{}-done", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let slot = Slot::first(Role::Fluid);
+        let (page, own) = (station.open_for_keeping().unwrap(), station.create_slot(slot, 7).unwrap());
+        page.store32(layout::SLOT_INCARNATION + slot.number(), 7);
+        let (mut faults, mut viewer) = (Faults::new(&station, &[]).unwrap(), Viewer::open(&station).unwrap());
+        faults.start("poison", slot, 7, 1_000).asked = Some((0, 2));
+        faults.start("kill", slot, 7, 2_000).dead = true;
+        let mut shown = |incarnation: u32, count: u64| {
+            own.store64(header::MISCHIEF, count);
+            faults.look_at_the_dead(slot, incarnation, &mut viewer);
+            faults.all().map(|fault| fault.manifested).collect::<Vec<_>>()
+        };
+        assert_eq!(shown(7, 2), [false; 2], "as often as before");
+        assert_eq!(shown(6, 3), [false; 2], "another one");
+        assert_eq!(shown(7, 3), [true, false]);
+        station.wipe();
     }
 }

@@ -1,4 +1,4 @@
-//! The book of faults: when a fault began, that its whole window counts, and that its line is written.
+//! The book of faults: when a fault began, that its whole window counts, where its control lies, and that its line is written.
 
 use super::*;
 use hyst_messages::{Applied, LedgerEntry};
@@ -58,5 +58,63 @@ fn a_fault_whose_line_cannot_be_written_is_closed_once_it_can() {
     std::fs::remove_dir(&file).unwrap();
     assert_eq!(close(), (1, 0));
     assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 1);
+    station.wipe();
+}
+
+/// 59 of the 65 faults in a swap had their control in the same swap.
+#[test]
+fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
+    let station = Station::named(&format!("t{}-swaps", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    let page = station.open().unwrap();
+    let mut faults = Faults::new(&station, &[]).unwrap();
+    let hurt = |faults: &mut Faults, tick: u64| {
+        let fault = faults.start("kill", Slot::first(Role::Fluid), 7, page.start_of(tick));
+        (fault.tick, fault.recovered_us) = (tick, Some(100_000.0));
+    };
+    let tell = |faults: &mut Faults, ticks: std::ops::Range<u64>| {
+        for tick in ticks {
+            faults.ledger.push(&LedgerEntry { station_tick: tick, force_tick: tick, ..LedgerEntry::default() }, true);
+        }
+        faults.close(false, |_, is_through, has_waited| is_through && has_waited);
+        faults.closed.iter().filter_map(|fault| fault.control).map(|it| (it.from_tick, it.to_tick)).collect::<Vec<_>>()
+    };
+    assert_eq!(tell(&mut faults, 0..1_000), []);
+    faults.swap_begun(page.start_of(1_000)); // the first 500 ticks are start-up: two windows fit before it, and 100 ticks
+    for tick in [2_000, 2_300, 2_600] {
+        hurt(&mut faults, tick);
+    }
+    assert_eq!(tell(&mut faults, 1_000..9_000), [(800, 1_000), (600, 800)]);
+    assert_eq!(faults.open.faults.len(), 1, "for longer than a control is waited for: the swap goes on");
+    let mut successor = Faults::new(&station, &[]).unwrap();
+    successor.swap_begun(page.start_of(1_000));
+    successor.swap_ended(page.start_of(9_000));
+    assert_eq!(successor.open.swaps.len(), 1, "the same one");
+    hurt(&mut successor, 9_210);
+    let controls = tell(&mut successor, 0..9_700);
+    assert_eq!(
+        controls[2..],
+        [(9_001, 9_201), (9_410, 9_610)],
+        "after the swap, and the first that meets neither it nor the other"
+    );
+    station.wipe();
+}
+
+#[test]
+fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
+    let station = Station::named(&format!("t{}-lies", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    let mut faults = Faults::new(&station, &[]).unwrap();
+    let slots = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
+    for (kind, slot) in ["nan", "spin"].into_iter().zip(slots) {
+        faults.start(kind, slot, 7, 1_000_000);
+        faults.suspected(slot, 7, 4_000_000);
+    }
+    let seen = |faults: &Faults| faults.all().map(|fault| (fault.manifested, fault.detected_us)).collect::<Vec<_>>();
+    assert_eq!(seen(&faults), [(false, None), (true, Some(3_000.0))]);
+    faults.late(slots[0], 7, 9_000_000, 9_000_000, "tissue:1");
+    assert_eq!(seen(&faults)[0], (true, Some(8_000.0)));
     station.wipe();
 }

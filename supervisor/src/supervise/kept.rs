@@ -27,6 +27,8 @@ const STOPPED_NS: u64 = 3_000_000_000;
 pub struct Kept {
     guardian: Option<Living>,
     next_look_ns: u64,
+    /// When it was last seen alive, and not stopped.
+    well_ns: u64,
     dead_since_ns: Option<u64>,
     stopped_since_ns: Option<u64>,
     next_start_ns: u64,
@@ -51,7 +53,7 @@ impl Supervisor {
         if self.kept.dead_since_ns.is_none() {
             self.kept.dead_since_ns = Some(now_ns);
             if !self.viewer.page().is_dead(Slot::first(Role::Guardian)) {
-                self.faults.guardian_died(now_ns); // a stand-in that made room has said so
+                self.faults.guardian_died(self.kept.well_ns, now_ns); // a stand-in that made room has said so
             }
         }
         let since_ns = self.kept.dead_since_ns.unwrap_or(now_ns);
@@ -66,7 +68,7 @@ impl Supervisor {
         let is_stopped = ThreadFiles::open(guardian.pid).and_then(|files| files.state()) == Some(Thread::Stopped);
         let since_ns = *self.kept.stopped_since_ns.get_or_insert(now_ns);
         if !is_stopped {
-            self.kept.stopped_since_ns = None;
+            (self.kept.stopped_since_ns, self.kept.well_ns) = (None, now_ns);
         } else if now_ns - since_ns > STOPPED_NS {
             journal::say(&self.station, "the guardian was stopped, and is ended so that another can take its place");
             crate::proc::signal(guardian.pid, rustix::process::Signal::KILL);

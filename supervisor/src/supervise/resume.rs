@@ -11,8 +11,8 @@ use hyst_messages::{Role, Slot};
 
 impl Supervisor {
     /// Adopts who lives, finishes or undoes what a supervisor before this one had begun, mourns who died while nobody watched: for the policy that dies
-    /// now, so that a death which takes the supervisor along counts as any other.
-    pub(super) fn start(&mut self) {
+    /// now, so that a death which takes the supervisor along counts as any other. This process began at a time.
+    pub(super) fn start(&mut self, begun_ns: u64) {
         let left = self.finish_intent();
         let (mut adopted, mut unseen) = (Vec::new(), Vec::new());
         for slot in self.slots.clone() {
@@ -52,7 +52,7 @@ impl Supervisor {
         }
         if self.page.load64(layout::SUPERVISOR_STARTS) > 1 {
             journal::say(&self.station, &format!("the supervisor was restarted and adopted {} engines", adopted.len()));
-            self.faults.supervisor_died(self.page.load64(layout::SUPERVISOR_NS), system::now_ns());
+            self.faults.supervisor_died(self.page.load64(layout::SUPERVISOR_NS), begun_ns, system::now_ns());
             self.cleaner.ask(system::now_ns());
         }
         let is_warm = |(slot, _): &(Slot, u32)| {

@@ -119,6 +119,7 @@ impl Supervisor {
         if !record.write(&self.station) {
             return Err("the station's root takes no more files; look at `df /dev/shm`".into());
         }
+        self.faults.swap_begun(record.begun_ns);
         self.spawner.mortality.pass("swap-declared");
         journal::say(&self.station, &format!("swap {number} of {}: {what}", role.name()));
         self.spawner.candidate = Some((slot, binary.to_path_buf()));
@@ -169,7 +170,10 @@ impl Supervisor {
                     (trial.record.cause, trial.record.reason) = (Some(cause), text.clone());
                 }
                 self.note_step(&format!("rolled back: {text}"));
-                self.faults.doubted(guest, system::now_ns());
+                if let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) {
+                    self.faults.look_at_the_dead(slot, guest, &mut self.viewer);
+                }
+                self.faults.doubted(guest, cause, system::now_ns());
                 self.spawner.mortality.pass("swap-undone");
             }
             Action::EndSwap { role, promoted } => self.end_swap(role, promoted),
@@ -213,6 +217,7 @@ impl Supervisor {
             }
             self.faults.vacated(guest, system::now_ns()); // a fault of the newcomer's is over with the swap
         }
+        self.faults.swap_ended(system::now_ns());
         self.spawner.mortality.pass("swap-cleared");
         if let Some(trial) = &mut self.trial {
             trial.record.promoted = Some(promoted);
@@ -325,8 +330,13 @@ impl Supervisor {
 
     /// What a supervisor before this one left of a swap: finished if it was proven, else undone. The guest of a swap that nobody knows goes too.
     pub(super) fn resume_swap(&mut self) {
-        let Some(record) = Record::read(&self.station).filter(|record| record.promoted.is_none()) else { return };
-        let Some((slot, role)) = record.slot().zip(Role::from_name(&record.role)) else { return };
+        let left = Record::read(&self.station).filter(|record| record.promoted.is_none());
+        let Some((record, slot, role)) =
+            left.and_then(|record| Some((record.clone(), record.slot()?, Role::from_name(&record.role)?)))
+        else {
+            return self.faults.swap_ended(system::now_ns());
+        };
+        self.faults.swap_begun(record.begun_ns);
         let binary = std::fs::canonicalize(&record.binary).ok();
         let runs = |slot: Slot| binary.is_some() && binary_of(self.viewer.page().pid(slot)) == binary;
         let alive = |slot: &Slot| self.viewer.page().pid(*slot) != 0 && !self.viewer.page().is_dead(*slot);

@@ -32,12 +32,13 @@ impl Session {
             outcome.fault = ours.pop(); // the one in a recovery comes second; of two that were hit at once, the one that took longer
             outcome.with = ours.pop().filter(|_| cell.with.is_some());
         }
-        if let (Some(fault), Some(viewer)) = (&outcome.fault, &self.viewer) {
+        if let (Some(fault), Some(viewer)) = (&mut outcome.fault, &self.viewer) {
             outcome.ending = Ending::Closed;
-            // Of a keeper it is known when it was struck; the supervisor that comes after it knows of its last heartbeat.
-            let at_ns = asked.struck_ns.unwrap_or(fault.injected_ns);
-            outcome.tick = asked.struck_ns.map_or(fault.tick, |struck_ns| viewer.page().tick_at(struck_ns));
-            let in_tick_ns = at_ns.saturating_sub(viewer.page().start_of(outcome.tick));
+            if let Some(struck_ns) = asked.struck_ns {
+                count_from(fault, struck_ns, viewer.page().tick_at(struck_ns));
+            }
+            outcome.tick = fault.tick;
+            let in_tick_ns = fault.injected_ns.saturating_sub(viewer.page().start_of(outcome.tick));
             outcome.injected_phase_us = (in_tick_ns / 1_000).min(999) as u32;
         } else {
             outcome.reason = format!("no verdict within {} s", close_ns / 1_000_000_000);
@@ -99,6 +100,14 @@ impl Session {
     }
 }
 
+/// Of a keeper it is known when it was struck; who tells of it knows when it was last well, which is where its window begins.
+fn count_from(fault: &mut Fault, struck_ns: u64, tick: u64) {
+    let earlier_us = (struck_ns as f64 - fault.injected_ns as f64) * 1e-3;
+    let since = |us: f64| (us - earlier_us).max(0.0);
+    (fault.detected_us, fault.recovered_us) = (fault.detected_us.map(since), fault.recovered_us.map(since));
+    (fault.injected_ns, fault.tick) = (struck_ns, tick);
+}
+
 /// Whether a closed fault is the injected one.
 fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
     if let Some(keepers) = Keepers::parse(&injection.target) {
@@ -108,4 +117,23 @@ fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
     fault.kind == injection.kind.name()
         && role(&fault.target) == role(&injection.target)
         && (asked.sent_ns..=asked.answered_ns).contains(&fault.injected_ns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_keeper_took_is_counted_from_when_it_was_struck() {
+        let times = |us: f64| (Some(us), Some(us + 500_000.0));
+        let (detected_us, recovered_us) = times(3_060_000.0);
+        let fault = Fault { injected_ns: 5_000_000_000, tick: 5_000, detected_us, recovered_us, ..Fault::default() };
+        let counted = |struck_ns| {
+            let mut fault = fault.clone();
+            count_from(&mut fault, struck_ns, 7);
+            (fault.detected_us, fault.recovered_us, fault.injected_ns, fault.tick)
+        };
+        let ((detected_us, recovered_us), struck_ns) = (times(3_020_000.0), 5_040_000_000);
+        assert_eq!(counted(struck_ns), (detected_us, recovered_us, struck_ns, 7));
+    }
 }

@@ -1,7 +1,7 @@
 //! A swap that is under way when a fault comes: begun by the campaign, from a copy of the role's own engine, and hurt at a drawn place of it. Whether it
 //! succeeds is the swap's affair; that it ends is a promise. How far it is, is said by its record, and after its probation by the roster and the places.
 
-use super::{AHEAD_TICKS, EARLY_TICKS, Session, Trouble};
+use super::{AHEAD_TICKS, EARLY_TICKS, QUIET_TICKS, Session, Trouble};
 use crate::campaign::cell::Cell;
 use crate::campaign::draw::Entry;
 use crate::campaign::outcome::{Ending, Outcome, SwapSeen};
@@ -56,11 +56,19 @@ impl Session {
         match self.end_swap()? {
             Some(record) => {
                 let since = outcome.swap.as_ref().and_then(|swap| swap.since);
-                outcome.swap = Some(SwapSeen { since, ..seen(&record, at_ns) });
+                let swap = SwapSeen { since, ..seen(&record, at_ns) };
+                self.be_quiet_after_swap(&swap);
+                outcome.swap = Some(swap);
             }
             None => (outcome.ending, outcome.reason) = (Ending::Open, "the swap does not end".into()),
         }
         Ok(())
+    }
+
+    /// The next fault, or its swap, finds room for its control after the end of this swap: in none may one lie.
+    fn be_quiet_after_swap(&mut self, swap: &SwapSeen) {
+        let end_tick = self.viewer.as_ref().zip(swap.ended_ns).map_or(0, |(viewer, ended_ns)| viewer.page().tick_at(ended_ns));
+        self.quiet_from_tick = self.quiet_from_tick.max(end_tick + QUIET_TICKS);
     }
 
     /// Asks for a swap of a role and waits until it has come to a stage; gives in which tick that was seen, `None` if it ended before. The text says why it
