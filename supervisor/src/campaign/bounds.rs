@@ -19,7 +19,7 @@ const HALVINGS: usize = 60;
 pub struct Excess {
     /// Faults that were judged.
     pub faults: usize,
-    /// Those that missed more than their control.
+    /// Those that missed more than their control and what they may cost.
     pub worse: usize,
     /// Those that missed fewer.
     pub better: usize,

@@ -251,13 +251,16 @@ fn companion(text: Option<&str>, target: &str) -> Result<Injection, String> {
     if [other, target].into_iter().any(|name| Keepers::parse(name).is_some()) {
         return Err("those who keep the station have no recovery that another fault could fall into; take state any".into());
     }
-    if [other, target].into_iter().any(|name| name.ends_with(":both")) {
-        return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
-    }
     if is_of_newcomer(other) {
         return Err(format!("with = {text:?}: take state swap for who a swap brings"));
     }
-    injection(kind, other, &options)
+    let with = injection(kind, other, &options)?;
+    // A damaged checkpoint hurts nobody while a holder lives: whoever comes after both reads it.
+    let founds_from_it = with.place == Some(Place::Checkpoint);
+    if other.ends_with(":both") || target.ends_with(":both") && !founds_from_it {
+        return Err(format!("{target}: one fault falls into the recovery of one other; take state any for :both"));
+    }
+    Ok(with)
 }
 
 impl Cell {

@@ -128,6 +128,9 @@ fn both_of_a_role_and_those_who_keep_the_station_are_targets_too() {
     }
 }
 
+/// Faults of a kind by each of its options; of the kind as a whole twenty are to show.
+const LEAST_OF_AN_OPTION: usize = 8;
+
 #[test]
 fn the_campaigns_that_come_with_the_station_can_be() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/campaigns");
@@ -138,7 +141,7 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     }
     let all = campaigns.iter().find(|campaign| campaign.name == "all").unwrap();
     assert!(all.pools.iter().all(|pool| pool.limit_upper95 == 0.05) && all.cells.iter().all(|cell| cell.pool.is_some()));
-    assert!((4_500..=5_100).contains(&all.faults()), "{} faults", all.faults());
+    assert!((4_500..=5_400).contains(&all.faults()), "{} faults", all.faults());
     let together: Vec<&Cell> =
         campaigns.iter().filter(|it| ["all", "slow", "full"].contains(&&*it.name)).flat_map(|it| &it.cells).collect();
     let count = |whom: &str, what: &Injection| -> usize {
@@ -148,7 +151,7 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     for whom in ROLES.map(Role::name).into_iter().chain(["supervisor", "guardian", "supervisor+guardian"]) {
         for what in FaultKind::ALL.into_iter().flat_map(|(kind, _, _)| variants(kind, whom)) {
             let (count, can) = (count(whom, &what), what.check().is_ok() && !is_left_out(&what));
-            assert_eq!(count >= 20, can, "{} {whom} of {:?}: {count}", variant(&what), what);
+            assert_eq!(count >= LEAST_OF_AN_OPTION, can, "{} {whom} of {:?}: {count}", variant(&what), what);
         }
     }
 }
@@ -181,7 +184,8 @@ fn variants(kind: FaultKind, whom: &str) -> Vec<Injection> {
 }
 
 /// What no campaign has, although it can be: what ends other faults; what is one and the same whoever is named, and is there under one name; a device that is
-/// stopped is ended before it could be continued; and what an own limit of memory comes to is for the one to see who wants it.
+/// stopped is ended before it could be continued; a checkpoint that nobody reads, since that is damaged beside a kill of both who hold the state; and what
+/// docs/faults.md says of the keepers' memory.
 fn is_left_out(what: &Injection) -> bool {
     let whom = what.target.as_str();
     match what {
@@ -189,7 +193,7 @@ fn is_left_out(what: &Injection) -> bool {
         Injection { kind: FaultKind::ShmFull, .. } => whom != "recorder",
         Injection { kind: FaultKind::Stop, for_s: Some(_), .. } => whom == "device",
         Injection { place: Some(Place::Station | Place::Roster), .. } => whom != "tissue",
-        Injection { kind: FaultKind::NoFiles, .. } => whom == "supervisor+guardian",
+        Injection { place: Some(Place::Checkpoint), .. } => true,
         Injection { kind: FaultKind::Oom, .. } => whom.contains("supervisor") || whom == "guardian",
         _ => false,
     }
@@ -249,4 +253,33 @@ fn a_fault_may_fall_into_a_swap_of_any_engine() {
     assert_eq!((misses("console"), misses("device")), (0, 20));
     let both = newcomer("states = [\"swap\"]\nswap = \"device\"").unwrap_err(); // of the fluid
     assert!(both.contains("only a swap of its role"), "{both}");
+}
+
+#[test]
+fn both_of_a_role_may_die_beside_a_damaged_checkpoint_and_beside_nothing_else() {
+    let text = "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"tissue:both\"]\nstates = [\"recovery\"]\ncount = 1\nwith = 'corrupt tissue:active where=\"checkpoint\" seed=2'\n";
+    let cell = parse("t", text).unwrap().cells.remove(0);
+    assert_eq!((cell.faults(), cell.with.unwrap().seed), (2, Some(2)));
+    assert!(parse("t", &text.replace("checkpoint", "page")).unwrap_err().contains("take state any for :both"));
+    let both = text.replace("tissue:active where", "tissue:both where").replace("[\"tissue:both\"]", "[\"tissue:active\"]");
+    assert!(parse("t", &both).is_err(), "one is damaged");
+}
+
+/// What docs/faults.md and the file's head say of it: twenty of each kind and role are to show, of which a few may not.
+#[test]
+fn the_campaign_of_every_kind_draws_enough_of_each_and_can_show_its_limits() {
+    let campaign = parse("all", include_str!("../../../assets/campaigns/all.toml")).unwrap();
+    assert_eq!(campaign.cannot_show(), Vec::<String>::new());
+    let mut pairs = BTreeMap::<(&str, &str), usize>::new();
+    for cell in &campaign.cells {
+        *pairs.entry((cell.injection.kind.name(), cell.role())).or_default() += cell.count;
+    }
+    let few: Vec<_> = pairs.iter().filter(|(_, count)| **count < 24).collect();
+    assert!(few.is_empty(), "{few:?}");
+    for (name, least) in [("no files", 60), ("corrupt", 60)] {
+        let pool = campaign.pools.iter().find(|pool| pool.name == name).unwrap();
+        assert!(pool.least >= least && least_faults(pool.limit_upper95).unwrap() <= pool.least, "{name}");
+    }
+    let most = campaign.cells.iter().map(|cell| cell.allowed_misses).max().unwrap();
+    assert!(most < 2_000, "a limit that can fail: {most}");
 }

@@ -4,7 +4,7 @@ use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
-use super::text::{besides, counts, not_shown, percentile, segments, target_of, unnoticed};
+use super::text::{besides, counts, first_not_shown, not_shown, percentile, segments, target_of, unnoticed};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -73,6 +73,8 @@ fn reasons(page: &mut String, judgement: &Judgement) {
     };
     list(page, "Who else died, or hung and was ended", &judgement.cells.iter().flat_map(beside).collect::<Vec<_>>());
     list(page, "What did not show", &named(not_shown));
+    list(page, "Whose first fault did not show", &named(first_not_shown));
+    list(page, "What showed fewer than twenty times", &judgement.few);
     list(page, "What was done and not noticed", &named(unnoticed));
 }
 
@@ -94,7 +96,7 @@ type TimesOf = fn(&Figures) -> &[f64];
 fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
     let _ = write!(
         page,
-        "<h2>Arm {}</h2>\n<h3>Excess misses</h3>\n<p class=\"note\">Faults that missed more ticks than their control window, less those that missed \
+        "<h2>Arm {}</h2>\n<h3>Excess misses</h3>\n<p class=\"note\">Faults that missed more ticks than their control window and what they may cost, less those that missed \
          fewer, per fault; the bar is the exact 95 % interval, the dashed line the limit of its upper end.</p>\n{}",
         escape(arm),
         plots::excess(judgement, arm)
@@ -113,7 +115,7 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
-         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>missed ticks<br>fault / control</th>\
+         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th>\
          <th>largest force step N<br>fault / control</th><th>invalid or stale<br>applied, ticks</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>left over</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {
@@ -158,6 +160,7 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         excess[2].clone(),
         figures.limit_upper95.map_or("–".into(), |limit| limit.to_string()),
         figures.mean_excess_misses.map_or("–".into(), |mean| format!("{mean:.3}")),
+        figures.allowed_misses.to_string(),
         format!("{} / {}", figures.missed[0], figures.missed[1]),
         format!("{:.3} / {:.3}", figures.step_max_n[0], figures.step_max_n[1]),
         figures.wrong.to_string(),

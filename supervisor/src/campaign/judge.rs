@@ -11,6 +11,7 @@
 mod blame;
 mod figures;
 mod notice;
+mod shown;
 mod take;
 
 pub use figures::{Figures, Verdict};
@@ -42,6 +43,8 @@ pub struct Judgement {
     pub cells: Vec<Figures>,
     /// Pools.
     pub pools: Vec<Figures>,
+    /// Kinds and roles of which fewer faults showed than a kind is to have for each role, in words.
+    pub few: Vec<String>,
     /// What was broken in a station as a whole.
     pub broken: Vec<String>,
     /// What keeps the campaign from a verdict.
@@ -94,6 +97,7 @@ pub fn judge(
         planned: plan.faults.len(),
         done: outcomes.len(),
         origins,
+        few: shown::few(campaign, &cells),
         cells,
         pools,
         broken: blame.broken,
@@ -142,3 +146,7 @@ mod tests;
 #[cfg(test)]
 #[path = "judge_seen_tests.rs"]
 mod seen_tests;
+
+#[cfg(test)]
+#[path = "judge_known_tests.rs"]
+mod known_tests;

@@ -105,8 +105,10 @@ fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
         ("detected_ms_median_and_largest", times(&figures.detected_ms)),
         ("contained_ms_median_and_largest", times(&figures.contained_ms)),
         ("recovered_ms_median_and_largest", times(&figures.recovered_ms)),
-        ("excess_misses_per_fault", mean),
-        ("excess_misses_per_fault_95", bounds),
+        ("faults_with_excess_misses_per_fault", mean),
+        ("faults_with_excess_misses_per_fault_95", bounds),
+        ("excess_misses_mean", figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}"))),
+        ("allowed_misses", figures.allowed_misses.to_string()),
         ("force_step_max_n", format!("{step_n:.3}")),
         ("force_step_max_control_n", format!("{control_step_n:.3}")),
         ("invalid_or_stale_applied_ticks", figures.wrong.to_string()),
@@ -136,7 +138,12 @@ impl Case<'_> {
             Mark::Failed => write!(text, "<failure message=\"{first}\">{said}</failure>"),
             Mark::Error => write!(text, "<error message=\"nothing can be said: {first}\">{said}</error>"),
             Mark::Skipped => {
-                write!(text, "<skipped message=\"nothing was injected, nothing is judged here, or the plan is not through\"/>")
+                let why = if first.is_empty() {
+                    "nothing was injected, nothing is judged here, or the plan is not through"
+                } else {
+                    first.as_str()
+                };
+                write!(text, "<skipped message=\"{why}\"/>")
             }
         };
         text.push_str("</testcase>\n");
@@ -171,6 +178,7 @@ mod tests {
                 Figures { reasons: vec![], injected: 1, ..figures("beside", Verdict::Figures) },
             ],
             pools: vec![],
+            few: vec![],
             broken: vec![],
             unknown: vec![],
             void_share: 0.0,

@@ -15,6 +15,7 @@ mod found;
 pub mod html;
 pub mod judge;
 pub mod junit;
+mod last;
 mod origin;
 pub mod outcome;
 pub mod plots;

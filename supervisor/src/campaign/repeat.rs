@@ -90,7 +90,7 @@ fn conclude(figures: Option<&Figures>, broken: &[String], unknown: &[String], is
     let is_broken = figures.is_some_and(|figures| figures.verdict == Verdict::Broken);
     let mut why: Vec<String> = broken.to_vec();
     why.extend(figures.into_iter().flat_map(|figures| figures.reasons.clone()));
-    let excess = figures.and_then(|figures| figures.excess_misses.first().copied());
+    let excess = figures.and_then(|figures| figures.beyond_misses.first().copied());
     if let Some(excess) = excess.filter(|excess| *excess > 0) {
         why.push(format!("{excess} ticks without a fresh force beyond its control's and what it may cost"));
     }
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn one_that_came_at_another_moment_or_has_no_verdict_is_no_verdict_and_what_is_broken_is() {
-        let figures = |excess: &[i64], verdict| Figures { excess_misses: excess.to_vec(), verdict, ..Figures::default() };
+        let figures = |excess: &[i64], verdict| Figures { beyond_misses: excess.to_vec(), verdict, ..Figures::default() };
         let code = |figures: &Figures, broken: &[String], is_elsewhere| conclude(Some(figures), broken, &[], is_elsewhere).0;
         let held = figures(&[0], Verdict::Figures);
         assert_eq!([false, true].map(|is_elsewhere| code(&held, &[], is_elsewhere)), [0, 3]);

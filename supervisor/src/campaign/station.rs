@@ -1,6 +1,7 @@
 //! What came of one run of a station: a line of `stations.jsonl` in the folder of the results, and what in it is a broken promise.
 
 use super::deficit::Deficit;
+use super::last::LastForces;
 use super::origin::Origin;
 use crate::fault::Fault;
 use hyst_recording::sequence::RING_TICKS;
@@ -58,6 +59,9 @@ pub struct StationOutcome {
     pub reported: bool,
     /// Largest force step in a control window, N.
     pub control_step_max_n: f64,
+    /// Largest force step in the last ticks of the recording, N; `None` without two ticks there.
+    #[serde(default)]
+    pub last_step_max_n: Option<f64>,
     /// Ticks in the recording.
     pub recorded_ticks: u64,
     /// Ticks that the recording says are lost: first and last.
@@ -112,12 +116,13 @@ impl StationOutcome {
             Err(error) => return self.damage.push(error.to_string()),
         };
         let (mut newest, mut newest_medium) = ((0, 0), (0, 0));
-        let (mut deficit, mut continuity) = (Deficit::default(), Continuity::default());
+        let (mut deficit, mut continuity, mut last) = (Deficit::default(), Continuity::default(), LastForces::default());
         loop {
             match reader.next_block() {
                 Ok(Some(block)) => {
                     continuity.follow(&block);
                     for applied in &block.applied {
+                        last.follow(applied);
                         let model = (applied.model_epoch, applied.model_tick);
                         self.stale_models += u64::from(model < newest && model != (0, 0));
                         newest = newest.max(model);
@@ -135,7 +140,7 @@ impl StationOutcome {
                 }
             }
         }
-        self.deficit_jumps = deficit.jumps();
+        (self.deficit_jumps, self.last_step_max_n) = (deficit.jumps(), last.step_max_n());
         (self.recorded_ticks, self.repeated_ticks) = (continuity.ticks, continuity.repeated);
         let beyond = self.ticks.saturating_sub(continuity.ticks + continuity.lost() + continuity.unmade);
         self.missing_ticks = continuity.missing().max(if beyond > MOST_UNRECORDED { beyond } else { 0 });

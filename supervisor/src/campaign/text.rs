@@ -76,7 +76,7 @@ fn row(figures: &Figures) -> String {
     let [step, control_step] = figures.step_max_n;
     let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
     format!(
-        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
+        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
         figures.name,
         figures.injected,
         figures.planned,
@@ -90,6 +90,7 @@ fn row(figures: &Figures) -> String {
         excess.2,
         limit,
         figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}")),
+        figures.allowed_misses,
         with_void,
         format!("{}/{}", void(figures.window_ticks), void(figures.control_ticks)),
         format!("{step:.3}/{control_step:.3}"),
@@ -110,6 +111,13 @@ pub fn besides(figures: &Figures) -> Vec<String> {
 pub fn not_shown(figures: &Figures) -> Option<String> {
     let numbers: Vec<String> = figures.not_shown.iter().map(usize::to_string).collect();
     (!numbers.is_empty()).then(|| format!("nothing came of fault {}", numbers.join(", ")))
+}
+
+/// The numbers of the second faults whose first did not show, in words; `None` if there are none.
+pub fn first_not_shown(figures: &Figures) -> Option<String> {
+    let numbers: Vec<String> = figures.first_not_shown.iter().map(usize::to_string).collect();
+    (!numbers.is_empty())
+        .then(|| format!("the first fault did not show, and the second has no verdict: fault {}", numbers.join(", ")))
 }
 
 /// How often each, in words: `fluid 2, tissue 1`; a dash for none.
@@ -175,7 +183,7 @@ fn remarks(text: &mut String, judgement: &Judgement) {
         for line in &figures.collateral {
             let _ = writeln!(text, "{}, {}: beside {line}", figures.arm, figures.name);
         }
-        for list in not_shown(figures).into_iter().chain(unnoticed(figures)) {
+        for list in not_shown(figures).into_iter().chain(first_not_shown(figures)).chain(unnoticed(figures)) {
             let _ = writeln!(text, "{}, {}: {list}", figures.arm, figures.name);
         }
     }
@@ -199,7 +207,7 @@ pub fn text(judgement: &Judgement) -> String {
     for arm in arms {
         let _ = write!(
             text,
-            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
             "cell: times are median/largest in ms; none: no verdict",
             "injected",
             "shown",
@@ -212,6 +220,7 @@ pub fn text(judgement: &Judgement) -> String {
             "upper95",
             "limit",
             "misses",
+            "allowed",
             "+/- void",
             "void %",
             "step/N",
@@ -230,7 +239,7 @@ pub fn text(judgement: &Judgement) -> String {
     text.push_str(&segments_text(judgement));
     text.push('\n');
     remarks(&mut text, judgement);
-    for reason in judgement.broken.iter().chain(&judgement.unknown) {
+    for reason in judgement.few.iter().chain(&judgement.broken).chain(&judgement.unknown) {
         let _ = writeln!(text, "{reason}");
     }
     let end = match judgement.exit_code {

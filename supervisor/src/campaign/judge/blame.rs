@@ -30,6 +30,8 @@ pub(super) struct Blame<'a> {
     others: BTreeMap<usize, Vec<&'a Fault>>,
     /// The last fault of each run that did not go on, and how that ended.
     ended: BTreeMap<usize, String>,
+    /// Largest force step in the last recorded ticks of the same runs, N, by the same faults.
+    last_step_n: BTreeMap<usize, f64>,
     /// What was left of the runs, by their last faults.
     left: BTreeMap<usize, u64>,
     /// What was broken in stations of judged arms, in words.
@@ -66,6 +68,7 @@ impl<'a> Blame<'a> {
             blame.left.extend(here.last().map(|outcome| (outcome.index, station.leftovers)));
             let last = here.last().filter(|_| station.did_not_go_on());
             blame.ended.extend(last.map(|outcome| (outcome.index, station.end_in_words())));
+            blame.last_step_n.extend(last.and_then(|outcome| Some((outcome.index, station.last_step_max_n?))));
             if !is_judged {
                 continue;
             }
@@ -88,7 +91,9 @@ impl<'a> Blame<'a> {
 
     /// Gives each end of another process to the fault that was injected last before it, whenever its line was read; those before any fault are given back.
     fn assign(&mut self, campaign: &Campaign, station: &'a StationOutcome, here: &[&'a Outcome]) -> Vec<(u64, &'a Fault)> {
-        let of_keepers = |name: &str| Keepers::parse(name).is_some();
+        let hurts_keeper = |cell: &Cell, name: &str| {
+            Keepers::parse(&cell.injection.target).is_some_and(|keepers| keepers.roles().iter().any(|role| role.name() == name))
+        };
         let lines = here.iter().flat_map(|outcome| outcome.collateral.iter().chain(&outcome.earlier)).chain(&station.external);
         let injected: Vec<(u64, &Outcome)> =
             here.iter().map(|outcome| (outcome.since_ns(), *outcome)).filter(|(since_ns, _)| *since_ns != 0).collect();
@@ -104,10 +109,8 @@ impl<'a> Blame<'a> {
             let before =
                 injected.iter().filter(|(since_ns, _)| *since_ns <= happened_ns(line)).max_by_key(|(since_ns, _)| *since_ns);
             match before {
-                // Those who keep the station end and come back one by one.
-                Some((_, outcome))
-                    if of_keepers(&line.target)
-                        && cell_of(campaign, outcome).is_some_and(|cell| of_keepers(&cell.injection.target)) => {}
+                // Those who keep the station end and come back one by one: whoever the cell hurts, and nobody else.
+                Some((_, outcome)) if cell_of(campaign, outcome).is_some_and(|cell| hurts_keeper(cell, &line.target)) => {}
                 Some((_, outcome)) => self.others.entry(outcome.index).or_default().push(line),
                 None if line.is_found_dead() => nobodys.push((line.tick, line)),
                 None => {} // one that was late while the station started
@@ -129,6 +132,11 @@ impl<'a> Blame<'a> {
     /// How the run ended if this fault was its last.
     pub(super) fn ended(&self, index: usize) -> Option<&str> {
         self.ended.get(&index).map(String::as_str)
+    }
+
+    /// Largest force step in the last recorded ticks of the run, N, if this fault was the one over which it ended; `None` if nothing is recorded of it.
+    pub(super) fn last_step_n(&self, index: usize) -> Option<f64> {
+        self.last_step_n.get(&index).copied()
     }
 
     /// What came after a fault, until the next one.

@@ -67,9 +67,13 @@ pub struct Figures {
     /// The same with the ticks that do not count: whatever stalled, the fault's own doing in the kernel too. It is broader, and no promise is held by it,
     /// but one can be broken.
     pub excess_with_void: Option<Excess>,
-    /// Excess misses of each judged fault, in the plan's order.
+    /// Excess misses of each judged fault, in the plan's order, those that it may cost among them.
     pub excess_misses: Vec<i64>,
-    /// Their mean: one stall of the host that falls into a window weighs there as much as it is long.
+    /// The same beyond what it may cost, by which the bound is made.
+    pub beyond_misses: Vec<i64>,
+    /// Ticks that each fault may cost; of a pool, the most that one of its cells allows.
+    pub allowed_misses: u64,
+    /// The mean of the excess misses: one stall of the host that falls into a window weighs there as much as it is long.
     pub mean_excess_misses: Option<f64>,
     /// Faults that were to hurt whoever does the role's work, and came when another had taken over already; they have no verdict.
     pub astray: usize,
@@ -85,6 +89,8 @@ pub struct Figures {
     pub seen: BTreeMap<&'static str, usize>,
     /// Faults of which nothing came, or that were refused, by their numbers.
     pub not_shown: Vec<usize>,
+    /// Second faults whose first did not show, by their numbers; they have no verdict.
+    pub first_not_shown: Vec<usize>,
     /// Of faults that are only done from outside: where, and by whom they were noticed, or what became of what was done.
     pub segment: String,
     /// See [`Figures::segment`].
@@ -122,7 +128,9 @@ pub(super) struct Known<'a> {
 pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> Figures {
     let cell_of = |name: &str| cells.iter().find(|cell| cell.name == name);
     let planned = known.plan.faults.iter().filter(|entry| entry.arm == arm.name && cell_of(&entry.cell).is_some()).count();
-    let mut figures = Figures { arm: arm.name.clone(), name: name.into(), judged: arm.judged, planned, ..Figures::default() };
+    let allowed_misses = cells.iter().map(|cell| cell.allowed_misses).max().unwrap_or(0);
+    let (arm_name, judged) = (arm.name.clone(), arm.judged);
+    let mut figures = Figures { arm: arm_name, name: name.into(), judged, planned, allowed_misses, ..Figures::default() };
     let (mut missed, mut late) = (Sides::default(), Sides::default());
     for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
@@ -138,10 +146,11 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
         match taken {
             Taken::NoVerdict => figures.without_verdict += 1,
             Taken::Unnoticed => {}
-            Taken::Excess([excess, with_void]) => {
+            Taken::Excess { lost, beyond: [excess, with_void] } => {
                 missed.add(excess);
                 late.add(with_void);
-                figures.excess_misses.push(excess);
+                figures.excess_misses.push(lost);
+                figures.beyond_misses.push(excess);
             }
         }
     }
@@ -240,6 +249,9 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
     }
     if is_silent {
         figures.reasons.push("none of its faults showed: it proves nothing".into());
+    } else if is_cell && done > 0 && figures.manifested == 0 && arm.judged {
+        // It breaks nothing, and passes for nothing either.
+        figures.reasons.push(format!("nobody noticed any of its {done} faults: it proves nothing"));
     }
     let surplus = figures.reasons.len().saturating_sub(MOST_REASONS);
     if surplus > 0 {

@@ -27,8 +27,8 @@ pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, S
         _ if others.is_some() => (true, "others died".into()),
         _ if sequel.began_anew() => (true, "a state began anew".into()),
         _ if has_ended => (true, "the station ended".into()),
-        // Both ways alike, so that what the host does by itself does not count for one side.
-        _ if hand != 0 => (true, "the hand".into()),
+        // Fewer misses than in the control are the host's doing there, and no sign of the fault.
+        _ if hand > 0 => (true, "the hand".into()),
         Some(remains) if remains.still_there > 0 => (false, "still there, unread".into()),
         Some(remains) if remains.written_over > 0 => (false, "written over by its owner".into()),
         Some(remains) if remains.gone > 0 => (false, "gone with its file".into()),

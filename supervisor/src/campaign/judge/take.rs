@@ -7,6 +7,7 @@ use crate::campaign::cell::{Cell, May};
 use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
 use crate::ledger::Window;
+use hyst_messages::Role;
 
 /// Ticks that any fault may cost once: what the hardware holds and ramps a force for.
 const MOST_LOST: u64 = 20;
@@ -17,8 +18,13 @@ pub(super) enum Taken {
     NoVerdict,
     /// It was done, and nobody noticed.
     Unnoticed,
-    /// Misses beyond its control's and what it may cost, without and with void ticks.
-    Excess([i64; 2]),
+    /// Its misses, in two ways.
+    Excess {
+        /// Beyond its control's.
+        lost: i64,
+        /// Beyond that and what it may cost, without and with void ticks.
+        beyond: [i64; 2],
+    },
 }
 
 impl Figures {
@@ -57,10 +63,29 @@ impl Figures {
         let was_noticed = !is_done_from_outside(cell) || self.take_notice(cell, &fault, outcome.index, sequel, has_ended);
         self.injected += 1;
         self.manifested += usize::from(has_ended);
-        if !has_ended {
+        self.take_wrong(outcome);
+        if has_ended {
+            self.take_last_step(known, outcome);
+        } else {
             self.reasons.push(format!("fault {}: {}", outcome.index, outcome.reason)); // else said by its sequel
         }
         if was_noticed { Taken::NoVerdict } else { Taken::Unnoticed }
+    }
+
+    /// Adds the last forces of a station that ended, by its recording: without a device the hardware takes the force away, as after the device's own death.
+    fn take_last_step(&mut self, known: &Known, outcome: &Outcome) {
+        let Some(step_n) = known.blame.last_step_n(outcome.index) else {
+            *self.seen.entry("ended, last forces not recorded").or_default() += 1;
+            return;
+        };
+        self.step_max_n[0] = self.step_max_n[0].max(step_n);
+        let quiet_n = known.steps_n[usize::from(outcome.before.contacts > 0)];
+        if step_n > (Fault { target: Role::Device.name().into(), ..Fault::default() }).most_step_n(quiet_n) {
+            self.reasons.push(format!(
+                "fault {}: a force step of {step_n:.3} N before the station's end, {quiet_n:.3} N without a fault",
+                outcome.index
+            ));
+        }
     }
 
     /// Adds a fault.
@@ -97,9 +122,13 @@ impl Figures {
         if !has_ended {
             self.take_gap(fault, outcome, cell, known.most_missed);
         }
+        let has_no_first = outcome.with.as_ref().is_some_and(|with| !with.manifested);
+        if has_no_first {
+            self.first_not_shown.push(index);
+        }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
         self.take_windows(fault, outcome, window, control, known.steps_n);
-        if !shows || is_astray || is_beside(outcome, fault) || ![window, control].iter().all(tells) {
+        if !shows || is_astray || has_no_first || is_beside(outcome, fault) || ![window, control].iter().all(tells) {
             self.astray += usize::from(is_astray);
             return Taken::NoVerdict;
         }
@@ -107,7 +136,7 @@ impl Figures {
             return Taken::Unnoticed;
         }
         let excess = [window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64];
-        Taken::Excess(excess.map(|excess| beyond(excess, cell.allowed_misses as i64)))
+        Taken::Excess { lost: excess[0], beyond: excess.map(|excess| beyond(excess, cell.allowed_misses as i64)) }
     }
 
     /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than any control window lost,

@@ -1,0 +1,125 @@
+//! Verdicts by hand, of what a fault may cost, of those that prove nothing, and of stations that end.
+
+use super::tests::{TEXT, all_of, ended, of, setup, station, window};
+use super::*;
+use crate::campaign::outcome::Ending;
+use crate::campaign::{html, junit, text};
+use crate::fault::Fault;
+
+#[test]
+fn what_a_fault_may_cost_is_in_its_mean_and_not_in_its_bound() {
+    let cells =
+        "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:both\"]\ncount = 4\nlimit_upper95 = 1.0\nallowed_misses = 300\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    for number in 0..4 {
+        window(&mut outcomes, "kill haptic:both", number).missed = 92;
+    }
+    let figures = |outcomes: &[Outcome]| judge(&campaign, &plan, outcomes, &[station(&campaign)], None);
+    let judgement = figures(&outcomes);
+    let both = &judgement.cells[0];
+    assert_eq!((both.mean_excess_misses, both.excess.unwrap().worse, both.allowed_misses), (Some(92.0), 0, 300));
+    assert_eq!((both.excess_misses.clone(), both.beyond_misses.clone()), (vec![92; 4], vec![0; 4]));
+    let said = text::text(&judgement);
+    let row: Vec<&str> = said.lines().find(|line| line.starts_with("kill haptic:both")).unwrap().split_whitespace().collect();
+    assert!(row.windows(2).any(|pair| pair == ["92.000", "300"]), "{said}");
+    window(&mut outcomes, "kill haptic:both", 0).missed = 321;
+    let judgement = figures(&outcomes);
+    assert_eq!((judgement.cells[0].verdict, judgement.exit_code), (Verdict::Broken, 1), "a limit that can fail");
+}
+
+#[test]
+fn a_miss_of_the_control_alone_is_no_notice() {
+    let cells = "[[cell]]\nkinds = [\"no-files\"]\ntargets = [\"recorder\"]\ncount = 2\nfor = 0.5\nlimit_upper95 = 1.0\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    for outcome in &mut outcomes {
+        outcome.fault.as_mut().unwrap().detected_by = String::new();
+    }
+    outcomes[0].fault.as_mut().unwrap().control.as_mut().unwrap().missed = 3;
+    outcomes[1].fault.as_mut().unwrap().window.as_mut().unwrap().missed = 3;
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let figures = &judgement.cells[0];
+    assert_eq!((figures.unnoticed.clone(), figures.excess.unwrap().better, figures.manifested), (vec![0], 0, 1));
+}
+
+#[test]
+fn a_second_fault_whose_first_did_not_show_has_no_verdict_and_is_named() {
+    let cells =
+        "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\nstates = [\"recovery\"]\ncount = 3\nlimit_upper95 = 1.0\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    for (number, outcome) in outcomes.iter_mut().enumerate() {
+        let own = outcome.fault.as_ref().unwrap();
+        let first = Fault { injected_ns: own.injected_ns - 5, manifested: number != 1, ..own.clone() };
+        outcome.with = Some(first);
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let figures = &judgement.cells[0];
+    assert_eq!((figures.excess.unwrap().faults, figures.without_verdict, figures.first_not_shown.clone()), (2, 1, vec![1]));
+    let line = "the first fault did not show, and the second has no verdict: fault 1";
+    assert!(text::text(&judgement).contains(line) && html::html(&judgement, &outcomes, &[]).contains(line));
+}
+
+#[test]
+fn a_cell_of_which_nobody_noticed_anything_says_so_everywhere() {
+    let cells = "[[pool]]\nname = \"all\"\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"console\"]\ncount = 2\nwhere = \"page\"\npool = \"all\"\n";
+    let (campaign, plan, mut outcomes) = setup(cells);
+    for outcome in &mut outcomes {
+        outcome.fault.as_mut().unwrap().detected_by = String::new();
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let reason = "nobody noticed any of its 2 faults: it proves nothing";
+    assert_eq!((judgement.cells[0].verdict, judgement.cells[0].reasons.clone()), (Verdict::Figures, vec![reason.to_string()]));
+    let junit = junit::junit(&judgement);
+    let case = junit.lines().find(|line| line.contains("name=\"corrupt console")).unwrap();
+    assert!(case.contains(&format!("<skipped message=\"{reason}\"/>")), "it must not pass: {case}");
+    let reports = [text::text(&judgement), html::html(&judgement, &outcomes, &[]), serde_json::to_string(&judgement).unwrap()];
+    assert!(reports.iter().all(|report| report.contains(reason)), "{reports:?}");
+}
+
+#[test]
+fn a_guardian_that_dies_of_its_supervisors_death_is_seen() {
+    let judged = |cell: &str, target: &str| {
+        let cells =
+            "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"supervisor\", \"supervisor+guardian\"]\ncount = 1\nlimit_upper95 = 1.0\n";
+        let (campaign, plan, mut outcomes) = setup(cells);
+        let hurt = of(&mut outcomes, cell, 0);
+        let line = ended(target, "pidfd", hurt.since_ns() + 1);
+        hurt.collateral.push(line);
+        let judgement = judge(&campaign, &plan, &outcomes, &[all_of(&campaign, &outcomes)], None);
+        judgement.cells.iter().find(|figures| figures.name == cell).unwrap().collateral.len()
+    };
+    assert_eq!(judged("kill supervisor", "guardian"), 1);
+    assert_eq!(judged("kill supervisor", "supervisor"), 0, "its own line");
+    assert_eq!(["supervisor", "guardian"].map(|target| judged("kill supervisor+guardian", target)), [0, 0]);
+}
+
+#[test]
+fn the_last_forces_of_a_station_that_ended_are_judged() {
+    let cells = "most_void = 1.0\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"fluid:active\"]\ncount = 2\nwhere = \"link\"\n\
+                 may = [\"station-ends\"]\n";
+    let judged = |last_step_max_n: Option<f64>| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        (outcomes[1].fault, outcomes[1].ending) = (None, Ending::Open);
+        let trouble = "the station ended by itself".to_string();
+        let ended = StationOutcome { trouble, last_step_max_n, exit_code: None, ..all_of(&campaign, &outcomes) };
+        let judgement = judge(&campaign, &plan, &outcomes, &[ended], None);
+        let unknown = judgement.cells[0].seen.get("ended, last forces not recorded").copied();
+        (judgement.exit_code, judgement.cells[0].step_max_n[0], unknown, judgement.cells[0].reasons.join("; "))
+    };
+    assert_eq!(judged(Some(0.2)), (0, 0.2, None, String::new()), "the hardware's own ramp");
+    let (code, _, _, why) = judged(Some(1.5));
+    assert!(code == 1 && why.contains("a force step of 1.500 N before the station's end"), "{why}");
+    assert_eq!(judged(None), (0, 0.0, Some(1), String::new()), "said, and no verdict");
+}
+
+#[test]
+fn a_kind_that_showed_fewer_than_twenty_times_for_a_role_is_named() {
+    let cells = TEXT.replace("count = 4", "count = 20");
+    let (campaign, plan, mut outcomes) = setup(&cells);
+    let few = |outcomes: &[Outcome]| judge(&campaign, &plan, outcomes, &[station(&campaign)], None);
+    assert!(few(&outcomes).few.is_empty());
+    of(&mut outcomes, "kill device", 3).fault.as_mut().unwrap().manifested = false;
+    let judgement = few(&outcomes);
+    let line = "arm station: kill of device: 19 of 20 showed, fewer than 20";
+    assert_eq!(judgement.few, [line]);
+    assert!(text::text(&judgement).contains(line) && html::html(&judgement, &outcomes, &[]).contains(line));
+}
