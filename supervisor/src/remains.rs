@@ -24,7 +24,7 @@ pub struct Living {
 impl Living {
     /// Whether it is still the same process and alive.
     pub fn is_alive(&self) -> bool {
-        system::process_start(self.pid) == Some(self.start)
+        system::is_alive(self.pid, self.start)
     }
 }
 

@@ -60,6 +60,41 @@ fn kill_supervisor(station: &Station) {
     station.wait_until_gone(pid);
 }
 
+const STANDS: &[&str] = &["hung", "missed", "late"];
+/// On full cores one does not beat for long before it is gone.
+const DIES: &[&str] = &["died", "hung"];
+/// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
+const BAD: [(&str, &str, &[&str], &str); 28] = [
+    ("tissue", "start", &["died"], ""),
+    ("tissue", "shadow-off", &["out-of-tolerance"], ""),
+    ("tissue", "shadow-segfault", DIES, ""),
+    ("tissue", "panic", DIES, ""),
+    ("tissue", "exit", DIES, ""),
+    ("tissue", "spin", STANDS, ""),
+    ("tissue", "slow", &["missed"], "its steps"),
+    ("tissue", "nan", &["refused", "out-of-tolerance"], ""),
+    ("tissue", "off", &["out-of-tolerance", "refused"], ""),
+    ("tissue", "numb", &["out-of-tolerance", "refused"], "contact force"),
+    ("fluid", "stop", STANDS, ""),
+    ("fluid", "slow", &["missed"], "its steps"),
+    ("fluid", "garbage", &["refused", "out-of-tolerance"], ""),
+    ("fluid", "off", &["out-of-tolerance"], ""),
+    ("haptic", "abort", DIES, ""),
+    ("haptic", "stop", STANDS, ""),
+    ("haptic", "off", &["out-of-tolerance", "refused"], "from the other servo's"),
+    ("haptic", "slow", &["late", "slow", "not-compared"], ""),
+    ("collision-worker", "segfault", DIES, ""),
+    ("collision-worker", "blind", &["refused"], ""),
+    ("recorder", "exit", DIES, ""),
+    ("recorder", "mute", &["out-of-tolerance"], "its page"),
+    ("rendering", "mute", &["out-of-tolerance"], "its page"),
+    ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
+    ("rendering", "still", &["out-of-tolerance"], "stand still"),
+    ("console", "mute", &["out-of-tolerance"], "its page"),
+    ("device", "abort", DIES, ""),
+    ("device", "half", &["out-of-tolerance"], "the motors' force"),
+];
+
 /// Bad engines that end as another one of the list does, or take a minute to: shown in many rounds alone.
 const AS_THE_OTHERS: [(&str, &str); 11] = [
     ("tissue", "start"),
@@ -163,42 +198,9 @@ fn a_file_that_is_built_anew_in_its_place_changes_nothing_that_runs() {
 #[test]
 fn bad_engines_of_many_kinds_are_rolled_back_and_nothing_of_theirs_is_applied() {
     let station = Station::start("bad", &["--hand", "script:press", "--test-mode"]);
-    // Each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-    let stands: &[&str] = &["hung", "missed", "late"];
-    let dies: &[&str] = &["died", "hung"]; // on full cores one does not beat for long before it is gone
-    let cases: [(&str, &str, &[&str], &str); 28] = [
-        ("tissue", "start", &["died"], ""),
-        ("tissue", "shadow-off", &["out-of-tolerance"], ""),
-        ("tissue", "shadow-segfault", dies, ""),
-        ("tissue", "panic", dies, ""),
-        ("tissue", "exit", dies, ""),
-        ("tissue", "spin", stands, ""),
-        ("tissue", "slow", &["missed"], "its steps"),
-        ("tissue", "nan", &["refused", "out-of-tolerance"], ""),
-        ("tissue", "off", &["out-of-tolerance", "refused"], ""),
-        ("tissue", "numb", &["out-of-tolerance", "refused"], "contact force"),
-        ("fluid", "stop", stands, ""),
-        ("fluid", "slow", &["missed"], "its steps"),
-        ("fluid", "garbage", &["refused", "out-of-tolerance"], ""),
-        ("fluid", "off", &["out-of-tolerance"], ""),
-        ("haptic", "abort", dies, ""),
-        ("haptic", "stop", stands, ""),
-        ("haptic", "off", &["out-of-tolerance", "refused"], "from the other servo's"),
-        ("haptic", "slow", &["late", "slow", "not-compared"], ""),
-        ("collision-worker", "segfault", dies, ""),
-        ("collision-worker", "blind", &["refused"], ""),
-        ("recorder", "exit", dies, ""),
-        ("recorder", "mute", &["out-of-tolerance"], "its page"),
-        ("rendering", "mute", &["out-of-tolerance"], "its page"),
-        ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
-        ("rendering", "still", &["out-of-tolerance"], "stand still"),
-        ("console", "mute", &["out-of-tolerance"], "its page"),
-        ("device", "abort", dies, ""),
-        ("device", "half", &["out-of-tolerance"], "the motors' force"),
-    ];
     // In a single round one of each kind: every role refuses in its own way, and dies as the others do.
     let is_another = |case: &&(&str, &str, &[&str], &str)| swaps() > 1 || !AS_THE_OTHERS.contains(&(case.0, case.1));
-    let cases: Vec<_> = cases.iter().filter(is_another).collect();
+    let cases: Vec<_> = BAD.iter().filter(is_another).collect();
     let (mut windows, mut device) = (BTreeMap::<&str, Pairs>::new(), Pairs::default());
     for (role, kind, causes, words) in std::iter::repeat_n(cases, swaps()).flatten().copied() {
         let path = bad_engine(station.folder(), role, kind);

@@ -215,16 +215,40 @@ pub fn user_id() -> u32 {
     rustix::process::getuid().as_raw()
 }
 
-/// Start time of a process in clock ticks since boot (field 22 of /proc/PID/stat); `None` if it does not exist or is a zombie.
-pub fn process_start(pid: u32) -> Option<u64> {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    let after_name = stat.rsplit_once(')')?.1;
-    let mut fields = after_name.split_whitespace();
+fn stat_of(pid: u32) -> std::io::Result<String> {
+    std::fs::read_to_string(format!("/proc/{pid}/stat"))
+}
+
+/// Field 22 of /proc/PID/stat; `None` for a zombie.
+fn start_in(stat: &str) -> Option<u64> {
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
     let state = fields.next()?;
     if state == "Z" || state == "X" {
         return None;
     }
     fields.nth(18)?.parse().ok()
+}
+
+/// Start time of a process in clock ticks since boot; `None` if it does not exist or is a zombie.
+pub fn process_start(pid: u32) -> Option<u64> {
+    start_in(&stat_of(pid).ok()?)
+}
+
+/// Whether the process that began then is alive. Who has no file left to look with takes nobody for dead whose number is taken.
+pub fn is_alive(pid: u32, start: u64) -> bool {
+    let exists = || {
+        rustix::process::Pid::from_raw(pid as i32)
+            .is_some_and(|pid| rustix::process::test_kill_process(pid) != Err(rustix::io::Errno::SRCH))
+    };
+    is_alive_by(stat_of(pid), start, exists)
+}
+
+fn is_alive_by(stat: std::io::Result<String>, start: u64, exists: impl Fn() -> bool) -> bool {
+    let gone = [rustix::io::Errno::NOENT, rustix::io::Errno::SRCH].map(|errno| Some(errno.raw_os_error()));
+    match stat {
+        Ok(stat) => start_in(&stat) == Some(start),
+        Err(error) => !gone.contains(&error.raw_os_error()) && exists(),
+    }
 }
 
 #[cfg(test)]
@@ -277,5 +301,12 @@ mod tests {
     fn own_start_time_is_known_and_no_process_has_none() {
         assert!(process_start(std::process::id()).is_some());
         assert_eq!(process_start(u32::MAX), None);
+        let own = std::process::id();
+        let start = process_start(own).unwrap();
+        assert!(is_alive(own, start) && !is_alive(own, start + 1) && !is_alive(u32::MAX >> 1, start));
+        let failed = |errno: rustix::io::Errno| Err(std::io::Error::from_raw_os_error(errno.raw_os_error()));
+        assert!(is_alive_by(failed(rustix::io::Errno::MFILE), start, || true), "no file to look with");
+        assert!(!is_alive_by(failed(rustix::io::Errno::MFILE), start, || false));
+        assert!(!is_alive_by(failed(rustix::io::Errno::SRCH), start, || true), "it went while it was read");
     }
 }
