@@ -255,11 +255,12 @@ mod tests {
     use super::*;
 
     /// Every hand of the default scene, half a second from pose to pose so that the last pressure helps little, on the scene's grid and
-    /// on one with cells eight times as long as thin.
+    /// on one with cells eight times as long as thin. There the order in which sums are rounded alone makes 15.2 to 20 iterations in the mean of a hand (four
+    /// orders, 2026-11-25).
     #[test]
     fn the_pressure_converges_in_the_real_cavity_wherever_the_scope_is() {
         let scene = load_scene(None).unwrap();
-        for (cells, bound) in [(scene.fluid.grid.map(|count| count as usize), 12.0), ([64, 64, 28], 18.0)] {
+        for (cells, bound) in [(scene.fluid.grid.map(|count| count as usize), 12.0), ([64, 64, 28], 21.0)] {
             for hand in &scene.hands {
                 let mut flow = Flow::new(&scene, Place::Cavity(cells), 1).unwrap();
                 flow.hand = &hand.name;

@@ -18,15 +18,14 @@ impl Solver {
         let (dye, fluid) = (self.dye[plan.dye].read()?, self.fluid.read()?);
         let mut to = self.dye[1 - plan.dye].write(band)?;
         let [cx, cy, cz] = self.model.grid.spacing_m().map(|h| plan.dye_dt_s / h);
-        let (n, s) = (layout.n[0], layout.stride);
+        let s = layout.stride;
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             let out = to.layer(kk);
             wide(
                 #[inline(always)]
                 || {
-                    for j in 0..layout.n[1] {
-                        let o = layout.row(j);
+                    for (o, n) in layout.runs() {
                         let c = Star::new(dye.three(kk), o, s, n);
                         let m = Star::new(fluid.three(kk), o, s, n);
                         let (ul, vl) = (u.layer(kk), v.layer(kk));

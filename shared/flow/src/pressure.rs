@@ -95,7 +95,6 @@ impl Solver {
         let level = &self.hierarchy.levels[0];
         let (z, diagonal) = (level.z.read()?, level.diagonal.read()?);
         let (mut d, mut q) = (self.direction.write(band)?, self.image.write(band)?);
-        let n = layout.n[0];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             let (d, q) = (d.layer(kk), q.layer(kk));
@@ -104,8 +103,7 @@ impl Solver {
                 || {
                     let mut dq = 0.0;
                     let mut t = [0.0f32; MAX_AXIS];
-                    for j in 0..layout.n[1] {
-                        let o = layout.row(j);
+                    for (o, n) in layout.runs() {
                         let star = Star::new(z.three(kk), o, layout.stride, n);
                         rows::fine_operator(&mut t[..n], &diagonal.layer(kk)[o..o + n], &star, self.weights);
                         let (d, q, t) = (&mut d[o..o + n], &mut q[o..o + n], &t[..n]);
@@ -132,7 +130,6 @@ impl Solver {
         let level = &self.hierarchy.levels[0];
         let (d, q, inverse) = (self.direction.read()?, self.image.read()?, level.inverse.read()?);
         let (mut phi, mut r, mut z) = (self.pressure.write(band)?, level.r.write(band)?, level.z.write(band)?);
-        let n = layout.n[0];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             let (phi, r, z) = (phi.layer(kk), r.layer(kk), z.layer(kk));
@@ -140,8 +137,7 @@ impl Solver {
                 #[inline(always)]
                 || {
                     let mut rr = 0.0;
-                    for j in 0..layout.n[1] {
-                        let o = layout.row(j);
+                    for (o, n) in layout.runs() {
                         let (d, q, v) = (&d.layer(kk)[o..o + n], &q.layer(kk)[o..o + n], &inverse.layer(kk)[o..o + n]);
                         let (r, z) = (&mut r[o..o + n], &mut z[o..o + n]);
                         rows::add_scaled(&mut phi[o..o + n], d, plan.alpha);

@@ -18,7 +18,6 @@ impl Solver {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let fluid = self.fluid.read()?;
-        let [nx, ny, _] = layout.n;
         let weights = plan.diffusion;
         let keep = 1.0 - 2.0 * (weights[0] + weights[1] + weights[2]);
         for component in 0..3 {
@@ -31,17 +30,15 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        for j in 0..ny {
-                            let o = layout.row(j);
-                            let star = Star::new(from.three(kk), o, layout.stride, nx);
-                            rows::diffuse(&mut out[o..o + nx], &star, keep, weights, push);
+                        for (o, n) in layout.runs() {
+                            let star = Star::new(from.three(kk), o, layout.stride, n);
+                            rows::diffuse(&mut out[o..o + n], &star, keep, weights, push);
                         }
                     },
                 );
                 jets(&plan, component, kk, layout.stride, out);
-                for j in 0..ny {
-                    let o = layout.row(j);
-                    hold_solid(&fluid, &face, component, kk, o, layout.stride, &mut out[o..o + nx]);
+                for (o, n) in layout.runs() {
+                    hold_solid(&fluid, &face, component, kk, o, layout.stride, &mut out[o..o + n]);
                 }
                 self.mirrors.plane(layout, component, out);
             }
@@ -55,7 +52,6 @@ impl Solver {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let carrier = self.read_velocity(plan.roles.carrier)?;
-        let [nx, ny, _] = layout.n;
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
             let mut to = self.velocity[plan.roles.forward][component].write(band)?;
@@ -65,11 +61,10 @@ impl Solver {
                     #[inline(always)]
                     || {
                         let mut shift = [[0.0f32; MAX_AXIS]; 3];
-                        for j in 0..ny {
-                            let o = layout.row(j);
-                            displacement(&carrier, component, kk, o, layout.stride, nx, plan.courant, &mut shift);
-                            let rows = nine(from.three(kk), o, layout.stride, nx);
-                            forward(&mut out[o..o + nx], &rows, shift.each_ref().map(|s| &s[..nx]));
+                        for (o, n) in layout.runs() {
+                            displacement(&carrier, component, kk, o, layout.stride, n, plan.courant, &mut shift);
+                            let rows = nine(from.three(kk), o, layout.stride, n);
+                            forward(&mut out[o..o + n], &rows, shift.each_ref().map(|s| &s[..n]));
                         }
                     },
                 );
@@ -86,7 +81,6 @@ impl Solver {
         let layout = &*self.layout;
         let carrier = self.read_velocity(plan.roles.carrier)?;
         let fluid = self.fluid.read()?;
-        let [nx, ny, _] = layout.n;
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
             let half = self.velocity[plan.roles.forward][component].read()?;
@@ -98,13 +92,12 @@ impl Solver {
                     #[inline(always)]
                     || {
                         let mut shift = [[0.0f32; MAX_AXIS]; 3];
-                        for j in 0..ny {
-                            let o = layout.row(j);
-                            displacement(&carrier, component, kk, o, layout.stride, nx, plan.courant, &mut shift);
-                            let before = nine(from.three(kk), o, layout.stride, nx);
-                            let after = nine(half.three(kk), o, layout.stride, nx);
-                            let row = &mut out[o..o + nx];
-                            backward(row, &before, &after, shift.each_ref().map(|s| &s[..nx]));
+                        for (o, n) in layout.runs() {
+                            displacement(&carrier, component, kk, o, layout.stride, n, plan.courant, &mut shift);
+                            let before = nine(from.three(kk), o, layout.stride, n);
+                            let after = nine(half.three(kk), o, layout.stride, n);
+                            let row = &mut out[o..o + n];
+                            backward(row, &before, &after, shift.each_ref().map(|s| &s[..n]));
                             hold_solid(&fluid, &face, component, kk, o, layout.stride, row);
                         }
                     },
