@@ -1,5 +1,5 @@
-//! What the supervisor is about to do, as one word in the station page: written before it spawns, kills or buries, cleared after. A successor
-//! of a supervisor that died in between finishes it or undoes it, so that no process, page or slot is left half-way.
+//! What the supervisor is about to do, as one word in the station page: written before it spawns, kills or buries, cleared after; one of a kill when the death
+//! was seen, or something else is begun. A successor of a supervisor that died in between finishes it or undoes it, so that no process, page or slot is left half-way.
 
 use hyst_exchange::{OwnedPage, Station};
 use hyst_messages::Slot;
@@ -81,6 +81,15 @@ impl Intent {
     /// Says it.
     pub fn declare(self, page: &OwnedPage) {
         page.store64(layout::INTENT, self.word());
+    }
+    /// One is dead: whoever was to end it has done so.
+    pub fn end_of(incarnation: u32, page: &OwnedPage) {
+        let is_its_end = |intent: &Intent| {
+            intent.incarnation == incarnation && matches!(intent.deed, Deed::Kill | Deed::EndHung | Deed::Dismiss)
+        };
+        if Intent::left(page).filter(is_its_end).is_some() {
+            Intent::clear(page);
+        }
     }
     /// It is done, or undone.
     pub fn clear(page: &OwnedPage) {

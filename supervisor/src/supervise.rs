@@ -320,6 +320,7 @@ impl Supervisor {
         self.note_holders(death.at_ns); // one that took the role and died since the last look held it
         let is_urgent = slot.role() == Role::Device;
         let is_dismissed = self.dismissed.remove(&incarnation);
+        crate::intent::Intent::end_of(incarnation, &self.page);
         let is_mourned = !is_dismissed && !self.policy.is_stopping() && self.page.load32(layout::STOP) == 0;
         let words = self.words_of(slot, exit);
         if is_dismissed || is_mourned {

@@ -277,8 +277,12 @@ fn a_supervisor_that_dies_in_the_middle_of_a_swap_has_it_finished_or_undone() {
             assert!(!is_engine || pid_of(&before, name) == *pid, "{said}: {name} was touched");
         }
         assert!(place.call(&["stop"]).status.success());
-        assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0), "{said}");
+        let ended = child.wait_with_output().unwrap();
+        assert_eq!(ended.status.code(), Some(0), "{said}");
         assert_eq!(place.leftovers(), Vec::<String>::new(), "{said}");
+        let told = text(&ended.stderr);
+        let is_death = |line: &&str| line.contains(") died, ");
+        assert_eq!(told.lines().find(is_death), None, "{said}: whom the dead one had told to go is mourned by nobody: {told}");
     }
 }
 

@@ -202,11 +202,15 @@ impl Replicas {
     }
 
     /// Whether the replica has a force for this tick that may be chosen: one in its shadow, one that is not a number, too large, or of another input is no
-    /// reason not to wait for the other.
+    /// reason not to wait for the other, nor is that of one that stood still in the tick before and stands still again.
     fn counts(&self, index: usize, tick: u64, hash: u64, params: &LastHopParams) -> bool {
-        let record = self.seats[index].as_ref().and_then(|replica| replica.page.cell(haptic::FORCE));
-        record.is_some_and(|(_, record)| {
+        let Some(replica) = &self.seats[index] else { return false };
+        let stands = |record: &ForceRecord| {
+            replica.stood > 0 && replica.watch.force_n.map(f32::to_bits) == record.force_n.map(f32::to_bits)
+        };
+        replica.page.cell(haptic::FORCE).is_some_and(|(_, record)| {
             record.flags & FORCE_SHADOW == 0
+                && !stands(&record)
                 && record.input_hash == hash
                 && valid_force(tick, record.tick, record.force_n, &limits(params)).is_ok()
         })
@@ -333,6 +337,21 @@ mod tests {
             assert_eq!(chosen.incarnation, 2);
         }
         assert!(system::now_ns() - begun_ns < 50_000_000_000, "one who answered is waited for");
+        drop(replicas);
+        station.wipe();
+    }
+
+    #[test]
+    fn one_that_stands_still_is_no_reason_not_to_wait_for_the_other() {
+        let (station, life, pages, mut replicas) = seated("stands");
+        let here = |newton| Some((newton, 0));
+        assert_eq!(taken(&life, &mut replicas, &pages, 1, [here(0.10), here(0.10)]), Some(0.10));
+        assert_eq!(taken(&life, &mut replicas, &pages, 2, [here(0.10), here(0.11)]), Some(0.11), "the first stands");
+        for (newton, counts) in [(0.10, false), (0.12, true)] {
+            let input = InputRecord { tick: 3, ..InputRecord::default() };
+            say(&pages[0], &input, [0.0, newton, 0.0], 0);
+            assert_eq!(replicas.counts(0, 3, input_hash(&input), &LastHopParams::default()), counts, "{newton} N");
+        }
         drop(replicas);
         station.wipe();
     }

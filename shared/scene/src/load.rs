@@ -52,6 +52,11 @@ pub fn load_embedded() -> Result<LoadedScene, SceneError> {
 }
 
 impl Scene {
+    /// The default scene's file, such that it can lie anywhere: its meshes are those in the binary.
+    pub fn embedded_text() -> String {
+        embedded::DEFAULT_SCENE.replace("\"../meshes/", &format!("\"{}", embedded::PREFIX))
+    }
+
     /// The default scene as it stands in the binary.
     ///
     /// # Errors

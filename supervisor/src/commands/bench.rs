@@ -1,7 +1,9 @@
-//! `hystation bench`: the engines' own benchmarks are theirs; `station` measures the station as a whole. See [`station`].
+//! `hystation bench`: the engines' own benchmarks are theirs; `station` measures the station as a whole (see [`station`]), and `flow` beside its engine's
+//! benchmark what a fine grid costs the Main Loop (see [`flow`]).
 
 mod arm;
 mod bare;
+mod flow;
 mod probe;
 mod rows;
 mod station;
@@ -15,7 +17,7 @@ use std::process::Command;
 pub fn bench(what: &str, mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
     match what {
         "tissue" | "contact" => sibling("tissue", &["bench", what], mesh, json),
-        "flow" => sibling("fluid", &["bench", what], mesh, json),
+        "flow" => flow::flow(mesh, json),
         "exchange" => sibling("exchange-bench", &[], mesh, json),
         "station" => station::station(mesh, json),
         _ => Err(Refusal::input(format!("bench {what}: there are tissue, contact, flow, exchange and station"))),

@@ -62,7 +62,7 @@ impl Supervisor {
                         self.spawner.mortality.pass("kill-declared");
                         crate::proc::end(Some(slot.role()), living.pid);
                         self.spawner.mortality.pass("kill-done");
-                        Intent::clear(&self.page);
+                        // It stands until the death is seen: who kills may die before, and then it is the next one's deed.
                     }
                 }
                 Action::Mistrust { slot, incarnation, reader } => self.mistrust(slot, incarnation, reader),

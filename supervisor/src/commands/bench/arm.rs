@@ -46,6 +46,8 @@ pub struct Arm {
     pub kind: Kind,
     /// Collision workers.
     pub workers: usize,
+    /// A role that is left out.
+    pub without: Option<Role>,
     /// One for each round.
     pub windows: Vec<Window>,
     /// Exit codes other than 0.
@@ -55,7 +57,17 @@ pub struct Arm {
 impl Arm {
     /// An arm that has not run yet.
     pub fn new(kind: Kind, workers: usize) -> Arm {
-        Arm { kind, workers, windows: Vec::new(), failures: Vec::new() }
+        Arm { kind, workers, without: None, windows: Vec::new(), failures: Vec::new() }
+    }
+    /// The same without a role.
+    pub fn without(self, role: Role) -> Arm {
+        Arm { without: Some(role), ..self }
+    }
+    fn slots(&self) -> Vec<Slot> {
+        let mut slots = plan::slots(&Settings { workers: self.workers, ..Settings::default() }, true, None);
+        slots.retain(|slot| self.kind == Kind::Processes || slot.role() != Role::Console); // which has no thread: nobody looks
+        slots.retain(|slot| Some(slot.role()) != self.without);
+        slots
     }
     /// What people read.
     pub fn name(&self) -> String {
@@ -70,12 +82,12 @@ impl Arm {
         let name = format!("bench-{}-{}", std::process::id(), if self.kind == Kind::Threads { "t" } else { "p" });
         let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
         let mut running = Running::start(station, self.command(&name, mesh)?)?;
-        let window = running.measure(self.kind, self.workers);
+        let window = running.measure(&self.slots());
         let (code, said) = running.stop();
         match window {
             Ok(window) => self.windows.push(window),
             Err(refusal) if said.is_empty() => return Err(refusal),
-            Err(_) => return Err(Refusal { code: code.clamp(1, 2) as u8, message: format!("bench station: {said}") }),
+            Err(_) => return Err(Refusal { code: code.clamp(1, 2) as u8, message: format!("bench: {said}") }),
         }
         if code != 0 {
             self.failures.push(code);
@@ -97,6 +109,11 @@ impl Arm {
             }
         };
         command.args(["--for", &bound, "--workers", &self.workers.to_string()]);
+        if self.without.is_some() {
+            let mut roles: Vec<&str> = self.slots().iter().map(|slot| slot.role().name()).collect();
+            roles.dedup();
+            command.args(["--roles", &roles.join(",")]);
+        }
         Ok(command)
     }
 }
@@ -119,10 +136,8 @@ impl Running {
     }
 
     /// Waits until everyone is ready and the hand moves, and measures one window.
-    fn measure(&mut self, kind: Kind, workers: usize) -> Result<Window, Refusal> {
-        let failed = |what: &str| Refusal::failed(format!("bench station: the station {what}; `hystation doctor` may say why"));
-        let mut slots = plan::slots(&Settings { workers, ..Settings::default() }, true, None);
-        slots.retain(|slot| kind == Kind::Processes || slot.role() != Role::Console); // which has no thread: nobody looks
+    fn measure(&mut self, slots: &[Slot]) -> Result<Window, Refusal> {
+        let failed = |what: &str| Refusal::failed(format!("bench: the station {what}; `hystation doctor` may say why"));
         let end_ns = system::now_ns() + START_NS;
         let mut viewer = loop {
             if self.has_ended().is_some() {
@@ -132,7 +147,7 @@ impl Running {
             let viewer = Viewer::open(&self.station).ok();
             let waits_for = match viewer {
                 None => "its founding".to_string(),
-                Some(mut viewer) => match unready(&mut viewer, &slots) {
+                Some(mut viewer) => match unready(&mut viewer, slots) {
                     None => break viewer,
                     Some(names) => names,
                 },

@@ -5,7 +5,7 @@ use crate::proc;
 use crate::view::Viewer;
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::hardware::{TOTAL_COUNT, TOTALS};
-use hyst_messages::page::{device, header, rendering, tissue};
+use hyst_messages::page::{device, fluid, header, rendering, tissue};
 use hyst_messages::{LATENCY_BUCKETS, RenderingStatus, Role, SLOTS, Slot};
 use std::collections::BTreeMap;
 
@@ -60,6 +60,8 @@ pub struct Spell {
     pub real_time: bool,
     /// What a process that draws said of its last picture.
     pub picture: Option<RenderingStatus>,
+    /// How many times the fluid had halved its scene's grid.
+    pub halvings: Option<u32>,
 }
 
 impl Spell {
@@ -200,6 +202,9 @@ pub fn window(viewer: &mut Viewer, before: &Look, after: &Look) -> Window {
             if slot.role() == Role::Rendering {
                 let drawn = page.cell(rendering::STATUS).filter(|(_, status)| status.frames > 0);
                 spell.picture = drawn.map(|(_, status)| status);
+            }
+            if slot.role() == Role::Fluid {
+                spell.halvings = page.cell(fluid::STATUS).map(|(_, status)| status.halvings);
             }
         }
         window.spells.insert(name_of(*slot, before.active.get(slot) == Some(&true)), spell);

@@ -177,10 +177,7 @@ pub fn table(arms: &[Arm], bare: &Bare, targets: &[Target]) -> String {
     }
     text.extend(rows.iter().filter_map(picture));
     for target in targets {
-        let value = target.value.map_or("-".to_string(), |value| format!("{value:.3}"));
-        let bound = if target.at_least { "at least" } else { "at most" };
-        let held = target.held.map_or("not judged", |held| if held { "held" } else { "NOT HELD" });
-        let _ = writeln!(text, "{:<52} {value:>10}  {bound} {:>7}  {held}", target.name, target.limit);
+        let _ = writeln!(text, "{target}");
     }
     text
 }

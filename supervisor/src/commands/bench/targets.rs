@@ -4,6 +4,7 @@ use super::arm::{Arm, Kind};
 use super::probe::{Spell, Window};
 use hyst_messages::percentile_ns;
 use serde_json::{Value, json};
+use std::fmt;
 
 /// What counts as 1 kHz, Hz: the host takes the rest by itself (it stalls for 15 to 34 ms now and then).
 const KILOHERTZ: f64 = 990.0;
@@ -39,12 +40,13 @@ pub struct Target {
 }
 
 impl Target {
-    fn new(name: String, value: Option<f64>, limit: f64, at_least: bool) -> Target {
+    /// A figure and its limit.
+    pub fn new(name: String, value: Option<f64>, limit: f64, at_least: bool) -> Target {
         let held = value.map(|value| if at_least { value >= limit } else { value <= limit });
         Target { name, value, limit, at_least, held }
     }
     /// A figure that must be there.
-    fn required(mut self) -> Target {
+    pub fn required(mut self) -> Target {
         self.held = Some(self.held == Some(true));
         self
     }
@@ -52,6 +54,15 @@ impl Target {
     pub fn json(&self) -> Value {
         let bound = if self.at_least { "at least" } else { "at most" };
         json!({ "arm": "target", "name": self.name, "value": self.value, "bound": bound, "limit": self.limit, "held": self.held })
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = self.value.map_or("-".to_string(), |value| format!("{value:.3}"));
+        let bound = if self.at_least { "at least" } else { "at most" };
+        let held = self.held.map_or("not judged", |held| if held { "held" } else { "NOT HELD" });
+        write!(f, "{:<72} {value:>10}  {bound} {:>7}  {held}", self.name, self.limit)
     }
 }
 

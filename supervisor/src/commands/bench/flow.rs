@@ -1,0 +1,152 @@
+//! `bench flow`: the Flow Engine's own benchmark, and what a fine grid costs the Main Loop: the default station without a fluid, and with one of
+//! 64 × 28 × 64 cells, in turns, so that what the host does falls on both. The row is the median step of the Main Loop (its loop latency) with the fluid over that
+//! without, the median of the pairs.
+
+use super::arm::{Arm, Kind};
+use super::probe::Spell;
+use super::targets::{Target, figures, median, ratios};
+use super::{beside, not_started};
+use crate::settings::Refusal;
+use hyst_messages::Role;
+use hyst_scene::Scene;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// The grid of the comparison: 28 cells along the thin axis of the default scene.
+const CELLS: [usize; 3] = [64, 28, 64];
+/// Pairs of windows: a median of five forgets two that the host disturbed.
+const ROUNDS: usize = 5;
+/// The Main Loop's step with the fluid over that without.
+const MOST_RATIO: f64 = 1.05;
+
+/// Measures, prints, and says whether every target is held.
+pub fn flow(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
+    if mesh.is_some() {
+        return Err(Refusal::input("bench flow: it has grids of its own, and takes no mesh"));
+    }
+    let path = beside("fluid")?;
+    let mut command = Command::new(&path);
+    command.args(["bench", "flow"]).args(json.then_some("--json")).stdin(Stdio::null()).stderr(Stdio::inherit());
+    let own = command.output().map_err(|e| not_started(&path, &e))?;
+    let code = own.status.code().unwrap_or(1);
+    if code > 1 {
+        return Ok(code.clamp(1, 255) as u8);
+    }
+    if !json {
+        print!("{}", String::from_utf8_lossy(&own.stdout));
+    }
+    let (row, target) = beside_the_main_loop()?;
+    if json {
+        let mut all: Value =
+            serde_json::from_slice(&own.stdout).map_err(|e| Refusal::failed(format!("fluid bench flow: {e}")))?;
+        if let Some(rows) = all["rows"].as_array_mut() {
+            rows.extend([row, target.json()]);
+        }
+        println!("{all:#}");
+    } else {
+        println!("{row}");
+        println!("{target}");
+    }
+    Ok(u8::from(code != 0 || target.held != Some(true)))
+}
+
+/// A scene in a folder of its own, removed when dropped.
+struct FineScene(PathBuf);
+
+impl FineScene {
+    fn new() -> Result<FineScene, Refusal> {
+        let folder = std::env::temp_dir().join(format!("hystation-bench-{}", std::process::id()));
+        let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(folder.join("fine.toml"), fine_text()));
+        written.map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
+        Ok(FineScene(folder))
+    }
+    fn path(&self) -> PathBuf {
+        self.0.join("fine.toml")
+    }
+}
+
+impl Drop for FineScene {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0); // a folder of temporary files
+    }
+}
+
+fn fine_text() -> String {
+    let text = Scene::embedded_text();
+    let mut table: toml::Table = text.parse().unwrap_or_default();
+    if let Some(fluid) = table.get_mut("fluid").and_then(toml::Value::as_table_mut) {
+        fluid.insert("grid".into(), CELLS.map(|cells| toml::Value::Integer(cells as i64)).to_vec().into());
+    }
+    table.to_string()
+}
+
+fn beside_the_main_loop() -> Result<(Value, Target), Refusal> {
+    let scene = FineScene::new()?;
+    let mut arms = [Arm::new(Kind::Processes, 0), Arm::new(Kind::Processes, 0).without(Role::Fluid)];
+    for round in 0..ROUNDS {
+        for turn in 0..arms.len() {
+            arms[(round + turn) % 2].run(Some(&scene.path()))?;
+        }
+    }
+    Ok(judged(&arms))
+}
+
+fn judged(arms: &[Arm; 2]) -> (Value, Target) {
+    let [with, without] = arms;
+    let of_flow = |figure: fn(&Spell) -> Option<f64>| median(figures(with, "fluid:active", figure));
+    let halvings = with.windows.iter().filter_map(|window| window.spells.get("fluid:active")?.halvings).max();
+    let steps = |arm: &Arm| arm.windows.iter().map(super::targets::step_us).collect::<Vec<_>>();
+    let pairs = ratios(with, without);
+    let row = json!({
+        "arm": "station",
+        "name": "Main Loop beside the fluid",
+        "grid": CELLS.map(|cells| cells.to_string()).join("x"),
+        "halvings": halvings,
+        "fluid_hz": of_flow(Spell::rate_hz),
+        "main_loop_us": { "with": steps(with), "without": steps(without) },
+        "ratios": pairs,
+        "failures": [&with.failures, &without.failures],
+    });
+    // A grid that the machine does not afford is not the one that was asked for.
+    let is_fine = halvings == Some(0) && arms.iter().all(|arm| arm.failures.is_empty());
+    let ratio = median(pairs).filter(|_| is_fine);
+    let name = format!("Main Loop's median step, with a fluid of {} over without", row["grid"].as_str().unwrap_or_default());
+    (row, Target::new(name, ratio, MOST_RATIO, false).required())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commands::bench::probe::Window;
+
+    fn window(step_ns: u64, halvings: u32) -> Window {
+        let mut looping = vec![0; hyst_messages::LATENCY_BUCKETS];
+        looping[hyst_messages::bucket_of_ns(step_ns)] = 1_000;
+        let tissue = Spell { seconds: 2.0, steps: Some(2_000), looping, ..Spell::default() };
+        let fluid = Spell { seconds: 2.0, steps: Some(60), halvings: Some(halvings), ..Spell::default() };
+        let spells = [("tissue:active".into(), tissue), ("fluid:active".into(), fluid)].into();
+        Window { spells, quiet: true, ..Window::default() }
+    }
+
+    #[test]
+    fn a_fluid_that_slows_the_main_loop_or_whose_grid_was_halved_is_not_held() {
+        for (with_ns, halvings, held) in [(500_000, 0, true), (700_000, 0, false), (500_000, 1, false)] {
+            let mut arms = [Arm::new(Kind::Processes, 0), Arm::new(Kind::Processes, 0).without(Role::Fluid)];
+            arms[0].windows = vec![window(with_ns, halvings); 3];
+            arms[1].windows = vec![window(500_000, 0); 3];
+            let (row, target) = judged(&arms);
+            assert_eq!(target.held, Some(held), "{row}");
+        }
+    }
+
+    #[test]
+    fn the_fine_scene_is_the_default_one_with_another_grid() {
+        let fine = FineScene::new().unwrap();
+        let loaded = hyst_scene::load(&fine.path()).unwrap();
+        assert_eq!(loaded.fluid.grid.map(|cells| cells as usize), CELLS);
+        let path = fine.path();
+        drop(fine);
+        assert!(!path.exists());
+    }
+}
