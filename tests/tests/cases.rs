@@ -1,4 +1,4 @@
-//! Cases from their start to their report, each by scripted trainees that the case itself has: the septum, and the complications, which really happen and are
+//! Cases from their start to their report, each by scripted trainees that the case itself has: the septum, the retrieval, and the complications, which really happen and are
 //! handled well by one trainee and badly by another. In lock-step, so that the same comes of it
 //! every time.
 
@@ -65,6 +65,14 @@ fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_cu
     assert_eq!(ended_by(&report), Some("goals"));
     assert!(metric(&report, "pathology").0 >= 12.0 && metric(&report, "cuts").0 >= 20.0, "{}", report["case"]);
     assert_eq!(warned(&report, "current at the fundus: the septum ends here"), 0);
+}
+
+#[test]
+fn a_loose_piece_is_brought_out_by_who_closes_the_jaws_on_it() {
+    let [good, bad] = sessions("retrieval", ["fetch", "misses"], "12s");
+    assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
+    assert_eq!((goal(&bad, 0), ended_by(&bad)), ("open", None));
+    assert!(metric(&good, "pathology").0 > 12.0 && metric(&bad, "pathology").0 == 0.0, "{} {}", good["case"], bad["case"]);
 }
 
 #[test]

@@ -230,7 +230,7 @@ impl Case {
             metal: Metal::of(rigid),
             rest: scene.rest,
             pivot_m: scene.workspace.pivot_m,
-            rest_pressure_pa: scene.fluid.set_pressure_pa,
+            rest_pressure_pa: scene.fluid.rest_pressure_pa,
         })
     }
 

@@ -98,6 +98,7 @@ impl Column {
             ("ticks that came again or late, left out", conduct.repeated.to_string()),
             ("largest step of the force", step),
             ("takeovers of a role", conduct.takeovers.to_string()),
+            ("changes of the servo that is followed", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
             ("alarms of the pump", first.join(", ")),
             ("further alarms of the pump", further.join(", ")),

@@ -66,6 +66,10 @@ pub struct Conduct {
     pub errors: u64,
     /// Changes of a role's holder.
     pub takeovers: u64,
+    /// Changes of the servo whose force was applied: two compute each tick, and the device takes the other's when one is late, wrong or dead.
+    pub servo_changes: u64,
+    /// The incarnation of the last one, 0 before the first.
+    servo: u32,
     force_n: Option<[f64; 3]>,
     holders: BTreeMap<String, u32>,
 }
@@ -87,6 +91,11 @@ impl Conduct {
         self.ticks += 1;
         let kind = (record.command.kind as usize).min(Applied::Zero as usize + 1);
         self.kinds[kind] += 1;
+        let servo = record.command.source_incarnation;
+        if kind == Applied::Fresh as usize && servo != 0 {
+            let before = std::mem::replace(&mut self.servo, servo);
+            self.servo_changes += u64::from(before != 0 && before != servo);
+        }
         let force_n = finite(record.command.force_n);
         if let (Some(before_n), Some(force_n)) = (self.force_n, force_n) {
             Peak::raise(&mut self.largest_step, length(difference(force_n, before_n)), tick);
@@ -187,6 +196,23 @@ mod tests {
         assert_eq!(conduct.longest_gap, Some(TickRange { first: 17, last: 19 }));
         let step = conduct.largest_step.unwrap();
         assert!((step.value - 0.5).abs() < 1e-7 && step.tick == 11);
+    }
+
+    #[test]
+    fn a_force_of_another_servo_is_a_change_and_one_that_was_held_is_nobodys() {
+        let mut conduct = Conduct::default();
+        let of = |tick: u64, kind: Applied, source_incarnation: u32| {
+            let mut record = record(tick, [0.0; 3], kind);
+            record.command.source_incarnation = source_incarnation;
+            record
+        };
+        use Applied::{Fresh, Held};
+        for (tick, kind, servo) in
+            [(1, Fresh, 0), (2, Fresh, 3), (3, Held, 4), (4, Fresh, 3), (5, Fresh, 4), (6, Held, 3), (7, Fresh, 4), (8, Fresh, 9)]
+        {
+            conduct.admit(&of(tick, kind, servo));
+        }
+        assert_eq!(conduct.servo_changes, 2, "3 to 4, 4 to 9");
     }
 
     #[test]

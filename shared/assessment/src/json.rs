@@ -84,6 +84,7 @@ fn station(column: &Column) -> Value {
         "force_step_max_n": conduct.largest_step.map(|step| step.value),
         "force_step_max_tick": conduct.largest_step.map(|step| step.tick),
         "takeovers": conduct.takeovers,
+        "servo_changes": conduct.servo_changes,
         "warnings": conduct.warnings,
         "errors": conduct.errors,
         "pump_alarms": alarms,

@@ -38,6 +38,9 @@ pub struct Fluid {
     pub medium: Medium,
     /// Set pressure of the pump, 0 to 20 kPa (150 mmHg). Default: 9.3 kPa (70 mmHg).
     pub set_pressure_pa: f64,
+    /// Pressure in the cavity at which the walls have the shape of their meshes, 0 to 20 kPa. Default: the scene's set pressure, whatever a case sets.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rest_pressure_pa: Option<f64>,
     /// What a container of medium holds, 100 to 20 000 ml; the pump says when it is to be changed. Default: 3 000 ml.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub container_ml: Option<f64>,
@@ -63,6 +66,7 @@ impl Default for Fluid {
             rate_hz: 30.0,
             medium: Medium::Saline,
             set_pressure_pa: 9_333.0,
+            rest_pressure_pa: None,
             container_ml: None,
             viscosity_pa_s: 1.0e-3,
             density_kg_m3: 1_000.0,
@@ -126,6 +130,8 @@ pub struct LoadedFluid {
     pub medium: Medium,
     /// Set pressure of the pump.
     pub set_pressure_pa: f32,
+    /// Pressure at which the walls have the shape of their meshes.
+    pub rest_pressure_pa: f32,
     /// What a container of medium holds, ml.
     pub container_ml: f32,
     /// Dynamic viscosity.
@@ -148,6 +154,7 @@ impl LoadedFluid {
             rate_hz: fluid.rate_hz as f32,
             medium: fluid.medium,
             set_pressure_pa: fluid.set_pressure_pa as f32,
+            rest_pressure_pa: fluid.rest_pressure_pa.unwrap_or(fluid.set_pressure_pa) as f32,
             container_ml: fluid.container_ml.unwrap_or(CONTAINER_ML) as f32,
             viscosity_pa_s: fluid.viscosity_pa_s as f32,
             density_kg_m3: fluid.density_kg_m3 as f32,
@@ -170,6 +177,7 @@ pub(crate) fn validate(fluid: &Fluid) -> Checked {
     range("fluid.grid", cells as f64, 64.0, MAX_CELLS as f64, "cells in all")?;
     range("fluid.rate_hz", fluid.rate_hz, LEAST_RATE_HZ, 1_000.0, "Hz")?;
     range("fluid.set_pressure_pa", fluid.set_pressure_pa, 0.0, 20_000.0, "Pa")?;
+    range("fluid.rest_pressure_pa", fluid.rest_pressure_pa.unwrap_or(0.0), 0.0, 20_000.0, "Pa")?;
     range("fluid.container_ml", fluid.container_ml.unwrap_or(CONTAINER_ML), 100.0, 20_000.0, "ml")?;
     range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;
     range("fluid.density_kg_m3", fluid.density_kg_m3, 100.0, 5_000.0, "kg/m³")?;

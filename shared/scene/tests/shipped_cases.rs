@@ -30,8 +30,19 @@ fn rooted(scene: &LoadedScene, name: &str) -> usize {
 
 #[test]
 fn the_ladder_has_its_rungs_and_each_case_loads_with_goals_and_an_end() {
-    let ladder =
-        ["access", "biopsy", "bleeding", "distension", "fluid-overload", "myoma", "navigation", "perforation", "polyp", "septum"];
+    let ladder = [
+        "access",
+        "biopsy",
+        "bleeding",
+        "distension",
+        "fluid-overload",
+        "myoma",
+        "navigation",
+        "perforation",
+        "polyp",
+        "retrieval",
+        "septum",
+    ];
     assert_eq!(names(), ladder);
     for name in ladder {
         let case = settled(name, None);
@@ -105,6 +116,18 @@ fn the_surface_and_the_root_follow_the_tets_that_were_moved() {
             assert!(glam::Vec3::from(*bound).distance(glam::Vec3::from(*drawn)) < 1e-6, "seed {seed}");
         }
         assert!(hyst_mesh::check(&object.mesh).inverted.is_empty());
+    }
+}
+
+/// At 30 mmHg the walls are not as they are at 70.
+#[test]
+fn a_case_that_sets_another_pressure_has_the_walls_of_its_scene() {
+    let home = load(&folder().join("../scenes/default.toml")).unwrap().fluid;
+    assert_eq!(home.rest_pressure_pa, home.set_pressure_pa);
+    for name in ["distension", "bleeding"] {
+        let fluid = settled(name, None).scene.fluid;
+        assert_eq!(fluid.rest_pressure_pa, home.rest_pressure_pa, "{name}");
+        assert!(fluid.set_pressure_pa < home.set_pressure_pa - 2_000.0, "{name}: {} Pa", fluid.set_pressure_pa);
     }
 }
 

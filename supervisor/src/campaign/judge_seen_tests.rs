@@ -192,7 +192,7 @@ fn a_newcomer_that_was_hurt_on_trial_must_not_get_the_role_and_how_swaps_end_is_
     let cells = "most_void = 1.0\nlimit_upper95 = 1.0\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:newcomer\", \"fluid:active\"]\n\
                  states = [\"swap\"]\nswap = \"fluid\"\ncount = 3\n";
     let [newcomer, active] = ["newcomer", "active"].map(|which| format!("kill fluid:{which} in a swap of fluid"));
-    let judged = |cell: &str, stage: &str, end: &str| {
+    let judged = |cell: &str, stage: &str, promoted: bool| {
         let (campaign, plan, mut outcomes) = setup(cells);
         for outcome in &mut outcomes {
             let since_ns = outcome.since_ns();
@@ -200,23 +200,22 @@ fn a_newcomer_that_was_hurt_on_trial_must_not_get_the_role_and_how_swaps_end_is_
                 begun_ns: since_ns - 9,
                 ended_ns: Some(since_ns + 9),
                 stage: "ready".into(),
-                end: "the swap was undone: it died".into(),
+                promoted: Some(false),
                 ..SwapSeen::default()
             });
         }
         let swap = of(&mut outcomes, cell, 0).swap.as_mut().unwrap();
-        (swap.stage, swap.end) = (stage.into(), end.into());
+        (swap.stage, swap.promoted) = (stage.into(), Some(promoted));
         let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
         let figures = judgement.cells.iter().find(|figures| figures.name == cell).unwrap().clone();
         (figures.reasons.join("; "), figures.seen.get("swap done").copied(), figures.seen["swap undone"])
     };
-    let done = "the swap was done";
-    let (why, ..) = judged(&newcomer, "agrees with the old engine", done);
+    let (why, ..) = judged(&newcomer, "agrees with the old engine", true);
     assert!(why.contains("was hurt on trial, and the swap was done all the same"), "{why}");
     let over = "its probation is over: the role is its own";
-    assert_eq!(judged(&newcomer, over, done), (String::new(), Some(1), 2), "it had the role for good");
-    assert_eq!(judged(&newcomer, "ready", "the swap was undone: it died"), (String::new(), None, 3));
-    assert_eq!(judged(&active, "ready", done), (String::new(), Some(1), 2), "the old engine was hurt");
+    assert_eq!(judged(&newcomer, over, true), (String::new(), Some(1), 2), "it had the role for good");
+    assert_eq!(judged(&newcomer, "ready", false), (String::new(), None, 3));
+    assert_eq!(judged(&active, "ready", true), (String::new(), Some(1), 2), "the old engine was hurt");
 }
 
 #[test]

@@ -176,19 +176,17 @@ pub struct SwapSeen {
     pub ended_ns: Option<u64>,
     /// The last that had happened in it when the fault came.
     pub stage: String,
-    /// How it ended.
+    /// How it ended, in words.
     pub end: String,
+    /// Whether the role runs the new engine since; `None` of one that did not end.
+    #[serde(default)]
+    pub promoted: Option<bool>,
     /// The stage after which the fault was to come, and the tick in which the swap was seen to have come to it; `None` if it ended before.
     #[serde(default)]
     pub since: Option<(Stage, u64)>,
 }
 
 impl SwapSeen {
-    /// Whether the role runs the new engine since; `None` of one that did not end.
-    pub fn was_done(&self) -> Option<bool> {
-        self.ended_ns.map(|_| self.end.starts_with("the swap was done"))
-    }
-
     /// Whether the fault came before the newcomer's probation was over.
     pub fn was_on_trial(&self) -> bool {
         let is_proven = self.since.is_some_and(|(stage, _)| stage >= Stage::Proven);

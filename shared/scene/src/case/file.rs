@@ -66,6 +66,8 @@ pub enum Rung {
     Biopsy,
     /// Remove a polyp.
     Polyp,
+    /// Bring out what was cut off.
+    Retrieval,
     /// Remove a myoma.
     Myoma,
     /// Divide a septum.

@@ -19,6 +19,8 @@ pub(crate) fn draw(case: &Case, seed: u32, scene: &mut Scene) -> (Vec<Option<Sea
         scene.fluid.medium = medium;
     }
     if let Some(set_pressure_pa) = case.rules.set_pressure_pa {
+        // The meshes keep their shape at the pressure that they were made for.
+        scene.fluid.rest_pressure_pa.get_or_insert(scene.fluid.set_pressure_pa);
         scene.fluid.set_pressure_pa = set_pressure_pa;
     }
     for vary in &case.vary {

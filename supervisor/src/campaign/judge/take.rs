@@ -152,7 +152,7 @@ impl Figures {
 
     /// Adds how the swap beside it ended. Who was hurt before his probation was over must not get the role for good.
     fn take_swap(&mut self, cell: &Cell, fault: &Fault, outcome: &Outcome) {
-        let Some((swap, was_done)) = outcome.swap.as_ref().and_then(|swap| Some((swap, swap.was_done()?))) else { return };
+        let Some((swap, was_done)) = outcome.swap.as_ref().and_then(|swap| Some((swap, swap.promoted?))) else { return };
         *self.seen.entry(if was_done { "swap done" } else { "swap undone" }).or_default() += 1;
         if was_done && cell.is_of_newcomer() && fault.manifested && swap.was_on_trial() && swap.is_at(fault.injected_ns) {
             self.reasons

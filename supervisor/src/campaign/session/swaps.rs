@@ -142,7 +142,8 @@ fn seen(record: &Record, at_ns: u64) -> SwapSeen {
         format!("the swap was undone: {}", record.reason)
     };
     let ended_ns = record.steps.last().map(ns).filter(|_| record.promoted.is_some());
-    SwapSeen { role: record.role.clone(), begun_ns: record.begun_ns, ended_ns, stage, end, since: None }
+    let promoted = record.promoted;
+    SwapSeen { role: record.role.clone(), begun_ns: record.begun_ns, ended_ns, stage, end, promoted, since: None }
 }
 
 #[cfg(test)]

@@ -111,7 +111,11 @@ fn judged(arms: &[Arm; 2]) -> (Value, Target) {
     // A grid that the machine does not afford is not the one that was asked for.
     let is_fine = halvings == Some(0) && arms.iter().all(|arm| arm.failures.is_empty());
     let ratio = median(pairs).filter(|_| is_fine);
-    let name = format!("Main Loop's median step, with a fluid of {} over without", row["grid"].as_str().unwrap_or_default());
+    let hz = row["fluid_hz"].as_f64().unwrap_or(0.0);
+    let name = format!(
+        "Main Loop's median step, with a fluid of {} at {hz:.0} Hz over without",
+        row["grid"].as_str().unwrap_or_default()
+    );
     (row, Target::new(name, ratio, MOST_RATIO, false).required())
 }
 

@@ -1,0 +1,93 @@
+//! A recording opened with a reader that is not ours, the `mcap` package of PyPI: topics, schemas, every message against its schema, and what is in them, to the
+//! bit, against what our own reader finds.
+
+use hyst_recording::Recording;
+use serde_json::Value;
+use station_tests::shown::not_shown;
+use station_tests::{Folder, binaries, hystation, run};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Where `./station test` has put the package.
+fn packages() -> PathBuf {
+    binaries().with_file_name("reader")
+}
+
+fn python() -> Command {
+    let mut command = Command::new("python3");
+    command.env("PYTHONPATH", packages());
+    command
+}
+
+/// A session of three seconds on the virtual clock, in which the hand presses, and two processes die.
+fn session(folder: &Folder) -> PathBuf {
+    let fault = |target: &str, tick: u64| format!("[[fault]]\nkind = \"kill\"\ntarget = \"{target}\"\ntick = {tick}\n");
+    let faults = folder.write("faults.toml", &(fault("tissue:active", 1_800) + &fault("haptic:active", 2_200)));
+    let path = folder.path("session.mcap");
+    let mut command = hystation();
+    command.args(["--name", &format!("m{}", std::process::id()), "run", "--headless", "--lockstep", "--for", "3s"]);
+    command.args(["--roles", "hardware,device,haptic,tissue,fluid,collision-worker,recorder", "--hand", "script:press"]);
+    command.args(["--test-mode", "--faults", &faults, "--record", &path]);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{said}");
+    path.into()
+}
+
+fn bits(vector: [f32; 3]) -> Vec<u64> {
+    vector.into_iter().map(|value| u64::from(value.to_bits())).collect()
+}
+
+/// Rows of a tick and what belongs to it.
+fn rows(found: &Value) -> Vec<(u64, Vec<u64>)> {
+    let numbers = |row: &Value| row.as_array().unwrap().iter().map(|number| number.as_u64().unwrap()).collect::<Vec<_>>();
+    let split = |row: Vec<u64>| (row[0], row[1..].to_vec());
+    found.as_array().unwrap().iter().map(|row| split(numbers(row))).collect()
+}
+
+#[test]
+fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
+    let has_it = python().args(["-c", "import mcap.reader"]).output().is_ok_and(|tried| tried.status.success());
+    if !has_it {
+        return not_shown(
+            "a recording read by the mcap package of PyPI: there is none (pip install --target target/reader mcap)",
+        );
+    }
+    let folder = Folder::new("reader");
+    let path = session(&folder);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("readers/dump.py");
+    let dumped = python().arg(script).arg(&path).output().unwrap();
+    assert!(dumped.status.success(), "{}", String::from_utf8_lossy(&dumped.stderr));
+    let dumped: Value = serde_json::from_slice(&dumped.stdout).unwrap();
+    let ours = Recording::read(&path).unwrap().content;
+    let topics = dumped["topics"].as_object().unwrap();
+    for (topic, found) in topics {
+        assert_eq!(found["misfit"], Value::Null, "{topic}");
+        assert_eq!((&found["encoding"], &found["schema_encoding"]), (&"json".into(), &"jsonschema".into()), "{topic}");
+        assert_eq!(found["messages"], dumped["counted"][topic], "{topic}: as the summary counts them");
+    }
+    assert_eq!(topics["/tool"]["schema"], "foxglove.PoseInFrame");
+    assert_eq!(topics["/events"]["schema"], "foxglove.Log");
+    let counts = [
+        ("/tool", ours.applied.len()),
+        ("/force", ours.applied.len()),
+        ("/steps", ours.steps.len()),
+        ("/tissue", ours.tissue.len()),
+        ("/fluid", ours.fluid.len()),
+        ("/events", ours.events.len()),
+    ];
+    for (topic, count) in counts {
+        assert_eq!(topics[topic]["messages"], count, "{topic}");
+        assert!(count > 0, "{topic} is empty");
+    }
+    let forces: Vec<_> = ours.applied.iter().map(|record| (record.tick, bits(record.command.force_n))).collect();
+    assert_eq!(rows(&dumped["forces"]), forces);
+    assert!(forces.iter().any(|(_, force)| force.iter().any(|bits| bits << 1 != 0)), "the hand has felt something");
+    let places: Vec<_> = ours.applied.iter().map(|record| (record.tick, bits(record.sample.pose.position_m))).collect();
+    assert_eq!(rows(&dumped["places"]), places);
+    let mut steps: Vec<_> = ours.steps.iter().map(|step| (step.tick, format!("{:016x}", step.state_hash))).collect();
+    let found = dumped["steps"].as_array().unwrap().iter();
+    let mut theirs: Vec<_> = found.map(|step| (step[0].as_u64().unwrap(), step[1].as_str().unwrap().to_string())).collect();
+    steps.sort();
+    theirs.sort();
+    assert_eq!(theirs, steps);
+}
