@@ -1,6 +1,5 @@
-//! Cases from their start to their report, each by scripted trainees that the case itself has: the septum, the retrieval, and the complications, which really happen and are
-//! handled well by one trainee and badly by another. In lock-step, so that the same comes of it
-//! every time.
+//! Cases from their start to their report, each by scripted trainees that the case or its scene has: the septum, the retrieval, and the complications, which
+//! really happen and are handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
 
 use serde_json::Value;
 use station_tests::{Folder, hystation, run};

@@ -283,11 +283,11 @@ fn a_guest_that_has_passed_takes_the_role_when_its_holder_dies_before_the_others
     let (role, clock) = (Role::Tissue, station.clock());
     let site = hyst_exchange::Station::named(station.name()).expect("its name");
     let roster = Roster::open(&site).expect("the roster");
-    let mut command = hystation();
-    command.args(["--name", station.name(), "swap", "tissue", "--json"]).stdout(Stdio::piped());
     for round in 0..TRIES {
         let incumbent = roster.holder(role).incarnation;
         let (victim, begun_tick) = (station.holder("tissue").0, clock.tick_at(system::now_ns()));
+        let mut command = hystation();
+        command.args(["--name", station.name(), "swap", "tissue", "--json"]).stdout(Stdio::piped());
         let begun = command.arg(copy(&station, "tissue", round)).spawn().expect("hystation");
         let is_lost = wait_for(RECOVERY_LIMIT, || {
             let (swap, holder) = (clock.swap(role), roster.holder(role));
@@ -315,8 +315,6 @@ fn a_guest_that_has_passed_takes_the_role_when_its_holder_dies_before_the_others
             station.stop().assert_clean();
             return;
         }
-        command = hystation();
-        command.args(["--name", station.name(), "swap", "tissue", "--json"]).stdout(Stdio::piped());
     }
     not_shown(&format!("a guest that loses the role after it has passed: {TRIES} times it had not, or was not seen in time"));
     station.stop().assert_clean();

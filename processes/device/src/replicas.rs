@@ -27,6 +27,13 @@ struct Replica {
     stood: u32,
 }
 
+impl Replica {
+    /// Whether a force is the last one that was looked at, to the bit.
+    fn repeats(&self, force_n: [f32; 3]) -> bool {
+        self.watch.force_n.map(f32::to_bits) == force_n.map(f32::to_bits)
+    }
+}
+
 /// What the device takes in this tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
@@ -205,12 +212,9 @@ impl Replicas {
     /// reason not to wait for the other, nor is that of one that stood still in the tick before and stands still again.
     fn counts(&self, index: usize, tick: u64, hash: u64, params: &LastHopParams) -> bool {
         let Some(replica) = &self.seats[index] else { return false };
-        let stands = |record: &ForceRecord| {
-            replica.stood > 0 && replica.watch.force_n.map(f32::to_bits) == record.force_n.map(f32::to_bits)
-        };
         replica.page.cell(haptic::FORCE).is_some_and(|(_, record)| {
             record.flags & FORCE_SHADOW == 0
-                && !stands(&record)
+                && !(replica.stood > 0 && replica.repeats(record.force_n))
                 && record.input_hash == hash
                 && valid_force(tick, record.tick, record.force_n, &limits(params)).is_ok()
         })
@@ -234,8 +238,7 @@ impl Replicas {
             digest: record.input_hash,
             expected_digest: if record.tick == input.tick { hash } else { record.input_hash },
         };
-        let before = replica.watch.force_n.map(f32::to_bits);
-        replica.same = replica.watch.seen == 1 && before == record.force_n.map(f32::to_bits);
+        replica.same = replica.watch.seen == 1 && replica.repeats(record.force_n);
         let (watch, verdict) = watch_step(&WatchParams::default(), &replica.watch, &watched);
         replica.watch = watch;
         let distrust = match (valid_force(input.tick, record.tick, record.force_n, &limits(params)), verdict) {

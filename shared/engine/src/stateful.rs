@@ -279,8 +279,8 @@ impl<S: Stateful> Loop<'_, S> {
             } else if holder.incarnation == self.me() {
                 let tick = self.tick_of(tick, holder);
                 self.step(tick, holder)?;
-            } else if self.is_guest() {
-                self.shadow(tick, holder, leaves)?;
+            } else if self.is_guest() && !self.life.clock.swap(self.role).has_passed(self.me()) {
+                self.shadow(tick, holder)?;
             } else if self.life.clock.swap(self.role).is_on_trial(holder.incarnation) {
                 self.guard(tick, holder)?;
             } else {

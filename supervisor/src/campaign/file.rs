@@ -260,6 +260,11 @@ fn check_arm(arm: &Arm, all: &[Arm]) -> Result<(), String> {
 }
 
 impl Campaign {
+    /// The cell of a name.
+    pub fn cell(&self, name: &str) -> Option<&Cell> {
+        self.cells.iter().find(|cell| cell.name == name)
+    }
+
     /// Limits that cannot be shown, in words: of too few faults, even if none of them costs anything. One of 0 or less is meant to fail.
     pub fn cannot_show(&self) -> Vec<String> {
         let mut found = Vec::new();

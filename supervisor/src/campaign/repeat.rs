@@ -30,7 +30,7 @@ impl Runner<'_> {
             found = Some(outcome);
             Ok(())
         })?;
-        let cell = self.campaign.cells.iter().find(|cell| cell.name == entry.cell);
+        let cell = self.campaign.cell(&entry.cell);
         let (Some(outcome), Some(cell)) = (found, cell) else {
             let why = if station.trouble.is_empty() { "interrupted" } else { &station.trouble };
             eprintln!("hystation: fault {index} was not injected: {why}");
@@ -120,7 +120,7 @@ mod tests {
         let campaign = file::parse("t", TEXT).unwrap();
         let plan = draw::plan(&campaign, 1);
         for entry in &plan.faults {
-            let cell = campaign.cells.iter().find(|cell| cell.name == entry.cell).unwrap();
+            let cell = campaign.cell(&entry.cell).unwrap();
             assert_eq!(again(entry, None), *entry);
             let with = cell.with.as_ref().map(|_| crate::fault::Fault::default());
             let came = Outcome { tick: 90_000, injected_phase_us: 123, ending: Ending::Closed, with, ..Outcome::of(entry) };

@@ -134,7 +134,7 @@ impl Runner<'_> {
     }
 
     fn hurt(&self, session: &mut Session, entry: &Entry) -> Result<(Outcome, Option<Trouble>), Trouble> {
-        match self.campaign.cells.iter().find(|cell| cell.name == entry.cell) {
+        match self.campaign.cell(&entry.cell) {
             Some(cell) => session.hurt(entry, cell).map(|(outcome, ended)| (self.as_planned(outcome), ended)),
             None => Ok((Outcome::of(entry), None)),
         }

@@ -109,15 +109,17 @@ pub fn besides(figures: &Figures) -> Vec<String> {
 
 /// The numbers of the faults of which nothing came, in words; `None` if there are none.
 pub fn not_shown(figures: &Figures) -> Option<String> {
-    let numbers: Vec<String> = figures.not_shown.iter().map(usize::to_string).collect();
-    (!numbers.is_empty()).then(|| format!("nothing came of fault {}", numbers.join(", ")))
+    numbered("nothing came of fault", &figures.not_shown)
+}
+
+fn numbered(words: &str, faults: &[usize]) -> Option<String> {
+    let numbers: Vec<String> = faults.iter().map(usize::to_string).collect();
+    (!numbers.is_empty()).then(|| format!("{words} {}", numbers.join(", ")))
 }
 
 /// The numbers of the second faults whose first did not show, in words; `None` if there are none.
 pub fn first_not_shown(figures: &Figures) -> Option<String> {
-    let numbers: Vec<String> = figures.first_not_shown.iter().map(usize::to_string).collect();
-    (!numbers.is_empty())
-        .then(|| format!("the first fault did not show, and the second has no verdict: fault {}", numbers.join(", ")))
+    numbered("the first fault did not show, and the second has no verdict: fault", &figures.first_not_shown)
 }
 
 /// How often each, in words: `fluid 2, tissue 1`; a dash for none.

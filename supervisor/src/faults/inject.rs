@@ -246,15 +246,12 @@ fn strike(pid: u32, signal: Option<Signal>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_exchange::Station;
+    use crate::faults::tests::book;
 
     /// It ended with exit code 0 although nothing was undone; by `:active` it may be another process than the one that was hurt.
     #[test]
     fn what_is_undone_must_be_there_and_whoever_has_it_is_named() {
-        let station = Station::named(&format!("t{}-undone", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
+        let (_station, mut faults) = book("undone");
         let [first, second] = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
         let now_ns = system::now_ns();
         let undo = |faults: &mut Faults, slot: Slot, incarnation: u32| {
@@ -274,6 +271,5 @@ mod tests {
         assert_eq!(undo(&mut faults, second, 7), Ok(()));
         assert!(undo(&mut faults, second, 7).is_err(), "it has ended");
         assert!(faults.all().any(|fault| fault.kind == "stop" && fault.continue_ns == Some(now_ns)));
-        station.wipe();
     }
 }

@@ -87,15 +87,12 @@ impl Faults {
 mod tests {
     use super::*;
     use crate::fault::Death;
+    use crate::faults::tests::book;
     use crate::policy::Exit;
-    use hyst_exchange::Station;
 
     #[test]
     fn what_a_keeper_suffered_is_over_when_it_was_and_what_has_not_been_is_refused() {
-        let station = Station::named(&format!("t{}-suffered", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
+        let (_station, mut faults) = book("suffered");
         let now_ns = system::now_ns();
         let stop = Suffered { kind: FaultKind::Stop, keepers: Keepers::Guardian, since_ns: now_ns - 500_000, until_ns: now_ns };
         assert_eq!(faults.suffered(&stop), Ok(()));
@@ -106,15 +103,11 @@ mod tests {
         }
         let found: Vec<_> = faults.all().map(|fault| (fault.target.as_str(), fault.manifested, fault.recovered_us)).collect();
         assert_eq!(found, [("guardian", true, Some(500.0))]);
-        station.wipe();
     }
 
     #[test]
     fn a_fault_of_a_newcomer_that_is_rolled_back_is_over_with_the_swap() {
-        let station = Station::named(&format!("t{}-vacated", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
+        let (_station, mut faults) = book("vacated");
         let (guest, other) = (Slot::guest(Role::Fluid).unwrap(), Slot::first(Role::Fluid));
         for (slot, incarnation) in [(guest, 7), (other, 8)] {
             faults.start("nan", slot, incarnation, 1_000);
@@ -127,15 +120,11 @@ mod tests {
         assert_eq!(found, [(true, "swap"), (false, "")]);
         let recovered: Vec<_> = faults.all().map(|fault| (fault.slot, fault.recovered_us.is_some())).collect();
         assert_eq!(recovered, [(guest.number(), true), (other.number(), false)]);
-        station.wipe();
     }
 
     #[test]
     fn a_swap_that_had_no_time_found_nobody_and_no_swap_says_that_it_was_done_as_asked() {
-        let station = Station::named(&format!("t{}-no-time", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
+        let (_station, mut faults) = book("no-time");
         let guest = Slot::guest(Role::Fluid).unwrap();
         let causes = [Cause::NoTime, Cause::Interrupted, Cause::Slow, Cause::Died];
         for (incarnation, cause) in (1..).zip(causes) {
@@ -150,15 +139,11 @@ mod tests {
         assert_eq!([&seen[..3], &seen[3..6]], [of_no_time; 2]);
         assert_eq!(seen[6..9], [(false, true, true), (true, true, true), (true, true, true)]);
         assert_eq!(seen[9], (true, true, true), "who died has done it");
-        station.wipe();
     }
 
     #[test]
     fn a_keeper_is_hurt_when_it_was_last_well_and_found_later() {
-        let station = Station::named(&format!("t{}-struck", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        let mut faults = Faults::new(&station, &[]).unwrap();
+        let (_station, mut faults) = book("struck");
         let now_ns = 500_000_000_000;
         faults.guardian_died(now_ns - 3_050_000_000, now_ns);
         faults.guardian_died(0, now_ns); // nobody has seen it well
@@ -168,6 +153,5 @@ mod tests {
         let of = |fault: &Fault| ((now_ns - fault.injected_ns) / 1_000_000, ms(fault.detected_us), ms(fault.recovered_us));
         let found: Vec<_> = faults.all().map(of).collect();
         assert_eq!(found, [(3_050, Some(3_050.0), Some(4_050.0)), (0, Some(0.0), Some(1_000.0)), (40, Some(25.0), Some(40.0))]);
-        station.wipe();
     }
 }

@@ -138,18 +138,16 @@ fn end_shortage(fault: &mut Fault, slot: Slot, now_ns: u64, viewer: &Viewer) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_exchange::Station;
+    use crate::faults::tests::book;
     use hyst_messages::page::station as layout;
 
     #[test]
     fn what_one_did_as_it_was_asked_to_is_read_once_more_as_it_goes() {
-        let station = Station::named(&format!("t{}-done", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
+        let (station, mut faults) = book("done");
         let slot = Slot::first(Role::Fluid);
         let (page, own) = (station.open_for_keeping().unwrap(), station.create_slot(slot, 7).unwrap());
         page.store32(layout::SLOT_INCARNATION + slot.number(), 7);
-        let (mut faults, mut viewer) = (Faults::new(&station, &[]).unwrap(), Viewer::open(&station).unwrap());
+        let mut viewer = Viewer::open(&station).unwrap();
         faults.start("poison", slot, 7, 1_000).asked = Some((0, 2));
         faults.start("kill", slot, 7, 2_000).dead = true;
         let mut shown = |incarnation: u32, count: u64| {
@@ -160,6 +158,5 @@ mod tests {
         assert_eq!(shown(7, 2), [false; 2], "as often as before");
         assert_eq!(shown(6, 3), [false; 2], "another one");
         assert_eq!(shown(7, 3), [true, false]);
-        station.wipe();
     }
 }

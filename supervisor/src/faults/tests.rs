@@ -3,6 +3,32 @@
 use super::*;
 use hyst_messages::{Applied, LedgerEntry};
 
+/// A station of a test, which leaves nothing however that ends.
+pub(super) struct Wiped(Station);
+
+impl std::ops::Deref for Wiped {
+    type Target = Station;
+
+    fn deref(&self) -> &Station {
+        &self.0
+    }
+}
+
+impl Drop for Wiped {
+    fn drop(&mut self) {
+        self.0.wipe();
+    }
+}
+
+/// A station that was just founded, and its book of faults.
+pub(super) fn book(name: &str) -> (Wiped, Faults) {
+    let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
+    station.wipe();
+    station.found().unwrap();
+    let faults = Faults::new(&station, &[]).unwrap();
+    (Wiped(station), faults)
+}
+
 #[test]
 fn a_fault_from_outside_began_at_a_heartbeat_that_can_have_been() {
     let now_ns = 500_000_000_000;
@@ -14,10 +40,7 @@ fn a_fault_from_outside_began_at_a_heartbeat_that_can_have_been() {
 /// `hang-start haptic:active` of a campaign took 30 s. When its control of 30 s more had passed, 9 815 of its 30 092 ticks were left.
 #[test]
 fn a_long_fault_is_judged_on_its_whole_window_whenever_its_control_ends() {
-    let station = Station::named(&format!("t{}-long", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
-    let mut faults = Faults::new(&station, &[]).unwrap();
+    let (station, mut faults) = book("long");
     let fault = faults.start("hang-start", Slot::first(Role::Haptic), 7, 1_000);
     (fault.tick, fault.recovered_us) = (2_000, Some(30_071_149.0));
     let tell = |faults: &mut Faults, ticks: std::ops::Range<u64>| {
@@ -37,16 +60,12 @@ fn a_long_fault_is_judged_on_its_whole_window_whenever_its_control_ends() {
     assert_eq!((window.ticks, window.missed, control.ticks, control.missed), (30_092, 1, 30_092, 0));
     assert!(control.from_tick >= window.to_tick && successor.ledger.window(2_000, 32_092).ticks < 30_092);
     assert_eq!((successor.closed[0].promise_held, successor.closed[0].late.len()), (Some(false), 1));
-    station.wipe();
 }
 
 /// The line of a fault that filled /dev/shm was lost while its ballast was still being freed.
 #[test]
 fn a_fault_whose_line_cannot_be_written_is_closed_once_it_can() {
-    let station = Station::named(&format!("t{}-line", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
-    let mut faults = Faults::new(&station, &[]).unwrap();
+    let (station, mut faults) = book("line");
     faults.start("kill", Slot::first(Role::Fluid), 7, 1_000);
     let file = path(&station, "faults.jsonl");
     std::fs::create_dir(&file).unwrap(); // nobody writes into that
@@ -58,17 +77,13 @@ fn a_fault_whose_line_cannot_be_written_is_closed_once_it_can() {
     std::fs::remove_dir(&file).unwrap();
     assert_eq!(close(), (1, 0));
     assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 1);
-    station.wipe();
 }
 
 /// 59 of the 65 faults in a swap had their control in the same swap.
 #[test]
 fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
-    let station = Station::named(&format!("t{}-swaps", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
+    let (station, mut faults) = book("swaps");
     let page = station.open().unwrap();
-    let mut faults = Faults::new(&station, &[]).unwrap();
     let hurt = |faults: &mut Faults, tick: u64| {
         let fault = faults.start("kill", Slot::first(Role::Fluid), 7, page.start_of(tick));
         (fault.tick, fault.recovered_us) = (tick, Some(100_000.0));
@@ -98,15 +113,11 @@ fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
         [(9_001, 9_201), (9_410, 9_610)],
         "after the swap, and the first that meets neither it nor the other"
     );
-    station.wipe();
 }
 
 #[test]
 fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
-    let station = Station::named(&format!("t{}-lies", std::process::id())).unwrap();
-    station.wipe();
-    station.found().unwrap();
-    let mut faults = Faults::new(&station, &[]).unwrap();
+    let (_station, mut faults) = book("lies");
     let slots = [0, 1].map(|index| Slot::new(Role::Tissue, index).unwrap());
     for (kind, slot) in ["nan", "spin"].into_iter().zip(slots) {
         faults.start(kind, slot, 7, 1_000_000);
@@ -116,5 +127,4 @@ fn one_that_lies_is_not_found_by_being_late_nor_when_it_was_late() {
     assert_eq!(seen(&faults), [(false, None), (true, Some(3_000.0))]);
     faults.late(slots[0], 7, 9_000_000, 9_000_000, "tissue:1");
     assert_eq!(seen(&faults)[0], (true, Some(8_000.0)));
-    station.wipe();
 }

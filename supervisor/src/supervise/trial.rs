@@ -331,9 +331,8 @@ impl Supervisor {
     /// What a supervisor before this one left of a swap: finished if it was proven, else undone. The guest of a swap that nobody knows goes too.
     pub(super) fn resume_swap(&mut self) {
         let left = Record::read(&self.station).filter(|record| record.promoted.is_none());
-        let Some((record, slot, role)) =
-            left.and_then(|record| Some((record.clone(), record.slot()?, Role::from_name(&record.role)?)))
-        else {
+        let of = |record: Record| Some((record.slot()?, Role::from_name(&record.role)?, record));
+        let Some((slot, role, record)) = left.and_then(of) else {
             return self.faults.swap_ended(system::now_ns());
         };
         self.faults.swap_begun(record.begun_ns);

@@ -78,16 +78,15 @@ impl<S: Stateful> Loop<'_, S> {
         }
     }
 
-    /// The guest's part of a tick while another holds the role. Before it has passed it never substitutes and never promotes itself otherwise; then it
-    /// is a spare like any other: while the other slots are settled there may be nobody else who has the state.
-    pub(super) fn shadow(&mut self, tick: u64, holder: Tenure, leaves: bool) -> Result<(), Failure> {
+    /// The guest's part of a tick while another holds the role, before it has passed: it never substitutes and never promotes itself otherwise. Then it is
+    /// a spare like any other: while the other slots are settled there may be nobody else who has the state.
+    pub(super) fn shadow(&mut self, tick: u64, holder: Tenure) -> Result<(), Failure> {
         let swap = self.life.clock.swap(self.role);
         if swap.guest != self.me() || self.chain.newest().is_none() {
             return Ok(());
         }
         let (newest_tick, step) = (self.chain.key().1, self.engine.step_ticks());
         match swap.stage {
-            Stage::Settled => self.follow(tick, holder, leaves),
             Stage::Shadow => {
                 let next_tick = newest_tick + step;
                 let skipped = step <= SHORT_STEP_TICKS && !(next_tick / step).is_multiple_of(SHADOW_EVERY);

@@ -148,7 +148,7 @@ impl<'a> Blame<'a> {
 }
 
 fn cell_of<'c>(campaign: &'c Campaign, outcome: &Outcome) -> Option<&'c Cell> {
-    campaign.cells.iter().find(|cell| cell.name == outcome.cell)
+    campaign.cell(&outcome.cell)
 }
 
 fn is_same(a: &Fault, b: &Fault) -> bool {
