@@ -17,7 +17,7 @@ const MISSES_TO_ASK: u64 = 2;
 /// report of `hystation run --headless`; load average 18 on a 2-core EPYC VM, 2026-11-21).
 pub const GUILT_REAL_TIME_NS: u64 = 100_000_000;
 /// The same for the device, whose work nobody does meanwhile: with its start it is back within 20 ms.
-pub const GUILT_DEVICE_NS: u64 = 8_000_000;
+pub const GUILT_DEVICE_NS: u64 = 6_000_000;
 /// The same for a device that is stopped: the force is gone for as long as it waits, so nobody looks at it with a debugger in earnest.
 pub const GUILT_DEVICE_STOPPED_NS: u64 = 2_000_000;
 /// Guilt that ends an ordinary process: they wait for disks and helpers of their own.
@@ -267,7 +267,9 @@ mod tests {
         let stopped = silence(Role::Device, MS, 500, |_| Thread::Stopped);
         assert!(matches!(stopped[..], [(2, Opinion::Suspected), (3..=4, Opinion::Guilty)]), "{stopped:?}");
         let spins = silence(Role::Device, MS, 500, |look| Thread::Running(look * MS));
-        assert!(matches!(spins[..], [(3, Opinion::Suspected), (8..=12, Opinion::Guilty)]), "{spins:?}");
+        assert!(matches!(spins[..], [(3, Opinion::Suspected), (7..=9, Opinion::Guilty)]), "{spins:?}");
+        let sleeps = silence(Role::Device, MS, 500, |_| Thread::Sleeping);
+        assert!(matches!(sleeps[..], [(3, Opinion::Suspected), (8..=9, Opinion::Guilty)]), "{sleeps:?}");
     }
 
     #[test]

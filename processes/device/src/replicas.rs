@@ -209,12 +209,14 @@ impl Replicas {
     }
 
     /// Whether the replica has a force for this tick that may be chosen: one in its shadow, one that is not a number, too large, or of another input is no
-    /// reason not to wait for the other, nor is that of one that stood still in the tick before and stands still again.
+    /// reason not to wait for the other, nor is one that is its last to the bit: whether it stands still is seen beside the other's alone. Without touch both
+    /// say zero, tick after tick, and only one that stood still in the tick before is doubted.
     fn counts(&self, index: usize, tick: u64, hash: u64, params: &LastHopParams) -> bool {
         let Some(replica) = &self.seats[index] else { return false };
         replica.page.cell(haptic::FORCE).is_some_and(|(_, record)| {
+            let is_doubted = replica.stood > 0 || record.force_n != [0.0; 3];
             record.flags & FORCE_SHADOW == 0
-                && !(replica.stood > 0 && replica.repeats(record.force_n))
+                && !(is_doubted && replica.repeats(record.force_n))
                 && record.input_hash == hash
                 && valid_force(tick, record.tick, record.force_n, &limits(params)).is_ok()
         })
@@ -269,128 +271,4 @@ impl Replicas {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_exchange::{OwnedPage, Station};
-
-    /// What the device takes in a tick if the servos say this: the force along y, and the flags; `None` says nothing in this tick.
-    fn taken(
-        life: &Life,
-        replicas: &mut Replicas,
-        pages: &[OwnedPage; 2],
-        tick: u64,
-        said: [Option<(f32, u32)>; 2],
-    ) -> Option<f32> {
-        let input = InputRecord { tick, ..InputRecord::default() };
-        for (page, said) in pages.iter().zip(said) {
-            let Some((newton, flags)) = said else { continue };
-            say(page, &input, [0.0, newton, 0.0], flags);
-        }
-        replicas.choose(life, &input, &LastHopParams::default(), 0).force_n.map(|force_n| force_n[1])
-    }
-
-    /// A device and two servos, seated.
-    fn seated(name: &str) -> (Station, Life, [OwnedPage; 2], Replicas) {
-        let station = Station::named(&format!("t{}-{name}", std::process::id())).unwrap();
-        station.wipe();
-        station.found().unwrap();
-        std::fs::write(station.settings(), "").unwrap();
-        drop(station.create_slot(slot(Role::Device, 0), 1).unwrap());
-        let life = Life::begin(station.name(), slot(Role::Device, 0), 1).unwrap();
-        let pages = [0, 1].map(|index| station.create_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap());
-        let mut replicas = Replicas::default();
-        for index in 0..2 {
-            let page = station.read_slot(slot(Role::Haptic, index), 2 + index as u32).unwrap();
-            assert!(replicas.seat(index, page, &life).is_none());
-        }
-        (station, life, pages, replicas)
-    }
-
-    fn slot(role: Role, index: usize) -> Slot {
-        Slot::new(role, index).unwrap()
-    }
-
-    fn say(page: &OwnedPage, input: &InputRecord, force_n: [f32; 3], flags: u32) {
-        let record = ForceRecord { tick: input.tick, input_hash: input_hash(input), force_n, flags, ..Default::default() };
-        page.write(haptic::FORCE, &record);
-        page.store64(header::TICK, input.tick);
-        page.bump_and_wake(header::NEWS);
-    }
-
-    #[test]
-    fn nonsense_of_the_one_that_is_followed_is_no_reason_not_to_wait_for_the_other() {
-        let (station, life, [liar, other], mut replicas) = seated("nonsense");
-        let begun_ns = system::now_ns();
-        for (tick, nonsense) in [(1, f32::NAN), (3, 9.9), (5, f32::INFINITY)] {
-            let input = InputRecord { tick, ..InputRecord::default() };
-            say(&liar, &input, [0.0, nonsense, 0.0], 0);
-            let chosen = std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    std::thread::sleep(std::time::Duration::from_millis(30)); // not a synchronization: the other takes its time
-                    say(&other, &input, [0.0, 0.1, 0.0], 0);
-                });
-                replicas.choose(&life, &input, &LastHopParams::default(), system::now_ns() + 60_000_000_000)
-            });
-            assert_eq!((chosen.force_n, chosen.incarnation), (Some([0.0, 0.1, 0.0]), 3), "{nonsense}");
-            // The liar is well again, and followed for a tick.
-            let input = InputRecord { tick: tick + 1, ..InputRecord::default() };
-            say(&liar, &input, [0.0, 0.1, 0.0], 0);
-            say(&other, &input, [0.0, f32::NAN, 0.0], 0);
-            let chosen = replicas.choose(&life, &input, &LastHopParams::default(), system::now_ns() + 60_000_000_000);
-            assert_eq!(chosen.incarnation, 2);
-        }
-        assert!(system::now_ns() - begun_ns < 50_000_000_000, "one who answered is waited for");
-        drop(replicas);
-        station.wipe();
-    }
-
-    #[test]
-    fn one_that_stands_still_is_no_reason_not_to_wait_for_the_other() {
-        let (station, life, pages, mut replicas) = seated("stands");
-        let here = |newton| Some((newton, 0));
-        assert_eq!(taken(&life, &mut replicas, &pages, 1, [here(0.10), here(0.10)]), Some(0.10));
-        assert_eq!(taken(&life, &mut replicas, &pages, 2, [here(0.10), here(0.11)]), Some(0.11), "the first stands");
-        for (newton, counts) in [(0.10, false), (0.12, true)] {
-            let input = InputRecord { tick: 3, ..InputRecord::default() };
-            say(&pages[0], &input, [0.0, newton, 0.0], 0);
-            assert_eq!(replicas.counts(0, 3, input_hash(&input), &LastHopParams::default()), counts, "{newton} N");
-        }
-        drop(replicas);
-        station.wipe();
-    }
-
-    #[test]
-    fn the_one_that_is_followed_stays_until_it_is_not_valid_and_a_newborn_counts_only_out_of_its_shadow() {
-        let (station, life, pages, mut replicas) = seated("replicas");
-        let distrusted = |index: usize| life.page.load64(layout::DISTRUSTED + index) >> 32;
-        let mut take = |tick, said| {
-            let force_n = taken(&life, &mut replicas, &pages, tick, said);
-            (force_n, replicas.selected_incarnation())
-        };
-        let (here, shadow) = (|newton| Some((newton, 0)), |newton| Some((newton, FORCE_SHADOW)));
-        assert_eq!(take(1, [here(0.10), here(0.10)]), (Some(0.10), 2), "the first is followed");
-        assert_eq!(take(2, [here(0.11), shadow(0.30)]), (Some(0.11), 2));
-        assert_eq!(distrusted(1), 0, "one in its shadow does not disagree with anybody");
-        assert_eq!(take(3, [shadow(0.30), here(0.12)]), (Some(0.12), 3), "nor is it taken where it was followed before");
-        assert_eq!(take(4, [here(0.13), here(0.13)]), (Some(0.13), 3), "the selection stays");
-        assert_eq!(take(5, [here(0.14), here(f32::NAN)]), (Some(0.14), 2));
-        assert_eq!(distrusted(1), Distrust::Invalid as u64);
-        assert_eq!(take(6, [None, here(0.15)]), (Some(0.15), 3), "what is of another tick is not taken");
-        assert_eq!(take(7, [shadow(0.16), shadow(0.16)]).0, None, "nobody is out of the shadow");
-        assert_eq!(take(8, [here(9.9), None]).0, None, "beyond any motor");
-        assert_eq!(take(9, [here(0.17), None]), (Some(0.17), 2));
-        let mut born = |index: usize, incarnation: u32| {
-            drop(station.create_slot(slot(Role::Haptic, index), incarnation).unwrap());
-            let page = station.read_slot(slot(Role::Haptic, index), incarnation).unwrap();
-            assert!(replicas.seat(index, page, &life).is_some());
-            replicas.selected_incarnation()
-        };
-        assert_eq!(born(0, 9), 3, "who sits where the one that was followed sat is another");
-        let keeping = station.open_for_keeping().unwrap();
-        keeping.store32(station::SLOT_INCARNATION + slot(Role::Haptic, 0).number(), 9);
-        keeping.store32(station::SLOT_DEAD + slot(Role::Haptic, 0).number(), 1);
-        assert_eq!(born(1, 10), 10, "the other one is dead");
-        drop(replicas);
-        station.wipe();
-    }
-}
+mod tests;
