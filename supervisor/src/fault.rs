@@ -88,6 +88,9 @@ pub struct Fault {
     /// The ticks that missed their force, where they broke the promise.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub late: Vec<Tick>,
+    /// Ticks from the injection to the recovery in which the hand was given a fresh force of this servo; of a servo alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub given: Option<u64>,
     /// It hit the incumbent and its spare at the same instant.
     pub together: bool,
     /// The control serves another fault too, because no other was free.
@@ -130,12 +133,16 @@ impl Fault {
         quiet_n.max(by_design_n) + STEP_MARGIN_N
     }
 
+    /// The station tick at which a servo that was hit had recovered; `None` of any other process.
+    fn servo_until(&self) -> Option<u64> {
+        let is_servo = self.target.split(':').next() == Some(Role::Haptic.name());
+        self.recovered_us.filter(|_| is_servo).map(|us| self.tick + whole_ticks(us))
+    }
+
     /// Ticks at which the hand was given what this servo made while it did wrong. The last hop lets nothing through that is not finite or too large, so the
     /// force itself would not show that nobody had checked it; the hardware's ledger says whose it was.
     fn wrong_ticks(&self, ledger: &Ledger) -> u64 {
-        let is_servo = self.target.split(':').next() == Some(Role::Haptic.name());
-        let Some(recovered_us) = self.recovered_us.filter(|_| is_servo) else { return 0 };
-        let to_tick = self.tick + whole_ticks(recovered_us);
+        let Some(to_tick) = self.servo_until() else { return 0 };
         if self.kind == STANDS_STILL {
             let stood = ledger.repeated(self.incarnation, self.tick.saturating_sub(MOVING_TICKS), self.tick);
             return if stood == 0 { ledger.repeated(self.incarnation, self.tick, to_tick) } else { 0 };
@@ -184,6 +191,8 @@ pub(crate) struct Seen {
     quiet_n: f64,
     /// Whether the hand was in contact at its beginning.
     pub(crate) contact: bool,
+    #[serde(default)]
+    given: Option<u64>,
     step: Vec<Tick>,
     late: Vec<Tick>,
 }
@@ -199,6 +208,7 @@ pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Opti
         contained_us: (contained_ticks * TICK_NS) as f64 * 1e-3,
         quiet_n: quiet_step_max_n(ledger, from_tick, taken),
         contact: ledger.in_contact(from_tick),
+        given: fault.servo_until().map(|until| ledger.fresh_of(fault.incarnation, fault.tick, until).count() as u64),
         step: ledger.around_step(&window),
         late: ledger.late(&window),
     })
@@ -207,7 +217,7 @@ pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Opti
 /// Judges a fault by its window and its control. Where one of them has gaps nothing is said.
 pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
     let window = seen.window;
-    fault.contained_us = Some(seen.contained_us);
+    (fault.contained_us, fault.given) = (Some(seen.contained_us), seen.given);
     if let Some(control) = control.filter(|control| window.is_whole() && control.is_whole()) {
         let smooth = window.force_step_max_n <= fault.most_step_n(seen.quiet_n.max(control.force_step_max_n));
         fault.step = if smooth { Vec::new() } else { seen.step };
@@ -268,6 +278,8 @@ mod tests {
         let mut fault = Fault { kind, target, tick: 1_200, incarnation: 7, recovered_us, ..Fault::default() };
         let seen = look(&fault, &ledger, &[]).unwrap();
         judge(&mut fault, seen, Some(window));
+        let is_servo = fault.target != "tissue:0";
+        assert_eq!(fault.given, is_servo.then_some(given.len() as u64));
         (fault.window.unwrap().wrong, fault.promise_held)
     }
 

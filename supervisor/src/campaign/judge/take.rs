@@ -104,7 +104,8 @@ impl Figures {
         }
         if unfound == Some(Unfound::Lie) {
             self.unfound.push(index);
-            self.reasons.push(format!("fault {index}: nobody found that {} lied", fault.target));
+            let given = fault.given.map_or(String::new(), |ticks| format!("; the hand was given its force in {ticks} ticks"));
+            self.reasons.push(format!("fault {index}: nobody found that {} lied{given}", fault.target));
         }
         if !fault.detected_by.is_empty() {
             *self.detected_by.entry(fault.detected_by.clone()).or_default() += 1;
