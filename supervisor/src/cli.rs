@@ -60,7 +60,7 @@ pub enum Command {
     Doctor,
     /// Measure.
     Bench {
-        /// tissue, contact, flow, exchange or station.
+        /// tissue, contact, flow, exchange, recording or station.
         what: String,
         /// Mesh to measure with.
         #[arg(long)]
@@ -146,7 +146,7 @@ pub struct ReplayArgs {
     /// Compare every force and every state with what was recorded, as fast as the machine manages; without pictures.
     #[arg(long)]
     pub verify: bool,
-    /// Show it from this time on; what was before is done as fast as the machine manages.
+    /// Show it from this time on, beginning at the checkpoint before it; what is between the two is done as fast as the machine manages.
     #[arg(long = "from", value_parser = seconds, conflicts_with = "verify")]
     pub from_s: Option<f64>,
     /// So many times as fast as it was, 0.01 to 100, as far as the machine manages.
@@ -155,6 +155,9 @@ pub struct ReplayArgs {
     /// The scene, or the case, if it is no longer where it was.
     #[arg(long)]
     pub scene: Option<PathBuf>,
+    /// Write the report of the run (JSON) here, as `run` does.
+    #[arg(long)]
+    pub report: Option<PathBuf>,
     /// As for `run`.
     #[command(flatten)]
     pub station: StationArgs,

@@ -101,8 +101,7 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
     let order = Order { report, for_s: args.for_s, until_end: args.until_end, ..Order::default() };
     let name = take_name(&station)?;
-    let recorded_scene = args.again.as_ref().map(|again| again.scene_hash);
-    let wanted = Wanted { settings: &settings, plan: &plan, case: case.as_ref(), recorded_scene };
+    let wanted = Wanted { settings: &settings, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
     let ground = settle(&station, &wanted, order)?;
     drop(case); // the root has it
     let draw = std::io::stdout().is_terminal() && !args.quiet;

@@ -127,7 +127,7 @@ fn what_is_no_recording_is_refused_with_one_message_and_nothing_is_written() {
     // Another version: the value of the fact `format`, after its key and its length.
     let mut other = bytes.clone();
     let key = other.windows(6).position(|window| window == b"format").unwrap();
-    assert_eq!(other[key + 10], b'2');
+    assert_eq!(other[key + 10..key + 11], *hyst_recording::FORMAT.as_bytes());
     other[key + 10] = b'9';
     let cases = [
         (folder.file("missing.mcap"), "No such file"),

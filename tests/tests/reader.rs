@@ -1,7 +1,7 @@
 //! A recording opened with a reader that is not ours, the `mcap` package of PyPI: topics, schemas, every message against its schema, and what is in them, to the
 //! bit, against what our own reader finds.
 
-use hyst_recording::Recording;
+use hyst_recording::{Recording, SAID};
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, binaries, hystation, run};
@@ -19,10 +19,12 @@ fn python() -> Command {
     command
 }
 
-/// A session of three seconds on the virtual clock, in which the hand presses, and two processes die.
+/// A session of three seconds on the virtual clock, in which the hand presses, and three processes die, of which the recorder is one.
 fn session(folder: &Folder) -> PathBuf {
     let fault = |target: &str, tick: u64| format!("[[fault]]\nkind = \"kill\"\ntarget = \"{target}\"\ntick = {tick}\n");
-    let faults = folder.write("faults.toml", &(fault("tissue:active", 1_800) + &fault("haptic:active", 2_200)));
+    let faults = [("tissue:active", 1_800), ("recorder", 2_000), ("haptic:active", 2_200)];
+    let faults: String = faults.into_iter().map(|(target, tick)| fault(target, tick)).collect();
+    let faults = folder.write("faults.toml", &faults);
     let path = folder.path("session.mcap");
     let mut command = hystation();
     command.args(["--name", &format!("m{}", std::process::id()), "run", "--headless", "--lockstep", "--for", "3s"]);
@@ -90,4 +92,9 @@ fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
     steps.sort();
     theirs.sort();
     assert_eq!(theirs, steps);
+    let said: Vec<&str> = ours.events.iter().filter(|event| event.kind == SAID).map(|event| &*event.text).collect();
+    for target in ["tissue:", "recorder", "haptic:"] {
+        let injected = said.iter().filter(|words| words.starts_with(&format!("fault kill injected into {target}"))).count();
+        assert_eq!(injected, 1, "what the supervisor said is there once, whoever wrote it: {said:?}");
+    }
 }

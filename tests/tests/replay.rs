@@ -1,6 +1,7 @@
 //! A recorded session is done again to the bit: one in lock-step, one in real time while engines were killed and something was cut, and again while
 //! engines are killed in the replay itself. And what cannot be replayed is refused, or done as far as it goes.
 
+use hyst_messages::Role;
 use serde_json::Value;
 use station_tests::{Folder, hystation, run};
 use std::ops::Range;
@@ -126,6 +127,28 @@ fn a_session_in_real_time_with_faults_and_cuts_is_done_again_to_the_bit() {
     assert!(matches!(code, Some(0 | 3)), "{code:?} {said}{complained}");
     let (forces, states) = same(&said);
     assert!(forces > 5_000 && states > 1_000, "{said}");
+}
+
+#[test]
+fn a_session_is_shown_from_the_checkpoint_before_the_time_that_was_asked_for() {
+    let folder = Folder::new("replay-from");
+    let [file, was, is] = ["session.mcap", "was.json", "is.json"].map(|name| folder.path(name));
+    record("from", &file, &["--lockstep", "--for", "12s", "--hand", "script:polyp", "--report", &was]);
+    let kept = hyst_recording::checkpoints(Path::new(&file), 11_000).unwrap();
+    let begin_tick = kept.iter().find(|kept| kept.role == Role::Tissue).unwrap().tick;
+    assert!((4_000..=11_000).contains(&begin_tick), "{begin_tick}");
+    let mut command = hystation();
+    command.args(["--name", &format!("f{}", std::process::id()), "replay", &file, "--from", "11s", "--speed", "20"]);
+    let (code, _, said) = run(command.args(["--headless", "--report", &is]));
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains(&format!("begins at the checkpoint of {:.3} s", begin_tick as f64 * 1e-3)), "{said}");
+    let [was, is]: [Value; 2] = ["was.json", "is.json"].map(|name| serde_json::from_str(&folder.read(name)).unwrap());
+    let of = |report: &Value, key: &str| report[key].as_f64().unwrap_or_else(|| panic!("{key}: {report}"));
+    assert!(of(&was, "cuts") > 10.0, "{said}");
+    for (key, most) in [("cuts", 0.1), ("removed_volume_ml", 0.2), ("fluid_deficit_ml", 0.2)] {
+        let (was, is) = (of(&was, key), of(&is, key));
+        assert!((is - was).abs() <= most * was.abs(), "{key}: {was} recorded, {is} now");
+    }
 }
 
 #[test]

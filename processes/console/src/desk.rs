@@ -1,11 +1,11 @@
 //! What lies between those who find things out and those who show them to browsers. Promise: nobody waits at it, what lies there is bounded, and a
 //! browser that does not keep up is left behind.
 
-use crate::journal::Line;
 use crate::look::{History, Look, Pump, Status};
 use crate::picture::Picture;
 use axum::body::Bytes;
 use hyst_engine::Address;
+use hyst_engine::journal::Line;
 use hyst_exchange::{Station, system};
 use serde::Serialize;
 use std::collections::VecDeque;

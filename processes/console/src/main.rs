@@ -5,7 +5,6 @@ mod ask;
 mod desk;
 mod door;
 mod guard;
-mod journal;
 mod look;
 mod metrics;
 mod picture;

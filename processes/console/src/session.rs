@@ -3,10 +3,10 @@
 
 use crate::desk::Desk;
 use crate::door::{Door, Visitors};
-use crate::journal::Journal;
 use crate::referee::Referee;
 use crate::sources::Sources;
 use crate::{ask, web};
+use hyst_engine::journal::Journal;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::system;
 use hyst_messages::page::{ProcessState, console as layout, header};

@@ -22,6 +22,8 @@ const BLOCK_TICKS: usize = 1_000;
 const MAX_TICKS: usize = 60_000;
 /// Statuses and events that wait in memory, of each kind.
 const MAX_OTHERS: usize = 10_000;
+/// Checkpoints that wait in memory.
+const MAX_CHECKPOINTS: usize = 4;
 
 /// The file and its queue.
 pub struct Keeper {
@@ -154,6 +156,7 @@ fn drop_oldest(queue: &mut Block) {
     queue.tissue.drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
     queue.fluid.drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));
     queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));
+    queue.checkpoints.drain(..queue.checkpoints.len().saturating_sub(MAX_CHECKPOINTS));
     queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
 }
 

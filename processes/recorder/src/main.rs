@@ -2,6 +2,8 @@
 
 mod gather;
 mod keeper;
+mod kept;
+mod said;
 mod session;
 mod watch;
 

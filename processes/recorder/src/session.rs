@@ -3,6 +3,8 @@
 
 use crate::gather::Gather;
 use crate::keeper::Keeper;
+use crate::kept::Kept;
+use crate::said::Said;
 use crate::watch::Look;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{Roster, system};
@@ -24,6 +26,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         return Ok(());
     };
     let mut gather = Gather::new(life, keeper.last_tick())?;
+    let mut said = Said::new(&life.station, keeper.last_tick());
+    let mut kept = Kept::default();
     let roster = Roster::open(&life.station)?;
     let mut before: Option<Look> = None;
     let first = if keeper.is_continued() { "present" } else { "started" };
@@ -41,6 +45,9 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         let events = look.events(before.as_ref(), first, life.tick());
         keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));
         before = Some(look);
+        let newest = keeper.queue.applied.last().map(|record| record.tick).or(keeper.last_tick());
+        keeper.queue.checkpoints.extend(kept.take(&life.station, life.tick()));
+        said.take(if is_last { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);
         keeper.keep(life, is_last)?;
         life.drag(begun_ns);
         alive(life);

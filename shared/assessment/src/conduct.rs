@@ -5,7 +5,7 @@ use crate::force::length;
 use crate::markup::plain;
 use crate::motion::{difference, finite};
 use hyst_messages::{Applied, AppliedRecord};
-use hyst_recording::{Event, Level, TickRange};
+use hyst_recording::{Event, Level, SAID, TickRange};
 use std::collections::BTreeMap;
 
 /// Most events that are told one by one; a station that says more is told by their number.
@@ -124,20 +124,23 @@ impl Conduct {
         self.lost = self.lost.saturating_add(range.count());
     }
 
-    /// Takes an event; of those of level info only takeovers are kept.
+    /// Takes an event; of those of level info only takeovers and the supervisor's own words are kept.
     pub fn note(&mut self, event: Event) {
         let is_takeover = event.kind == "promoted" && self.is_other_holder(&event);
         self.takeovers += u64::from(is_takeover);
         self.warnings += u64::from(event.level == Level::Warning);
         self.errors += u64::from(event.level == Level::Error);
-        if event.level == Level::Info && !is_takeover {
+        if event.level == Level::Info && !is_takeover && event.kind != SAID {
             return;
         }
         if self.events.len() == MOST_EVENTS {
             self.events_left_out += 1;
             return;
         }
-        self.events.push(Event { kind: plain(&event.kind), process: plain(&event.process), text: plain(&event.text), ..event });
+        // The supervisor's words come a little later than what the recorder itself saw.
+        let at = self.events.partition_point(|before| before.tick <= event.tick);
+        let event = Event { kind: plain(&event.kind), process: plain(&event.process), text: plain(&event.text), ..event };
+        self.events.insert(at, event);
     }
 
     /// Whether the role of a promotion was somebody else's before. The first holder took nothing over, and a recorder that is started again says
@@ -239,7 +242,13 @@ mod tests {
         assert_eq!(kinds, ["died", "promoted", "lost"]);
         assert_eq!((conduct.takeovers, conduct.warnings, conduct.errors), (1, 1, 1));
         assert_eq!(conduct.events[0].text, "a\u{fffd}b");
+        conduct.note(Event { tick: 6, ..event(Level::Info, SAID, "supervisor", 0) });
+        assert_eq!(
+            (conduct.events[0].kind.as_str(), conduct.events.len(), conduct.warnings),
+            (SAID, 4, 1),
+            "what was said before"
+        );
         (0..MOST_EVENTS).for_each(|_| conduct.note(event(Level::Warning, "died", "fluid:0", 1)));
-        assert_eq!((conduct.events.len(), conduct.events_left_out), (MOST_EVENTS, 3));
+        assert_eq!((conduct.events.len(), conduct.events_left_out), (MOST_EVENTS, 4));
     }
 }

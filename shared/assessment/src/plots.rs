@@ -6,6 +6,7 @@ use crate::curves::{Curves, Series};
 use crate::force::LIMIT_N;
 use crate::markup::escape;
 use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG};
+use hyst_recording::SAID;
 use std::fmt::Write;
 
 /// Width of the curves, and left and right of them, px.
@@ -174,7 +175,8 @@ fn area(curve: &Curve, bridge: usize, x_of: impl Fn(usize) -> f64, y_of: impl Fn
 /// The faults and takeovers, through all curves.
 fn marks(svg: &mut String, column: &Column, length_ticks: u64, bottom: f64) {
     let conduct = &column.assessment.measured.conduct;
-    for event in conduct.events.iter().take(MOST_MARKS) {
+    // What the supervisor says of them stands in the table.
+    for event in conduct.events.iter().filter(|event| event.kind != SAID).take(MOST_MARKS) {
         let since_ticks = conduct.since_start(event.tick);
         let x = x_of(since_ticks as f64, length_ticks);
         let _ = write!(

@@ -3,6 +3,7 @@
 
 pub mod address;
 pub mod bench;
+pub mod journal;
 pub mod kept;
 pub mod life;
 pub mod lockstep;

@@ -36,6 +36,9 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Replay {
+    /// The tick after which it begins, from states that were recorded; 0: at the beginning.
+    #[serde(default)]
+    pub begin_tick: u64,
     /// Until this tick as fast as the machine manages.
     pub from_tick: u64,
     /// From there on so many times as fast as it was; 0: as fast as the machine manages.

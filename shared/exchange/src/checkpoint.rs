@@ -9,13 +9,18 @@
 use crate::page::{self, OwnedPage, PageError, ReadPage};
 use crate::station::Station;
 use hyst_messages::fnv_words;
-use hyst_messages::page::header;
+use hyst_messages::page::{WORDS32, header};
 use hyst_messages::{Role, Slot};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
 
 /// Ticks between two states of a generation; 0: each state that is given.
 pub const INTERVAL_TICKS: [u64; 3] = [0, 1_000, 10_000];
 /// Copies of a generation.
 const COPIES: usize = 2;
+/// Where the header says how long the messages may be, of a page whose owner makes no steps; and the longest that is believed.
+const ROOM: usize = header::STEPS;
+const MOST_ROOM_BYTES: u64 = 1 << 30;
 
 const WRITTEN: usize = 0;
 const EPOCH: usize = 1;
@@ -74,6 +79,7 @@ impl CheckpointWriter {
             }
             Err(error) => return Err(error),
         };
+        page.store64(ROOM, bytes as u64);
         Ok(CheckpointWriter { page, bytes })
     }
 
@@ -167,6 +173,39 @@ pub fn newest(
         }
     }
     (newest, damaged)
+}
+
+/// The newest whole checkpoint of a role, for who does not know how long its messages may be.
+pub fn latest(station: &Station, role: Role) -> Option<Checkpoint> {
+    let room = |slot: Slot| {
+        let mut word = [0; 8];
+        // As a page lies in its file: the words of 32 bits, then those of 64.
+        File::open(path(station, slot)).ok()?.read_exact_at(&mut word, (4 * WORDS32 + 8 * ROOM) as u64).ok()?;
+        Some(u64::from_ne_bytes(word)).filter(|bytes| *bytes <= MOST_ROOM_BYTES)
+    };
+    let rooms = (0..role.slots().1).filter_map(|index| Slot::new(role, index)).filter_map(room);
+    newest(station, role, rooms.max()? as usize, u64::MAX, |_| true).0
+}
+
+/// The file of a state that a role begins with instead of its first one.
+fn first_path(station: &Station, role: Role) -> std::path::PathBuf {
+    station.root().join(format!("first-{}", role.name()))
+}
+
+/// Lays down the state, as a message, that a role of a station which begins later begins with.
+pub fn lay_first(station: &Station, role: Role, message: &[u8]) -> std::io::Result<()> {
+    std::fs::write(first_path(station, role), message)
+}
+
+/// The state that was laid down for a role, padded to whole words; `None` without one.
+pub fn first(station: &Station, role: Role) -> Option<Vec<u64>> {
+    let bytes = std::fs::read(first_path(station, role)).ok()?;
+    let word = |chunk: &[u8]| {
+        let mut word = [0; 8];
+        word[..chunk.len()].copy_from_slice(chunk);
+        u64::from_ne_bytes(word)
+    };
+    Some(bytes.chunks(8).map(word).collect())
 }
 
 /// Discards the checkpoints of a role that are younger than a tick: who was sent back behind them has found nobody to survive them, and they

@@ -3,6 +3,7 @@
 
 use crate::again::{Input, Step};
 use crate::channels::{Channel, time_of_ns};
+use crate::checkpoint::{Checkpoint, CheckpointMessage};
 use crate::fluid::Fluid;
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool};
 use crate::{Session, WriteError};
@@ -19,6 +20,9 @@ pub(crate) const STATION: &str = "station";
 pub(crate) const LOST: &str = "lost";
 /// The writer's name in the file's header.
 pub(crate) const LIBRARY: &str = "hysteroscopy-station";
+
+/// Kind of an event that is a line of the supervisor's: what it saw and did, in its words.
+pub const SAID: &str = "said";
 
 /// How bad an event is; Foxglove's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +50,7 @@ pub struct Event {
     pub tick: u64,
     /// How bad.
     pub level: Level,
-    /// One word: `started`, `died`, `promoted`, `lost` ….
+    /// One word: `started`, `died`, `promoted`, `lost`, [`SAID`] ….
     pub kind: String,
     /// The process, such as `haptic:1`.
     pub process: String,
@@ -92,6 +96,8 @@ pub struct Block {
     pub fluid: Vec<FluidStatus>,
     /// Events.
     pub events: Vec<Event>,
+    /// States of tissue and fluid.
+    pub checkpoints: Vec<Checkpoint>,
     /// Ticks that could not be had any more.
     pub lost: Vec<TickRange>,
 }
@@ -104,6 +110,7 @@ impl Block {
             && self.tissue.is_empty()
             && self.fluid.is_empty()
             && self.events.is_empty()
+            && self.checkpoints.is_empty()
             && self.lost.is_empty()
     }
 }
@@ -180,6 +187,9 @@ impl Pen {
         }
         for event in &block.events {
             self.put(Channel::Events, event.tick, &EventMessage::of(event))?;
+        }
+        for checkpoint in &block.checkpoints {
+            self.put(Channel::Checkpoints, checkpoint.tick, &CheckpointMessage::of(checkpoint))?;
         }
         Ok(())
     }

@@ -23,11 +23,13 @@ pub enum Channel {
     Input = 7,
     /// Every step of the tissue: what it was made from, and the hash of what came of it.
     Steps = 8,
+    /// The whole state of tissue and fluid, every five seconds: what a replay begins with that does not begin at the beginning.
+    Checkpoints = 9,
 }
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 8] = [
+    pub const ALL: [Channel; 9] = [
         Channel::Tool,
         Channel::Force,
         Channel::Controls,
@@ -36,6 +38,7 @@ impl Channel {
         Channel::Fluid,
         Channel::Input,
         Channel::Steps,
+        Channel::Checkpoints,
     ];
 
     /// The topic.
@@ -49,6 +52,7 @@ impl Channel {
             Channel::Fluid => "/fluid",
             Channel::Input => "/input",
             Channel::Steps => "/steps",
+            Channel::Checkpoints => "/checkpoints",
         }
     }
 
@@ -63,6 +67,7 @@ impl Channel {
             Channel::Fluid => "hyst.Fluid",
             Channel::Input => "hyst.Input",
             Channel::Steps => "hyst.Step",
+            Channel::Checkpoints => "hyst.Checkpoint",
         }
     }
 
@@ -124,6 +129,12 @@ impl Channel {
                 let mut fields = json!({"before_n": xyz, "device_limits": limits, "pieces": {"type": "array", "items": piece}});
                 add(&mut fields, "integer", &["tick", "lag"]);
                 add(&mut fields, "number", &["pressure_pa"]);
+                fields
+            }
+            Channel::Checkpoints => {
+                let state = json!({"type": "string", "contentEncoding": "base64"});
+                let mut fields = json!({"state": state, "role": {"type": "string"}});
+                add(&mut fields, "integer", &["tick"]);
                 fields
             }
             Channel::Steps => {

@@ -111,6 +111,11 @@ impl<R: Read + Seek> Walk<R> {
         Ok(None)
     }
 
+    /// Gives a record once more.
+    pub(crate) fn back_to(&mut self, frame: &Frame) {
+        self.at = frame.at;
+    }
+
     /// Where the next record begins.
     pub(crate) fn at(&self) -> u64 {
         self.at

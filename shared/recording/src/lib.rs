@@ -10,6 +10,7 @@
 mod again;
 mod block;
 pub mod channels;
+mod checkpoint;
 mod continuity;
 mod fluid;
 mod frame;
@@ -21,7 +22,8 @@ pub mod sequence;
 mod summary;
 mod writer;
 
-pub use block::{Block, Event, Level, TickRange};
+pub use block::{Block, Event, Level, SAID, TickRange};
+pub use checkpoint::{Checkpoint, checkpoints};
 pub use continuity::Continuity;
 pub use playback::{Moment, Playback};
 pub use reader::{Damage, Ending, ReadError, Reader, Recording};
@@ -32,7 +34,8 @@ pub use writer::{WriteError, Writer};
 pub type Session = std::collections::BTreeMap<String, String>;
 
 /// Version of channels and framing; a file of another version is not continued.
-pub const FORMAT: &str = "2";
+pub const FORMAT: &str = "3";
 
-/// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed.
-pub const READ_FORMATS: [&str; 2] = ["1", FORMAT];
+/// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed; one of version 2 has no checkpoints, so
+/// that a replay of it begins at its beginning.
+pub const READ_FORMATS: [&str; 3] = ["1", "2", FORMAT];

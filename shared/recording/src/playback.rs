@@ -62,6 +62,11 @@ impl<R: Read + Seek> Playback<R> {
         self.reader.session()
     }
 
+    /// Begins at `tick` instead of the beginning; before anything else is asked for.
+    pub fn skip_to(&mut self, tick: u64) -> Result<(), ReadError> {
+        self.reader.skip_to(tick)
+    }
+
     /// The first tick of the device that is there; `None` if there is none.
     pub fn first_tick(&mut self) -> Result<Option<u64>, ReadError> {
         self.read_ahead(0)?;

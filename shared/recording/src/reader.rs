@@ -5,6 +5,7 @@
 use crate::again::{Input, Step};
 use crate::block::{Block, LOST, STATION};
 use crate::channels::Channel;
+use crate::checkpoint::CheckpointMessage;
 use crate::fluid::Fluid;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool, applied};
@@ -188,6 +189,30 @@ impl<R: Read + Seek> Reader<R> {
         Ok(None)
     }
 
+    fn refused(&self, source: io::Error) -> ReadError {
+        ReadError::File { path: self.path.clone(), source }
+    }
+
+    /// The next record, whatever it is.
+    pub(crate) fn next_frame(&mut self) -> Result<Option<Frame>, ReadError> {
+        self.walk.next().map_err(|source| self.refused(source))
+    }
+
+    /// The first `most` bytes of a record.
+    pub(crate) fn body(&mut self, frame: &Frame, most: u64) -> Result<Vec<u8>, ReadError> {
+        self.walk.body(frame, most).map_err(|source| self.refused(source))
+    }
+
+    /// Gives a record once more.
+    pub(crate) fn back_to(&mut self, frame: &Frame) {
+        self.walk.back_to(frame);
+    }
+
+    /// The block of a chunk, or what is wrong with it.
+    pub(crate) fn block_at(&mut self, frame: &Frame) -> Result<Result<Block, String>, ReadError> {
+        Ok(chunk(&self.body(frame, u64::MAX)?))
+    }
+
     /// Whether a message index says the length that it has; a chunk whose opcode was flipped does not.
     fn is_index(&mut self, frame: &Frame) -> io::Result<bool> {
         let head = self.walk.body(frame, INDEX_HEAD_BYTES)?;
@@ -291,6 +316,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
                 inputs.insert(input.tick, input);
             }
             Channel::Steps => block.steps.push(json::<Step>(data)?.record()?),
+            Channel::Checkpoints => block.checkpoints.push(json::<CheckpointMessage>(data)?.checkpoint()?),
         }
         Ok(())
     })?;
@@ -333,6 +359,7 @@ impl Recording {
             content.tissue.append(&mut block.tissue);
             content.fluid.append(&mut block.fluid);
             content.events.append(&mut block.events);
+            content.checkpoints.append(&mut block.checkpoints);
             content.lost.append(&mut block.lost);
         }
         let ending = reader.ending.unwrap_or(Ending::Cut { at: reader.walk.at() });

@@ -2,6 +2,7 @@
 
 use crate::case::RecordedCase;
 use hyst_engine::settings::Replay;
+use hyst_recording::Checkpoint;
 
 /// How `replay` runs a station.
 #[derive(Clone, Debug)]
@@ -12,6 +13,8 @@ pub struct Again {
     pub scene_hash: u64,
     /// The case that was recorded, with its seed, and the file that was named then.
     pub case: Option<RecordedCase>,
+    /// The states that it begins with, if not at the beginning.
+    pub states: Vec<Checkpoint>,
     /// The last tick.
     pub end_tick: u64,
 }

@@ -1,10 +1,11 @@
 //! `hystation bench`: the engines' own benchmarks are theirs; `station` measures the station as a whole (see [`station`]), and `flow` beside its engine's
-//! benchmark what a fine grid costs the Main Loop (see [`flow`]).
+//! benchmark what a fine grid costs the Main Loop (see [`flow`]); `recording` measures what a recording costs and how fast it is read (see [`recording`]).
 
 mod arm;
 mod bare;
 mod flow;
 mod probe;
+mod recording;
 mod rows;
 mod station;
 mod targets;
@@ -20,7 +21,8 @@ pub fn bench(what: &str, mesh: Option<&Path>, json: bool) -> Result<u8, Refusal>
         "flow" => flow::flow(mesh, json),
         "exchange" => sibling("exchange-bench", &[], mesh, json),
         "station" => station::station(mesh, json),
-        _ => Err(Refusal::input(format!("bench {what}: there are tissue, contact, flow, exchange and station"))),
+        "recording" => recording::recording(mesh, json),
+        _ => Err(Refusal::input(format!("bench {what}: there are tissue, contact, flow, exchange, recording and station"))),
     }
 }
 

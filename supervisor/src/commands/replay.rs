@@ -6,8 +6,8 @@ use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::Station;
-use hyst_messages::{Applied, AppliedRecord, FluidStatus};
-use hyst_recording::{Ending, Moment, Playback, Session, TickRange};
+use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role};
+use hyst_recording::{Checkpoint, Ending, Moment, Playback, Session, TickRange, checkpoints};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
@@ -32,8 +32,9 @@ struct Whole {
 
 /// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing.
 pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
-    let whole = look_through(&args.file)?;
     let from_tick = args.from_s.map_or(0, |from_s| (from_s * 1e3) as u64);
+    let (begin_tick, states) = states_before(&args.file, from_tick)?;
+    let whole = look_through(args, begin_tick)?;
     if from_tick > whole.end_tick {
         let end_s = whole.end_tick as f64 * 1e-3;
         return Err(Refusal::input(format!("--from: the recording {} ends at {end_s:.1} s", args.file.display())));
@@ -41,7 +42,11 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let speed = if args.verify { 0.0 } else { args.speed.unwrap_or(1.0) };
     let beside =
         args.verify.then(|| std::env::temp_dir().join(format!("hystation-{}-{}.mcap", station.name(), std::process::id())));
-    let run = run_args(args, &whole, Replay { from_tick, speed }, beside.as_deref())?;
+    if begin_tick > 0 {
+        eprintln!("hystation: begins at the checkpoint of {:.3} s", begin_tick as f64 * 1e-3);
+    }
+    let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed })? };
+    let run = run_args(args, &whole, again, beside.as_deref())?;
     let ended = crate::guardian::run(station.name(), &run);
     let verdict = match (&beside, ended) {
         (Some(again), Ok(0)) => compare(&args.file, again, whole.end_tick),
@@ -61,10 +66,23 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     Ok(if code == 0 && whole.missing.is_some() { 3 } else { code })
 }
 
-/// Reads the recording once, from its beginning to its end.
-fn look_through(path: &Path) -> Result<Whole, Refusal> {
-    let refuse = |what: &str| Refusal::input(format!("recording {}: {what}", path.display()));
-    let mut reader = super::report::open(path)?;
+/// The states that the newest checkpoint up to a tick is of, and its tick; 0 where there is none with a tissue.
+fn states_before(path: &Path, from_tick: u64) -> Result<(u64, Vec<Checkpoint>), Refusal> {
+    if from_tick == 0 {
+        return Ok((0, Vec::new()));
+    }
+    let states = checkpoints(path, from_tick).map_err(|error| Refusal::input(error.to_string()))?;
+    let tissue = states.iter().find(|state| state.role == Role::Tissue).map(|state| state.tick);
+    Ok(tissue.map_or((0, Vec::new()), |tick| (tick, states)))
+}
+
+/// Reads the recording once, from the tick at which the replay begins to its end.
+fn look_through(args: &ReplayArgs, begin_tick: u64) -> Result<Whole, Refusal> {
+    let refuse = |what: &str| refuse(args, what);
+    let mut reader = super::report::open(&args.file)?;
+    if begin_tick > 0 {
+        reader.skip_to(begin_tick).map_err(|error| Refusal::input(error.to_string()))?;
+    }
     let session = reader.session().clone();
     let (mut last_tick, mut whole_tick, mut first_lost, mut has_steps) = (None, 0, None, false);
     let ended = loop {
@@ -101,26 +119,45 @@ fn look_through(path: &Path) -> Result<Whole, Refusal> {
     Ok(Whole { session, end_tick, missing, cut_at })
 }
 
+fn refuse(args: &ReplayArgs, what: &str) -> Refusal {
+    Refusal::input(format!("recording {}: {what}", args.file.display()))
+}
+
+/// A fact of the recording's session.
+fn fact<'a>(args: &ReplayArgs, whole: &'a Whole, name: &str) -> Result<&'a str, Refusal> {
+    whole.session.get(name).map(String::as_str).ok_or_else(|| refuse(args, &format!("does not say its {name}")))
+}
+
+/// The settings of the station that was recorded.
+fn settings(args: &ReplayArgs, whole: &Whole) -> Result<Settings, Refusal> {
+    toml::from_str(fact(args, whole, "settings")?).map_err(|error| refuse(args, &format!("has settings that are none: {error}")))
+}
+
+/// What is done again, from the beginning.
+fn again(args: &ReplayArgs, whole: &Whole, replay: Replay) -> Result<Again, Refusal> {
+    let scene_hash = u64::from_str_radix(fact(args, whole, "scene_hash")?, 16);
+    let scene_hash = scene_hash.map_err(|_| refuse(args, "names no scene"))?;
+    let file = settings(args, whole)?.case;
+    let case = whole.session.get("case_text").map(|text| RecordedCase { text: text.clone(), file });
+    Ok(Again { replay, scene_hash, case, states: Vec::new(), end_tick: whole.end_tick })
+}
+
 /// The run that does the recording again.
-fn run_args(args: &ReplayArgs, whole: &Whole, replay: Replay, record: Option<&Path>) -> Result<RunArgs, Refusal> {
-    let refuse = |what: String| Refusal::input(format!("recording {}: {what}", args.file.display()));
-    let fact = |name: &str| whole.session.get(name).ok_or_else(|| refuse(format!("does not say its {name}")));
-    let scene_hash = u64::from_str_radix(fact("scene_hash")?, 16).map_err(|_| refuse("names no scene".into()))?;
-    let settings: Settings =
-        toml::from_str(fact("settings")?).map_err(|error| refuse(format!("has settings that are none: {error}")))?;
+fn run_args(args: &ReplayArgs, whole: &Whole, again: Again, record: Option<&Path>) -> Result<RunArgs, Refusal> {
+    let settings = settings(args, whole)?;
     let recorded = settings.set.get("isa").map(|isa| format!("isa={isa}"));
     let quiet = [("console", "off")].map(|(key, value)| format!("{key}={value}"));
     let set = recorded.into_iter().chain(quiet.into_iter().filter(|_| args.verify)).chain(args.station.set.iter().cloned());
     let roles = ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "recorder"].map(String::from).to_vec();
-    let case = whole.session.get("case_text").map(|text| RecordedCase { text: text.clone(), file: settings.case.clone() });
     Ok(RunArgs {
-        scene: args.scene.clone().or(settings.scene.filter(|_| case.is_none())),
+        scene: args.scene.clone().or(settings.scene.filter(|_| again.case.is_none())),
         hand: Some(format!("replay:{}", args.file.display())),
         record: record.map(PathBuf::from),
+        report: args.report.clone(),
         lockstep: true,
         roles: args.verify.then_some(roles),
         quiet: args.verify,
-        again: Some(Again { replay, scene_hash, case, end_tick: whole.end_tick }),
+        again: Some(again),
         station: StationArgs {
             headless: args.station.headless || args.verify,
             workers: Some(args.station.workers.unwrap_or(settings.workers)),

@@ -3,6 +3,7 @@
 use super::needed_bytes;
 use super::order::Order;
 use crate::case::RunCase;
+use crate::cli::Again;
 use crate::commands::check::Admitted;
 use crate::name;
 use crate::plan::Plan;
@@ -10,7 +11,7 @@ use crate::remains;
 use crate::settings::Refusal;
 use crate::supervise::register;
 use hyst_engine::Settings;
-use hyst_exchange::{OwnedPage, Station, StationError, system};
+use hyst_exchange::{OwnedPage, Station, StationError, checkpoint, system};
 use hyst_messages::Role;
 use hyst_messages::page::station as layout;
 use std::os::unix::net::UnixListener;
@@ -66,8 +67,8 @@ pub struct Wanted<'a> {
     pub plan: &'a Plan,
     /// Its case, if it runs one.
     pub case: Option<&'a RunCase>,
-    /// Hash of the scene that a replay is of.
-    pub recorded_scene: Option<u64>,
+    /// What a replay is of.
+    pub again: Option<&'a Again>,
 }
 
 /// Founds the station, or takes over the one of this name that lives, if it was started with the same settings.
@@ -86,7 +87,7 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
         station.wipe();
     }
     let admitted = crate::commands::check::admit(wanted.settings, wanted.plan, wanted.case)?;
-    if let Some(hash) = wanted.recorded_scene.filter(|hash| *hash != admitted.hash) {
+    if let Some(hash) = wanted.again.map(|again| again.scene_hash).filter(|hash| *hash != admitted.hash) {
         let (was, is) = (format!("{hash:016x}"), format!("{:016x}", admitted.hash));
         return Err(Refusal::input(format!(
             "the recording is of another scene ({was}, this one is {is}); give the one that was recorded with --scene"
@@ -169,5 +170,18 @@ fn make(station: &Station, wanted: &Wanted<'_>) -> Result<OwnedPage, Refusal> {
         .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
     wanted.plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
     wanted.case.map_or(Ok(()), |case| case.keep(station))?;
-    station.open_for_keeping().map_err(input)
+    let page = station.open_for_keeping().map_err(input)?;
+    wanted.again.map_or(Ok(()), |again| begin_later(station, &page, again))?;
+    Ok(page)
+}
+
+/// Lays down what a replay begins with that does not begin at the beginning, and sets its clock.
+fn begin_later(station: &Station, page: &OwnedPage, again: &Again) -> Result<(), Refusal> {
+    for state in &again.states {
+        checkpoint::lay_first(station, state.role, &state.state)
+            .map_err(|e| Refusal::input(format!("a state of the {}: {e}; look at `df /dev/shm`", state.role.name())))?;
+    }
+    page.store64(layout::ENDED_TICK, again.replay.begin_tick);
+    page.store64(layout::BEGUN_TICK, again.replay.begin_tick);
+    Ok(())
 }

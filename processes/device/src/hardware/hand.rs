@@ -81,10 +81,10 @@ fn leg(leg: &HandLeg) -> Leg {
     Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons, is_rinsing: leg.is_rinsing }
 }
 
-fn will(scene: &LoadedScene, hand: &str) -> Result<Will, Failure> {
+fn will(scene: &LoadedScene, hand: &str, begin_tick: u64) -> Result<Will, Failure> {
     let names = || scene.hands.iter().map(|hand| hand.name.as_str()).collect::<Vec<_>>().join(", ");
     if let Some(file) = hand.strip_prefix("replay:") {
-        return Ok(Will::Score(Score::open(Path::new(file))?));
+        return Ok(Will::Score(Score::open(Path::new(file), begin_tick)?));
     }
     let (word, place) = hand.split_once(':').map_or((hand, None), |(word, place)| (word, Some(place)));
     if let Some(make) = Make::from_name(word) {
@@ -117,7 +117,7 @@ impl Hand {
         let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
         life.admit_scene(scene.hash)?;
-        let mut hand = Hand::in_scene(&scene, &life.settings.hand)?;
+        let mut hand = Hand::in_scene(&scene, &life.settings.hand, life.settings.replay.map_or(0, |replay| replay.begin_tick))?;
         if let Will::Score(score) = &mut hand.will {
             score.waits = life.is_lockstep();
         }
@@ -125,8 +125,8 @@ impl Hand {
         Ok(hand)
     }
 
-    /// A hand by its name, as the settings give it, in a scene.
-    fn in_scene(scene: &LoadedScene, name: &str) -> Result<Hand, Failure> {
+    /// A hand by its name, as the settings give it, in a scene; that of a recording goes on after a tick of it.
+    fn in_scene(scene: &LoadedScene, name: &str, begin_tick: u64) -> Result<Hand, Failure> {
         let space = &scene.workspace;
         let tilt_rad = space.pitch_rad.iter().chain(&space.yaw_rad).fold(0.0f32, |most, angle| most.max(angle.abs()));
         let model = HandModel {
@@ -139,7 +139,7 @@ impl Hand {
             },
             ..HandModel::default()
         };
-        let will = will(scene, name)?;
+        let will = will(scene, name, begin_tick)?;
         let rest = match &will {
             Will::Way(hand) => pose4(hand.way.first().unwrap_or(&scene.rest)),
             Will::Legs(legs) => legs.last().map_or(pose4(&scene.rest), |leg| leg.to),
@@ -302,7 +302,7 @@ mod tests {
         let pressing = LoadedHand { legs: Vec::new(), ..found.clone() };
         let scenes = [scene.clone(), LoadedScene { hands: vec![pressing], ..scene }];
         for (what, scene) in ["legs", "script"].into_iter().zip(scenes) {
-            let mut hand = Hand::in_scene(&scene, "script:polyp").unwrap();
+            let mut hand = Hand::in_scene(&scene, "script:polyp", 0).unwrap();
             let reach_m = scene.rigid[0].electrode.as_ref().unwrap().reach_m;
             let all = controls(&mut hand, 25_000, None);
             let cutting: Vec<_> = all.iter().filter(|controls| controls.buttons & BUTTON_ENERGIZED != 0).collect();
@@ -320,7 +320,7 @@ mod tests {
         let mut scene = hyst_scene::load_embedded().unwrap();
         let mut valves = |changes: Vec<PumpChange>| {
             scene.fluid.changes = changes;
-            let all = controls(&mut Hand::in_scene(&scene, "script:polyp").unwrap(), 12_000, None);
+            let all = controls(&mut Hand::in_scene(&scene, "script:polyp", 0).unwrap(), 12_000, None);
             let cut = all.iter().position(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap();
             let [before, after] =
                 [&all[..cut], &all[cut..]].map(|part| part.iter().map(|controls| controls.outflow_valve).fold(0.0, f32::max));
@@ -335,7 +335,7 @@ mod tests {
     #[test]
     fn the_loop_goes_out_and_in_as_fast_as_a_thumb_and_no_farther_than_it_reaches() {
         let scene = hyst_scene::load_embedded().unwrap();
-        let mut hand = Hand::in_scene(&scene, "mouse").unwrap();
+        let mut hand = Hand::in_scene(&scene, "mouse", 0).unwrap();
         let pressed = |buttons: u32| PointerRecord {
             sequence: 1,
             controls: Controls { buttons, ..Controls::default() },
@@ -356,7 +356,7 @@ mod tests {
     #[test]
     fn the_camera_head_turns_on_the_scope_and_stays_where_it_was_left() {
         let scene = hyst_scene::load_embedded().unwrap();
-        let mut hand = Hand::in_scene(&scene, "mouse").unwrap();
+        let mut hand = Hand::in_scene(&scene, "mouse", 0).unwrap();
         let turned = PointerRecord { sequence: 1, target: [0.0, 0.0, 0.2, 0.04, 0.3], ..PointerRecord::default() };
         let mut before_rad = 0.0;
         for tick in 0..300 {
@@ -379,7 +379,7 @@ mod tests {
         let period_ticks = (found.period_s * 1e3) as u64 + 1_000;
         scene.hands.push(LoadedHand { name: "once".into(), is_once: true, changes, ..found });
         let all = ["once", "polyp"].map(|name| {
-            let mut hand = Hand::in_scene(&scene, &format!("script:{name}")).unwrap();
+            let mut hand = Hand::in_scene(&scene, &format!("script:{name}"), 0).unwrap();
             controls(&mut hand, 2 * period_ticks, None)
         });
         let last_cut =
@@ -394,7 +394,7 @@ mod tests {
     fn an_instrument_without_a_loop_extends_none() {
         let mut scene = hyst_scene::load_embedded().unwrap();
         scene.rigid[0].electrode = None;
-        let mut hand = Hand::in_scene(&scene, "script:polyp").unwrap();
+        let mut hand = Hand::in_scene(&scene, "script:polyp", 0).unwrap();
         assert!(controls(&mut hand, 8_000, None).iter().all(|controls| controls.loop_extension_m == 0.0));
     }
 }

@@ -21,12 +21,16 @@ pub struct Score {
 }
 
 impl Score {
-    /// Opens a recording and begins to read.
-    pub fn open(path: &Path) -> Result<Score, Failure> {
+    /// Opens a recording and begins to read, from the tick after `begin_tick` on.
+    pub fn open(path: &Path, begin_tick: u64) -> Result<Score, Failure> {
         let input = |error: hyst_recording::ReadError| Failure::Input(error.to_string());
         let mut playback = Playback::open(path).map_err(input)?;
+        if begin_tick > 0 {
+            playback.skip_to(begin_tick + 1).map_err(input)?;
+        }
         let first_tick = playback.first_tick().map_err(input)?;
         let first_tick = first_tick.ok_or_else(|| Failure::Input(format!("recording {}: holds no tick", path.display())))?;
+        let first_tick = if begin_tick > 0 { first_tick.max(begin_tick + 1) } else { first_tick };
         let first = playback.at(first_tick).map_err(input)?.and_then(|moment| moment.applied);
         let sample = first.map(|applied| applied.sample).unwrap_or_default();
         let (to, moments) = sync_channel(AHEAD);

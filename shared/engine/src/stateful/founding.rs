@@ -87,17 +87,18 @@ impl<S: Stateful> Loop<'_, S> {
         if ground_tick < u64::MAX {
             checkpoint::discard_after(&self.life.station, self.role, bytes, ground_tick);
         }
+        let kept = kept.map(|kept| (kept.tick, kept.words)).or_else(|| self.first_of_replay());
         if damaged > 0 {
             self.life.say(&format!("{damaged} checkpoints are damaged and are not used"));
         }
         // No earlier than anything that is out in the name of the role.
         let tick = self.life.tick() + if tenure.epoch > 1 { self.engine.step_ticks() } else { 0 };
-        let kept_bytes = kept.as_ref().map_or(bytes, |kept| 8 * kept.words.len());
+        let kept_bytes = kept.as_ref().map_or(bytes, |(_, words)| 8 * words.len());
         let mut loan = self.publisher.loan(kept_bytes)?;
         match kept {
-            Some(kept) => {
-                loan.bytes_mut().copy_from_slice(hyst_messages::stream::bytes_of_words(&kept.words));
-                self.life.say(&format!("goes on from the checkpoint of tick {} in epoch {}", kept.tick, tenure.epoch));
+            Some((kept_tick, words)) => {
+                loan.bytes_mut().copy_from_slice(hyst_messages::stream::bytes_of_words(&words));
+                self.life.say(&format!("goes on from the checkpoint of tick {kept_tick} in epoch {}", tenure.epoch));
             }
             None => {
                 let header = StreamHeader { tick, ..Default::default() };
@@ -114,5 +115,14 @@ impl<S: Stateful> Loop<'_, S> {
         });
         loan.send()?;
         Ok(true)
+    }
+
+    /// The state, and its tick, that a replay begins with which does not begin at the beginning.
+    fn first_of_replay(&self) -> Option<(u64, Vec<u64>)> {
+        let begin_tick = self.life.settings.replay?.begin_tick;
+        let words = checkpoint::first(&self.life.station, self.role).filter(|_| begin_tick > 0)?;
+        let bytes = hyst_messages::stream::bytes_of_words(&words);
+        let tick = Message::parse(bytes, self.engine.kind()).ok()?.header().tick;
+        self.engine.accepts(bytes).then_some((tick, words))
     }
 }

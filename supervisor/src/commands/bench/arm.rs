@@ -48,6 +48,8 @@ pub struct Arm {
     pub workers: usize,
     /// A role that is left out.
     pub without: Option<Role>,
+    /// Where the session is recorded; of each round anew.
+    pub record: Option<PathBuf>,
     /// One for each round.
     pub windows: Vec<Window>,
     /// Exit codes other than 0.
@@ -57,7 +59,11 @@ pub struct Arm {
 impl Arm {
     /// An arm that has not run yet.
     pub fn new(kind: Kind, workers: usize) -> Arm {
-        Arm { kind, workers, without: None, windows: Vec::new(), failures: Vec::new() }
+        Arm { kind, workers, without: None, record: None, windows: Vec::new(), failures: Vec::new() }
+    }
+    /// The same with a recording.
+    pub fn recording(self, path: PathBuf) -> Arm {
+        Arm { record: Some(path), ..self }
     }
     /// The same without a role.
     pub fn without(self, role: Role) -> Arm {
@@ -109,6 +115,10 @@ impl Arm {
             }
         };
         command.args(["--for", &bound, "--workers", &self.workers.to_string()]);
+        if let Some(path) = &self.record {
+            let _ = std::fs::remove_file(path); // that of the round before
+            command.arg("--record").arg(path);
+        }
         if self.without.is_some() {
             let mut roles: Vec<&str> = self.slots().iter().map(|slot| slot.role().name()).collect();
             roles.dedup();

@@ -21,6 +21,15 @@ pub struct Line {
     pub text: String,
 }
 
+impl Line {
+    /// The station tick that it names, and what happened then; `None` of a line that is none of the supervisor's.
+    pub fn parts(&self) -> Option<(u64, &str)> {
+        let (seconds, words) = self.text.split_once(" s  ")?;
+        let tick = seconds.trim().parse::<f64>().ok()? * 1e3;
+        Some((tick.round() as u64, words))
+    }
+}
+
 /// The file, and how far it was read.
 #[derive(Debug)]
 pub struct Journal {
@@ -91,6 +100,14 @@ impl Journal {
 mod tests {
     use super::*;
     use std::io::Write;
+
+    #[test]
+    fn a_line_says_its_tick_and_its_words() {
+        let parts = |text: &str| Line { id: 1, text: text.into() }.parts().map(|(tick, words)| (tick, words.to_string()));
+        assert_eq!(parts("6.539 s  device hangs"), Some((6_539, "device hangs".into())));
+        assert_eq!(parts("70000.001 s  a  s  b"), Some((70_000_001, "a  s  b".into())));
+        assert_eq!((parts("x s  y"), parts("6.539 device"), parts("")), (None, None, None));
+    }
 
     #[test]
     fn whole_lines_are_told_once_and_named_alike_by_every_reader() {

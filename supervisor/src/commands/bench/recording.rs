@@ -1,0 +1,266 @@
+//! `bench recording`: what a recording costs the Main Loop, how fast it grows, how fast one of an hour is reported and sought in, and how fast the virtual clock
+//! does one again. The Main Loop is measured as in `bench flow`: the default station with a recording and without, in turns, the median of the pairs. The hour
+//! is the session of those turns, again and again, so that each tick is a real one.
+
+use super::arm::{Arm, Kind};
+use super::targets::{Target, median, ratios, step_us};
+use super::{beside, not_started};
+use crate::settings::Refusal;
+use hyst_exchange::machine;
+use hyst_messages::Role;
+use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// Pairs of windows: a median of seven forgets three that the host disturbed.
+const ROUNDS: usize = 7;
+/// The Main Loop's step with a recording over that without.
+const MOST_RATIO: f64 = 1.01;
+/// Bytes of the file for each second of the session.
+const MOST_MB_S: f64 = 1.0;
+/// The long recording, and how long its report and its search may take, s.
+const HOUR_TICKS: u64 = 3_600_000;
+const MOST_REPORT_S: f64 = 10.0;
+const MOST_SEEK_S: f64 = 1.0;
+/// Where in it a tick is sought.
+const SOUGHT_TICK: u64 = 3_000_000;
+/// Recorded time over the time that the virtual clock takes to do it again.
+const LEAST_AGAIN: f64 = 1.0;
+/// Length of the session that is done again, s.
+const AGAIN_S: u64 = 10;
+
+/// Measures, prints, and says whether every target is held.
+pub fn recording(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
+    let folder = Folder::new()?;
+    let session = folder.file("session.mcap");
+    let arms = take_turns(mesh, &session)?;
+    let (mut rows, mut targets) = (Vec::new(), Vec::new());
+    for (row, target) in [beside_the_main_loop(&arms), size(&session)?] {
+        rows.push(row);
+        targets.push(target);
+    }
+    let hour = folder.file("hour.mcap");
+    repeat(&session, &hour)?;
+    for (row, target) in [reported(&hour, &folder)?, sought(&hour)?, again(mesh, &folder)?] {
+        rows.push(row);
+        targets.push(target);
+    }
+    let machine = machine::describe();
+    if json {
+        rows.extend(targets.iter().map(Target::json));
+        println!("{:#}", json!({ "machine": machine, "rows": rows }));
+    } else {
+        println!("{machine}");
+        rows.iter().for_each(|row| println!("{row}"));
+        targets.iter().for_each(|target| println!("{target}"));
+    }
+    Ok(u8::from(targets.iter().any(|target| target.held != Some(true))))
+}
+
+/// A folder of temporary files, removed when dropped.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Result<Folder, Refusal> {
+        let folder = std::env::temp_dir().join(format!("hystation-bench-recording-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
+        Ok(Folder(folder))
+    }
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0); // of temporary files
+    }
+}
+
+fn failed(error: &dyn std::fmt::Display) -> Refusal {
+    Refusal::failed(format!("bench recording: {error}"))
+}
+
+fn take_turns(mesh: Option<&Path>, session: &Path) -> Result<[Arm; 2], Refusal> {
+    let arm = || Arm::new(Kind::Processes, 2);
+    let mut arms = [arm().recording(session.to_path_buf()), arm()];
+    for round in 0..ROUNDS {
+        for turn in 0..arms.len() {
+            arms[(round + turn) % 2].run(mesh)?;
+        }
+    }
+    Ok(arms)
+}
+
+fn beside_the_main_loop([with, without]: &[Arm; 2]) -> (Value, Target) {
+    let steps = |arm: &Arm| arm.windows.iter().map(step_us).collect::<Vec<_>>();
+    let pairs = ratios(with, without);
+    let row = json!({
+        "arm": "station",
+        "name": "Main Loop beside the recorder",
+        "main_loop_us": { "with": steps(with), "without": steps(without) },
+        "ratios": pairs,
+        "failures": [&with.failures, &without.failures],
+    });
+    let is_sound = [with, without].iter().all(|arm| arm.failures.is_empty());
+    let name = "Main Loop's median step, with a recording over without".into();
+    (row, Target::new(name, median(pairs).filter(|_| is_sound), MOST_RATIO, false).required())
+}
+
+fn length_of(path: &Path) -> Result<u64, Refusal> {
+    Ok(std::fs::metadata(path).map_err(|e| failed(&e))?.len())
+}
+
+/// All blocks of a recording, and its session.
+fn blocks(path: &Path) -> Result<(Session, Vec<Block>), Refusal> {
+    let mut reader = Reader::open(path).map_err(|e| failed(&e))?;
+    let mut blocks = Vec::new();
+    while let Some(block) = reader.next_block().map_err(|e| failed(&e))? {
+        blocks.push(block);
+    }
+    Ok((reader.session().clone(), blocks))
+}
+
+fn size(session: &Path) -> Result<(Value, Target), Refusal> {
+    let bytes = length_of(session)?;
+    let ticks: usize = blocks(session)?.1.iter().map(|block| block.applied.len()).sum();
+    let mb_s = (ticks > 0).then(|| bytes as f64 * 1e-6 / (ticks as f64 * 1e-3));
+    let row = json!({ "arm": "file", "name": "size", "bytes": bytes, "ticks": ticks, "mb_s": mb_s });
+    Ok((row, Target::new("MB of a recording for each second of its session".into(), mb_s, MOST_MB_S, false).required()))
+}
+
+/// Writes the session again and again, each time with the ticks after those before, until the recording has an hour.
+fn repeat(session: &Path, hour: &Path) -> Result<(), Refusal> {
+    let (facts, blocks) = blocks(session)?;
+    let ticks = || blocks.iter().flat_map(|block| &block.applied).map(|record| record.tick);
+    let (first, last) = ticks().next().zip(ticks().next_back()).ok_or_else(|| failed(&"the station recorded no tick"))?;
+    let length = last + 1 - first;
+    let mut writer = Writer::open(hour, &facts).map_err(|e| failed(&e))?;
+    for round in 0..HOUR_TICKS.div_ceil(length) {
+        for block in &blocks {
+            let mut block = block.clone();
+            shift(&mut block, |tick| (tick + round * length + 1).saturating_sub(first));
+            writer.append(&block).map_err(|e| failed(&e))?;
+        }
+    }
+    writer.finish().map_err(|e| failed(&e))?;
+    Ok(())
+}
+
+/// Moves all ticks of a block.
+fn shift(block: &mut Block, to: impl Fn(u64) -> u64) {
+    for record in &mut block.applied {
+        for tick in [
+            &mut record.tick,
+            &mut record.command.tick,
+            &mut record.command.force_tick,
+            &mut record.sample.hardware_tick,
+            &mut record.model_tick,
+            &mut record.medium_tick,
+        ] {
+            *tick = to(*tick);
+        }
+    }
+    for step in &mut block.steps {
+        (step.tick, step.input_tick, step.from_tick) = (to(step.tick), to(step.input_tick), to(step.from_tick));
+    }
+    block.tissue.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
+    block.fluid.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
+    block.events.iter_mut().for_each(|event| event.tick = to(event.tick));
+    block.checkpoints.iter_mut().for_each(|kept| kept.tick = to(kept.tick));
+}
+
+/// Runs this program with these words; the time that it took, s, if it gave one of these codes.
+fn timed(command: &mut Command, codes: &[i32]) -> Result<f64, Refusal> {
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let begun = Instant::now();
+    let output = command.output().map_err(|e| not_started(Path::new(command.get_program()), &e))?;
+    let time_s = begun.elapsed().as_secs_f64();
+    if output.status.code().is_none_or(|code| !codes.contains(&code)) {
+        let said = String::from_utf8_lossy(&output.stderr);
+        return Err(failed(&format!("{:?} gave {}: {}", command.get_args().next(), output.status, said.trim())));
+    }
+    Ok(time_s)
+}
+
+fn reported(hour: &Path, folder: &Folder) -> Result<(Value, Target), Refusal> {
+    let mut command = Command::new(beside("hystation")?);
+    command.arg("report").arg(hour).arg("--html").arg(folder.file("hour.html"));
+    // 3: each repetition is a jump of the hand, and of what was counted.
+    let time_s = timed(&mut command, &[0, 3])?;
+    let row = json!({ "arm": "file", "name": "report", "ticks": HOUR_TICKS, "bytes": length_of(hour)?, "time_s": time_s });
+    Ok((row, Target::new("Report of a recording of an hour, as a page, s".into(), Some(time_s), MOST_REPORT_S, false)))
+}
+
+/// What a replay does before it starts engines: the states before a time, and the ticks from there on.
+fn sought(hour: &Path) -> Result<(Value, Target), Refusal> {
+    let begun = Instant::now();
+    let states = checkpoints(hour, SOUGHT_TICK).map_err(|e| failed(&e))?;
+    let begin_tick = states.iter().find(|state| state.role == Role::Tissue).map_or(0, |state| state.tick);
+    let mut playback = Playback::open(hour).map_err(|e| failed(&e))?;
+    playback.skip_to(begin_tick).map_err(|e| failed(&e))?;
+    let moment = playback.at(SOUGHT_TICK).map_err(|e| failed(&e))?;
+    let time_s = begun.elapsed().as_secs_f64();
+    let is_found = begin_tick > 0 && moment.is_some_and(|moment| moment.applied.is_some());
+    let row = json!({ "arm": "file", "name": "seek", "tick": SOUGHT_TICK, "begin_tick": begin_tick, "time_s": time_s });
+    let name = "A time found in a recording of an hour, with the states before it, s".into();
+    Ok((row, Target::new(name, Some(time_s).filter(|_| is_found), MOST_SEEK_S, false).required()))
+}
+
+/// A session on the virtual clock, and the same done again and compared.
+fn again(mesh: Option<&Path>, folder: &Folder) -> Result<(Value, Target), Refusal> {
+    let file = folder.file("again.mcap");
+    let own = beside("hystation")?;
+    let name = format!("bench-{}-a", std::process::id());
+    let mut record = Command::new(&own);
+    record.args(["--name", &name, "run", "--headless", "--quiet", "--lockstep", "--for", &format!("{AGAIN_S}s")]).args(mesh);
+    record.arg("--record").arg(&file);
+    timed(&mut record, &[0])?;
+    let mut verify = Command::new(&own);
+    verify.args(["--name", &name, "replay", "--verify"]).arg(&file);
+    let time_s = timed(&mut verify, &[0])?;
+    let ratio = AGAIN_S as f64 / time_s;
+    let row = json!({ "arm": "station", "name": "replay", "session_s": AGAIN_S, "time_s": time_s, "ratio": ratio });
+    Ok((
+        row,
+        Target::new(
+            "Recorded time over that of its replay, start and comparison included".into(),
+            Some(ratio),
+            LEAST_AGAIN,
+            true,
+        ),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::{AppliedRecord, StepRecord};
+
+    #[test]
+    fn a_session_that_is_repeated_has_each_tick_once_and_its_states_where_they_belong() {
+        let folder = Folder::new().unwrap();
+        let [short, long] = ["short.mcap", "long.mcap"].map(|name| folder.file(name));
+        let block = |first: u64| Block {
+            applied: (first..first + 200)
+                .map(|tick| AppliedRecord { tick, model_tick: tick - 1, ..AppliedRecord::default() })
+                .collect(),
+            steps: vec![StepRecord { tick: first, from_tick: first - 1, ..StepRecord::default() }],
+            checkpoints: vec![hyst_recording::Checkpoint { role: Role::Tissue, tick: first, state: vec![7; 16] }],
+            ..Block::default()
+        };
+        let facts = Session::from([("session".into(), "bench".into())]);
+        let mut writer = Writer::open(&short, &facts).unwrap();
+        // So long that an hour is three of them.
+        (0..6_000).for_each(|part| writer.append(&block(500 + 200 * part)).unwrap());
+        writer.finish().unwrap();
+        repeat(&short, &long).unwrap();
+        let mut continuity = hyst_recording::Continuity::default();
+        Reader::open(&long).unwrap().each_block(2, |block| continuity.follow(&block)).unwrap();
+        assert_eq!((continuity.ticks, continuity.repeated, continuity.missing()), (HOUR_TICKS, 0, 0));
+        let (row, target) = sought(&long).unwrap();
+        assert_eq!((row["begin_tick"].as_u64(), target.value.is_some()), (Some(SOUGHT_TICK - 199), true), "{row}");
+    }
+}
