@@ -89,6 +89,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "ledger_lost": faults.ledger.lost,
         "force_trace_hash": hash(total(faults, Total::TraceHash)),
         "state_hash": hash(status.state_hash),
+        "fluid_state_hash": hash(status.fluid_hash),
         "fluid_deficit_ml": status.deficit_ml,
         "fluid_bled_ml": status.bled_ml,
         "removed_volume_ml": status.removed_volume_ml,
@@ -285,6 +286,7 @@ pub fn has_lost(report: &Value) -> bool {
 #[derive(Clone, Copy, Debug, Default)]
 struct Statuses {
     state_hash: u64,
+    fluid_hash: u64,
     removed_volume_ml: f64,
     cuts: u32,
     washed_out: u32,
@@ -314,6 +316,7 @@ impl Statuses {
             if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
                 fluid_key = (status.epoch, status.state_tick);
                 (found.deficit_ml, found.bled_ml) = (status.deficit_ml, status.bled_ml);
+                found.fluid_hash = status.state_hash;
             }
         }
         let status = viewer.slot_page(Slot::first(Role::Rendering)).and_then(|page| page.cell(rendering::STATUS));

@@ -3,7 +3,7 @@
 use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
 use hyst_messages::page::{fluid, header, station as layout, tissue};
-use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, percentile_ns};
+use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, counted_since, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -79,11 +79,6 @@ struct Before {
     at_ns: u64,
     /// Of its wake-ups and its loops.
     histograms: [Histogram; 2],
-}
-
-/// What was counted since a histogram was looked at; a page that was damaged meanwhile has counted nothing.
-fn counted_since(now: &Histogram, before: &Histogram) -> Histogram {
-    std::array::from_fn(|bucket| now[bucket].saturating_sub(before[bucket]))
 }
 
 /// 99th percentile, µs; `None` if nothing was counted.

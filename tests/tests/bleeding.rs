@@ -63,7 +63,7 @@ fn a_cut_bleeds_below_the_pressure_of_its_vessels_and_a_kill_loses_none_of_it() 
     let kills: String = targets.iter().cycle().take(12).enumerate().map(fault).collect();
     let hurt = resection("hurt", [12_000.0, WIDE], "", &kills);
     assert_eq!(hurt["faults"].as_array().unwrap().len(), 12);
-    for key in ["cuts", "state_hash", "force_trace_hash", "fluid_deficit_ml", "fluid_bled_ml"] {
+    for key in ["cuts", "state_hash", "force_trace_hash", "fluid_state_hash", "fluid_deficit_ml", "fluid_bled_ml"] {
         assert_eq!(bled[key], hurt[key], "{key}");
     }
 }

@@ -74,7 +74,7 @@ fn kills_in_the_middle_of_a_cut_leave_no_trace() {
     let all: String = targets.iter().cycle().take(36).enumerate().map(fault).collect();
     let hurt = resection("hurt", &all);
     assert_eq!(hurt["faults"].as_array().unwrap().len(), 36);
-    for key in ["cuts", "removed_volume_ml", "state_hash", "force_trace_hash", "fluid_deficit_ml"] {
+    for key in ["cuts", "removed_volume_ml", "state_hash", "force_trace_hash", "fluid_state_hash", "fluid_deficit_ml"] {
         assert_eq!(quiet[key], hurt[key], "{key}");
     }
 }

@@ -71,6 +71,33 @@ fn a_disk_that_is_full_for_two_seconds_costs_the_recording_nothing() {
     assert!(log > 8_000, "{log} ticks");
 }
 
+/// A disk that lets nobody write for longer than the device's ring lasts: the file system is frozen, as a snapshot or a sleeping drive does it.
+#[test]
+fn a_disk_that_stands_still_for_six_seconds_costs_the_recording_nothing() {
+    let folder = Folder::new("diskfrozen");
+    let [image, disk] = ["disk.img", "disk"].map(|name| folder.path(name));
+    std::fs::create_dir(&disk).expect("a folder to mount on");
+    let mount = format!("truncate -s 128M {image} && mkfs.ext4 -q {image} && mount -o loop {image} {disk}");
+    let freeze = format!("{mount} && fsfreeze -f {disk} && fsfreeze -u {disk}");
+    let (code, _, said) = run(Command::new("unshare").args(["-m", "sh", "-c", &freeze]));
+    if code != Some(0) {
+        return not_shown(&format!("a disk that stands still: no file system can be mounted and frozen here ({})", said.trim()));
+    }
+    let stands = format!("{mount} && {{ (sleep 6; fsfreeze -f {disk} && echo it stands >&2; sleep 6; fsfreeze -u {disk}) & }}");
+    let fault = "[[fault]]\nkind = \"kill\"\ntarget = \"console\"\ntick = 3000\n";
+    let Some((report, said)) = run_on_small("diskfrozen", &folder, &stands, &format!("{disk}/session.mcap"), fault) else {
+        return;
+    };
+    assert!(said.contains("it stands"), "{said}");
+    assert_eq!((&report["invalid_applied"], &report["stale_applied"]), (&0.into(), &0.into()), "{said}");
+    let faults = report["faults"].as_array().expect("faults");
+    assert!(faults.iter().all(|fault| fault["target"] != "recorder"), "it was waited for, not ended: {said}");
+    let recording = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");
+    let continuity = hyst_recording::Continuity::of(&recording.content);
+    assert_eq!((continuity.lost(), continuity.missing(), continuity.repeated), (0, 0, 0), "{said}");
+    assert!(recording.applied().len() > 15_000, "{} ticks", recording.applied().len());
+}
+
 /// What has no room then is not there for a while: a successor is started again until it is.
 #[test]
 fn a_shared_memory_that_is_full_for_two_seconds_applies_no_wrong_force_and_who_died_in_it_comes_back() {

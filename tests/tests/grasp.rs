@@ -36,7 +36,15 @@ fn a_piece_is_drawn_out_in_the_jaws_once_whoever_dies_while_they_hold_it() {
     assert_eq!((quiet["taken_out"].as_u64(), quiet["washed_out"].as_u64()), (Some(1), Some(0)), "{quiet}");
     assert!(ml("taken_out_ml") > 0.05 && (ml("taken_out_ml") - ml("removed_volume_ml")).abs() < 1e-6, "{quiet}");
     assert_eq!(hurt["faults"].as_array().unwrap().len(), 6);
-    for key in ["taken_out", "taken_out_ml", "removed_volume_ml", "state_hash", "force_trace_hash", "fluid_deficit_ml"] {
+    for key in [
+        "taken_out",
+        "taken_out_ml",
+        "removed_volume_ml",
+        "state_hash",
+        "force_trace_hash",
+        "fluid_state_hash",
+        "fluid_deficit_ml",
+    ] {
         assert_eq!(quiet[key], hurt[key], "{key}");
     }
 }

@@ -23,6 +23,7 @@ const LIMIT: Duration = Duration::from_secs(180);
 struct Trace {
     force: String,
     tissue: String,
+    fluid: String,
     deficit_ml: u64,
 }
 
@@ -54,7 +55,7 @@ fn report_of(name: &str, arguments: &[&str], supervisor_dies_at: Option<&str>) -
 fn trace(report: &Value) -> Trace {
     let word = |key: &str| report[key].as_str().expect("a hash").to_string();
     let deficit_ml = report["fluid_deficit_ml"].as_f64().expect("a deficit").to_bits();
-    Trace { force: word("force_trace_hash"), tissue: word("state_hash"), deficit_ml }
+    Trace { force: word("force_trace_hash"), tissue: word("state_hash"), fluid: word("fluid_state_hash"), deficit_ml }
 }
 
 /// The trace of a run without faults and with the default hand, made once for all tests.

@@ -60,8 +60,16 @@ fn a_chip_floats_to_the_outflow_and_leaves_once_whoever_dies_on_its_way() {
     assert_eq!(left, 1, "{quiet}");
     assert!(left_ml > 0.002 && left_ml <= removed_ml + 1e-6, "{left_ml} ml left, {removed_ml} ml were removed");
     assert_eq!(hurt["faults"].as_array().unwrap().len(), 8);
-    for key in ["washed_out", "washed_out_ml", "removed_volume_ml", "cuts", "state_hash", "force_trace_hash", "fluid_deficit_ml"]
-    {
+    for key in [
+        "washed_out",
+        "washed_out_ml",
+        "removed_volume_ml",
+        "cuts",
+        "state_hash",
+        "force_trace_hash",
+        "fluid_state_hash",
+        "fluid_deficit_ml",
+    ] {
         assert_eq!(quiet[key], hurt[key], "{key}");
     }
 }

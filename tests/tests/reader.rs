@@ -76,6 +76,8 @@ fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
         ("/tissue", ours.tissue.len()),
         ("/fluid", ours.fluid.len()),
         ("/events", ours.events.len()),
+        ("/checkpoints", ours.checkpoints.len()),
+        ("/processes", ours.processes.len()),
     ];
     for (topic, count) in counts {
         assert_eq!(topics[topic]["messages"], count, "{topic}");

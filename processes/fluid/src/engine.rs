@@ -12,7 +12,7 @@ use crate::crew::Crew;
 use crate::gas;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
-use crate::status::{Head, is_of, status_of};
+use crate::status::{Head, hash_of, is_of, status_of};
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
@@ -349,9 +349,11 @@ impl Stateful for FlowEngine<'_> {
         self.write(header, FluidStatus { state_tick: context.next_tick, ..status }, next)
     }
 
-    fn finished(&mut self, context: &StepContext, _state: &[u8]) {
+    fn finished(&mut self, context: &StepContext, state: &[u8]) {
         self.holds = Some((context.tenure.epoch, context.next_tick, self.life.incarnation));
-        let mut told = FluidStatus { epoch: context.tenure.epoch, incarnation: context.tenure.incarnation, ..self.status };
+        let state_hash = if self.life.is_lockstep() { hash_of(state) } else { 0 };
+        let (epoch, incarnation) = (context.tenure.epoch, context.tenure.incarnation);
+        let mut told = FluidStatus { epoch, incarnation, state_hash, ..self.status };
         self.lies.tell(self.life, &mut told);
         let page = &self.life.page;
         page.write(fluid::STATUS, &told);

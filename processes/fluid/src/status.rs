@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use hyst_flow::{Grid, PumpState, StepReport};
-use hyst_messages::{FluidStatus, PUMP_ALARMS, StreamHeader};
+use hyst_messages::{FLOW_FLAWS, FluidStatus, Kind, Message, PUMP_ALARMS, StreamHeader, fnv_words};
 
 /// First section of a fluid state.
 #[repr(C)]
@@ -30,6 +30,7 @@ impl Head {
 
 /// What the page says of a step.
 pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
+    let is_flawed = [report.neutralised > 0, report.wild > 0, report.slowed, report.unconverged];
     let alarms = &report.pump.alarms;
     let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
     FluidStatus {
@@ -39,9 +40,22 @@ pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
         pressure_pa: report.pump.pressure_pa as f32,
         inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
-        alarms: PUMP_ALARMS.iter().zip(is_on).map(|((bit, _), is_on)| if is_on { *bit } else { 0 }).sum(),
+        alarms: bits(&PUMP_ALARMS, &is_on),
+        flaws: bits(&FLOW_FLAWS, &is_flawed),
         ..FluidStatus::default()
     }
+}
+
+/// The bits that are set.
+fn bits(names: &[(u32, &str)], is_set: &[bool]) -> u32 {
+    names.iter().zip(is_set).map(|((bit, _), is_set)| if *is_set { *bit } else { 0 }).sum()
+}
+
+/// Hash of the solver's block in a state; 0 of what is no state.
+pub(crate) fn hash_of(state: &[u8]) -> u64 {
+    let message = Message::parse(state, Kind::FluidState);
+    let word = |chunk: &[u8]| chunk.iter().rev().fold(0, |word, byte| word << 8 | u64::from(*byte));
+    message.and_then(|message| message.section::<u8>(1)).map_or(0, |block| fnv_words(0, block.chunks(8).map(word)))
 }
 
 /// Whether a status is finite, and of the state that it stands in: one that stands still while its stamp goes on is not. A state that founds the

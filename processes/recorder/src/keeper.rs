@@ -1,6 +1,7 @@
-//! What waits to be written, and the file. While the disk is full or fails, the recorder says so, keeps a minute in memory, tries again, and
+//! What waits to be written, and the file. While the disk is full, fails or stands still, the recorder says so, keeps a minute in memory, tries again, and
 //! counts what it has to drop.
 
+use crate::scribe::{Scribe, Written};
 use hyst_engine::{Failure, Life};
 use hyst_exchange::system;
 use hyst_messages::RecorderStatus;
@@ -16,8 +17,9 @@ const RETRY_NS: u64 = 1_000_000_000;
 const WAIT_NS: u64 = 50_000_000;
 /// How long a recorder waits for its predecessor to let go of the file, ns: longer than the supervisor takes to kill one that hangs.
 const LOCK_PATIENCE_NS: u64 = 10_000_000_000;
-/// Ticks in one block.
-const BLOCK_TICKS: usize = 1_000;
+/// How long the disk may take at the end of a session, ns: a process that is told to stop has 2 s. And how often it may refuse.
+const CLOSE_NS: u64 = 1_200_000_000;
+const LAST_TRIES: usize = 2;
 /// Ticks that wait in memory: a minute, 13 MB.
 const MAX_TICKS: usize = 60_000;
 /// Statuses and events that wait in memory, of each kind.
@@ -27,7 +29,7 @@ const MAX_CHECKPOINTS: usize = 4;
 
 /// The file and its queue.
 pub struct Keeper {
-    writer: Writer,
+    scribe: Scribe,
     /// What waits.
     pub queue: Block,
     next_write_ns: u64,
@@ -42,7 +44,8 @@ impl Keeper {
         while !life.clock.stop_requested() {
             let error = match Writer::open(path, session) {
                 Ok(writer) => {
-                    return Ok(Some(Keeper { writer, queue: Block::default(), next_write_ns: 0, refused: false }));
+                    let scribe = Scribe::start(writer).map_err(|e| Failure::Broken(format!("a thread for the disk: {e}")))?;
+                    return Ok(Some(Keeper { scribe, queue: Block::default(), next_write_ns: 0, refused: false }));
                 }
                 Err(error) => error,
             };
@@ -68,81 +71,81 @@ impl Keeper {
 
     /// Newest tick on disk.
     pub fn last_tick(&self) -> Option<u64> {
-        self.writer.last_tick()
+        self.scribe.file.last_tick
     }
 
     /// Whether a predecessor began the file.
     pub fn is_continued(&self) -> bool {
-        self.writer.is_continued()
+        self.scribe.file.is_continued
     }
 
-    /// Writes what waits if it is time, or `now` at once; publishes how far the recording has come.
-    pub fn keep(&mut self, life: &Life, now: bool) -> Result<(), Failure> {
+    /// Gives what waits to the disk if it is time, and the disk has done with what it was given before; publishes how far the recording has come.
+    pub fn keep(&mut self, life: &Life) -> Result<(), Failure> {
+        while let Some(written) = self.scribe.written(0) {
+            self.take(life, written)?;
+        }
         let time_ns = system::now_ns();
-        if now || time_ns >= self.next_write_ns {
+        if time_ns >= self.next_write_ns && !self.scribe.is_busy() {
             self.next_write_ns = time_ns + INTERVAL_NS;
-            if let Err(error) = self.write() {
-                if matches!(error, WriteError::Encode(_)) {
-                    return Err(Failure::Broken(error.to_string()));
-                }
-                self.next_write_ns = time_ns + RETRY_NS;
-                if !std::mem::replace(&mut self.refused, true) {
-                    life.say(&error.to_string());
-                    life.page.last_words(&error.to_string());
-                }
-            } else {
-                life.page.store64(header::VALUE_NS, system::now_ns());
-                if std::mem::replace(&mut self.refused, false) {
-                    life.say("the recording goes on");
-                    life.page.last_words("");
-                }
-            }
+            self.scribe.write(std::mem::take(&mut self.queue));
         }
         drop_oldest(&mut self.queue);
         self.publish(life);
         Ok(())
     }
 
-    /// Closes the file; what still waits is lost, and said.
-    pub fn close(self, life: &Life) {
-        let left = self.queue.applied.len();
-        if left > 0 {
-            let lost = self.lost() + left as u64;
-            let bytes = self.writer.bytes();
-            let (last_tick, ticks) = (self.writer.last_tick().unwrap_or(0), self.writer.ticks());
-            life.page.write(layout::STATUS, &RecorderStatus { last_tick, ticks, lost, bytes });
-            life.say(&format!("{left} ticks could not be written and are lost"));
-        }
-        if let Err(error) = self.writer.finish() {
-            life.say(&format!("{error}; the recording has no summary, but is readable"));
-        }
-    }
-
-    fn write(&mut self) -> Result<(), WriteError> {
-        // Each turn takes a block of ticks off the queue, so it ends.
-        while !self.queue.is_empty() {
-            let rest = self.queue.applied.split_off(self.queue.applied.len().min(BLOCK_TICKS));
-            if let Err(error) = self.writer.append(&self.queue) {
-                self.queue.applied.extend(rest);
-                return Err(error);
+    /// What the disk says of what it was given; what it refused waits again.
+    fn take(&mut self, life: &Life, written: Written) -> Result<(), Failure> {
+        let Some((error, rest)) = written else {
+            life.page.store64(header::VALUE_NS, system::now_ns());
+            if std::mem::replace(&mut self.refused, false) {
+                life.say("the recording goes on");
+                life.page.last_words("");
             }
-            self.queue = Block { applied: rest, ..Block::default() };
+            return Ok(());
+        };
+        if matches!(error, WriteError::Encode(_)) {
+            return Err(Failure::Broken(error.to_string()));
+        }
+        self.queue.precede(rest);
+        self.next_write_ns = system::now_ns() + RETRY_NS;
+        if !std::mem::replace(&mut self.refused, true) {
+            life.say(&error.to_string());
+            life.page.last_words(&error.to_string());
         }
         Ok(())
     }
 
-    fn lost(&self) -> u64 {
-        self.writer.lost() + self.queue.lost.iter().map(TickRange::count).sum::<u64>()
+    /// Gives the rest to the disk and closes the file; what the disk does not take in time is lost, and said.
+    pub fn close(mut self, life: &Life) -> Result<(), Failure> {
+        let (end_ns, mut tries) = (system::now_ns() + CLOSE_NS, 0);
+        loop {
+            while self.scribe.is_busy()
+                && let Some(written) = self.scribe.written(end_ns)
+            {
+                self.take(life, written)?;
+            }
+            if self.scribe.is_busy() || self.queue.is_empty() || tries == LAST_TRIES {
+                break;
+            }
+            tries += 1;
+            self.scribe.write(std::mem::take(&mut self.queue));
+        }
+        let left = self.scribe.away_ticks + self.queue.applied.len() as u64;
+        if left > 0 {
+            self.queue.applied.drain(..).for_each(|record| TickRange::extend(&mut self.queue.lost, record.tick));
+            life.say(&format!("{left} ticks could not be written and are lost"));
+        }
+        self.publish(life);
+        if let Err(error) = self.scribe.finish(end_ns) {
+            life.say(&format!("{error}; the recording has no summary, but is readable"));
+        }
+        Ok(())
     }
 
     fn publish(&self, life: &Life) {
-        let status = RecorderStatus {
-            last_tick: self.writer.last_tick().unwrap_or(0),
-            ticks: self.writer.ticks(),
-            lost: self.lost(),
-            bytes: self.writer.bytes(),
-        };
-        life.page.write(layout::STATUS, &status);
+        let lost = self.scribe.file.lost + self.queue.lost.iter().map(TickRange::count).sum::<u64>();
+        life.page.write(layout::STATUS, &RecorderStatus { lost, ..self.scribe.file.status() });
     }
 }
 
@@ -156,6 +159,7 @@ fn drop_oldest(queue: &mut Block) {
     queue.tissue.drain(..queue.tissue.len().saturating_sub(MAX_OTHERS));
     queue.fluid.drain(..queue.fluid.len().saturating_sub(MAX_OTHERS));
     queue.events.drain(..queue.events.len().saturating_sub(MAX_OTHERS));
+    queue.processes.drain(..queue.processes.len().saturating_sub(MAX_OTHERS));
     queue.checkpoints.drain(..queue.checkpoints.len().saturating_sub(MAX_CHECKPOINTS));
     queue.lost.drain(..queue.lost.len().saturating_sub(MAX_OTHERS));
 }

@@ -4,7 +4,9 @@ mod gather;
 mod keeper;
 mod kept;
 mod said;
+mod scribe;
 mod session;
+mod statistics;
 mod watch;
 
 use hyst_messages::Role;

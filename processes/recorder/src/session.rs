@@ -5,6 +5,7 @@ use crate::gather::Gather;
 use crate::keeper::Keeper;
 use crate::kept::Kept;
 use crate::said::Said;
+use crate::statistics::Statistics;
 use crate::watch::Look;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{Roster, system};
@@ -27,7 +28,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     };
     let mut gather = Gather::new(life, keeper.last_tick())?;
     let mut said = Said::new(&life.station, keeper.last_tick());
-    let mut kept = Kept::default();
+    let (mut kept, mut statistics) = (Kept::default(), Statistics::default());
     let roster = Roster::open(&life.station)?;
     let mut before: Option<Look> = None;
     let first = if keeper.is_continued() { "present" } else { "started" };
@@ -47,17 +48,16 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         before = Some(look);
         let newest = keeper.queue.applied.last().map(|record| record.tick).or(keeper.last_tick());
         keeper.queue.checkpoints.extend(kept.take(&life.station, life.tick()));
+        keeper.queue.processes.extend(statistics.take(life));
         said.take(if is_last { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);
-        keeper.keep(life, is_last)?;
+        if is_last {
+            return keeper.close(life);
+        }
+        keeper.keep(life)?;
         life.drag(begun_ns);
         alive(life);
-        if is_last {
-            break;
-        }
         rest(life, changes);
     }
-    keeper.close(life);
-    Ok(())
 }
 
 /// A station without a recording has a recorder all the same, so that every process of a station can be watched alike.

@@ -114,6 +114,7 @@ impl Measured {
         }
         tissue.for_each(|status| self.tissue(status));
         fluid.for_each(|status| self.fluid(status));
+        block.processes.iter().for_each(|spell| self.conduct.processes.note(spell));
         block.events.into_iter().for_each(|event| self.conduct.note(event));
     }
 

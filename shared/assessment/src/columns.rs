@@ -3,7 +3,7 @@
 use crate::assess::Assessment;
 use crate::markup::plain;
 use crate::metric::{Scores, scores};
-use hyst_messages::PUMP_ALARMS;
+use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::Level;
 
 /// One recording.
@@ -85,6 +85,9 @@ impl Column {
         let alarms = PUMP_ALARMS.iter().zip(measured.medium.alarms).map(|((_, name), count)| format!("{name} {count}"));
         let alarms: Vec<String> = alarms.collect();
         let (first, further) = alarms.split_at(PUMP_ALARMS.len().div_ceil(2)); // in one line they are too wide for the text
+        let flaws = FLOW_FLAWS.iter().zip(measured.medium.flaws).map(|((_, name), count)| format!("{name} {count}"));
+        let flaws: Vec<String> = flaws.collect();
+        let (mended, taken) = flaws.split_at(FLOW_FLAWS.len().div_ceil(2));
         vec![
             ("ticks in the recording", conduct.ticks.to_string()),
             ("ticks missing", format!("{} in {} gaps{longest}", conduct.missing, conduct.gaps)),
@@ -102,6 +105,8 @@ impl Column {
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
             ("alarms of the pump", first.join(", ")),
             ("further alarms of the pump", further.join(", ")),
+            ("flaws of the flow, mended", mended.join(", ")),
+            ("flaws of the flow, as they were", taken.join(", ")),
         ]
     }
 }

@@ -4,6 +4,7 @@
 use crate::force::length;
 use crate::markup::plain;
 use crate::motion::{difference, finite};
+use crate::processes::Processes;
 use hyst_messages::{Applied, AppliedRecord};
 use hyst_recording::{Event, Level, SAID, TickRange};
 use std::collections::BTreeMap;
@@ -56,10 +57,12 @@ pub struct Conduct {
     pub not_finite: u64,
     /// Largest change of the force from one tick to the next, N.
     pub largest_step: Option<Peak>,
-    /// Events of level warning and above, and takeovers, in the file's order; their texts are one line each.
+    /// Events of level warning and above, takeovers and what the supervisor said, in the order of their ticks; their texts are one line each.
     pub events: Vec<Event>,
     /// Such events beyond those.
     pub events_left_out: u64,
+    /// What the processes did.
+    pub processes: Processes,
     /// Events of level warning.
     pub warnings: u64,
     /// Events of level error.

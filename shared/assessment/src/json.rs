@@ -3,8 +3,9 @@
 use crate::columns::{Column, Sessions, seconds, word};
 use crate::judge::Judge;
 use crate::metric::{Group, Metric};
+use crate::processes::ProcessSum;
 use crate::table::ABSENT;
-use hyst_messages::PUMP_ALARMS;
+use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::Event;
 use serde_json::{Map, Value, json};
 
@@ -70,6 +71,10 @@ fn station(column: &Column) -> Value {
     };
     let alarms: Map<String, Value> =
         PUMP_ALARMS.iter().zip(measured.medium.alarms).map(|((_, name), count)| (name.to_string(), json!(count))).collect();
+    let flaws: Map<String, Value> =
+        FLOW_FLAWS.iter().zip(measured.medium.flaws).map(|((_, name), count)| (name.to_string(), json!(count))).collect();
+    let processes: Map<String, Value> =
+        conduct.processes.all().map(|(name, process)| (name.to_string(), process_json(process))).collect();
     json!({
         "first_tick": conduct.first_tick,
         "last_tick": conduct.first_tick.map(|_| conduct.last_tick),
@@ -88,7 +93,21 @@ fn station(column: &Column) -> Value {
         "warnings": conduct.warnings,
         "errors": conduct.errors,
         "pump_alarms": alarms,
+        "flow_flaws": flaws,
+        "processes": processes,
         "events": conduct.events.iter().map(event).collect::<Value>(),
         "events_left_out": conduct.events_left_out,
+    })
+}
+
+fn process_json(process: &ProcessSum) -> Value {
+    json!({
+        "incarnations": process.incarnations,
+        "steps": process.steps,
+        "overruns": process.overruns,
+        "rate_hz": process.rate_hz(),
+        "wakeup_p99_us_largest": process.wakeup_p99_us,
+        "loop_p50_us_mean": process.loop_p50_us(),
+        "loop_p99_us_largest": process.loop_p99_us,
     })
 }

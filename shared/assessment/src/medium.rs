@@ -2,7 +2,7 @@
 //! second; and the valves and the light, from the records of the ticks.
 
 use crate::conduct::Peak;
-use hyst_messages::{Controls, FluidStatus, PUMP_ALARMS};
+use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS};
 use std::collections::VecDeque;
 
 /// Pascal per millimetre of mercury.
@@ -47,6 +47,8 @@ pub struct Medium {
     pub inflow_ml: Option<f64>,
     /// How often each of [`PUMP_ALARMS`] came up.
     pub alarms: [u64; PUMP_ALARMS.len()],
+    /// How often each of [`FLOW_FLAWS`] did.
+    pub flaws: [u64; FLOW_FLAWS.len()],
     /// Ticks whose valves are known.
     pub valve_ticks: u64,
     /// Of them with the outflow shut.
@@ -82,10 +84,9 @@ impl Medium {
         if let Some(before) = before {
             self.hold(&before, held_ticks);
         }
-        let came_up = status.alarms & !before.map_or(0, |before| before.alarms);
-        for ((bit, _), count) in PUMP_ALARMS.iter().zip(&mut self.alarms) {
-            *count += u64::from(came_up & bit != 0);
-        }
+        let (alarms, flaws) = before.map_or((0, 0), |before| (before.alarms, before.flaws));
+        count(&PUMP_ALARMS, &mut self.alarms, status.alarms & !alarms);
+        count(&FLOW_FLAWS, &mut self.flaws, status.flaws & !flaws);
         let pressure_pa = f64::from(status.pressure_pa);
         if pressure_pa.is_finite() {
             Peak::raise(&mut self.highest, pressure_pa, status.state_tick);
@@ -131,6 +132,13 @@ impl Medium {
     }
 }
 
+/// Counts the bits that came up.
+fn count(names: &[(u32, &str)], counts: &mut [u64], came_up: u32) {
+    for ((bit, _), count) in names.iter().zip(counts) {
+        *count += u64::from(came_up & bit != 0);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,8 +154,9 @@ mod tests {
         for (tick, pressure_mmhg, alarms) in
             [(0, 20.0, 0), (500, 38.0, 1), (1_000, 120.0, 29), (1_500, 70.0, 1), (9_000, 70.0, 0)]
         {
-            medium.status(&status(tick, pressure_mmhg, 0.0, alarms));
+            medium.status(&FluidStatus { flaws: alarms & 5, ..status(tick, pressure_mmhg, 0.0, alarms) });
         }
+        assert_eq!(medium.flaws, [1, 0, 1, 0]);
         // 20, 38 and 120 mmHg for 500 ticks each, 70 for 1 000 of 7 500.
         let known = (medium.known_ticks, medium.low_ticks, medium.high_ticks, medium.parted_ticks, medium.alarm_ticks);
         assert_eq!(known, (2_500, 500, 500, 1_500, 2_000));

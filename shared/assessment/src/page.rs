@@ -35,6 +35,7 @@ pub fn html(sessions: &Sessions) -> String {
     }
     page.push_str("</div></section>\n<section><h2>What the station did</h2>\n");
     facts(&mut page, &reported.station_facts());
+    processes(&mut page, reported);
     page.push_str("</section>\n");
     events(&mut page, reported);
     origin(&mut page);
@@ -147,6 +148,34 @@ fn scored(score: Option<f64>) -> String {
         format!("<span class=\"bar\"><i class=\"{class}\" style=\"width:{score:.0}%\"></i></span>")
     });
     format!("<td>{}{bar}</td>", percent(score))
+}
+
+/// What of a second was largest, of each process, and its means.
+fn processes(page: &mut String, column: &Column) {
+    let processes = &column.assessment.measured.conduct.processes;
+    if processes.all().next().is_none() {
+        return;
+    }
+    page.push_str(
+        "<h2>Processes</h2>\n<p class=\"note\">The rate and the loop's median are means over the session; the 99th percentiles are those of the worst second.</p>\n\
+         <div class=\"wide\"><table>\n<tr><th class=\"text\">process</th><th>incarnations</th><th>steps/s</th><th>late steps</th>\
+         <th>wake-up p99 \u{b5}s</th><th>loop p50 \u{b5}s</th><th>loop p99 \u{b5}s</th></tr>\n",
+    );
+    for (name, process) in processes.all() {
+        let us = |value: Option<f64>| value.map_or_else(|| NONE.to_string(), |us| format!("{us:.0}"));
+        let _ = writeln!(
+            page,
+            "<tr><td class=\"text\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            escape(name),
+            process.incarnations,
+            process.rate_hz().map_or_else(|| NONE.to_string(), |hz| format!("{hz:.1}")),
+            process.overruns,
+            us(process.wakeup_p99_us),
+            us(process.loop_p50_us()),
+            us(process.loop_p99_us)
+        );
+    }
+    page.push_str("</table></div>\n");
 }
 
 fn events(page: &mut String, column: &Column) {

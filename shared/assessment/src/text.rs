@@ -3,6 +3,7 @@
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::metric::{Group, Metric};
+use crate::processes::ProcessSum;
 use crate::table::ABSENT;
 use hyst_recording::Event;
 use std::fmt::Write;
@@ -84,6 +85,14 @@ fn station(text: &mut String, column: &Column) {
         let _ = writeln!(text, "  {name:<46}{fact}");
     }
     let conduct = &column.assessment.measured.conduct;
+    let us = |value: Option<f64>| value.map_or_else(|| NONE.to_string(), |us| format!("{us:.0}"));
+    let process = |(name, process): (&str, &ProcessSum)| {
+        let hz = process.rate_hz().map_or_else(|| NONE.to_string(), |hz| format!("{hz:.1}"));
+        let [wakeup, median, late] = [process.wakeup_p99_us, process.loop_p50_us(), process.loop_p99_us].map(us);
+        format!("{name:<20}{hz:>8}/s{:>8} late{wakeup:>9}{median:>9}{late:>9}", process.overruns)
+    };
+    let processes: Vec<String> = conduct.processes.all().map(process).collect();
+    list(text, "\nProcesses: rate, late steps, worst wake-up p99, mean loop p50, worst loop p99 (\u{b5}s)", &processes);
     let line = |event: &Event| {
         let time_s = seconds(conduct.since_start(event.tick));
         format!("{time_s:>10.3} s  {:<9}{:<20}{}", word(event.level), event.process, cut(&event.text))

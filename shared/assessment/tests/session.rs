@@ -102,6 +102,7 @@ fn the_text_fits_100_columns_and_names_faults_and_takeovers() {
         let widest = text.lines().map(|line| line.chars().count()).max().unwrap();
         assert!(widest <= 100, "{widest} columns, {compared} compared:\n{text}");
         assert!(text.contains("tissue:0 <died>") && text.contains("takeover") && text.contains("0.850 s"), "{text}");
+        assert!(text.contains("tissue:0               999.0/s"), "{text}");
         assert_eq!(text.contains("weight"), compared == 0);
         sessions.compare("earlier.mcap", assessment.clone());
     }
@@ -114,6 +115,7 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
         assert!(!page.contains(foreign), "{foreign}");
     }
     assert!(page.contains("script:&lt;polyp&gt;") && page.contains("tissue:0 &lt;died&gt;"));
+    assert!(page.contains("<td class=\"text\">&lt;b&gt;</td>") && page.contains("<td>999.0</td><td>2</td>"), "its processes");
     for no_number in ["NaN", ">inf", "\"inf", "Linf", "Minf"] {
         assert!(!page.contains(no_number), "{no_number}");
     }
@@ -125,6 +127,9 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
     assert_eq!(page.matches("class=\"curve ").count(), 5);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((json["station"]["takeovers"].as_u64(), json["station"]["ticks"].as_u64()), (Some(1), Some(3_000)));
+    let tissue = &json["station"]["processes"]["tissue:0"];
+    assert_eq!((tissue["rate_hz"].as_f64(), tissue["overruns"].as_u64()), (Some(999.0), Some(2)));
+    assert!(tissue["wakeup_p99_us_largest"].is_null() && tissue["loop_p99_us_largest"] == 900.0, "{tissue}");
     assert_eq!((json["is_whole"].as_bool(), json["compared"].as_array().map(Vec::len)), (Some(true), Some(1)));
     assert_eq!((csv.lines().count(), csv.lines().last().unwrap().split(',').next()), (31, Some("7999")));
 }

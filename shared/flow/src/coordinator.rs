@@ -36,6 +36,8 @@ pub struct StepReport {
     pub iterations: u32,
     /// ‖residual‖₂ / ‖right side‖₂ at the end (0 where there was nothing to solve).
     pub residual_relative: f64,
+    /// The iterations ended before that was as small as the model asks.
+    pub unconverged: bool,
     /// Largest speed along an axis, m/s.
     pub speed_m_s: f32,
     /// Pump and cavity.
@@ -282,6 +284,7 @@ impl Solver {
         let tolerance = f64::from(self.model.residual_relative);
         c.report.residual_relative = if c.bb > 0.0 { (rr / c.bb).sqrt() } else { 0.0 };
         let good = rr <= tolerance * tolerance * c.bb || rr <= c.rest_residual2;
+        c.report.unconverged = !good;
         if good || !rr.is_finite() || c.report.iterations >= self.model.max_iterations { Phase::Project } else { cycle }
     }
 

@@ -8,6 +8,10 @@ use bytemuck::{Pod, Zeroable};
 pub const PUMP_ALARMS: [(u32, &str); 5] =
     [(1, "pressure"), (2, "deficit"), (4, "abnormal loss"), (8, "perforation"), (16, "container change")];
 
+/// Bits of [`FluidStatus::flaws`] and what was done about them: walls or inputs that are no numbers or beyond any organ were replaced, speeds beyond any real
+/// one were set to 0, a flow too fast for the sweeps of a step was slowed in transport, the pressure was taken before it had converged.
+pub const FLOW_FLAWS: [(u32, &str); 4] = [(1, "input replaced"), (2, "wild speed"), (4, "slowed"), (8, "not converged")];
+
 /// What fluid says of itself each step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -20,6 +24,8 @@ pub struct FluidStatus {
     pub cavity_volume_ml: f64,
     /// Blood that has come into the cavity since the start, ml.
     pub bled_ml: f64,
+    /// Hash of the solver's state, in lock-step; else 0, and where the status lies in a state.
+    pub state_hash: u64,
     /// Pressure in the cavity, Pa.
     pub pressure_pa: f32,
     /// Flow into the cavity, ml/min.
@@ -38,8 +44,8 @@ pub struct FluidStatus {
     pub scene_step_ticks: u32,
     /// How many times the scene's grid is halved along each axis, where the machine affords no step of it.
     pub halvings: u32,
-    /// Padding, zero.
-    pub reserved: u32,
+    /// What was mended in the step, [`FLOW_FLAWS`].
+    pub flaws: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

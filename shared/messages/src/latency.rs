@@ -40,6 +40,11 @@ pub fn percentile_ns(counts: &[u64], fraction: f64) -> u64 {
     bucket_upper_ns(counts.len().saturating_sub(1))
 }
 
+/// What was counted since a histogram was looked at before; a page that was damaged meanwhile has counted nothing.
+pub fn counted_since(now: &[u64; LATENCY_BUCKETS], before: &[u64; LATENCY_BUCKETS]) -> [u64; LATENCY_BUCKETS] {
+    std::array::from_fn(|bucket| now[bucket].saturating_sub(before[bucket]))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

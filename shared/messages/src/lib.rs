@@ -20,8 +20,8 @@ pub mod stream;
 pub mod tolerance;
 
 pub use controls::Switch;
-pub use fluid::{FluidStatus, PUMP_ALARMS};
-pub use latency::{LATENCY_BUCKETS, bucket_of_ns, percentile_ns};
+pub use fluid::{FLOW_FLAWS, FluidStatus, PUMP_ALARMS};
+pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};
 pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
@@ -33,7 +33,7 @@ pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 14;
+pub const LAYOUT_VERSION: u32 = 15;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 1;

@@ -6,6 +6,7 @@ use crate::channels::{Channel, time_of_ns};
 use crate::checkpoint::{Checkpoint, CheckpointMessage};
 use crate::fluid::Fluid;
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool};
+use crate::process::{Process, ProcessSpell};
 use crate::{Session, WriteError};
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, MetadataIndex};
@@ -98,6 +99,8 @@ pub struct Block {
     pub events: Vec<Event>,
     /// States of tissue and fluid.
     pub checkpoints: Vec<Checkpoint>,
+    /// What the processes did.
+    pub processes: Vec<ProcessSpell>,
     /// Ticks that could not be had any more.
     pub lost: Vec<TickRange>,
 }
@@ -111,7 +114,21 @@ impl Block {
             && self.fluid.is_empty()
             && self.events.is_empty()
             && self.checkpoints.is_empty()
+            && self.processes.is_empty()
             && self.lost.is_empty()
+    }
+
+    /// Puts what came before it to its front.
+    pub fn precede(&mut self, mut before: Block) {
+        before.applied.append(&mut self.applied);
+        before.steps.append(&mut self.steps);
+        before.tissue.append(&mut self.tissue);
+        before.fluid.append(&mut self.fluid);
+        before.events.append(&mut self.events);
+        before.checkpoints.append(&mut self.checkpoints);
+        before.processes.append(&mut self.processes);
+        before.lost.append(&mut self.lost);
+        *self = before;
     }
 }
 
@@ -190,6 +207,9 @@ impl Pen {
         }
         for checkpoint in &block.checkpoints {
             self.put(Channel::Checkpoints, checkpoint.tick, &CheckpointMessage::of(checkpoint))?;
+        }
+        for spell in &block.processes {
+            self.put(Channel::Processes, spell.tick, &Process::of(spell))?;
         }
         Ok(())
     }

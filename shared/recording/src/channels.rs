@@ -25,11 +25,13 @@ pub enum Channel {
     Steps = 8,
     /// The whole state of tissue and fluid, every five seconds: what a replay begins with that does not begin at the beginning.
     Checkpoints = 9,
+    /// What each process did in the last second.
+    Processes = 10,
 }
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 9] = [
+    pub const ALL: [Channel; 10] = [
         Channel::Tool,
         Channel::Force,
         Channel::Controls,
@@ -39,6 +41,7 @@ impl Channel {
         Channel::Input,
         Channel::Steps,
         Channel::Checkpoints,
+        Channel::Processes,
     ];
 
     /// The topic.
@@ -53,6 +56,7 @@ impl Channel {
             Channel::Input => "/input",
             Channel::Steps => "/steps",
             Channel::Checkpoints => "/checkpoints",
+            Channel::Processes => "/processes",
         }
     }
 
@@ -68,6 +72,7 @@ impl Channel {
             Channel::Input => "hyst.Input",
             Channel::Steps => "hyst.Step",
             Channel::Checkpoints => "hyst.Checkpoint",
+            Channel::Processes => "hyst.Process",
         }
     }
 
@@ -117,8 +122,8 @@ impl Channel {
                 fields
             }
             Channel::Fluid => {
-                let mut fields = json!({});
-                add(&mut fields, "integer", &["tick", "alarms", "step_ticks", "scene_step_ticks", "halvings"]);
+                let mut fields = json!({"state_hash": {"type": "string"}});
+                add(&mut fields, "integer", &["tick", "alarms", "flaws", "step_ticks", "scene_step_ticks", "halvings"]);
                 add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa"]);
                 add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min"]);
                 fields
@@ -131,12 +136,8 @@ impl Channel {
                 add(&mut fields, "number", &["pressure_pa"]);
                 fields
             }
-            Channel::Checkpoints => {
-                let state = json!({"type": "string", "contentEncoding": "base64"});
-                let mut fields = json!({"state": state, "role": {"type": "string"}});
-                add(&mut fields, "integer", &["tick"]);
-                fields
-            }
+            Channel::Processes => process_properties(),
+            Channel::Checkpoints => checkpoint_properties(),
             Channel::Steps => {
                 let mut fields = json!({"state_hash": {"type": "string"}});
                 let numbers = ["tick", "input_tick", "from_tick", "from_incarnation", "epoch", "incarnation", "step_ticks"];
@@ -146,6 +147,20 @@ impl Channel {
         };
         json!({"$schema": "https://json-schema.org/draft/2020-12/schema", "title": self.schema_name(), "type": "object", "properties": properties})
     }
+}
+
+fn process_properties() -> Value {
+    let mut fields = json!({"process": {"type": "string"}});
+    add(&mut fields, "integer", &["tick", "incarnation", "ticks", "steps", "overruns"]);
+    add(&mut fields, "number", &["wakeup_p99_us", "loop_p50_us", "loop_p99_us"]);
+    fields
+}
+
+fn checkpoint_properties() -> Value {
+    let state = json!({"type": "string", "contentEncoding": "base64"});
+    let mut fields = json!({"state": state, "role": {"type": "string"}});
+    add(&mut fields, "integer", &["tick"]);
+    fields
 }
 
 fn time_schema() -> Value {

@@ -25,6 +25,11 @@ pub(crate) struct Fluid {
     scene_step_ticks: u32,
     #[serde(default)]
     halvings: u32,
+    /// Hexadecimal, because readers in JavaScript have 53 bits.
+    #[serde(default)]
+    state_hash: String,
+    #[serde(default)]
+    flaws: u32,
 }
 
 impl Fluid {
@@ -41,6 +46,8 @@ impl Fluid {
             step_ticks: status.step_ticks,
             scene_step_ticks: status.scene_step_ticks,
             halvings: status.halvings,
+            state_hash: format!("{:016x}", status.state_hash),
+            flaws: status.flaws,
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -56,6 +63,8 @@ impl Fluid {
             step_ticks: self.step_ticks,
             scene_step_ticks: self.scene_step_ticks,
             halvings: self.halvings,
+            state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
+            flaws: self.flaws,
             ..FluidStatus::default()
         }
     }

@@ -9,6 +9,7 @@ use crate::checkpoint::CheckpointMessage;
 use crate::fluid::Fluid;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool, applied};
+use crate::process::Process;
 use crate::{READ_FORMATS, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
 use mcap::records::op;
@@ -317,6 +318,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
             }
             Channel::Steps => block.steps.push(json::<Step>(data)?.record()?),
             Channel::Checkpoints => block.checkpoints.push(json::<CheckpointMessage>(data)?.checkpoint()?),
+            Channel::Processes => block.processes.push(json::<Process>(data)?.spell()),
         }
         Ok(())
     })?;
@@ -353,14 +355,9 @@ impl Recording {
     /// Reads everything that a reader gives.
     pub fn collect<R: Read + Seek>(mut reader: Reader<R>) -> Result<Recording, ReadError> {
         let mut content = Block::default();
-        while let Some(mut block) = reader.next_block()? {
-            content.applied.append(&mut block.applied);
-            content.steps.append(&mut block.steps);
-            content.tissue.append(&mut block.tissue);
-            content.fluid.append(&mut block.fluid);
-            content.events.append(&mut block.events);
-            content.checkpoints.append(&mut block.checkpoints);
-            content.lost.append(&mut block.lost);
+        while let Some(block) = reader.next_block()? {
+            let before = std::mem::replace(&mut content, block);
+            content.precede(before);
         }
         let ending = reader.ending.unwrap_or(Ending::Cut { at: reader.walk.at() });
         Ok(Recording { session: reader.session, content, damage: reader.damage, ending })

@@ -165,13 +165,14 @@ impl Session {
         self.viewer.as_ref().map_or(0, |viewer| viewer.page().tick_at(system::now_ns()))
     }
 
-    /// Whether every process of the plan, and the supervisor, is there and warm or live; notes since when.
+    /// Whether every process of the plan, and the supervisor, is there and warm or live, and no role is held still; notes since when.
     fn whole(&mut self) -> bool {
         let tick = self.tick();
         let Some(viewer) = &mut self.viewer else { return false };
         let lives = |role| remains::slot_alive(viewer.page(), Slot::first(role).number()).is_some();
         let supervised = lives(Role::Supervisor) && lives(Role::Guardian);
-        let whole = supervised && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
+        let is_held = Role::ALL.into_iter().any(|role| viewer.page().is_held(role));
+        let whole = supervised && !is_held && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
         self.whole_since_tick = if whole { Some(self.whole_since_tick.unwrap_or(tick)) } else { None };
         whole
     }

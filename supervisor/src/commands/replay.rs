@@ -234,6 +234,9 @@ impl Verdict {
             };
             if bits(was) != bits(is) {
                 self.say(format!("tick {tick}: deficit {} ml recorded, {} ml now", was.deficit_ml, is.deficit_ml));
+            } else if was.state_hash != 0 && was.state_hash != is.state_hash {
+                // An older recording has none.
+                self.say(format!("tick {tick}: the fluid's state {:016x} recorded, {:016x} now", was.state_hash, is.state_hash));
             }
         }
     }

@@ -1,0 +1,173 @@
+//! The thread that meets the disk: it has one thing to write at a time, and whoever gives it that never waits. A disk that stands still for longer than the
+//! device's ring lasts costs the recording nothing, because the ring is read on.
+
+use hyst_messages::RecorderStatus;
+use hyst_recording::{Block, WriteError, Writer};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::Duration;
+
+/// Ticks in one block of the file.
+const BLOCK_TICKS: usize = 1_000;
+
+/// What became of a block: nothing if it is on disk, else why not, and what is left of it.
+pub type Written = Option<(WriteError, Block)>;
+
+/// The file, as it was when the thread last said so.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FileState {
+    /// Newest tick on disk.
+    pub last_tick: Option<u64>,
+    /// Ticks on disk.
+    pub ticks: u64,
+    /// Ticks that the file says are lost.
+    pub lost: u64,
+    /// Bytes on disk.
+    pub bytes: u64,
+    /// A predecessor began the file.
+    pub is_continued: bool,
+}
+
+impl FileState {
+    fn of(writer: &Writer) -> FileState {
+        FileState {
+            last_tick: writer.last_tick(),
+            ticks: writer.ticks(),
+            lost: writer.lost(),
+            bytes: writer.bytes(),
+            is_continued: writer.is_continued(),
+        }
+    }
+
+    /// As it is published.
+    pub fn status(&self) -> RecorderStatus {
+        RecorderStatus { last_tick: self.last_tick.unwrap_or(0), ticks: self.ticks, lost: self.lost, bytes: self.bytes }
+    }
+}
+
+/// The thread and the way to it.
+pub struct Scribe {
+    blocks: Option<Sender<Block>>,
+    done: Receiver<(Written, FileState)>,
+    finished: Receiver<Result<(), WriteError>>,
+    /// The file.
+    pub file: FileState,
+    /// Ticks of what the thread has and has not said anything of.
+    pub away_ticks: u64,
+    busy: bool,
+}
+
+impl Scribe {
+    /// Starts the thread of a file.
+    pub fn start(writer: Writer) -> std::io::Result<Scribe> {
+        let (blocks, given) = channel::<Block>();
+        let (tell, done) = channel();
+        let (tell_end, finished) = channel();
+        let file = FileState::of(&writer);
+        let mut writer = writer;
+        std::thread::Builder::new().name("scribe".into()).spawn(move || {
+            for block in given {
+                let written = append(&mut writer, block);
+                if tell.send((written, FileState::of(&writer))).is_err() {
+                    return;
+                }
+            }
+            let _ = tell_end.send(writer.finish().map(|_| ())); // nobody waits for it any more
+        })?;
+        Ok(Scribe { blocks: Some(blocks), done, finished, file, away_ticks: 0, busy: false })
+    }
+
+    /// Whether it has something to write.
+    pub fn is_busy(&self) -> bool {
+        self.busy
+    }
+
+    /// Gives it something to write; only if it is not busy.
+    pub fn write(&mut self, block: Block) {
+        let ticks = block.applied.len() as u64;
+        if !block.is_empty() && self.blocks.as_ref().is_some_and(|blocks| blocks.send(block).is_ok()) {
+            (self.busy, self.away_ticks) = (true, ticks);
+        }
+    }
+
+    /// What became of it, waiting until `end_ns` at most; `None` if it is still at it, or has nothing to do.
+    pub fn written(&mut self, end_ns: u64) -> Option<Written> {
+        let patience_ns = end_ns.saturating_sub(hyst_exchange::system::now_ns());
+        let (written, file) = self.done.recv_timeout(Duration::from_nanos(patience_ns)).ok()?;
+        (self.file, self.busy, self.away_ticks) = (file, false, 0);
+        Some(written)
+    }
+
+    /// Closes the file with its summary.
+    pub fn finish(mut self, end_ns: u64) -> Result<(), String> {
+        drop(self.blocks.take());
+        let patience_ns = end_ns.saturating_sub(hyst_exchange::system::now_ns());
+        match self.finished.recv_timeout(Duration::from_nanos(patience_ns)) {
+            Ok(ended) => ended.map_err(|error| error.to_string()),
+            Err(RecvTimeoutError::Timeout) => Err("the disk stands still".into()),
+            Err(RecvTimeoutError::Disconnected) => Err("the thread that writes has died".into()),
+        }
+    }
+}
+
+/// Appends a block in parts.
+fn append(writer: &mut Writer, mut block: Block) -> Written {
+    // Each turn takes a part of the ticks off the block, so it ends.
+    while !block.is_empty() {
+        let rest = block.applied.split_off(block.applied.len().min(BLOCK_TICKS));
+        if let Err(error) = writer.append(&block) {
+            block.applied.extend(rest);
+            return Some((error, block));
+        }
+        block = Block { applied: rest, ..Block::default() };
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_exchange::system;
+    use hyst_messages::AppliedRecord;
+    use hyst_recording::{Recording, Session};
+
+    fn block(ticks: std::ops::Range<u64>) -> Block {
+        Block { applied: ticks.map(|tick| AppliedRecord { tick, ..Default::default() }).collect(), ..Block::default() }
+    }
+
+    #[test]
+    fn what_is_given_is_on_disk_when_the_thread_says_so_and_what_it_refuses_comes_back() {
+        let path = std::env::temp_dir().join(format!("hyst-scribe-{}.mcap", std::process::id()));
+        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        let later_ns = || system::now_ns() + 60_000_000_000;
+        writer.set_limit(writer.bytes() + 300_000);
+        let mut scribe = Scribe::start(writer).unwrap();
+        scribe.write(Block::default());
+        assert!(!scribe.is_busy(), "nothing is written of nothing");
+        scribe.write(block(1..2_500));
+        assert!(scribe.is_busy() && scribe.away_ticks == 2_499 && scribe.file.last_tick.is_none());
+        assert_eq!(scribe.written(later_ns()).unwrap().map(|(error, _)| error.to_string()), None);
+        assert_eq!((scribe.file.last_tick, scribe.file.ticks, scribe.away_ticks), (Some(2_499), 2_499, 0));
+        scribe.write(block(2_500..100_000));
+        let (error, rest) = scribe.written(later_ns()).unwrap().unwrap();
+        assert!(matches!(error, WriteError::Full { .. }), "{error}");
+        assert_eq!(scribe.file.last_tick.map(|last| last + 1), rest.applied.first().map(|record| record.tick));
+        let last_tick = scribe.file.last_tick;
+        drop(scribe); // as in a death: no summary
+        // The thread lets go of the file once it has written its summary, or was refused that too.
+        let read = (0..10_000).find_map(|_| Recording::read(&path).ok()).unwrap();
+        assert_eq!(read.applied().last().map(|record| record.tick), last_tick);
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn a_file_is_closed_with_its_summary() {
+        let path = std::env::temp_dir().join(format!("hyst-scribe-end-{}.mcap", std::process::id()));
+        let writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        let mut scribe = Scribe::start(writer).unwrap();
+        scribe.write(block(1..10));
+        assert_eq!(scribe.finish(system::now_ns() + 60_000_000_000), Ok(()), "what it was given is written first");
+        let read = Recording::read(&path).unwrap();
+        assert_eq!((read.applied().len(), read.ending), (9, hyst_recording::Ending::Complete));
+        std::fs::remove_file(&path).unwrap();
+    }
+}
