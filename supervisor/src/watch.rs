@@ -26,6 +26,8 @@ const BELL: u64 = 0;
 const PHASE_NS: u64 = 700_000;
 /// Looks within which another real-time engine must have beaten, or time does not count.
 const PEERS_LOOKS: u64 = 2;
+/// Looks for which hardware that stands still is taken for a host that does: the longest stalls were of 34 ms.
+const STALL_LOOKS: u64 = 50;
 /// A start-up that takes longer hangs.
 const LATE_START_NS: u64 = 30_000_000_000;
 /// The same for an ordinary process: graphics in software compile their shaders, which took 40 s beside twenty busy processes on two cores.
@@ -303,7 +305,8 @@ fn look_at_all(page: &OwnedPage, wards: &mut [Ward], look: Look, tell: &dyn Fn(N
     let moves = |ward: &Ward| look.number - ward.moved <= PEERS_LOOKS;
     let peers = wards.iter().filter(|ward| is_peer(ward)).count();
     let moving = wards.iter().filter(|ward| is_peer(ward) && moves(ward)).count();
-    let hardware_stands = wards.iter().any(|ward| ward.slot.role() == Role::Hardware && is_peer(ward) && !moves(ward));
+    let stalls = |ward: &Ward| !moves(ward) && look.number - ward.moved <= STALL_LOOKS;
+    let hardware_stands = wards.iter().any(|ward| ward.slot.role() == Role::Hardware && is_peer(ward) && stalls(ward));
     for ward in wards.iter_mut() {
         let others = peers - usize::from(is_peer(ward));
         let others_moving = moving - usize::from(is_peer(ward) && moves(ward));
@@ -312,8 +315,8 @@ fn look_at_all(page: &OwnedPage, wards: &mut [Ward], look: Look, tell: &dyn Fn(N
     }
 }
 
-/// Whether time counts for an engine: another real-time one has moved, or it is alone; and of a device, which sleeps until the hardware's next tick, whether
-/// that comes at all. A host that stood still for 9 ms, beside four spinning processes and a compiler, made both of them silent.
+/// Whether time counts for an engine: another real-time one has moved, or it is alone; and of a device, of which nobody waits long, whether the hardware has, too:
+/// a host that let neither run for 9 ms, beside four spinning processes and a compiler, is no fault of the device.
 fn counts(role: Role, others: usize, others_moving: usize, hardware_stands: bool) -> bool {
     (others == 0 || others_moving > 0) && !(role == Role::Device && hardware_stands)
 }

@@ -34,6 +34,17 @@ impl Replica {
     }
 }
 
+/// What a servo says of a tick, before any is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Word {
+    /// Nothing that may be chosen.
+    Nothing,
+    /// Its last force to the bit: it may stand still.
+    Doubted,
+    /// A force that may be chosen.
+    Counts,
+}
+
 /// What the device takes in this tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
@@ -91,9 +102,17 @@ impl Replicas {
     pub fn choose(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams, deadline_ns: u64) -> Chosen {
         self.wait_for(self.selected, life, input.tick, deadline_ns, false);
         let hash = input_hash(input);
-        if !(0..REPLICAS).any(|index| self.counts(index, input.tick, hash, params)) {
+        let words = [0, 1].map(|index| self.word(index, input.tick, hash, params));
+        let other = 1 - self.selected;
+        if words.contains(&Word::Counts) {
+            // Who has it first is followed.
+        } else if words[self.selected] == Word::Doubted {
+            // Whether it stands still is seen beside the other's, if that comes in time as it did before.
+            if self.seats[other].as_ref().is_some_and(|seat| seat.watch.seen == 1) {
+                self.wait_for(other, life, input.tick, deadline_ns, false);
+            }
+        } else {
             // Both missed the tick before, or the selected one died or said nonsense in this tick: wait for whoever is expected to answer, in earnest.
-            let other = 1 - self.selected;
             let still = |index: usize| self.seats[index].as_ref().map_or(u32::MAX, |replica| replica.watch.still);
             // Of one whose answer does not count there is nothing more to expect in this tick.
             let said = |index: usize| self.seats[index].as_ref().is_some_and(|seat| seat.page.load64(header::TICK) >= input.tick);
@@ -133,15 +152,12 @@ impl Replicas {
         if let Some(standing) = self.standing(&records, input.applied_n, params.max_slew_n_per_tick) {
             records[standing] = None;
             life.page.add64(header::FROZEN, 1);
-            let stood = self.seats[standing].as_mut().map_or(0, |seat| {
-                seat.stood += 1;
-                seat.stood
-            });
-            if stood >= STOOD_TICKS {
-                self.distrust(standing, life, Distrust::Frozen);
+        }
+        self.note_standing(input.tick);
+        for index in 0..REPLICAS {
+            if self.seats[index].as_ref().is_some_and(|seat| seat.stood >= STOOD_TICKS) {
+                self.distrust(index, life, Distrust::Frozen);
             }
-        } else {
-            self.seats.iter_mut().flatten().for_each(|seat| seat.stood = 0);
         }
         let preferred = life.clock.page().load32(station::PREFERRED);
         let is_preferred = |index: &usize| self.seats[*index].as_ref().is_some_and(|seat| seat.incarnation == preferred);
@@ -167,6 +183,22 @@ impl Replicas {
         life.page.store64(layout::SELECTED, slot as u64);
         life.page.store64(layout::SELECTED_INCARNATION, incarnation as u64);
         self.last
+    }
+
+    /// Counts in how many ticks in a row a servo said its last force again although the other's changed, by what both have said of the tick before: of that
+    /// both have answered, whoever is followed and whoever is first. A tick of which one has said nothing is no end of the row.
+    fn note_standing(&mut self, tick: u64) {
+        let said = |index: usize, back: u64| {
+            let record = self.seats[index].as_ref()?.page.ring(haptic::FORCES, tick.checked_sub(back)?)?;
+            (record.flags & FORCE_SHADOW == 0).then(|| record.force_n.map(f32::to_bits))
+        };
+        let words = [0, 1].map(|index| said(index, 1).zip(said(index, 2)));
+        let [Some(a), Some(b)] = words else { return };
+        let (a_stands, b_stands) = (a.0 == a.1, b.0 == b.1);
+        for (seat, stands) in self.seats.iter_mut().zip([a_stands && !b_stands, b_stands && !a_stands]) {
+            let Some(seat) = seat else { continue };
+            seat.stood = if stands && a.0 != b.0 { seat.stood + 1 } else { 0 };
+        }
     }
 
     /// Of two that differ, the one whose force is that of its tick before although the other's has changed: its output stands still.
@@ -208,18 +240,20 @@ impl Replicas {
         seat.is_some_and(|(slot, replica)| life.clock.is_dead(slot) && life.clock.incarnation(slot) == replica.incarnation)
     }
 
-    /// Whether the replica has a force for this tick that may be chosen: one in its shadow, one that is not a number, too large, or of another input is no
-    /// reason not to wait for the other, nor is one that is its last to the bit: whether it stands still is seen beside the other's alone. Without touch both
-    /// say zero, tick after tick, and only one that stood still in the tick before is doubted.
-    fn counts(&self, index: usize, tick: u64, hash: u64, params: &LastHopParams) -> bool {
-        let Some(replica) = &self.seats[index] else { return false };
-        replica.page.cell(haptic::FORCE).is_some_and(|(_, record)| {
-            let is_doubted = replica.stood > 0 || record.force_n != [0.0; 3];
-            record.flags & FORCE_SHADOW == 0
-                && !(is_doubted && replica.repeats(record.force_n))
-                && record.input_hash == hash
-                && valid_force(tick, record.tick, record.force_n, &limits(params)).is_ok()
-        })
+    /// What the replica says of this tick: nothing that may be chosen is one from the shadow, one that is not a number, too large, or of another input. One that
+    /// is its last to the bit is doubted; without touch both say zero, tick after tick, and only one that stood still before is.
+    fn word(&self, index: usize, tick: u64, hash: u64, params: &LastHopParams) -> Word {
+        let Some(replica) = &self.seats[index] else { return Word::Nothing };
+        let Some((_, record)) = replica.page.cell(haptic::FORCE) else { return Word::Nothing };
+        let is_valid = record.flags & FORCE_SHADOW == 0
+            && record.input_hash == hash
+            && valid_force(tick, record.tick, record.force_n, &limits(params)).is_ok();
+        let may_stand = replica.stood > 0 || record.force_n != [0.0; 3];
+        match is_valid {
+            false => Word::Nothing,
+            true if may_stand && replica.repeats(record.force_n) => Word::Doubted,
+            true => Word::Counts,
+        }
     }
 
     /// The replica's force for this tick, if nothing is wrong with it; it may still be one from the shadow.

@@ -12,6 +12,9 @@ use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW};
 /// Ticks without a word from the other replica after which nobody needs to wait for it.
 pub const LONELY_TICKS: u64 = 5;
 
+/// No servo makes more, N.
+const MOST_FORCE_N: f32 = 100.0;
+
 /// One of the two servos.
 #[derive(Clone, Copy, Debug)]
 pub struct Seat {
@@ -49,6 +52,13 @@ pub fn state_of(record: &ForceRecord) -> ServoState {
 /// Whether two records of one tick say the same, force and state, to the bit.
 pub fn agree(a: &ForceRecord, b: &ForceRecord) -> bool {
     a.tick == b.tick && a.force_n.map(f32::to_bits) == b.force_n.map(f32::to_bits) && a.servo_state == b.servo_state
+}
+
+/// Whether a record says a force that can be, and the state of its own tick.
+pub fn is_sound(params: &ServoParams, record: &ForceRecord) -> bool {
+    let state = state_of(record);
+    let norm = record.force_n.iter().map(|part| part * part).sum::<f32>().sqrt();
+    norm <= MOST_FORCE_N && state.is_sound(params) && state.tick == record.tick
 }
 
 /// Whether the other, that says `word`, is right where the two differ.
@@ -96,6 +106,24 @@ mod tests {
         let other = Other { seat: PEER, newest, before };
         let origin = origin(&ServoParams::default(), ME, &last, Some(&other), 100, selected);
         (origin.state.energy_j, origin.astray)
+    }
+
+    #[test]
+    fn a_word_that_cannot_be_or_is_not_of_its_tick_is_none() {
+        let params = ServoParams::default();
+        let good = said(99, 0.1, 0);
+        let with = |force_n: f32| {
+            let mut record = good;
+            record.force_n[1] = force_n;
+            record
+        };
+        assert!(is_sound(&params, &good) && is_sound(&params, &with(1.0)));
+        for force_n in [f32::NAN, f32::INFINITY, 1e9] {
+            assert!(!is_sound(&params, &with(force_n)), "{force_n}");
+        }
+        let mut stands = good;
+        stands.tick = 100;
+        assert!(!is_sound(&params, &stands), "a state that stands still under a stamp that does not");
     }
 
     #[test]

@@ -17,6 +17,8 @@ const RETRY_NS: u64 = 1_000_000_000;
 const WAIT_NS: u64 = 50_000_000;
 /// How long a recorder waits for its predecessor to let go of the file, ns: longer than the supervisor takes to kill one that hangs.
 const LOCK_PATIENCE_NS: u64 = 10_000_000_000;
+/// How long the disk may take for what it was given until that is said, ns.
+const STILL_NS: u64 = 2_000_000_000;
 /// How long the disk may take at the end of a session, ns: a process that is told to stop has 2 s. And how often it may refuse.
 const CLOSE_NS: u64 = 1_200_000_000;
 const LAST_TRIES: usize = 2;
@@ -33,6 +35,9 @@ pub struct Keeper {
     /// What waits.
     pub queue: Block,
     next_write_ns: u64,
+    /// When the disk was given what it has not done with, ns.
+    given_ns: u64,
+    /// It was said that the recording does not go on.
     refused: bool,
 }
 
@@ -45,7 +50,7 @@ impl Keeper {
             let error = match Writer::open(path, session) {
                 Ok(writer) => {
                     let scribe = Scribe::start(writer).map_err(|e| Failure::Broken(format!("a thread for the disk: {e}")))?;
-                    return Ok(Some(Keeper { scribe, queue: Block::default(), next_write_ns: 0, refused: false }));
+                    return Ok(Some(Keeper { scribe, queue: Block::default(), next_write_ns: 0, given_ns: 0, refused: false }));
                 }
                 Err(error) => error,
             };
@@ -85,8 +90,10 @@ impl Keeper {
             self.take(life, written)?;
         }
         let time_ns = system::now_ns();
-        if time_ns >= self.next_write_ns && !self.scribe.is_busy() {
-            self.next_write_ns = time_ns + INTERVAL_NS;
+        if self.scribe.is_busy() && time_ns > self.given_ns + STILL_NS {
+            self.complain(life, "the disk stands still; what is to be recorded waits in memory, for a minute at most");
+        } else if time_ns >= self.next_write_ns && !self.scribe.is_busy() {
+            (self.given_ns, self.next_write_ns) = (time_ns, time_ns + INTERVAL_NS);
             self.scribe.write(std::mem::take(&mut self.queue));
         }
         drop_oldest(&mut self.queue);
@@ -109,11 +116,16 @@ impl Keeper {
         }
         self.queue.precede(rest);
         self.next_write_ns = system::now_ns() + RETRY_NS;
-        if !std::mem::replace(&mut self.refused, true) {
-            life.say(&error.to_string());
-            life.page.last_words(&error.to_string());
-        }
+        self.complain(life, &error.to_string());
         Ok(())
+    }
+
+    /// Says why the recording does not go on, once.
+    fn complain(&mut self, life: &Life, why: &str) {
+        if !std::mem::replace(&mut self.refused, true) {
+            life.say(why);
+            life.page.last_words(why);
+        }
     }
 
     /// Gives the rest to the disk and closes the file; what the disk does not take in time is lost, and said.

@@ -10,26 +10,27 @@ use hyst_recording::Checkpoint;
 const INTERVAL_TICKS: u64 = 5_000;
 /// Roles with a state.
 const ROLES: [Role; 2] = [Role::Tissue, Role::Fluid];
+/// A state that is longer is not kept: in its JSON it would be longer than what any reader takes at once. The largest scenes' have some megabytes.
+const MOST_BYTES: usize = 24 << 20;
 
 /// What has been kept.
 #[derive(Default)]
 pub struct Kept {
-    next_tick: u64,
+    /// For each role the tick from which on its next state is.
+    next_ticks: [u64; ROLES.len()],
 }
 
 impl Kept {
     /// The newest states, if it is time for them.
     pub fn take(&mut self, station: &Station, tick: u64) -> Vec<Checkpoint> {
-        if tick < self.next_tick {
-            return Vec::new();
-        }
-        let newest = |role| {
-            let kept = checkpoint::latest(station, role)?;
-            Some(Checkpoint { role, tick: kept.tick, state: bytes_of_words(&kept.words).to_vec() })
-        };
-        let found: Vec<Checkpoint> = ROLES.into_iter().filter_map(newest).collect();
-        if !found.is_empty() {
-            self.next_tick = tick + INTERVAL_TICKS;
+        let mut found = Vec::new();
+        for (role, next_tick) in ROLES.into_iter().zip(&mut self.next_ticks).filter(|(_, next_tick)| tick >= **next_tick) {
+            let Some(kept) = checkpoint::latest(station, role) else { continue };
+            *next_tick = tick + INTERVAL_TICKS;
+            let state = bytes_of_words(&kept.words);
+            if state.len() <= MOST_BYTES {
+                found.push(Checkpoint { role, tick: kept.tick, state: state.to_vec() });
+            }
         }
         found
     }
@@ -51,11 +52,12 @@ mod tests {
         let tissue = [0, 1].map(|index| CheckpointWriter::open(&station, Slot::new(Role::Tissue, index).unwrap(), 100).unwrap());
         let fluid = CheckpointWriter::open(&station, Slot::new(Role::Fluid, 1).unwrap(), 5_000).unwrap();
         assert!(tissue[0].write(1, 90, &[1; 20], true) && tissue[1].write(1, 100, &[2; 24], true));
-        assert!(fluid.write(1, 96, &[3; 16], true));
         let ticks = |found: Vec<Checkpoint>| found.iter().map(|kept| (kept.role, kept.tick, kept.state[0])).collect::<Vec<_>>();
-        assert_eq!(ticks(kept.take(&station, 120)), [(Role::Tissue, 100, 2), (Role::Fluid, 96, 3)]);
+        assert_eq!(ticks(kept.take(&station, 120)), [(Role::Tissue, 100, 2)]);
+        assert!(fluid.write(1, 196, &[3; 16], true));
+        assert_eq!(ticks(kept.take(&station, 220)), [(Role::Fluid, 196, 3)], "as soon as it is there");
         assert_eq!(kept.take(&station, 5_119), []);
-        assert_eq!(kept.take(&station, 5_120).len(), 2);
+        assert_eq!((kept.take(&station, 5_120).len(), kept.take(&station, 5_220).len()), (1, 1));
         station.wipe();
     }
 }

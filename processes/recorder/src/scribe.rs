@@ -3,6 +3,8 @@
 
 use hyst_messages::RecorderStatus;
 use hyst_recording::{Block, WriteError, Writer};
+use std::collections::VecDeque;
+use std::mem::take;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
@@ -109,18 +111,38 @@ impl Scribe {
     }
 }
 
-/// Appends a block in parts.
+/// Appends a block in parts: the ticks with the statuses in some, what is noted of them with the last, so that a successor which goes on after a part's ticks
+/// does not write it again; then each checkpoint by itself, so that one that is damaged costs no ticks.
 fn append(writer: &mut Writer, mut block: Block) -> Written {
-    // Each turn takes a part of the ticks off the block, so it ends.
-    while !block.is_empty() {
-        let rest = block.applied.split_off(block.applied.len().min(BLOCK_TICKS));
-        if let Err(error) = writer.append(&block) {
+    while block.applied.len() > BLOCK_TICKS {
+        let rest = block.applied.split_off(BLOCK_TICKS);
+        let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.checkpoints), take(&mut block.lost));
+        let refused = writer.append(&block);
+        let part = Block { events: noted.0, processes: noted.1, checkpoints: noted.2, lost: noted.3, ..Block::default() };
+        if let Err(error) = refused {
             block.applied.extend(rest);
-            return Some((error, block));
+            return Some((error, with(block, part)));
         }
-        block = Block { applied: rest, ..Block::default() };
+        block = Block { applied: rest, ..part };
+    }
+    let mut checkpoints = VecDeque::from(take(&mut block.checkpoints));
+    if let Err(error) = writer.append(&block) {
+        return Some((error, Block { checkpoints: checkpoints.into(), ..block }));
+    }
+    while let Some(checkpoint) = checkpoints.pop_front() {
+        let alone = Block { checkpoints: vec![checkpoint], ..Block::default() };
+        if let Err(error) = writer.append(&alone) {
+            checkpoints.extend(alone.checkpoints);
+            return Some((error, Block { checkpoints: checkpoints.into(), ..Block::default() }));
+        }
     }
     None
+}
+
+/// A block that was refused, with what was to come after it.
+fn with(block: Block, noted: Block) -> Block {
+    let Block { events, processes, checkpoints, lost, .. } = noted;
+    Block { events, processes, checkpoints, lost, ..block }
 }
 
 #[cfg(test)]
@@ -156,6 +178,24 @@ mod tests {
         // The thread lets go of the file once it has written its summary, or was refused that too.
         let read = (0..10_000).find_map(|_| Recording::read(&path).ok()).unwrap();
         assert_eq!(read.applied().last().map(|record| record.tick), last_tick);
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn what_is_noted_of_ticks_comes_with_the_last_of_them_and_a_checkpoint_by_itself() {
+        let path = std::env::temp_dir().join(format!("hyst-scribe-parts-{}.mcap", std::process::id()));
+        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        let lost = vec![hyst_recording::TickRange { first: 5, last: 6 }];
+        let checkpoint = |tick| hyst_recording::Checkpoint { role: hyst_messages::Role::Tissue, tick, state: vec![1; 8] };
+        let whole = Block { checkpoints: vec![checkpoint(2_400), checkpoint(2_450)], lost, ..block(1..2_500) };
+        assert!(append(&mut writer, whole).is_none());
+        drop(writer);
+        let mut reader = hyst_recording::Reader::open(&path).unwrap();
+        let mut parts = Vec::new();
+        while let Some(block) = reader.next_block().unwrap() {
+            parts.push((block.applied.len(), block.lost.len(), block.checkpoints.len()));
+        }
+        assert_eq!(parts, [(1_000, 0, 0), (1_000, 0, 0), (499, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1)]);
         std::fs::remove_file(&path).unwrap();
     }
 

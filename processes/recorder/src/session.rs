@@ -10,7 +10,7 @@ use crate::watch::Look;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{Roster, system};
 use hyst_messages::page::{ProcessState, header, recorder as layout, station};
-use hyst_messages::{LAYOUT_VERSION, RecorderStatus, Slot, layout_hash};
+use hyst_messages::{RecorderStatus, Slot, layout_name};
 use hyst_recording::{Event, Session};
 
 /// Longest time between two looks, ns. A change of the slots wakes the recorder earlier, so that events have their tick.
@@ -49,7 +49,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         let newest = keeper.queue.applied.last().map(|record| record.tick).or(keeper.last_tick());
         keeper.queue.checkpoints.extend(kept.take(&life.station, life.tick()));
         keeper.queue.processes.extend(statistics.take(life));
-        said.take(if is_last { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);
+        // Who is followed by another leaves it what comes after its last tick.
+        said.take(if life.clock.stop_requested() { u64::MAX } else { newest.unwrap_or(0) }, &mut keeper.queue.events);
         if is_last {
             return keeper.close(life);
         }
@@ -120,7 +121,7 @@ fn facts(life: &Life) -> Session {
         ("scene_hash", format!("{scene_hash:016x}")),
         ("hand", life.settings.hand.clone()),
         ("version", env!("CARGO_PKG_VERSION").to_string()),
-        ("layout", format!("{LAYOUT_VERSION}/{:016x}", layout_hash())),
+        ("layout", layout_name()),
         ("settings", settings),
     ];
     // Of a case its text, from which its anatomy is drawn again, and what it is judged by.

@@ -44,6 +44,11 @@ pub fn fnv_words(seed: u64, words: impl IntoIterator<Item = u64>) -> u64 {
     words.into_iter().fold(seed ^ 0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ word).wrapping_mul(PRIME).rotate_left(23))
 }
 
+/// Version and hash of the layout in one word, as a recording has it: states of one name can be read by who is built with the same.
+pub fn layout_name() -> String {
+    format!("{LAYOUT_VERSION}/{:016x}", layout_hash())
+}
+
 /// The roll of all layouts: sizes of every record that crosses a border. Two binaries with different values never exchange data.
 pub const fn layout_hash() -> u64 {
     let sizes = [

@@ -2,7 +2,7 @@
 //! newest ones before a tick are found without reading what lies before them.
 
 use crate::channels::{Channel, time_of_ns};
-use crate::frame::Frame;
+use crate::frame::{DATA_END_BYTES, Frame};
 use crate::reader::{ReadError, Reader};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -15,6 +15,8 @@ use std::path::Path;
 
 /// Blocks with checkpoints that are looked into from the newest back: one that is damaged costs its interval.
 const BLOCKS: usize = 8;
+/// Blocks that begin later than what is sought, after which the search ends.
+const LATER: usize = 64;
 /// Bytes of a chunk with the times of its first and last message, and of a message index with its channel.
 const TIMES_BYTES: u64 = 16;
 const CHANNEL_BYTES: u64 = 2;
@@ -86,10 +88,17 @@ impl<R: Read + Seek> Reader<R> {
 
     /// The last blocks that have a checkpoint and begin up to a tick, in the file's order.
     fn blocks_with_checkpoints(&mut self, up_to_tick: u64) -> Result<VecDeque<Frame>, ReadError> {
-        let (mut blocks, mut chunk) = (VecDeque::new(), None);
+        let (mut blocks, mut chunk, mut later) = (VecDeque::new(), None, 0);
         while let Some(frame) = self.next_frame()? {
             match frame.opcode {
-                op::CHUNK if self.times(&frame)?.0 > time_of_ns(up_to_tick) => break,
+                // A time that was damaged, or a block that waited, is no end.
+                op::CHUNK if self.times(&frame)?.0 > time_of_ns(up_to_tick) => {
+                    later += 1;
+                    chunk = None;
+                    if later > LATER {
+                        break;
+                    }
+                }
                 op::CHUNK => chunk = Some(frame),
                 op::MESSAGE_INDEX => {
                     let head = self.body(&frame, CHANNEL_BYTES)?;
@@ -99,7 +108,7 @@ impl<R: Read + Seek> Reader<R> {
                         blocks.drain(..blocks.len().saturating_sub(BLOCKS));
                     }
                 }
-                op::DATA_END => break,
+                op::DATA_END if frame.length == DATA_END_BYTES => break,
                 _ => {}
             }
         }

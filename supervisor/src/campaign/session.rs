@@ -171,7 +171,7 @@ impl Session {
         let Some(viewer) = &mut self.viewer else { return false };
         let lives = |role| remains::slot_alive(viewer.page(), Slot::first(role).number()).is_some();
         let supervised = lives(Role::Supervisor) && lives(Role::Guardian);
-        let is_held = Role::ALL.into_iter().any(|role| viewer.page().is_held(role));
+        let is_held = [Role::Tissue, Role::Fluid].into_iter().any(|role| viewer.page().is_held(role));
         let whole = supervised && !is_held && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
         self.whole_since_tick = if whole { Some(self.whole_since_tick.unwrap_or(tick)) } else { None };
         whole

@@ -33,9 +33,9 @@ struct Whole {
 /// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing.
 pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let from_tick = args.from_s.map_or(0, |from_s| (from_s * 1e3) as u64);
-    let (begin_tick, states) = states_before(&args.file, from_tick)?;
+    let (begin_tick, states) = states_before(args, from_tick)?;
     let whole = look_through(args, begin_tick)?;
-    if from_tick > whole.end_tick {
+    if from_tick > whole.end_tick || begin_tick >= whole.end_tick {
         let end_s = whole.end_tick as f64 * 1e-3;
         return Err(Refusal::input(format!("--from: the recording {} ends at {end_s:.1} s", args.file.display())));
     }
@@ -43,7 +43,9 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let beside =
         args.verify.then(|| std::env::temp_dir().join(format!("hystation-{}-{}.mcap", station.name(), std::process::id())));
     if begin_tick > 0 {
-        eprintln!("hystation: begins at the checkpoint of {:.3} s", begin_tick as f64 * 1e-3);
+        let of = |state: &Checkpoint| format!("{} of {:.3} s", state.role.name(), state.tick as f64 * 1e-3);
+        let states: Vec<String> = states.iter().map(of).collect();
+        eprintln!("hystation: begins at the checkpoint of {:.3} s: {}", begin_tick as f64 * 1e-3, states.join(", "));
     }
     let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed })? };
     let run = run_args(args, &whole, again, beside.as_deref())?;
@@ -66,14 +68,20 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     Ok(if code == 0 && whole.missing.is_some() { 3 } else { code })
 }
 
-/// The states that the newest checkpoint up to a tick is of, and its tick; 0 where there is none with a tissue.
-fn states_before(path: &Path, from_tick: u64) -> Result<(u64, Vec<Checkpoint>), Refusal> {
-    if from_tick == 0 {
-        return Ok((0, Vec::new()));
+/// The states that the newest checkpoint up to a tick is of, and its tick; 0 where there is none with a tissue, where it was written by a build whose states are
+/// other ones, or where faults are to be injected, which may be due before it.
+fn states_before(args: &ReplayArgs, from_tick: u64) -> Result<(u64, Vec<Checkpoint>), Refusal> {
+    let none = (0, Vec::new());
+    if from_tick == 0 || args.station.faults.is_some() {
+        return Ok(none);
     }
-    let states = checkpoints(path, from_tick).map_err(|error| Refusal::input(error.to_string()))?;
+    let layout = super::report::open(&args.file)?.session().get("layout").cloned();
+    if layout != Some(hyst_messages::layout_name()) {
+        return Ok(none);
+    }
+    let states = checkpoints(&args.file, from_tick).map_err(|error| Refusal::input(error.to_string()))?;
     let tissue = states.iter().find(|state| state.role == Role::Tissue).map(|state| state.tick);
-    Ok(tissue.map_or((0, Vec::new()), |tick| (tick, states)))
+    Ok(tissue.map_or(none, |tick| (tick, states)))
 }
 
 /// Reads the recording once, from the tick at which the replay begins to its end.
@@ -84,7 +92,8 @@ fn look_through(args: &ReplayArgs, begin_tick: u64) -> Result<Whole, Refusal> {
         reader.skip_to(begin_tick).map_err(|error| Refusal::input(error.to_string()))?;
     }
     let session = reader.session().clone();
-    let (mut last_tick, mut whole_tick, mut first_lost, mut has_steps) = (None, 0, None, false);
+    // Who has checkpoints has steps, too.
+    let (mut last_tick, mut whole_tick, mut first_lost, mut has_steps) = (None, 0, None::<TickRange>, begin_tick > 0);
     let ended = loop {
         let block = match reader.next_block() {
             Ok(Some(block)) => block,
@@ -96,7 +105,8 @@ fn look_through(args: &ReplayArgs, begin_tick: u64) -> Result<Whole, Refusal> {
             whole_tick = last_tick.unwrap_or(0);
         }
         has_steps |= !block.steps.is_empty();
-        first_lost = first_lost.or(block.lost.first().copied());
+        let lost = block.lost.iter().filter(|range| range.last > begin_tick);
+        first_lost = lost.copied().chain(first_lost).min_by_key(|range| range.first);
     };
     let last_tick = last_tick.ok_or_else(|| refuse("holds no tick of a session"))?;
     if !has_steps {

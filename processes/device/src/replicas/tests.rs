@@ -36,6 +36,7 @@ fn slot(role: Role, index: usize) -> Slot {
 
 fn say(page: &OwnedPage, input: &InputRecord, force_n: [f32; 3], flags: u32) {
     let record = ForceRecord { tick: input.tick, input_hash: input_hash(input), force_n, flags, ..Default::default() };
+    page.push(haptic::FORCES, input.tick, &record);
     page.write(haptic::FORCE, &record);
     page.store64(header::TICK, input.tick);
     page.bump_and_wake(header::NEWS);
@@ -71,16 +72,16 @@ fn nonsense_of_the_one_that_is_followed_is_no_reason_not_to_wait_for_the_other()
 #[test]
 fn one_that_may_stand_still_is_no_reason_not_to_wait_for_the_other() {
     let (station, life, pages, mut replicas) = seated("stands");
-    let counts = |replicas: &Replicas, tick, newton| {
+    let word = |replicas: &Replicas, tick, newton| {
         let input = InputRecord { tick, ..InputRecord::default() };
         say(&pages[0], &input, [0.0, newton, 0.0], 0);
-        replicas.counts(0, tick, input_hash(&input), &LastHopParams::default())
+        replicas.word(0, tick, input_hash(&input), &LastHopParams::default())
     };
     let here = |newton| Some((newton, 0));
     assert_eq!(taken(&life, &mut replicas, &pages, 1, [here(0.0), here(0.0)]), Some(0.0));
-    assert!(counts(&replicas, 2, 0.0), "without touch each tick is like the one before");
+    assert_eq!(word(&replicas, 2, 0.0), Word::Counts, "without touch each tick is like the one before");
     assert_eq!(taken(&life, &mut replicas, &pages, 2, [here(0.10), here(0.10)]), Some(0.10));
-    assert!(!counts(&replicas, 3, 0.10) && counts(&replicas, 3, 0.11));
+    assert_eq!([0.10, 0.11, f32::NAN].map(|newton| word(&replicas, 3, newton)), [Word::Doubted, Word::Counts, Word::Nothing]);
     let input = InputRecord { tick: 3, ..InputRecord::default() };
     say(&pages[0], &input, [0.0, 0.10, 0.0], 0);
     let chosen = std::thread::scope(|scope| {
@@ -93,7 +94,31 @@ fn one_that_may_stand_still_is_no_reason_not_to_wait_for_the_other() {
     assert_eq!(chosen.force_n, Some([0.0, 0.11, 0.0]), "the first, which is followed, stands");
     assert_eq!(taken(&life, &mut replicas, &pages, 4, [here(0.0), here(0.0)]), Some(0.0));
     assert_eq!(taken(&life, &mut replicas, &pages, 5, [here(0.0), here(0.02)]), Some(0.02));
-    assert!(!counts(&replicas, 6, 0.0) && counts(&replicas, 6, 0.01), "nor does zero count of one that stood");
+    assert_eq!(taken(&life, &mut replicas, &pages, 6, [here(0.0), here(0.03)]), Some(0.03));
+    assert_eq!(
+        [0.0, 0.01].map(|newton| word(&replicas, 7, newton)),
+        [Word::Doubted, Word::Counts],
+        "nor is zero of one that stood"
+    );
+    drop(replicas);
+    station.wipe();
+}
+
+#[test]
+fn one_that_stands_still_is_found_although_it_answers_after_the_one_that_is_followed() {
+    let (station, life, [liar, followed], mut replicas) = seated("late");
+    let distrusted = || life.page.load64(layout::DISTRUSTED) >> 32;
+    for tick in 1..=30u64 {
+        let input = InputRecord { tick, ..InputRecord::default() };
+        // At first neither touches; then the hand does, and the liar says zero as before.
+        let newton = if tick < 10 { 0.0 } else { 0.01 * (tick - 9) as f32 };
+        say(&followed, &input, [0.0, newton, 0.0], 0);
+        let chosen = replicas.choose(&life, &input, &LastHopParams::default(), 0);
+        assert_eq!(chosen.force_n, Some([0.0, newton, 0.0]), "tick {tick}");
+        say(&liar, &input, [0.0; 3], 0);
+        let is_found = distrusted() == Distrust::Frozen as u64;
+        assert_eq!(is_found, tick > 9 + u64::from(STOOD_TICKS), "tick {tick}");
+    }
     drop(replicas);
     station.wipe();
 }

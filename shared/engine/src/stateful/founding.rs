@@ -7,7 +7,7 @@ use crate::life::Failure;
 use hyst_exchange::roster::Tenure;
 use hyst_exchange::{checkpoint, system};
 use hyst_messages::page::header;
-use hyst_messages::{Message, StreamHeader, TICK_NS};
+use hyst_messages::{Message, Role, StreamHeader, TICK_NS};
 use std::sync::atomic::{Ordering, fence};
 
 impl<S: Stateful> Loop<'_, S> {
@@ -87,7 +87,10 @@ impl<S: Stateful> Loop<'_, S> {
         if ground_tick < u64::MAX {
             checkpoint::discard_after(&self.life.station, self.role, bytes, ground_tick);
         }
-        let kept = kept.map(|kept| (kept.tick, kept.words)).or_else(|| self.first_of_replay());
+        let kept = match kept {
+            Some(kept) => Some((kept.tick, kept.words)),
+            None => self.first_of_replay()?,
+        };
         if damaged > 0 {
             self.life.say(&format!("{damaged} checkpoints are damaged and are not used"));
         }
@@ -117,12 +120,21 @@ impl<S: Stateful> Loop<'_, S> {
         Ok(true)
     }
 
-    /// The state, and its tick, that a replay begins with which does not begin at the beginning.
-    fn first_of_replay(&self) -> Option<(u64, Vec<u64>)> {
-        let begin_tick = self.life.settings.replay?.begin_tick;
-        let words = checkpoint::first(&self.life.station, self.role).filter(|_| begin_tick > 0)?;
+    /// The state, and its tick, that a replay begins with which does not begin at the beginning. The tissue's is what the replay is shown for; another role
+    /// whose state is of no use here, such as a fluid's on a coarser grid, begins anew and says so.
+    fn first_of_replay(&self) -> Result<Option<(u64, Vec<u64>)>, Failure> {
+        let Some(replay) = self.life.settings.replay.filter(|replay| replay.begin_tick > 0) else { return Ok(None) };
+        let Some(words) = checkpoint::first(&self.life.station, self.role) else { return Ok(None) };
         let bytes = hyst_messages::stream::bytes_of_words(&words);
-        let tick = Message::parse(bytes, self.engine.kind()).ok()?.header().tick;
-        self.engine.accepts(bytes).then_some((tick, words))
+        let tick = Message::parse(bytes, self.engine.kind()).ok().map(|message| message.header().tick);
+        if let Some(tick) = tick.filter(|_| self.engine.accepts(bytes)) {
+            return Ok(Some((tick, words)));
+        }
+        let what = format!("the recorded state of tick {} is of no use here", replay.begin_tick);
+        if self.role == Role::Tissue {
+            return Err(Failure::Input(format!("{what}; replay without --from")));
+        }
+        self.life.say(&format!("{what}: it begins anew"));
+        Ok(None)
     }
 }

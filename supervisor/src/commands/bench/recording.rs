@@ -169,6 +169,7 @@ fn shift(block: &mut Block, to: impl Fn(u64) -> u64) {
     block.tissue.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
     block.fluid.iter_mut().for_each(|status| status.state_tick = to(status.state_tick));
     block.events.iter_mut().for_each(|event| event.tick = to(event.tick));
+    block.processes.iter_mut().for_each(|spell| spell.tick = to(spell.tick));
     block.checkpoints.iter_mut().for_each(|kept| kept.tick = to(kept.tick));
 }
 
@@ -194,7 +195,7 @@ fn reported(hour: &Path, folder: &Folder) -> Result<(Value, Target), Refusal> {
     Ok((row, Target::new("Report of a recording of an hour, as a page, s".into(), Some(time_s), MOST_REPORT_S, false)))
 }
 
-/// What a replay does before it starts engines: the states before a time, and the ticks from there on.
+/// The states before a time, and the ticks from there on, of a file that was just written. A replay reads on to the end before it starts engines.
 fn sought(hour: &Path) -> Result<(Value, Target), Refusal> {
     let begun = Instant::now();
     let states = checkpoints(hour, SOUGHT_TICK).map_err(|e| failed(&e))?;
