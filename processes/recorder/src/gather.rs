@@ -82,11 +82,12 @@ impl Gather {
     /// Begins to look for the sources; goes on after `last_tick`.
     pub fn new(life: &Life, last_tick: Option<u64>) -> Result<Gather, Failure> {
         let links = Links::join(&life.station, &life.slot.to_string())?;
+        // Pages first: they are opened at once, and a stream that takes its time to be opened holds up what comes after it.
         let interests = vec![
-            (Role::Haptic, Wanted::Stream(Kind::Force)),
             (Role::Device, Wanted::Page),
             (Role::Tissue, Wanted::Page),
             (Role::Fluid, Wanted::Page),
+            (Role::Haptic, Wanted::Stream(Kind::Force)),
         ];
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         let collector = Collector::after(last_tick);
