@@ -4,7 +4,7 @@
 use hyst_messages::RecorderStatus;
 use hyst_recording::{Block, WriteError, Writer};
 use std::collections::VecDeque;
-use std::mem::take;
+use std::mem::{replace, take};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
@@ -111,38 +111,35 @@ impl Scribe {
     }
 }
 
-/// Appends a block in parts: the ticks with the statuses in some, what is noted of them with the last, so that a successor which goes on after a part's ticks
-/// does not write it again; then each checkpoint by itself, so that one that is damaged costs no ticks.
-fn append(writer: &mut Writer, mut block: Block) -> Written {
-    while block.applied.len() > BLOCK_TICKS {
-        let rest = block.applied.split_off(BLOCK_TICKS);
-        let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.checkpoints), take(&mut block.lost));
-        let refused = writer.append(&block);
-        let part = Block { events: noted.0, processes: noted.1, checkpoints: noted.2, lost: noted.3, ..Block::default() };
-        if let Err(error) = refused {
-            block.applied.extend(rest);
-            return Some((error, with(block, part)));
-        }
-        block = Block { applied: rest, ..part };
-    }
-    let mut checkpoints = VecDeque::from(take(&mut block.checkpoints));
-    if let Err(error) = writer.append(&block) {
-        return Some((error, Block { checkpoints: checkpoints.into(), ..block }));
-    }
-    while let Some(checkpoint) = checkpoints.pop_front() {
-        let alone = Block { checkpoints: vec![checkpoint], ..Block::default() };
-        if let Err(error) = writer.append(&alone) {
-            checkpoints.extend(alone.checkpoints);
-            return Some((error, Block { checkpoints: checkpoints.into(), ..Block::default() }));
+/// Appends a block in parts; of what is refused everything is given back that is not on disk.
+fn append(writer: &mut Writer, block: Block) -> Written {
+    let mut parts = parts(block);
+    while let Some(mut part) = parts.pop_front() {
+        if let Err(error) = writer.append(&part) {
+            for mut later in parts {
+                later.precede(part);
+                part = later;
+            }
+            return Some((error, part));
         }
     }
     None
 }
 
-/// A block that was refused, with what was to come after it.
-fn with(block: Block, noted: Block) -> Block {
-    let Block { events, processes, checkpoints, lost, .. } = noted;
-    Block { events, processes, checkpoints, lost, ..block }
+/// The ticks with the statuses in some parts, what is noted of them with the last, so that a successor which goes on after a part's ticks does not write it
+/// again; then each checkpoint by itself, so that one that is damaged costs no ticks.
+fn parts(mut block: Block) -> VecDeque<Block> {
+    let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.lost));
+    let checkpoints = take(&mut block.checkpoints);
+    let mut parts = VecDeque::new();
+    while block.applied.len() > BLOCK_TICKS {
+        let rest = Block { applied: block.applied.split_off(BLOCK_TICKS), ..Block::default() };
+        parts.push_back(replace(&mut block, rest));
+    }
+    (block.events, block.processes, block.lost) = noted;
+    parts.push_back(block);
+    parts.extend(checkpoints.into_iter().map(|checkpoint| Block { checkpoints: vec![checkpoint], ..Block::default() }));
+    parts
 }
 
 #[cfg(test)]

@@ -82,12 +82,8 @@ impl Column {
             || NONE.to_string(),
             |step| format!("{} N at {:.3} s", number(step.value), seconds(conduct.since_start(step.tick))),
         );
-        let alarms = PUMP_ALARMS.iter().zip(measured.medium.alarms).map(|((_, name), count)| format!("{name} {count}"));
-        let alarms: Vec<String> = alarms.collect();
-        let (first, further) = alarms.split_at(PUMP_ALARMS.len().div_ceil(2)); // in one line they are too wide for the text
-        let flaws = FLOW_FLAWS.iter().zip(measured.medium.flaws).map(|((_, name), count)| format!("{name} {count}"));
-        let flaws: Vec<String> = flaws.collect();
-        let (mended, taken) = flaws.split_at(FLOW_FLAWS.len().div_ceil(2));
+        let [alarms, further_alarms] = counts_in_words(&PUMP_ALARMS, &measured.medium.alarms);
+        let [mended, as_they_were] = counts_in_words(&FLOW_FLAWS, &measured.medium.flaws);
         vec![
             ("ticks in the recording", conduct.ticks.to_string()),
             ("ticks missing", format!("{} in {} gaps{longest}", conduct.missing, conduct.gaps)),
@@ -103,12 +99,19 @@ impl Column {
             ("takeovers of a role", conduct.takeovers.to_string()),
             ("changes of the servo that is followed", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
-            ("alarms of the pump", first.join(", ")),
-            ("further alarms of the pump", further.join(", ")),
-            ("flaws of the flow, mended", mended.join(", ")),
-            ("flaws of the flow, as they were", taken.join(", ")),
+            ("alarms of the pump", alarms),
+            ("further alarms of the pump", further_alarms),
+            ("flaws of the flow, mended", mended),
+            ("flaws of the flow, as they were", as_they_were),
         ]
     }
+}
+
+/// Counts with their names, in two halves: in one line they are too wide for the text.
+fn counts_in_words(names: &[(u32, &str)], counts: &[u64]) -> [String; 2] {
+    let words: Vec<String> = names.iter().zip(counts).map(|((_, name), count)| format!("{name} {count}")).collect();
+    let (first, further) = words.split_at(words.len().div_ceil(2));
+    [first.join(", "), further.join(", ")]
 }
 
 /// What stands where nothing is recorded.

@@ -69,10 +69,8 @@ fn station(column: &Column) -> Value {
             "text": event.text,
         })
     };
-    let alarms: Map<String, Value> =
-        PUMP_ALARMS.iter().zip(measured.medium.alarms).map(|((_, name), count)| (name.to_string(), json!(count))).collect();
-    let flaws: Map<String, Value> =
-        FLOW_FLAWS.iter().zip(measured.medium.flaws).map(|((_, name), count)| (name.to_string(), json!(count))).collect();
+    let alarms = counts(&PUMP_ALARMS, &measured.medium.alarms);
+    let flaws = counts(&FLOW_FLAWS, &measured.medium.flaws);
     let processes: Map<String, Value> =
         conduct.processes.all().map(|(name, process)| (name.to_string(), process_json(process))).collect();
     json!({
@@ -98,6 +96,11 @@ fn station(column: &Column) -> Value {
         "events": conduct.events.iter().map(event).collect::<Value>(),
         "events_left_out": conduct.events_left_out,
     })
+}
+
+/// Counts by their names.
+fn counts(names: &[(u32, &str)], counts: &[u64]) -> Map<String, Value> {
+    names.iter().zip(counts).map(|((_, name), count)| (name.to_string(), json!(count))).collect()
 }
 
 fn process_json(process: &ProcessSum) -> Value {

@@ -26,6 +26,28 @@ pub fn bench(what: &str, mesh: Option<&Path>, json: bool) -> Result<u8, Refusal>
     }
 }
 
+/// A folder of temporary files, removed when dropped.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// A folder of its own for a benchmark.
+    pub fn new(what: &str) -> Result<Folder, Refusal> {
+        let folder = std::env::temp_dir().join(format!("hystation-bench-{what}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
+        Ok(Folder(folder))
+    }
+    /// A file in it.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0); // of temporary files
+    }
+}
+
 /// A program beside this one.
 pub fn beside(binary: &str) -> Result<PathBuf, Refusal> {
     let own = std::env::current_exe().map_err(|e| Refusal::failed(format!("cannot find the folder of this program: {e}")))?;

@@ -5,7 +5,7 @@
 use super::arm::{Arm, Kind};
 use super::probe::Spell;
 use super::targets::{Target, figures, median, ratios};
-use super::{beside, not_started};
+use super::{Folder, beside, not_started};
 use crate::settings::Refusal;
 use hyst_messages::Role;
 use hyst_scene::Scene;
@@ -51,24 +51,18 @@ pub fn flow(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
     Ok(u8::from(code != 0 || target.held != Some(true)))
 }
 
-/// A scene in a folder of its own, removed when dropped.
-struct FineScene(PathBuf);
+/// The fine scene as a file, in a folder that is removed when dropped.
+struct FineScene(Folder);
 
 impl FineScene {
     fn new() -> Result<FineScene, Refusal> {
-        let folder = std::env::temp_dir().join(format!("hystation-bench-{}", std::process::id()));
-        let written = std::fs::create_dir_all(&folder).and_then(|()| std::fs::write(folder.join("fine.toml"), fine_text()));
-        written.map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
-        Ok(FineScene(folder))
+        let scene = FineScene(Folder::new("flow")?);
+        let path = scene.path();
+        std::fs::write(&path, fine_text()).map_err(|e| Refusal::failed(format!("{}: {e}", path.display())))?;
+        Ok(scene)
     }
     fn path(&self) -> PathBuf {
-        self.0.join("fine.toml")
-    }
-}
-
-impl Drop for FineScene {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0); // a folder of temporary files
+        self.0.file("fine.toml")
     }
 }
 

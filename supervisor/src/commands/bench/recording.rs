@@ -4,13 +4,13 @@
 
 use super::arm::{Arm, Kind};
 use super::targets::{Target, median, ratios, step_us};
-use super::{beside, not_started};
+use super::{Folder, beside, not_started};
 use crate::settings::Refusal;
 use hyst_exchange::machine;
 use hyst_messages::Role;
 use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
@@ -33,7 +33,7 @@ const AGAIN_S: u64 = 10;
 
 /// Measures, prints, and says whether every target is held.
 pub fn recording(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
-    let folder = Folder::new()?;
+    let folder = Folder::new("recording")?;
     let session = folder.file("session.mcap");
     let arms = take_turns(mesh, &session)?;
     let (mut rows, mut targets) = (Vec::new(), Vec::new());
@@ -57,26 +57,6 @@ pub fn recording(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
         targets.iter().for_each(|target| println!("{target}"));
     }
     Ok(u8::from(targets.iter().any(|target| target.held != Some(true))))
-}
-
-/// A folder of temporary files, removed when dropped.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> Result<Folder, Refusal> {
-        let folder = std::env::temp_dir().join(format!("hystation-bench-recording-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
-        Ok(Folder(folder))
-    }
-    fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0); // of temporary files
-    }
 }
 
 fn failed(error: &dyn std::fmt::Display) -> Refusal {
@@ -242,7 +222,7 @@ mod tests {
 
     #[test]
     fn a_session_that_is_repeated_has_each_tick_once_and_its_states_where_they_belong() {
-        let folder = Folder::new().unwrap();
+        let folder = Folder::new("recording").unwrap();
         let [short, long] = ["short.mcap", "long.mcap"].map(|name| folder.file(name));
         let block = |first: u64| Block {
             applied: (first..first + 200)
