@@ -35,7 +35,11 @@ fn same(said: &str) -> (u64, u64) {
 fn faults(folder: &Folder, faults: &[(u64, &str, &str)]) -> String {
     let path = folder.path("faults.toml");
     let tables = faults.iter().map(|(tick, kind, target)| {
-        let forth = if *kind == "stop" { "for = 0.3\n" } else { "" };
+        let forth = match *kind {
+            "stop" => "for = 0.3\n",
+            "block" => "for = 0.005\n",
+            _ => "",
+        };
         format!("[[fault]]\nkind = \"{kind}\"\ntarget = \"{target}\"\ntick = {tick}\n{forth}")
     });
     std::fs::write(&path, format!("seed = 1\n{}", tables.collect::<String>())).unwrap();
@@ -114,6 +118,9 @@ fn a_session_in_real_time_with_faults_and_cuts_is_done_again_to_the_bit() {
     let hurt = [
         (3_000, "kill", "tissue:active"),
         (4_500, "kill", "haptic:active"),
+        // Held up in the middle of a tick, it takes the contact model of a later state in it.
+        (5_000, "block", "device"),
+        (5_500, "block", "device"),
         (6_000, "stop", "tissue:active"),
         (7_000, "kill", "device"),
     ];

@@ -165,7 +165,7 @@ impl Models {
             let verdict = match () {
                 () if is_ahead(&self.horizons[0], (model.epoch, model.state_tick), life) => Err(Distrust::Invalid),
                 () if key <= std::mem::replace(&mut tissue.key, key) => Err(Distrust::Still),
-                () => judge_model(&model, &life.page, tick.max(life.clock.present_tick())),
+                () => judge_model(&model, &life.page, tick.max(life.clock.latest_tick())),
             };
             if let Err(why) = verdict {
                 life.refuse(tissue.page.incarnation(), why);

@@ -13,6 +13,7 @@ use hyst_exchange::{Links, ReadPage, allocation, cell, system};
 use hyst_messages::page::{ProcessState, device, haptic, header};
 use hyst_messages::record::{FORCE_ASTRAY, FORCE_SHADOW, SERVO_STATE_WORDS};
 use hyst_messages::{ForceRecord, InputRecord, Role, TICK_NS, fnv_words};
+use std::collections::VecDeque;
 
 /// Ticks that a newborn must agree with the other replica before it may be chosen.
 pub const SHADOW_TICKS: u32 = 20;
@@ -20,6 +21,8 @@ pub const SHADOW_TICKS: u32 = 20;
 const UNSEEN_TICKS: u32 = 500;
 /// How long the servo sleeps at most without an input, ns: then it looks for a successor of the device, and for the station's end.
 const PATIENCE_NS: u64 = 2 * TICK_NS;
+/// States that a servo keeps in a replay: as far back as a lag is told.
+const HISTORY: usize = 256;
 
 struct Servo<'a> {
     life: &'a Life,
@@ -36,6 +39,8 @@ struct Servo<'a> {
     tells: fn([f32; 3]) -> [f32; 3],
     allocations: u64,
     lies: Lies,
+    /// In a replay: its states of the last ticks. A servo that was held up went on from one that the page has no more, for here it answers every tick.
+    history: VecDeque<ServoState>,
 }
 
 /// The whole life of a servo.
@@ -63,6 +68,7 @@ pub fn run_telling(life: &Life, tells: fn([f32; 3]) -> [f32; 3]) -> Result<(), F
         tells,
         allocations: 0,
         lies: Lies::new(life, size_of::<ForceRecord>()),
+        history: VecDeque::with_capacity(if life.is_replay() { HISTORY + 1 } else { 0 }),
     };
     while !servo.is_connected() && !life.clock.stop_requested() {
         servo.receive_ports();
@@ -150,9 +156,9 @@ impl Servo<'_> {
     fn replayed(&self, input: &InputRecord) -> Option<Origin> {
         let lag = Some(input.replayed_lag).filter(|lag| *lag > 1)?;
         let tick = input.tick.checked_sub(lag)?;
-        let own = self.life.page.ring(haptic::FORCES, tick);
-        let record = own.or_else(|| self.peer.as_ref()?.ring(haptic::FORCES, tick))?;
-        Some(Origin { state: accord::state_of(&record), astray: false })
+        let own = self.history.iter().rev().find(|state| state.tick <= tick).copied().filter(|state| state.tick == tick);
+        let state = own.or_else(|| Some(accord::state_of(&self.peer.as_ref()?.ring(haptic::FORCES, tick)?)))?;
+        Some(Origin { state, astray: false })
     }
 
     fn tick(&mut self, input: &InputRecord, woken_ns: u64) {
@@ -197,6 +203,10 @@ impl Servo<'_> {
         page.bump_and_wake(header::NEWS);
         page.write(haptic::INPUT, input); // for a device that is born after this one
         self.last = record;
+        if self.life.is_replay() {
+            self.history.push_back(state);
+            self.history.drain(..self.history.len().saturating_sub(HISTORY));
+        }
     }
 
     /// Compares the last tick with the other replica's, if it can be had, and leaves the shadow after enough agreement, or if there is

@@ -124,7 +124,7 @@ impl Horizon {
     pub fn is_passed_by(&self, found: succession::Key, step: u64, clock: &StationPage) -> bool {
         self.admits(self.roster.holder(self.role), clock);
         let epoch = self.seen.get().epoch;
-        epoch > 0 && succession::is_ahead(found, epoch, clock.present_tick(), step)
+        epoch > 0 && succession::is_ahead(found, epoch, clock.latest_tick(), step)
     }
 }
 

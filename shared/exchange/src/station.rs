@@ -215,6 +215,11 @@ impl StationPage {
     pub fn present_tick(&self) -> u64 {
         if self.is_lockstep() { self.page.load64(layout::ENDED_TICK) } else { self.tick_at(system::now_ns()) }
     }
+    /// The latest tick of which there can be a state: the present one, or in lock-step that to which the sequencer has let anybody go.
+    pub fn latest_tick(&self) -> u64 {
+        let begun = |word: usize| if self.is_lockstep() { self.page.load64(word) } else { 0 };
+        self.present_tick().max(begun(layout::BEGUN_TICK)).max(begun(layout::TISSUE_TICK))
+    }
     /// Whether everything must stop.
     pub fn stop_requested(&self) -> bool {
         self.page.load32(layout::STOP) != 0

@@ -34,6 +34,8 @@ pub struct Playback<R> {
     /// Of each tick the step that counts.
     line: BTreeMap<u64, StepRecord>,
     fluid: BTreeMap<u64, FluidStatus>,
+    /// The newest step that was given as due.
+    done_tick: u64,
     has_ended: bool,
 }
 
@@ -53,6 +55,7 @@ impl<R: Read + Seek> Playback<R> {
             steps: BTreeMap::new(),
             line: BTreeMap::new(),
             fluid: BTreeMap::new(),
+            done_tick: 0,
             has_ended: false,
         }
     }
@@ -64,13 +67,34 @@ impl<R: Read + Seek> Playback<R> {
 
     /// Begins at `tick` instead of the beginning; before anything else is asked for.
     pub fn skip_to(&mut self, tick: u64) -> Result<(), ReadError> {
+        self.done_tick = tick.saturating_sub(1);
         self.reader.skip_to(tick)
     }
 
-    /// The first tick of the device that is there; `None` if there is none.
-    pub fn first_tick(&mut self) -> Result<Option<u64>, ReadError> {
+    /// What the device did in the first tick that it made; `None` if it made none. Before anything else is asked for.
+    pub fn first_applied(&mut self) -> Result<Option<AppliedRecord>, ReadError> {
         self.read_ahead(0)?;
-        Ok(self.applied.front().map(|record| record.tick))
+        Ok(self.applied.front().copied())
+    }
+
+    /// The first tick in which anything happened: the device's, or the first step of a tissue that was there before it; `None` if the device made no tick.
+    pub fn first_tick(&mut self) -> Result<Option<u64>, ReadError> {
+        let device = self.first_applied()?.map(|record| record.tick);
+        let tissue = self.line.first_key_value().map(|(tick, _)| *tick);
+        Ok(device.map(|device| tissue.map_or(device, |tissue| tissue.min(device))))
+    }
+
+    /// The steps of the tissue that were made before the device made `tick` of what it read, after those that were given before; asked once [`Playback::at`]
+    /// has given that tick. A device that was held up in the middle of a tick took the contact model of a later state: the steps to that one come
+    /// before the tick, unless they were made from the tick's own input record, as none can be.
+    pub fn due(&mut self, tick: u64) -> Vec<StepRecord> {
+        let record = self.applied.front().filter(|record| record.tick == tick && record.model_epoch > 0);
+        let reach = record.map_or(tick, |record| record.model_tick.max(tick).min(tick + AHEAD_TICKS));
+        let can_be = |step: &StepRecord| step.tick <= tick || step.input_tick < tick;
+        let to_come = self.line.range(self.done_tick + 1..).map(|(_, step)| *step);
+        let due: Vec<_> = to_come.take_while(|step| step.tick <= reach && can_be(step)).collect();
+        self.done_tick = due.last().map_or(self.done_tick, |step| step.tick);
+        due
     }
 
     /// What happened in `tick`; asked for ascending ticks. `None` after the last tick of the device.
@@ -180,6 +204,30 @@ mod tests {
         let device = [None, Some(2), Some(3), None, Some(5), Some(6), Some(7)];
         let tissue = [None, Some((2, 7)), Some((3, 8)), Some((4, 8)), None, Some((6, 8)), None];
         assert_eq!(seen, device.into_iter().zip(tissue).collect::<Vec<_>>());
+    }
+
+    /// The tissue began before the device, which was held up in tick 4 until the state of 7 was there, and took the model of that. 8 was made from what it did then.
+    #[test]
+    fn steps_are_due_before_the_tick_of_the_device_that_read_what_they_made_and_none_is_due_twice() {
+        let of_input = |tick, input_tick| StepRecord { input_tick, ..step(tick, 7, (tick - 1, 7)) };
+        let steps =
+            [(2, 0), (3, 0), (4, 2), (5, 3), (6, 3), (7, 3), (8, 4), (9, 8)].map(|(tick, from)| of_input(tick, from)).to_vec();
+        let of_model = |tick, model_tick| AppliedRecord { model_tick, model_epoch: 1, ..applied(tick) };
+        for late_model in [7, 8, u64::MAX] {
+            let device = [of_model(3, 2), of_model(4, late_model), of_model(8, 8), of_model(9, 9)].to_vec();
+            let mut playback =
+                playback(&format!("due-{late_model}"), &[Block { applied: device, steps: steps.clone(), ..Block::default() }]);
+            assert_eq!(playback.first_applied().unwrap().map(|record| record.tick), Some(3));
+            assert_eq!(playback.first_tick().unwrap(), Some(2));
+            let due: Vec<Vec<u64>> = (2..=9)
+                .map(|tick| {
+                    playback.at(tick).unwrap().unwrap();
+                    playback.due(tick).iter().map(|step| step.tick).collect()
+                })
+                .collect();
+            let none = Vec::new;
+            assert_eq!(due, vec![vec![2], vec![3], vec![4, 5, 6, 7], none(), none(), none(), vec![8], vec![9]], "{late_model}");
+        }
     }
 
     #[test]

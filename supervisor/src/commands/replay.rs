@@ -6,7 +6,7 @@ use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::Station;
-use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role};
+use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
 use hyst_recording::{Checkpoint, Ending, Moment, Playback, Session, TickRange, checkpoints};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -206,12 +206,14 @@ impl Verdict {
         }
     }
 
+    /// The steps that come before the device's part of a tick.
+    fn note_line(&mut self, steps: &[StepRecord]) {
+        self.line.extend(steps.iter().map(|step| step.tick));
+        self.line.drain(..self.line.len().saturating_sub(LINE));
+    }
+
     /// Compares a tick. The model of a tick is made before the device's part of it.
     fn tick(&mut self, tick: u64, recorded: &Moment, again: &Moment, is_lockstep: bool) {
-        if let Some(step) = &recorded.step {
-            self.line.push_back(step.tick);
-            self.line.drain(..self.line.len().saturating_sub(LINE));
-        }
         if let Some(was) = &recorded.applied {
             self.forces += 1;
             let bits = |record: &AppliedRecord| (record.command.force_n.map(f32::to_bits), record.command.kind);
@@ -268,6 +270,7 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64) -> Result<u8, Refusal> 
     let mut verdict = Verdict::default();
     for tick in 0..=end_tick {
         let moments = (was.at(tick).map_err(unread)?, is.at(tick).map_err(unread)?);
+        verdict.note_line(&was.due(tick));
         verdict.tick(tick, &moments.0.unwrap_or_default(), &moments.1.unwrap_or_default(), is_lockstep);
     }
     let Verdict { forces, states, pumps, unmade, first_unmade, orphans, different, told, .. } = verdict;
@@ -286,7 +289,7 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64) -> Result<u8, Refusal> 
         println!("the same to the bit: {forces} forces, {states} states{pumps}");
         return Ok(if unmade > 0 { 3 } else { 0 });
     }
-    println!("{different} of {forces} forces, {states} states{pumps} differ:");
+    println!("{different} differ of all that was compared ({forces} forces, {states} states{pumps}):");
     told.iter().for_each(|line| println!("  {line}"));
     Ok(1)
 }

@@ -121,14 +121,14 @@ impl Firmware<'_> {
     fn run_in_lockstep(&mut self, mut sequencer: Sequencer<'_>) {
         while let Some(tick) = sequencer.begin() {
             self.receive_ports();
-            let moment = self.life.is_replay().then(|| self.hand.again(tick));
-            if let Some(moment) = &moment {
+            let again = self.life.is_replay().then(|| self.hand.again(tick));
+            if let Some((moment, _)) = &again {
                 let recorded = moment.applied.unwrap_or_default();
                 self.life.page.write(hardware::REPLAY, &ReplayRecord { tick, recorded });
             }
             self.tick_at(tick, tick * TICK_NS, tick, false);
             let begun_ns = system::now_ns();
-            sequencer.release(tick, moment.map(|moment| moment.step));
+            sequencer.release(tick, again.as_ref().map(|(_, steps)| &steps[..]));
             let page = &self.life.page;
             page.count_latency(header::LOOP, system::now_ns() - begun_ns);
             page.store64(header::TICK, tick);

@@ -5,7 +5,7 @@ use super::pad::{Make, Pad};
 use super::score::Score;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose, StepRecord};
 use hyst_recording::Moment;
 use hyst_scene::{HandLeg, LoadedHand, LoadedRigid, LoadedScene, PumpChange};
 use std::collections::VecDeque;
@@ -180,11 +180,11 @@ impl Hand {
         self.model.limits
     }
 
-    /// In a replay: what was recorded of a tick, which the hand then does. Asked for ascending ticks.
-    pub fn again(&mut self, tick: u64) -> Moment {
+    /// In a replay: what was recorded of a tick, which the hand then does, and the tissue's steps that come before it. Asked for ascending ticks.
+    pub fn again(&mut self, tick: u64) -> (Moment, Vec<StepRecord>) {
         match &mut self.will {
             Will::Score(score) => score.at(tick),
-            _ => Moment::default(),
+            _ => Default::default(),
         }
     }
 

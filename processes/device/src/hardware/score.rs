@@ -1,7 +1,7 @@
 //! A recording as the hand's score: read on an ordinary thread, ahead of the ticks that need it, so that no read of a disk meets the 1 kHz.
 
 use hyst_engine::Failure;
-use hyst_messages::HardwareSample;
+use hyst_messages::{HardwareSample, StepRecord};
 use hyst_recording::{Moment, Playback};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -11,7 +11,7 @@ const AHEAD: usize = 4_096;
 
 /// The moments of a recording in the order of their ticks, from its first on.
 pub struct Score {
-    moments: Receiver<Moment>,
+    moments: Receiver<(Moment, Vec<StepRecord>)>,
     first_tick: u64,
     /// The tick that comes next.
     next_tick: u64,
@@ -31,14 +31,13 @@ impl Score {
         let first_tick = playback.first_tick().map_err(input)?;
         let first_tick = first_tick.ok_or_else(|| Failure::Input(format!("recording {}: holds no tick", path.display())))?;
         let first_tick = if begin_tick > 0 { first_tick.max(begin_tick + 1) } else { first_tick };
-        let first = playback.at(first_tick).map_err(input)?.and_then(|moment| moment.applied);
-        let sample = first.map(|applied| applied.sample).unwrap_or_default();
+        let sample = playback.first_applied().map_err(input)?.map(|applied| applied.sample).unwrap_or_default();
         let (to, moments) = sync_channel(AHEAD);
         let read = move || {
             // What cannot be read any more ends the score, as the end of the file does.
             let mut tick = first_tick;
             while let Ok(Some(moment)) = playback.at(tick) {
-                if to.send(moment).is_err() {
+                if to.send((moment, playback.due(tick))).is_err() {
                     return; // the hand has gone
                 }
                 tick += 1;
@@ -52,21 +51,22 @@ impl Score {
     /// The hand in the tick after the one before; where the device made none, and after the end, as it was. A reader that is late holds it up, but no tick.
     pub fn next_sample(&mut self) -> HardwareSample {
         let next = if self.waits { self.moments.recv().ok() } else { self.moments.try_recv().ok() };
-        if let Some(moment) = next {
+        if let Some((moment, _)) = next {
             self.take(&moment);
         }
         self.sample
     }
 
-    /// What happened in a tick, waiting for the reader: for a clock that is virtual. Asked for ascending ticks; empty before the first and after the last.
-    pub fn at(&mut self, tick: u64) -> Moment {
-        let mut moment = Moment::default();
+    /// What happened in a tick, and the tissue's steps that come before what the device did in it, waiting for the reader: for a clock that is virtual. Asked for
+    /// ascending ticks; empty before the first and after the last.
+    pub fn at(&mut self, tick: u64) -> (Moment, Vec<StepRecord>) {
+        let mut found = Default::default();
         while tick >= self.first_tick && self.next_tick <= tick {
-            let Ok(next) = self.moments.recv() else { return Moment::default() };
-            moment = next;
-            self.take(&moment);
+            let Ok(next) = self.moments.recv() else { return Default::default() };
+            self.take(&next.0);
+            found = next;
         }
-        moment
+        found
     }
 
     /// The hand as it was in the last tick that was asked for; before any, in the first.

@@ -97,15 +97,19 @@ impl<'a> Sequencer<'a> {
         }
     }
 
-    /// Releases the members for the tick, group by group, and ends it. In a replay the tissue steps where it is recorded that it did.
-    pub fn release(&mut self, tick: u64, recorded: Option<Option<StepRecord>>) {
+    /// Releases the members for the tick, group by group, and ends it. In a replay the tissue makes the recorded steps, which may go beyond the tick.
+    pub fn release(&mut self, tick: u64, recorded: Option<&[StepRecord]>) {
         self.seat_newcomers();
         let mut last = 1 << Slot::first(Role::Device).number();
-        if let Some(step) = recorded.flatten() {
+        for step in recorded.unwrap_or_default() {
             self.station.store64(station::REPLAY_INPUT_TICK, step.input_tick);
             self.station.store64(station::REPLAY_STEP_TICKS, u64::from(step.step_ticks));
+            // Whoever is released steps to the tick that was begun.
+            self.station.store64(station::BEGUN_TICK, step.tick);
+            last |= self.release_role(Role::Tissue, step.tick, station::TISSUE_TICK);
         }
-        if recorded.map_or(tick.is_multiple_of(self.tissue_period), |step| step.is_some()) {
+        self.station.store64(station::BEGUN_TICK, tick);
+        if recorded.is_none() && tick.is_multiple_of(self.tissue_period) {
             last |= self.release_role(Role::Tissue, tick, station::TISSUE_TICK);
         }
         if tick.is_multiple_of(self.fluid_period) {
