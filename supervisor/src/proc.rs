@@ -103,8 +103,9 @@ impl ThreadFiles {
         if first != Thread::Sleeping {
             return Some(first);
         }
-        let helpers =
-            threads(self.process).into_iter().filter_map(|thread| state_letter(&File::open(task(self.process, thread)).ok()?));
+        let helpers = threads(self.process)
+            .into_iter()
+            .filter_map(|thread| state_letter(&File::open(task(self.process, thread, "stat")).ok()?));
         let busy = helpers.into_iter().any(|letter| matches!(letter, b'R' | b'D'));
         Some(if busy { Thread::Waiting } else { first })
     }
@@ -122,15 +123,27 @@ impl ThreadFiles {
 
     /// What the thread has run, and for how long it was ready to and not let, ns; `None` if the kernel does not say.
     pub fn ran_and_waited_ns(&self) -> Option<(u64, u64)> {
-        let mut bytes = [0u8; 64];
-        let length = self.schedstat.as_ref()?.read_at(&mut bytes, 0).ok()?;
-        let mut numbers = std::str::from_utf8(bytes.get(..length)?).ok()?.split_whitespace();
-        Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
+        ran_and_waited_ns(self.schedstat.as_ref()?)
+    }
+
+    /// The same of all threads of the process, added up: of a rendering most is done by the driver's.
+    pub fn all_ran_and_waited_ns(&self) -> Option<(u64, u64)> {
+        let of = |thread: &i32| File::open(task(self.process, *thread, "schedstat")).ok().as_ref().and_then(ran_and_waited_ns);
+        let first = self.ran_and_waited_ns()?;
+        let helpers = threads(self.process).into_iter().filter(|thread| *thread as u32 != self.process);
+        Some(helpers.filter_map(|thread| of(&thread)).fold(first, |all, one| (all.0 + one.0, all.1 + one.1)))
     }
 }
 
-fn task(process: u32, thread: i32) -> String {
-    format!("/proc/{process}/task/{thread}/stat")
+fn ran_and_waited_ns(schedstat: &File) -> Option<(u64, u64)> {
+    let mut bytes = [0u8; 64];
+    let length = schedstat.read_at(&mut bytes, 0).ok()?;
+    let mut numbers = std::str::from_utf8(bytes.get(..length)?).ok()?.split_whitespace();
+    Some((numbers.next()?.parse().ok()?, numbers.next()?.parse().ok()?))
+}
+
+fn task(process: u32, thread: i32, file: &str) -> String {
+    format!("/proc/{process}/task/{thread}/{file}")
 }
 
 /// State of a thread as its stat file says it.
@@ -291,6 +304,17 @@ mod tests {
         let station = Station::named(&format!("t{me}-nobody")).unwrap();
         assert_eq!(of_station(&station), Vec::<u32>::new());
         assert!(!signal(0, Signal::KILL) && pid(u32::MAX).is_none());
+    }
+
+    #[test]
+    fn what_all_threads_ran_grows_while_the_first_one_sleeps() {
+        let files = ThreadFiles::open(std::process::id()).unwrap();
+        let helpers_ns = || Some(files.all_ran_and_waited_ns()?.0 - files.ran_and_waited_ns()?.0);
+        let Some(before_ns) = helpers_ns() else { return }; // a kernel that keeps no such books
+        let deadline_ns = system::now_ns() + 60_000_000_000;
+        while helpers_ns().is_none_or(|ns| ns < before_ns + 20_000_000) {
+            assert!(system::now_ns() < deadline_ns, "this thread, which is not the first, runs all the time");
+        }
     }
 
     #[test]

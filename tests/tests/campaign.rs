@@ -2,6 +2,7 @@
 //! read by what reads such reports, one fault can be repeated, a promise that is broken ends with code 1, and what cannot be is refused.
 
 use serde_json::Value;
+use station_tests::shown::not_shown;
 use station_tests::{Folder, binaries, hystation, run, wait_for};
 use std::time::{Duration, Instant};
 
@@ -144,45 +145,72 @@ fn one_fault_is_repeated_at_its_tick_and_phase() {
     assert_nothing_left();
 }
 
-/// What has a result is repeated where it came and not where it was drawn; in a swap that is so long after the same stage of it.
+/// What has a result is repeated where it came and not where it was drawn; in a swap that is so long after the same stage of it. A swap may be undone
+/// before it comes to that stage, which harms nobody: then it is tried again.
 #[test]
 fn a_fault_that_has_a_result_is_repeated_where_it_came() {
     let folder = Folder::new("campaign-again");
     let text = "gap_ticks = [450, 500]\nmost_void = 1.0\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:spare\"]\ncount = 1\n\
                 [[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:spare\"]\nstates = [\"swap\"]\nswap = \"collision-worker\"\ncount = 1\n";
     let (file, out) = (folder.write("again.toml", text), folder.path("out"));
-    let (_, printed, said) = campaign(&[&file, "--report", &out]);
-    let first = results(&folder);
-    assert_eq!(first.len(), 2, "{printed}\n{said}");
+    let in_swap = |outcome: &Value| outcome["cell"] == "kill fluid:spare in a swap of collision-worker";
+    let whole = |outcome: &Value| !in_swap(outcome) || !outcome["swap"]["since"].is_null();
+    let first = (0..TRIES).find_map(|_| {
+        let (_, printed, said) = campaign(&[&file, "--report", &out]);
+        let first = results(&folder);
+        assert_eq!(first.len(), 2, "{printed}\n{said}");
+        let found = first.iter().all(whole);
+        if !found {
+            std::fs::remove_dir_all(&out).expect("the report of a campaign");
+        }
+        found.then_some(first)
+    });
+    let Some(first) = first else { return not_shown(&format!("a repetition: {TRIES} swaps did not come to their stage")) };
     let drawn: Value = serde_json::from_str(&folder.read("out/plan.json")).expect("JSON");
-    let us = |tick: i64, outcome: &Value| 1_000 * tick + outcome["injected_phase_us"].as_i64().unwrap_or(0);
-    let number = |value: &Value| value.as_i64().unwrap_or_else(|| panic!("{value} is no number: {first:#?}"));
     for before in &first {
         let index = number(&before["index"]);
         assert_eq!(before["planned_tick"], drawn["faults"][index as usize]["tick"]);
-        let (code, printed, said) = campaign(&[&file, "--report", &out, "--only", &index.to_string()]);
-        let text = folder.read(&format!("out/only-{index}.json"));
-        let found: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}\n{printed}\n{said}"));
-        let again = &found["outcome"];
-        assert_eq!(again["planned_tick"], before["planned_tick"]);
-        let (from, is_swap) = match &before["swap"]["since"] {
-            Value::Null => ([0, 0], false),
-            since => {
-                assert_eq!(again["swap"]["since"][0], since[0], "the same stage: {found:#}");
-                ([number(&since[1]), number(&again["swap"]["since"][1])], true)
-            }
+        assert_eq!(in_swap(before), !before["swap"].is_null(), "{before:#}");
+        let again = (0..TRIES).find_map(|_| {
+            let (code, printed, said) = campaign(&[&file, "--report", &out, "--only", &index.to_string()]);
+            let text = folder.read(&format!("out/only-{index}.json"));
+            let found: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}\n{printed}\n{said}"));
+            let is_whole = whole(&found["outcome"]);
+            assert!(is_whole || code != Some(0), "nobody knows where it came: {found:#}");
+            is_whole.then_some((code, found))
+        });
+        let Some((code, found)) = again else {
+            return not_shown(&format!("a repetition in a swap: {TRIES} swaps did not come to their stage"));
         };
-        assert_eq!(is_swap, before["cell"] == "kill fluid:spare in a swap of collision-worker", "{before:#}");
-        let off_us = us(number(&again["tick"]) - from[1], again) - us(number(&before["tick"]) - from[0], before);
-        assert_eq!(found["off_us"].as_i64(), Some(off_us), "{found:#}");
-        assert!(
-            code != Some(0) || off_us.abs() <= if is_swap { 20_000 } else { 1_000 },
-            "another moment is no repetition: {found:#}"
-        );
-        println!("{}: {off_us} us from where it came", before["cell"]);
+        assert_repeated(before, code, &found);
     }
     assert_eq!(results(&folder).len(), 2, "a repetition is no result of the campaign");
     assert_nothing_left();
+}
+
+/// Tries of a swap that is to come to its stage.
+const TRIES: usize = 3;
+
+fn number(value: &Value) -> i64 {
+    value.as_i64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+/// That a fault was repeated so long after the same stage of its swap, or at the same moment of its station.
+fn assert_repeated(before: &Value, code: Option<i32>, found: &Value) {
+    let again = &found["outcome"];
+    let us = |tick: i64, outcome: &Value| 1_000 * tick + outcome["injected_phase_us"].as_i64().unwrap_or(0);
+    assert_eq!(again["planned_tick"], before["planned_tick"]);
+    let (from, most_us) = match &before["swap"]["since"] {
+        Value::Null => ([0, 0], 1_000),
+        since => {
+            assert_eq!(again["swap"]["since"][0], since[0], "the same stage: {found:#}");
+            ([number(&since[1]), number(&again["swap"]["since"][1])], 20_000)
+        }
+    };
+    let off_us = us(number(&again["tick"]) - from[1], again) - us(number(&before["tick"]) - from[0], before);
+    assert_eq!(found["off_us"].as_i64(), Some(off_us), "{found:#}");
+    assert!(code != Some(0) || off_us.abs() <= most_us, "another moment is no repetition: {found:#}");
+    println!("{}: {off_us} us from where it came", before["cell"]);
 }
 
 /// The station goes on without its guardian, or without both keepers, until the same command has taken it over; two that are hit at once are one fault.

@@ -76,7 +76,7 @@ const STANDS: &[&str] = &["hung", "missed", "late"];
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 28] = [
+const BAD: [(&str, &str, &[&str], &str); 29] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -102,6 +102,7 @@ const BAD: [(&str, &str, &[&str], &str); 28] = [
     ("rendering", "mute", &["out-of-tolerance"], "its page"),
     ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
     ("rendering", "still", &["out-of-tolerance"], "stand still"),
+    ("rendering", "slow", &["slow"], "steps a second"),
     ("console", "mute", &["out-of-tolerance"], "its page"),
     ("device", "abort", DIES, ""),
     ("device", "half", &["out-of-tolerance"], "the motors' force"),

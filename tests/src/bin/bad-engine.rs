@@ -250,8 +250,8 @@ fn slow(force_n: [f32; 3]) -> [f32; 3] {
     force_n
 }
 
-/// A rendering whose page says all that a good one's says, and whose pictures are of these levels, byte by byte, again and again.
-fn draw(life: &Life, level: fn(usize) -> u8) -> Result<(), Failure> {
+/// A rendering whose page says all that a good one's says, and whose pictures are of these levels, byte by byte and picture by picture.
+fn draw(life: &Life, every_ns: u64, level: fn(usize, u64) -> u8) -> Result<(), Failure> {
     let sections = [3 * (PICTURE_PX[0] * PICTURE_PX[1]) as usize];
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let stream = links.publisher(Role::Rendering, life.incarnation, Kind::Picture, message_bytes(&sections))?;
@@ -268,9 +268,9 @@ fn draw(life: &Life, level: fn(usize) -> u8) -> Result<(), Failure> {
         let mut loan = stream.loan(message_bytes(&sections))?;
         let header = StreamHeader { tick: life.tick(), incarnation: life.incarnation, words: PICTURE_PX, ..Default::default() };
         let mut message = MessageMut::format(loan.bytes_mut(), Kind::Picture, header, &sections)?;
-        message.section::<u8>(0)?.iter_mut().enumerate().for_each(|(at, byte)| *byte = level(at));
+        message.section::<u8>(0)?.iter_mut().enumerate().for_each(|(at, byte)| *byte = level(at, frames));
         loan.send()?;
-        system::sleep_ns(PICTURE_NS);
+        system::sleep_ns(every_ns);
     }
     Ok(())
 }
@@ -299,8 +299,10 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (Role::Device, "half") => device::run_giving(life, |force_n| force_n.map(|newton| 0.5 * newton)),
         (Role::Haptic, "off") => haptic::run_telling(life, off),
         (Role::Haptic, "slow") => haptic::run_telling(life, slow),
-        (Role::Rendering, "black") => draw(life, |_| 0),
-        (Role::Rendering, "still") => draw(life, |at| at as u8),
+        (Role::Rendering, "black") => draw(life, PICTURE_NS, |_, _| 0),
+        (Role::Rendering, "still") => draw(life, PICTURE_NS, |at, _| at as u8),
+        // Good pictures, but one a second.
+        (Role::Rendering, "slow") => draw(life, 1_000 * TICK_NS, |at, frames| (at as u64 + 40 * frames) as u8),
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
         (role, kind) => {
             sabotage(life, kind)?;

@@ -5,7 +5,6 @@ use super::super::Supervisor;
 use super::Trial;
 use crate::policy::{self, Cause, Reason};
 use crate::proc::{START_UNIT_NS, ThreadFiles};
-use hyst_engine::realtime;
 use hyst_exchange::system;
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
@@ -100,24 +99,30 @@ impl Spent {
     }
 }
 
+/// Reads the kernel's books of a process of a role: the thread that makes its steps tells how it does, but of a rendering most is done by the driver's.
+fn ran_and_waited_ns(files: &ThreadFiles, role: Role) -> Option<(u64, u64)> {
+    if role == Role::Rendering { files.all_ran_and_waited_ns() } else { files.ran_and_waited_ns() }
+}
+
 /// The books of one process, kept while it is on trial.
 #[derive(Debug)]
 pub(super) struct Effort {
     files: ThreadFiles,
+    role: Role,
     /// What it had spent in all when an entry was made; the time that had passed is that of the clock.
     entries: VecDeque<Spent>,
 }
 
 impl Effort {
     /// Opens the books; `None` if the process is gone.
-    pub(super) fn of(process: u32) -> Option<Effort> {
-        ThreadFiles::open(process).map(|files| Effort { files, entries: VecDeque::with_capacity(MOST_ENTRIES) })
+    pub(super) fn of(process: u32, role: Role) -> Option<Effort> {
+        ThreadFiles::open(process).map(|files| Effort { files, role, entries: VecDeque::with_capacity(MOST_ENTRIES) })
     }
 
     /// Reads the books: `steps` are those that the process has made so far, `stalled_ns` the time for which the host has stood still. A kernel that keeps no
     /// books excuses nobody; the steps count all the same.
     fn read(&self, now_ns: u64, steps: u64, stalled_ns: u64) -> Spent {
-        let (ran_ns, waited_ns) = self.files.ran_and_waited_ns().unwrap_or((0, 0));
+        let (ran_ns, waited_ns) = ran_and_waited_ns(&self.files, self.role).unwrap_or((0, 0));
         Spent { passed_ns: now_ns, ran_ns, waited_ns, steps, stalled_ns }
     }
 
@@ -171,7 +176,7 @@ impl Trial {
     /// Whether the machine did not let the newcomer run, since then.
     pub(super) fn is_excused(&self, since_ns: u64, kept_off: f64) -> bool {
         let spent = self.effort.as_ref().and_then(|effort| effort.since(since_ns));
-        realtime::priority(self.role).is_some() && spent.is_some_and(|spent| spent.is_excused(&self.old, kept_off))
+        spent.is_some_and(|spent| spent.is_excused(&self.old, kept_off))
     }
 
     /// A reason for its end, once the machine was heard: one that missed steps, or left too little to compare, got no time if it was kept off its core. What the
@@ -200,7 +205,7 @@ impl Supervisor {
         // Since its start and not since it was seen to be ready: a supervisor that is restarted sees that late.
         let start_ns = system::process_start(pid).map_or(u64::MAX, |start| start.saturating_mul(START_UNIT_NS));
         let passed_ns = system::now_ns().saturating_sub(start_ns);
-        let spent = ThreadFiles::open(pid).and_then(|files| files.ran_and_waited_ns());
+        let spent = ThreadFiles::open(pid).and_then(|files| ran_and_waited_ns(&files, slot.role()));
         let (ran_ns, waited_ns) = spent.unwrap_or((0, 0));
         if passed_ns < RATE_NS { Spent::default() } else { Spent { passed_ns, ran_ns, waited_ns, steps, stalled_ns: 0 } }
     }
@@ -222,7 +227,7 @@ impl Supervisor {
         for (effort, found) in [(&mut trial.effort, own), (&mut trial.beside, beside)] {
             let Some((steps, pid)) = found else { continue };
             if effort.is_none() {
-                *effort = Effort::of(pid);
+                *effort = Effort::of(pid, role);
             }
             if let Some(effort) = effort {
                 effort.enter(now_ns, steps, stalled_ns);
@@ -301,7 +306,7 @@ mod tests {
     /// What is made of a cause if the newcomer spent this since it was told last how far it is, and this in each of three times that it had the role.
     fn weighed(cause: Cause, own: Spent, tenure: Option<Spent>) -> Cause {
         let books = |spent: Spent| {
-            let mut effort = Effort::of(std::process::id()).unwrap();
+            let mut effort = Effort::of(std::process::id(), Role::Fluid).unwrap();
             effort.entries = [Spent::default(), spent].into();
             Some(effort)
         };
@@ -346,7 +351,7 @@ mod tests {
 
     #[test]
     fn the_books_of_a_living_process_say_what_it_ran_between_two_entries() {
-        let mut effort = Effort::of(std::process::id()).unwrap();
+        let mut effort = Effort::of(std::process::id(), Role::Fluid).unwrap();
         let begun_ns = system::now_ns();
         effort.enter(begun_ns, 7, MS);
         effort.enter(begun_ns + 1, 8, MS);
@@ -356,6 +361,6 @@ mod tests {
         assert_eq!((spent.passed_ns, spent.steps, spent.stalled_ns), (ENTRY_NS, 2, 2 * MS));
         assert_eq!(effort.since(begun_ns - 1), None, "before the first entry");
         assert_eq!(effort.lately(begun_ns - 1), Some(spent), "as far as they go");
-        assert!(Effort::of(u32::MAX).is_none());
+        assert!(Effort::of(u32::MAX, Role::Fluid).is_none());
     }
 }
