@@ -47,8 +47,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 15u
-#define HYST_LAYOUT_HASH 0x17cfb6d5026cedeau
+#define HYST_LAYOUT_VERSION 16u
+#define HYST_LAYOUT_HASH 0x20462bc6bb9e8e85u
 #define HYST_INTERFACE_VERSION 1u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 /// A test's own folder of files, which goes with it.
+#[derive(Debug)]
 pub struct Folder(PathBuf);
 
 impl Folder {

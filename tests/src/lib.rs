@@ -2,6 +2,7 @@
 //! its report. Every wait is bounded; a station that a test leaves behind is stopped when its handle is dropped.
 
 pub mod beside;
+pub mod browser;
 mod ended;
 mod folder;
 mod keepers;

@@ -1,28 +1,10 @@
-//! The operator's page in a real browser: a headless Chromium is asked, over its debugging pipe, what the page's document holds while its script runs, and what
-//! it draws. Its `--dump-dom` would not do: that tells the document of the moment of loading, before the first look has come, and with `--virtual-time-budget`
-//! the page's clock stands for as long as its stream of events is open.
+//! The operator's page in a real browser: what it shows of a station that runs, that it finds a new console by itself, and that it is read and used by keys.
 
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
-use station_tests::{Folder, RECOVERY_LIMIT, STOP_LIMIT, Station, wait_for};
+use station_tests::browser::{Browser, has_chromium, luminance};
+use station_tests::{RECOVERY_LIMIT, Station, wait_for};
 use std::collections::BTreeSet;
-use std::io::{BufRead, BufReader, Cursor, Write};
-use std::process::{Child, ChildStdin, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
-use std::time::Instant;
 
-/// How Chromium is started: root has no sandbox, the station's shared memory is left to the station, and the pipe is at the file descriptors 3 and 4.
-const FLAGS: [&str; 8] = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-dev-shm-usage",
-    "--no-proxy-server",
-    "--password-store=basic",
-    "--window-size=1280,1400",
-    "--remote-debugging-pipe",
-];
 /// Who makes a value in every tick, so that rate and age are numbers.
 const EVERY_TICK: [&str; 4] = ["hardware", "device", "haptic:0", "haptic:1"];
 /// Colours by which a picture differs from an empty one.
@@ -96,185 +78,32 @@ const CHOOSE: &str = r"(() => {
     return [kind.value, target.value];
 })()";
 
-/// Whether there is a browser; if not, that is said.
-fn has_chromium() -> bool {
-    let mut command = Command::new("chromium");
-    let status = command.arg("--version").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status();
-    let has = status.is_ok_and(|status| status.success());
-    if !has {
-        eprintln!("NOT TRIED: the page in a browser needs Chromium: sudo apt-get install chromium fonts-dejavu-core");
-    }
-    has
+/// Opens the page of a station.
+fn open(name: &str, station: &Station) -> Browser {
+    let url = wait_for(RECOVERY_LIMIT, || station.status()["console"].as_str().map(str::to_string)).expect("a page");
+    Browser::open(name, &url)
 }
 
-/// A browser that shows a station's page.
-struct Browser {
-    child: Child,
-    /// Its file descriptor 3: it ends when this is closed.
-    asks: Option<ChildStdin>,
-    /// What it writes to its file descriptor 4.
-    answers: Receiver<Value>,
-    /// The page that it shows, once there is one.
-    session: Option<String>,
-    asked: u64,
-    /// What went wrong in the page: exceptions of its script, and what its policy forbids.
-    faults: Vec<String>,
-    folder: Folder,
+/// Waits for a picture of the live view that was drawn after a tick; gives its own.
+fn picture(browser: &mut Browser, after: u64) -> u64 {
+    browser.wait("a new picture", PICTURE, |picture| {
+        let tick = picture["tick"].as_u64().filter(|tick| *tick > after)?;
+        (picture["colours"].as_u64()? >= COLOURS).then_some(tick)
+    })
 }
 
-impl Browser {
-    /// Opens the page of a station.
-    fn open(name: &str, station: &Station) -> Browser {
-        let url = wait_for(RECOVERY_LIMIT, || station.status()["console"].as_str().map(str::to_string)).expect("a page");
-        let folder = Folder::new(&format!("browser-{name}"));
-        let said = std::fs::File::create(folder.path("said")).expect("a file for what the browser says");
-        let mut command = Command::new("sh");
-        let mut child = command
-            .args(["-c", "exec chromium \"$@\" 3<&0 4>&1 </dev/null >/dev/null", "sh"])
-            .args(FLAGS)
-            .arg(format!("--user-data-dir={}", folder.path("profile")))
-            .arg("about:blank") // the token goes through the pipe: others can read a command line
-            .env("HOME", folder.as_path())
-            .env_remove("XDG_CONFIG_HOME")
-            .env_remove("XDG_CACHE_HOME")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(said)
-            .spawn()
-            .expect("a shell");
-        let (asks, pipe) = (child.stdin.take(), child.stdout.take().expect("it is piped"));
-        let (sender, answers) = channel();
-        std::thread::spawn(move || {
-            // Messages of JSON, each with a zero byte behind it.
-            for message in BufReader::new(pipe).split(0).map_while(Result::ok) {
-                let Ok(value) = serde_json::from_slice::<Value>(&message) else { continue };
-                if sender.send(value).is_err() {
-                    return;
-                }
-            }
-        });
-        let mut browser = Browser { child, asks, answers, session: None, asked: 0, faults: Vec::new(), folder };
-        let target = browser.ask("Target.createTarget", json!({ "url": "about:blank" }));
-        let attached = browser.ask("Target.attachToTarget", json!({ "targetId": target["targetId"], "flatten": true }));
-        browser.session = attached["sessionId"].as_str().map(str::to_string);
-        for method in ["Page.enable", "Runtime.enable", "Log.enable", "Page.bringToFront"] {
-            browser.ask(method, json!({}));
-        }
-        browser.ask("Emulation.setFocusEmulationEnabled", json!({ "enabled": true }));
-        browser.ask("Page.navigate", json!({ "url": url }));
-        browser
+/// Goes by Tab until an element has the focus, and sees that everything on the way shows that it has it; gives the names of all.
+fn tab_to(browser: &mut Browser, id: &str) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    while names.len() < MOST_TABS && names.last().is_none_or(|name| name != id) {
+        browser.press("Tab", 9, "");
+        let focus = browser.evaluate(FOCUS).expect("what has the focus");
+        let name = focus[0].as_str().unwrap_or("the browser itself").to_string();
+        assert!(focus.is_null() || focus[1].as_f64() >= Some(LEAST_OUTLINE_PX), "{name} does not show its focus: {focus}");
+        names.push(name);
     }
-
-    /// Asks for something; an error if it is refused, as it is while one page gives way to the next.
-    fn try_ask(&mut self, method: &str, parameters: Value) -> Result<Value, String> {
-        self.asked += 1;
-        let mut request = json!({ "id": self.asked, "method": method, "params": parameters });
-        if let Some(session) = &self.session {
-            request["sessionId"] = json!(session);
-        }
-        let pipe = self.asks.as_mut().ok_or("the pipe is closed")?;
-        pipe.write_all(format!("{request}\0").as_bytes()).map_err(|error| error.to_string())?;
-        let end = Instant::now() + RECOVERY_LIMIT;
-        loop {
-            let left = end.saturating_duration_since(Instant::now());
-            let mut message = self.answers.recv_timeout(left).map_err(|error| error.to_string())?;
-            if message["id"] == self.asked {
-                let refused = message["error"]["message"].as_str().map(str::to_string);
-                return refused.map_or_else(|| Ok(message["result"].take()), Err);
-            }
-            self.note(&message);
-        }
-    }
-
-    /// Asks for something that is not refused.
-    fn ask(&mut self, method: &str, parameters: Value) -> Value {
-        let answer = self.try_ask(method, parameters);
-        answer.unwrap_or_else(|error| panic!("{method}: {error}\n{}", self.folder.read("said")))
-    }
-
-    /// Keeps an event that tells of something wrong.
-    fn note(&mut self, event: &Value) {
-        let is_fault = match event["method"].as_str() {
-            Some("Runtime.exceptionThrown") => true,
-            Some("Log.entryAdded") => event["params"]["entry"]["source"] == "security",
-            _ => false,
-        };
-        if is_fault {
-            self.faults.push(event["params"].to_string());
-        }
-    }
-
-    /// What an expression gives in the page; `None` if the page is not there yet.
-    fn evaluate(&mut self, expression: &str) -> Option<Value> {
-        let parameters = json!({ "expression": expression, "returnByValue": true });
-        let mut answer = self.try_ask("Runtime.evaluate", parameters).ok()?;
-        answer["exceptionDetails"].is_null().then(|| answer["result"]["value"].take())
-    }
-
-    /// Waits until an expression gives what is looked for.
-    fn wait<T>(&mut self, what: &str, expression: &str, found: impl Fn(&Value) -> Option<T>) -> T {
-        let mut last = Value::Null;
-        let it = wait_for(RECOVERY_LIMIT, || {
-            last = self.evaluate(expression)?;
-            found(&last)
-        });
-        it.unwrap_or_else(|| {
-            panic!("the page does not show {what}, but {last}\nfaults: {:?}\n{}", self.faults, self.folder.read("said"))
-        })
-    }
-
-    /// Waits for a picture of the live view that was drawn after a tick; gives its own.
-    fn picture(&mut self, after: u64) -> u64 {
-        self.wait("a new picture", PICTURE, |picture| {
-            let tick = picture["tick"].as_u64().filter(|tick| *tick > after)?;
-            (picture["colours"].as_u64()? >= COLOURS).then_some(tick)
-        })
-    }
-
-    /// Takes a picture of the whole page: its size and the number of its colours.
-    fn screenshot(&mut self) -> ([u32; 2], u64) {
-        let answer = self.ask("Page.captureScreenshot", json!({ "format": "png" }));
-        let file = STANDARD.decode(answer["data"].as_str().unwrap_or_default()).expect("base64");
-        let mut reader = png::Decoder::new(Cursor::new(file)).read_info().expect("a PNG");
-        let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
-        let info = reader.next_frame(&mut pixels).expect("its pixels");
-        assert_eq!(info.bit_depth, png::BitDepth::Eight);
-        let colours: BTreeSet<&[u8]> = pixels[..info.buffer_size()].chunks_exact(info.color_type.samples()).collect();
-        ([info.width, info.height], colours.len() as u64)
-    }
-
-    /// Presses a key and lets it go; `text` is what it types.
-    fn press(&mut self, key: &str, number: u32, text: &str) {
-        let down = if text.is_empty() { "rawKeyDown" } else { "keyDown" };
-        for (kind, text) in [(down, text), ("keyUp", "")] {
-            let event = json!({ "type": kind, "key": key, "code": key, "windowsVirtualKeyCode": number, "text": text });
-            self.ask("Input.dispatchKeyEvent", event);
-        }
-    }
-
-    /// Goes by Tab until an element has the focus, and sees that everything on the way shows that it has it; gives the names of all.
-    fn tab_to(&mut self, id: &str) -> Vec<String> {
-        let mut names: Vec<String> = Vec::new();
-        while names.len() < MOST_TABS && names.last().is_none_or(|name| name != id) {
-            self.press("Tab", 9, "");
-            let focus = self.evaluate(FOCUS).expect("what has the focus");
-            let name = focus[0].as_str().unwrap_or("the browser itself").to_string();
-            assert!(focus.is_null() || focus[1].as_f64() >= Some(LEAST_OUTLINE_PX), "{name} does not show its focus: {focus}");
-            names.push(name);
-        }
-        assert!(names.last().is_some_and(|name| name == id), "{id} is not reached by Tab: {names:?}");
-        names
-    }
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        drop(self.asks.take());
-        if wait_for(STOP_LIMIT, || self.child.try_wait().ok().flatten()).is_none() {
-            let _ = self.child.kill();
-            let _ = self.child.wait();
-        }
-    }
+    assert!(names.last().is_some_and(|name| name == id), "{id} is not reached by Tab: {names:?}");
+    names
 }
 
 /// A figure of the table's row of a process.
@@ -290,15 +119,6 @@ fn figures(look: &Value) -> Option<Vec<f64>> {
 /// The processes that the table names.
 fn named(look: &Value) -> BTreeSet<String> {
     look["rows"].as_object().map(|rows| rows.keys().cloned().collect()).unwrap_or_default()
-}
-
-/// Relative luminance of a colour of three channels of 0 to 255 (WCAG 2.2).
-fn luminance(colour: &Value) -> f64 {
-    let linear = |channel: usize| {
-        let share = colour[channel].as_f64().expect("a channel") / 255.0;
-        if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
-    };
-    0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2)
 }
 
 /// Every text can be read by a browser's light and by its dark look; gives the luminance of the page's ground in each.
@@ -322,7 +142,7 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
         return;
     }
     let station = Station::start("seen", &["--hand", "script:press"]);
-    let mut browser = Browser::open("seen", &station);
+    let mut browser = open("seen", &station);
     let all = || -> Option<BTreeSet<String>> {
         let status = station.status();
         status["processes"].as_array()?.iter().map(|process| Some(process["name"].as_str()?.to_string())).collect()
@@ -339,8 +159,8 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
 
     let (is_drawn, mut tick) = (std::env::var_os("HYSTATION_NO_GPU").is_none(), 0);
     if is_drawn {
-        let before = browser.picture(0);
-        tick = browser.picture(before);
+        let before = picture(&mut browser, 0);
+        tick = picture(&mut browser, before);
     }
     let ([width, height], colours) = browser.screenshot();
     assert!(width >= 800 && height >= 600, "{width} × {height}");
@@ -354,7 +174,7 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
         (look["rows"]["console"]["pid"] == pid.as_str() && look["link"] == "connected").then_some(())
     });
     if is_drawn {
-        browser.picture(tick);
+        picture(&mut browser, tick);
     }
     drop(browser);
     station.stop().assert_clean();
@@ -367,7 +187,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     }
     let station = Station::start("typed", &["--hand", "script:press", "--test-mode"]);
     station.kill("collision-worker", true); // an event to be read
-    let mut browser = Browser::open("typed", &station);
+    let mut browser = open("typed", &station);
     let offered = |look: &Value| (look["kinds"].as_u64()? > 0 && !look["events"].as_array()?.is_empty()).then_some(());
     browser.wait("faults that it offers", LOOK, offered);
     let [day, night] = assert_readable(&mut browser);
@@ -376,7 +196,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
 
     let before = station.pid("recorder", true).to_string();
     assert_eq!(browser.evaluate(CHOOSE), Some(json!(["kill", "recorder"])));
-    let names = browser.tab_to("fault-do");
+    let names = tab_to(&mut browser, "fault-do");
     for field in ["events", "swap-role", "swap-binary", "swap-do", "fault-kind", "fault-target", "fault-for", "fault-where"] {
         assert!(names.iter().any(|name| name == field), "{field} is not reached by Tab: {names:?}");
     }

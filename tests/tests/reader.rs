@@ -83,6 +83,10 @@ fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
         assert_eq!(topics[topic]["messages"], count, "{topic}");
         assert!(count > 0, "{topic} is empty");
     }
+    // Drawn where there is a driver.
+    let pictures = topics.get("/pictures");
+    assert!(pictures.is_none_or(|found| found["schema"] == "foxglove.CompressedImage"), "{pictures:?}");
+    assert_eq!(pictures.map_or(0, |found| found["messages"].as_u64().unwrap()), ours.pictures.len() as u64);
     let forces: Vec<_> = ours.applied.iter().map(|record| (record.tick, bits(record.command.force_n))).collect();
     assert_eq!(rows(&dumped["forces"]), forces);
     assert!(forces.iter().any(|(_, force)| force.iter().any(|bits| bits << 1 != 0)), "the hand has felt something");

@@ -35,7 +35,7 @@ impl Referee {
                 return None;
             }
         };
-        let kept = life.station.brief().with_file_name("judged.json");
+        let kept = life.station.judged();
         let before = std::fs::read_to_string(&kept).ok().and_then(|text| serde_json::from_str::<Judge>(&text).ok());
         let judge = before.filter(|before| before.brief == fresh.brief).unwrap_or(fresh);
         let roster = Roster::open(&life.station).ok()?;

@@ -1,4 +1,4 @@
-//! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid.
+//! Where the recorder's data come from: the servos' force streams, the rings of the device's lives, the statuses of tissue and fluid, rendering's pictures.
 
 use hyst_engine::{Failure, Life};
 use hyst_exchange::stream::READER_BUFFER;
@@ -7,7 +7,7 @@ use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::{AppliedRecord, Kind, Message, Role, Slot, StepRecord};
 use hyst_recording::sequence::RING_TICKS;
-use hyst_recording::{Block, Collector, History};
+use hyst_recording::{Block, Collector, History, jpeg};
 use std::cell::Cell;
 
 /// How often the device's ring is looked at when the station stops, ns, and how often at most.
@@ -72,6 +72,7 @@ pub struct Gather {
     lives: Vec<DeviceLife>,
     streams: Vec<(Slot, Subscriber)>,
     statuses: Vec<StatusPage>,
+    pictures: Option<Subscriber>,
     /// Steps of tissues that have gone.
     steps: Vec<StepRecord>,
     /// The tick from which on steps are taken: a predecessor has written those before.
@@ -88,6 +89,7 @@ impl Gather {
             (Role::Tissue, Wanted::Page),
             (Role::Fluid, Wanted::Page),
             (Role::Haptic, Wanted::Stream(Kind::Force)),
+            (Role::Rendering, Wanted::Stream(Kind::Picture)),
         ];
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         let collector = Collector::after(last_tick);
@@ -99,6 +101,7 @@ impl Gather {
             lives: Vec::new(),
             streams: Vec::new(),
             statuses: Vec::new(),
+            pictures: None,
             steps: Vec::new(),
             first_step,
         })
@@ -137,6 +140,11 @@ impl Gather {
     fn seat(&mut self, arrival: Arrival) {
         let slot = arrival.slot;
         match arrival.port {
+            Port::Stream(Kind::Picture, stream) => {
+                if let Some(before) = self.pictures.replace(stream) {
+                    self.inbox.retire(Departure::Stream(before));
+                }
+            }
             Port::Stream(_, stream) => {
                 if let Some(at) = self.streams.iter().position(|(owner, _)| *owner == slot) {
                     self.inbox.retire(Departure::Stream(self.streams.swap_remove(at).1));
@@ -161,6 +169,22 @@ impl Gather {
             }
             Port::Client(..) => {} // none was asked for
         }
+    }
+
+    /// Whether somebody draws.
+    pub fn has_pictures(&self) -> bool {
+        self.pictures.is_some()
+    }
+
+    /// The newest picture that was not yet read, as a JPEG, and its tick. A message that is none is counted.
+    pub fn picture(&self, life: &Life) -> Option<(u64, Vec<u8>)> {
+        // A stream that fails has lost its writer; its successor's comes through the usher.
+        let held = self.pictures.as_ref()?.newest().ok()??;
+        let picture = jpeg(held.bytes());
+        if picture.is_none() {
+            life.page.add64(header::INVALID, 1);
+        }
+        picture
     }
 
     fn read_streams(&mut self, life: &Life) {

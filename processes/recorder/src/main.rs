@@ -1,8 +1,10 @@
 //! The `recorder` process: the session as an MCAP file. Ordinary, never real time. See [`session`].
 
+mod camera;
 mod gather;
 mod keeper;
 mod kept;
+mod moments;
 mod said;
 mod scribe;
 mod session;

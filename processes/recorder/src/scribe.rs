@@ -127,10 +127,10 @@ fn append(writer: &mut Writer, block: Block) -> Written {
 }
 
 /// The ticks with the statuses in some parts, what is noted of them with the last, so that a successor which goes on after a part's ticks does not write it
-/// again; then each checkpoint by itself, so that one that is damaged costs no ticks.
+/// again; then each checkpoint and each picture by itself, so that one that is damaged costs no ticks.
 fn parts(mut block: Block) -> VecDeque<Block> {
     let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.lost));
-    let checkpoints = take(&mut block.checkpoints);
+    let (checkpoints, pictures) = (take(&mut block.checkpoints), take(&mut block.pictures));
     let mut parts = VecDeque::new();
     while block.applied.len() > BLOCK_TICKS {
         let rest = Block { applied: block.applied.split_off(BLOCK_TICKS), ..Block::default() };
@@ -139,6 +139,7 @@ fn parts(mut block: Block) -> VecDeque<Block> {
     (block.events, block.processes, block.lost) = noted;
     parts.push_back(block);
     parts.extend(checkpoints.into_iter().map(|checkpoint| Block { checkpoints: vec![checkpoint], ..Block::default() }));
+    parts.extend(pictures.into_iter().map(|picture| Block { pictures: vec![picture], ..Block::default() }));
     parts
 }
 
@@ -179,20 +180,26 @@ mod tests {
     }
 
     #[test]
-    fn what_is_noted_of_ticks_comes_with_the_last_of_them_and_a_checkpoint_by_itself() {
+    fn what_is_noted_of_ticks_comes_with_the_last_of_them_and_a_checkpoint_or_a_picture_by_itself() {
         let path = std::env::temp_dir().join(format!("hyst-scribe-parts-{}.mcap", std::process::id()));
         let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
         let lost = vec![hyst_recording::TickRange { first: 5, last: 6 }];
         let checkpoint = |tick| hyst_recording::Checkpoint { role: hyst_messages::Role::Tissue, tick, state: vec![1; 8] };
-        let whole = Block { checkpoints: vec![checkpoint(2_400), checkpoint(2_450)], lost, ..block(1..2_500) };
+        let picture =
+            hyst_recording::Picture { tick: 2_000, event_tick: 1_990, words: String::new(), jpeg: vec![0xff, 0xd8, 0xff, 0xd9] };
+        let (checkpoints, pictures) = (vec![checkpoint(2_400), checkpoint(2_450)], vec![picture]);
+        let whole = Block { checkpoints, pictures, lost, ..block(1..2_500) };
         assert!(append(&mut writer, whole).is_none());
         drop(writer);
         let mut reader = hyst_recording::Reader::open(&path).unwrap();
         let mut parts = Vec::new();
         while let Some(block) = reader.next_block().unwrap() {
-            parts.push((block.applied.len(), block.lost.len(), block.checkpoints.len()));
+            parts.push((block.applied.len(), block.lost.len(), block.checkpoints.len(), block.pictures.len()));
         }
-        assert_eq!(parts, [(1_000, 0, 0), (1_000, 0, 0), (499, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 1)]);
+        assert_eq!(
+            parts,
+            [(1_000, 0, 0, 0), (1_000, 0, 0, 0), (499, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 1, 0), (0, 0, 0, 1)]
+        );
         std::fs::remove_file(&path).unwrap();
     }
 

@@ -1,9 +1,11 @@
 //! The whole life of the recorder: looks 20 times a second, writes five times. Promise: each tick of the device is in the file once, also
 //! across a kill of the recorder at any moment; it costs the real-time processes nothing, because it only reads their pages and streams.
 
+use crate::camera::Camera;
 use crate::gather::Gather;
 use crate::keeper::Keeper;
 use crate::kept::Kept;
+use crate::moments::Mark;
 use crate::said::Said;
 use crate::statistics::Statistics;
 use crate::watch::Look;
@@ -29,6 +31,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut gather = Gather::new(life, keeper.last_tick())?;
     let mut said = Said::new(&life.station, keeper.last_tick());
     let (mut kept, mut statistics) = (Kept::default(), Statistics::default());
+    let mut camera = Camera::of(life, keeper.is_continued());
     let roster = Roster::open(&life.station)?;
     let mut before: Option<Look> = None;
     let first = if keeper.is_continued() { "present" } else { "started" };
@@ -41,7 +44,9 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         if is_last {
             gather.wait_for_last();
         }
+        let mark = Mark::of(&keeper.queue);
         gather.take(life, &roster, &mut keeper.queue);
+        camera.look(life, &gather, &mut keeper.queue, mark);
         let look = Look::take(&life.clock, &roster);
         let events = look.events(before.as_ref(), first, life.tick());
         keeper.queue.events.extend(events.into_iter().map(|event| with_last_words(life, event)));

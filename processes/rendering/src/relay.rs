@@ -1,9 +1,11 @@
-//! What others see of the pictures: now and then a small one, as a stream, written in place, and only while somebody looks. The console says in its page
-//! until when it wants them for the operator's; and while this process is on trial, its judge wants them. While nobody does, that costs two loads in a frame.
+//! What others see of the pictures: now and then a small one, as a stream, written in place, and only while somebody asks. The console says in its page
+//! until when it wants them for the operator's, the recorder in its own when something happened; and while this process is on trial, its judge wants them. While
+//! nobody does, that costs three loads in a frame.
 
+use crate::sources::Sources;
 use hyst_engine::{Failure, Life};
-use hyst_exchange::{Links, Publisher, ReadPage, system};
-use hyst_messages::page::{console, header};
+use hyst_exchange::{Links, Publisher, system};
+use hyst_messages::page::header;
 use hyst_messages::stream::{MOST_PICTURE_PX, message_bytes};
 use hyst_messages::{Kind, MessageMut, Role, StreamHeader};
 use rendering::{RenderError, Renderer};
@@ -33,16 +35,10 @@ impl Relay {
     ///
     /// # Errors
     /// [`RenderError::DeviceLost`].
-    pub fn show(
-        &mut self,
-        life: &Life,
-        console: Option<&ReadPage>,
-        tick: u64,
-        renderer: &mut Renderer,
-    ) -> Result<(), RenderError> {
+    pub fn show(&mut self, life: &Life, sources: &Sources, tick: u64, renderer: &mut Renderer) -> Result<(), RenderError> {
         let now_ns = system::now_ns();
         let is_on_trial = life.clock.swap(Role::Rendering).is_on_trial(life.incarnation);
-        let is_asked = is_on_trial || console.is_some_and(|page| page.load64(console::PICTURES_UNTIL_NS) > now_ns);
+        let is_asked = is_on_trial || sources.want_pictures(now_ns);
         if !is_asked || now_ns < self.due_ns {
             return Ok(());
         }

@@ -6,7 +6,7 @@ use crate::looks::Looks;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
-use hyst_messages::page::{fluid, hardware, tissue};
+use hyst_messages::page::{console, fluid, hardware, recorder, tissue};
 use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHeader};
 
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
@@ -30,6 +30,7 @@ pub struct Sources {
     fluids: [Option<ReadPage>; REPLICAS],
     hardware: Option<ReadPage>,
     console: Option<ReadPage>,
+    recorder: Option<ReadPage>,
     /// How objects look, by rendezvous.
     pub looks: Looks,
 }
@@ -64,6 +65,7 @@ impl Sources {
             (Role::Fluid, Wanted::Page),
             (Role::Fluid, Wanted::Stream(Kind::FluidState)),
             (Role::Console, Wanted::Page),
+            (Role::Recorder, Wanted::Page),
         ];
         Ok(Sources {
             inbox: usher(&life.station, Some(links), life.incarnation, interests)?,
@@ -77,6 +79,7 @@ impl Sources {
             fluids: Default::default(),
             hardware: None,
             console: None,
+            recorder: None,
             looks: Looks::default(),
         })
     }
@@ -96,6 +99,7 @@ impl Sources {
         match (arrival.slot.role(), arrival.port) {
             (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
             (Role::Console, Port::Page(page)) => self.console.replace(page).map(Departure::Page),
+            (Role::Recorder, Port::Page(page)) => self.recorder.replace(page).map(Departure::Page),
             (Role::Tissue, Port::Page(page)) => self.tissues[index].replace(page).map(Departure::Page),
             (Role::Fluid, Port::Page(page)) => self.fluids[index].replace(page).map(Departure::Page),
             (Role::Tissue, Port::Stream(Kind::TissueState, stream)) => self.states[index].replace(stream).map(Departure::Stream),
@@ -109,9 +113,10 @@ impl Sources {
         }
     }
 
-    /// The console's page, which says whether pictures are asked for.
-    pub fn console(&self) -> Option<&ReadPage> {
-        self.console.as_ref()
+    /// Whether somebody asks for pictures: the console for the operator's page, the recorder because something happened.
+    pub fn want_pictures(&self, now_ns: u64) -> bool {
+        let until_ns = |page: &Option<ReadPage>, at| page.as_ref().map_or(0, |page| page.load64(at));
+        until_ns(&self.console, console::PICTURES_UNTIL_NS).max(until_ns(&self.recorder, recorder::PICTURES_UNTIL_NS)) > now_ns
     }
 
     /// The newest tissue state that was not yet read.

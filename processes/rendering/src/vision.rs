@@ -224,7 +224,7 @@ impl<'a> Vision<'a> {
             }
             self.give_way(&stats, &mut pace);
             album.keep(life, tick, &mut self.renderer);
-            relay.show(life, sources.console(), tick, &mut self.renderer).map_err(broken)?;
+            relay.show(life, sources, tick, &mut self.renderer).map_err(broken)?;
             pace.end();
             life.page.set_state(ProcessState::Live);
         }

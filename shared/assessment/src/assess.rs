@@ -9,8 +9,11 @@ use crate::medium::Medium;
 use crate::motion::{Motion, finite};
 use crate::row::{Row, Rows, Statuses};
 use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
-use hyst_recording::{Block, Damage, Ending, Reader, Session};
+use hyst_recording::{Block, Damage, Ending, Picture, Reader, Session};
 use std::io::{Read, Seek};
+
+/// Most pictures that are shown; a recorder takes as many.
+const MOST_PICTURES: usize = 200;
 
 /// What is summed up.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,6 +34,8 @@ pub struct Measured {
     pub conduct: Conduct,
     /// What the page draws.
     pub curves: Curves,
+    /// What was seen when something happened, in the order of the file.
+    pub pictures: Vec<Picture>,
     /// The newest statuses.
     latest: Statuses,
 }
@@ -115,6 +120,8 @@ impl Measured {
         tissue.for_each(|status| self.tissue(status));
         fluid.for_each(|status| self.fluid(status));
         block.processes.iter().for_each(|spell| self.conduct.processes.note(spell));
+        let room = MOST_PICTURES.saturating_sub(self.pictures.len());
+        self.pictures.extend(block.pictures.into_iter().take(room));
         block.events.into_iter().for_each(|event| self.conduct.note(event));
     }
 

@@ -2,11 +2,12 @@
 
 use crate::columns::{Column, Sessions, seconds, word};
 use crate::judge::Judge;
+use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
 use crate::table::ABSENT;
 use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
-use hyst_recording::Event;
+use hyst_recording::{Event, Picture};
 use serde_json::{Map, Value, json};
 
 /// The session that is reported, and under `compared` the earlier ones.
@@ -33,6 +34,7 @@ fn session(column: &Column) -> Value {
         "score": scores.total,
         "groups": groups,
         "metrics": scores.metrics.iter().map(metric).collect::<Value>(),
+        "pictures": assessment.measured.pictures.iter().map(|picture| of_picture(column, picture)).collect::<Value>(),
         "station": station(column),
     })
 }
@@ -51,6 +53,17 @@ fn metric(metric: &Metric) -> Value {
         "zero_at": scale.map(|scale| scale.none),
         "weight": scale.map(|scale| scale.weight),
         "source": metric.source,
+    })
+}
+
+/// When a picture was drawn and what for; the picture itself is in the recording and on the page.
+fn of_picture(column: &Column, picture: &Picture) -> Value {
+    json!({
+        "tick": picture.tick,
+        "event_tick": picture.event_tick,
+        "time_s": seconds(column.assessment.measured.conduct.since_start(picture.event_tick)),
+        "words": plain(&picture.words),
+        "bytes": picture.jpeg.len(),
     })
 }
 

@@ -2,11 +2,13 @@
 
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
-use crate::markup::escape;
+use crate::markup::{escape, plain};
 use crate::metric::{Group, Metric};
 use crate::plots::{Side, curves, way};
 use crate::style::STYLE;
 use crate::table::ABSENT;
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
 use std::fmt::Write;
 
 /// The page.
@@ -23,6 +25,7 @@ pub fn html(sessions: &Sessions) -> String {
     if let Some(judge) = &reported.assessment.measured.judge {
         case::html(&mut page, judge);
     }
+    pictures(&mut page, reported);
     page.push_str("<section><h2>Values and scores</h2>\n");
     metrics(&mut page, sessions);
     page.push_str("</section>\n<section><h2>Over time</h2>\n<p class=\"note\">Each curve spans from the least to the largest value at its time. The vertical lines \
@@ -72,6 +75,25 @@ fn tiles(page: &mut String, column: &Column) {
         let _ = writeln!(page, "<div class=\"tile\"><b>{}</b><span>{name}</span></div>", percent(score));
     }
     page.push_str("</div>\n");
+}
+
+/// What was seen when something happened, in the page itself.
+fn pictures(page: &mut String, column: &Column) {
+    let measured = &column.assessment.measured;
+    if measured.pictures.is_empty() {
+        return;
+    }
+    page.push_str("<section><h2>Pictures</h2>\n<div class=\"pictures\">\n");
+    for picture in &measured.pictures {
+        let words = escape(&plain(&picture.words));
+        let time_s = seconds(measured.conduct.since_start(picture.event_tick));
+        let _ = writeln!(
+            page,
+            "<figure><img alt=\"{words}\" src=\"data:image/jpeg;base64,{}\"><figcaption><b>{time_s:.1} s</b> {words}</figcaption></figure>",
+            BASE64_STANDARD.encode(&picture.jpeg)
+        );
+    }
+    page.push_str("</div></section>\n");
 }
 
 fn metrics(page: &mut String, sessions: &Sessions) {

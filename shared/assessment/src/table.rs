@@ -296,8 +296,8 @@ pub static METRICS: [Definition; 31] = [
 
 /// What trainees are scored on and no recording holds: group, what, why.
 pub const ABSENT: [(Group, &str, &str); 3] = [
-    (Group::Visualisation, "how cloudy the view was", "pictures are not recorded"),
-    (Group::Visualisation, "landmarks that were seen", "pictures are not recorded"),
+    (Group::Visualisation, "how cloudy the view was", "single pictures are recorded"),
+    (Group::Visualisation, "landmarks that were seen", "single pictures are recorded"),
     (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),
 ];
 

@@ -2,10 +2,11 @@
 
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
+use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
 use crate::table::ABSENT;
-use hyst_recording::Event;
+use hyst_recording::{Event, Picture};
 use std::fmt::Write;
 
 /// Most events, and most sentences about what is missing, that are told one by one; the page and the JSON have more.
@@ -31,6 +32,7 @@ pub fn text(sessions: &Sessions) -> String {
     for (group, what, why) in ABSENT {
         let _ = writeln!(text, "  {what:<44}{}: {why}", group.name());
     }
+    pictures(&mut text, &sessions.reported);
     station(&mut text, &sessions.reported);
     list(&mut text, "\nMissing of the recording", &sessions.missing());
     text
@@ -77,6 +79,17 @@ fn earlier(text: &mut String, sessions: &Sessions, field: impl Fn(&Column) -> St
         let _ = write!(text, "{:>9}", field(column));
     }
     text.push('\n');
+}
+
+/// Of what there are pictures, which the page shows.
+fn pictures(text: &mut String, column: &Column) {
+    let measured = &column.assessment.measured;
+    let line = |picture: &Picture| {
+        let time_s = seconds(measured.conduct.since_start(picture.event_tick));
+        format!("{time_s:>10.3} s  {}", cut(&plain(&picture.words)))
+    };
+    let lines: Vec<String> = measured.pictures.iter().map(line).collect();
+    list(text, "\nPictures, which --html shows", &lines);
 }
 
 fn station(text: &mut String, column: &Column) {

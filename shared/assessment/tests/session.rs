@@ -103,6 +103,7 @@ fn the_text_fits_100_columns_and_names_faults_and_takeovers() {
         assert!(widest <= 100, "{widest} columns, {compared} compared:\n{text}");
         assert!(text.contains("tissue:0 <died>") && text.contains("takeover") && text.contains("0.850 s"), "{text}");
         assert!(text.contains("tissue:0               999.0/s"), "{text}");
+        assert!(text.contains("     1.300 s  a piece\n"), "{text}");
         assert_eq!(text.contains("weight"), compared == 0);
         sessions.compare("earlier.mcap", assessment.clone());
     }
@@ -116,6 +117,8 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
     }
     assert!(page.contains("script:&lt;polyp&gt;") && page.contains("tissue:0 &lt;died&gt;"));
     assert!(page.contains("<td class=\"text\">&lt;b&gt;</td>") && page.contains("<td>999.0</td><td>2</td>"), "its processes");
+    let picture = "<img alt=\"warning: &lt;loud&gt; &amp; &quot;near&quot;\" src=\"data:image/jpeg;base64,/9j/2Q==\">";
+    assert!(page.contains(picture) && page.matches("<figure>").count() == 2 && page.contains("<b>1.3 s</b> a piece<"));
     for no_number in ["NaN", ">inf", "\"inf", "Linf", "Minf"] {
         assert!(!page.contains(no_number), "{no_number}");
     }
@@ -127,6 +130,11 @@ fn the_page_needs_nothing_beside_it_and_text_from_the_recording_stays_text() {
     assert_eq!(page.matches("class=\"curve ").count(), 5);
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((json["station"]["takeovers"].as_u64(), json["station"]["ticks"].as_u64()), (Some(1), Some(3_000)));
+    let pictures = serde_json::json!([
+        { "tick": 6_310, "event_tick": 6_210, "time_s": 1.21, "words": "warning: <loud> & \"near\"", "bytes": 4 },
+        { "tick": 6_400, "event_tick": 6_300, "time_s": 1.3, "words": "a piece", "bytes": 4 },
+    ]);
+    assert_eq!(json["pictures"], pictures);
     let tissue = &json["station"]["processes"]["tissue:0"];
     assert_eq!((tissue["rate_hz"].as_f64(), tissue["overruns"].as_u64()), (Some(999.0), Some(2)));
     assert!(tissue["wakeup_p99_us_largest"].is_null() && tissue["loop_p99_us_largest"] == 900.0, "{tissue}");

@@ -107,6 +107,10 @@ impl Station {
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")
     }
+    /// The referee's judgement so far, as JSON.
+    pub fn judged(&self) -> PathBuf {
+        self.root.join("judged.json")
+    }
 
     /// Makes root, pages and link configuration. The root must not exist.
     pub fn found(&self) -> Result<(), StationError> {

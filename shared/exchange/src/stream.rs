@@ -74,8 +74,8 @@ impl Quality {
             // The present step's alone, dropped before the step ends: the workers' jobs, and their answers to tissue, its spare and its guest.
             Kind::CollisionJob => Quality { readers: 2 * workers.max(1), buffer: 1, held: 2 },
             Kind::Contacts => Quality { readers: 5, buffer: 1, held: 2 },
-            // The newest one alone, for the console and its successor.
-            Kind::Picture => Quality { readers: 2, buffer: 1, held: 2 },
+            // The newest one alone, for the console, the recorder, their successors and a judge.
+            Kind::Picture => Quality { readers: 5, buffer: 1, held: 2 },
             // Its own chain and keeper, spare, guest, its judge, rendering; of the servos' records, the recorder.
             Kind::FluidState => Quality { readers: 10, buffer: READER_BUFFER, held: MAX_HELD },
             _ => Quality { readers: 4, buffer: READER_BUFFER, held: MAX_HELD },

@@ -199,8 +199,10 @@ pub mod recorder {
     use super::*;
     /// Newest status.
     pub const STATUS: CellAt<RecorderStatus> = CellAt::new(header::END);
+    /// Until when a picture of what happened is asked for, CLOCK_MONOTONIC ns; rendering looks here.
+    pub const PICTURES_UNTIL_NS: usize = STATUS.end();
     /// Words of the page.
-    pub const WORDS: usize = STATUS.end();
+    pub const WORDS: usize = PICTURES_UNTIL_NS + 8;
 }
 
 /// The console's page.

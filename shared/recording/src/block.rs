@@ -6,6 +6,7 @@ use crate::channels::{Channel, time_of_ns};
 use crate::checkpoint::{Checkpoint, CheckpointMessage};
 use crate::fluid::Fluid;
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool};
+use crate::picture::{Picture, PictureMessage};
 use crate::process::{Process, ProcessSpell};
 use crate::{Session, WriteError};
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
@@ -101,6 +102,8 @@ pub struct Block {
     pub checkpoints: Vec<Checkpoint>,
     /// What the processes did.
     pub processes: Vec<ProcessSpell>,
+    /// What was seen when something happened.
+    pub pictures: Vec<Picture>,
     /// Ticks that could not be had any more.
     pub lost: Vec<TickRange>,
 }
@@ -115,6 +118,7 @@ impl Block {
             && self.events.is_empty()
             && self.checkpoints.is_empty()
             && self.processes.is_empty()
+            && self.pictures.is_empty()
             && self.lost.is_empty()
     }
 
@@ -127,6 +131,7 @@ impl Block {
         before.events.append(&mut self.events);
         before.checkpoints.append(&mut self.checkpoints);
         before.processes.append(&mut self.processes);
+        before.pictures.append(&mut self.pictures);
         before.lost.append(&mut self.lost);
         *self = before;
     }
@@ -210,6 +215,9 @@ impl Pen {
         }
         for spell in &block.processes {
             self.put(Channel::Processes, spell.tick, &Process::of(spell))?;
+        }
+        for picture in &block.pictures {
+            self.put(Channel::Pictures, picture.tick, &PictureMessage::of(picture))?;
         }
         Ok(())
     }

@@ -27,11 +27,13 @@ pub enum Channel {
     Checkpoints = 9,
     /// What each process did in the last second.
     Processes = 10,
+    /// What was seen when something happened. A Foxglove CompressedImage with more fields.
+    Pictures = 11,
 }
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 10] = [
+    pub const ALL: [Channel; 11] = [
         Channel::Tool,
         Channel::Force,
         Channel::Controls,
@@ -42,6 +44,7 @@ impl Channel {
         Channel::Steps,
         Channel::Checkpoints,
         Channel::Processes,
+        Channel::Pictures,
     ];
 
     /// The topic.
@@ -57,10 +60,11 @@ impl Channel {
             Channel::Steps => "/steps",
             Channel::Checkpoints => "/checkpoints",
             Channel::Processes => "/processes",
+            Channel::Pictures => "/pictures",
         }
     }
 
-    /// Name of the schema; the two that Foxglove knows bear its names.
+    /// Name of the schema; the three that Foxglove knows bear its names.
     pub const fn schema_name(self) -> &'static str {
         match self {
             Channel::Tool => "foxglove.PoseInFrame",
@@ -73,6 +77,7 @@ impl Channel {
             Channel::Steps => "hyst.Step",
             Channel::Checkpoints => "hyst.Checkpoint",
             Channel::Processes => "hyst.Process",
+            Channel::Pictures => "foxglove.CompressedImage",
         }
     }
 
@@ -138,6 +143,7 @@ impl Channel {
             }
             Channel::Processes => process_properties(),
             Channel::Checkpoints => checkpoint_properties(),
+            Channel::Pictures => picture_properties(),
             Channel::Steps => {
                 let mut fields = json!({"state_hash": {"type": "string"}});
                 let numbers = ["tick", "input_tick", "from_tick", "from_incarnation", "epoch", "incarnation", "step_ticks"];
@@ -160,6 +166,14 @@ fn checkpoint_properties() -> Value {
     let state = json!({"type": "string", "contentEncoding": "base64"});
     let mut fields = json!({"state": state, "role": {"type": "string"}});
     add(&mut fields, "integer", &["tick"]);
+    fields
+}
+
+fn picture_properties() -> Value {
+    let data = json!({"type": "string", "contentEncoding": "base64"});
+    let mut fields = json!({"timestamp": time_schema(), "data": data});
+    add(&mut fields, "string", &["frame_id", "format", "words"]);
+    add(&mut fields, "integer", &["tick", "event_tick"]);
     fields
 }
 

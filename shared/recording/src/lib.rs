@@ -15,6 +15,7 @@ mod continuity;
 mod fluid;
 mod frame;
 mod messages;
+mod picture;
 mod playback;
 mod process;
 mod reader;
@@ -26,6 +27,7 @@ mod writer;
 pub use block::{Block, Event, Level, SAID, TickRange};
 pub use checkpoint::{Checkpoint, checkpoints};
 pub use continuity::Continuity;
+pub use picture::{Picture, jpeg};
 pub use playback::{Moment, Playback};
 pub use process::ProcessSpell;
 pub use reader::{Damage, Ending, ReadError, Reader, Recording};
@@ -36,8 +38,8 @@ pub use writer::{WriteError, Writer};
 pub type Session = std::collections::BTreeMap<String, String>;
 
 /// Version of channels and framing; a file of another version is not continued.
-pub const FORMAT: &str = "3";
+pub const FORMAT: &str = "4";
 
 /// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed; one of version 2 has no checkpoints, so
-/// that a replay of it begins at its beginning.
-pub const READ_FORMATS: [&str; 3] = ["1", "2", FORMAT];
+/// that a replay of it begins at its beginning; one of version 3 has no pictures.
+pub const READ_FORMATS: [&str; 4] = ["1", "2", "3", FORMAT];

@@ -46,13 +46,13 @@ struct Xyzw {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Time {
+pub(crate) struct Time {
     sec: u64,
     nsec: u64,
 }
 
 impl Time {
-    fn of(tick: u64) -> Time {
+    pub(crate) fn of(tick: u64) -> Time {
         let time_ns = time_of_ns(tick);
         Time { sec: time_ns / 1_000_000_000, nsec: time_ns % 1_000_000_000 }
     }

@@ -9,6 +9,7 @@ use crate::checkpoint::CheckpointMessage;
 use crate::fluid::Fluid;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool, applied};
+use crate::picture::PictureMessage;
 use crate::process::Process;
 use crate::{READ_FORMATS, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
@@ -319,6 +320,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
             Channel::Steps => block.steps.push(json::<Step>(data)?.record()?),
             Channel::Checkpoints => block.checkpoints.push(json::<CheckpointMessage>(data)?.checkpoint()?),
             Channel::Processes => block.processes.push(json::<Process>(data)?.spell()),
+            Channel::Pictures => block.pictures.push(json::<PictureMessage>(data)?.picture()?),
         }
         Ok(())
     })?;

@@ -30,6 +30,7 @@ fn what_was_written_is_read_bit_for_bit() {
     assert_eq!(recording.content.tissue, [block(5..6).tissue, second.tissue].concat());
     assert_eq!(recording.content.fluid, [block(5..6).fluid, second.fluid].concat());
     assert_eq!(recording.content.events, [block(5..6).events, second.events].concat());
+    assert_eq!(recording.content.pictures, [block(5..6).pictures, second.pictures].concat());
     assert_eq!(recording.content.lost, [TickRange { first: 17, last: 19 }]);
     assert_eq!((recording.ending, recording.damage.len()), (Ending::Complete, 0));
     assert_eq!(recording.session["scene_hash"], "00ff");
@@ -56,7 +57,7 @@ fn the_summary_is_one_that_the_library_reads_and_names_every_message() {
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.clone().unwrap();
     let counted = mcap::MessageStream::new(&bytes).unwrap().filter(|message| message.is_ok()).count() as u64;
-    assert_eq!((stats.message_count, summary.chunk_indexes.len(), summary.channels.len()), (counted, 2, 10));
+    assert_eq!((stats.message_count, summary.chunk_indexes.len(), summary.channels.len()), (counted, 2, 11));
     assert_eq!((stats.message_start_time, stats.message_end_time), (5_000_000, 39_000_000));
     let mut indexed = 0;
     for chunk in &summary.chunk_indexes {

@@ -1,0 +1,210 @@
+//! What of a session is worth a picture: its end, goals that are reached or missed and warnings that fall, as its case has them; the electrode that begins to
+//! cut, a piece that comes out, an alarm of the pump. From the same ticks and statuses as are recorded.
+
+use hyst_assessment::Judge;
+use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus};
+use hyst_recording::Block;
+
+/// One cut after another is one as long as less than this lies between them, ticks.
+const CALM_TICKS: u64 = 5_000;
+
+/// How many of a block's records were there before.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mark {
+    applied: usize,
+    tissue: usize,
+    fluid: usize,
+}
+
+impl Mark {
+    /// Of all that is in a block.
+    pub fn of(block: &Block) -> Mark {
+        Mark { applied: block.applied.len(), tissue: block.tissue.len(), fluid: block.fluid.len() }
+    }
+}
+
+/// What has happened so far.
+#[derive(Debug)]
+pub struct Moments {
+    judge: Option<Judge>,
+    /// Goals that are decided, and warnings that were told, as far as they were noticed.
+    decided: Vec<bool>,
+    told: usize,
+    has_ended: bool,
+    /// The newest of them.
+    tissue: Option<TissueStatus>,
+    fluid: Option<FluidStatus>,
+    cut_tick: Option<u64>,
+}
+
+impl Moments {
+    /// From now on: what `judge` knows already was noticed by whoever came before.
+    pub fn after(judge: Option<Judge>) -> Moments {
+        let decided = judge.as_ref().map_or_else(Vec::new, decided);
+        let told = judge.as_ref().map_or(0, |judge| judge.told.len());
+        let has_ended = judge.as_ref().is_some_and(|judge| judge.ended.is_some());
+        Moments { judge, decided, told, has_ended, tissue: None, fluid: None, cut_tick: None }
+    }
+
+    /// Gives what happened in that part of a block that is behind the mark: when, and in words.
+    pub fn take(&mut self, block: &Block, mark: Mark) -> Vec<(u64, String)> {
+        let mut moments = Vec::new();
+        let mut tissue = block.tissue.iter().skip(mark.tissue).peekable();
+        let mut fluid = block.fluid.iter().skip(mark.fluid).peekable();
+        for record in block.applied.iter().skip(mark.applied) {
+            while let Some(status) = tissue.next_if(|status| status.state_tick <= record.tick) {
+                self.tissue(status, &mut moments);
+            }
+            while let Some(status) = fluid.next_if(|status| status.state_tick <= record.tick) {
+                self.fluid(status, &mut moments);
+            }
+            self.tick(record, &mut moments);
+        }
+        tissue.for_each(|status| self.tissue(status, &mut moments));
+        fluid.for_each(|status| self.fluid(status, &mut moments));
+        moments
+    }
+
+    fn tick(&mut self, record: &AppliedRecord, moments: &mut Vec<(u64, String)>) {
+        let Some(judge) = &mut self.judge else { return };
+        judge.tick(record);
+        let now = decided(judge);
+        for (index, goal) in judge.brief.goals.iter().enumerate() {
+            if now.get(index) != self.decided.get(index) {
+                let is_reached = judge.goals.get(index).is_some_and(|state| state.reached_tick.is_some());
+                moments.push((record.tick, format!("goal {}: {}", if is_reached { "reached" } else { "missed" }, goal.words)));
+            }
+        }
+        self.decided = now;
+        for (index, tick) in judge.told.iter().skip(self.told) {
+            let words = judge.brief.warnings.get(*index).map_or("", |warning| &warning.words);
+            moments.push((*tick, format!("warning: {words}")));
+        }
+        self.told = judge.told.len();
+        if let Some((by, tick)) = judge.ended
+            && !std::mem::replace(&mut self.has_ended, true)
+        {
+            moments.push((tick, format!("the session is over: {}", by.words())));
+        }
+    }
+
+    fn tissue(&mut self, status: &TissueStatus, moments: &mut Vec<(u64, String)>) {
+        if let Some(judge) = &mut self.judge {
+            judge.tissue(status);
+        }
+        let Some(before) = self.tissue.replace(*status) else { return };
+        let tick = status.state_tick;
+        if status.is_cutting != 0 {
+            let is_first = self.cut_tick.replace(tick).is_none_or(|last| tick.saturating_sub(last) > CALM_TICKS);
+            moments.extend(is_first.then(|| (tick, "the electrode begins to cut".into())));
+        }
+        for (was, is, how) in [
+            (before.taken_out, status.taken_out, "a piece is brought out"),
+            (before.washed_out, status.washed_out, "a piece is rinsed out"),
+        ] {
+            moments.extend((is > was).then(|| (tick, how.into())));
+        }
+    }
+
+    fn fluid(&mut self, status: &FluidStatus, moments: &mut Vec<(u64, String)>) {
+        if let Some(judge) = &mut self.judge {
+            judge.fluid(status);
+        }
+        let Some(before) = self.fluid.replace(*status) else { return };
+        let new = status.alarms & !before.alarms;
+        let named = PUMP_ALARMS.iter().filter(|(bit, _)| new & bit != 0);
+        moments.extend(named.map(|(_, name)| (status.state_tick, format!("alarm of the pump: {name}"))));
+    }
+}
+
+/// Which goals are reached or missed.
+fn decided(judge: &Judge) -> Vec<bool> {
+    judge.goals.iter().map(|goal| goal.reached_tick.is_some() || goal.missed_tick.is_some()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// A case with two goals and a warning, which is over after half a second.
+    fn judge() -> Judge {
+        let brief = json!({
+            "name": "a case", "rung": "polyp", "task": "Do it.", "seed": 1, "drawn": [], "pathology_ml": 2.0, "score": {},
+            "goals": [{ "words": "a part", "is": { "removed": 0.5 } }, { "words": "all", "is": { "removed": 2.0 } }],
+            "end": { "goals": true, "time_s": 0.5, "deficit_ml": null, "bled_ml": null, "perforation": false },
+            "warnings": [{ "words": "too hard", "is": { "force_above": 1.0 } }],
+        });
+        Judge::read(&brief.to_string()).unwrap()
+    }
+
+    fn ticks(range: std::ops::Range<u64>) -> Vec<AppliedRecord> {
+        let tick = |tick| {
+            let mut record = AppliedRecord { tick, ..AppliedRecord::default() };
+            record.command.force_n[0] = if (300..310).contains(&tick) { 1.5 } else { 0.0 };
+            record
+        };
+        range.map(tick).collect()
+    }
+
+    fn tissue(state_tick: u64, removed_volume_ml: f64, is_cutting: u32, taken_out: u32) -> TissueStatus {
+        TissueStatus { state_tick, removed_volume_ml, is_cutting, taken_out, ..TissueStatus::default() }
+    }
+
+    fn fluid(state_tick: u64, alarms: u32) -> FluidStatus {
+        FluidStatus { state_tick, alarms, ..FluidStatus::default() }
+    }
+
+    /// What happens in a session of 700 ticks, in two blocks.
+    fn blocks() -> [Block; 2] {
+        let first = Block {
+            applied: ticks(1..250),
+            tissue: vec![tissue(10, 0.0, 0, 0), tissue(100, 0.6, 1, 0), tissue(120, 0.6, 0, 0), tissue(150, 0.6, 1, 1)],
+            fluid: vec![fluid(20, 16), fluid(200, 16 | 1 | 8), fluid(240, 16 | 1)],
+            ..Block::default()
+        };
+        [first, Block { applied: ticks(250..700), ..Block::default() }]
+    }
+
+    const FIRST: [(u64, &str); 5] = [
+        (100, "the electrode begins to cut"),
+        (100, "goal reached: a part"),
+        (150, "a piece is brought out"),
+        (200, "alarm of the pump: pressure"),
+        (200, "alarm of the pump: perforation"),
+    ];
+
+    fn told(moments: Vec<(u64, String)>, wanted: &[(u64, &str)]) {
+        let moments: Vec<(u64, &str)> = moments.iter().map(|(tick, words)| (*tick, words.as_str())).collect();
+        assert_eq!(moments, wanted);
+    }
+
+    #[test]
+    fn what_happens_is_told_once_with_its_tick_and_an_alarm_that_stands_or_a_cut_that_goes_on_is_no_other() {
+        let [mut first, second] = blocks();
+        let mut moments = Moments::after(Some(judge()));
+        told(moments.take(&first, Mark::default()), &FIRST);
+        // What waits on a disk that is full is in the block still.
+        let mark = Mark::of(&first);
+        first.applied.extend(second.applied);
+        let judged = moments.take(&first, mark);
+        told(judged, &[(300, "warning: too hard"), (501, "the session is over: the time was over")]);
+        told(moments.take(&Block { applied: ticks(700..900), ..Block::default() }, Mark::default()), &[]);
+    }
+
+    #[test]
+    fn who_goes_on_does_not_tell_again_what_the_referee_knows_and_without_a_case_the_rest_is_told() {
+        let [first, second] = blocks();
+        let mut before = judge();
+        before.tissue(&tissue(100, 0.6, 1, 0));
+        first.applied.iter().for_each(|record| before.tick(record));
+        let mut moments = Moments::after(Some(before));
+        told(
+            moments.take(&second, Mark::default()),
+            &[(300, "warning: too hard"), (501, "the session is over: the time was over")],
+        );
+        let mut moments = Moments::after(None);
+        told(moments.take(&first, Mark::default()), &[FIRST[0], FIRST[2], FIRST[3], FIRST[4]]);
+        told(moments.take(&second, Mark::default()), &[]);
+    }
+}

@@ -1,0 +1,124 @@
+//! The report of a session in a real browser: pictures of what happened, which the recorder asked rendering for, are on the page and can be seen; nothing reaches
+//! beyond the page; every text can be read by day, by night and on paper.
+
+use serde_json::{Value, json};
+use station_tests::browser::{Browser, has_chromium, luminance};
+use station_tests::shown::not_shown;
+use station_tests::{Folder, hystation, run};
+use std::path::Path;
+
+/// Colours by which a picture differs from an empty one.
+const COLOURS: u64 = 100;
+/// Contrast of text that people with poor sight can read (WCAG 2.2, 1.4.3).
+const LEAST_CONTRAST: f64 = 4.5;
+/// A rendering that made so many steps has had time for a picture.
+const STEPS: u64 = 30;
+
+/// The page once it is laid out: headings, pictures with their words and colours, drawings by their height, and how far anything reaches beyond the page.
+const LOOK: &str = r"(() => {
+    if (document.readyState !== 'complete') return null;
+    const figures = [...document.querySelectorAll('.pictures figure')].map(figure => {
+        const image = figure.querySelector('img');
+        const pen = new OffscreenCanvas(image.naturalWidth || 1, image.naturalHeight || 1).getContext('2d', { willReadFrequently: true });
+        pen.drawImage(image, 0, 0);
+        const pixels = new Uint32Array(pen.getImageData(0, 0, pen.canvas.width, pen.canvas.height).data.buffer);
+        return { words: figure.textContent, width: image.getBoundingClientRect().width, colours: new Set(pixels).size };
+    });
+    return {
+        title: document.querySelector('h1').textContent, headings: [...document.querySelectorAll('h2')].map(heading => heading.textContent),
+        figures, curves: [...document.querySelectorAll('svg')].map(curve => curve.getBoundingClientRect().height),
+        beyond: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+    };
+})()";
+
+/// Texts of every kind that is there, each with its colour and that of its ground; the first is the page itself.
+const TEXTS: &str = r"(() => {
+    const channels = colour => colour.match(/[\d.]+/g).map(Number);
+    const ground = element => {
+        const colour = getComputedStyle(element).backgroundColor;
+        return colour === 'rgba(0, 0, 0, 0)' ? ground(element.parentElement) : colour;
+    };
+    const kinds = ['body', 'h1', 'dt', 'dd', '.tile b', '.tile span', 'p.note', 'th', 'td', 'td.source', 'tr.group td', 'figcaption', 'figcaption b', 'svg text'];
+    const found = kinds.map(kind => [kind, document.querySelector(kind)]).filter(([, element]) => element);
+    return found.map(([kind, element]) => {
+        const style = getComputedStyle(element);
+        return [kind, channels(kind.startsWith('svg') ? style.fill : style.color), channels(ground(element))];
+    });
+})()";
+
+/// A session of a case that is over after half a minute: its report for programs, and the page.
+fn session(folder: &Folder) -> (Value, String) {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).expect("the case");
+    let scene = assets.join("scenes/default.toml").display().to_string();
+    let short = text.replace("time_s = 240.0", "time_s = 30.0").replace("../scenes/default.toml", &scene);
+    assert_ne!(short, text);
+    let (case, recording, page) = (folder.write("short.toml", &short), folder.path("session.mcap"), folder.path("page.html"));
+    let station = format!("r{}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &station, "run", &case, "--headless", "--hand", "script:press", "--for", "36s"]);
+    let roles = "hardware,device,haptic,tissue,fluid,collision-worker,rendering,recorder";
+    let (code, _, said) = run(command.args(["--record", &recording, "--roles", roles]));
+    assert_eq!(code, Some(0), "{said}");
+    let (code, report, said) = run(hystation().args(["report", &recording, "--json", "-", "--html", &page]));
+    assert_eq!(code, Some(0), "{said}");
+    (serde_json::from_str(&report).expect("a report"), page)
+}
+
+/// Contrast of every text under a medium; gives the luminance of the page's ground.
+fn readable(browser: &mut Browser, media: &str, scheme: &str) -> f64 {
+    let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
+    browser.ask("Emulation.setEmulatedMedia", json!({ "media": media, "features": [feature] }));
+    let texts = browser.evaluate(TEXTS).expect("texts of every kind");
+    for text in texts.as_array().expect("a list") {
+        let (one, other) = (luminance(&text[1]) + 0.05, luminance(&text[2]) + 0.05);
+        let contrast = one.max(other) / one.min(other);
+        assert!(contrast >= LEAST_CONTRAST, "{media} {scheme}: {text} has a contrast of {contrast:.1}");
+    }
+    luminance(&texts[0][2])
+}
+
+#[test]
+fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
+    let folder = Folder::new("reported");
+    let (report, page) = session(&folder);
+    let pictures = report["pictures"].as_array().expect("a list");
+    println!("{pictures:#?}");
+    assert_eq!(report["case"]["ended"]["by"], "time", "{}", report["case"]);
+    let steps = report["station"]["processes"]["rendering"]["steps"].as_u64().unwrap_or(0);
+    let words: Vec<&str> = pictures.iter().filter_map(|picture| picture["words"].as_str()).collect();
+    if std::env::var_os("HYSTATION_NO_GPU").is_some() {
+        assert!(pictures.is_empty(), "nobody draws");
+    } else if pictures.is_empty() && steps < STEPS {
+        not_shown("pictures in a report: rendering was not there in time");
+    } else {
+        assert!(
+            words.iter().any(|words| words.contains("the session begins") || words.contains("the session is over")),
+            "{words:?}"
+        );
+    }
+    for picture in pictures {
+        let late = picture["tick"].as_u64().zip(picture["event_tick"].as_u64()).map(|(tick, event)| tick.checked_sub(event));
+        assert!(late.flatten().is_some_and(|ticks| ticks < 5_000), "{picture}: of that moment, and not of another");
+    }
+    if !has_chromium() {
+        return;
+    }
+    let mut browser = Browser::open("reported", &format!("file://{page}"));
+    let look = browser.wait("a report", LOOK, |look| look["title"].is_string().then(|| look.clone()));
+    assert!(look["title"].as_str().is_some_and(|title| title.starts_with("Training session")), "{look:#}");
+    let figures = look["figures"].as_array().expect("a list");
+    assert_eq!(figures.len(), words.len(), "{look:#}");
+    for (figure, words) in figures.iter().zip(words) {
+        assert!(figure["words"].as_str().is_some_and(|shown| shown.contains(words)), "{figure}");
+        assert!(figure["width"].as_f64() >= Some(200.0) && figure["colours"].as_u64() >= Some(COLOURS), "{figure}");
+    }
+    let curves = look["curves"].as_array().expect("a list");
+    assert!(curves.len() == 3 && curves.iter().all(|height| height.as_f64() >= Some(300.0)), "{look:#}");
+    assert_eq!(look["beyond"], 0, "nothing reaches beyond the page");
+    let grounds =
+        [("screen", "light"), ("screen", "dark"), ("print", "dark")].map(|(media, scheme)| readable(&mut browser, media, scheme));
+    assert!(grounds[0] > 0.5 && grounds[1] < 0.1 && grounds[2] > 0.9, "by day, by night, on paper: {grounds:?}");
+    let (_, colours) = browser.screenshot();
+    assert!(colours >= 2 && browser.faults.is_empty(), "{:?}", browser.faults);
+}
