@@ -4,7 +4,7 @@
 use crate::cli::RunArgs;
 use crate::settings::Refusal;
 use hyst_exchange::Station;
-use hyst_scene::{SettledCase, find_case};
+use hyst_scene::{Case, SettledCase, find_case};
 use std::path::{Path, PathBuf};
 
 /// A case as a recording has it.
@@ -67,6 +67,13 @@ impl Drop for RunCase {
     fn drop(&mut self) {
         let _ = std::fs::remove_file(&self.beside); // it has gone already
     }
+}
+
+/// A case's text with another path of its scene; `None` of a text that is no case.
+pub fn with_scene(text: &str, scene: &Path) -> Option<String> {
+    let mut case = Case::parse(text, "the case").ok()?;
+    case.scene = scene.to_str()?.to_owned();
+    toml::to_string(&case).ok()
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Refusal> {

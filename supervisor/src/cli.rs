@@ -152,7 +152,7 @@ pub struct ReplayArgs {
     /// So many times as fast as it was, 0.01 to 100, as far as the machine manages.
     #[arg(long, conflicts_with = "verify", value_parser = speed)]
     pub speed: Option<f64>,
-    /// The scene, or the case, if it is no longer where it was.
+    /// Another file of the scene, or of the case, than those that the recording has or names.
     #[arg(long)]
     pub scene: Option<PathBuf>,
     /// Write the report of the run (JSON) here, as `run` does.

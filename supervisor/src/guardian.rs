@@ -4,6 +4,7 @@
 //! Guardian and supervisor keep each other: one whose guardian dies starts a stand-in, which keeps the station without a terminal and makes room
 //! for a `hystation run` of the same name and settings. If both die at once the engines run on, and that same command takes them over.
 
+mod copied;
 mod found;
 mod kept;
 mod order;

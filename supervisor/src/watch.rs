@@ -9,7 +9,7 @@ use crate::toil::Toil;
 use hyst_engine::Silence;
 use hyst_engine::realtime::{DEVICE_RETURNS_PRIORITY, WATCH_PRIORITY};
 use hyst_exchange::{OwnedPage, ReadPage, system};
-use hyst_messages::page::{ProcessState, header, station as layout};
+use hyst_messages::page::{ProcessState, hardware, header, station as layout};
 use hyst_messages::{Role, SLOTS, Slot, TICK_NS};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, epoll, poll};
 use rustix::fd::OwnedFd;
@@ -235,7 +235,8 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
         looks.store(look, Ordering::Relaxed);
         // An engine that is asked to stop no longer beats; who bounds its stopping is the guardian.
         if page.load32(layout::STOP) == 0 {
-            let look = Look { number: look, now_ns, passed_ns, is_lockstep: page.load32(layout::LOCKSTEP) != 0 };
+            let is_lockstep = page.load32(layout::LOCKSTEP) != 0;
+            let look = Look { number: look, now_ns, passed_ns, stood_ns: stood_ns(&wards), is_lockstep };
             look_at_all(page, &mut wards, look, tell);
         }
         if ready.iter().any(|event| event.data.u64() == BELL) {
@@ -282,6 +283,8 @@ struct Look {
     now_ns: u64,
     /// Time since the look before, at most the time between two looks, ns.
     passed_ns: u64,
+    /// For how long the host has stood still in all, as the hardware's canaries saw it, ns.
+    stood_ns: u64,
     /// Nothing of a lock-step station is real time: whoever waits for a hung one waits as long as its heartbeat may be late.
     is_lockstep: bool,
 }
@@ -313,6 +316,12 @@ fn look_at_all(page: &OwnedPage, wards: &mut [Ward], look: Look, tell: &dyn Fn(N
         let passed_ns = if counts(ward.slot.role(), others, others_moving, hardware_stands) { look.passed_ns } else { 0 };
         look_at(page, ward, look, passed_ns, tell);
     }
+}
+
+/// For how long the host has stood still, ns; 0 where nobody looks.
+fn stood_ns(wards: &[Ward]) -> u64 {
+    let hardware = wards.iter().find(|ward| ward.slot.role() == Role::Hardware);
+    hardware.map_or(0, |ward| ward.page.load64(hardware::TOTALS + hardware::Total::Stood as usize))
 }
 
 /// Whether time counts for an engine: another real-time one has moved, or it is alone; and of a device, of which nobody waits long, whether the hardware has, too:
@@ -349,7 +358,7 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
             let ask = if is_real_time(slot.role()) { ThreadFiles::state } else { ThreadFiles::state_of_process };
             let is_device = slot.role() == Role::Device;
             let ran_ns = thread.filter(|_| is_device).and_then(ThreadFiles::ran_and_waited_ns).map(|(ran_ns, _)| ran_ns);
-            match ward.toil.look(counted_ns, ran_ns) {
+            match ward.toil.look(counted_ns, ran_ns, look.stood_ns) {
                 true => Opinion::Slow,
                 false => ward.gauge.look(beat_ns, counted_ns, || thread.and_then(ask)),
             }

@@ -24,6 +24,13 @@ impl Folder {
         self.0.join(name).display().to_string()
     }
 
+    /// A copy of the default scene with its meshes; gives its path.
+    pub fn scene(&self) -> String {
+        let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/default.toml");
+        let files = hyst_scene::sources(Some(&scene)).unwrap_or_else(|error| panic!("{error}"));
+        hyst_scene::unpack(&files, &self.0).unwrap_or_else(|error| panic!("{error}")).display().to_string()
+    }
+
     /// Writes a file and gives its path.
     pub fn write(&self, name: &str, text: &str) -> String {
         std::fs::write(self.0.join(name), text).unwrap_or_else(|error| panic!("{name}: {error}"));

@@ -7,12 +7,18 @@ use std::path::Path;
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
 
-/// Two trainees at the same case, side by side: in lock-step nothing comes of how fast a station is, and it fills less than a core.
-fn sessions(case: &str, hands: [&str; 2], time: &str) -> [Value; 2] {
+/// Two things side by side: in lock-step nothing comes of how fast a station is, and it fills less than a core.
+fn both<A: Send>(one: impl FnOnce() -> A + Send, other: impl FnOnce() -> A + Send) -> [A; 2] {
     std::thread::scope(|scope| {
-        let both = hands.map(|hand| scope.spawn(move || session(case, hand, time)));
-        both.map(|one| one.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+        let beside = scope.spawn(other);
+        let first = one();
+        [first, beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
     })
+}
+
+/// Two trainees at the same case.
+fn sessions(case: &str, [good, bad]: [&str; 2], time: &str) -> [Value; 2] {
+    both(|| session(case, good, time), || session(case, bad, time))
 }
 
 /// What the report says of a case that a hand does for so long.
@@ -57,13 +63,42 @@ fn warned(report: &Value, words: &str) -> u64 {
     found.unwrap_or_else(|| panic!("no warning {words:?}: {warnings:?}"))["count"].as_u64().unwrap()
 }
 
+/// Whether all goals were reached before the session was over.
+fn assert_all_reached(report: &Value) {
+    let goals = report["case"]["goals"].as_array().unwrap();
+    assert!(goals.iter().all(|goal| goal["state"] == "reached") && ended_by(report) == Some("goals"), "{}", report["case"]);
+}
+
 #[test]
 fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_current_at_the_fundus() {
-    let report = session("septum", "divide", "70s");
-    assert_eq!([goal(&report, 0), goal(&report, 1)], ["reached", "reached"]);
-    assert_eq!(ended_by(&report), Some("goals"));
-    assert!(metric(&report, "pathology").0 >= 9.0 && metric(&report, "cuts").0 >= 20.0, "{}", report["case"]);
-    assert_eq!(warned(&report, "current at the fundus: the septum ends here"), 0);
+    // Beside it the rungs on which nothing is cut.
+    let [septum, others] = both(
+        || vec![session("septum", "divide", "70s")],
+        || {
+            vec![
+                session("distension", "distends", "42s"),
+                session("access", "looks", "18s"),
+                session("navigation", "visits", "16s"),
+            ]
+        },
+    );
+    others.iter().for_each(assert_all_reached);
+    let report = &septum[0];
+    assert_eq!([goal(report, 0), goal(report, 1)], ["reached", "reached"]);
+    assert_eq!(ended_by(report), Some("goals"));
+    assert!(metric(report, "pathology").0 >= 9.0 && metric(report, "cuts").0 >= 20.0, "{}", report["case"]);
+    assert_eq!(warned(report, "current at the fundus: the septum ends here"), 0);
+}
+
+#[test]
+fn a_polyp_is_taken_off_at_its_base_after_a_chip_of_it_and_a_chip_alone_is_a_biopsy() {
+    let [polyp, biopsy] = both(|| session("polyp", "resects", "20s"), || session("biopsy", "polyp", "14s"));
+    assert_all_reached(&polyp);
+    assert!(metric(&polyp, "pathology").0 >= 80.0, "{}", polyp["case"]);
+    let chip_s = polyp["case"]["goals"][1]["at_s"].as_f64();
+    assert!(chip_s < polyp["case"]["goals"][2]["at_s"].as_f64(), "the chip comes first: {}", polyp["case"]);
+    assert_eq!(warned(&polyp, "force above 1.65 N"), 0);
+    assert_all_reached(&biopsy);
 }
 
 #[test]

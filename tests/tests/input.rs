@@ -163,15 +163,42 @@ fn without_real_time_the_station_runs_and_says_so() {
     station.stop().assert_clean();
 }
 
-/// A try of an engine that is refused takes a second on an idle machine, and the next one comes within seconds.
-const REFUSAL_LIMIT: std::time::Duration = std::time::Duration::from_secs(60);
-
 #[test]
-fn a_scene_that_is_edited_in_mid_session_is_refused_by_a_restarted_engine_and_the_station_goes_on() {
+fn a_scene_whose_files_are_edited_or_gone_is_nothing_to_a_station_that_runs_it() {
     let folder = Folder::new("input-edited");
     let mesh = block();
     let path = folder.write("block.msh", &mesh);
     let station = Station::start("edited", &[&path, "--hand", "script:press"]);
+    for engine in ["fluid", "tissue"] {
+        folder.write("block.msh", &mesh.replacen("0.01 0 0\n", "0.011 0 0\n", 1));
+        station.kill(engine, true);
+        std::fs::remove_file(&path).expect("it is there");
+        station.kill(engine, true);
+    }
+    let (_, before) = station.deficit();
+    station.run_ticks(500);
+    assert!(station.deficit().1 > before, "the flow goes on");
+    let felt = wait_for(TOUCH_LIMIT, || Some(station.force_n()).filter(|force_n| *force_n > 0.05));
+    assert!(felt.is_some(), "the hand feels nothing any more\n{}", station.said());
+    station.stop().assert_clean();
+}
+
+/// A try of an engine that is refused takes a second on an idle machine, and the next one comes within seconds.
+const REFUSAL_LIMIT: std::time::Duration = std::time::Duration::from_secs(60);
+
+/// A mesh that is named by its whole path would not be found in a copy: the station says so, and what is edited is refused.
+#[test]
+fn a_scene_that_cannot_be_copied_and_is_edited_is_refused_by_a_restarted_engine_and_the_station_goes_on() {
+    let folder = Folder::new("input-whole");
+    let mesh = block();
+    let path = folder.write("block.msh", &mesh);
+    let scene = format!(
+        "version = 1\nname = \"a block\"\n[[deformable]]\nname = \"organ\"\nmesh = {path:?}\nplace = \"auto\"\n\
+         [[rigid]]\nname = \"hysteroscope\"\n"
+    );
+    let scene = folder.write("scene.toml", &scene);
+    let station = Station::start("whole", &[&scene, "--hand", "script:press"]);
+    assert!(station.said().contains("the station has no copy of its scene"), "{}", station.said());
     folder.write("block.msh", &mesh.replacen("0.01 0 0\n", "0.011 0 0\n", 1));
     station.signal(station.pid("fluid", false), rustix::process::Signal::KILL);
     let root = hyst_exchange::Station::named(station.name()).unwrap();
@@ -186,8 +213,7 @@ fn a_scene_that_is_edited_in_mid_session_is_refused_by_a_restarted_engine_and_th
     assert!(station.deficit().1 > before, "the other one goes on");
     folder.write("block.msh", &mesh);
     station.recover();
-    let ended = station.stop();
-    ended.assert_clean();
+    station.stop().assert_clean();
 }
 
 /// Starts an engine by hand, as nobody should; gives its exit code and what it said.

@@ -78,6 +78,7 @@ fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
         ("/events", ours.events.len()),
         ("/checkpoints", ours.checkpoints.len()),
         ("/processes", ours.processes.len()),
+        ("/scene", ours.scene.len()),
     ];
     for (topic, count) in counts {
         assert_eq!(topics[topic]["messages"], count, "{topic}");

@@ -49,12 +49,11 @@ fn a_scripted_trainee_resects_the_polyp_and_the_report_says_so() {
     assert!(first == second, "not the same bytes");
 }
 
-/// The polyp case of the assets, with other lines; its scene lies where it was.
-fn polyp_case(changes: &[(&str, &str)]) -> String {
+/// The polyp case of the assets, with other lines and in a scene that lies here.
+fn polyp_case(scene: &str, changes: &[(&str, &str)]) -> String {
     let assets = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
     let mut text = std::fs::read_to_string(assets.join("cases/polyp.toml")).unwrap();
-    let scene = assets.join("scenes/default.toml").display().to_string();
-    for (from, to) in changes.iter().chain(&[("../scenes/default.toml", scene.as_str())]) {
+    for (from, to) in changes.iter().chain(&[("../scenes/default.toml", scene)]) {
         assert!(text.contains(from), "{from}");
         text = text.replace(from, to);
     }
@@ -65,12 +64,13 @@ fn polyp_case(changes: &[(&str, &str)]) -> String {
 const KILLS: &str = "[[fault]]\nkind = \"kill\"\ntarget = \"tissue:active\"\ntick = 3000\n\
                      [[fault]]\nkind = \"kill\"\ntarget = \"tissue:active\"\ntick = 7000\n";
 
-/// The trainee has a time that ends in the recording, an engine dies on the way and loads the case again, and the case file is gone before the replay.
+/// The trainee has a time that ends in the recording, an engine dies on the way and loads the case again, and case and scene are gone before the replay.
 #[test]
 fn a_scripted_trainee_does_the_polyp_case_from_start_to_report() {
     let folder = Folder::new("session-case");
-    let case = folder
-        .write("case.toml", &polyp_case(&[("time_s = 900.0", "time_s = 14.0"), ("time_above_s = 720.0", "time_above_s = 12.0")]));
+    let (scene, changes) =
+        (folder.scene(), [("time_s = 900.0", "time_s = 14.0"), ("time_above_s = 720.0", "time_above_s = 12.0")]);
+    let case = folder.write("case.toml", &polyp_case(&scene, &changes));
     let faults = folder.write("faults.toml", KILLS);
     let [session, page] = ["session.mcap", "session.html"].map(|name| folder.path(name));
     let station = format!("c{}", std::process::id());
@@ -81,6 +81,7 @@ fn a_scripted_trainee_does_the_polyp_case_from_start_to_report() {
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("polyp: ") && said.contains("as stiff as the scene has it"), "what was drawn is said: {said}");
     std::fs::write(&case, "no case any more").unwrap();
+    std::fs::remove_file(&scene).unwrap();
 
     let (code, first, said) = run(hystation().args(["report", &session, "--html", &page, "--json", "-"]));
     assert_eq!(code, Some(0), "{said}");

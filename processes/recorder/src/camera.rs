@@ -1,5 +1,5 @@
 //! Pictures of what happened: rendering is asked for one, and the first that it drew since goes into the recording. Promise: nobody waits for a picture; where
-//! none is drawn, there is none, and a session has two hundred at most.
+//! none is drawn, there is none; and each says only what had happened by then.
 
 use crate::gather::Gather;
 use crate::moments::{Mark, Moments};
@@ -11,6 +11,8 @@ use hyst_recording::{Block, Picture};
 
 /// For so long a picture is asked for, ns: one that comes later shows something else.
 const PATIENCE_NS: u64 = 3_000_000_000;
+/// A session that has run for so long is seen no more as it begins, ticks.
+const BEGIN_TICKS: u64 = 10_000;
 /// Most pictures of one recorder's life: some 15 kB each.
 const MOST: usize = 200;
 
@@ -45,7 +47,7 @@ impl Camera {
 
     /// Asks for a picture of what is new in the block behind the mark; puts into it the one that came of what was before.
     pub fn look(&mut self, life: &Life, gather: &Gather, block: &mut Block, mark: Mark) {
-        if gather.has_pictures() && std::mem::replace(&mut self.is_new, false) {
+        if gather.has_pictures() && std::mem::replace(&mut self.is_new, false) && life.tick() < BEGIN_TICKS {
             self.want(life, life.tick(), "the session begins".into());
         }
         for (tick, words) in self.moments.take(block, mark) {
@@ -69,6 +71,7 @@ impl Camera {
         }
         let until_ns = system::now_ns() + PATIENCE_NS;
         let wanted = self.wanted.get_or_insert_with(|| Wanted { tick, words: Vec::new(), until_ns });
+        wanted.tick = wanted.tick.max(tick);
         wanted.words.push(words);
         life.page.store64(layout::PICTURES_UNTIL_NS, wanted.until_ns);
     }

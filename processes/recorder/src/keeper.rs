@@ -13,6 +13,8 @@ use std::path::Path;
 const INTERVAL_NS: u64 = 200_000_000;
 /// Time between two tries on a full disk, ns.
 const RETRY_NS: u64 = 1_000_000_000;
+/// Between two looks whether the file is open, ns.
+const LOOK_NS: u64 = 1_000_000;
 /// Pause while the file cannot be had, ns.
 const WAIT_NS: u64 = 50_000_000;
 /// How long a recorder waits for its predecessor to let go of the file, ns: longer than the supervisor takes to kill one that hangs.
@@ -48,7 +50,7 @@ impl Keeper {
         let patience_ns = system::now_ns() + LOCK_PATIENCE_NS;
         let mut said = false;
         while !life.clock.stop_requested() {
-            let error = match Writer::open(path, session) {
+            let error = match open(life, path, session) {
                 Ok(writer) => {
                     let scribe = Scribe::start(writer).map_err(|e| Failure::Broken(format!("a thread for the disk: {e}")))?;
                     return Ok(Some(Keeper { scribe, queue: Block::default(), next_write_ns: 0, given_ns: 0, refused: false }));
@@ -160,6 +162,18 @@ impl Keeper {
         let lost = self.scribe.file.lost + self.queue.lost.iter().map(TickRange::count).sum::<u64>();
         life.page.write(layout::STATUS, &RecorderStatus { lost, ..self.scribe.file.status() });
     }
+}
+
+/// Opens the file, or goes on in it: of a long one that takes a second, in which this process is seen to live.
+fn open(life: &Life, path: &Path, session: &Session) -> Result<Writer, WriteError> {
+    std::thread::scope(|scope| {
+        let opens = scope.spawn(|| Writer::open(path, session));
+        while !opens.is_finished() {
+            life.heartbeat();
+            system::sleep_ns(LOOK_NS);
+        }
+        opens.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
 }
 
 /// Drops the oldest of what does not fit into memory; the ticks are noted as lost.

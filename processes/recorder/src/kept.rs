@@ -11,7 +11,7 @@ const INTERVAL_TICKS: u64 = 5_000;
 /// Roles with a state.
 const ROLES: [Role; 2] = [Role::Tissue, Role::Fluid];
 /// A state that is longer is not kept: in its JSON it would be longer than what any reader takes at once. The largest scenes' have some megabytes.
-const MOST_BYTES: usize = 24 << 20;
+pub const MOST_BYTES: usize = 24 << 20;
 
 /// What has been kept.
 #[derive(Default)]

@@ -127,10 +127,10 @@ fn append(writer: &mut Writer, block: Block) -> Written {
 }
 
 /// The ticks with the statuses in some parts, what is noted of them with the last, so that a successor which goes on after a part's ticks does not write it
-/// again; then each checkpoint and each picture by itself, so that one that is damaged costs no ticks.
+/// again; then each checkpoint, file and picture by itself, so that one that is damaged costs no ticks.
 fn parts(mut block: Block) -> VecDeque<Block> {
     let noted = (take(&mut block.events), take(&mut block.processes), take(&mut block.lost));
-    let (checkpoints, pictures) = (take(&mut block.checkpoints), take(&mut block.pictures));
+    let (checkpoints, pictures, scene) = (take(&mut block.checkpoints), take(&mut block.pictures), take(&mut block.scene));
     let mut parts = VecDeque::new();
     while block.applied.len() > BLOCK_TICKS {
         let rest = Block { applied: block.applied.split_off(BLOCK_TICKS), ..Block::default() };
@@ -139,6 +139,7 @@ fn parts(mut block: Block) -> VecDeque<Block> {
     (block.events, block.processes, block.lost) = noted;
     parts.push_back(block);
     parts.extend(checkpoints.into_iter().map(|checkpoint| Block { checkpoints: vec![checkpoint], ..Block::default() }));
+    parts.extend(scene.into_iter().map(|file| Block { scene: vec![file], ..Block::default() }));
     parts.extend(pictures.into_iter().map(|picture| Block { pictures: vec![picture], ..Block::default() }));
     parts
 }

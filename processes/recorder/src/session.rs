@@ -4,7 +4,7 @@
 use crate::camera::Camera;
 use crate::gather::Gather;
 use crate::keeper::Keeper;
-use crate::kept::Kept;
+use crate::kept::{Kept, MOST_BYTES};
 use crate::moments::Mark;
 use crate::said::Said;
 use crate::statistics::Statistics;
@@ -13,7 +13,8 @@ use hyst_engine::{Failure, Life};
 use hyst_exchange::{Roster, system};
 use hyst_messages::page::{ProcessState, header, recorder as layout, station};
 use hyst_messages::{RecorderStatus, Slot, layout_name};
-use hyst_recording::{Event, Session};
+use hyst_recording::{Event, SceneFile, Session, scene_files};
+use hyst_scene::SourceFile;
 
 /// Longest time between two looks, ns. A change of the slots wakes the recorder earlier, so that events have their tick.
 const LOOK_NS: u64 = 50_000_000;
@@ -30,6 +31,10 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     };
     let mut gather = Gather::new(life, keeper.last_tick())?;
     let mut said = Said::new(&life.station, keeper.last_tick());
+    // A predecessor that died has begun with it, or not.
+    if !keeper.is_continued() || scene_files(path).is_ok_and(|files| files.is_empty()) {
+        keeper.queue.scene = scene(life);
+    }
     let (mut kept, mut statistics) = (Kept::default(), Statistics::default());
     let mut camera = Camera::of(life, keeper.is_continued());
     let roster = Roster::open(&life.station)?;
@@ -109,6 +114,19 @@ fn with_last_words(life: &Life, mut event: Event) -> Event {
         }
     }
     event
+}
+
+/// The files of the scene, with which the session can be done again anywhere; none, and why is said, where they are larger than what any reader takes at once.
+fn scene(life: &Life) -> Vec<SceneFile> {
+    let files = hyst_scene::sources(life.scene().as_deref()).map_err(|error| error.to_string());
+    let is_large = |files: &[SourceFile]| files.iter().map(|file| file.bytes.len()).sum::<usize>() > MOST_BYTES;
+    let files = files.and_then(|files| if is_large(&files) { Err("they are too large".into()) } else { Ok(files) });
+    let files = files.unwrap_or_else(|why| {
+        life.say(&format!("the scene is not in the recording, which can be done again only with these files as they are: {why}"));
+        Vec::new()
+    });
+    let count = files.len() as u32;
+    (0..).zip(files).map(|(index, SourceFile { name, bytes })| SceneFile { index, count, name, bytes }).collect()
 }
 
 /// The facts of the session, the same for every incarnation of the recorder.

@@ -116,7 +116,7 @@ pub fn isa(settings: &Settings) -> Result<Isa, Failure> {
 impl Workshop {
     /// Loads the settings' scene and makes its world.
     pub fn load(life: &Life) -> Result<(Workshop, World), Failure> {
-        let scene = load_scene(life.settings.scene.as_deref())?;
+        let scene = load_scene(life.scene().as_deref())?;
         life.admit_scene(scene.hash)?;
         for note in &scene.notes {
             life.say(note);

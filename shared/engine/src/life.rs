@@ -5,6 +5,7 @@ use clap::Parser;
 use hyst_exchange::{LinkError, OwnedPage, PageError, Station, StationError, StationPage, system};
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::{Role, Slot};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -146,6 +147,12 @@ impl Life {
         self.page.store32_and_wake(header::PORTS_OPEN, 1);
     }
 
+    /// The scene that this process loads: the station's own copy where it has one, else what was named; `None` is the one in the binary.
+    pub fn scene(&self) -> Option<PathBuf> {
+        let copy = std::fs::read_to_string(self.station.scene_entry()).ok().map(PathBuf::from);
+        copy.or_else(|| self.settings.scene.clone())
+    }
+
     /// Refuses a scene that is not the one that the station was started with; `hash` is that of what this process has loaded.
     pub fn admit_scene(&self, hash: u64) -> Result<(), Failure> {
         match self.clock.scene_hash() {
@@ -153,7 +160,7 @@ impl Life {
             known => Err(Failure::Input(format!(
                 "{}: the scene or one of its meshes was changed since the station started (hash {known:016x} then, {hash:016x} now); put the \
                  files back as they were, or stop the station and start it again",
-                self.settings.scene.as_deref().unwrap_or(std::path::Path::new("embedded scene")).display()
+                self.scene().as_deref().unwrap_or(std::path::Path::new("embedded scene")).display()
             ))),
         }
     }

@@ -103,6 +103,18 @@ impl Station {
     pub fn case(&self) -> PathBuf {
         self.root.join("case.toml")
     }
+    /// The station's own copy of the files of its scene: whoever edits those that were named changes nothing here.
+    pub fn scene(&self) -> PathBuf {
+        self.root.join("scene")
+    }
+    /// The case in the scene of that copy.
+    pub fn scene_case(&self) -> PathBuf {
+        self.root.join("scene.case.toml")
+    }
+    /// The path of what engines load of that copy; no such file where there is none.
+    pub fn scene_entry(&self) -> PathBuf {
+        self.root.join("scene.path")
+    }
     /// What the case is judged by, as JSON.
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")

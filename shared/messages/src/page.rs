@@ -118,6 +118,8 @@ pub mod hardware {
         ForceStepMax = 9,
         /// Trips of the firmware's watchdog.
         Trips = 10,
+        /// Time for which the canary on the device's core saw the host stand still, as soon as it saw it, ns.
+        Stood = 11,
     }
     /// What the device states of itself; written once, before the first sample.
     pub const STATEMENT: CellAt<DeviceStatement> = CellAt::new(REPLAY.end());

@@ -8,6 +8,7 @@ use crate::fluid::Fluid;
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool};
 use crate::picture::{Picture, PictureMessage};
 use crate::process::{Process, ProcessSpell};
+use crate::scene::{self, SceneFile, SceneMessage};
 use crate::{Session, WriteError};
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord, TissueStatus};
 use mcap::records::{ChunkIndex, MessageHeader, Metadata, MetadataIndex};
@@ -104,6 +105,8 @@ pub struct Block {
     pub processes: Vec<ProcessSpell>,
     /// What was seen when something happened.
     pub pictures: Vec<Picture>,
+    /// Files of the scene.
+    pub scene: Vec<SceneFile>,
     /// Ticks that could not be had any more.
     pub lost: Vec<TickRange>,
 }
@@ -119,6 +122,7 @@ impl Block {
             && self.checkpoints.is_empty()
             && self.processes.is_empty()
             && self.pictures.is_empty()
+            && self.scene.is_empty()
             && self.lost.is_empty()
     }
 
@@ -132,6 +136,7 @@ impl Block {
         before.checkpoints.append(&mut self.checkpoints);
         before.processes.append(&mut self.processes);
         before.pictures.append(&mut self.pictures);
+        before.scene.append(&mut self.scene);
         before.lost.append(&mut self.lost);
         *self = before;
     }
@@ -218,6 +223,9 @@ impl Pen {
         }
         for picture in &block.pictures {
             self.put(Channel::Pictures, picture.tick, &PictureMessage::of(picture))?;
+        }
+        for file in &block.scene {
+            self.put(Channel::Scene, scene::TICK, &SceneMessage::of(file))?;
         }
         Ok(())
     }

@@ -29,11 +29,13 @@ pub enum Channel {
     Processes = 10,
     /// What was seen when something happened. A Foxglove CompressedImage with more fields.
     Pictures = 11,
+    /// The files of the scene, once.
+    Scene = 12,
 }
 
 impl Channel {
     /// All channels in the order of their ids.
-    pub const ALL: [Channel; 11] = [
+    pub const ALL: [Channel; 12] = [
         Channel::Tool,
         Channel::Force,
         Channel::Controls,
@@ -45,6 +47,7 @@ impl Channel {
         Channel::Checkpoints,
         Channel::Processes,
         Channel::Pictures,
+        Channel::Scene,
     ];
 
     /// The topic.
@@ -61,6 +64,7 @@ impl Channel {
             Channel::Checkpoints => "/checkpoints",
             Channel::Processes => "/processes",
             Channel::Pictures => "/pictures",
+            Channel::Scene => "/scene",
         }
     }
 
@@ -78,6 +82,7 @@ impl Channel {
             Channel::Checkpoints => "hyst.Checkpoint",
             Channel::Processes => "hyst.Process",
             Channel::Pictures => "foxglove.CompressedImage",
+            Channel::Scene => "hyst.SceneFile",
         }
     }
 
@@ -144,6 +149,7 @@ impl Channel {
             Channel::Processes => process_properties(),
             Channel::Checkpoints => checkpoint_properties(),
             Channel::Pictures => picture_properties(),
+            Channel::Scene => scene_properties(),
             Channel::Steps => {
                 let mut fields = json!({"state_hash": {"type": "string"}});
                 let numbers = ["tick", "input_tick", "from_tick", "from_incarnation", "epoch", "incarnation", "step_ticks"];
@@ -174,6 +180,12 @@ fn picture_properties() -> Value {
     let mut fields = json!({"timestamp": time_schema(), "data": data});
     add(&mut fields, "string", &["frame_id", "format", "words"]);
     add(&mut fields, "integer", &["tick", "event_tick"]);
+    fields
+}
+
+fn scene_properties() -> Value {
+    let mut fields = json!({"name": {"type": "string"}, "data": {"type": "string", "contentEncoding": "base64"}});
+    add(&mut fields, "integer", &["index", "count"]);
     fields
 }
 

@@ -19,7 +19,7 @@ const BLOCKS: usize = 8;
 const LATER: usize = 64;
 /// Bytes of a chunk with the times of its first and last message, and of a message index with its channel.
 const TIMES_BYTES: u64 = 16;
-const CHANNEL_BYTES: u64 = 2;
+pub(crate) const CHANNEL_BYTES: u64 = 2;
 
 /// A state.
 #[derive(Clone, Debug, PartialEq)]

@@ -20,6 +20,7 @@ mod playback;
 mod process;
 mod reader;
 mod recover;
+mod scene;
 pub mod sequence;
 mod summary;
 mod writer;
@@ -31,6 +32,7 @@ pub use picture::{Picture, jpeg};
 pub use playback::{Moment, Playback};
 pub use process::ProcessSpell;
 pub use reader::{Damage, Ending, ReadError, Reader, Recording};
+pub use scene::{SceneFile, scene_files};
 pub use sequence::{Collector, History, Taken};
 pub use writer::{WriteError, Writer};
 
@@ -41,5 +43,5 @@ pub type Session = std::collections::BTreeMap<String, String>;
 pub const FORMAT: &str = "4";
 
 /// Versions that are read. One of version 1 has no inputs and no steps, so that it can be reported and not replayed; one of version 2 has no checkpoints, so
-/// that a replay of it begins at its beginning; one of version 3 has no pictures.
+/// that a replay of it begins at its beginning; one of version 3 has no pictures and no scene.
 pub const READ_FORMATS: [&str; 4] = ["1", "2", "3", FORMAT];

@@ -11,6 +11,7 @@ use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, meta
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool, applied};
 use crate::picture::PictureMessage;
 use crate::process::Process;
+use crate::scene::SceneMessage;
 use crate::{READ_FORMATS, Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
 use mcap::records::op;
@@ -321,6 +322,7 @@ fn chunk(body: &[u8]) -> Result<Block, String> {
             Channel::Checkpoints => block.checkpoints.push(json::<CheckpointMessage>(data)?.checkpoint()?),
             Channel::Processes => block.processes.push(json::<Process>(data)?.spell()),
             Channel::Pictures => block.pictures.push(json::<PictureMessage>(data)?.picture()?),
+            Channel::Scene => block.scene.push(json::<SceneMessage>(data)?.file()?),
         }
         Ok(())
     })?;

@@ -6,7 +6,7 @@ mod fixture;
 
 use fixture::{Folder, block, record, session, ticks, write};
 use hyst_messages::AppliedRecord;
-use hyst_recording::{Block, Ending, ReadError, Reader, Recording, TickRange, Writer};
+use hyst_recording::{Block, Ending, ReadError, Reader, Recording, SceneFile, TickRange, Writer, scene_files};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -37,6 +37,29 @@ fn what_was_written_is_read_bit_for_bit() {
 }
 
 #[test]
+fn the_files_of_a_scene_are_found_wherever_they_are_and_none_of_one_that_is_not_whole() {
+    let folder = Folder::new("scene");
+    let file = |index, name: &str, bytes: &[u8]| SceneFile { index, count: 3, name: name.into(), bytes: bytes.to_vec() };
+    let files = [file(0, "a.toml", b"version = 1"), file(1, "../meshes/b.msh", &[0, 255, 7]), file(2, "c.obj", &[])];
+    let of = |file: &SceneFile| Block { scene: vec![file.clone()], ..Block::default() };
+    let found = |blocks: &[Block]| {
+        let _ = std::fs::remove_file(folder.file());
+        write(&folder.file(), blocks).finish().unwrap();
+        scene_files(&folder.file()).unwrap()
+    };
+    // A disk that is full for a while gets ticks between them; who takes over writes them again.
+    assert_eq!(
+        found(&[block(5..17), of(&files[0]), block(17..20), of(&files[2]), of(&files[0]), of(&files[1]), block(20..40)]),
+        files
+    );
+    assert_eq!(Recording::read(&folder.file()).unwrap().content.scene.len(), 4);
+    assert_eq!(found(&[of(&files[0]), of(&files[2]), block(5..17)]), [], "one is missing");
+    assert_eq!(found(&[of(&files[1]), of(&files[2]), block(5..17)]), [], "the scene is");
+    assert_eq!(found(&[block(5..17)]), []);
+    assert_eq!(found(&[of(&SceneFile { index: 7, count: 1, ..files[0].clone() })]), [], "no such file");
+}
+
+#[test]
 fn a_number_that_is_not_finite_costs_nothing_but_itself() {
     let folder = Folder::new("nan");
     let mut bad = block(5..8);
@@ -57,7 +80,7 @@ fn the_summary_is_one_that_the_library_reads_and_names_every_message() {
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.clone().unwrap();
     let counted = mcap::MessageStream::new(&bytes).unwrap().filter(|message| message.is_ok()).count() as u64;
-    assert_eq!((stats.message_count, summary.chunk_indexes.len(), summary.channels.len()), (counted, 2, 11));
+    assert_eq!((stats.message_count, summary.chunk_indexes.len(), summary.channels.len()), (counted, 2, 12));
     assert_eq!((stats.message_start_time, stats.message_end_time), (5_000_000, 39_000_000));
     let mut indexed = 0;
     for chunk in &summary.chunk_indexes {

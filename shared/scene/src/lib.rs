@@ -37,6 +37,7 @@ mod resection;
 mod rigid;
 mod rinse;
 mod source;
+mod sources;
 mod spread;
 mod validate;
 mod wrap;
@@ -61,6 +62,7 @@ pub use pose::{HandLeg, LoadedHand, Pose};
 pub use report::{CheckReport, ObjectReport, check};
 pub use rigid::{LoadedRigid, OUTFLOW_RADII, collision_points};
 pub use source::MAX_MESH_BYTES;
+pub use sources::{SourceFile, sources, unpack};
 
 /// The JSON schema of a scene file, derived from the types that read it.
 pub fn schema_json() -> String {

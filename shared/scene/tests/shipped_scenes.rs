@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use glam::{Vec3, Vec3Swizzles};
-use hyst_scene::{DeformableKind, LoadedScene, OUTFLOW_RADII, Pose, load, load_embedded};
+use hyst_scene::{DeformableKind, LoadedScene, OUTFLOW_RADII, Pose, load, load_embedded, sources, unpack};
 use std::path::{Path, PathBuf};
 
 fn scene() -> LoadedScene {
@@ -47,6 +47,26 @@ fn is_any_in(scene: &LoadedScene, pose: &Pose, object: usize, points_m: impl Ite
             beta.min_element() >= 0.0 && beta.element_sum() <= 1.0
         })
     })
+}
+
+#[test]
+fn a_copy_of_every_scene_s_files_is_the_same_scene() {
+    let copies = std::env::temp_dir().join(format!("hyst-scene-copies-{}", std::process::id()));
+    let copied = |name: &str, path: Option<&Path>| {
+        let files = sources(path).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let copy = unpack(&files, &copies.join(name)).unwrap();
+        (files.len(), load(&copy).unwrap_or_else(|error| panic!("{name}: {error}")).hash)
+    };
+    for (name, scene) in scenes() {
+        let (files, hash) = copied(&name, Some(&folder().join(format!("{name}.toml"))));
+        assert!(files >= 2 && hash == scene.hash, "{name}: {files} files");
+    }
+    assert_eq!(copied("embedded", None), (5, scene().hash), "the scene and its four meshes");
+    let mesh = folder().join("../meshes/uterus.msh");
+    assert_eq!(copied("mesh", Some(&mesh)), (1, load(&mesh).unwrap().hash), "a mesh alone");
+    let case = sources(Some(&folder().join("../cases/retrieval.toml"))).unwrap();
+    assert_eq!(case, sources(Some(&folder().join("grasper.toml"))).unwrap(), "of a case its scene's");
+    std::fs::remove_dir_all(&copies).unwrap();
 }
 
 #[test]

@@ -1,14 +1,17 @@
 //! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
-use crate::case::RecordedCase;
+use crate::case::{RecordedCase, with_scene};
 use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
-use hyst_exchange::Station;
+use hyst_exchange::{Station, system};
 use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
-use hyst_recording::{Checkpoint, Ending, Moment, Playback, Session, TickRange, checkpoints};
+use hyst_recording::{Checkpoint, Ending, Moment, Playback, SceneFile, Session, TickRange, checkpoints, scene_files};
+use hyst_scene::SourceFile;
 use std::collections::VecDeque;
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
 /// States of the tissue that a force may have its contact model of.
@@ -47,8 +50,10 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         let states: Vec<String> = states.iter().map(of).collect();
         eprintln!("hystation: begins at the checkpoint of {:.3} s: {}", begin_tick as f64 * 1e-3, states.join(", "));
     }
-    let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed })? };
-    let run = run_args(args, &whole, again, beside.as_deref())?;
+    let scene = RecordedScene::of(station, args, &whole)?;
+    let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed }, scene.as_ref())? };
+    let named = scene_of(args, &whole, &again, scene.as_ref())?;
+    let run = RunArgs { scene: named, ..run_args(args, &whole, again, beside.as_deref())? };
     let ended = crate::guardian::run(station.name(), &run);
     let verdict = match (&beside, ended) {
         (Some(again), Ok(0)) => compare(&args.file, again, whole.end_tick),
@@ -143,12 +148,70 @@ fn settings(args: &ReplayArgs, whole: &Whole) -> Result<Settings, Refusal> {
     toml::from_str(fact(args, whole, "settings")?).map_err(|error| refuse(args, &format!("has settings that are none: {error}")))
 }
 
+/// The files of the scene that were recorded, on disk for as long as this lives.
+struct RecordedScene {
+    folder: PathBuf,
+    /// The scene among them.
+    path: PathBuf,
+}
+
+impl RecordedScene {
+    /// Of a recording that has them, unless another scene is given, or it is the one in the binary. The station makes a copy of its own, so that it does not matter
+    /// if another replay of that name, which is refused later, lays its own down in this place.
+    fn of(station: &Station, args: &ReplayArgs, whole: &Whole) -> Result<Option<RecordedScene>, Refusal> {
+        let files = scene_files(&args.file).map_err(|error| Refusal::input(error.to_string()))?;
+        if args.scene.is_some() || files.is_empty() || is_in_the_binary(args, whole)? {
+            return Ok(None);
+        }
+        let files: Vec<_> = files.into_iter().map(|SceneFile { name, bytes, .. }| SourceFile { name, bytes }).collect();
+        let folder = std::env::temp_dir().join(format!("hystation-{}-{}-scene", system::user_id(), station.name()));
+        let refused =
+            |error: std::io::Error| refuse(args, &format!("{}: {error}; look at `df`, or give --scene", folder.display()));
+        let _ = std::fs::remove_dir_all(&folder); // of a replay that was killed
+        // Nobody else can have made it, or put anything into it.
+        DirBuilder::new().mode(0o700).create(&folder).map_err(refused)?;
+        let mut scene = RecordedScene { folder: folder.clone(), path: PathBuf::new() };
+        scene.path = hyst_scene::unpack(&files, &folder).map_err(refused)?;
+        Ok(Some(scene))
+    }
+}
+
+/// Whether a session was in the scene that this program holds.
+fn is_in_the_binary(args: &ReplayArgs, whole: &Whole) -> Result<bool, Refusal> {
+    let is_named = settings(args, whole)?.scene.is_some();
+    let own = || hyst_scene::load_embedded().is_ok_and(|scene| scene_hash(args, whole).is_ok_and(|hash| hash == scene.hash));
+    Ok(!is_named && own())
+}
+
+/// The hash of the scene that was recorded.
+fn scene_hash(args: &ReplayArgs, whole: &Whole) -> Result<u64, Refusal> {
+    u64::from_str_radix(fact(args, whole, "scene_hash")?, 16).map_err(|_| refuse(args, "names no scene"))
+}
+
+impl Drop for RecordedScene {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder); // it may not have come about
+    }
+}
+
+/// The scene of the run; of a case none: it names its own.
+fn scene_of(
+    args: &ReplayArgs,
+    whole: &Whole,
+    again: &Again,
+    recorded: Option<&RecordedScene>,
+) -> Result<Option<PathBuf>, Refusal> {
+    let settings = settings(args, whole)?;
+    let named = || recorded.map(|scene| scene.path.clone()).or(settings.scene);
+    Ok(args.scene.clone().or_else(|| if again.case.is_none() { named() } else { None }))
+}
+
 /// What is done again, from the beginning.
-fn again(args: &ReplayArgs, whole: &Whole, replay: Replay) -> Result<Again, Refusal> {
-    let scene_hash = u64::from_str_radix(fact(args, whole, "scene_hash")?, 16);
-    let scene_hash = scene_hash.map_err(|_| refuse(args, "names no scene"))?;
+fn again(args: &ReplayArgs, whole: &Whole, replay: Replay, scene: Option<&RecordedScene>) -> Result<Again, Refusal> {
+    let scene_hash = scene_hash(args, whole)?;
     let file = settings(args, whole)?.case;
-    let case = whole.session.get("case_text").map(|text| RecordedCase { text: text.clone(), file });
+    let laid = |text: &String| scene.and_then(|scene| with_scene(text, &scene.path));
+    let case = whole.session.get("case_text").map(|text| RecordedCase { text: laid(text).unwrap_or_else(|| text.clone()), file });
     Ok(Again { replay, scene_hash, case, states: Vec::new(), end_tick: whole.end_tick })
 }
 
@@ -160,7 +223,6 @@ fn run_args(args: &ReplayArgs, whole: &Whole, again: Again, record: Option<&Path
     let set = recorded.into_iter().chain(quiet.into_iter().filter(|_| args.verify)).chain(args.station.set.iter().cloned());
     let roles = ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid", "recorder"].map(String::from).to_vec();
     Ok(RunArgs {
-        scene: args.scene.clone().or(settings.scene.filter(|_| again.case.is_none())),
         hand: Some(format!("replay:{}", args.file.display())),
         record: record.map(PathBuf::from),
         report: args.report.clone(),

@@ -1,5 +1,6 @@
 //! Where a station begins: in a place that is empty, or by taking over one that lives without its guardian.
 
+use super::copied::Copied;
 use super::needed_bytes;
 use super::order::Order;
 use crate::case::RunCase;
@@ -138,7 +139,8 @@ fn same(station: &Station, wanted: &Wanted<'_>) -> Result<(), Refusal> {
 
 fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<OwnedPage, Refusal> {
     let settings = wanted.settings;
-    let needed = needed_bytes(scene.state_bytes);
+    let copied = Copied::of(settings, wanted.case);
+    let needed = needed_bytes(scene.state_bytes) + copied.bytes();
     if let Ok(disk) = rustix::fs::statvfs("/dev/shm")
         && disk.f_bavail * disk.f_frsize < needed
     {
@@ -154,6 +156,7 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
         station.wipe(); // nothing half-founded stays
     }
     let page = made?;
+    copied.lay(station, scene.hash);
     page.store64(layout::SCENE_HASH, scene.hash);
     page.store32(layout::WORKERS, settings.workers as u32);
     page.store32(layout::TEST_MODE, settings.test_mode as u32);

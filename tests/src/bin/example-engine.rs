@@ -85,7 +85,7 @@ impl Stateful for Still<'_> {
 }
 
 fn run(life: &Life) -> Result<(), Failure> {
-    let scene = load_scene(life.settings.scene.as_deref())?;
+    let scene = load_scene(life.scene().as_deref())?;
     let model = model_of(&scene, scene.fluid.grid.map(|count| count as usize)).map_err(broken)?;
     let (solver, status) = (Solver::new(model, 1).map_err(broken)?, FluidStatus::default());
     let radius_m = scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m);

@@ -3,9 +3,10 @@
 //! Where the timer came in time and the canary then waited for its core, the kernel was busy for somebody or gave the core to ordinary tasks (its fair
 //! server), and that may be the station's own doing: the wait in the kernel's queue is subtracted, and such ticks count.
 
-use hyst_engine::{Failure, Life};
+use hyst_engine::{Failure, Life, realtime};
 use hyst_exchange::system;
-use hyst_messages::TICK_NS;
+use hyst_messages::page::hardware::{TOTALS, Total};
+use hyst_messages::{Role, Slot, TICK_NS};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::sync::Arc;
@@ -47,7 +48,12 @@ impl Canaries {
             let mine = Arc::new(Stalls { windows: [const { [const { AtomicU64::new(0) }; 2] }; MEMORY] });
             stalls.push(Arc::clone(&mine));
             let stop = Arc::clone(&stop);
-            std::thread::Builder::new().name(format!("canary-{core}")).spawn(move || watch(core, sleep_ns, &mine, &stop))?;
+            let of_device =
+                (realtime::core(Slot::first(Role::Device), system::cores()) == Some(core)).then(|| Arc::clone(&life.page));
+            let tell = move |stood_ns| of_device.iter().for_each(|page| page.add64(TOTALS + Total::Stood as usize, stood_ns));
+            std::thread::Builder::new()
+                .name(format!("canary-{core}"))
+                .spawn(move || watch(core, sleep_ns, &mine, &stop, tell))?;
         }
         Ok(Canaries { stalls, stop })
     }
@@ -84,7 +90,7 @@ impl Queue {
     }
 }
 
-fn watch(core: usize, sleep_ns: u64, stalls: &Stalls, stop: &AtomicBool) {
+fn watch(core: usize, sleep_ns: u64, stalls: &Stalls, stop: &AtomicBool, tell: impl Fn(u64)) {
     if !(system::pin_to_core(core) && system::become_fifo(PRIORITY)) {
         return;
     }
@@ -96,7 +102,9 @@ fn watch(core: usize, sleep_ns: u64, stalls: &Stalls, stop: &AtomicBool) {
         let woken_ns = system::now_ns();
         let queued_ns = queue.waited_ns().saturating_sub(waited_ns);
         waited_ns += queued_ns;
-        if woken_ns.saturating_sub(due_ns) > queued_ns + STALL_NS {
+        let stood_ns = woken_ns.saturating_sub(due_ns).saturating_sub(queued_ns);
+        if stood_ns > STALL_NS {
+            tell(stood_ns);
             let window = &stalls.windows[next % MEMORY];
             window[1].store(woken_ns, Ordering::Relaxed);
             window[0].store(due_ns, Ordering::Relaxed);

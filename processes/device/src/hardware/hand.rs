@@ -114,7 +114,7 @@ fn will(scene: &LoadedScene, hand: &str, begin_tick: u64) -> Result<Will, Failur
 impl Hand {
     /// The hand that the settings ask for, in the settings' scene.
     pub fn of(life: &Life) -> Result<Hand, Failure> {
-        let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
+        let scene = hyst_scene::load_or_embedded(life.scene().as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
         life.admit_scene(scene.hash)?;
         let mut hand = Hand::in_scene(&scene, &life.settings.hand, life.settings.replay.map_or(0, |replay| replay.begin_tick))?;

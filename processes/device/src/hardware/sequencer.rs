@@ -45,7 +45,7 @@ pub struct Sequencer<'a> {
 impl<'a> Sequencer<'a> {
     /// A sequencer that goes on after the last tick that was begun.
     pub fn new(life: &'a Life) -> Result<Sequencer<'a>, Failure> {
-        let scene = hyst_scene::load_or_embedded(life.settings.scene.as_deref());
+        let scene = hyst_scene::load_or_embedded(life.scene().as_deref());
         let scene = scene.map_err(|error| Failure::Input(error.to_string()))?;
         let tissue_period = life.settings.number("tissue_step_ticks", 1.0, 1.0..=4.0, "1, 2 or 4")? as u64;
         let station = life.station.open_for_keeping()?;

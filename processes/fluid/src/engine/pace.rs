@@ -13,7 +13,7 @@ use hyst_scene::LoadedScene;
 impl<'a> FlowEngine<'a> {
     /// An engine for the settings' scene. In lock-step, a replay's too, neither grid nor step may depend on the machine.
     pub fn new(life: &'a Life) -> Result<FlowEngine<'a>, Failure> {
-        let scene = load_scene(life.settings.scene.as_deref())?;
+        let scene = load_scene(life.scene().as_deref())?;
         life.admit_scene(scene.hash)?;
         if life.is_lockstep() {
             return FlowEngine::on_grid(life, &scene, 0);

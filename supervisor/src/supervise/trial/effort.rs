@@ -248,7 +248,7 @@ impl Supervisor {
     /// For how long the host has stood still, as the hardware's canaries say, ns.
     fn stalled_ns(&mut self) -> u64 {
         let page = self.viewer.slot_page(Slot::first(Role::Hardware));
-        TICK_NS * page.map_or(0, |page| page.load64(hardware::TOTALS + hardware::Total::Void as usize))
+        TICK_NS.saturating_mul(page.map_or(0, |page| page.load64(hardware::TOTALS + hardware::Total::Void as usize)))
     }
 
     /// Whether the newcomer makes its steps.
