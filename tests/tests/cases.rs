@@ -1,5 +1,5 @@
-//! Cases from their start to their report, each by scripted trainees that the case or its scene has: the septum, the retrieval, and the complications, which
-//! really happen and are handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
+//! Cases from their start to their report, each by scripted trainees that the case or its scene has: the ladder from access to the septum, and the complications,
+//! which really happen and are handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
 
 use serde_json::Value;
 use station_tests::{Folder, hystation, run};
@@ -92,7 +92,7 @@ fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_cu
 
 #[test]
 fn a_polyp_is_taken_off_at_its_base_after_a_chip_of_it_and_a_chip_alone_is_a_biopsy() {
-    let [polyp, biopsy] = both(|| session("polyp", "resects", "20s"), || session("biopsy", "polyp", "14s"));
+    let [polyp, biopsy] = both(|| session("polyp", "resects", "24s"), || session("biopsy", "polyp", "14s"));
     assert_all_reached(&polyp);
     assert!(metric(&polyp, "pathology").0 >= 80.0, "{}", polyp["case"]);
     let chip_s = polyp["case"]["goals"][1]["at_s"].as_f64();
