@@ -44,7 +44,8 @@ fn swap_well(station: &Station, role: &str, binary: &Path) -> bool {
 }
 
 /// Whether a newcomer to rendering died of a signal in its first seconds, as one in some forty does inside the software Vulkan driver while it compiles beside
-/// the old engine; why is not known. It is rolled back, which harms nobody; each time is said.
+/// the old engine; why is not known. It dies in malloc (dmesg: libc.so.6 + 0x97639, reading 0x7f…00000010, twice: a pointer into the heap whose lower half is 0).
+/// It is rolled back, which harms nobody; each time is said.
 fn is_the_drivers(role: &str, record: &Value, said: &str) -> bool {
     let is_it = |line: &str| line.contains("rendering") && line.contains("signal 11");
     let fell = role == "rendering" && record["cause"] == "died" && said.lines().any(is_it);
