@@ -23,6 +23,9 @@ const FLAGS: [&str; 8] = [
     "--window-size=1280,1400",
     "--remote-debugging-pipe",
 ];
+/// Contrast of text that people with poor sight can read (WCAG 2.2, 1.4.3).
+const LEAST_CONTRAST: f64 = 4.5;
+
 /// Whether there is a browser; if not, that is said.
 pub fn has_chromium() -> bool {
     let mut command = Command::new("chromium");
@@ -162,6 +165,20 @@ impl Browser {
         ([info.width, info.height], colours.len() as u64)
     }
 
+    /// Sees that every text can be read on a medium by a light or a dark look. `texts` gives a list of kinds, each with its colour and that of its ground; the first
+    /// is the page itself, of whose ground this gives the luminance.
+    pub fn assert_readable(&mut self, media: &str, scheme: &str, texts: &str) -> f64 {
+        let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
+        self.ask("Emulation.setEmulatedMedia", json!({ "media": media, "features": [feature] }));
+        let texts = self.evaluate(texts).expect("texts of every kind");
+        for text in texts.as_array().expect("a list") {
+            let (one, other) = (luminance(&text[1]) + 0.05, luminance(&text[2]) + 0.05);
+            let contrast = one.max(other) / one.min(other);
+            assert!(contrast >= LEAST_CONTRAST, "{media} {scheme}: {text} has a contrast of {contrast:.1}");
+        }
+        luminance(&texts[0][2])
+    }
+
     /// Presses a key and lets it go; `text` is what it types.
     pub fn press(&mut self, key: &str, number: u32, text: &str) {
         let down = if text.is_empty() { "rawKeyDown" } else { "keyDown" };
@@ -183,7 +200,7 @@ impl Drop for Browser {
 }
 
 /// Relative luminance of a colour of three channels of 0 to 255 (WCAG 2.2).
-pub fn luminance(colour: &Value) -> f64 {
+fn luminance(colour: &Value) -> f64 {
     let linear = |channel: usize| {
         let share = colour[channel].as_f64().expect("a channel") / 255.0;
         if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }

@@ -1,7 +1,7 @@
 //! The operator's page in a real browser: what it shows of a station that runs, that it finds a new console by itself, and that it is read and used by keys.
 
 use serde_json::{Value, json};
-use station_tests::browser::{Browser, has_chromium, luminance};
+use station_tests::browser::{Browser, has_chromium};
 use station_tests::{RECOVERY_LIMIT, Station, wait_for};
 use std::collections::BTreeSet;
 
@@ -9,8 +9,6 @@ use std::collections::BTreeSet;
 const EVERY_TICK: [&str; 4] = ["hardware", "device", "haptic:0", "haptic:1"];
 /// Colours by which a picture differs from an empty one.
 const COLOURS: u64 = 100;
-/// Contrast of text that people with poor sight can read (WCAG 2.2, 1.4.3).
-const LEAST_CONTRAST: f64 = 4.5;
 /// Width of the line around what has the focus, CSS pixels.
 const LEAST_OUTLINE_PX: f64 = 3.0;
 /// Presses of Tab that lead once through the page, and more.
@@ -121,21 +119,6 @@ fn named(look: &Value) -> BTreeSet<String> {
     look["rows"].as_object().map(|rows| rows.keys().cloned().collect()).unwrap_or_default()
 }
 
-/// Every text can be read by a browser's light and by its dark look; gives the luminance of the page's ground in each.
-fn assert_readable(browser: &mut Browser) -> [f64; 2] {
-    ["light", "dark"].map(|scheme| {
-        let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
-        browser.ask("Emulation.setEmulatedMedia", json!({ "features": [feature] }));
-        let texts = browser.evaluate(TEXTS).expect("texts of every kind");
-        for text in texts.as_array().expect("a list") {
-            let (one, other) = (luminance(&text[1]) + 0.05, luminance(&text[2]) + 0.05);
-            let contrast = one.max(other) / one.min(other);
-            assert!(contrast >= LEAST_CONTRAST, "{scheme}: {text} has a contrast of {contrast:.1}");
-        }
-        luminance(&texts[0][2])
-    })
-}
-
 #[test]
 fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_console_by_itself() {
     if !has_chromium() {
@@ -190,7 +173,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     let mut browser = open("typed", &station);
     let offered = |look: &Value| (look["kinds"].as_u64()? > 0 && !look["events"].as_array()?.is_empty()).then_some(());
     browser.wait("faults that it offers", LOOK, offered);
-    let [day, night] = assert_readable(&mut browser);
+    let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
     assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));
 

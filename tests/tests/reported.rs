@@ -1,16 +1,14 @@
 //! The report of a session in a real browser: pictures of what happened, which the recorder asked rendering for, are on the page and can be seen; nothing reaches
 //! beyond the page; every text can be read by day, by night and on paper.
 
-use serde_json::{Value, json};
-use station_tests::browser::{Browser, has_chromium, luminance};
+use serde_json::Value;
+use station_tests::browser::{Browser, has_chromium};
 use station_tests::shown::not_shown;
 use station_tests::{Folder, hystation, run};
 use std::path::Path;
 
 /// Colours by which a picture differs from an empty one.
 const COLOURS: u64 = 100;
-/// Contrast of text that people with poor sight can read (WCAG 2.2, 1.4.3).
-const LEAST_CONTRAST: f64 = 4.5;
 /// A rendering that made so many steps has had time for a picture.
 const STEPS: u64 = 30;
 
@@ -65,19 +63,6 @@ fn session(folder: &Folder) -> (Value, String) {
     (serde_json::from_str(&report).expect("a report"), page)
 }
 
-/// Contrast of every text under a medium; gives the luminance of the page's ground.
-fn readable(browser: &mut Browser, media: &str, scheme: &str) -> f64 {
-    let feature = json!({ "name": "prefers-color-scheme", "value": scheme });
-    browser.ask("Emulation.setEmulatedMedia", json!({ "media": media, "features": [feature] }));
-    let texts = browser.evaluate(TEXTS).expect("texts of every kind");
-    for text in texts.as_array().expect("a list") {
-        let (one, other) = (luminance(&text[1]) + 0.05, luminance(&text[2]) + 0.05);
-        let contrast = one.max(other) / one.min(other);
-        assert!(contrast >= LEAST_CONTRAST, "{media} {scheme}: {text} has a contrast of {contrast:.1}");
-    }
-    luminance(&texts[0][2])
-}
-
 #[test]
 fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
     let folder = Folder::new("reported");
@@ -116,8 +101,8 @@ fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
     let curves = look["curves"].as_array().expect("a list");
     assert!(curves.len() == 3 && curves.iter().all(|height| height.as_f64() >= Some(300.0)), "{look:#}");
     assert_eq!(look["beyond"], 0, "nothing reaches beyond the page");
-    let grounds =
-        [("screen", "light"), ("screen", "dark"), ("print", "dark")].map(|(media, scheme)| readable(&mut browser, media, scheme));
+    let grounds = [("screen", "light"), ("screen", "dark"), ("print", "dark")]
+        .map(|(media, scheme)| browser.assert_readable(media, scheme, TEXTS));
     assert!(grounds[0] > 0.5 && grounds[1] < 0.1 && grounds[2] > 0.9, "by day, by night, on paper: {grounds:?}");
     let (_, colours) = browser.screenshot();
     assert!(colours >= 2 && browser.faults.is_empty(), "{:?}", browser.faults);

@@ -28,16 +28,14 @@ impl Referee {
     /// Of a station with a case; goes on from what a predecessor has kept.
     pub fn of(life: &Life) -> Option<Referee> {
         let brief = std::fs::read_to_string(life.station.brief()).ok()?;
-        let fresh = match Judge::read(&brief) {
+        let kept = life.station.judged();
+        let judge = match Judge::resume(&brief, std::fs::read_to_string(&kept).ok().as_deref()) {
             Ok(judge) => judge,
             Err(reason) => {
                 life.say(&format!("{}: {reason}", life.station.brief().display()));
                 return None;
             }
         };
-        let kept = life.station.judged();
-        let before = std::fs::read_to_string(&kept).ok().and_then(|text| serde_json::from_str::<Judge>(&text).ok());
-        let judge = before.filter(|before| before.brief == fresh.brief).unwrap_or(fresh);
         let roster = Roster::open(&life.station).ok()?;
         let station = life.station.clone();
         Some(Referee { judge, roster, station, kept, told: Value::Null, kept_ns: 0, told_ns: 0 })

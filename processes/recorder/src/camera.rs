@@ -37,11 +37,9 @@ pub struct Camera {
 impl Camera {
     /// Of a session; in one that is `continued` what the referee has kept is known already.
     pub fn of(life: &Life, continued: bool) -> Camera {
-        let fresh = std::fs::read_to_string(life.station.brief()).ok().and_then(|brief| Judge::read(&brief).ok());
         let kept = if continued { std::fs::read_to_string(life.station.judged()).ok() } else { None };
-        let kept = kept.and_then(|text| serde_json::from_str::<Judge>(&text).ok());
-        let is_same = |kept: &Judge| fresh.as_ref().is_some_and(|fresh| fresh.brief == kept.brief);
-        let judge = kept.filter(is_same).or(fresh);
+        let brief = std::fs::read_to_string(life.station.brief()).ok();
+        let judge = brief.and_then(|brief| Judge::resume(&brief, kept.as_deref()).ok());
         Camera { moments: Moments::after(judge), is_new: !continued, wanted: None, taken: 0 }
     }
 

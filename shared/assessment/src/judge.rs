@@ -130,6 +130,16 @@ impl Judge {
         Ok(Judge::new(brief))
     }
 
+    /// The same, going on from what a predecessor has kept of it, if that is of the same case.
+    ///
+    /// # Errors
+    /// Those of [`Judge::read`].
+    pub fn resume(brief: &str, kept: Option<&str>) -> Result<Judge, String> {
+        let fresh = Judge::read(brief)?;
+        let before = kept.and_then(|text| serde_json::from_str::<Judge>(text).ok());
+        Ok(before.filter(|before| before.brief == fresh.brief).unwrap_or(fresh))
+    }
+
     /// Before the first tick.
     pub fn new(brief: Brief) -> Judge {
         Judge {
