@@ -142,8 +142,9 @@ impl Spawner {
         let mut command = Command::new(&binary);
         command
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
-            // The software rasterizer on one thread and no layers that search for devices: pictures give way to the engines.
-            .envs([("LP_NUM_THREADS", "1"), ("NODEVICE_SELECT", "1")])
+            // No layers that search for devices, and no threads of the software rasterizer beside its queue's: pictures give way to the
+            // engines, and such a thread unlocks a fence that another may have freed (docs/faults.md).
+            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1")])
             .stdin(Stdio::null())
             .stdout(log)
             .stderr(second)

@@ -49,6 +49,15 @@ fn size_of(path: &Path) -> Option<[u32; 2]> {
     Some([reader.info().width, reader.info().height])
 }
 
+/// A thread of lavapipe's rasterizer unlocks a fence that its queue may have freed: it killed a rendering every few hours (docs/faults.md).
+fn assert_without_rasterizer_threads(station: &Station) {
+    let tasks = std::fs::read_dir(format!("/proc/{}/task", station.pid("rendering", true))).unwrap();
+    let names: Vec<String> =
+        tasks.flatten().flat_map(|task| std::fs::read_to_string(task.path().join("comm"))).collect();
+    assert!(names.len() > 1, "rendering's threads: {names:?}");
+    assert!(!names.iter().any(|name| name.starts_with("llvmpipe-")), "rendering's threads: {names:?}");
+}
+
 #[test]
 fn the_pictures_follow_the_scenes_looks_and_light_also_after_the_tissue_died() {
     if std::env::var_os("HYSTATION_NO_GPU").is_some() {
@@ -81,6 +90,7 @@ fn the_pictures_follow_the_scenes_looks_and_light_also_after_the_tissue_died() {
         let station = Station::start(name, &[&[file.as_str()], &arguments[..]].concat());
         wait_for_picture(&station, &album, what, None, is_right);
         assert_eq!(newest(&album).and_then(|path| size_of(&path)), Some(size_px), "{name}");
+        assert_without_rasterizer_threads(&station);
         if name == "green" {
             station.kill("tissue", true);
             station.kill("rendering", true);

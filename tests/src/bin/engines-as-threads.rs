@@ -187,7 +187,7 @@ impl Founded {
         let child = Command::new(&program)
             .args(["--station", self.station.name(), "--slot", &slot.to_string(), "--incarnation", &incarnation.to_string()])
             // As the supervisor starts it.
-            .envs([("LP_NUM_THREADS", "1"), ("NODEVICE_SELECT", "1")])
+            .envs([("LP_NUM_THREADS", "0"), ("NODEVICE_SELECT", "1")])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
