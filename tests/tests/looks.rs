@@ -52,8 +52,7 @@ fn size_of(path: &Path) -> Option<[u32; 2]> {
 /// A thread of lavapipe's rasterizer unlocks a fence that its queue may have freed: it killed a rendering every few hours (docs/faults.md).
 fn assert_without_rasterizer_threads(station: &Station) {
     let tasks = std::fs::read_dir(format!("/proc/{}/task", station.pid("rendering", true))).unwrap();
-    let names: Vec<String> =
-        tasks.flatten().flat_map(|task| std::fs::read_to_string(task.path().join("comm"))).collect();
+    let names: Vec<String> = tasks.flatten().flat_map(|task| std::fs::read_to_string(task.path().join("comm"))).collect();
     assert!(names.len() > 1, "rendering's threads: {names:?}");
     assert!(!names.iter().any(|name| name.starts_with("llvmpipe-")), "rendering's threads: {names:?}");
 }
