@@ -5,6 +5,7 @@
 //! coordinator computes it.
 
 use hyst_contact::{HashRef, Hit, OwnContact, Points, Share, Split, Tissue, intersect};
+use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Lies, Life, realtime};
 use hyst_exchange::meeting::{ProcessMember, Release};
 use hyst_exchange::roster::Roster;
@@ -86,8 +87,12 @@ pub fn run_telling(life: &Life, tells: fn(usize) -> usize) -> Result<(), Failure
     life.page.set_state(ProcessState::Live);
     let allocations = allocation::of_this_thread();
     let worker = std::cell::RefCell::new(worker);
+    let mut lane = Follower::default();
+    // With no other core than the lane and one beside it, a share is done sooner in the tissue's place than it is brought to the other.
+    let belongs = life.is_lockstep() && system::cores() == 2;
     let between = |member: &mut ProcessMember| {
         worker.borrow_mut().receive(member);
+        lane.follow(life, belongs);
         life.heartbeat();
         !life.clock.stop_requested()
     };

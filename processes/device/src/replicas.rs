@@ -126,9 +126,10 @@ impl Replicas {
     /// In lock-step: waits for every replica that is warm or live, until it has answered or is lost, and chooses.
     pub fn choose_from_all(&mut self, life: &Life, input: &InputRecord, params: &LastHopParams) -> Chosen {
         for replica in self.seats.iter().flatten() {
-            let answers = || replica.page.state().is_ready();
-            let over = || replica.page.load64(header::TICK) >= input.tick || lockstep::is_lost(&life.clock, &replica.page);
-            lockstep::wait_for(life, || (!answers() || over()).then_some(()));
+            let page = &replica.page;
+            let is_over =
+                || !page.state().is_ready() || page.load64(header::TICK) >= input.tick || lockstep::is_lost(&life.clock, page);
+            lockstep::wait_on(life, page, header::NEWS, is_over);
         }
         self.take(life, input, input_hash(input), params)
     }

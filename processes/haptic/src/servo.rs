@@ -7,6 +7,7 @@
 use crate::accord::{self, LONELY_TICKS, Origin, Other, Seat};
 use crate::drain;
 use hyst_coupling::{ContactModel, Plane, ServoInput, ServoParams, ServoState, servo_step};
+use hyst_engine::lane::Follower;
 use hyst_engine::{Failure, Lies, Life, realtime};
 use hyst_exchange::usher::{PageInbox, page_usher};
 use hyst_exchange::{Links, ReadPage, allocation, cell, system};
@@ -107,9 +108,10 @@ impl Servo<'_> {
     }
 
     fn run(&mut self) {
-        let mut seen = 0;
+        let (mut seen, mut lane) = (0, Follower::default());
         while !self.life.clock.stop_requested() {
             self.receive_ports();
+            lane.follow(self.life, self.life.is_lockstep());
             let now = system::now_ns();
             let Some(device) = &self.device else { return };
             let news = device.load32(header::NEWS);

@@ -5,6 +5,7 @@ pub mod address;
 pub mod bench;
 pub mod journal;
 pub mod kept;
+pub mod lane;
 pub mod life;
 pub mod lockstep;
 pub mod mischief;

@@ -5,6 +5,7 @@
 //! is missing only when it is known to be dead or after [`PATIENCE_NS`]. A member that waits beats, so that nobody is blamed for another.
 //! Nothing here is real time: a member of a lock-step station maps pages on the thread that steps.
 
+use crate::lane::Follower;
 use crate::life::{Failure, Life};
 use hyst_exchange::meeting::{Member, ProcessMember, Release};
 use hyst_exchange::{ReadPage, StationPage, system};
@@ -14,8 +15,8 @@ use std::sync::Arc;
 
 /// Wall time without a sign of life after which a member counts as missing.
 pub const PATIENCE_NS: u64 = 2_000_000_000;
-/// Wall time between two looks at the station while waiting to be released.
-pub const LOOK_NS: u64 = 500_000;
+/// Wall time between two looks at the station while waiting to be released: several wait while one of them steps, and each look takes the core from it.
+pub const LOOK_NS: u64 = 2_000_000;
 /// Wall time between two looks for something that is about to come.
 pub(crate) const EAGER_NS: u64 = 50_000;
 
@@ -42,6 +43,20 @@ pub fn wait_for<T>(life: &Life, mut found: impl FnMut() -> Option<T>) -> Option<
     }
 }
 
+/// The same for what the owner of a page says with a bell, which is a word of it: whoever sleeps between looks comes tens of microseconds late.
+pub fn wait_on(life: &Life, page: &ReadPage, bell: usize, is_over: impl Fn() -> bool) {
+    let deadline_ns = system::now_ns() + PATIENCE_NS;
+    loop {
+        let rung = page.load32(bell);
+        let now_ns = system::now_ns();
+        if is_over() || now_ns >= deadline_ns || life.clock.stop_requested() {
+            return;
+        }
+        life.heartbeat();
+        page.wait(bell, rung, deadline_ns.min(now_ns + LOOK_NS));
+    }
+}
+
 /// A process that steps when the sequencer says so.
 #[derive(Debug)]
 pub struct LockMember<'a> {
@@ -49,12 +64,27 @@ pub struct LockMember<'a> {
     member: ProcessMember,
     release: Option<Release>,
     woken_ns: u64,
+    lane: Follower,
+    /// A spare only looks whether it has to step, and stands beside.
+    steps: bool,
 }
 
 impl<'a> LockMember<'a> {
     /// A member that has not been released yet.
     pub fn new(life: &'a Life) -> LockMember<'a> {
-        LockMember { life, member: ProcessMember::new(Arc::clone(&life.page)), release: None, woken_ns: 0 }
+        LockMember {
+            life,
+            member: ProcessMember::new(Arc::clone(&life.page)),
+            release: None,
+            woken_ns: 0,
+            lane: Follower::default(),
+            steps: true,
+        }
+    }
+
+    /// Says whether it steps itself from now on.
+    pub fn set_steps(&mut self, steps: bool) {
+        self.steps = steps;
     }
 
     /// Waits for the next release and gives its tick; `None` when the station stops. `between` is called at each look.
@@ -62,6 +92,7 @@ impl<'a> LockMember<'a> {
         let clock = &self.life.clock;
         while !clock.stop_requested() {
             self.follow_the_sequencer();
+            self.lane.follow(self.life, self.steps);
             between()?;
             self.life.heartbeat();
             if let Some(release) = self.member.await_release(system::now_ns() + LOOK_NS) {

@@ -16,6 +16,7 @@ use hyst_messages::page::{CellAt, ProcessState, RingAt, WORDS32, header};
 use hyst_messages::{bucket_of_ns, layout_hash};
 use rustix::fs::{FallocateFlags, Mode, OFlags};
 use rustix::mm::{MapFlags, ProtFlags};
+use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -220,8 +221,12 @@ impl ReadPage {
     }
     /// Waits until a 32-bit word differs from `expected` or the deadline has passed; may return early.
     pub fn wait(&self, index: usize, expected: u32, deadline_ns: u64) {
+        self.wait_as(index, expected, deadline_ns, NonZeroU32::MAX);
+    }
+    /// The same of one that is woken with others of its kind alone ([`system::wait_word`]).
+    pub fn wait_as(&self, index: usize, expected: u32, deadline_ns: u64, as_one_of: NonZeroU32) {
         let mapping = self.waiting.as_ref().unwrap_or(&self.mapping);
-        system::wait_word(&mapping.words32()[index], expected, deadline_ns);
+        system::wait_word(&mapping.words32()[index], expected, deadline_ns, as_one_of);
     }
     /// State of the owner.
     pub fn state(&self) -> ProcessState {
@@ -272,13 +277,17 @@ impl OwnedPage {
     }
     /// Stores a 32-bit word and wakes who waits on it.
     pub fn store32_and_wake(&self, index: usize, value: u32) {
+        self.store32_and_wake_as(index, value, NonZeroU32::MAX);
+    }
+    /// The same, and wakes these alone, and who waits for any.
+    pub fn store32_and_wake_as(&self, index: usize, value: u32, whom: NonZeroU32) {
         self.store32(index, value);
-        system::wake_word(&self.mapping.words32()[index]);
+        system::wake_word(&self.mapping.words32()[index], whom);
     }
     /// Adds one to a 32-bit word and wakes who waits on it.
     pub fn bump_and_wake(&self, index: usize) {
         self.mapping.words32()[index].fetch_add(1, Ordering::Release);
-        system::wake_word(&self.mapping.words32()[index]);
+        system::wake_word(&self.mapping.words32()[index], NonZeroU32::MAX);
     }
     /// Stores a 64-bit word.
     pub fn store64(&self, index: usize, value: u64) {
@@ -319,7 +328,7 @@ impl OwnedPage {
     }
     /// Waits until a 32-bit word of the own page differs from `expected` or the deadline has passed; may return early.
     pub fn wait(&self, index: usize, expected: u32, deadline_ns: u64) {
-        system::wait_word(&self.mapping.words32()[index], expected, deadline_ns);
+        system::wait_word(&self.mapping.words32()[index], expected, deadline_ns, NonZeroU32::MAX);
     }
     /// Counts a latency in one of the histograms ([`header::WAKEUP`] or [`header::LOOP`]).
     pub fn count_latency(&self, histogram: usize, latency_ns: u64) {
@@ -347,49 +356,4 @@ impl OwnedPage {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use hyst_messages::ForceRecord;
-    use hyst_messages::page::haptic;
-
-    struct Folder(PathBuf);
-    impl Folder {
-        fn new(name: &str) -> Folder {
-            let path = PathBuf::from(format!("/dev/shm/hyst-test-{}-{name}", std::process::id()));
-            std::fs::create_dir_all(&path).unwrap();
-            Folder(path)
-        }
-    }
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _ = std::fs::remove_dir_all(&self.0);
-        }
-    }
-
-    #[test]
-    fn a_value_written_by_the_owner_is_read_by_another() {
-        let folder = Folder::new("page");
-        let path = folder.0.join("a.page");
-        let owner = create(&path, haptic::WORDS, 2, 17).unwrap();
-        let reader = ReadPage::open(&path, haptic::WORDS).unwrap();
-        assert!(reader.cell(haptic::FORCE).is_none());
-        let record = ForceRecord { tick: 5, force_n: [1.0, 2.0, 3.0], ..Default::default() };
-        owner.write(haptic::FORCE, &record);
-        assert_eq!(reader.cell(haptic::FORCE), Some((1, record)));
-        assert_eq!(reader.incarnation(), 17);
-        owner.last_words("thread 'main' panicked");
-        assert_eq!(reader.last_words(), "thread 'main' panicked");
-    }
-
-    #[test]
-    fn a_foreign_short_or_missing_page_is_refused_and_a_second_owner_too() {
-        let folder = Folder::new("foreign");
-        let path = folder.0.join("a.page");
-        assert!(matches!(ReadPage::open(&path, haptic::WORDS), Err(PageError::Refused { .. })));
-        std::fs::write(&path, vec![7u8; page_bytes(haptic::WORDS)]).unwrap();
-        assert!(matches!(ReadPage::open(&path, haptic::WORDS), Err(PageError::Foreign { .. })));
-        std::fs::write(&path, [1, 2, 3]).unwrap();
-        assert!(matches!(ReadPage::open(&path, haptic::WORDS), Err(PageError::Foreign { .. })));
-        assert!(matches!(create(&path, haptic::WORDS, 2, 1), Err(PageError::Refused { .. })));
-    }
-}
+mod tests;

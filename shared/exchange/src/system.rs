@@ -40,17 +40,18 @@ pub fn sleep_ns(duration_ns: u64) {
     sleep_until_ns(now_ns() + duration_ns);
 }
 
-/// Waits until `word` differs from `expected` or `deadline_ns` has passed; may return early. The caller looks at the word again.
-pub fn wait_word(word: &AtomicU32, expected: u32, deadline_ns: u64) {
+/// Waits until `word` differs from `expected` or `deadline_ns` has passed; may return early. The caller looks at the word again. `as_one_of`: who it is, as
+/// bits, of those that are woken apart; all of them for who is woken with any.
+pub fn wait_word(word: &AtomicU32, expected: u32, deadline_ns: u64, as_one_of: NonZeroU32) {
     let deadline = timespec(deadline_ns);
     // Every outcome (woken, changed, timed out, interrupted) has the same answer: look again.
-    let _ = futex::wait_bitset(word, futex::Flags::empty(), expected, Some(&deadline), NonZeroU32::MAX);
+    let _ = futex::wait_bitset(word, futex::Flags::empty(), expected, Some(&deadline), as_one_of);
 }
 
-/// Wakes all who wait on `word`.
-pub fn wake_word(word: &AtomicU32) {
+/// Wakes all who wait on `word` as one of these.
+pub fn wake_word(word: &AtomicU32, whom: NonZeroU32) {
     // Fails only for an unmapped address, which a reference cannot be.
-    let _ = futex::wake(word, futex::Flags::empty(), i32::MAX as u32);
+    let _ = futex::wake_bitset(word, futex::Flags::empty(), i32::MAX as u32, whom);
 }
 
 /// What the machine granted.
@@ -258,10 +259,35 @@ mod tests {
     #[test]
     fn a_wait_on_a_word_that_differs_returns_and_a_sleep_is_not_short() {
         let word = AtomicU32::new(1);
-        wait_word(&word, 0, u64::MAX / 2);
+        wait_word(&word, 0, u64::MAX / 2, NonZeroU32::MAX);
         let until = now_ns() + 2_000_000;
         sleep_until_ns(until);
         assert!(now_ns() >= until);
+    }
+
+    #[test]
+    fn who_waits_as_another_one_sleeps_on_and_who_waits_for_any_is_woken_with_each() {
+        let word = AtomicU32::new(0);
+        let [first, second] = [1, 2].map(|bits| NonZeroU32::new(bits).unwrap());
+        std::thread::scope(|scope| {
+            let wait = |as_one_of: NonZeroU32| {
+                scope.spawn({
+                    let word = &word;
+                    move || wait_word(word, 0, u64::MAX / 2, as_one_of)
+                })
+            };
+            let [one, other, any] = [first, second, NonZeroU32::MAX].map(wait);
+            // They may not wait yet.
+            while !(other.is_finished() && any.is_finished()) {
+                wake_word(&word, second);
+                std::thread::yield_now();
+            }
+            assert!(!one.is_finished(), "it was woken as the other");
+            while !one.is_finished() {
+                wake_word(&word, first);
+                std::thread::yield_now();
+            }
+        });
     }
 
     #[test]

@@ -266,6 +266,8 @@ pub mod station {
     pub const REPLAY_INPUT_TICK: usize = 15;
     /// And how long the step was, ticks.
     pub const REPLAY_STEP_TICKS: usize = 16;
+    /// In lock-step, written by the sequencer: one more than the core on which those run who step one after the other, 0 if none was free.
+    pub const LANE: usize = 17;
     /// Start time of the process in each slot (field 22 of /proc/PID/stat).
     pub const SLOT_START: usize = 64;
     /// Restarts of each slot after a fault.

@@ -9,6 +9,7 @@
 //! A member is missing when it is known to be dead or gave no sign of life for 2 s; a newcomer is a member from the first release after it
 //! has said that it is warm. The sequencer holds at the tick that the supervisor says, and while the recorder is too far behind.
 
+use hyst_engine::lane::Lane;
 use hyst_engine::settings::Replay;
 use hyst_engine::{Failure, Life, lockstep};
 use hyst_exchange::meeting::{Group, ProcessCoordinator};
@@ -28,6 +29,7 @@ const MOST_LATE_NS: u64 = 50_000_000;
 /// The sequencer.
 pub struct Sequencer<'a> {
     life: &'a Life,
+    _lane: Option<Lane>,
     station: OwnedPage,
     roster: Roster,
     coordinator: ProcessCoordinator,
@@ -51,8 +53,11 @@ impl<'a> Sequencer<'a> {
         let station = life.station.open_for_keeping()?;
         let tick = station.load64(station::BEGUN_TICK);
         station.store64(station::ENDED_TICK, tick);
+        let lane = Lane::take();
+        station.store64(station::LANE, Lane::word(lane.as_ref()));
         Ok(Sequencer {
             life,
+            _lane: lane,
             station,
             roster: Roster::open(&life.station)?,
             coordinator: ProcessCoordinator::new(Arc::clone(&life.page)),

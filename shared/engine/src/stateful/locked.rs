@@ -10,7 +10,9 @@ impl<S: Stateful> Loop<'_, S> {
     pub(super) fn run_in_lockstep(&mut self) -> Result<(), Failure> {
         let mut member = LockMember::new(self.life);
         loop {
-            self.note_role(self.roster.holder(self.role));
+            let holder = self.roster.holder(self.role);
+            self.note_role(holder);
+            member.set_steps(holder.incarnation == self.me());
             let Some(tick) = member.wait(|| self.between())? else { return Ok(()) };
             self.life.misbehave();
             self.tick_in_lockstep(tick)?;

@@ -7,6 +7,7 @@ use super::{Coordinator, Group, MAX_MEMBERS, Member, Outcome, Release, members, 
 use crate::page::{OwnedPage, ReadPage};
 use crate::system;
 use hyst_messages::page::header;
+use std::num::NonZeroU32;
 use std::sync::Arc;
 
 /// Between two looks whether a member is lost, where somebody asks, ns.
@@ -129,10 +130,12 @@ impl ProcessCoordinator {
             return 0;
         }
         let number = rules::next_release(self.page.load32(header::RELEASE));
+        // Whoever is not asked sleeps on; who has no seat yet waits for any.
+        let whom = NonZeroU32::new(asked).unwrap_or(NonZeroU32::MAX);
         for word in rules::RELEASING {
             match word {
                 ReleaseWord::Seats => self.name(asked, number),
-                ReleaseWord::Release => self.page.store32_and_wake(header::RELEASE, number),
+                ReleaseWord::Release => self.page.store32_and_wake_as(header::RELEASE, number, whom),
             }
         }
         let mut joined = 0;
@@ -205,11 +208,18 @@ impl ProcessMember {
 
     /// Newest release that named this member (0 if none did), and its seat. `None` if it has no seat.
     fn named_in(&self, coordinator: &ReadPage) -> Option<(u32, usize)> {
-        let seated = |index: &usize| coordinator.load32(header::SHARE_MEMBER + index) == self.incarnation;
-        let index = (0..MAX_MEMBERS).find(seated)?;
+        let index = self.seat_in(coordinator)?;
         let named = coordinator.load32(header::SHARE_RELEASE + index);
         // Read again: the seat may have been given to a replacement in between, and the release with it.
-        seated(&index).then_some((named, index))
+        self.is_seated(coordinator, index).then_some((named, index))
+    }
+
+    fn is_seated(&self, coordinator: &ReadPage, index: usize) -> bool {
+        coordinator.load32(header::SHARE_MEMBER + index) == self.incarnation
+    }
+
+    fn seat_in(&self, coordinator: &ReadPage) -> Option<usize> {
+        (0..MAX_MEMBERS).find(|index| self.is_seated(coordinator, *index))
     }
 
     fn say_joined(&self, coordinator: u32, number: u32) {
@@ -244,7 +254,9 @@ impl Member for ProcessMember {
             if system::now_ns() >= deadline_ns {
                 return None;
             }
-            page.wait(header::RELEASE, number, deadline_ns);
+            // A seat is given before the first release that names it, so that who has none yet waits for any.
+            let own = self.seat_in(page).and_then(|index| NonZeroU32::new(1 << index)).unwrap_or(NonZeroU32::MAX);
+            page.wait_as(header::RELEASE, number, deadline_ns, own);
         }
     }
 
