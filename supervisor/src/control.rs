@@ -71,6 +71,17 @@ pub fn bad(reason: &str) -> String {
     serde_json::json!({ "ok": false, "error": reason }).to_string()
 }
 
+/// Why somebody who asked has no good answer.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoAnswer {
+    /// It was refused; nothing was done.
+    #[error("{0}")]
+    Refused(String),
+    /// Nobody said. What was asked for may have been begun, by one who died or had to make room before he could say so, or may be yet.
+    #[error("{0}")]
+    Unanswered(String),
+}
+
 /// The answer to something that is to be done.
 pub fn done(done: Result<(), String>) -> String {
     done.map_or_else(|reason| bad(&reason), |()| good(serde_json::json!({})))
@@ -179,7 +190,9 @@ impl Client {
                 Stage::Waits(inbox) => match inbox.try_recv() {
                     Ok(answer) => Some(answer),
                     Err(TryRecvError::Empty) if self.since.elapsed() < ANSWER_WITHIN => return true,
-                    Err(_) => Some(bad("the supervisor is busy; ask again")),
+                    Err(_) => Some(
+                        serde_json::json!({ "ok": false, "error": "the supervisor is busy", "unanswered": true }).to_string(),
+                    ),
                 },
                 Stage::Hears(answer, told) => match self.stream.write(&answer[*told..]) {
                     Ok(count) => {
@@ -241,43 +254,44 @@ fn read_line(stream: &mut UnixStream, line: &mut Vec<u8>) -> Result<Option<usize
     Ok(None)
 }
 
-/// Asks the supervisor of a station; the error says what to do.
+/// Asks the supervisor of a station; the error says why there is no answer. What does nothing is asked for again.
 pub fn ask(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
-    let mut answer = ask_once(station, request);
-    // A swap or a fault may have been begun by one who died, or had to make room, before he could say so: it is not asked for twice.
     let is_deed = matches!(request, Request::Swap { .. } | Request::Fault(_) | Request::Suffered(_));
-    let tries = if is_deed { 1 } else { TRIES };
-    for _ in 1..tries {
-        if !matches!(&answer, Err(reason) if reason.ends_with(CUT_OFF)) {
+    let mut answer = ask_once(station, request);
+    for _ in 1..if is_deed { 1 } else { TRIES } {
+        if !matches!(answer, Err(NoAnswer::Unanswered(_))) {
             break;
         }
         answer = ask_once(station, request);
     }
-    answer
+    answer.map_err(|error| error.to_string())
 }
 
-/// How the error of an answer that never came ends.
-const CUT_OFF: &str = "it closed the connection without an answer; ask again";
-
-fn ask_once(station: &Station, request: &Request) -> Result<serde_json::Value, String> {
+/// Asks once.
+pub fn ask_once(station: &Station, request: &Request) -> Result<serde_json::Value, NoAnswer> {
     let path = station.control_socket();
-    let gone =
-        |error: std::io::Error| format!("station {}: no supervisor answers at {}: {error}", station.name(), path.display());
+    let name = station.name();
+    let gone = |error: std::io::Error| {
+        NoAnswer::Refused(format!("station {name}: no supervisor answers at {}: {error}", path.display()))
+    };
     let mut stream = UnixStream::connect(&path).map_err(gone)?;
     stream.set_read_timeout(Some(2 * ANSWER_WITHIN)).map_err(gone)?;
-    let line = serde_json::to_string(request).map_err(|e| e.to_string())?;
-    stream.write_all(format!("{line}\n").as_bytes()).map_err(gone)?;
+    let line = serde_json::to_string(request).map_err(|e| NoAnswer::Refused(e.to_string()))?;
+    let silent = |why: &str| NoAnswer::Unanswered(format!("station {name}: {why}"));
+    stream.write_all(format!("{line}\n").as_bytes()).map_err(|error| silent(&error.to_string()))?;
     let mut text = String::new();
     let read = stream.take(MOST_ANSWER_BYTES as u64).read_to_string(&mut text);
     if text.is_empty() {
-        return Err(format!("station {}: {CUT_OFF}", station.name()));
+        return Err(silent("it closed the connection without an answer"));
     }
-    read.map_err(gone)?;
+    read.map_err(|error| silent(&error.to_string()))?;
     let answer: serde_json::Value =
-        serde_json::from_str(&text).map_err(|e| format!("station {}: the answer is damaged: {e}", station.name()))?;
-    match answer.get("ok").and_then(serde_json::Value::as_bool) {
-        Some(true) => Ok(answer.get("value").cloned().unwrap_or_default()),
-        _ => Err(answer.get("error").and_then(|error| error.as_str()).unwrap_or("refused").to_string()),
+        serde_json::from_str(&text).map_err(|error| silent(&format!("the answer is damaged: {error}")))?;
+    let reason = || answer["error"].as_str().unwrap_or("refused").to_string();
+    match (answer["ok"].as_bool(), answer["unanswered"].as_bool()) {
+        (Some(true), _) => Ok(answer["value"].clone()),
+        (_, Some(true)) => Err(silent(&reason())),
+        _ => Err(NoAnswer::Refused(reason())),
     }
 }
 

@@ -1,10 +1,10 @@
 //! `hystation swap`: another engine in the place of a role's, while the station runs. The file is verified here, by an ordinary process, before the
 //! station hears of it; then the supervisor does it, and this command says what happened.
 //!
-//! Exit codes: 0 the newcomer has the role, 1 it was rolled back, 2 it was refused and nothing was disturbed.
+//! Exit codes: 0 the newcomer has the role, 1 it was rolled back, or how it ended is not known, 2 it was refused and nothing was disturbed.
 
 use super::no_station;
-use crate::control::{self, Request};
+use crate::control::{NoAnswer, Request, ask_once};
 use crate::remains;
 use crate::settings::Refusal;
 use crate::swap::{Record, kept, role_of};
@@ -15,6 +15,8 @@ use std::path::Path;
 const LOOK_NS: u64 = 20_000_000;
 /// A swap takes seconds; pictures in software may take minutes to start, twice.
 const PATIENCE_NS: u64 = 600_000_000_000;
+/// How long a swap is looked for that nobody has said was begun: a supervisor that was restarted finishes or undoes it by then.
+const BEGUN_WITHIN_NS: u64 = 10_000_000_000;
 
 /// Swaps, and prints what happened.
 pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<u8, Refusal> {
@@ -38,9 +40,16 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
     }
     let kept = kept::keep(station, &binary, known).map_err(Refusal::input)?;
     let request = Request::Swap { role: role.to_string(), binary: kept.binary().to_path_buf() };
-    let answer = control::ask(station, &request).map_err(|reason| Refusal::input(format!("swap of {role}: {reason}")))?;
+    let before = Record::read(station).map_or(0, |record| record.number);
+    let number = match ask_once(station, &request) {
+        Ok(answer) => answer["number"].as_u64().unwrap_or(0),
+        Err(NoAnswer::Refused(reason)) => return Err(Refusal::input(format!("swap of {role}: {reason}"))),
+        Err(NoAnswer::Unanswered(reason)) => begun_meanwhile(station, before, kept.binary()).ok_or_else(|| {
+            let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
+            Refusal::failed(format!("swap of {role}: {reason}; {cure}"))
+        })?,
+    };
     drop(kept); // the supervisor has written down what it is for
-    let number = answer["number"].as_u64().unwrap_or(0);
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
         match Record::read(station).filter(|record| record.number == number) {
@@ -53,6 +62,18 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
             Some(_) => system::sleep_ns(LOOK_NS),
         }
     }
+}
+
+/// The number of a swap to this binary that was begun after another one, if there is one soon.
+fn begun_meanwhile(station: &Station, before: u64, binary: &Path) -> Option<u64> {
+    let deadline_ns = system::now_ns() + BEGUN_WITHIN_NS;
+    while system::now_ns() < deadline_ns && !remains::living(station).is_empty() {
+        if let Some(record) = Record::read(station).filter(|record| record.number > before && record.binary == binary) {
+            return Some(record.number);
+        }
+        system::sleep_ns(LOOK_NS);
+    }
+    None
 }
 
 /// What happened, as lines of plain text.

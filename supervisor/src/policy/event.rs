@@ -121,6 +121,11 @@ pub enum Event {
         /// Who.
         incarnation: u32,
     },
+    /// The hand has felt something for a while since a newcomer is on probation.
+    Touched {
+        /// The newcomer.
+        incarnation: u32,
+    },
     /// Somebody has a reason not to trust an incarnation; it counts only for a newcomer.
     Doubted {
         /// Whom.

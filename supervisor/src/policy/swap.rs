@@ -11,11 +11,14 @@
 
 mod retreat;
 mod settle;
+mod touch;
 
 use super::{Action, Cause, Life, Reason, State, is_judged, is_replicated, is_stateful};
 use hyst_messages::page::Stage as Told;
 use hyst_messages::{Role, Slot};
 use retreat::{fail, retreated};
+pub use touch::TOUCH_WITHIN_NS;
+pub(super) use touch::touched;
 
 /// How long a newcomer may take until it is ready, ns: what the watch allows to any start.
 pub const ARRIVE_WITHIN_NS: u64 = 30_000_000_000;
@@ -79,6 +82,8 @@ pub struct Swap {
     losses: u32,
     /// It was compared for long enough on this probation, and agrees; asked of a role that has a judge.
     agrees: bool,
+    /// The hand has felt something on this probation.
+    touched: bool,
 }
 
 impl Swap {
@@ -91,7 +96,7 @@ impl Swap {
     }
     fn begin_probation(&mut self, now_ns: u64) {
         self.enter(now_ns, Stage::Probation);
-        self.agrees = !is_judged(self.role());
+        (self.agrees, self.touched) = (!is_judged(self.role()), false);
     }
     fn is_proven(&self) -> bool {
         matches!(self.stage, Stage::Settling | Stage::Returning | Stage::Leaving)
@@ -165,6 +170,7 @@ pub(super) fn begin(now_ns: u64, slot: Slot, incumbent: u32, state: &mut State) 
         dismissed: false,
         losses: 0,
         agrees: false,
+        touched: false,
     };
     let action = match state.alive(slot) {
         Some(incarnation) => {
@@ -194,6 +200,7 @@ pub(super) fn resume(now_ns: u64, left: &super::Left, state: &mut State) -> Vec<
         dismissed: false,
         losses: 0,
         agrees: false,
+        touched: false,
     };
     state.swap = Some(swap);
     if left.proven {
@@ -352,7 +359,9 @@ pub(super) fn tend(now_ns: u64, state: &mut State) -> Vec<Action> {
         Stage::Promoting if passed_ns > PROMOTE_WITHIN_NS => {
             fail(now_ns, Reason::new(Cause::Missed, "it did not take the role"), state)
         }
-        Stage::Probation if swap.agrees && passed_ns >= probation_ns(role) => settle::begin(now_ns, &swap, state),
+        Stage::Probation if swap.agrees && passed_ns >= probation_ns(role) && !swap.waits_for_touch(passed_ns) => {
+            settle::begin(now_ns, &swap, state)
+        }
         Stage::Probation if passed_ns > PROVE_WITHIN_NS => {
             fail(now_ns, Reason::new(Cause::NotCompared, "it could not be compared on its probation"), state)
         }

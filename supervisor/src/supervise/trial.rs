@@ -35,6 +35,9 @@ const LATE_NS: u64 = 200_000_000;
 /// What is said of a newcomer that the station has no copy of.
 const UNKEPT: &str = ", of which the station has no copy: what is built over it runs after the next restart";
 
+/// What is said of one that passed in the open.
+const UNTOUCHED: &str = "; nothing was touched meanwhile, so that what is felt through it was not tried";
+
 /// What is known of the swap that is under way.
 #[derive(Debug)]
 pub struct Trial {
@@ -47,6 +50,8 @@ pub struct Trial {
     compared: (u64, u64),
     /// Forces in a row that differed too much, and those that were compared; the tick of the last one.
     forces: (u64, u64, u64),
+    /// Looks at which the hand felt something on this probation.
+    felt: u32,
     /// What the old engine spent; nothing if that is not known.
     old: Spent,
     /// The old rendering drew pictures.
@@ -66,8 +71,8 @@ impl Trial {
         let (stage, since_ns) = (Stage::None, system::now_ns());
         let (compared, forces) = ((0, 0), (0, 0, 0));
         let (judge, effort, beside, drew, tenures) = (None, None, None, false, Tenures::default());
-        let (looked_ns, slow) = (0, 0);
-        Trial { record, role, stage, since_ns, judge, compared, forces, old, drew, effort, beside, tenures, looked_ns, slow }
+        let (looked_ns, slow, felt) = (0, 0, 0);
+        Trial { record, role, stage, since_ns, judge, compared, forces, felt, old, drew, effort, beside, tenures, looked_ns, slow }
     }
 }
 
@@ -149,7 +154,9 @@ impl Supervisor {
                 let (compared, before) = trial.compared;
                 let pairs =
                     if policy::is_stateful(role) { format!(" ({} states compared)", compared - before) } else { String::new() };
-                self.note_step(&format!("its probation is over: the role is its own{pairs}"));
+                let in_touch = self.policy.swap().is_none_or(policy::Swap::was_tried_in_touch);
+                let untried = if in_touch { "" } else { UNTOUCHED };
+                self.note_step(&format!("its probation is over: the role is its own{pairs}{untried}"));
                 if let Err(error) = self.spawner.adopt_binary(role, binary) {
                     journal::say(&self.station, &format!("a supervisor that is restarted will not know the new binary: {error}"));
                 }
@@ -191,7 +198,7 @@ impl Supervisor {
         self.spawner.mortality.pass("swap-told");
         let in_place = !policy::is_replicated(role);
         if let Some(trial) = &mut self.trial {
-            (trial.stage, trial.since_ns, trial.record.incarnation) = (stage, system::now_ns(), incarnation);
+            (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
             if stage == if policy::is_stateful(role) { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
                 trial.judge = start_judge(&self.station, role, incarnation, trial.drew, self.tell_self.clone());
             }
@@ -287,6 +294,7 @@ impl Supervisor {
         if role == Role::Haptic {
             self.compare_forces(now_ns);
         }
+        self.note_touch(now_ns);
         self.note_effort(now_ns);
         // Of those with a state the elders judge whether they are in time.
         if stage == Stage::Trial && !policy::is_stateful(role) {

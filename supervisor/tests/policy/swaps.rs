@@ -5,7 +5,7 @@ use hyst_messages::Slot;
 use hyst_messages::page::Stage;
 use hystation::policy::{
     ARRIVE_WITHIN_NS, Action, Cause, Event, Exit, GIVE_BACK_WITHIN_NS, LEAVE_WITHIN_NS, Left, PROVE_WITHIN_NS, Reason, State,
-    is_replicated, probation_ns,
+    TOUCH_WITHIN_NS, is_replicated, probation_ns,
 };
 
 /// What was seen of the swap that is under way.
@@ -123,6 +123,9 @@ impl World {
                     seen.agreed = true;
                 }
                 self.event(state, Event::Agreed { incarnation: newcomer });
+                if dice.below(2) == 0 {
+                    self.event(state, Event::Touched { incarnation: newcomer });
+                }
             }
             2 => self.event(state, Event::Doubted { incarnation: newcomer, reason: Reason::new(Cause::Refused, "the dice") }),
             _ => drop(self.bury_dismissed(state)),
@@ -178,7 +181,30 @@ mod by_hand {
         let told = step(4, Event::Agreed { incarnation: 3 }, &mut state);
         assert_eq!(told, [Action::Told { role: Role::Tissue, stage: Stage::Trial, incarnation: 3 }]);
         assert_eq!(step(5, Event::Holds { role: Role::Tissue, incarnation: 3 }, &mut state), []);
+        assert_eq!(step(5, Event::Touched { incarnation: 3 }, &mut state), []);
         state
+    }
+
+    /// Whether it was tried in touch, if it is settled by then.
+    fn settled_in_touch(now_ns: u64, state: &mut State) -> Option<bool> {
+        let is_settled = step(now_ns, Event::Tick, state).contains(&Action::Adopt { role: Role::Tissue });
+        is_settled.then(|| state.swap().expect("it goes on until all are settled").was_tried_in_touch())
+    }
+
+    #[test]
+    fn what_was_tried_in_the_open_alone_is_waited_for_and_then_taken_and_known_for_it() {
+        let (role, newcomer) = (Role::Tissue, Event::Touched { incarnation: 3 });
+        let mut state = shadowing();
+        step(4, newcomer.clone(), &mut state); // the old engine felt that
+        step(4, Event::Agreed { incarnation: 3 }, &mut state);
+        step(5, Event::Holds { role, incarnation: 3 }, &mut state);
+        step(6, Event::Agreed { incarnation: 3 }, &mut state);
+        assert_eq!(settled_in_touch(5 + probation_ns(role), &mut state), None);
+        let mut touched = state.clone();
+        step(5 + probation_ns(role), newcomer, &mut touched);
+        assert_eq!(settled_in_touch(6 + probation_ns(role), &mut touched), Some(true));
+        assert_eq!(settled_in_touch(4 + TOUCH_WITHIN_NS, &mut state), None);
+        assert_eq!(settled_in_touch(5 + TOUCH_WITHIN_NS, &mut state), Some(false));
     }
 
     #[test]

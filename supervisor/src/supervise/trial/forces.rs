@@ -1,13 +1,42 @@
-//! A servo on trial is compared with the other one, tick by tick, by the forces that both say in their pages.
+//! A servo on trial is compared with the other one, tick by tick, by the forces that both say in their pages; and of each newcomer through which the hand feels
+//! it is seen whether there was anything to feel.
 
 use super::super::Supervisor;
 use super::{LEAST_COMPARED, MOST_OUTSIDE, SHADOW_NS};
 use crate::policy::{self, Cause, Event, Reason};
 use crate::swap::SERVO_FORCE_N;
-use hyst_messages::page::{ProcessState, Stage, haptic};
+use hyst_messages::page::{ProcessState, Stage, haptic, tissue};
 use hyst_messages::{Role, Slot};
 
+/// What counts as felt, N, and at how many looks it must be.
+const TOUCH_N: f32 = 0.1;
+const LEAST_FELT: u32 = 5;
+
 impl Supervisor {
+    /// Notes whether there is something to feel, by the servos' word or the tissues': a newcomer that feels nothing is one of several.
+    pub(super) fn note_touch(&mut self, now_ns: u64) {
+        let incarnation = match &self.trial {
+            Some(trial) if trial.stage == Stage::Trial => trial.record.incarnation,
+            _ => return,
+        };
+        let slots = [Role::Haptic, Role::Tissue].map(Role::slots).into_iter();
+        let is_felt = slots.flat_map(|(first, count)| first..first + count).filter_map(Slot::from_number).any(|slot| {
+            let Some(page) = self.viewer.slot_page(slot) else { return false };
+            let force_n = match slot.role() {
+                Role::Haptic => page.cell(haptic::FORCE).map(|(_, said)| said.force_n),
+                _ => page.cell(tissue::STATUS).map(|(_, made)| made.tool_force_n),
+            };
+            force_n.is_some_and(|force_n| force_n.iter().any(|part_n| part_n.abs() >= TOUCH_N))
+        });
+        let Some(trial) = self.trial.as_mut().filter(|_| is_felt) else { return };
+        trial.felt = trial.felt.saturating_add(1);
+        // Said again at each look: a probation that begins anew asks anew.
+        if trial.felt >= LEAST_FELT {
+            let actions = policy::step(now_ns, Event::Touched { incarnation }, &mut self.policy);
+            self.act(actions);
+        }
+    }
+
     /// A servo is compared here with the other one: both say their force in their pages.
     pub(super) fn compare_forces(&mut self, now_ns: u64) {
         let slots = [0, 1].map(|index| Slot::new(Role::Haptic, index));
