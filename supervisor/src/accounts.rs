@@ -70,28 +70,24 @@ impl Counters {
         }
     }
 
+    /// Whatever a page says whose bytes have flipped, which may be the largest number that there is.
     fn add(&mut self, other: &Counters) {
-        self.steps += other.steps;
-        self.overruns += other.overruns;
-        self.substitutes += other.substitutes;
-        self.promotions += other.promotions;
-        self.left += other.left;
-        self.allocations += other.allocations;
-        self.pool_blocks += other.pool_blocks;
+        let more = |sum: &mut u64, value: u64| *sum = sum.saturating_add(value);
+        more(&mut self.steps, other.steps);
+        more(&mut self.overruns, other.overruns);
+        more(&mut self.substitutes, other.substitutes);
+        more(&mut self.promotions, other.promotions);
+        more(&mut self.left, other.left);
+        more(&mut self.allocations, other.allocations);
+        more(&mut self.pool_blocks, other.pool_blocks);
+        more(&mut self.ready_steps, other.ready_steps);
         self.processor_s += other.processor_s;
         self.ready_s += other.ready_s;
-        self.ready_steps += other.ready_steps;
-        for (sum, value) in self.refused.iter_mut().zip(other.refused) {
-            *sum += value;
-        }
-        for (sum, value) in self.bytes.iter_mut().zip(other.bytes) {
-            *sum += value;
-        }
+        let pairs = self.refused.iter_mut().zip(other.refused).chain(self.bytes.iter_mut().zip(other.bytes));
+        pairs.for_each(|(sum, value)| more(sum, value));
         for (sums, values) in [(&mut self.wakeup, &other.wakeup), (&mut self.looping, &other.looping)] {
             sums.resize(sums.len().max(values.len()), 0);
-            for (sum, value) in sums.iter_mut().zip(values) {
-                *sum += value;
-            }
+            sums.iter_mut().zip(values).for_each(|(sum, value)| more(sum, *value));
         }
     }
 }
@@ -216,5 +212,22 @@ mod tests {
         account.present = Counters { steps: 4, refused: [1, 0, 0], wakeup: vec![0, 7], ..Default::default() };
         let total = account.total();
         assert_eq!((total.steps, total.refused, total.wakeup, account.incarnations), (14, [2, 2, 3], vec![1, 7], 2));
+    }
+
+    /// The supervisor died of each look at a page whose counters were all bits, until the station ended.
+    #[test]
+    fn the_largest_numbers_that_a_damaged_page_can_have_are_added_too() {
+        let most = Counters {
+            steps: u64::MAX,
+            left: u64::MAX,
+            refused: [u64::MAX; 3],
+            bytes: [u64::MAX; 2],
+            wakeup: vec![u64::MAX; 2],
+            ..Default::default()
+        };
+        let account = Account { past: most.clone(), present: most.clone(), ..Default::default() };
+        let total = account.total();
+        assert_eq!((total.steps, total.refused, total.bytes), (u64::MAX, [u64::MAX; 3], [u64::MAX; 2]));
+        assert_eq!(total.wakeup, most.wakeup);
     }
 }

@@ -1,12 +1,15 @@
 //! One fault: what is known of it, and its verdict.
 //!
 //! The window of a fault runs from its injection to the recovery (a successor is warm or live) and 20 ms beyond, at least 200 ms. The
-//! promise is judged as in the design: no more misses than in the control, nothing wrong or stale applied, and no force step larger than a fault-free tick makes +
-//! 0.05 N. For the device itself: at most 20 misses, and no step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N.
+//! promise is judged as in the design: no more misses than in the control ([`compare`]), nothing wrong or stale applied, and no force step larger than a fault-free
+//! tick in the same state, contact or none, makes + 0.05 N. For the device itself: at most 20 misses, and no step larger than the hardware's watchdog or the last hop's gate makes + 0.05 N.
+
+pub mod compare;
 
 use crate::corrupt::{Flip, Remains};
 use crate::ledger::{Ledger, Tick, Window};
 use crate::shortage::Lowered;
+use compare::{excess, tells};
 use hyst_messages::{Role, TICK_NS};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -95,6 +98,10 @@ pub struct Fault {
     pub together: bool,
     /// The control serves another fault too, because no other was free.
     pub control_shared: bool,
+    /// The control began in contact and the fault's window did not, or the other way round, because none in the same state was free: its force steps excuse
+    /// nothing.
+    #[serde(default)]
+    pub control_unlike: bool,
     /// `corrupt`: what became of the bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remains: Option<Remains>,
@@ -187,7 +194,7 @@ pub(crate) fn bounds(fault: &Fault) -> (u64, u64) {
 pub(crate) struct Seen {
     window: Window,
     contained_us: f64,
-    /// Largest force step in the fault-free ticks before it, N.
+    /// Largest force step in the fault-free ticks before it that were in the same state, N.
     quiet_n: f64,
     /// Whether the hand was in contact at its beginning.
     pub(crate) contact: bool,
@@ -203,37 +210,43 @@ pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Opti
     let mut window = ledger.window(from_tick, to_tick);
     window.wrong += fault.wrong_ticks(ledger);
     let contained_ticks = ledger.last_miss(from_tick, to_tick).map_or(0, |tick| tick + 1 - from_tick);
+    let contact = ledger.in_contact(from_tick);
     (window.ticks + window.voided > 0).then(|| Seen {
         window,
         contained_us: (contained_ticks * TICK_NS) as f64 * 1e-3,
-        quiet_n: quiet_step_max_n(ledger, from_tick, taken),
-        contact: ledger.in_contact(from_tick),
+        quiet_n: quiet_step_max_n(ledger, from_tick, contact, taken),
+        contact,
         given: fault.servo_until().map(|until| ledger.fresh_of(fault.incarnation, fault.tick, until).count() as u64),
         step: ledger.around_step(&window),
         late: ledger.late(&window),
     })
 }
 
-/// Judges a fault by its window and its control. Where one of them has gaps nothing is said.
+/// Judges a fault by its window and its control. Where one of them has gaps nothing is said; where the host stalled for long, nothing good.
 pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
     let window = seen.window;
     (fault.contained_us, fault.given) = (Some(seen.contained_us), seen.given);
+    fault.control_unlike = control.and_then(|control| control.contact).is_some_and(|contact| contact != seen.contact);
     if let Some(control) = control.filter(|control| window.is_whole() && control.is_whole()) {
-        let smooth = window.force_step_max_n <= fault.most_step_n(seen.quiet_n.max(control.force_step_max_n));
+        let control_step_n = if fault.control_unlike { 0.0 } else { control.force_step_max_n };
+        let smooth = window.force_step_max_n <= fault.most_step_n(seen.quiet_n.max(control_step_n));
         fault.step = if smooth { Vec::new() } else { seen.step };
-        let allowed = match fault.may_be_felt() {
-            true if fault.is_of_both_servos() => u64::MAX,
-            true => control.missed + DEVICE_TICKS,
-            false => control.missed,
+        let most = match fault.may_be_felt() {
+            true if fault.is_of_both_servos() => i64::MAX,
+            true => DEVICE_TICKS as i64,
+            false => 0,
         };
-        fault.late = if window.missed <= allowed { Vec::new() } else { seen.late };
-        fault.promise_held = Some(fault.recovered_us.is_some() && window.missed <= allowed && smooth && window.wrong == 0);
+        let (compares, is_spared) = (tells(&window) && tells(&control), excess(&window, &control) <= most);
+        fault.late = if is_spared || !compares { Vec::new() } else { seen.late };
+        let has_harm = fault.recovered_us.is_none() || !smooth || window.wrong > 0;
+        fault.promise_held = if has_harm { Some(false) } else { compares.then_some(is_spared) };
     }
     (fault.window, fault.control) = (Some(window), control);
 }
 
-/// Largest force step in the fault-free ticks before a fault.
-fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, taken: &[(u64, u64)]) -> f64 {
+/// Largest force step in the fault-free windows before a fault that began as its own did, in contact or not: what is made at the wall excuses no kick in the
+/// open.
+fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, contact: bool, taken: &[(u64, u64)]) -> f64 {
     let Some(settled) = ledger.settled_tick() else {
         return 0.0;
     };
@@ -242,7 +255,8 @@ fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, taken: &[(u64, u64)]) -> 
     while tick < before_tick {
         let next = (tick + WINDOW_TICKS).min(before_tick);
         if taken.iter().all(|(from, to)| next <= *from || tick >= *to) {
-            quiet_n = quiet_n.max(ledger.window(tick, next).force_step_max_n);
+            let window = ledger.window(tick, next);
+            quiet_n = if window.contact == Some(contact) { quiet_n.max(window.force_step_max_n) } else { quiet_n };
         }
         tick = next;
     }
@@ -340,5 +354,38 @@ mod tests {
         let apart = ledger_of(|tick| if stands(tick) { [0.0; 3] } else { moving(tick) });
         assert_eq!(wrong(&apart, "haptic:1"), 0, "without tissue there is no force, and it does not move");
         assert_eq!(wrong(&ledger_of(|_| moving(1_000)), "haptic:1"), 0, "the hand itself stands still");
+    }
+
+    #[test]
+    fn a_kick_in_the_open_is_excused_by_no_step_at_the_wall_and_an_unlike_control_is_marked() {
+        // At the wall until 1 690, with steps of 0.3 N; in the open from then on, and a kick of 0.2 N there.
+        let ledger = ledger_of(|tick| match tick {
+            ..1_600 => [if tick % 50 < 25 { 0.5 } else { 0.8 }, 0.0, 0.0],
+            1_600..1_690 => [(1_690 - tick) as f32 * 0.005, 0.0, 0.0],
+            1_950 => [0.2, 0.0, 0.0],
+            _ => [0.0; 3],
+        });
+        let judged = |tick: u64, control: (u64, u64)| {
+            let mut fault = Fault { target: "fluid:0".into(), tick, recovered_us: Some(100_000.0), ..Fault::default() };
+            let seen = look(&fault, &ledger, &[]).unwrap();
+            judge(&mut fault, seen, Some(ledger.window(control.0, control.1)));
+            (fault.promise_held, fault.control_unlike, !fault.step.is_empty())
+        };
+        assert_eq!(judged(1_790, (1_700, 1_900)), (Some(false), false, true));
+        assert_eq!(judged(1_790, (1_500, 1_700)), (Some(false), true, true), "nor by its control");
+        assert_eq!(judged(1_720, (1_500, 1_700)), (Some(true), true, false));
+    }
+
+    #[test]
+    fn of_a_window_in_which_the_host_stalled_for_long_nothing_good_is_said() {
+        let ledger = ledger_of(|_| [0.0; 3]);
+        let held = |voided, wrong| {
+            let mut fault = Fault { target: "fluid:0".into(), tick: 1_200, recovered_us: Some(100_000.0), ..Fault::default() };
+            let mut seen = look(&fault, &ledger, &[]).unwrap();
+            (seen.window.ticks, seen.window.voided, seen.window.wrong) = (200 - voided, voided, wrong);
+            judge(&mut fault, seen, Some(ledger.window(1_500, 1_700)));
+            fault.promise_held
+        };
+        assert_eq!([held(40, 0), held(41, 0), held(41, 1)], [Some(true), None, Some(false)]);
     }
 }

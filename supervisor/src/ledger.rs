@@ -62,6 +62,9 @@ pub struct Window {
     pub wrong: u64,
     /// Largest change of the force from one tick to the next, N.
     pub force_step_max_n: f64,
+    /// Whether the hand was in contact at its first tick; `None` of one without a tick, and of those that were kept before this was noted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<bool>,
 }
 
 impl Window {
@@ -189,7 +192,8 @@ impl Ledger {
     /// What happened in `from_tick..to_tick`.
     pub fn window(&self, from_tick: u64, to_tick: u64) -> Window {
         let (first, end) = self.range(from_tick, to_tick);
-        let mut window = Window { from_tick, to_tick, ..Window::default() };
+        let contact = self.ticks.get(first).filter(|_| first < end).map(|tick| is_contact(tick.force_n));
+        let mut window = Window { from_tick, to_tick, contact, ..Window::default() };
         let mut before = first.checked_sub(1).and_then(|at| self.ticks.get(at));
         for tick in self.ticks.range(first..end) {
             window.voided += u64::from(tick.void);

@@ -23,6 +23,7 @@ const LOOK: &str = r"(() => {
         rows: Object.fromEntries(rows), state: text('state'), link: text('link'), pressure: text('pump-pressure'), answer: text('answer'),
         events: [...document.querySelectorAll('#events li')].map(item => item.textContent),
         kinds: document.querySelectorAll('#fault:not([hidden]) #fault-kind option').length,
+        banner: document.getElementById('banner').checkVisibility() ? text('banner') : null,
     };
 })()";
 
@@ -138,7 +139,8 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     assert!(next.iter().all(|figure| figure.is_finite() && *figure >= 0.0), "{first:?}, then {next:?}");
     browser.wait("the device's rate", LOOK, |look| figure(look, "device", "rate").filter(|rate| *rate > 100.0));
     browser.wait("the pump", LOOK, |look| look["pressure"].as_str()?.parse::<f64>().ok());
-    browser.wait("that it is connected", LOOK, |look| (look["link"] == "connected" && look["state"] == "running").then_some(()));
+    let connected = |look: &Value| (look["link"] == "connected" && look["state"] == "running").then(|| look["banner"].clone());
+    assert_eq!(browser.wait("that it is connected", LOOK, connected), Value::Null, "no banner of a test mode that is off");
 
     let (is_drawn, mut tick) = (std::env::var_os("HYSTATION_NO_GPU").is_none(), 0);
     if is_drawn {
@@ -173,6 +175,7 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     let mut browser = open("typed", &station);
     let offered = |look: &Value| (look["kinds"].as_u64()? > 0 && !look["events"].as_array()?.is_empty()).then_some(());
     browser.wait("faults that it offers", LOOK, offered);
+    browser.wait("the banner of the test mode", LOOK, |look| look["banner"].as_str()?.starts_with("Test mode: ").then_some(()));
     let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
     assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));

@@ -66,7 +66,9 @@ fn a_campaign_goes_on_in_batches_and_its_verdict_can_fail() {
 
     let (code, first, said) = campaign(&[&file, "--report", &out, "--batch", "5"]);
     assert_eq!(results(&folder).len(), 5, "{first}\n{said}");
-    assert!(matches!(code, Some(0 | 1)), "{code:?}\n{first}\n{said}");
+    // Unless the host stalled so much that none of them has a verdict.
+    let is_silent = first.contains("faults of this batch has a verdict");
+    assert!(matches!(code, Some(0 | 1)) || is_silent, "{code:?}\n{first}\n{said}");
     let (plan, _) = first.split_once("\n     0/15").unwrap_or_else(|| panic!("the plan comes first:\n{first}"));
     assert!(plan.contains("15 faults in 2 stations"), "{plan}");
 
@@ -135,7 +137,9 @@ fn one_fault_is_repeated_at_its_tick_and_phase() {
     assert!(was >= wanted, "at {was} us, wanted {wanted} us");
     assert_eq!(found["off_us"].as_u64(), Some(was - wanted), "{found:#}");
     assert_eq!(code, found["exit_code"].as_i64().map(|code| code as i32), "{found:#}");
-    assert!(code != Some(0) || was - wanted <= 1_000, "another moment is no repetition: {found:#}");
+    let is_same = outcome["tick"] == outcome["planned_tick"] && was - wanted <= MOST_OFF_US;
+    assert!(code != Some(0) || is_same, "another moment is no repetition: {found:#}");
+    assert_eq!(said.contains("it was not repeated: that takes a fault in the same tick"), code != Some(1) && !is_same, "{said}");
     assert!(said.contains(&format!("{} us from the wanted moment", was - wanted)), "{said}");
     assert!(
         found["station"]["reported"] == true && found["figures"]["verdict"].is_string(),
@@ -191,6 +195,9 @@ fn a_fault_that_has_a_result_is_repeated_where_it_came() {
 /// Tries of a swap that is to come to its stage.
 const TRIES: usize = 3;
 
+/// In the same tick, and so far from its phase at most, it is the same fault, us.
+const MOST_OFF_US: u64 = 100;
+
 fn number(value: &Value) -> i64 {
     value.as_i64().unwrap_or_else(|| panic!("{value} is no number"))
 }
@@ -200,16 +207,17 @@ fn assert_repeated(before: &Value, code: Option<i32>, found: &Value) {
     let again = &found["outcome"];
     let us = |tick: i64, outcome: &Value| 1_000 * tick + outcome["injected_phase_us"].as_i64().unwrap_or(0);
     assert_eq!(again["planned_tick"], before["planned_tick"]);
-    let (from, most_us) = match &before["swap"]["since"] {
-        Value::Null => ([0, 0], 1_000),
+    let (from, most_us, is_bound) = match &before["swap"]["since"] {
+        Value::Null => ([0, 0], MOST_OFF_US as i64, true),
         since => {
             assert_eq!(again["swap"]["since"][0], since[0], "the same stage: {found:#}");
-            ([number(&since[1]), number(&again["swap"]["since"][1])], 20_000)
+            ([number(&since[1]), number(&again["swap"]["since"][1])], 20_000, false)
         }
     };
     let off_us = us(number(&again["tick"]) - from[1], again) - us(number(&before["tick"]) - from[0], before);
     assert_eq!(found["off_us"].as_i64(), Some(off_us), "{found:#}");
-    assert!(code != Some(0) || off_us.abs() <= most_us, "another moment is no repetition: {found:#}");
+    let is_same = off_us.abs() <= most_us && (!is_bound || again["tick"] == before["tick"]);
+    assert!(code != Some(0) || is_same, "another moment is no repetition: {found:#}");
     println!("{}: {off_us} us from where it came", before["cell"]);
 }
 

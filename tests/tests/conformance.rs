@@ -61,10 +61,22 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
     }
 }
 
+/// One of a role with a state and a spare, one whose work others can do, and those that are replaced by a restart. The rest are tried above, or take long.
 #[test]
-fn the_example_of_an_engine_shows_how_little_one_has_to_write() {
-    let lines = include_str!("../src/bin/example-engine.rs").lines().count();
-    assert!(lines < 100, "{lines} lines");
+fn the_stations_own_engines_conform() {
+    for role in ["tissue", "collision-worker", "device", "recorder", "console"] {
+        let (code, told, said) = tried(role, &binaries().join(role));
+        if code == Some(3) {
+            not_shown(&format!("whether the station's own {role} conforms: the machine was too busy"));
+            continue;
+        }
+        assert!(code == Some(0) && told["conforms"] == true && told["role"] == role, "{role}: {code:?} {told:#}\n{said}");
+        let checks = told["checks"].as_array().cloned().unwrap_or_default();
+        assert!(checks.iter().all(|check| check["good"] == true), "{role}: {told:#}");
+        for what in ["refuses bad arguments", "  tolerance", "passes its probation", "comes back after its death"] {
+            assert!(checks.iter().any(|check| check["what"] == what), "{role}: {what:?} was not tried: {told:#}");
+        }
+    }
 }
 
 #[test]

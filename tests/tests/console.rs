@@ -3,7 +3,7 @@
 
 use rustix::process::Signal;
 use serde_json::Value;
-use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, wait_for};
+use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
 use std::time::Duration;
@@ -113,6 +113,22 @@ fn pid_of(look: &Value, name: &str) -> Option<i64> {
     look["processes"].as_array()?.iter().find(|process| process["name"] == name)?["pid"].as_i64()
 }
 
+/// Whether status, terminal, page and metrics of a station say that faults may be injected: all of them, or none. What a browser makes of the page, `browser.rs` sees.
+fn assert_told_of_test_mode(station: &Station, page: &Page, is_on: bool) {
+    let (_, status, _) = run(hystation().args(["--name", station.name(), "status"]));
+    assert_eq!(status.lines().next().is_some_and(|line| line.starts_with("*** TEST MODE: ")), is_on, "{status}");
+    assert_eq!(status.contains("TEST MODE"), is_on, "{status}");
+    assert_eq!(station.said().contains("*** TEST MODE: faults may be injected"), is_on, "{}", station.said());
+    let look = page.event("look", |look| look["test_mode"].is_boolean()).expect("a look");
+    assert_eq!(look["test_mode"], is_on, "{look}");
+    let metric = format!("hystation_test_mode {:.1}\n", f64::from(u8::from(is_on)));
+    assert!(page.get("/metrics").text().contains(&metric), "{}", page.get("/metrics").text());
+    // The banner is hidden until a look says otherwise.
+    let first = page.get("/").text();
+    let banner = first.lines().find(|line| line.contains("id=\"banner\"")).unwrap_or_default();
+    assert!(banner.contains(" hidden>Test mode: "), "{first}");
+}
+
 #[test]
 fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     let station = Station::start("page", &["--hand", "script:press"]);
@@ -150,6 +166,7 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     assert!(metrics.text().contains("hystation_process_up{process=\"device\",role=\"device\"} 1.0\n"), "{}", metrics.text());
     assert!(metrics.text().ends_with("# EOF\n"));
     assert!(page.get("/history").text().contains("\"tissue:1\":["));
+    assert_told_of_test_mode(&station, &page, false);
 
     if std::env::var_os("HYSTATION_NO_GPU").is_none() {
         let picture = wait_for(RECOVERY_LIMIT, || Some(page.get("/picture.jpg?after=0")).filter(|answer| answer.status == 200));
@@ -168,6 +185,7 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
 fn what_is_changed_is_changed_by_a_post_of_the_page_alone() {
     let station = Station::start("change", &["--hand", "script:press", "--test-mode"]);
     let page = Page::of(&station);
+    assert_told_of_test_mode(&station, &page, true);
     let before = station.pid("recorder", true);
     let kill = "{\"kind\":\"kill\",\"target\":\"recorder\"}";
     for path in ["/fault", "/swap"] {

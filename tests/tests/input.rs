@@ -263,3 +263,39 @@ fn an_engine_of_another_version_or_of_a_life_that_is_lived_is_refused_by_the_pag
     assert_eq!(of_roles(), before, "nobody was disturbed\n{}", station.said());
     station.stop().assert_clean();
 }
+
+/// Exit code, and the lines that `doctor` says with the cure after each, of a program in a folder and an environment.
+fn doctor(program: &std::path::Path, environment: (&str, &str)) -> (Option<i32>, Vec<String>) {
+    let mut command = std::process::Command::new(program);
+    let (code, told, said) = run(command.arg("doctor").env(environment.0, environment.1));
+    assert!(said.is_empty(), "{said}");
+    (code, told.replace("\n       ", " ").lines().map(str::to_string).collect())
+}
+
+#[test]
+fn doctor_names_the_cure_of_what_is_missing_and_only_what_no_station_starts_without_is_its_exit_code() {
+    let line = |lines: &[String], what: &str| {
+        let found = lines.iter().find(|line| line.get(6..).is_some_and(|text| text.starts_with(what)));
+        found.unwrap_or_else(|| panic!("no {what}: {lines:#?}")).clone()
+    };
+    let whole = station_tests::binaries().join("hystation");
+    let (code, lines) = doctor(&whole, ("VK_DRIVER_FILES", "/nowhere/icd.json"));
+    let pictures = line(&lines, "Vulkan");
+    // A machine without even a loader says that first.
+    let words = if pictures.contains("no loader") { "apt install" } else { "/nowhere/icd.json: No such file" };
+    assert!(pictures.starts_with("weak") && pictures.contains(words) && pictures.contains("cure: "), "{pictures}");
+    for what in ["cores", "real time", "/dev/shm", "disk", "programs"] {
+        line(&lines, what);
+    }
+    let is_bad = |lines: &[String]| lines.iter().any(|line| line.starts_with("bad "));
+    assert_eq!(code, Some(i32::from(is_bad(&lines))), "{lines:#?}");
+    assert!(lines.iter().all(|line| line.starts_with("good") != line.contains("cure: ")), "{lines:#?}");
+
+    let folder = Folder::new("doctor");
+    let alone = folder.as_path().join("hystation");
+    std::fs::copy(&whole, &alone).expect("a copy");
+    let (code, lines) = doctor(&alone, ("VK_DRIVER_FILES", ""));
+    let programs = line(&lines, "programs");
+    assert!(programs.starts_with("bad ") && programs.contains("tissue") && programs.contains("./station build"), "{programs}");
+    assert_eq!(code, Some(1), "{lines:#?}");
+}

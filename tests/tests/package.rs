@@ -9,6 +9,8 @@ use std::process::Command;
 const DEPENDED_ON: [&str; 3] = ["libc6", "libgcc-s1", "gcc-12-base"];
 /// What the tests themselves need in the root: a shell.
 const SHELL: [&str; 1] = ["dash"];
+/// What every Debian has that the package's scripts call, and what that depends on.
+const ESSENTIAL: [&str; 6] = ["coreutils", "libacl1", "libattr1", "libselinux1", "libpcre2-8-0", "libgmp10"];
 
 fn has(program: &str) -> bool {
     Command::new("sh").args(["-c", &format!("command -v {program}")]).output().is_ok_and(|found| found.status.success())
@@ -45,6 +47,21 @@ fn install_installed(packages: &[&str], root: &Path) -> bool {
     true
 }
 
+/// A root that has what the package depends on and a shell, with what else is named; none where that is not to be had.
+fn clean_root(folder: &Folder, more: &[&str]) -> Option<PathBuf> {
+    let root = folder.as_path().join("root");
+    std::fs::create_dir(&root).expect("a root");
+    for place in ["tmp", "proc", "dev/shm", "run", "var/tmp", "usr/bin", "usr/sbin", "usr/lib", "usr/lib64"] {
+        std::fs::create_dir_all(root.join(place)).expect("a place");
+    }
+    let (may, _, _) = run(Command::new("unshare").args(["--mount", "--pid", "--fork", "true"]));
+    if may != Some(0) || !install_installed(&[&DEPENDED_ON[..], more].concat(), &root) {
+        eprintln!("NOT TRIED: the package in a clean root, which takes root and Debian's own packages");
+        return None;
+    }
+    Some(root)
+}
+
 #[test]
 fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     let folder = Folder::new("package");
@@ -62,6 +79,7 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
         "usr/share/fish/vendor_completions.d/hystation.fish",
         "usr/share/hystation/scenes/default.toml",
         "usr/share/doc/hystation/copyright",
+        "usr/share/doc/hystation/changelog.gz",
         "usr/lib/systemd/system/hystation.service",
     ] {
         assert!(holds(path), "{path}\n{contents}");
@@ -72,16 +90,7 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     assert_eq!(format!("hystation {}", field("Version")), version.trim());
     assert!(field("Depends").starts_with("libc6 (>= 2."), "{}", field("Depends"));
 
-    let root = folder.as_path().join("root");
-    std::fs::create_dir(&root).expect("a root");
-    for place in ["tmp", "proc", "dev/shm", "run", "var/tmp", "usr/bin", "usr/sbin", "usr/lib", "usr/lib64"] {
-        std::fs::create_dir_all(root.join(place)).expect("a place");
-    }
-    let (may, _, _) = run(Command::new("unshare").args(["--mount", "--pid", "--fork", "true"]));
-    if may != Some(0) || !install_installed(&[&DEPENDED_ON[..], &SHELL[..]].concat(), &root) {
-        eprintln!("NOT TRIED: the package in a clean root, which takes root and Debian's own packages");
-        return;
-    }
+    let Some(root) = clean_root(&folder, &SHELL) else { return };
     said(Command::new("dpkg-deb").arg("-x").arg(&package).arg(&root));
     let unit = std::fs::read_to_string(root.join("usr/lib/systemd/system/hystation.service")).expect("the unit");
     assert!(unit.contains("ExecStart=/usr/bin/hystation ") && !unit.contains("/opt/"), "{unit}");
@@ -111,3 +120,85 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
 
 /// Where the shell looks for programs in a root of its own.
 const PATH: &str = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin";
+
+/// Says what it was asked for, and whether the programs were there then; the service is active where the file says so.
+const SYSTEMD: &str = "#!/bin/sh\n[ -x /usr/lib/hystation/hystation ] && there=there || there=gone\n\
+                       echo \"${0##*/} $* ($there)\" >>/calls\ncase \"$*\" in *is-active*) [ -e /active ] ;; esac\n";
+
+/// Beside what dpkg does in a root ($0) a station of its programs runs, if it is to have a name; it must go on and stop as it should.
+const DPKG: &str = r#"
+mount -t proc proc "$0/proc" || exit 1
+hystation() { "$0/usr/lib/hystation/hystation" --name "$STATION" "$@"; }
+if [ -n "$STATION" ]; then
+    hystation run --headless --hand idle --roles hardware,device >&2 &
+    for look in $(seq 300); do hystation status --json 2>&1 | grep -q '"live"' && break || sleep 0.1; done
+fi
+dpkg --root="$0" --force-depends "$@" || exit 2
+if [ -n "$STATION" ]; then
+    hystation status --json | grep -q '"live"' && hystation stop && wait %1 || exit 3
+fi
+"#;
+
+/// What dpkg does in the root beside a station of this name, and what its scripts said; then the calls that systemd got.
+fn dpkg(root: &Path, station: &str, arguments: &[&str]) -> (String, Vec<String>) {
+    let calls = root.join("calls");
+    let _ = std::fs::remove_file(&calls); // of the time before
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "bash", "-c", DPKG]).arg(root).args(arguments).env("LC_ALL", "C").env("STATION", station);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "{arguments:?}: {said}");
+    let calls = std::fs::read_to_string(calls).unwrap_or_default();
+    (said, calls.lines().map(str::to_string).collect())
+}
+
+/// What there is of the package, and of what was made for it, in a root.
+fn left(root: &Path) -> Vec<String> {
+    let found = said(Command::new("find").arg(root).args(["-path", "*hystation*", "-printf", "%P\n"]));
+    found.lines().map(str::to_string).collect()
+}
+
+#[test]
+fn a_package_is_installed_over_a_running_station_removed_and_purged_by_dpkg_and_leaves_nothing() {
+    let folder = Folder::new("installed");
+    let Some(package) = package(&folder) else { return };
+    let Some(root) = clean_root(&folder, &[&SHELL[..], &ESSENTIAL].concat()) else { return };
+    for place in ["run/systemd/system", "var/lib/dpkg/info", "var/lib/dpkg/updates"] {
+        std::fs::create_dir_all(root.join(place)).expect("a place");
+    }
+    std::fs::write(root.join("var/lib/dpkg/status"), "").expect("no package");
+    for name in ["systemctl", "deb-systemd-invoke"] {
+        let path = root.join("usr/bin").join(name);
+        std::fs::write(&path, SYSTEMD).expect("a systemd");
+        std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).expect("its rights");
+    }
+    let file = package.to_str().expect("a name");
+    let (complained, calls) = dpkg(&root, "", &["-i", file]);
+    assert_eq!(calls, ["systemctl --system daemon-reload (there)"], "nothing is started by itself: {complained}");
+
+    // The operator enables it, in the package's way and in one of their own.
+    let (units, wants) = (root.join("etc/systemd/system"), "hystation.service");
+    for target in ["default.target.wants", "own.target.wants"] {
+        std::fs::create_dir_all(units.join(target)).expect("a folder");
+    }
+    let enabled = units.join("default.target.wants").join(wants);
+    std::os::unix::fs::symlink("/usr/lib/systemd/system/hystation.service", &enabled).expect("a link");
+    let own = units.join("own.target.wants").join(wants);
+    std::os::unix::fs::symlink("../../../passwd", &own).expect("a link");
+    std::fs::write(root.join("etc/passwd"), "").expect("a file of another one");
+
+    std::fs::write(root.join("active"), "").expect("it runs");
+    let (complained, calls) = dpkg(&root, &format!("d{}", std::process::id()), &["-i", file]);
+    assert!(complained.contains("a station still runs the programs of before"), "{complained}");
+    assert!(calls.contains(&"deb-systemd-invoke restart hystation.service (there)".to_string()), "{calls:?}");
+    assert!(!calls.iter().any(|call| call.contains(" stop ")), "it ran until the new programs were there: {calls:?}");
+    std::fs::remove_file(root.join("active")).expect("it stands");
+    let (complained, calls) = dpkg(&root, "", &["-i", file]);
+    assert!(!calls.iter().any(|call| call.contains("restart")), "it was not running: {calls:?}");
+    assert!(!complained.contains("a station still runs"), "{complained}");
+
+    let (_, calls) = dpkg(&root, "", &["-r", "hystation"]);
+    assert_eq!(calls.first().map(String::as_str), Some("deb-systemd-invoke stop hystation.service (there)"), "{calls:?}");
+    assert!(enabled.is_symlink(), "that it is enabled is the operator's");
+    dpkg(&root, "", &["-P", "hystation"]);
+    assert_eq!(left(&root), ["etc/systemd/system/own.target.wants/hystation.service"]);
+}

@@ -67,9 +67,32 @@ fn asked(name: &str, role: &str, binary: &Path) -> (Option<i32>, String) {
     (code, said)
 }
 
+/// Kinds and processes that there are none of: one line that says which word it is, and nobody is hurt.
+fn refuse_nonsense(station: &Station) {
+    let before = (station.pids(), station.events().matches("injected").count());
+    for (kind, target, words) in [
+        ("melt", "tissue:active", "\"melt\" is no kind of fault; see `hystation fault list`"),
+        ("KILL", "recorder", "\"KILL\" is no kind of fault"),
+        ("", "recorder", "\"\" is no kind of fault"),
+        ("kill", "liver", "target \"liver\": write PROCESS"),
+        ("kill", "liver:active", "target \"liver:active\""),
+        ("kill", "tissue:9", "target \"tissue:9\""),
+        ("nan", "tissue:", "target \"tissue:\""),
+        ("kill", "hardware", "hardware stands for the device on the desk"),
+    ] {
+        let (code, out, said) = run(hystation().args(["--name", station.name(), "fault", "inject", kind, target]));
+        let is_clear = out.is_empty() && said.lines().count() == 1 && said.contains(words);
+        assert!(code == Some(2) && is_clear, "{kind:?} {target:?}: {code:?} {out:?} {said}");
+    }
+    assert_eq!((station.pids(), station.events().matches("injected").count()), before, "{}", station.said());
+    station.run_ticks(200);
+    assert!(station.is_whole(), "{}\n{}", station.status(), station.said());
+}
+
 #[test]
-fn a_second_swap_and_a_fault_of_a_newcomer_that_is_not_there_are_refused() {
+fn a_second_swap_and_faults_of_what_is_not_there_are_refused() {
     let station = Station::start("second", &["--hand", "script:press", "--test-mode"]);
+    refuse_nonsense(&station);
     let newcomer = || run(hystation().args(["--name", station.name(), "fault", "inject", "kill", "rendering:newcomer"]));
     let (code, _, said) = newcomer();
     assert!(code == Some(2) && said.contains("no swap of rendering is under way"), "{code:?} {said}");

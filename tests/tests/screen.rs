@@ -82,6 +82,7 @@ fn the_table_lives_says_who_died_and_ctrl_c_ends_it() {
         names.iter().chain(&others).all(well).then(|| screen.to_string())
     };
     let whole = terminal.wait("every process live or a spare", is_whole);
+    assert!(!whole.contains("TEST MODE"), "without --test-mode: {whole}");
     let head = whole.lines().find(|line| line.starts_with("process")).expect("a line of headings");
     let places: Vec<Option<usize>> = COLUMNS.iter().map(|column| head.find(column)).collect();
     assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{head}");

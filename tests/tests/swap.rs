@@ -36,23 +36,10 @@ fn swap_well(station: &Station, role: &str, binary: &Path) -> bool {
             return true;
         }
         println!("{role} was rolled back: {}", record["reason"]);
-        let is_excused = got_no_time(&record) || is_the_drivers(role, &record, &station.said());
-        assert!(code == Some(1) && is_excused, "{role}: {code:?} {record:#}\n{said}\n{}", station.said());
+        assert!(code == Some(1) && got_no_time(&record), "{role}: {code:?} {record:#}\n{said}\n{}", station.said());
     }
     not_shown(&format!("a swap of {role}: {TRIES} times the newcomer got no time"));
     false
-}
-
-/// Whether a newcomer to rendering died of a signal in its first seconds, as one in some forty does inside the software Vulkan driver while it compiles beside
-/// the old engine; why is not known. It dies in malloc (dmesg: libc.so.6 + 0x97639, reading 0x7f…00000010, twice: a pointer into the heap whose lower half is 0).
-/// It is rolled back, which harms nobody; each time is said.
-fn is_the_drivers(role: &str, record: &Value, said: &str) -> bool {
-    let is_it = |line: &str| line.contains("rendering") && line.contains("signal 11");
-    let fell = role == "rendering" && record["cause"] == "died" && said.lines().any(is_it);
-    if fell {
-        not_shown("a newcomer to rendering that lives through its start: one died of signal 11 in the graphics driver");
-    }
-    fell
 }
 
 /// Swaps of each role, and rounds of bad engines; `HYSTATION_SWAPS=50` makes fifty.

@@ -2,8 +2,9 @@
 //! newest ones before a tick are found without reading what lies before them.
 
 use crate::channels::{Channel, time_of_ns};
+use crate::error::ReadError;
 use crate::frame::{DATA_END_BYTES, Frame};
-use crate::reader::{ReadError, Reader};
+use crate::reader::Reader;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use hyst_messages::Role;

@@ -5,7 +5,8 @@
 //! count from which the newest one known descends.
 
 use crate::Session;
-use crate::reader::{ReadError, Reader};
+use crate::error::ReadError;
+use crate::reader::Reader;
 use hyst_messages::{AppliedRecord, FluidStatus, StepRecord};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;

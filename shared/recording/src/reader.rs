@@ -6,19 +6,20 @@ use crate::again::{Input, Step};
 use crate::block::{Block, LOST, STATION};
 use crate::channels::Channel;
 use crate::checkpoint::CheckpointMessage;
+use crate::error::{ReadError, version};
 use crate::fluid::Fluid;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
 use crate::messages::{ControlsMessage, EventMessage, Force, Tissue, Tool, applied};
 use crate::picture::PictureMessage;
 use crate::process::Process;
 use crate::scene::SceneMessage;
-use crate::{READ_FORMATS, Session, recover};
+use crate::{Session, recover};
 use hyst_messages::{AppliedRecord, Controls};
 use mcap::records::op;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Read, Seek};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Most blocks that are decoded at once, and bytes of them in the file, so that memory does not grow with it: a block of the recorder's
@@ -27,27 +28,6 @@ const BATCH_BLOCKS: usize = 16;
 const BATCH_BYTES: usize = 4 << 20;
 /// Most damaged records that are told one by one; a file that is all damage has no end of them.
 const MOST_DAMAGE: usize = 1_000;
-
-/// Why a file cannot be read as a recording.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The system refused.
-    #[error("recording {path}: {source}; check the path and its rights")]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Something else, or the beginning is gone.
-    #[error("recording {path}: {what}; give a file that `hystation run --record` wrote")]
-    Foreign {
-        /// The file.
-        path: PathBuf,
-        /// What was found.
-        what: String,
-    },
-}
 
 /// A part of the file that was left out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -80,29 +60,37 @@ pub struct Reader<R> {
 }
 
 impl Reader<File> {
-    /// Opens a file and reads its session's facts.
+    /// Opens a file and reads its session's facts. What is no file is refused: it may wait for a writer, or have no end.
     pub fn open(path: &Path) -> Result<Reader<File>, ReadError> {
-        let file = File::open(path).map_err(|source| ReadError::File { path: path.to_path_buf(), source })?;
-        Reader::new(file, path)
+        let refused = |source| ReadError::File { path: path.to_path_buf(), source };
+        if !std::fs::metadata(path).map_err(refused)?.is_file() {
+            return Err(ReadError::Foreign { path: path.to_path_buf(), what: "is not a file".into() });
+        }
+        Reader::new(File::open(path).map_err(refused)?, path)
     }
 }
 
 impl<R: Read + Seek> Reader<R> {
     /// Reads from `source`; `path` is for messages.
-    pub fn new(source: R, path: &Path) -> Result<Reader<R>, ReadError> {
+    pub fn new(mut source: R, path: &Path) -> Result<Reader<R>, ReadError> {
         let refused = |source| ReadError::File { path: path.to_path_buf(), source };
-        let foreign = |what: &str| ReadError::Foreign { path: path.to_path_buf(), what: what.to_string() };
-        let mut walk = Walk::begin(source).map_err(refused)?.ok_or_else(|| foreign("is not an MCAP file"))?;
-        let header = walk.next().map_err(refused)?.filter(|frame| frame.opcode == op::HEADER);
-        header.ok_or_else(|| foreign("has no header"))?;
-        let facts = walk.next().map_err(refused)?.filter(|frame| frame.opcode == op::METADATA);
-        let facts = facts.ok_or_else(|| foreign("has no facts of a session"))?;
-        let body = walk.body(&facts, u64::MAX).map_err(refused)?;
-        let facts = metadata(&body).map_err(|e| foreign(&e))?;
-        let is_read = facts.metadata.get("format").is_some_and(|format| READ_FORMATS.contains(&format.as_str()));
-        if facts.name != STATION || !is_read {
-            return Err(foreign("is not a recording of this version"));
+        let foreign = |what: String| ReadError::Foreign { path: path.to_path_buf(), what };
+        let length = source.seek(SeekFrom::End(0)).map_err(refused)?;
+        let Some(mut walk) = Walk::begin(source).map_err(refused)? else {
+            let empty = if length == 0 { ": it is empty, nothing was recorded in it" } else { "" };
+            return Err(foreign(format!("is not an MCAP file{empty}")));
+        };
+        let mut head = |opcode: u8, what: &str| match walk.next().map_err(refused)? {
+            Some(frame) if frame.opcode == opcode => walk.body(&frame, u64::MAX).map_err(refused),
+            Some(_) => Err(foreign(format!("{what}: it is of something else than a station"))),
+            None => Err(foreign(format!("{what}: it ends at byte {length}, before anything was recorded in it"))),
+        };
+        head(op::HEADER, "has no header")?;
+        let facts = metadata(&head(op::METADATA, "has no facts of a session")?).map_err(foreign)?;
+        if facts.name != STATION {
+            return Err(foreign(format!("is of something else than a station ({:?})", facts.name)));
         }
+        version(path, &facts.metadata)?;
         Ok(Reader { walk, path: path.to_path_buf(), session: facts.metadata, damage: Vec::new(), ending: None })
     }
 

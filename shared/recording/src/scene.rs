@@ -2,8 +2,9 @@
 
 use crate::channels::Channel;
 use crate::checkpoint::CHANNEL_BYTES;
+use crate::error::ReadError;
 use crate::frame::DATA_END_BYTES;
-use crate::reader::{ReadError, Reader};
+use crate::reader::Reader;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use mcap::records::op;

@@ -90,7 +90,7 @@ pub struct Arm {
 pub struct Pool {
     /// Its name.
     pub name: String,
-    /// Limit of the upper end of the 95 % interval of the faults with excess misses, per fault.
+    /// Limit of the one-sided upper 95 % bound of the faults with excess misses, per fault.
     pub limit_upper95: f64,
     /// So many of its faults must have a verdict.
     #[serde(default)]

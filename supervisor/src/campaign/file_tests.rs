@@ -151,7 +151,7 @@ fn the_campaigns_that_come_with_the_station_can_be() {
     let set: Vec<&Campaign> = campaigns.iter().filter(|it| OF_EVERY_KIND.contains(&&*it.name)).collect();
     assert!(set.iter().flat_map(|it| &it.pools).all(|pool| pool.limit_upper95 == 0.05));
     assert!(set.iter().flat_map(|it| &it.cells).all(|cell| cell.pool.is_some()));
-    assert_eq!(set.iter().map(|it| it.faults()).collect::<BTreeSet<_>>(), [1_340, 1_666, 2_319].into(), "as their heads say");
+    assert_eq!(set.iter().map(|it| it.faults()).collect::<BTreeSet<_>>(), [1_504, 1_666, 2_319].into(), "as their heads say");
     let together: Vec<&Cell> = campaigns
         .iter()
         .filter(|it| OF_EVERY_KIND.contains(&&*it.name) || ["slow", "full"].contains(&&*it.name))
@@ -297,4 +297,32 @@ fn the_campaigns_of_every_kind_draw_enough_of_each_and_can_show_their_limits() {
         let pool = campaigns.iter().flat_map(|campaign| &campaign.pools).find(|pool| pool.name == name).unwrap();
         assert!(pool.least >= 60 && least_faults(pool.limit_upper95).unwrap() <= pool.least, "{name}");
     }
+}
+
+/// The file of what fills allowed 0.2 and that of the cuts 0.1, and of just 20 of a kind or 60 of a pool one without a verdict was one too few.
+#[test]
+fn the_other_campaigns_are_as_strict_and_bear_some_faults_without_a_verdict() {
+    for campaign in shipped().into_iter().filter(|it| ["slow", "full", "cutting"].contains(&&*it.name)) {
+        let mut pairs = BTreeMap::<(&str, &str), usize>::new();
+        for cell in &campaign.cells {
+            *pairs.entry((cell.injection.kind.name(), cell.role())).or_default() += cell.count;
+        }
+        assert!(pairs.values().all(|count| *count >= 24), "{}: {pairs:?}", campaign.name);
+        for pool in &campaign.pools {
+            let own = campaign.cells.iter().filter(|cell| cell.pool.as_deref() == Some(&pool.name));
+            let count: usize = own.map(|cell| cell.count).sum();
+            assert!(pool.limit_upper95 <= 0.05 && count >= 66, "{}, {}: {count}", campaign.name, pool.name);
+        }
+    }
+}
+
+/// Of 16 bytes that flip in a page or in a segment of megabytes nobody reads one.
+#[test]
+fn what_is_corrupted_in_a_campaign_is_enough_to_be_read() {
+    let lies = shipped().into_iter().find(|it| it.name == "lies").unwrap();
+    let bytes = |cell: &Cell| (cell.injection.place.map(Place::name), cell.injection.bytes.unwrap_or(0));
+    let corrupt: Vec<_> = lies.cells.iter().filter(|cell| cell.injection.kind == FaultKind::Corrupt).map(bytes).collect();
+    let least = |place: &str| corrupt.iter().filter(|(at, _)| *at == Some(place)).map(|(_, bytes)| *bytes).min();
+    assert_eq!(["page", "stream", "link", "roster"].map(least), [4_096, 4_096, 64, 512].map(Some));
+    assert!(lies.cells.iter().all(|cell| cell.injection.check().is_ok()));
 }

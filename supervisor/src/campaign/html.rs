@@ -97,7 +97,7 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
     let _ = write!(
         page,
         "<h2>Arm {}</h2>\n<h3>Excess misses</h3>\n<p class=\"note\">Faults that missed more ticks than their control window and what they may cost, less those that missed \
-         fewer, per fault; the bar is the exact 95 % interval, the dashed line the limit of its upper end.</p>\n{}",
+         fewer, per fault; the bar lies between the exact one-sided 95 % bounds, each alone, the dashed line is the limit of the upper one.</p>\n{}",
         escape(arm),
         plots::excess(judgement, arm)
     );
@@ -115,7 +115,7 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
-         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>95 %</th><th>limit</th><th>excess misses<br>mean</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th>\
+         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>one-sided<br>95 % bounds</th><th>limit</th><th>excess misses<br>mean</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th>\
          <th>largest force step N<br>fault / control</th><th>invalid or stale<br>applied, ticks</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>left over</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {

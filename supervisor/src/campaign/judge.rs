@@ -1,10 +1,10 @@
 //! From the outcomes of a campaign to figures and verdicts: per cell, per pool, per station.
 //!
-//! A promise is *broken* only beyond doubt: the lower end of the interval of the excess lies above the limit, with the void ticks or without, or something happened that
+//! A promise is *broken* only beyond doubt: the lower bound of the excess lies above the limit, with the void ticks or without, or something happened that
 //! never may (a station that did not go on, a process that did not recover, one that died or hung of another's fault, a force of a servo that lied, a lie that
 //! nobody found, a force step that no fault-free tick in the same state makes + 0.05 N, a fault that cost more ticks than the hardware's own ramp bridges and than
 //! any control window lost, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over), unless its
-//! cell says that it may. It is *held* when the upper end is within the limit, and that with the
+//! cell says that it may. It is *held* when the upper bound is within the limit, and that with the
 //! void ticks too where they are more than chance makes. Between the two, when none of a cell's faults showed, or when too
 //! many faults have no verdict because the host stalled, nothing can be said, and the campaign says so.
 
@@ -109,6 +109,20 @@ pub fn judge(
     judgement
 }
 
+impl Judgement {
+    /// With what is to be said of the batch that has just been run, judged `alone`: one of which no fault can be judged says nothing, whatever is known of those
+    /// before it, and ends with exit code 3, unless the plan is through or a promise is broken.
+    pub fn after_batch(mut self, alone: &Judgement) -> Judgement {
+        let count = |of: fn(&Figures) -> usize| alone.cells.iter().map(of).sum::<usize>();
+        let (done, silent) = (count(Figures::done), count(|figures| figures.without_verdict));
+        if self.exit_code == 0 && self.done < self.planned && done > 0 && silent == done {
+            self.unknown.push(format!("none of the {done} faults of this batch has a verdict"));
+            self.exit_code = 3;
+        }
+        self
+    }
+}
+
 /// What keeps the campaign as a whole from a verdict.
 fn unknown(campaign: &Campaign, stations: &[&StationOutcome], void_share: f64, lost_elsewhere: u64) -> Vec<String> {
     let troubled = stations.iter().filter(|station| !station.trouble.is_empty() && station.faults.is_empty());
@@ -127,7 +141,8 @@ fn unknown(campaign: &Campaign, stations: &[&StationOutcome], void_share: f64, l
     unknown
 }
 
-/// 1 if a promise was broken; 3 if the run was stopped or, at the end of the plan, nothing can be said of one; 0 after a batch while the plan is not through.
+/// 1 if a promise was broken; 3 if the run was stopped or, at the end of the plan, nothing can be said of one; 0 while the plan is not through, but for a batch
+/// without any verdict ([`Judgement::after_batch`]).
 fn exit_code(judgement: &Judgement, was_stopped: bool) -> u8 {
     let any = |verdict| judgement.cells.iter().chain(&judgement.pools).any(|figures| figures.verdict == verdict);
     match () {

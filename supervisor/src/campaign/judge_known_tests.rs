@@ -123,3 +123,36 @@ fn a_kind_that_showed_fewer_than_twenty_times_for_a_role_is_named() {
     assert_eq!(judgement.few, [line]);
     assert!(text::text(&judgement).contains(line) && html::html(&judgement, &outcomes, &[]).contains(line));
 }
+
+/// Of 49 pages whose bytes flipped 45 were read by nobody, and the links of the same processes hid it.
+#[test]
+fn bytes_that_nobody_reads_in_one_place_are_not_hidden_by_those_of_another() {
+    let cell =
+        |place: &str| format!("[[cell]]\nkinds = [\"corrupt\"]\ntargets = [\"fluid:active\"]\ncount = 20\nwhere = \"{place}\"\n");
+    let (campaign, plan, mut outcomes) = setup(&(cell("page") + &cell("link")));
+    for outcome in outcomes.iter_mut().filter(|outcome| outcome.cell.contains("page")) {
+        outcome.fault.as_mut().unwrap().detected_by = String::new();
+    }
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    assert_eq!(judgement.few, ["arm station: corrupt of fluid, page: 0 of 20 showed, fewer than 20"]);
+}
+
+#[test]
+fn a_batch_that_is_void_as_a_whole_says_nothing_whatever_came_before_it() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    let judged = |outcomes: &[Outcome]| judge(&campaign, &plan, outcomes, &[station(&campaign)], None);
+    let code = |outcomes: &[Outcome], before: usize| judged(outcomes).after_batch(&judged(&outcomes[before..])).exit_code;
+    for outcome in &mut outcomes[5..10] {
+        outcome.fault.as_mut().unwrap().window.as_mut().unwrap().voided = 100;
+    }
+    assert_eq!(
+        [code(&outcomes[..10], 5), code(&outcomes[..10], 4), code(&outcomes[..10], 10)],
+        [3, 0, 0],
+        "one alone has one; none was run"
+    );
+    assert_eq!(code(&outcomes, 104 - 5), judged(&outcomes).exit_code, "the plan is through");
+    let silent = judged(&outcomes[..10]).after_batch(&judged(&outcomes[5..10]));
+    assert!(text::text(&silent).contains("none of the 5 faults of this batch has a verdict"), "{}", text::text(&silent));
+    outcomes[0].fault.as_mut().unwrap().recovered_us = None;
+    assert_eq!(code(&outcomes[..10], 5), 1, "what is broken stays so");
+}

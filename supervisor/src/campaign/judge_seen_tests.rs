@@ -117,12 +117,38 @@ fn a_kick_while_idle_is_not_excused_by_what_contact_does() {
         outcome.fault.as_mut().unwrap().control.as_mut().unwrap().force_step_max_n = 0.3;
     }
     window(&mut outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
-    fault(&mut outcomes, "kill haptic:active", 0).promise_held = Some(false);
     let mut code = |contacts| {
         of(&mut outcomes, "kill haptic:active", 0).before.contacts = contacts;
         judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).exit_code
     };
     assert_eq!((code(0), code(3)), (1, 0));
+}
+
+/// Where no control was free in the state of a fault, one in the other state stood in for it, and its steps excused kicks in the open.
+#[test]
+fn a_control_in_another_state_is_marked_and_excuses_its_own_state_alone() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    let kick = of(&mut outcomes, "kill haptic:active", 0).index;
+    for outcome in &mut outcomes {
+        let (is_unlike, fault) = (outcome.index != kick && outcome.index % 2 == 0, outcome.fault.as_mut().unwrap());
+        fault.window.as_mut().unwrap().contact = Some(false);
+        let control = fault.control.as_mut().unwrap();
+        (control.contact, control.force_step_max_n) = (Some(is_unlike), if is_unlike { 0.3 } else { 0.01 });
+        fault.control_unlike = is_unlike;
+        outcome.before.contacts = 5; // when the fault was asked for; where its window begins the tool had gone
+    }
+    let unlike = outcomes.iter().filter(|outcome| outcome.fault.as_ref().unwrap().control_unlike).count();
+    window(&mut outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let marked: usize = judgement.cells.iter().filter_map(|cell| cell.seen.get("control in another state")).sum();
+    assert_eq!((judgement.exit_code, marked), (1, unlike), "{judgement:?}");
+    assert!(
+        judgement.cells[0].reasons[0].contains("a force step of 0.200 N, 0.010 N without a fault"),
+        "{:?}",
+        judgement.cells[0]
+    );
+    window(&mut outcomes, "kill haptic:active", 0).contact = Some(true);
+    assert_eq!(judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).exit_code, 0, "at the wall it is no kick");
 }
 
 #[test]

@@ -150,13 +150,8 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
             },
             "tissue:1 hung and was ended",
         ),
-        (
-            |outcomes| {
-                window(outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
-                of(outcomes, "kill haptic:active", 0).fault.as_mut().unwrap().promise_held = Some(false);
-            },
-            "force step",
-        ),
+        // Of the ten seconds before it the supervisor thinks otherwise.
+        (|outcomes| window(outcomes, "kill haptic:active", 0).force_step_max_n = 0.2, "force step"),
         (|outcomes| window(outcomes, "kill haptic:active", 0).missed = 21, "the hand lost 21 ticks, 0 at most without a fault"),
     ];
     for (harm, word) in harms {
@@ -203,6 +198,21 @@ fn too_much_void_is_no_verdict() {
     assert!(judgement.void_share > 0.2 && judgement.unknown.len() == 1, "{judgement:?}");
 }
 
+/// A window half of whose ticks were void was compared with a whole one.
+#[test]
+fn a_window_that_is_void_for_a_quarter_is_no_verdict_and_misses_are_those_of_as_many_ticks() {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    let first = window(&mut outcomes, "kill haptic:active", 0);
+    (first.ticks, first.voided, first.missed) = (150, 50, 1);
+    window(&mut outcomes, "kill haptic:active", 1).missed = 12;
+    let control = of(&mut outcomes, "kill haptic:active", 1).fault.as_mut().unwrap().control.as_mut().unwrap();
+    (control.ticks, control.voided, control.missed) = (160, 40, 10); // 12.5 of 200
+    let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
+    let haptic = &judgement.cells[0];
+    let excess = haptic.excess.unwrap();
+    assert_eq!((haptic.without_verdict, excess.faults, excess.worse, excess.better), (1, 99, 0, 0), "{haptic:?}");
+}
+
 #[test]
 fn a_plan_that_is_not_through_is_neither_broken_nor_unknown() {
     let (campaign, plan, mut outcomes) = setup(TEXT);
@@ -245,7 +255,6 @@ fn one_control_that_stepped_far_excuses_nobody() {
     let (campaign, plan, mut outcomes) = setup(TEXT);
     of(&mut outcomes, "kill haptic:active", 7).fault.as_mut().unwrap().control.as_mut().unwrap().force_step_max_n = 3.0;
     window(&mut outcomes, "kill haptic:active", 0).force_step_max_n = 0.2;
-    of(&mut outcomes, "kill haptic:active", 0).fault.as_mut().unwrap().promise_held = Some(false);
     assert_eq!(judge(&campaign, &plan, &outcomes, &[station(&campaign)], None).exit_code, 1);
 }
 

@@ -2,7 +2,7 @@
 //! first. A campaign can be interrupted, run in batches, and one fault of it repeated at its tick and phase.
 //!
 //! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, 3
-//! nothing can be said because too much was void, too few faults came about, or the run stopped before its batch was through (Ctrl-C, stations that do not
+//! nothing can be said because too much was void (of a batch: all of it), too few faults came about, or the run stopped before its batch was through (Ctrl-C, stations that do not
 //! come up).
 
 pub mod bounds;
@@ -72,8 +72,10 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     if let Some(index) = args.only {
         return runner.repeat(index, &mut store);
     }
+    let before = store.outcomes.len();
     let stopped = runner.run(&mut store, args.batch.unwrap_or(usize::MAX))?;
-    let judgement = judge::judge(&campaign, &plan, &store.outcomes, &store.stations, stopped.as_deref());
+    let judged = |outcomes| judge::judge(&campaign, &plan, outcomes, &store.stations, stopped.as_deref());
+    let judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
     report(&judgement, &store)?;
     if args.json {
         say(false, &format!("{:#}\n", serde_json::to_value(&judgement).unwrap_or_default()));

@@ -1,9 +1,10 @@
-//! The plots of a campaign's page, as SVG in plain text: the excess of each cell with its interval, the distributions of the times, and the
+//! The plots of a campaign's page, as SVG in plain text: the excess of each cell between its bounds, the distributions of the times, and the
 //! faults over the ticks of each station.
 
 use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::text::percentile;
+use crate::fault::compare::excess as excess_of;
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -86,7 +87,7 @@ fn name(row: usize, text: &str, colour: &str) -> String {
     format!("<text x=\"{:.1}\" y=\"{y:.1}\" class=\"name\" fill=\"{colour}\">{}</text>", NAMES - 10.0, escape(text))
 }
 
-/// Faults with excess misses per fault: a dot with its 95 % interval, and the limit as a bar, for each cell and pool.
+/// Faults with excess misses per fault: a dot between its one-sided 95 % bounds, and the limit as a bar, for each cell and pool.
 pub fn excess(judgement: &Judgement, arm: &str) -> String {
     let pool_name = |figures: &Figures| format!("pool {}", figures.name);
     let pools = judgement.pools.iter().map(|figures| (pool_name(figures), figures));
@@ -180,7 +181,7 @@ pub fn timeline(outcomes: &[Outcome]) -> String {
         svg.push_str(&name(row, &format!("station {station}, {arm}"), "#1f2937"));
         for outcome in outcomes.iter().filter(|outcome| outcome.station == *station) {
             let windows = outcome.fault.as_ref().and_then(|fault| Some((fault.window?, fault.control?)));
-            let is_worse = windows.is_some_and(|(window, control)| window.missed > control.missed);
+            let is_worse = windows.is_some_and(|(window, control)| excess_of(&window, &control) > 0);
             let (radius, colour) = if is_worse { (6.0, "#dc2626") } else { (3.5, role_colour(&outcome.cell)) };
             let missed = windows.map_or("no verdict".to_string(), |(window, control)| {
                 format!("missed {}, control {}", window.missed, control.missed)

@@ -109,6 +109,9 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     let table = &page[..page.find(row).unwrap()];
     let head = &table[table.rfind("<tr><th>").unwrap()..];
     assert_eq!(head.matches("<th>").count(), row.matches("<td").count(), "a heading for each column");
+    // Each bound alone is wrong in one case of twenty: the two together are no interval of 95 %.
+    assert_has(&page, &["one-sided 95 % bounds, each alone", "<th>one-sided<br>95 % bounds</th>"]);
+    assert!(!page.contains("95 % interval"));
 }
 
 #[test]

@@ -74,7 +74,7 @@ pub struct Session {
     files: PathBuf,
     interrupted: Arc<AtomicBool>,
     /// Bytes of the closed faults' file that were read.
-    read_bytes: usize,
+    read_bytes: u64,
     whole_since_tick: Option<u64>,
     quiet_from_tick: u64,
     /// It was ended, or never was: the name is another's, or the settings were refused.

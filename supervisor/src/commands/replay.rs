@@ -19,6 +19,7 @@ const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
 /// Why a recording cannot be done again.
+const NO_TICK: &str = "holds no tick of a session; give one that was recorded for longer";
 const TOO_OLD: &str =
     "does not say what each step was made from: it was recorded by an older version; `hystation report` reads it";
 
@@ -113,7 +114,7 @@ fn look_through(args: &ReplayArgs, begin_tick: u64) -> Result<Whole, Refusal> {
         let lost = block.lost.iter().filter(|range| range.last > begin_tick);
         first_lost = lost.copied().chain(first_lost).min_by_key(|range| range.first);
     };
-    let last_tick = last_tick.ok_or_else(|| refuse("holds no tick of a session"))?;
+    let last_tick = last_tick.ok_or_else(|| refuse(NO_TICK))?;
     if !has_steps {
         return Err(refuse(TOO_OLD));
     }
@@ -125,7 +126,7 @@ fn look_through(args: &ReplayArgs, begin_tick: u64) -> Result<Whole, Refusal> {
         (None, None, Ok(())) => (None, last_tick),
     };
     if end_tick == 0 {
-        return Err(refuse(missing.as_deref().unwrap_or("holds no tick of a session")));
+        return Err(refuse(missing.as_deref().unwrap_or(NO_TICK)));
     }
     let cut_at = match reader.ending() {
         Some(Ending::Cut { at }) if missing.is_none() => Some(at),

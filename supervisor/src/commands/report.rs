@@ -89,13 +89,6 @@ fn whole(path: &Path) -> PathBuf {
 
 /// Opens a recording, if it is one.
 pub fn open(path: &Path) -> Result<Reader<File>, Refusal> {
-    // What is no file may wait for a writer, or have no end.
-    if std::fs::metadata(path).is_ok_and(|data| !data.is_file()) {
-        return Err(Refusal::input(format!(
-            "recording {}: is not a file; give a file that `hystation run --record` wrote",
-            path.display()
-        )));
-    }
     Reader::open(path).map_err(|error| Refusal::input(error.to_string()))
 }
 

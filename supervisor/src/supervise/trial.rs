@@ -72,7 +72,23 @@ impl Trial {
         let (compared, forces) = ((0, 0), (0, 0, 0));
         let (judge, effort, beside, drew, tenures) = (None, None, None, false, Tenures::default());
         let (looked_ns, slow, felt) = (0, 0, 0);
-        Trial { record, role, stage, since_ns, judge, compared, forces, felt, old, drew, effort, beside, tenures, looked_ns, slow }
+        Trial {
+            record,
+            role,
+            stage,
+            since_ns,
+            judge,
+            compared,
+            forces,
+            felt,
+            old,
+            drew,
+            effort,
+            beside,
+            tenures,
+            looked_ns,
+            slow,
+        }
     }
 }
 

@@ -14,7 +14,7 @@ const PROCESSES: [&str; 8] = ["device", "haptic", "tissue", "collision-worker", 
 const SIMULATION: [&str; 4] = ["hyst-tissue", "hyst-contact", "hyst-flow", "hyst-coupling"];
 const GRAPHICS: [&str; 2] = ["wgpu", "winit"];
 /// What the top of the repository may hold, beside what git ignores.
-const TOP: [&str; 17] = [
+const TOP: [&str; 18] = [
     "Cargo.toml",
     "Cargo.lock",
     "processes",
@@ -29,6 +29,7 @@ const TOP: [&str; 17] = [
     "station",
     "rustfmt.toml",
     "docs",
+    ".cargo",
     ".ci",
     ".git",
     ".gitignore",

@@ -8,6 +8,7 @@ use crate::campaign::draw::Plan;
 use crate::campaign::file::{Arm, Campaign};
 use crate::campaign::outcome::{Ending, Outcome};
 use crate::campaign::station::StationOutcome;
+use crate::ledger::Window;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -54,7 +55,7 @@ pub struct Figures {
     pub recovered_ms: Vec<f64>,
     /// Faults with a verdict of the supervisor: its promise held.
     pub promise_held: usize,
-    /// Faults that could not be judged: not injected, not shown, no control window, or the host stalled in most of a window.
+    /// Faults that could not be judged: not injected, not shown, no control window, or the host stalled in more than a fifth of a window.
     pub without_verdict: usize,
     /// Ticks of the fault windows, and void ones of them.
     pub window_ticks: [u64; 2],
@@ -85,7 +86,8 @@ pub struct Figures {
     pub leftovers: u64,
     /// Other processes that died, or hung and were ended, each with the fault that was the last before it.
     pub collateral: Vec<String>,
-    /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended, swap done, swap undone.
+    /// What the faults brought about beside what they were to do, and how often: others died, began anew, station ended, swap done, swap undone; and
+    /// for how many there was only a control in the other state, contact or none.
     pub seen: BTreeMap<&'static str, usize>,
     /// Faults of which nothing came, or that were refused, by their numbers.
     pub not_shown: Vec<usize>,
@@ -118,7 +120,7 @@ const MOST_REASONS: usize = 8;
 pub(super) struct Known<'a> {
     pub plan: &'a Plan,
     pub outcomes: &'a [Outcome],
-    /// Largest force steps of fault-free ticks, N: while the tool touches nothing, and while it does.
+    /// Largest force steps of fault-free windows, N: of those that began while the tool touched nothing, and while it did.
     pub steps_n: [f64; 2],
     /// Most ticks that a control window lost.
     pub most_missed: u64,
@@ -179,19 +181,28 @@ impl Figures {
 /// Fewest control windows of which one in a hundred is left out.
 const MANY: usize = 100;
 
-/// The largest force steps of fault-free ticks in an arm, N, while the tool touches nothing and while it does: what the wall's touch makes excuses no kick
-/// in the open. Of many control windows the hundredth part that stepped most does not count, so that a single bad one does not excuse every fault.
+/// The largest force steps of fault-free ticks in an arm, N, of control windows that began while the tool touched nothing, and of those that began while it did,
+/// whatever the state of their faults: what begins at the wall excuses no kick in the open. Of many control windows the hundredth part that stepped most does not
+/// count, so that a single bad one does not excuse every fault. Where none began in the open, nobody knows better than all of them together.
 pub(super) fn quiet_steps_n(arm: &Arm, outcomes: &[Outcome], stations: &[StationOutcome]) -> [f64; 2] {
-    [false, true].map(|touches| {
-        let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name && (outcome.before.contacts > 0) == touches);
-        let mut steps: Vec<f64> = here.filter_map(|outcome| Some(outcome.fault.as_ref()?.control?.force_step_max_n)).collect();
+    [false, true].map(|in_contact| {
+        let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
+        let controls = here.filter_map(|outcome| Some((outcome.fault.as_ref()?.control?, outcome)));
+        let alike = controls.filter(|(control, outcome)| touches(Some(control), outcome) == in_contact);
+        let mut steps: Vec<f64> = alike.map(|(control, _)| control.force_step_max_n).collect();
         steps.sort_by(f64::total_cmp);
         if steps.len() >= MANY {
             return steps[steps.len() - 1 - steps.len() / MANY];
         }
-        let here = stations.iter().filter(|station| touches && station.arm == arm.name);
+        let of_all = in_contact || steps.is_empty();
+        let here = stations.iter().filter(|station| of_all && station.arm == arm.name);
         here.map(|station| station.control_step_max_n).chain(steps.last().copied()).fold(0.0, f64::max)
     })
+}
+
+/// Whether the tool touched something where a window begins, as its first force says; of one of which that is not known, when the fault was asked for.
+pub(super) fn touches(window: Option<&Window>, outcome: &Outcome) -> bool {
+    window.and_then(|window| window.contact).unwrap_or(outcome.before.contacts > 0)
 }
 
 /// Most ticks that a control window of an arm lost: what the host takes by itself is no fault's doing.
@@ -239,12 +250,12 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
     {
         figures.reasons.push(format!(
-            "faults with excess misses, per fault: {:.4}, 95 %: {:.4} to {:.4}, limit {limit}",
+            "faults with excess misses, per fault: {:.4}, one-sided 95 % bounds {:.4} and {:.4}, limit {limit}",
             excess.mean, excess.lower95, excess.upper95
         ));
         figures.reasons.extend(figures.excess_with_void.map(|excess| {
             let (mean, lower, upper) = (excess.mean, excess.lower95, excess.upper95);
-            format!("with void ticks: {mean:.4}, 95 %: {lower:.4} to {upper:.4}")
+            format!("with void ticks: {mean:.4}, one-sided 95 % bounds {lower:.4} and {upper:.4}")
         }));
     }
     if is_silent {

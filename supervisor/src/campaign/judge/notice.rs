@@ -6,6 +6,7 @@ use super::figures::Figures;
 use crate::campaign::cell::Cell;
 use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
+use crate::fault::compare::excess;
 use crate::faultfile::FaultKind;
 
 /// Looks of 5 ms in which the tool must have touched something while an output was frozen, before it was another one than the true one: less than that
@@ -20,7 +21,7 @@ pub(super) fn is_done_from_outside(cell: &Cell) -> bool {
 /// By whom a fault that was done from outside was noticed, and what it cost, or what became of it: `true` if it was noticed.
 pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, String) {
     let others = sequel.others().next();
-    let hand = fault.window.zip(fault.control).map_or(0, |(window, control)| window.missed as i64 - control.missed as i64);
+    let hand = fault.window.zip(fault.control).map_or(0, |(window, control)| excess(&window, &control));
     match fault.remains {
         _ if fault.dead => (true, format!("died, found by {}", fault.detected_by)),
         _ if !fault.detected_by.is_empty() => (true, fault.detected_by.clone()),

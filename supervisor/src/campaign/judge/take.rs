@@ -1,11 +1,12 @@
 //! What one fault adds to the figures of its cell and its pool.
 
 use super::blame::{Blame, end_of};
-use super::figures::{Figures, Known};
+use super::figures::{Figures, Known, touches};
 use super::notice::{Unfound, is_done_from_outside, unfound};
 use crate::campaign::cell::{Cell, May};
 use crate::campaign::outcome::Outcome;
 use crate::fault::Fault;
+use crate::fault::compare::{excess, tells};
 use crate::ledger::Window;
 use hyst_messages::Role;
 
@@ -79,7 +80,7 @@ impl Figures {
             return;
         };
         self.step_max_n[0] = self.step_max_n[0].max(step_n);
-        let quiet_n = known.steps_n[usize::from(outcome.before.contacts > 0)];
+        let quiet_n = known.steps_n[usize::from(touches(None, outcome))];
         if step_n > (Fault { target: Role::Device.name().into(), ..Fault::default() }).most_step_n(quiet_n) {
             self.reasons.push(format!(
                 "fault {}: a force step of {step_n:.3} N before the station's end, {quiet_n:.3} N without a fault",
@@ -136,7 +137,8 @@ impl Figures {
         if !was_noticed {
             return Taken::Unnoticed;
         }
-        let excess = [window.missed as i64 - control.missed as i64, window.late as i64 - control.late as i64];
+        // With the void ticks both are of the same length.
+        let excess = [excess(&window, &control), window.late as i64 - control.late as i64];
         Taken::Excess { lost: excess[0], beyond: excess.map(|excess| beyond(excess, cell.allowed_misses as i64)) }
     }
 
@@ -186,8 +188,12 @@ impl Figures {
         self.missed[0] += window.missed;
         self.missed[1] += control.missed;
         self.step_max_n = [self.step_max_n[0].max(window.force_step_max_n), self.step_max_n[1].max(control.force_step_max_n)];
-        let step_n = steps_n[usize::from(outcome.before.contacts > 0)];
-        if window.force_step_max_n > fault.most_step_n(step_n) && fault.promise_held != Some(true) {
+        if fault.control_unlike {
+            *self.seen.entry("control in another state").or_default() += 1;
+        }
+        let step_n = steps_n[usize::from(touches(Some(&window), outcome))];
+        // Whatever the supervisor said of it: that knows the last ten seconds, and this all that was ever made in this state.
+        if window.force_step_max_n > fault.most_step_n(step_n) {
             let text = format!(
                 "fault {}: a force step of {:.3} N, {step_n:.3} N without a fault",
                 outcome.index, window.force_step_max_n
@@ -195,11 +201,6 @@ impl Figures {
             self.reasons.push(text);
         }
     }
-}
-
-/// Whether something can be said of a window: it has all its ticks, and most of them count.
-fn tells(window: &Window) -> bool {
-    window.is_whole() && window.voided < window.ticks
 }
 
 /// Whether it was to fall into a recovery, or a swap, and came after it.

@@ -6,6 +6,9 @@ use crate::campaign::outcome::{Ending, Outcome};
 use crate::fault::Fault;
 use crate::faultfile::{FaultKind, Injection, Keepers};
 use hyst_exchange::system;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
 
 /// The supervisor closes a fault 40 s after it at the latest, and looks for a control window for as long as the fault took.
 const CLOSE_NS: u64 = 120_000_000_000;
@@ -92,12 +95,23 @@ impl Session {
 
     /// Faults that were closed since the last call.
     pub(super) fn unread(&mut self) -> Vec<Fault> {
-        let text = std::fs::read_to_string(self.station.root().join("faults.jsonl")).unwrap_or_default();
-        let news = text.get(self.read_bytes..).unwrap_or("");
-        let whole = news.rfind('\n').map_or(0, |at| at + 1);
-        self.read_bytes += whole;
-        news[..whole].lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
+        let news = news(&self.station.root().join("faults.jsonl"), self.read_bytes).unwrap_or_default(); // none was closed yet
+        self.read_bytes += news.len() as u64;
+        news.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect()
     }
+}
+
+/// The whole lines of a file from a byte on. It is looked at every 5 ms, mostly in a control window: what was read is not read again.
+fn news(path: &Path, from_byte: u64) -> std::io::Result<Vec<u8>> {
+    let mut file = File::open(path)?;
+    if file.metadata()?.len() <= from_byte {
+        return Ok(Vec::new());
+    }
+    file.seek(SeekFrom::Start(from_byte))?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes)?;
+    bytes.truncate(bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1));
+    Ok(bytes)
 }
 
 /// Of a keeper it is known when it was struck; who tells of it knows when it was last well, which is where its window begins.
@@ -122,6 +136,19 @@ fn is_of(fault: &Fault, injection: &Injection, asked: Asked) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lines_are_read_once_and_whole_and_what_was_read_is_not_read_again() {
+        let path = std::env::temp_dir().join(format!("hystation-news-{}.jsonl", std::process::id()));
+        let read = |from_byte: u64| String::from_utf8_lossy(&news(&path, from_byte).unwrap()).into_owned();
+        std::fs::write(&path, "one\ntwo\nthr").unwrap();
+        assert_eq!([read(0), read(4), read(8), read(11), read(99)], ["one\ntwo\n", "two\n", "", "", ""]);
+        // Whatever the head has become: it is not looked at.
+        std::fs::write(&path, b"\xff\xff\xff\xfftwo\nthree\n").unwrap();
+        assert_eq!(read(8), "three\n");
+        std::fs::remove_file(&path).unwrap();
+        assert!(news(&path, 0).is_err());
+    }
 
     #[test]
     fn what_a_keeper_took_is_counted_from_when_it_was_struck() {

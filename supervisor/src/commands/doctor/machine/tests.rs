@@ -1,0 +1,134 @@
+//! Machines that are made up, one fault each.
+
+use super::*;
+use crate::commands::doctor::State;
+use crate::commands::doctor::made_up::MadeUp;
+
+const ROOM: Room = Room { size: 8 << 30, free: 4 << 30 };
+
+/// What was found, and the cure, in one line; empty if it is good.
+fn complaint(finding: &Finding) -> (State, String) {
+    (finding.state, finding.cure.as_ref().map_or(String::new(), |cure| format!("{}; {cure}", finding.found)))
+}
+
+/// A finding is of a state, and says these words.
+fn assert_says(finding: Finding, state: State, words: &[&str]) {
+    let said = complaint(&finding);
+    assert!(said.0 == state && words.iter().all(|word| said.1.contains(word)), "{words:?}: {finding:?}");
+}
+
+fn assert_good(finding: Finding) {
+    assert_eq!(complaint(&finding), (State::Good, String::new()), "{finding:?}");
+}
+
+#[test]
+fn a_program_is_a_file_that_may_be_run() {
+    let mut made = MadeUp::new("programs");
+    let folder = made.0.path("bin");
+    assert_says(programs(&made.0, &folder), State::Bad, &["device", "console", "missing", "./station build"]);
+    for role in Role::ALL.iter().filter(|role| **role != Role::Haptic) {
+        made.write(&format!("bin/{}", role.name()), "");
+    }
+    std::fs::create_dir(folder.join("haptic")).unwrap();
+    assert_says(programs(&made.0, &folder), State::Bad, &["haptic of "]);
+    std::fs::remove_dir(folder.join("haptic")).unwrap();
+    made.write("bin/haptic", "");
+    assert_good(programs(&made.0, &folder));
+    made.0.may = |_, _| false;
+    assert_says(programs(&made.0, &folder), State::Bad, &["hardware", "not to be run"]);
+}
+
+#[test]
+fn cores_are_counted_and_a_quota_of_the_group_or_of_one_above_it_is_said() {
+    let made = MadeUp::new("cores");
+    assert_good(cores(&made.0, 2));
+    assert_says(cores(&made.0, 1), State::Weak, &["two cores"]);
+    made.write("proc/self/cgroup", "1:cpu:/old\n0::/user.slice/a.service\n");
+    made.write("sys/fs/cgroup/user.slice/a.service/cpu.max", "max 100000\n");
+    assert_good(cores(&made.0, 4));
+    made.write("sys/fs/cgroup/user.slice/cpu.max", "150000 100000\n");
+    assert_says(cores(&made.0, 4), State::Weak, &["leaves the time of 1.5", "--cpus=2"]);
+    for nonsense in ["", "x y", "100000 0", "-", "max"] {
+        made.write("sys/fs/cgroup/user.slice/cpu.max", nonsense);
+        assert_good(cores(&made.0, 4));
+    }
+}
+
+#[test]
+fn real_time_that_is_granted_in_part_is_told_from_none_and_root_is_told_another_cure() {
+    assert_good(real_time([true, true], false));
+    assert_says(real_time([true, false], false), State::Weak, &["not up to priority 90", "rtprio 95"]);
+    assert_says(real_time([false, false], false), State::Weak, &["is refused", "rtprio 95", "--cap-add SYS_NICE"]);
+    let root = real_time([false, false], true);
+    assert!(root.cure.as_ref().is_some_and(|cure| !cure.contains("run as root") && cure.contains("CAP_SYS_NICE")), "{root:?}");
+}
+
+#[test]
+fn locked_memory_is_enough_for_all_or_the_user_is_root() {
+    assert_says(locked_memory(Some(8 << 20), false), State::Weak, &["limit 8 MiB", "memlock unlimited"]);
+    for (limit, is_root) in [(Some(8 << 20), true), (Some(LOCKED_BYTES), false), (None, false)] {
+        assert_good(locked_memory(limit, is_root));
+    }
+}
+
+#[test]
+fn shared_memory_is_a_tmpfs_with_room_that_may_be_written() {
+    let mut made = MadeUp::new("shm");
+    std::fs::create_dir_all(made.0.path("dev/shm")).unwrap();
+    assert_says(shared_memory(&made.0, None), State::Bad, &["is not there", "mount -t tmpfs"]);
+    assert_says(shared_memory(&made.0, Some(ROOM)), State::Weak, &["no mount of its own", "mount -t tmpfs"]);
+    made.write("proc/mounts", "tmpfs /dev/shm tmpfs rw 0 0\n/dev/sda1 /dev/shm ext4 rw 0 0\n");
+    assert_says(shared_memory(&made.0, Some(ROOM)), State::Weak, &["it is a ext4"]);
+    made.write("proc/mounts", "/dev/sda1 /dev/shm ext4 rw 0 0\ntmpfs /dev/shm tmpfs rw 0 0\n");
+    assert_good(shared_memory(&made.0, Some(ROOM)));
+    let full = Room { free: crate::guardian::NEEDED_BYTES - 1, ..ROOM };
+    assert_says(shared_memory(&made.0, Some(full)), State::Bad, &["343 MiB free of 8192 MiB", "remount,size=1g", "--shm-size"]);
+    made.0.may = |_, access| !access.contains(Access::WRITE_OK);
+    assert_says(shared_memory(&made.0, Some(ROOM)), State::Bad, &["may not be written", "chmod 1777"]);
+    assert_says(copies(true), State::Weak, &["/dev/shm is mounted noexec", "remount,exec"]);
+    assert_good(copies(false));
+}
+
+#[test]
+fn a_disk_has_room_for_an_hour_and_may_be_written() {
+    let mut made = MadeUp::new("disk");
+    let folder = made.0.root.clone();
+    assert_good(disk(&made.0, &folder, Some(ROOM)));
+    assert_says(
+        disk(&made.0, &folder, Some(Room { free: 1 << 30, ..ROOM })),
+        State::Weak,
+        &["1024 MiB free", "an hour", "--record"],
+    );
+    assert_says(disk(&made.0, &folder, None), State::Weak, &["not there any more"]);
+    made.0.may = |_, _| false;
+    assert_says(disk(&made.0, &folder, Some(ROOM)), State::Weak, &["may not be written", "--record"]);
+}
+
+#[test]
+fn throttled_real_time_threads_are_told_with_the_cure() {
+    let made = MadeUp::new("throttled");
+    for good in ["", "-1\n", "950000\n", "x"] {
+        made.write("proc/sys/kernel/sched_rt_runtime_us", good);
+        assert_good(throttling(&made.0));
+    }
+    made.write("proc/sys/kernel/sched_rt_runtime_us", "500000\n");
+    assert_says(throttling(&made.0), State::Weak, &["sched_rt_runtime_us 500000", "950000"]);
+}
+
+#[test]
+fn the_mode_of_preemption_is_read_from_whatever_says_it() {
+    let dynamic = "Linux version 6.18 #1 SMP PREEMPT_DYNAMIC";
+    assert_eq!(mode_of_preemption("Linux version 6.1 #1 SMP PREEMPT_RT", "", ""), Some("rt"));
+    assert_eq!(mode_of_preemption(dynamic, "quiet preempt=none", "none voluntary (full) lazy\n"), Some("full"));
+    assert_eq!(mode_of_preemption(dynamic, "preempt=full quiet preempt=none", ""), Some("none"));
+    assert_eq!(mode_of_preemption("Linux version 6.1 #1 SMP PREEMPT", "quiet", ""), Some("full"));
+    assert_eq!(mode_of_preemption(dynamic, "quiet", ""), None);
+    assert_eq!(mode_of_preemption("Linux version 6.1 #1 SMP", "quiet", ""), None);
+    let made = MadeUp::new("preempt");
+    made.write("proc/version", dynamic);
+    assert_says(preemption(&made.0), State::Weak, &["not to be seen", "preempt=full"]);
+    made.write("proc/cmdline", "quiet preempt=voluntary\n");
+    assert_says(preemption(&made.0), State::Weak, &["voluntary", "preempt=full"]);
+    made.write("sys/kernel/debug/sched/preempt", "none voluntary full (lazy)\n");
+    assert_good(preemption(&made.0));
+}

@@ -1,0 +1,67 @@
+//! The recipe of docs/engine.md for an engine outside of the workspace: its commands and its manifest are taken from the page as they stand there, and the compiler
+//! agrees with what comes of it. And the example is as short as the documents say.
+
+use station_tests::{binaries, run};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The top of the repository. Asked at run time: a target folder that two checkouts share keeps the path of the first in the program.
+fn root() -> PathBuf {
+    let manifest = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_else(|_| env!("CARGO_MANIFEST_DIR").to_string());
+    Path::new(&manifest).parent().map(Path::to_path_buf).unwrap_or_default()
+}
+
+fn text_of(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// The first block of code of a page that begins so.
+fn block<'a>(page: &'a str, begins: &str) -> &'a str {
+    let rest = page.split_once(begins).map(|(_, rest)| rest).unwrap_or_else(|| panic!("no {begins:?} in docs/engine.md"));
+    rest.split_once("\n```").map_or(rest, |(block, _)| block)
+}
+
+/// Names and versions of the packages that a lock file has.
+fn locked(path: &Path) -> BTreeSet<String> {
+    let lock: toml::Table = text_of(path).parse().expect("a lock file");
+    let packages = lock["package"].as_array().expect("packages");
+    packages.iter().map(|package| format!("{} {}", package["name"], package["version"])).collect()
+}
+
+/// What the packages of others are compiled to is kept beside the station's own, so that only the first time takes long.
+#[test]
+fn the_recipe_of_an_engine_outside_of_the_workspace_compiles_as_it_stands_in_the_document() {
+    let page = text_of(&root().join("docs/engine.md"));
+    let folder = binaries().parent().expect("the target folder").join("recipe");
+    let (engine, station) = (folder.join("my-fluid"), folder.join("station"));
+    let _ = std::fs::remove_dir_all(&engine); // of the time before
+    let _ = std::fs::remove_file(&station); // of a time that was cut off
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::os::unix::fs::symlink(root(), &station).expect("the station's folder beside it");
+    let commands = block(&page, "\n```\n");
+    let (code, _, said) = run(Command::new("sh").args(["-e", "-c", commands]).current_dir(&folder));
+    std::fs::remove_file(&station).expect("the link is ours"); // who follows links would go round in it
+    assert_eq!(code, Some(0), "{commands}\n{said}");
+    // By the whole path: cargo tells the packages of two checkouts apart by that.
+    let manifest = block(&page, "\n```toml\n").replace("\"../station/", &format!("\"{}/", root().display()));
+    std::fs::write(engine.join("Cargo.toml"), manifest).expect("a manifest");
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.args(["check", "--offline", "--release"]).current_dir(&engine).env("CARGO_TARGET_DIR", folder.join("target"));
+    let (code, _, said) = run(&mut cargo);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(!said.contains("warning:"), "{said}");
+    // Both sides of a stream are of the same versions.
+    let (own, ours) = (locked(&engine.join("Cargo.lock")), locked(&root().join("Cargo.lock")));
+    let others: Vec<&String> = own.difference(&ours).collect();
+    assert!(own.len() > 20 && others.iter().all(|package| package.starts_with("\"my-fluid\"")), "{others:?}");
+}
+
+#[test]
+fn the_example_of_an_engine_is_as_short_as_the_documents_say() {
+    let lines = text_of(&root().join("tests/src/bin/example-engine.rs")).lines().count();
+    assert!((90..=110).contains(&lines), "{lines} lines");
+    for document in ["README.md", "docs/engine.md"] {
+        assert!(text_of(&root().join(document)).contains("some hundred lines"), "{document}: {lines} lines");
+    }
+}
