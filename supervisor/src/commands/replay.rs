@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
-/// Why a recording cannot be done again.
+/// Why a recording cannot be done again: there is nothing, or not what is needed.
 const NO_TICK: &str = "holds no tick of a session; give one that was recorded for longer";
 const TOO_OLD: &str =
     "does not say what each step was made from: it was recorded by an older version; `hystation report` reads it";

@@ -68,26 +68,22 @@ pub struct Trial {
 impl Trial {
     /// One of which nothing is known but what the old engine did.
     fn begin(record: Record, role: Role, old: Spent) -> Trial {
-        let (stage, since_ns) = (Stage::None, system::now_ns());
-        let (compared, forces) = ((0, 0), (0, 0, 0));
-        let (judge, effort, beside, drew, tenures) = (None, None, None, false, Tenures::default());
-        let (looked_ns, slow, felt) = (0, 0, 0);
         Trial {
             record,
             role,
-            stage,
-            since_ns,
-            judge,
-            compared,
-            forces,
-            felt,
+            stage: Stage::None,
+            since_ns: system::now_ns(),
+            judge: None,
+            compared: (0, 0),
+            forces: (0, 0, 0),
+            felt: 0,
             old,
-            drew,
-            effort,
-            beside,
-            tenures,
-            looked_ns,
-            slow,
+            drew: false,
+            effort: None,
+            beside: None,
+            tenures: Tenures::default(),
+            looked_ns: 0,
+            slow: 0,
         }
     }
 }

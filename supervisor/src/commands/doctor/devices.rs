@@ -11,8 +11,7 @@ const ALL_AXES: [usize; 6] = [0, 1, 2, 3, 4, 5];
 const BUTTON_SOUTH: usize = 0x130;
 const BUTTON_0: usize = 0x100;
 
-/// Haptic devices by the vendor on the USB, and by the product where the vendor makes other things, too; whose they are, and the group that Debian gives
-/// the nodes of those that are a serial port.
+/// Haptic devices by the vendor on the USB, and by the product where the vendor's number is not theirs alone; and whose they are.
 const HAPTIC: [(&str, Option<&str>, &str); 4] = [
     ("1451", None, "Force Dimension"),
     ("2988", None, "3D Systems (OpenHaptics)"),
