@@ -131,11 +131,12 @@ mount -t proc proc "$0/proc" || exit 1
 hystation() { "$0/usr/lib/hystation/hystation" --name "$STATION" "$@"; }
 if [ -n "$STATION" ]; then
     hystation run --headless --hand idle --roles hardware,device >&2 &
+    own=$!
     for look in $(seq 300); do hystation status --json 2>&1 | grep -q '"live"' && break || sleep 0.1; done
 fi
 dpkg --root="$0" --force-depends "$@" || exit 2
 if [ -n "$STATION" ]; then
-    hystation status --json | grep -q '"live"' && hystation stop && wait %1 || exit 3
+    hystation status --json | grep -q '"live"' && hystation stop && wait "$own" || exit 3
 fi
 "#;
 
