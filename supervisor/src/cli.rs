@@ -57,7 +57,11 @@ pub enum Command {
         json: bool,
     },
     /// Is this machine fit, and the cure for each thing that is not.
-    Doctor,
+    Doctor {
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Measure.
     Bench {
         /// tissue, contact, flow, exchange, recording or station.

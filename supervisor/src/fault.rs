@@ -196,12 +196,17 @@ pub(crate) struct Seen {
     contained_us: f64,
     /// Largest force step in the fault-free ticks before it that were in the same state, N.
     quiet_n: f64,
-    /// Whether the hand was in contact at its beginning.
-    pub(crate) contact: bool,
     #[serde(default)]
     given: Option<u64>,
     step: Vec<Tick>,
     late: Vec<Tick>,
+}
+
+impl Seen {
+    /// Whether the hand was in contact at its beginning.
+    pub(crate) fn contact(&self) -> bool {
+        self.window.contact == Some(true)
+    }
 }
 
 /// Looks at the window of a fault; `None` without a ledger.
@@ -210,12 +215,10 @@ pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Opti
     let mut window = ledger.window(from_tick, to_tick);
     window.wrong += fault.wrong_ticks(ledger);
     let contained_ticks = ledger.last_miss(from_tick, to_tick).map_or(0, |tick| tick + 1 - from_tick);
-    let contact = ledger.in_contact(from_tick);
     (window.ticks + window.voided > 0).then(|| Seen {
         window,
         contained_us: (contained_ticks * TICK_NS) as f64 * 1e-3,
-        quiet_n: quiet_step_max_n(ledger, from_tick, contact, taken),
-        contact,
+        quiet_n: quiet_step_max_n(ledger, from_tick, window.contact, taken),
         given: fault.servo_until().map(|until| ledger.fresh_of(fault.incarnation, fault.tick, until).count() as u64),
         step: ledger.around_step(&window),
         late: ledger.late(&window),
@@ -226,7 +229,7 @@ pub(crate) fn look(fault: &Fault, ledger: &Ledger, taken: &[(u64, u64)]) -> Opti
 pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
     let window = seen.window;
     (fault.contained_us, fault.given) = (Some(seen.contained_us), seen.given);
-    fault.control_unlike = control.and_then(|control| control.contact).is_some_and(|contact| contact != seen.contact);
+    fault.control_unlike = control.and_then(|control| control.contact).is_some_and(|contact| contact != seen.contact());
     if let Some(control) = control.filter(|control| window.is_whole() && control.is_whole()) {
         let control_step_n = if fault.control_unlike { 0.0 } else { control.force_step_max_n };
         let smooth = window.force_step_max_n <= fault.most_step_n(seen.quiet_n.max(control_step_n));
@@ -246,7 +249,7 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
 
 /// Largest force step in the fault-free windows before a fault that began as its own did, in contact or not: what is made at the wall excuses no kick in the
 /// open.
-fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, contact: bool, taken: &[(u64, u64)]) -> f64 {
+fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, contact: Option<bool>, taken: &[(u64, u64)]) -> f64 {
     let Some(settled) = ledger.settled_tick() else {
         return 0.0;
     };
@@ -256,7 +259,7 @@ fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, contact: bool, taken: &[(
         let next = (tick + WINDOW_TICKS).min(before_tick);
         if taken.iter().all(|(from, to)| next <= *from || tick >= *to) {
             let window = ledger.window(tick, next);
-            quiet_n = if window.contact == Some(contact) { quiet_n.max(window.force_step_max_n) } else { quiet_n };
+            quiet_n = if window.contact == contact { quiet_n.max(window.force_step_max_n) } else { quiet_n };
         }
         tick = next;
     }

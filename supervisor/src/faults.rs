@@ -11,7 +11,7 @@ mod tend;
 mod tests;
 
 use crate::active::ActiveLog;
-use crate::fault::{Death, Fault, LATCH, PIDFD, bounds, judge, look, us};
+use crate::fault::{Death, Fault, LATCH, PIDFD, Seen, bounds, judge, look, us};
 use crate::faultfile::{FaultKind, Injection};
 use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
 use crate::policy::Exit;
@@ -310,7 +310,7 @@ impl Faults {
                 fault.seen = look(&fault, &self.ledger, &taken);
                 has_news = true;
             }
-            let contact = fault.seen.as_ref().map_or_else(|| self.ledger.in_contact(from_tick), |seen| seen.contact);
+            let contact = fault.seen.as_ref().map_or_else(|| self.ledger.in_contact(from_tick), Seen::contact);
             let find = |taken: &[(u64, u64)]| {
                 let length = to_tick - from_tick;
                 if is_through { control_for(&self.ledger, length, whole, contact, taken) } else { None }

@@ -298,4 +298,10 @@ fn doctor_names_the_cure_of_what_is_missing_and_only_what_no_station_starts_with
     let programs = line(&lines, "programs");
     assert!(programs.starts_with("bad ") && programs.contains("tissue") && programs.contains("./station build"), "{programs}");
     assert_eq!(code, Some(1), "{lines:#?}");
+
+    let (code, told, said) = run(std::process::Command::new(&alone).args(["doctor", "--json"]));
+    let found: Vec<serde_json::Value> = serde_json::from_str(&told).unwrap_or_else(|error| panic!("{error}: {told}{said}"));
+    let programs = found.iter().find(|finding| finding["what"] == "programs").expect("the programs");
+    assert_eq!((code, programs["state"].as_str()), (Some(1), Some("bad")), "{programs}");
+    assert!(found.iter().all(|finding| (finding["state"] == "good") == finding["cure"].is_null()), "{told}");
 }

@@ -117,28 +117,27 @@ fn lacks(library: &Path) -> Vec<String> {
     said.lines().filter_map(|line| Some(line.trim().strip_suffix("=> not found")?.trim().to_string())).collect()
 }
 
-/// Looks at the machine; exit code 1 if a station cannot run on it.
-pub fn doctor() -> Result<u8, Refusal> {
+/// Looks at the machine; exit code 1 if a station cannot run on it. As JSON: an array of `what`, `state` (good, weak, bad), `found` and `cure`.
+pub fn doctor(json: bool) -> Result<u8, Refusal> {
     let findings = findings(&Machine::own());
-    for Finding { what, state, found, cure } in &findings {
-        let mark = match state {
-            State::Good => "good",
-            State::Weak => "weak",
-            State::Bad => "bad ",
-        };
-        println!("{mark}  {what:<16} {found}");
-        if let Some(cure) = cure {
-            println!("      {:<16} cure: {cure}", "");
-        }
+    if json {
+        println!("{}", serde_json::to_string_pretty(&findings).map_err(|error| Refusal::failed(error.to_string()))?);
+    } else {
+        findings.iter().for_each(tell);
     }
     Ok(code(&findings))
 }
 
-/// The same for programs, as JSON: an array of `what`, `state` (good, weak, bad), `found` and `cure`.
-pub fn doctor_as_json() -> Result<u8, Refusal> {
-    let findings = findings(&Machine::own());
-    println!("{}", serde_json::to_string_pretty(&findings).map_err(|error| Refusal::failed(error.to_string()))?);
-    Ok(code(&findings))
+fn tell(Finding { what, state, found, cure }: &Finding) {
+    let mark = match state {
+        State::Good => "good",
+        State::Weak => "weak",
+        State::Bad => "bad ",
+    };
+    println!("{mark}  {what:<16} {found}");
+    if let Some(cure) = cure {
+        println!("      {:<16} cure: {cure}", "");
+    }
 }
 
 fn findings(machine: &Machine) -> Vec<Finding> {

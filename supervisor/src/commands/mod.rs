@@ -45,7 +45,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Stop => stop::stop(&station),
         Command::Fault { command } => fault::fault(&station, command),
         Command::Check { file, json } => check::check(file.as_deref(), json),
-        Command::Doctor => doctor::doctor(),
+        Command::Doctor { json } => doctor::doctor(json),
         Command::Bench { what, mesh, json } => bench::bench(&what, mesh.as_deref(), json),
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
         Command::Conformance { role, binary, scene, hand, json } => {

@@ -206,12 +206,11 @@ impl ProcessMember {
         self.coordinator.as_ref().map_or(0, |(_, incarnation)| *incarnation)
     }
 
-    /// Newest release that named this member (0 if none did), and its seat. `None` if it has no seat.
-    fn named_in(&self, coordinator: &ReadPage) -> Option<(u32, usize)> {
-        let index = self.seat_in(coordinator)?;
+    /// Newest release that named this member in its seat (0 if none did). `None` if the seat is another's by now.
+    fn named_in(&self, coordinator: &ReadPage, index: usize) -> Option<u32> {
         let named = coordinator.load32(header::SHARE_RELEASE + index);
         // Read again: the seat may have been given to a replacement in between, and the release with it.
-        self.is_seated(coordinator, index).then_some((named, index))
+        self.is_seated(coordinator, index).then_some(named)
     }
 
     fn is_seated(&self, coordinator: &ReadPage, index: usize) -> bool {
@@ -243,7 +242,10 @@ impl Member for ProcessMember {
         let coordinator = *coordinator;
         loop {
             let number = page.load32(header::RELEASE);
-            if let Some((named, index)) = self.named_in(page).filter(|(named, _)| rules::is_fresh(*named, self.seen)) {
+            let seat = self.seat_in(page);
+            if let Some(index) = seat
+                && let Some(named) = self.named_in(page, index).filter(|named| rules::is_fresh(*named, self.seen))
+            {
                 self.seen = named;
                 // The seat's word is written before the release word, so it may be ahead of it, but behind only if the release is over.
                 if !rules::is_over(page.load32(header::RELEASE), named) {
@@ -255,7 +257,7 @@ impl Member for ProcessMember {
                 return None;
             }
             // A seat is given before the first release that names it, so that who has none yet waits for any.
-            let own = self.seat_in(page).and_then(|index| NonZeroU32::new(1 << index)).unwrap_or(NonZeroU32::MAX);
+            let own = seat.and_then(|index| NonZeroU32::new(1 << index)).unwrap_or(NonZeroU32::MAX);
             page.wait_as(header::RELEASE, number, deadline_ns, own);
         }
     }

@@ -15,6 +15,9 @@ const LEAST_FELT: u32 = 5;
 impl Supervisor {
     /// Notes whether there is something to feel, by the servos' word or the tissues': a newcomer that feels nothing is one of several.
     pub(super) fn note_touch(&mut self, now_ns: u64) {
+        if self.policy.swap().is_none_or(policy::Swap::was_tried_in_touch) {
+            return;
+        }
         let incarnation = match &self.trial {
             Some(trial) if trial.stage == Stage::Trial => trial.record.incarnation,
             _ => return,
@@ -30,7 +33,7 @@ impl Supervisor {
         });
         let Some(trial) = self.trial.as_mut().filter(|_| is_felt) else { return };
         trial.felt = trial.felt.saturating_add(1);
-        // Said again at each look: a probation that begins anew asks anew.
+        // Said until it is heard: a newcomer that is not promoted yet is told, and is on no probation; one that begins anew asks anew.
         if trial.felt >= LEAST_FELT {
             let actions = policy::step(now_ns, Event::Touched { incarnation }, &mut self.policy);
             self.act(actions);
