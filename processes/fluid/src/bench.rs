@@ -11,9 +11,10 @@ mod targets;
 mod traffic;
 
 use crate::afford::{open_valves, tissue_at_rest};
-use crate::cavity::Cavity;
+use crate::cavity::{Cavity, Tissue};
 use crate::crew::Crew;
-use crate::engine::{inputs_of, load_scene, model_of};
+use crate::engine::{load_scene, model_of};
+use crate::tools::Instrument;
 use hyst_engine::bench::{finish, quantile_ns, request, spread};
 use hyst_exchange::system;
 use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Solver, StepReport};
@@ -154,6 +155,8 @@ struct Flow<'a> {
     crew: Crew,
     cavity: Cavity,
     positions_m: Vec<[f32; 3]>,
+    /// All 0, and looked at like any.
+    velocities_m_s: Vec<[f32; 3]>,
     tets: Vec<[u32; 4]>,
     block: Vec<u64>,
     dt_s: f32,
@@ -169,7 +172,19 @@ impl<'a> Flow<'a> {
         let crew = Crew::new(Solver::new(model, bands).map_err(text)?).map_err(text)?;
         let (positions_m, tets) = tissue_at_rest(scene);
         let block = vec![0; crew.solver().state_bytes().div_ceil(size_of::<u64>())];
-        Ok(Flow { scene, place, hand: "press", crew, cavity, positions_m, tets, block, dt_s: 1.0 / scene.fluid.rate_hz })
+        let velocities_m_s = vec![[0.0; 3]; positions_m.len()];
+        Ok(Flow {
+            scene,
+            place,
+            hand: "press",
+            crew,
+            cavity,
+            positions_m,
+            velocities_m_s,
+            tets,
+            block,
+            dt_s: 1.0 / scene.fluid.rate_hz,
+        })
     }
 
     /// The capsule that stirs a box: across all layers, halfway between middle and wall.
@@ -206,7 +221,7 @@ impl<'a> Flow<'a> {
             controls: open_valves(self.scene),
             ..HardwareSample::default()
         };
-        inputs_of(&sample, self.scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m), self.dt_s)
+        Instrument::of(self.scene).inputs(&sample, self.dt_s)
     }
 
     fn run(&mut self) -> Result<Record, String> {
@@ -238,8 +253,9 @@ impl<'a> Flow<'a> {
         let seed_m = self.scene.rest.tip_m(self.scene.workspace.pivot_m);
         let inputs = self.inputs(step);
         let begun_ns = system::now_ns();
-        if matches!(self.place, Place::Cavity(_)) && self.cavity.update(&self.positions_m, &self.tets, |_| true, seed_m) {
-            self.crew.solver().set_mask(self.cavity.mask()).map_err(text)?;
+        let tissue = Tissue { positions_m: &self.positions_m, velocities_m_s: &self.velocities_m_s, tets: &self.tets };
+        if matches!(self.place, Place::Cavity(_)) && self.cavity.update(&tissue, |_| true, seed_m) {
+            self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s()).map_err(text)?;
         }
         let walled_ns = system::now_ns();
         let report = self.crew.step(&inputs).map_err(text)?;

@@ -1,5 +1,5 @@
-//! Which cells of the grid are fluid: those of the cavity that hold no tissue. Found at the fluid's own rate from the tissue's newest state,
-//! read in place.
+//! Which cells of the grid are fluid: those of the cavity that hold no tissue; and how fast the tissue moves in the others. Found at the fluid's own rate
+//! from the tissue's newest state, read in place.
 
 use glam::{Mat3, Vec3};
 use hyst_flow::Grid;
@@ -8,10 +8,36 @@ use hyst_flow::Grid;
 const FLUID: u8 = 0;
 const SOLID: u8 = 1;
 
+/// The tissue at a moment.
+#[derive(Clone, Copy)]
+pub struct Tissue<'a> {
+    /// Of each node, m.
+    pub positions_m: &'a [[f32; 3]],
+    /// Of each node, m/s; none at all of tissue at rest.
+    pub velocities_m_s: &'a [[f32; 3]],
+    /// Nodes of each tet.
+    pub tets: &'a [[u32; 4]],
+}
+
+impl Tissue<'_> {
+    /// Where the corners of a tet are, if it has all.
+    pub fn corners_m(&self, tet: [u32; 4]) -> Option<[Vec3; 4]> {
+        let known = tet.iter().all(|node| (*node as usize) < self.positions_m.len());
+        known.then(|| tet.map(|node| Vec3::from(self.positions_m[node as usize])))
+    }
+
+    /// How fast the tissue moves at a point of a tet, m/s.
+    fn velocity_m_s(&self, tet: [u32; 4], weights: [f32; 4]) -> Vec3 {
+        let of = |node: u32| self.velocities_m_s.get(node as usize).map_or(Vec3::ZERO, |velocity| Vec3::from(*velocity));
+        tet.iter().zip(weights).map(|(node, weight)| weight * of(*node)).sum()
+    }
+}
+
 /// The mask and what is needed to make it.
 pub struct Cavity {
     grid: Grid,
     mask: Vec<u8>,
+    velocities_m_s: Vec<[f32; 3]>,
     queue: Vec<u32>,
 }
 
@@ -19,12 +45,24 @@ impl Cavity {
     /// For a grid; everything is fluid until the tissue is known.
     pub fn new(grid: Grid) -> Cavity {
         let cells = grid.cell_count();
-        Cavity { mask: vec![FLUID; cells], queue: Vec::with_capacity(cells), grid }
+        Cavity { mask: vec![FLUID; cells], velocities_m_s: vec![[0.0; 3]; cells], queue: Vec::with_capacity(cells), grid }
     }
 
     /// The mask, x fastest: nonzero is solid.
     pub fn mask(&self) -> &[u8] {
         &self.mask
+    }
+
+    /// How fast the tissue moves in each cell that it fills, m/s; 0 in the others.
+    pub fn velocities_m_s(&self) -> &[[f32; 3]] {
+        &self.velocities_m_s
+    }
+
+    /// Whether the fluid reaches a side of the box: then the tissue does not close the cavity there, and the box does.
+    pub fn is_open(&self) -> bool {
+        let cells = self.grid.cells();
+        let is_outer = |at: usize| self.place(at).iter().zip(cells).any(|(index, count)| *index == 0 || index + 1 == count);
+        self.mask.iter().enumerate().any(|(at, cell)| *cell == FLUID && is_outer(at))
     }
 
     fn index(&self, [i, j, k]: [usize; 3]) -> usize {
@@ -34,25 +72,22 @@ impl Cavity {
 
     /// Cells whose centre lies in a tet that is a wall are solid; so are those that cannot be reached from the seed (outside of the organ). If the seed
     /// itself lies in tissue, the nearest free cell serves; without any the mask stays as it was, and false is returned.
-    pub fn update(
-        &mut self,
-        positions_m: &[[f32; 3]],
-        tets: &[[u32; 4]],
-        is_wall: impl Fn(usize) -> bool,
-        seed_m: [f32; 3],
-    ) -> bool {
-        let before_len = self.mask.len();
-        let mut solid = std::mem::take(&mut self.mask);
+    pub fn update(&mut self, tissue: &Tissue<'_>, is_wall: impl Fn(usize) -> bool, seed_m: [f32; 3]) -> bool {
+        let (mut solid, mut velocities_m_s) = (std::mem::take(&mut self.mask), std::mem::take(&mut self.velocities_m_s));
         solid.fill(FLUID);
-        for (index, tet) in tets.iter().enumerate() {
-            if tet.iter().all(|node| (*node as usize) < positions_m.len()) && is_wall(index) {
-                let corners = tet.map(|node| Vec3::from(positions_m[node as usize]));
-                self.for_each_cell_in(corners, |cell| solid[cell] = SOLID);
-            }
+        velocities_m_s.fill([0.0; 3]);
+        let moves = !tissue.velocities_m_s.is_empty();
+        for (_, tet) in tissue.tets.iter().enumerate().filter(|(index, _)| is_wall(*index)) {
+            let Some(corners) = tissue.corners_m(*tet) else { continue };
+            self.for_each_cell_in(corners, |cell, weights| {
+                solid[cell] = SOLID;
+                if moves {
+                    velocities_m_s[cell] = tissue.velocity_m_s(*tet, weights).to_array();
+                }
+            });
         }
-        debug_assert_eq!(solid.len(), before_len);
         let found = self.flood(&mut solid, seed_m);
-        self.mask = solid;
+        (self.mask, self.velocities_m_s) = (solid, velocities_m_s);
         found
     }
 
@@ -73,8 +108,8 @@ impl Cavity {
         is_inside.then(|| self.index(along.map(|cells| cells as usize)))
     }
 
-    /// Calls `visit` with every cell whose centre lies in a tet.
-    pub fn for_each_cell_in(&self, corners: [Vec3; 4], mut visit: impl FnMut(usize)) {
+    /// Calls `visit` with every cell whose centre lies in a tet, and the share of each corner there.
+    pub fn for_each_cell_in(&self, corners: [Vec3; 4], mut visit: impl FnMut(usize, [f32; 4])) {
         if !corners.iter().all(|corner| corner.is_finite()) {
             return;
         }
@@ -90,7 +125,7 @@ impl Cavity {
                 for i in self.range(0, low.x, high.x) {
                     let beta = inverse * (Vec3::from(self.grid.centre_m([i, j, k])) - corners[0]);
                     if beta.min_element() >= 0.0 && beta.element_sum() <= 1.0 {
-                        visit(self.index([i, j, k]));
+                        visit(self.index([i, j, k]), [1.0 - beta.element_sum(), beta.x, beta.y, beta.z]);
                     }
                 }
             }
@@ -141,21 +176,82 @@ impl Cavity {
 mod tests {
     use super::*;
 
+    fn still<'a>(positions_m: &'a [[f32; 3]], tets: &'a [[u32; 4]]) -> Tissue<'a> {
+        Tissue { positions_m, velocities_m_s: &[], tets }
+    }
+
+    /// A slab 3 ≤ x ≤ 5 as one big tet prism: corners far outside of the box, so that the slab is closed.
+    const SLAB_M: [[f32; 3]; 6] = [
+        [3.0, -100.0, -100.0],
+        [3.0, 100.0, -100.0],
+        [3.0, 0.0, 100.0],
+        [5.2, -100.0, -100.0],
+        [5.2, 100.0, -100.0],
+        [5.2, 0.0, 100.0],
+    ];
+    const SLAB: [[u32; 4]; 3] = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
+
     /// A wall of two tets across the box leaves only the seed's side fluid.
     #[test]
     fn what_cannot_be_reached_from_the_seed_is_solid() {
         let grid = Grid::new([8, 8, 8], [1.0; 3], [0.0; 3]).unwrap();
         let mut cavity = Cavity::new(grid);
-        // A slab 3 ≤ x ≤ 5 as one big tet prism: corners far outside of the box, so that the slab is closed.
-        let far = 100.0;
-        let positions =
-            [[3.0, -far, -far], [3.0, far, -far], [3.0, 0.0, far], [5.2, -far, -far], [5.2, far, -far], [5.2, 0.0, far]];
-        let tets = [[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]];
-        assert!(cavity.update(&positions, &tets, |_| true, [1.0, 4.0, 4.0]));
+        assert!(cavity.update(&still(&SLAB_M, &SLAB), |_| true, [1.0, 4.0, 4.0]));
         for (at, cell) in cavity.mask().iter().enumerate() {
             let x = at % 8;
             assert_eq!(*cell == FLUID, x < 3, "cell {at} at x = {x}");
         }
+        assert!(cavity.velocities_m_s().iter().all(|velocity| *velocity == [0.0; 3]));
+        assert!(cavity.is_open(), "the box closes what the slab does not");
+    }
+
+    #[test]
+    fn a_wall_moves_as_its_corners_do_and_what_is_behind_it_is_at_rest() {
+        let grid = Grid::new([8, 8, 8], [1.0; 3], [0.0; 3]).unwrap();
+        let mut cavity = Cavity::new(grid);
+        // Its low face goes along x at 0.1 m/s, its high face at 0.32: between them it grows by 0.1 in a metre.
+        let velocities_m_s =
+            [[0.1, 0.0, 0.02], [0.1, 0.0, 0.02], [0.1, 0.0, 0.02], [0.32, 0.0, 0.02], [0.32, 0.0, 0.02], [0.32, 0.0, 0.02]];
+        assert!(cavity.update(&Tissue { velocities_m_s: &velocities_m_s, ..still(&SLAB_M, &SLAB) }, |_| true, [1.0, 4.0, 4.0]));
+        for (at, [vx, vy, vz]) in cavity.velocities_m_s().iter().copied().enumerate() {
+            let x = at % 8;
+            let expected = if (3..5).contains(&x) { [0.1 + 0.1 * (x as f32 + 0.5 - 3.0), 0.0, 0.02] } else { [0.0; 3] };
+            let off = [vx - expected[0], vy - expected[1], vz - expected[2]];
+            assert!(off.iter().all(|off| off.abs() < 1e-4), "x = {x}: {vx} {vy} {vz}");
+        }
+        // Fewer velocities than nodes are no velocity, and none again is rest.
+        assert!(cavity.update(
+            &Tissue { velocities_m_s: &velocities_m_s[..1], ..still(&SLAB_M, &SLAB) },
+            |_| true,
+            [1.0, 4.0, 4.0]
+        ));
+        assert!(cavity.update(&still(&SLAB_M, &SLAB), |_| true, [1.0, 4.0, 4.0]));
+        assert!(cavity.velocities_m_s().iter().all(|velocity| *velocity == [0.0; 3]));
+    }
+
+    #[test]
+    fn a_cavity_within_tissue_is_closed_and_one_with_a_hole_to_the_boxs_side_is_open() {
+        let grid = Grid::new([9, 9, 9], [1.0; 3], [0.0; 3]).unwrap();
+        let mut cavity = Cavity::new(grid);
+        // A tet of half a cell around each cell's middle but for one of 3×3×3 cells, and a canal to the side.
+        let mut closed_at = |has_canal: bool| {
+            let (mut positions, mut tets) = (Vec::new(), Vec::new());
+            for at in 0..729 {
+                let place = [at % 9, at / 9 % 9, at / 81];
+                let is_cavity = place.iter().all(|index| (3..6).contains(index));
+                let is_canal = has_canal && place[0] < 4 && place[1] == 4 && place[2] == 4;
+                if is_cavity || is_canal {
+                    continue;
+                }
+                let ([x, y, z], first) = (place.map(|index| index as f32 + 0.3), positions.len() as u32);
+                positions.extend([[x, y, z], [x + 0.9, y, z], [x, y + 0.9, z], [x, y, z + 0.9]]);
+                tets.push([first, first + 1, first + 2, first + 3]);
+            }
+            assert!(cavity.update(&still(&positions, &tets), |_| true, [4.5; 3]));
+            (cavity.mask().iter().filter(|cell| **cell == FLUID).count(), cavity.is_open())
+        };
+        assert_eq!(closed_at(false), (27, false));
+        assert_eq!(closed_at(true), (30, true));
     }
 
     #[test]
@@ -163,7 +259,7 @@ mod tests {
         let grid = Grid::new([4, 4, 4], [1.0; 3], [0.0; 3]).unwrap();
         let mut cavity = Cavity::new(grid);
         let positions = [[f32::NAN; 3], [0.0; 3], [f32::INFINITY; 3], [1.0; 3]];
-        assert!(cavity.update(&positions, &[[0, 1, 2, 3], [0, 1, 2, 9]], |_| true, [1.0; 3]));
+        assert!(cavity.update(&still(&positions, &[[0, 1, 2, 3], [0, 1, 2, 9]]), |_| true, [1.0; 3]));
         assert!(cavity.mask().iter().all(|cell| *cell == FLUID));
     }
 }

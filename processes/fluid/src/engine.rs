@@ -6,33 +6,28 @@ mod pace;
 mod tests;
 
 use crate::afford::is_step;
-use crate::cavity::Cavity;
+use crate::cavity::{Cavity, Tissue};
 use crate::coarse::halved;
 use crate::crew::Crew;
 use crate::gas;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
 use crate::status::{Head, hash_of, is_of, status_of};
+use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
-use hyst_flow::{Capsule, FlowInputs, FlowModel, Grid, Medium, Port, PumpInput, Solver, StateView};
+use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, Solver, StateView};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, MessageMut, Role, StreamHeader};
-use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
+use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
+use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
 
 /// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas.
 const SECTIONS: usize = 4;
-/// Length of the scope behind its tip that displaces fluid, m.
-const SHAFT_M: f32 = 0.06;
-/// Radius of the ports at the scope's tip, m.
-const PORT_M: f32 = 0.003;
-/// Limit of the pump's flow, ml/min: the upper end of a hysteroscopy pump's range (WOM: 50 to 800).
-const MAX_FLOW_ML_MIN: f32 = 800.0;
 /// No node of a patient's organ is farther from the pivot, m.
 const FARTHEST_M: f32 = 10.0;
 /// Tissues whose streams are read: holder, spare and a newcomer on trial.
@@ -54,8 +49,9 @@ pub struct FlowEngine<'a> {
     pieces: Pieces,
     wounds: Wounds,
     holes: Holes,
-    radius_m: f32,
-    electrode: Option<LoadedLoop>,
+    instrument: Instrument,
+    /// It was said that the tissue does not close the cavity.
+    has_said_open: bool,
     seed_m: [f32; 3],
     /// Step that the scene asks for, ticks.
     scene_ticks: u64,
@@ -115,8 +111,8 @@ impl<'a> FlowEngine<'a> {
             pieces: Pieces::new(grid.cell_count()),
             wounds: Wounds::new(&figures.vessels),
             holes: Holes::new(scene),
-            radius_m: scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m),
-            electrode: scene.rigid.first().and_then(|rigid| rigid.electrode.clone()),
+            instrument: Instrument::of(scene),
+            has_said_open: false,
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             scene_ticks: figures.period_ticks(),
             halvings,
@@ -164,19 +160,29 @@ impl<'a> FlowEngine<'a> {
         state.is_ok_and(|state| topology_of(&self.sources, &state).is_some())
     }
 
-    /// Makes the mask from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is.
-    fn update_walls(&mut self) -> Result<u64, Failure> {
+    /// Makes the walls from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is. Walls move if
+    /// the state is a newer one than that of the step before, `last_tick`.
+    fn update_walls(&mut self, last_tick: u64) -> Result<u64, Failure> {
         self.receive();
         let Some(state) = &self.state else { return Ok(0) };
         let state = Message::parse(state.bytes(), Kind::TissueState)?;
         let Some(topology) = topology_of(&self.sources, &state) else { return Ok(0) };
-        let (positions, tets, owner): (_, _, &[u32]) = (state.section(1)?, topology.section(1)?, topology.section(2)?);
+        let owner: &[u32] = topology.section(2)?;
+        let velocities_m_s: &[[f32; 3]] = if state.header().tick > last_tick { state.section(2)? } else { &[] };
+        let tissue = Tissue { positions_m: state.section(1)?, velocities_m_s, tets: topology.section(1)? };
         self.pieces.set_objects(topology.section(0)?);
         let is_wall = |tet: usize| !owner.get(tet).is_some_and(|object| self.pieces.is_free(*object));
-        if self.cavity.update(positions, tets, is_wall, self.seed_m) {
-            self.crew.solver().set_mask(self.cavity.mask()).map_err(|error| Failure::Broken(error.to_string()))?;
+        if self.cavity.update(&tissue, is_wall, self.seed_m) {
+            let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
+            set.map_err(|error| Failure::Broken(error.to_string()))?;
+            if !self.has_said_open && self.cavity.is_open() {
+                self.has_said_open = true;
+                self.life.say(
+                    "the tissue does not close the cavity: medium reaches the side of the fluid's box, which is a wall to it",
+                );
+            }
         }
-        self.pieces.locate(&self.cavity, positions, tets, owner);
+        self.pieces.locate(&self.cavity, &tissue, owner);
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
         self.wounds.locate(state.section(3)?);
@@ -186,8 +192,8 @@ impl<'a> FlowEngine<'a> {
     fn inputs(&self, dt_s: f32) -> FlowInputs {
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let mut inputs =
-            sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| inputs_of(&sample, self.radius_m, dt_s));
-        inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.electrode.as_ref(), &sample));
+            sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| self.instrument.inputs(&sample, dt_s));
+        inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.instrument.electrode(), &sample));
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
         inputs.pump.perforation = self.holes.size();
@@ -237,37 +243,6 @@ fn positions_are_sane(held: &Held) -> bool {
 fn key_of(held: &Held) -> Option<(u32, u64)> {
     let header = *Message::parse(held.bytes(), Kind::TissueState).ok()?.header();
     (!header.is_shadow()).then_some((header.epoch, header.tick))
-}
-
-/// What a step gets from the hardware: the scope as an obstacle, its ports, valves and pump.
-pub fn inputs_of(sample: &HardwareSample, radius_m: f32, dt_s: f32) -> FlowInputs {
-    let mut inputs = FlowInputs { dt_s, ..FlowInputs::default() };
-    let axis = axis_of(sample);
-    let tip = sample.pose.position_m;
-    let along = |from: f32| std::array::from_fn(|i| tip[i] + from * axis[i]);
-    inputs.tools[0] = Capsule {
-        a_m: along(-radius_m),
-        b_m: along(-SHAFT_M),
-        radius_m,
-        velocity_a_m_s: sample.velocity_m_s,
-        velocity_b_m_s: [0.0; 3],
-    };
-    // Inflow at the tip, along the axis; outflow through the outer sheath, one diameter behind it.
-    inputs.ports[0] = Port { centre_m: along(PORT_M), radius_m: PORT_M, direction: axis, share: 1.0, inflow: true, dye: 0.0 };
-    let [behind_m, out_m] = OUTFLOW_RADII.map(|radii| radii * radius_m);
-    inputs.ports[1] = Port { centre_m: along(-behind_m), radius_m: out_m, share: 1.0, ..Port::default() };
-    inputs.pump = PumpInput {
-        inflow_valve: sample.controls.inflow_valve,
-        outflow_valve: sample.controls.outflow_valve,
-        set_pa: sample.controls.set_pressure_pa,
-        flow_limit_ml_min: MAX_FLOW_ML_MIN,
-        ..PumpInput::default()
-    };
-    inputs
-}
-
-fn axis_of(sample: &HardwareSample) -> [f32; 3] {
-    (glam::Quat::from_array(sample.pose.orientation) * glam::Vec3::Z).to_array()
 }
 
 impl Stateful for FlowEngine<'_> {
@@ -340,7 +315,7 @@ impl Stateful for FlowEngine<'_> {
             self.crew.solver().load(message.section(1)?).map_err(broken)?;
         }
         self.holds = None; // until this step has ended
-        let input_tick = self.update_walls()?;
+        let input_tick = self.update_walls(message.header().input_tick)?;
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;

@@ -1,5 +1,6 @@
 //! The gas that a loop under current makes of the medium around it.
 
+use crate::tools::LEAST_EXTENSION_M;
 use glam::{Quat, Vec3};
 use hyst_flow::GasSource;
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, HardwareSample};
@@ -7,8 +8,6 @@ use hyst_scene::LoadedLoop;
 
 /// Gas that a loop under current makes, ml/s. Assumed; no published figure is used. Twenty parcels a second are seen as a string of bubbles.
 const GAS_ML_S: f32 = 0.02;
-/// Below this the loop is in its sheath, m.
-const LEAST_EXTENSION_M: f32 = 1e-3;
 
 /// Where gas comes into being: at the middle of the loop, which is out and under current.
 pub fn source(electrode: Option<&LoadedLoop>, sample: &HardwareSample) -> GasSource {

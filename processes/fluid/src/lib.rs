@@ -10,12 +10,14 @@ mod gas;
 mod holes;
 mod pieces;
 mod status;
+mod tools;
 mod wounds;
 
 pub use bench::run as bench;
 pub use crew::broken;
-pub use engine::{inputs_of, load_scene, model_of};
+pub use engine::{load_scene, model_of};
 pub use status::{Head, status_of};
+pub use tools::Instrument;
 
 use hyst_engine::{Failure, Life, Stateful};
 

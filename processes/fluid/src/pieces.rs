@@ -1,6 +1,6 @@
 //! Pieces of tissue that nothing holds. They are no wall: the flow goes through where they are, and its mean velocity there is what carries them.
 
-use crate::cavity::Cavity;
+use crate::cavity::{Cavity, Tissue};
 use glam::Vec3;
 use hyst_flow::{Grid, StateView};
 use hyst_messages::stream::ObjectRecord;
@@ -38,17 +38,14 @@ impl Pieces {
 
     /// Finds the cells that each piece is in: those whose centre lies in one of its tets, and those that hold a tet's centre, for pieces
     /// smaller than a cell.
-    pub fn locate(&mut self, cavity: &Cavity, positions_m: &[[f32; 3]], tets: &[[u32; 4]], owner: &[u32]) {
+    pub fn locate(&mut self, cavity: &Cavity, tissue: &Tissue<'_>, owner: &[u32]) {
         let mut cells = std::mem::take(&mut self.cells);
         cells.clear();
-        for (tet, object) in tets.iter().zip(owner).filter(|(_, object)| self.is_free(**object)) {
-            if tet.iter().any(|node| *node as usize >= positions_m.len()) {
-                continue;
-            }
-            let corners = tet.map(|node| Vec3::from(positions_m[node as usize]));
+        for (tet, object) in tissue.tets.iter().zip(owner).filter(|(_, object)| self.is_free(**object)) {
+            let Some(corners) = tissue.corners_m(*tet) else { continue };
             let middle = corners.iter().sum::<Vec3>() * 0.25;
             cells.extend(cavity.cell_at(middle).map(|cell| (*object, cell as u32)));
-            cavity.for_each_cell_in(corners, |cell| cells.push((*object, cell as u32)));
+            cavity.for_each_cell_in(corners, |cell, _| cells.push((*object, cell as u32)));
         }
         cells.sort_unstable();
         cells.dedup();
@@ -116,10 +113,11 @@ mod tests {
         let mut pieces = Pieces::new(grid.cell_count());
         pieces.set_objects(&objects);
         assert!(!pieces.is_free(0) && pieces.is_free(1) && pieces.is_free(2) && !pieces.is_free(3));
-        assert!(cavity.update(&positions, &tets, |tet| !pieces.is_free(owner[tet]), [1e-3; 3]));
+        let tissue = Tissue { positions_m: &positions, velocities_m_s: &[], tets: &tets };
+        assert!(cavity.update(&tissue, |tet| !pieces.is_free(owner[tet]), [1e-3; 3]));
         assert!(cavity.mask().iter().all(|cell| *cell == 0), "neither is a wall");
-        assert!(cavity.update(&positions, &tets, |_| true, [1e-3; 3]) && cavity.mask().contains(&1), "held, it would be one");
-        pieces.locate(&cavity, &positions, &tets, &owner);
+        assert!(cavity.update(&tissue, |_| true, [1e-3; 3]) && cavity.mask().contains(&1), "held, it would be one");
+        pieces.locate(&cavity, &tissue, &owner);
         let port = |x: f32, inflow| Port { centre_m: [x, 8e-3, 8e-3], radius_m: 4e-3, share: 1.0, inflow, ..Port::default() };
         let mut inputs = FlowInputs { dt_s: 0.033, ..FlowInputs::default() };
         (inputs.ports[0], inputs.ports[1]) = (port(1e-3, true), port(0.031, false));
@@ -166,11 +164,12 @@ mod tests {
             tets.push([first, first + 1, first + 2, first + 3]);
             owner.push(id);
         }
-        pieces.locate(&cavity, &positions, &tets, &owner);
+        let tissue = Tissue { positions_m: &positions, velocities_m_s: &[], tets: &tets };
+        pieces.locate(&cavity, &tissue, &owner);
         let carried = pieces.flows(&StateView::new(bytes).unwrap()).map(|flow| flow.object);
         assert_eq!(carried, [1, 2, 3, 4, 5, 7, 9, 11], "the six large ones, and the first two of the small");
         pieces.set_objects(&[]);
-        pieces.locate(&cavity, &positions, &tets, &owner);
+        pieces.locate(&cavity, &tissue, &owner);
         assert_eq!(pieces.flows(&StateView::new(bytes).unwrap()), [PieceFlow::default(); MAX_PIECES]);
     }
 }

@@ -3,15 +3,21 @@
 //! Promise: emitted = in particles + dissolved + washed out + buried, in ml; the scatter is a function of the seed and of the
 //! number of particles emitted so far, so that a spare emits the same ones.
 
+use crate::coordinator::MAX_SWEEPS;
 use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::{Grid, Layout};
 use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
 use crate::model::BloodModel;
+use crate::room::Room;
 use crate::solver::Solver;
 
 /// Particles that one source emits in one step at most; what is more makes them larger.
 const EMITTED_PER_STEP: usize = 16;
+/// Share of a cell that a particle goes in one stride.
+const STRIDE_CELLS: f32 = 0.5;
+/// Strides in one step at most: twice the cells that the sweeps of a step can carry the medium. What is faster stays behind.
+const MOST_STRIDES: usize = 4 * MAX_SWEEPS as usize;
 
 /// An open vessel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -116,36 +122,39 @@ pub(crate) fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]
 }
 
 impl Solver {
-    /// Phase Particles: carries this band's share of the ring (midpoint rule); one in an outflow cell is marked washed (volume < 0).
+    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one in an outflow cell is marked washed (volume < 0).
     pub(crate) fn particles_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let grid = &self.model.grid;
         let velocity = self.read_velocity(plan.roles.now)?;
-        let fluid = self.fluid.read()?;
+        let (h, low) = (grid.spacing_m(), grid.origin_m());
+        let room = Room { layout, fluid: self.fluid.read()?, spacing_m: h, radius_m: 0.0 };
         let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
-        let sweeps = plan.particle_sweeps;
-        let dt_s = plan.inputs.dt_s / sweeps as f32;
-        let per_cell = grid.spacing_m().map(|h| dt_s / h);
         let inside = |p: [f32; 3]| -> [f32; 3] { std::array::from_fn(|a| p[a].clamp(0.0, layout.n[a] as f32 - 1e-3)) };
+        let flow = |p: [f32; 3]| -> [f32; 3] {
+            let v = velocity_at(&velocity, layout, inside(p));
+            std::array::from_fn(|a| v[a] / h[a])
+        };
         for particle in share.iter_mut().filter(|p| p.volume_ml > 0.0) {
-            let mut p = inside(grid.to_cells(particle.position_m));
-            for _ in 0..sweeps {
-                let v = velocity_at(&velocity, layout, p);
-                let half = inside(std::array::from_fn(|a| p[a] + 0.5 * per_cell[a] * v[a]));
-                let v = velocity_at(&velocity, layout, half);
-                let next = inside(std::array::from_fn(|a| p[a] + per_cell[a] * v[a]));
-                let [i, j, k] = next.map(|x| x as usize);
-                if fluid.layer(k + 1)[layout.row(j) + i] > 0.0 {
-                    p = next;
-                }
-                let [i, j, k] = p.map(|x| x as usize);
-                if plan.sinks[(k * layout.n[1] + j) * layout.n[0] + i] {
+            let mut p = room.freed(inside(grid.to_cells(particle.position_m)));
+            let mut left_s = plan.inputs.dt_s;
+            for _ in 0..MOST_STRIDES {
+                let Some(cell) = room.open(p) else { break };
+                if plan.sinks[room.index(cell)] {
                     particle.volume_ml = -particle.volume_ml;
                     break;
                 }
+                if left_s <= 0.0 {
+                    break;
+                }
+                let v = flow(p);
+                let fastest = v.iter().fold(0.0f32, |most, v| most.max(v.abs()));
+                let dt_s = if fastest * left_s > STRIDE_CELLS { STRIDE_CELLS / fastest } else { left_s };
+                let v = flow(std::array::from_fn(|a| p[a] + 0.5 * dt_s * v[a]));
+                p = room.moved(p, v.map(|v| dt_s * v));
+                left_s -= dt_s;
             }
-            let (h, low) = (grid.spacing_m(), grid.origin_m());
             particle.position_m = std::array::from_fn(|a| low[a] + p[a] * h[a]);
         }
         Ok(())
@@ -154,10 +163,18 @@ impl Solver {
     /// After Particles: counts what was washed out, emits what bled, dissolves what the ring cannot hold, and writes the density.
     pub(crate) fn settle_blood(&self, inputs: &FlowInputs, dye: usize, state: &mut BloodState) -> Result<(), FlowError> {
         let capacity = self.model.blood.capacity;
+        let fluid = self.fluid.read()?;
         for band in 0..self.bands {
             let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
-            for particle in share.iter_mut().filter(|p| p.volume_ml < 0.0) {
-                state.washed_ml -= f64::from(particle.volume_ml);
+            for particle in share.iter_mut().filter(|p| p.volume_ml != 0.0) {
+                let (at, kk, _) = cell_of(&self.model.grid, &self.layout, particle.position_m);
+                if particle.volume_ml < 0.0 {
+                    state.washed_ml -= f64::from(particle.volume_ml);
+                } else if fluid.layer(kk)[at] == 0.0 {
+                    state.buried_ml += f64::from(particle.volume_ml);
+                } else {
+                    continue;
+                }
                 *particle = Particle::default();
             }
         }

@@ -7,11 +7,10 @@
 use crate::blood::{Particle, velocity_at};
 use crate::coordinator::{Coordinator, MAX_SWEEPS};
 use crate::error::FlowError;
-use crate::field::Read;
-use crate::grid::Layout;
 use crate::inputs::{FlowInputs, tame};
 use crate::model::range;
 use crate::plan::Plan;
+use crate::room::{LEAP_CELLS, Room};
 use crate::solver::Solver;
 
 /// Parcels in the ring. When it is full the oldest dissolves.
@@ -20,8 +19,6 @@ pub const MAX_BUBBLES: usize = 256;
 const MADE_PER_STEP: usize = 16;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
-/// Share of a cell that a parcel moves in one sweep at most, so that none leaps over a wall.
-const LEAP_CELLS: f32 = 0.9;
 /// Under a ceiling made of cells a slope is a staircase; steps of up to so many cells are slid along.
 const STEP_CELLS: usize = 4;
 /// Faxén 1922, leading term: along a wall at the distance s a sphere of radius a is slower by this times a/s.
@@ -107,94 +104,43 @@ pub struct BubbleState {
     pub pending_ml: [f64; 2],
 }
 
-/// The cells that a parcel may be in.
-struct Room<'a> {
-    layout: &'a Layout,
-    fluid: Read<'a>,
+/// How a bubble rises among solids.
+struct Ceiling<'a> {
+    room: Room<'a>,
     /// Along which axis, and whether to its high end, gravity pushes gas most.
     up: (usize, bool),
-    /// Edge of a cell, m.
-    spacing_m: [f32; 3],
-    radius_m: f32,
 }
 
-impl Room<'_> {
-    /// The cell of a place in cells, if it is in the grid and no solid.
-    fn open(&self, place: [f32; 3]) -> Option<[usize; 3]> {
-        let n = self.layout.n;
-        let cell: [usize; 3] = std::array::from_fn(|a| (place[a].max(0.0) as usize).min(n[a] - 1));
-        let is_inside = (0..3).all(|a| place[a] >= 0.0 && place[a] < n[a] as f32);
-        (is_inside && self.fluid.layer(cell[2] + 1)[self.layout.row(cell[1]) + cell[0]] > 0.0).then_some(cell)
-    }
-
-    /// The open cell beside a cell.
-    fn beside(&self, cell: [usize; 3], axis: usize, to_high: bool) -> Option<[usize; 3]> {
-        let mut place = cell.map(|index| index as f32 + 0.5);
-        place[axis] += if to_high { 1.0 } else { -1.0 };
-        self.open(place)
-    }
-
-    /// Out of a cell that a wall or a tool has taken, into one beside it; without one the parcel waits.
-    fn freed(&self, place: [f32; 3]) -> [f32; 3] {
-        if self.open(place).is_some() {
-            return place;
-        }
-        let cell: [usize; 3] = std::array::from_fn(|a| (place[a].max(0.0) as usize).min(self.layout.n[a] - 1));
-        let mut ways = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
-        let free = ways.find_map(|(axis, to_high)| self.beside(cell, axis, to_high));
-        free.map_or(place, |cell| cell.map(|index| index as f32 + 0.5))
-    }
-
+impl Ceiling<'_> {
     /// How fast a bubble rises in this cell, in parts of its speed far from walls.
     fn slowed(&self, cell: [usize; 3], place: [f32; 3]) -> f32 {
+        let (spacing_m, radius_m) = (self.room.spacing_m, self.room.radius_m);
         let mut nearest_m = f32::INFINITY;
         for axis in 0..3 {
-            let low_m = (place[axis] - cell[axis] as f32) * self.spacing_m[axis];
-            for (to_high, distance_m) in [(false, low_m), (true, self.spacing_m[axis] - low_m)] {
-                if self.beside(cell, axis, to_high).is_none() {
+            let low_m = (place[axis] - cell[axis] as f32) * spacing_m[axis];
+            for (to_high, distance_m) in [(false, low_m), (true, spacing_m[axis] - low_m)] {
+                if self.room.beside(cell, axis, to_high).is_none() {
                     nearest_m = nearest_m.min(distance_m);
                 }
             }
         }
-        1.0 - FAXEN * self.radius_m / nearest_m.max(self.radius_m)
+        1.0 - FAXEN * radius_m / nearest_m.max(radius_m)
     }
 
     /// Whether a bubble under a ceiling slides along an axis, and to which end: to where the way up is open, the nearest first.
     fn slope(&self, cell: [usize; 3]) -> Option<(usize, bool)> {
-        let (up, to_high) = self.up;
-        if self.beside(cell, up, to_high).is_some() {
+        let ((up, to_high), room) = (self.up, &self.room);
+        if room.beside(cell, up, to_high).is_some() {
             return None;
         }
         let steps = |axis: usize, side: bool| {
             let row =
-                std::iter::successors(self.beside(cell, axis, side), |next| self.beside(*next, axis, side)).take(STEP_CELLS);
-            row.enumerate().find(|(_, next)| self.beside(*next, up, to_high).is_some()).map(|(steps, _)| steps)
+                std::iter::successors(room.beside(cell, axis, side), |next| room.beside(*next, axis, side)).take(STEP_CELLS);
+            row.enumerate().find(|(_, next)| room.beside(*next, up, to_high).is_some()).map(|(steps, _)| steps)
         };
         let ways = (0..3).filter(|axis| *axis != up).flat_map(|axis| [(axis, false), (axis, true)]);
         let open = ways.filter_map(|(axis, side)| Some((steps(axis, side)?, axis, side)));
         open.min_by_key(|(steps, ..)| *steps).map(|(_, axis, side)| (axis, side))
-    }
-
-    /// Moves a parcel; where a wall is in its way, axis by axis up to a radius before it.
-    fn moved(&self, place: [f32; 3], by_cells: [f32; 3]) -> [f32; 3] {
-        let by: [f32; 3] = by_cells.map(|by| by.clamp(-LEAP_CELLS, LEAP_CELLS));
-        let next = std::array::from_fn(|a| place[a] + by[a]);
-        if self.open(next).is_some() {
-            return next;
-        }
-        let mut place = place;
-        for axis in 0..3 {
-            let mut next = place;
-            next[axis] += by[axis];
-            if self.open(next).is_some() {
-                place = next;
-                continue;
-            }
-            let gap = (self.radius_m / self.spacing_m[axis]).min(0.5);
-            let face = place[axis].floor();
-            place[axis] = if by[axis] > 0.0 { place[axis].max(face + 1.0 - gap) } else { place[axis].min(face + gap) };
-        }
-        place
     }
 }
 
@@ -212,13 +158,9 @@ impl Solver {
         let velocity = self.read_velocity(plan.roles.now)?;
         let (h, low, up) = (grid.spacing_m(), grid.origin_m(), model.up);
         let steepest = (0..3).max_by(|a, b| up[*a].abs().total_cmp(&up[*b].abs())).unwrap_or(1);
-        let room = Room {
-            layout,
-            fluid: self.fluid.read()?,
-            up: (steepest, up[steepest] > 0.0),
-            spacing_m: h,
-            radius_m: 0.5 * model.diameter_m,
-        };
+        let room = Room { layout, fluid: self.fluid.read()?, spacing_m: h, radius_m: 0.5 * model.diameter_m };
+        let ceiling = Ceiling { room, up: (steepest, up[steepest] > 0.0) };
+        let room = &ceiling.room;
         let rise_m_s = model.rise_m_s(self.model.medium.viscosity_m2_s);
         let least_m = h[0].min(h[1]).min(h[2]);
         let risen_cells = rise_m_s * plan.inputs.dt_s / (LEAP_CELLS * least_m);
@@ -228,15 +170,15 @@ impl Solver {
             let mut place = room.freed(grid.to_cells(bubble.position_m));
             for _ in 0..sweeps {
                 let Some(cell) = room.open(place) else { break };
-                if plan.sinks[(cell[2] * layout.n[1] + cell[1]) * layout.n[0] + cell[0]] {
+                if plan.sinks[room.index(cell)] {
                     c.gas.vented_ml += f64::from(bubble.volume_ml);
                     *bubble = Particle::default();
                     break;
                 }
-                let rise_m_s = rise_m_s * room.slowed(cell, place);
+                let rise_m_s = rise_m_s * ceiling.slowed(cell, place);
                 let mut v = velocity_at(&velocity, layout, place);
                 (0..3).for_each(|a| v[a] += rise_m_s * up[a]);
-                if let Some((axis, to_high)) = room.slope(cell) {
+                if let Some((axis, to_high)) = ceiling.slope(cell) {
                     v[axis] += if to_high { rise_m_s } else { -rise_m_s };
                 }
                 place = room.moved(place, std::array::from_fn(|a| v[a] * dt_s / h[a]));

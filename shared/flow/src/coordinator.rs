@@ -2,10 +2,10 @@
 
 use crate::blood::{BloodState, Particle, bleed};
 use crate::bubbles::{BubbleState, MAX_BUBBLES};
+use crate::components::Components;
 use crate::error::FlowError;
 use crate::grid::Layout;
 use crate::inputs::FlowInputs;
-use crate::mask::Components;
 use crate::plan::{LayerSums, MAX_COMPONENTS, Plan, Roles};
 use crate::pump::{PumpReport, PumpState};
 use crate::solver::{Phase, Solver};
@@ -40,6 +40,8 @@ pub struct StepReport {
     pub unconverged: bool,
     /// Largest speed along an axis, m/s.
     pub speed_m_s: f32,
+    /// Force of the medium on the wires, N.
+    pub wires_n: [f32; 3],
     /// Pump and cavity.
     pub pump: PumpReport,
 }
@@ -48,6 +50,8 @@ pub(crate) struct Coordinator {
     pub last: Option<Phase>,
     pub running: bool,
     pub built: bool,
+    /// Solid cells have come or gone, and the pressure's operator is to be made anew.
+    pub is_changed: bool,
     pub pump: PumpState,
     pub blood: BloodState,
     pub gas: BubbleState,
@@ -72,6 +76,7 @@ impl Coordinator {
             last: None,
             running: false,
             built: false,
+            is_changed: false,
             pump: PumpState::default(),
             blood: BloodState::default(),
             gas: BubbleState::default(),
@@ -102,8 +107,8 @@ impl Solver {
         let (inputs, neutralised) = inputs.neutralised();
         let dt_s = f64::from(inputs.dt_s);
         plan.inputs = inputs;
-        let full_ml = c.pump.cavity_ml + f64::from(inputs.pump.displaced_ml);
-        let bled_ml = bleed(&self.model.blood, &inputs, self.model.pump.pressure_pa(full_ml), dt_s, &mut c.blood);
+        let pressure_pa = self.model.pump.pressure_pa(c.pump.cavity_ml);
+        let bled_ml = bleed(&self.model.blood, &inputs, pressure_pa, dt_s, &mut c.blood);
         plan.pump = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
         let report = &c.report;
         c.report = StepReport { step: report.step, time_s: report.time_s, neutralised, pump: plan.pump, ..Default::default() };
@@ -181,6 +186,8 @@ impl Solver {
         };
         Ok(Some(match last {
             Phase::Mask => self.after_mask(c, plan)?,
+            Phase::Mirror if std::mem::take(&mut c.is_changed) => Phase::Operator,
+            Phase::Mirror => Phase::Diffuse,
             Phase::Operator => coarsen(1),
             Phase::Coarsen(l) => Phase::CoarsenDiagonal(l),
             Phase::CoarsenDiagonal(l) => coarsen(l + 1),
@@ -303,9 +310,10 @@ impl Solver {
 fn after_diffuse(c: &mut Coordinator, plan: &mut Plan) -> Phase {
     let roles = &mut plan.roles;
     std::mem::swap(&mut roles.now, &mut roles.next);
+    plan.drags.clear();
     c.diffuse_left -= 1;
     if c.diffuse_left > 0 {
-        return Phase::Diffuse;
+        return Phase::Mirror;
     }
     let others = [1, 2, 3].map(|n| (roles.now + n) % 4);
     *roles = Roles { now: roles.now, next: others[1], carrier: roles.now, forward: others[0] };

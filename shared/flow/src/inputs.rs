@@ -6,8 +6,10 @@ use crate::blood::BloodSource;
 use crate::bubbles::GasSource;
 use crate::pump::PumpInput;
 
-/// Capsules, ports and bleeding points per step at most: one scope, one sheath, one electrode, and room to spare.
+/// Solid tools at most: a scope, and room to spare.
 pub const MAX_TOOLS: usize = 4;
+/// Straight pieces of wire at most: a loop in sixteen.
+pub const MAX_WIRES: usize = 16;
 /// Inflow and outflow ports at most.
 pub const MAX_PORTS: usize = 8;
 /// Bleeding points at most.
@@ -54,8 +56,10 @@ pub struct Port {
 pub struct FlowInputs {
     /// Length of the step, s.
     pub dt_s: f32,
-    /// Moving obstacles.
+    /// Moving obstacles that fill cells.
     pub tools: [Capsule; MAX_TOOLS],
+    /// Moving obstacles that are thinner than a cell: they fill none, and the medium across them drags.
+    pub wires: [Capsule; MAX_WIRES],
     /// Where the pump's flow enters and leaves the grid.
     pub ports: [Port; MAX_PORTS],
     /// Where vessels are open.
@@ -88,7 +92,7 @@ impl FlowInputs {
         for a in &mut inputs.acceleration_m_s2 {
             tame(a, -100.0, 100.0, 0.0, &mut count);
         }
-        for tool in &mut inputs.tools {
+        for tool in inputs.tools.iter_mut().chain(&mut inputs.wires) {
             let before = count;
             for x in tool.a_m.iter_mut().chain(&mut tool.b_m) {
                 tame(x, -1e3, 1e3, 0.0, &mut count);

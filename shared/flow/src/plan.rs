@@ -4,6 +4,7 @@ use crate::blood::Particle;
 use crate::grid::Layout;
 use crate::inputs::FlowInputs;
 use crate::pump::PumpReport;
+use crate::wires::Drag;
 
 /// Parts of the fluid that do not touch each other: each has its own pressure level. Smaller parts beyond these become solid.
 pub(crate) const MAX_COMPONENTS: usize = 8;
@@ -56,6 +57,8 @@ pub(crate) struct Plan {
     /// Component of each cell (only filled when there is more than one).
     pub labels: Vec<u8>,
     pub sources: Vec<Source>,
+    /// What wires do to the faces around them, in the first sweep of Diffuse.
+    pub drags: Vec<Drag>,
     /// True in cells where medium leaves.
     pub sinks: Vec<bool>,
     /// Index of the dye field that is read; the other one is written.

@@ -35,7 +35,9 @@ impl Solver {
         plan.impulse_m_s = plan.inputs.acceleration_m_s2.map(|a| a * dt_s / c.diffuse_left as f32);
         let now = plan.roles.now;
         plan.roles = Roles { now, next: (now + 1) % 4, ..Default::default() };
-        Ok(if changed { Phase::Operator } else { Phase::Diffuse })
+        c.is_changed = changed;
+        c.report.wires_n = self.place_wires(plan)?;
+        Ok(Phase::Mirror)
     }
 
     fn label(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<(), FlowError> {

@@ -168,7 +168,7 @@ impl Solver {
         }
         for component in 0..3 {
             let inverse_h = 1.0 / self.model.grid.spacing_m()[component];
-            let face = self.face[component].read()?;
+            let held = self.held[component].read()?;
             let mut velocity = self.velocity[plan.roles.now][component].write(band)?;
             for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
                 let plane = velocity.layer(kk);
@@ -181,7 +181,7 @@ impl Solver {
                             let back = [star.xm, star.ym, star.zm][component];
                             let row = &mut plane[o..o + n];
                             sum.count += rows::project(row, star.c, back, inverse_h, 2.0 * MAX_SPEED_M_S, REST_M_S);
-                            hold_solid(&fluid, &face, component, kk, o, layout.stride, row);
+                            hold_solid(&fluid, &held, component, kk, o, layout.stride, row);
                             sum.top = larger(sum.top, max_abs(row));
                         }
                     },

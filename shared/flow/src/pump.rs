@@ -100,8 +100,6 @@ pub struct PumpInput {
     pub open_veins: f32,
     /// Perforation, 0 none to 1.
     pub perforation: f32,
-    /// Volume that tools and pieces take from the cavity, ml.
-    pub displaced_ml: f32,
 }
 
 impl PumpInput {
@@ -112,7 +110,6 @@ impl PumpInput {
         for part in [&mut self.inflow_valve, &mut self.outflow_valve, &mut self.open_veins, &mut self.perforation] {
             tame(part, 0.0, 1.0, 0.0, &mut count);
         }
-        tame(&mut self.displaced_ml, 0.0, 100.0, 0.0, &mut count);
         count
     }
 }
@@ -234,7 +231,7 @@ impl PumpModel {
     }
 
     fn flows(&self, input: &PumpInput, volume_ml: f64) -> Flows {
-        let pressure_pa = self.pressure_pa(volume_ml + f64::from(input.displaced_ml));
+        let pressure_pa = self.pressure_pa(volume_ml);
         let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
         let limit_ml_s = (f64::from(input.flow_limit_ml_min) / 60.0).min(self.max_flow_ml_s);
         let wanted = limit_ml_s * ((set_pa - pressure_pa) / self.band_pa).clamp(0.0, 1.0);
@@ -253,7 +250,7 @@ impl PumpModel {
     /// One step of `dt_s` with neutralised input; `bled_ml` is the blood that entered during the step.
     pub fn step(&self, state: &mut PumpState, input: &PumpInput, isotonic: bool, bled_ml: f64, dt_s: f64) -> PumpReport {
         let before = *state;
-        let before_pa = self.pressure_pa(state.cavity_ml + f64::from(input.displaced_ml));
+        let before_pa = self.pressure_pa(state.cavity_ml);
         state.cavity_ml += bled_ml;
         state.bled_ml += bled_ml;
         let parts = (dt_s / INNER_STEP_S).ceil().max(1.0);
@@ -268,7 +265,7 @@ impl PumpModel {
             state.perforated_ml += h_s * flows.hole;
         }
         let per_s = if dt_s > 0.0 { 1.0 / dt_s } else { 0.0 };
-        let pressure_pa = self.pressure_pa(state.cavity_ml + f64::from(input.displaced_ml));
+        let pressure_pa = self.pressure_pa(state.cavity_ml);
         PumpReport {
             pressure_pa,
             in_ml_s: (state.in_ml - before.in_ml) * per_s,

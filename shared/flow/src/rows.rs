@@ -25,6 +25,52 @@ pub(crate) fn hold(row: &mut [f32], here: &[f32], back: &[f32], held: &[f32]) {
     }
 }
 
+/// Whether all cells of a row are fluid: each is 1 or 0, and bits, unlike numbers, are combined in any order.
+#[inline(always)]
+pub(crate) fn are_fluid(cells: &[f32]) -> bool {
+    cells.iter().fold(u32::MAX, |all, cell| all & cell.to_bits()) == 1.0f32.to_bits()
+}
+
+/// A face between two solid cells shows, beside faces that the medium goes through, twice the solid's velocity less the mean of theirs; any other the solid's.
+/// `own` are the cells on both sides of each face; `around` the same and the velocity of the four faces beside it.
+#[inline(always)]
+pub(crate) fn mirror(out: &mut [f32], face: &[f32], own: [&[f32]; 2], around: &[[&[f32]; 3]; 4]) {
+    let n = out.len();
+    for from in (0..n).step_by(LANES) {
+        let range = from..(from + LANES).min(n);
+        let (mut open, mut sum) = ([0.0f32; LANES], [0.0f32; LANES]);
+        for rows in around {
+            let [here, back, velocity] = rows.map(|row| lanes(&row[range.clone()]));
+            for l in 0..LANES {
+                let is_open = here[l] * back[l];
+                open[l] += is_open;
+                sum[l] += is_open * velocity[l];
+            }
+        }
+        let [face, here, back] = [face, own[0], own[1]].map(|row| lanes(&row[range.clone()]));
+        let mut shown = [0.0f32; LANES];
+        for l in 0..LANES {
+            let mirrored = 2.0 * face[l] - sum[l] / larger(open[l], 1.0);
+            shown[l] = if (1.0 - here[l]) * (1.0 - back[l]) * open[l] > 0.0 { mirrored } else { face[l] };
+        }
+        let out = &mut out[range];
+        out.copy_from_slice(&shown[..out.len()]);
+    }
+}
+
+/// Faces of a row that are computed at once.
+const LANES: usize = 16;
+
+/// The numbers of a part of a row, and zeros after them.
+#[inline(always)]
+fn lanes(row: &[f32]) -> [f32; LANES] {
+    row.try_into().unwrap_or_else(|_| {
+        let mut lanes = [0.0; LANES];
+        lanes[..row.len()].copy_from_slice(row);
+        lanes
+    })
+}
+
 /// out = −m·∇·v; `faces` are the low and high faces along x, y, z.
 #[inline(always)]
 pub(crate) fn convergence(out: &mut [f32], m: &[f32], faces: [&[f32]; 6], per_m: [f32; 3]) {

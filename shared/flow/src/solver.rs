@@ -14,8 +14,10 @@ use crate::grid::{Layout, MAX_BANDS};
 use crate::inputs::FlowInputs;
 use crate::model::FlowModel;
 use crate::multigrid::Hierarchy;
+use crate::obstacles::Walls;
 use crate::plan::{LayerSums, Plan, Roles, Share};
 use crate::walls::Mirrors;
+use crate::wires::MAX_DRAGS;
 
 /// One stage of a step. All bands of a phase may run at the same time; two phases may not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,6 +25,8 @@ use crate::walls::Mirrors;
 pub enum Phase {
     /// Solid and fluid cells, solid faces, largest speed.
     Mask,
+    /// What the faces in and on solids show, so that the medium sticks to them.
+    Mirror,
     /// Pressure operator of the grid.
     Operator,
     /// Pressure operator of a coarser level.
@@ -71,9 +75,12 @@ pub struct Solver {
     pub(crate) mirrors: Mirrors,
     /// 1/h² per axis.
     pub(crate) weights: [f32; 3],
-    pub(crate) base: RwLock<Vec<u8>>,
+    pub(crate) base: RwLock<Walls>,
     pub(crate) fluid: Field,
+    /// Velocity of the solid at each face that touches one.
     pub(crate) face: [Field; 3],
+    /// What such a face is to show.
+    pub(crate) held: [Field; 3],
     pub(crate) velocity: [[Field; 3]; 4],
     pub(crate) pressure: Field,
     pub(crate) direction: Field,
@@ -121,6 +128,7 @@ impl Solver {
             means: Default::default(),
             labels: vec![0; cells],
             sources: Vec::with_capacity(MAX_SOURCE_CELLS),
+            drags: Vec::with_capacity(MAX_DRAGS),
             sinks: vec![false; cells],
             dye: 0,
             dye_dt_s: 0.0,
@@ -131,9 +139,10 @@ impl Solver {
             bands,
             mirrors: Mirrors::new(&model.walls),
             weights: model.grid.spacing_m().map(|h| 1.0 / (h * h)),
-            base: RwLock::new(vec![0; cells]),
+            base: RwLock::new(Walls::new(cells)),
             fluid: field(),
             face: three(),
+            held: three(),
             velocity: [three(), three(), three(), three()],
             pressure: field(),
             direction: field(),
@@ -172,19 +181,6 @@ impl Solver {
         matches!(phase, Phase::CoarsenRest | Phase::Coarse)
     }
 
-    /// Sets the solid cells of the case, x fastest, then y, then z; 0 is fluid, anything else solid. Between steps only.
-    ///
-    /// # Errors
-    /// [`FlowError::Length`] if it is not one byte per cell; [`FlowError::PhaseConflict`] during a phase.
-    pub fn set_mask(&self, solid: &[u8]) -> Result<(), FlowError> {
-        let mut base = self.base.try_write().ok_or(FlowError::PhaseConflict)?;
-        if solid.len() != base.len() {
-            return Err(FlowError::Length { what: "the mask", got: solid.len(), want: base.len() });
-        }
-        base.copy_from_slice(solid);
-        Ok(())
-    }
-
     /// Computes one band of a phase. Every band of the phase must be run once before the next phase is asked for.
     ///
     /// # Errors
@@ -195,6 +191,7 @@ impl Solver {
         }
         match phase {
             Phase::Mask => self.mask_band(band),
+            Phase::Mirror => self.mirror_band(band),
             Phase::Operator => self.operator_band(band),
             Phase::Coarsen(l) => self.coarsen_band(l.into(), band),
             Phase::CoarsenDiagonal(l) => self.coarsen_diagonal_band(l.into(), band),

@@ -248,7 +248,7 @@ impl Solver {
             ring[self.share_start(band)..][..share.len()].copy_from_slice(&share);
         }
         bytes[at.bubbles..at.mask].copy_from_slice(bytemuck::cast_slice(&c.bubbles));
-        bytes[at.mask..at.mask + at.cells].copy_from_slice(&self.base.try_read().ok_or(FlowError::PhaseConflict)?);
+        bytes[at.mask..at.mask + at.cells].copy_from_slice(&self.base.try_read().ok_or(FlowError::PhaseConflict)?.solid);
         let grid = &self.model.grid;
         let mut header = Header {
             magic: MAGIC,

@@ -13,7 +13,7 @@ use crate::sample::{backward, forward, nine};
 use crate::solver::Solver;
 
 impl Solver {
-    /// Phase Diffuse: v + ν·dt·∇²v + dt·force, then the jets of the inflow.
+    /// Phase Diffuse: v + ν·dt·∇²v + dt·force, then the jets of the inflow and the drag of wires.
     pub(crate) fn diffuse_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
@@ -22,7 +22,7 @@ impl Solver {
         let keep = 1.0 - 2.0 * (weights[0] + weights[1] + weights[2]);
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
-            let face = self.face[component].read()?;
+            let held = self.held[component].read()?;
             let mut to = self.velocity[plan.roles.next][component].write(band)?;
             let push = plan.impulse_m_s[component];
             for kk in layout.own(band) {
@@ -37,8 +37,11 @@ impl Solver {
                     },
                 );
                 jets(&plan, component, kk, layout.stride, out);
+                for drag in plan.drags.iter().filter(|drag| drag.component == component && drag.kk == kk) {
+                    drag.pull(&mut out[drag.at]);
+                }
                 for (o, n) in layout.runs() {
-                    hold_solid(&fluid, &face, component, kk, o, layout.stride, &mut out[o..o + n]);
+                    hold_solid(&fluid, &held, component, kk, o, layout.stride, &mut out[o..o + n]);
                 }
                 self.mirrors.plane(layout, component, out);
             }
@@ -84,7 +87,7 @@ impl Solver {
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
             let half = self.velocity[plan.roles.forward][component].read()?;
-            let face = self.face[component].read()?;
+            let held = self.held[component].read()?;
             let mut to = self.velocity[plan.roles.next][component].write(band)?;
             for kk in layout.own(band) {
                 let out = to.layer(kk);
@@ -98,7 +101,7 @@ impl Solver {
                             let after = nine(half.three(kk), o, layout.stride, n);
                             let row = &mut out[o..o + n];
                             backward(row, &before, &after, shift.each_ref().map(|s| &s[..n]));
-                            hold_solid(&fluid, &face, component, kk, o, layout.stride, row);
+                            hold_solid(&fluid, &held, component, kk, o, layout.stride, row);
                         }
                     },
                 );
@@ -144,8 +147,9 @@ fn displacement(
     }
 }
 
+/// The layer and the offset of the cell, or face, one step along an axis.
 #[inline(always)]
-fn step(axis: usize, kk: usize, at: usize, stride: usize, up: bool) -> (usize, usize) {
+pub(crate) fn step(axis: usize, kk: usize, at: usize, stride: usize, up: bool) -> (usize, usize) {
     match (axis, up) {
         (0, true) => (kk, at + 1),
         (0, false) => (kk, at - 1),
@@ -156,11 +160,11 @@ fn step(axis: usize, kk: usize, at: usize, stride: usize, up: bool) -> (usize, u
     }
 }
 
-/// Faces that touch a solid cell take the solid's velocity.
+/// Faces that touch a solid cell take what phase Mirror made for them.
 #[inline(always)]
 pub(crate) fn hold_solid(
     fluid: &Read<'_>,
-    face: &Read<'_>,
+    held: &Read<'_>,
     component: usize,
     kk: usize,
     o: usize,
@@ -171,7 +175,7 @@ pub(crate) fn hold_solid(
     let (k_back, at_back) = step(component, kk, o, stride, false);
     let here = &fluid.layer(kk)[o..o + n];
     let back = &fluid.layer(k_back)[at_back..at_back + n];
-    rows::hold(row, here, back, &face.layer(kk)[o..o + n]);
+    rows::hold(row, here, back, &held.layer(kk)[o..o + n]);
 }
 
 /// Sets the faces of inflow cells to the velocity of the jet.

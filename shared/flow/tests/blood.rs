@@ -2,7 +2,7 @@
 
 mod scene;
 
-use hyst_flow::{FlowInputs, Particle, Solver, StateView};
+use hyst_flow::{BloodSource, FlowInputs, FlowModel, Grid, Particle, Solver, StateView};
 
 fn bleeding(step: u32) -> FlowInputs {
     let mut inputs = scene::inputs(step);
@@ -90,4 +90,72 @@ fn drops_never_enter_solid_cells_and_are_washed_out_after_the_vessel_closes() {
     }
     let after = drops(&solver);
     assert!(count(&after) < count(&before) / 2, "{} drops before, {} after 20 s of rinsing", count(&before), count(&after));
+}
+
+/// Some drops at a place of a box of 12×12×6 cells of a millimetre, and nothing else.
+fn with_drops(solid: impl Fn([usize; 3]) -> bool, at_m: [f32; 3]) -> Solver {
+    let mut model = FlowModel::new(Grid::new([12, 12, 6], [1e-3; 3], [0.0; 3]).unwrap());
+    model.blood.capacity = 64;
+    let solver = Solver::new(model, 1).unwrap();
+    let mask: Vec<u8> = (0..864).map(|c| u8::from(solid([c % 12, c / 12 % 12, c / 144]))).collect();
+    solver.set_mask(&mask).unwrap();
+    let mut inputs = FlowInputs { dt_s: 0.5, ..Default::default() };
+    inputs.blood[0] = BloodSource { position_m: at_m, opening: 1.0 };
+    while drops(&solver).iter().all(|drop| drop.volume_ml == 0.0) {
+        solver.step_serial(&inputs).unwrap();
+    }
+    solver
+}
+
+fn is_solid(solver: &Solver, drop: &Particle) -> bool {
+    let block = scene::state(solver);
+    let [i, j, k] = drop.position_m.map(|x| (x / 1e-3) as usize);
+    StateView::new(bytemuck::cast_slice(&block)).unwrap().mask()[(k * 12 + j) * 12 + i] != 0
+}
+
+#[test]
+fn no_drop_leaps_over_a_wall_of_one_cell_nor_between_two_that_share_an_edge() {
+    // A wall along the diagonal: its cells share edges alone. The medium is driven at it with twenty cells a step.
+    for diagonal in [false, true] {
+        let wall = |[i, j, _]: [usize; 3]| if diagonal { i == 11 - j } else { i == 6 };
+        let solver = with_drops(wall, [3e-3, 3e-3, 3e-3]);
+        let before = drops(&solver);
+        let mut seed = 1u64;
+        for _ in 0..60 {
+            for axis in 0..3 {
+                let mut random = || {
+                    seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    (seed >> 40) as f32 / (1u64 << 24) as f32
+                };
+                let drive: Vec<f32> = (0..864).map(|_| 0.2 * random()).collect();
+                solver.set_velocity_m_s(axis, &drive).unwrap();
+            }
+            solver.step_serial(&FlowInputs { dt_s: 0.1, ..Default::default() }).unwrap();
+            for drop in drops(&solver).iter().filter(|drop| drop.volume_ml > 0.0) {
+                let [i, j, _] = drop.position_m.map(|x| (x / 1e-3) as usize);
+                assert!(if diagonal { i + j < 11 } else { i < 6 }, "it got through: {drop:?}");
+                assert!(!is_solid(&solver, drop), "{drop:?}");
+            }
+        }
+        assert_ne!(drops(&solver), before, "they were carried");
+    }
+}
+
+#[test]
+fn a_drop_that_a_wall_takes_moves_beside_it_and_one_that_is_closed_in_is_counted() {
+    let solver = with_drops(|_| false, [4.8e-3, 5.5e-3, 3.5e-3]);
+    let held = |solver: &Solver| drops(solver).iter().map(|drop| f64::from(drop.volume_ml)).sum::<f64>();
+    let (emitted_ml, still) = (held(&solver), FlowInputs { dt_s: 0.01, ..Default::default() });
+    let wall = |is_solid: &dyn Fn(usize) -> bool| (0..864).map(|c| u8::from(is_solid(c % 12))).collect::<Vec<u8>>();
+    solver.set_mask(&wall(&|i| (4..=6).contains(&i))).unwrap();
+    for _ in 0..3 {
+        solver.step_serial(&still).unwrap(); // a wall of three cells: whoever is in its middle finds none that is free
+    }
+    let buried_ml = solver.counters().unwrap().1.buried_ml;
+    assert!((held(&solver) + buried_ml - emitted_ml).abs() < 1e-9 && buried_ml < emitted_ml, "{buried_ml} of {emitted_ml}");
+    assert!(drops(&solver).iter().filter(|drop| drop.volume_ml > 0.0).all(|drop| !is_solid(&solver, drop)));
+    solver.set_mask(&wall(&|_| true)).unwrap();
+    solver.step_serial(&still).unwrap();
+    assert_eq!(held(&solver), 0.0);
+    assert!((solver.counters().unwrap().1.buried_ml - emitted_ml).abs() < 1e-9);
 }

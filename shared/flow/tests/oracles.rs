@@ -67,8 +67,7 @@ fn an_obstacle_that_slides_drags_the_medium_and_as_much_returns() {
     }
     let block = state(&solver);
     let view = StateView::new(bytemuck::cast_slice(&block)).unwrap();
-    // A solid's velocity holds at its cells' centres, so the plate's surface acts half a cell inside of it.
-    let eta = |row: usize| (row as f32 + 0.5) / (gap as f32 + 0.5);
+    let eta = |row: usize| (row as f32 + 0.5) / gap as f32;
     let dragged: f32 = (0..gap).map(eta).sum();
     let back = dragged / (0..gap).map(|row| eta(row) * (1.0 - eta(row))).sum::<f32>();
     let mut net = 0.0;

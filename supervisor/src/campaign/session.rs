@@ -165,14 +165,17 @@ impl Session {
         self.viewer.as_ref().map_or(0, |viewer| viewer.page().tick_at(system::now_ns()))
     }
 
-    /// Whether every process of the plan, and the supervisor, is there and warm or live, and no role is held still; notes since when.
+    /// Whether every process of the plan, and the supervisor, is there and warm or live, and no role is held still or goes on from an older state, in which
+    /// the next death counts as one more of the same trouble; notes since when.
     fn whole(&mut self) -> bool {
         let tick = self.tick();
         let Some(viewer) = &mut self.viewer else { return false };
         let lives = |role| remains::slot_alive(viewer.page(), Slot::first(role).number()).is_some();
         let supervised = lives(Role::Supervisor) && lives(Role::Guardian);
-        let is_held = [Role::Tissue, Role::Fluid].into_iter().any(|role| viewer.page().is_held(role));
-        let whole = supervised && !is_held && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
+        let page = viewer.page();
+        let in_trouble = |role: &Role| page.is_held(*role) || page.ground_tick(*role) != u64::MAX;
+        let troubled = [Role::Tissue, Role::Fluid].iter().any(in_trouble);
+        let whole = supervised && !troubled && !self.slots.is_empty() && self.slots.iter().all(|slot| viewer.is_well(*slot));
         self.whole_since_tick = if whole { Some(self.whole_since_tick.unwrap_or(tick)) } else { None };
         whole
     }

@@ -2,7 +2,7 @@
 //! `hyst-flow` from one state to the next; following, substituting, promotion, swap and rollback are `hyst_engine::run_stateful`.
 //! `hystation swap fluid target/release/example-engine` puts it in the place of the real one.
 
-use fluid::{Head, broken, inputs_of, load_scene, model_of};
+use fluid::{Head, Instrument, broken, load_scene, model_of};
 use hyst_engine::{Failure, Life, Stateful, StepContext};
 use hyst_exchange::ReadPage;
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted};
@@ -14,7 +14,7 @@ use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
 struct Still<'a> {
     life: &'a Life,
     solver: Solver,
-    radius_m: f32,
+    instrument: Instrument,
     period_ticks: u64,
     hardware: Option<ReadPage>,
     status: FluidStatus,
@@ -67,7 +67,7 @@ impl Stateful for Still<'_> {
         let dt_s = context.step_ticks as f32 * 1e-3;
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let still = FlowInputs { dt_s, ..FlowInputs::default() };
-        let report = self.solver.step_serial(&sample.map_or(still, |sample| inputs_of(&sample, self.radius_m, dt_s)));
+        let report = self.solver.step_serial(&sample.map_or(still, |sample| self.instrument.inputs(&sample, dt_s)));
         let (report, (pump, _)) = (report.map_err(broken)?, self.solver.counters().map_err(broken)?);
         self.status = fluid::status_of(&report, &pump);
         self.status.state_tick = context.next_tick;
@@ -88,9 +88,8 @@ fn run(life: &Life) -> Result<(), Failure> {
     let scene = load_scene(life.scene().as_deref())?;
     let model = model_of(&scene, scene.fluid.grid.map(|count| count as usize)).map_err(broken)?;
     let (solver, status) = (Solver::new(model, 1).map_err(broken)?, FluidStatus::default());
-    let radius_m = scene.rigid.first().map_or(0.0025, |rigid| rigid.radius_m);
-    let period_ticks = scene.fluid.period_ticks();
-    hyst_engine::run_stateful(life, Still { life, solver, radius_m, period_ticks, hardware: None, status })
+    let (instrument, period_ticks) = (Instrument::of(&scene), scene.fluid.period_ticks());
+    hyst_engine::run_stateful(life, Still { life, solver, instrument, period_ticks, hardware: None, status })
 }
 
 fn main() -> std::process::ExitCode {

@@ -45,6 +45,7 @@ pub fn step_bytes(solver: &Solver, inputs: &FlowInputs) -> Result<f64, FlowError
 fn fields_of(phase: Phase) -> (f64, u8) {
     match phase {
         Phase::Mask => (4.0, 0),               // three velocities read, the cells written
+        Phase::Mirror => (10.0, 0),            // three velocities, faces and the cells read, what faces show written
         Phase::Operator => (5.0, 0),           // cells read, the operator written
         Phase::Coarsen(level) => (5.0, level), // at the level's own size: faces of the finer one read, its own written
         Phase::CoarsenDiagonal(level) => (4.0, level),

@@ -1,8 +1,8 @@
 //! Grid and step of a session: those of the role, or for who founds it the scene's, or what the machine affords of them.
 
-use super::{FlowEngine, inputs_of, load_scene};
+use super::{FlowEngine, load_scene};
 use crate::afford::{affordable_step, at_rest, is_step, longest_step, refused, tissue_at_rest};
-use crate::cavity::Cavity;
+use crate::cavity::{Cavity, Tissue};
 use crate::coarse::{agree, agreed, halved};
 use hyst_engine::{Failure, Life};
 use hyst_exchange::Roster;
@@ -92,15 +92,17 @@ impl<'a> FlowEngine<'a> {
     fn find_step(&mut self, scene: &LoadedScene) -> Result<Result<u64, u64>, Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let (sample, (positions_m, tets)) = (at_rest(scene), tissue_at_rest(scene));
+        let velocities_m_s = vec![[0.0; 3]; positions_m.len()];
+        let tissue = Tissue { positions_m: &positions_m, velocities_m_s: &velocities_m_s, tets: &tets };
         let [_, bytes, ..] = self.sections();
         let (mut first, mut block) = (vec![0u64; bytes.div_ceil(8)], vec![0u64; bytes.div_ceil(8)]);
         self.crew.solver().store(bytemuck::cast_slice_mut(&mut first)).map_err(broken)?;
         let mut dry_step = |ticks: u64| -> Result<u64, Failure> {
             let begun_ns = self.crew.time_ns();
-            if self.cavity.update(&positions_m, &tets, |_| true, self.seed_m) {
-                self.crew.solver().set_mask(self.cavity.mask()).map_err(broken)?;
+            if self.cavity.update(&tissue, |_| true, self.seed_m) {
+                self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s()).map_err(broken)?;
             }
-            self.crew.step(&inputs_of(&sample, self.radius_m, ticks as f32 * 1e-3))?;
+            self.crew.step(&self.instrument.inputs(&sample, ticks as f32 * 1e-3))?;
             self.crew.solver().store(bytemuck::cast_slice_mut(&mut block)).map_err(broken)?;
             Ok(self.crew.time_ns() - begun_ns)
         };

@@ -1,0 +1,198 @@
+//! The instrument in the medium: the scope as a solid, its loop as wires, its ports and the pump.
+
+use glam::{Quat, Vec3};
+use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput};
+use hyst_messages::{BUTTON_EXTENDED, HardwareSample};
+use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
+
+/// Length of the scope behind its tip that displaces fluid, m.
+const SHAFT_M: f32 = 0.06;
+/// Radius of the ports at the scope's tip, m.
+const PORT_M: f32 = 0.003;
+/// Limit of the pump's flow, ml/min: the upper end of a hysteroscopy pump's range (WOM: 50 to 800).
+const MAX_FLOW_ML_MIN: f32 = 800.0;
+/// Below this the loop is in its sheath, m.
+pub const LEAST_EXTENSION_M: f32 = 1e-3;
+/// A tip this near to the pivot turns about nothing, m.
+const LEAST_LEVER_M: f32 = 1e-3;
+
+/// What the scene says of the instrument.
+pub struct Instrument {
+    radius_m: f32,
+    electrode: Option<LoadedLoop>,
+    pivot_m: Vec3,
+}
+
+impl Instrument {
+    /// That of a scene.
+    pub fn of(scene: &LoadedScene) -> Instrument {
+        let rigid = scene.rigid.first();
+        Instrument {
+            radius_m: rigid.map_or(0.0025, |rigid| rigid.radius_m),
+            electrode: rigid.and_then(|rigid| rigid.electrode.clone()),
+            pivot_m: Vec3::from(scene.workspace.pivot_m),
+        }
+    }
+
+    /// Its loop, if it has one.
+    pub fn electrode(&self) -> Option<&LoadedLoop> {
+        self.electrode.as_ref()
+    }
+
+    /// What a step gets from the hardware: the scope and its loop as obstacles, the ports, valves and pump.
+    pub fn inputs(&self, sample: &HardwareSample, dt_s: f32) -> FlowInputs {
+        let mut inputs = FlowInputs { dt_s, ..FlowInputs::default() };
+        let body = Body::new(sample, self.pivot_m);
+        let (radius_m, axis) = (self.radius_m, body.axis.to_array());
+        inputs.tools[0] = body.capsule([0.0, 0.0, -radius_m], [0.0, 0.0, -SHAFT_M], radius_m);
+        self.place_wires(sample, &body, &mut inputs);
+        // Inflow at the tip, along the axis; outflow through the outer sheath, one diameter behind it.
+        let along = |from: f32| body.place_m([0.0, 0.0, from]).to_array();
+        inputs.ports[0] = Port { centre_m: along(PORT_M), radius_m: PORT_M, direction: axis, share: 1.0, inflow: true, dye: 0.0 };
+        let [behind_m, out_m] = OUTFLOW_RADII.map(|radii| radii * radius_m);
+        inputs.ports[1] = Port { centre_m: along(-behind_m), radius_m: out_m, share: 1.0, ..Port::default() };
+        inputs.pump = PumpInput {
+            inflow_valve: sample.controls.inflow_valve,
+            outflow_valve: sample.controls.outflow_valve,
+            set_pa: sample.controls.set_pressure_pa,
+            flow_limit_ml_min: MAX_FLOW_ML_MIN,
+            ..PumpInput::default()
+        };
+        inputs
+    }
+
+    /// The loop's half ring and the two arms on which it stands, as far as they are out.
+    fn place_wires(&self, sample: &HardwareSample, body: &Body, inputs: &mut FlowInputs) {
+        let out_m = sample.controls.loop_extension_m;
+        let is_out = sample.controls.buttons & BUTTON_EXTENDED != 0 && out_m.is_finite() && out_m >= LEAST_EXTENSION_M;
+        let Some(electrode) = self.electrode.as_ref().filter(|_| is_out) else { return };
+        let out_m = out_m.min(electrode.reach_m);
+        let ring = ring_of(electrode, out_m);
+        let ends = ring.windows(2).map(|ends| (ends[0], ends[1]));
+        let arms = [ring[0], ring[RING]].map(|end| ([end[0], end[1], 0.0], end));
+        for (wire, (a, b)) in inputs.wires.iter_mut().zip(ends.chain(arms)) {
+            *wire = body.capsule(a, b, electrode.wire_radius_m);
+        }
+    }
+}
+
+/// Straight pieces of the half ring; with the two arms no more than a step takes.
+const RING: usize = 8;
+const _: () = assert!(RING + 2 <= MAX_WIRES);
+
+/// Evenly spread points of the half ring.
+fn ring_of(electrode: &LoadedLoop, out_m: f32) -> [[f32; 3]; RING + 1] {
+    let last = electrode.wire_m.len().saturating_sub(1);
+    std::array::from_fn(|point| {
+        let [x, y, z] = electrode.wire_m.get(point * last / RING).copied().unwrap_or_default();
+        [x, y, z + out_m]
+    })
+}
+
+/// The scope as a rigid body that slides through the pivot and turns about it.
+struct Body {
+    tip_m: Vec3,
+    turn: Quat,
+    axis: Vec3,
+    /// Velocity of the tip along and across the axis, m/s.
+    along_m_s: Vec3,
+    across_m_s: Vec3,
+    /// From the pivot to the tip along the axis, m.
+    lever_m: f32,
+}
+
+impl Body {
+    fn new(sample: &HardwareSample, pivot_m: Vec3) -> Body {
+        let (tip_m, turn) = (Vec3::from(sample.pose.position_m), Quat::from_array(sample.pose.orientation));
+        let (axis, velocity) = (turn * Vec3::Z, Vec3::from(sample.velocity_m_s));
+        let along_m_s = velocity.dot(axis) * axis;
+        let lever_m = (tip_m - pivot_m).dot(axis);
+        Body { tip_m, turn, axis, along_m_s, across_m_s: velocity - along_m_s, lever_m }
+    }
+
+    /// Where a point of the scope is; the tip is the origin, the axis z.
+    fn place_m(&self, own: [f32; 3]) -> Vec3 {
+        self.tip_m + self.turn * Vec3::from(own)
+    }
+
+    /// How fast it goes: across the axis as its distance from the pivot; what turns about the axis itself is not known, and is as if it did not.
+    fn velocity_m_s(&self, own: [f32; 3]) -> Vec3 {
+        let share = if self.lever_m.abs() > LEAST_LEVER_M { (self.lever_m + own[2]) / self.lever_m } else { 1.0 };
+        self.along_m_s + share * self.across_m_s
+    }
+
+    fn capsule(&self, a: [f32; 3], b: [f32; 3], radius_m: f32) -> Capsule {
+        Capsule {
+            a_m: self.place_m(a).to_array(),
+            b_m: self.place_m(b).to_array(),
+            radius_m,
+            velocity_a_m_s: self.velocity_m_s(a).to_array(),
+            velocity_b_m_s: self.velocity_m_s(b).to_array(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn instrument() -> Instrument {
+        Instrument { pivot_m: Vec3::ZERO, ..Instrument::of(&hyst_scene::load_embedded().unwrap()) }
+    }
+
+    /// The tip 40 mm before the pivot, going 20 mm/s along the axis and 8 mm/s across it.
+    fn sample() -> HardwareSample {
+        let mut sample = HardwareSample::default();
+        sample.pose.orientation = Quat::IDENTITY.to_array();
+        sample.pose.position_m = [0.0, 0.0, 0.04];
+        sample.velocity_m_s = [0.008, 0.0, 0.02];
+        sample
+    }
+
+    #[test]
+    fn the_shafts_far_end_turns_about_the_pivot() {
+        let instrument = instrument();
+        let shaft = instrument.inputs(&sample(), 0.01).tools[0];
+        let near = |found: [f32; 3], wanted: [f32; 3]| found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6);
+        // 20 mm behind the pivot it goes the other way, half as fast; along the axis all of it goes alike.
+        assert!(near(shaft.b_m, [0.0, 0.0, -0.02]) && near(shaft.velocity_b_m_s, [-0.004, 0.0, 0.02]), "{shaft:?}");
+        let share = (0.04 - instrument.radius_m) / 0.04;
+        assert!(near(shaft.velocity_a_m_s, [share * 0.008, 0.0, 0.02]), "{shaft:?}");
+        let mut at_the_pivot = sample();
+        at_the_pivot.pose.position_m = [0.0; 3];
+        assert!(near(instrument.inputs(&at_the_pivot, 0.01).tools[0].velocity_b_m_s, sample().velocity_m_s));
+    }
+
+    #[test]
+    fn the_loop_is_wires_where_it_is_while_it_is_out() {
+        let instrument = instrument();
+        let electrode = instrument.electrode().unwrap();
+        let mut sample = sample();
+        sample.controls.loop_extension_m = 0.01;
+        assert_eq!(instrument.inputs(&sample, 0.01).wires, [Capsule::default(); MAX_WIRES], "in its sheath");
+        sample.controls.buttons = BUTTON_EXTENDED;
+        let wires = instrument.inputs(&sample, 0.01).wires;
+        let placed: Vec<&Capsule> = wires.iter().filter(|wire| wire.radius_m > 0.0).collect();
+        assert_eq!(placed.len(), RING + 2);
+        let length = |wire: &Capsule| Vec3::from(wire.a_m).distance(Vec3::from(wire.b_m));
+        let ring_m: f32 = placed[..RING].iter().map(|wire| length(wire)).sum();
+        let arc_m = std::f32::consts::PI * electrode.radius_m;
+        assert!((ring_m / arc_m - 1.0).abs() < 0.01, "{ring_m} of {arc_m} m");
+        for wire in &placed {
+            assert!(wire.radius_m == electrode.wire_radius_m && wire.velocity_a_m_s[2] == 0.02, "{wire:?}");
+        }
+        for wire in &placed[..RING] {
+            assert!(
+                (wire.a_m[2] - 0.05).abs() < 1e-6 && (wire.velocity_a_m_s[0] - 0.01).abs() < 1e-6,
+                "5/4 of the tip's: {wire:?}"
+            );
+        }
+        for arm in &placed[RING..] {
+            assert!((length(arm) - 0.01).abs() < 1e-6 && (arm.a_m[2] - 0.04).abs() < 1e-6, "{arm:?}");
+        }
+        for extension_m in [0.0005, f32::NAN, f32::INFINITY] {
+            sample.controls.loop_extension_m = extension_m;
+            assert_eq!(instrument.inputs(&sample, 0.01).wires, [Capsule::default(); MAX_WIRES], "{extension_m}");
+        }
+    }
+}
