@@ -43,6 +43,22 @@ pub(crate) fn sum(a: &[f32]) -> f64 {
     lanes.iter().map(|&l| f64::from(l)).sum()
 }
 
+/// max mᵢ·|aᵢ| of a row; not-a-number is ignored.
+#[inline(always)]
+pub(crate) fn max_abs_where(a: &[f32], m: &[f32]) -> f32 {
+    let mut lanes = [0.0f32; LANES];
+    let (a16, m16) = (a.chunks_exact(LANES), m[..a.len()].chunks_exact(LANES));
+    for (x, m) in a16.remainder().iter().zip(m16.remainder()) {
+        lanes[0] = larger(lanes[0], m * x.abs());
+    }
+    for (x, m) in a16.zip(m16) {
+        for l in 0..LANES {
+            lanes[l] = larger(lanes[l], m[l] * x[l].abs());
+        }
+    }
+    lanes.iter().fold(0.0, |most, &l| larger(most, l))
+}
+
 /// max |aᵢ| of a row; not-a-number is ignored.
 #[inline(always)]
 pub(crate) fn max_abs(a: &[f32]) -> f32 {

@@ -7,7 +7,7 @@ use crate::error::FlowError;
 use crate::field::{Read, Write};
 use crate::grid::{Grid, Layout, MAX_AXIS};
 use crate::inputs::{Capsule, MAX_SPEED_M_S, MAX_TOOLS};
-use crate::kernels::wide;
+use crate::kernels::{max_abs, max_abs_where, wide};
 use crate::rows;
 use crate::solver::Solver;
 use crate::transport::step;
@@ -198,16 +198,20 @@ impl Solver {
                     plane[o..o + nx].copy_from_slice(&row[..nx]);
                 }
             }
-            for (axis, face) in faces.iter_mut().enumerate() {
+            for face in &mut faces {
                 face.layer(kk).fill(0.0);
-                let h = grid.spacing_m()[axis];
-                sum.top = sum.top.max(crate::kernels::max_abs(now[axis].layer(kk)) / h);
             }
             if base.moves {
                 base.give_faces(layout, kk, &mut faces);
             }
             for tool in tools.iter().flatten() {
                 tool.give_faces(layout, grid, kk, &mut faces);
+            }
+            // What faces within solids show is no flow.
+            let plane = fluid.layer(kk);
+            for ((now, face), h) in now.iter().zip(&mut faces).zip(grid.spacing_m()) {
+                let flow = max_abs_where(now.layer(kk), plane);
+                sum.top = sum.top.max(flow.max(max_abs(face.layer(kk))) / h);
             }
         }
         Ok(())

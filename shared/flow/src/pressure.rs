@@ -7,7 +7,7 @@ use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::MAX_AXIS;
 use crate::inputs::MAX_SPEED_M_S;
-use crate::kernels::{Star, dot, larger, max_abs, wide};
+use crate::kernels::{Star, dot, larger, max_abs, max_abs_where, wide};
 use crate::rows;
 use crate::solver::Solver;
 use crate::transport::hold_solid;
@@ -182,7 +182,7 @@ impl Solver {
                             let row = &mut plane[o..o + n];
                             sum.count += rows::project(row, star.c, back, inverse_h, 2.0 * MAX_SPEED_M_S, REST_M_S);
                             hold_solid(&fluid, &held, component, kk, o, layout.stride, row);
-                            sum.top = larger(sum.top, max_abs(row));
+                            sum.top = larger(sum.top, max_abs_where(row, &fluid.layer(kk)[o..o + n]));
                         }
                     },
                 );

@@ -240,3 +240,20 @@ fn walls_of_another_number_of_cells_are_refused() {
     let report = solver.step_serial(&FlowInputs { dt_s: 0.01, ..Default::default() }).unwrap();
     assert!(report.wild == 0, "{report:?}");
 }
+
+/// What lies within a solid is mirrored from the medium that flows the other way, and is no speed of the medium: it costs no sweeps.
+#[test]
+fn what_faces_within_solids_show_costs_no_sweeps() {
+    let trough = Turned { turn: 0, cells: [32, 12, 3], spacing_m: [1e-3; 3] };
+    let solver = Solver::new(trough.model(5e-5), 1).unwrap();
+    let (mut solid, mut slides) = (vec![0; 32 * 12 * 3], vec![[0.0; 3]; 32 * 12 * 3]);
+    for at in trough.places().filter(|[_, j, _]| *j >= 9) {
+        (solid[trough.index(at)], slides[trough.index(at)]) = (1, [0.09, 0.0, 0.0]);
+    }
+    solver.set_walls(&solid, &slides).unwrap();
+    for step in 0..40 {
+        // 0.9 cells in a step.
+        let report = solver.step_serial(&FlowInputs { dt_s: 0.01, ..Default::default() }).unwrap();
+        assert!(report.sweeps == 1 && report.speed_m_s <= 0.09, "step {step}: {report:?}");
+    }
+}
