@@ -6,7 +6,7 @@
  *     hystation conformance driver ./example_driver
  *     hystation run --driver ./example_driver
  *
- * -DFLAW=1 to 12 makes one that does wrong, to see that it is found.
+ * -DFLAW=1 to 13 makes one that does wrong, to see that it is found.
  */
 #define _GNU_SOURCE
 #include "hystation_driver.h"
@@ -19,7 +19,7 @@
 #endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
-    STATES_NOTHING
+    STATES_NOTHING, FOCUSES_IN_MM
 };
 
 static const float INSERTION_M = 0.045f; /* the tip in the middle of the cavity */
@@ -51,7 +51,7 @@ static hyst_sample encoders(const device *it, const float force_n[3]) {
         .pose = hyst_pose_of(-asinf(it->y_m / INSERTION_M), 0.0f, 0.0f, INSERTION_M),
         .velocity_m_s = {0.0f, it->speed_m_s, 0.0f},
         .force_n = {force_n[0], force_n[1], force_n[2]},
-        .controls = {.inflow_valve = 1.0f, .outflow_valve = 0.3f, .set_pressure_pa = 9333.0f, .light = 1.0f},
+        .controls = {.inflow_valve = 1.0f, .outflow_valve = 0.3f, .set_pressure_pa = 9333.0f, .light = 1.0f, .focus_m = 0.020f},
     };
     return sample;
 }
@@ -70,6 +70,7 @@ static void spoil(const hyst_driver *driver, hyst_sample *sample, float force_n[
     if (FLAW == SPEAKS_DEGREES) sample->pose.pitch_rad *= 57.3f, sample->pose.roll_rad = 90.0f;
     if (FLAW == STAMPS_OLD) sample->time_ns = 1 + hyst_now_ns() / 1000000000u * 1000000000u; /* once a second */
     if (FLAW == SAYS_NAN && driver->tick % 50 == 7) sample->pose.position_m[1] = NAN;
+    if (FLAW == FOCUSES_IN_MM) sample->controls.focus_m = 20.0f;
     if (FLAW == JUMPS && driver->tick % 100 == 7) sample->pose = hyst_pose_of(0.5f, 0.5f, 0.0f, 0.08f);
 }
 

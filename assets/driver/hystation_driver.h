@@ -47,8 +47,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 16u
-#define HYST_LAYOUT_HASH 0x20462bc6bb9e8e85u
+#define HYST_LAYOUT_VERSION 17u
+#define HYST_LAYOUT_HASH 0x289a69d44cd10104u
 #define HYST_INTERFACE_VERSION 1u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3
@@ -64,25 +64,25 @@
 #define HYST_LAST_WORDS_WORDS 64
 #define HYST_STATE 0
 #define HYST_SAMPLE 512
-#define HYST_LEDGER 544
+#define HYST_LEDGER 546
 #define HYST_LEDGER_ENTRIES 16384
-#define HYST_TOTALS 148001
+#define HYST_TOTALS 148003
 #define HYST_TRACE_HASH 6
 #define HYST_INVALID_APPLIED 7
 #define HYST_STALE_APPLIED 8
 #define HYST_FORCE_STEP_MAX 9
 #define HYST_TRIPS 10
-#define HYST_STATEMENT 148113
-#define HYST_HARDWARE_WORDS 148151
-#define HYST_COMMAND 5661
-#define HYST_DEVICE_WORDS 198196
+#define HYST_STATEMENT 148117
+#define HYST_HARDWARE_WORDS 148155
+#define HYST_COMMAND 5727
+#define HYST_DEVICE_WORDS 202358
 #define HYST_STATION_WORDS 288
 #define HYST_T0_NS 1
 #define HYST_STOP 1
 #define HYST_SLOT_INCARNATION 64
 #define HYST_WORDS32 1024
 #define HYST_DISTRUST_INVALID 1
-#define HYST_SAMPLE_BYTES 112
+#define HYST_SAMPLE_BYTES 120
 #define HYST_COMMAND_BYTES 40
 #define HYST_STATEMENT_BYTES 136
 #define HYST_LEDGER_ENTRY_BYTES 56
@@ -111,6 +111,7 @@ typedef struct {
     float set_pressure_pa;
     float light;            /* 0 to 1 */
     float loop_extension_m; /* of a loop beyond the sheath; of jaws from tip to tip */
+    float focus_m;          /* of the camera head: distance from the lens that is sharp, 0.003 to 0.1; 0: it has none, the usual one is shown */
 } hyst_controls;
 
 typedef struct {
@@ -120,6 +121,7 @@ typedef struct {
     float velocity_m_s[3];  /* of the tip */
     float force_n[3];       /* that the motors make at this moment */
     hyst_controls controls;
+    uint32_t reserved;      /* 0 */
 } hyst_sample;
 
 typedef struct {

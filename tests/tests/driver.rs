@@ -106,11 +106,11 @@ fn fields() -> Vec<(&'static str, usize)> {
     macro_rules! places {
         ($kind:ty, $c:literal: $($field:ident)*) => { vec![$((concat!($c, ", ", stringify!($field)), offset_of!($kind, $field))),*] };
     }
-    let mut all = places!(HardwareSample, "hyst_sample": hardware_tick time_ns pose velocity_m_s force_n controls);
+    let mut all = places!(HardwareSample, "hyst_sample": hardware_tick time_ns pose velocity_m_s force_n controls reserved);
     all.extend(
         places!(hyst_messages::Pose, "hyst_pose": position_m pitch_rad orientation yaw_rad roll_rad insertion_m camera_roll_rad),
     );
-    all.extend(places!(hyst_messages::Controls, "hyst_controls": buttons inflow_valve outflow_valve set_pressure_pa light loop_extension_m));
+    all.extend(places!(hyst_messages::Controls, "hyst_controls": buttons inflow_valve outflow_valve set_pressure_pa light loop_extension_m focus_m));
     all.extend(places!(ForceCommand, "hyst_command": tick force_tick force_n kind source_incarnation device_incarnation));
     all.extend(places!(DeviceStatement, "hyst_statement": version measured_dof driven_dof rate_hz continuous_force_n resolution_m pitch_rad yaw_rad roll_rad
         insertion_m maker name));
@@ -170,6 +170,7 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
         (10, "  that can be: sample"),
         (11, "  that can be: sample"),
         (12, "states what it can do: its statement has not come within 25 s"),
+        (13, "  that can be: sample"),
     ];
     let good = [binaries().join("hardware"), example(&folder, 0)];
     for driver in &good {

@@ -1,5 +1,6 @@
 //! What an engine is started with: three words on its command line, and the station's settings from a file in its root.
 
+use hyst_messages::controls::{FOCUS_M, FOCUS_RANGE_M};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -97,7 +98,10 @@ pub const SET_KEYS: &[(&str, &str)] = &[
         "picture_hz",
         "auto, 30, 60, 120 or 240: most pictures in a second (default auto: on a GPU and 4 cores as the display shows, else 30)",
     ),
-    ("focus_mm", "3 to 100: distance from the lens at which pictures are sharp (default 20)"),
+    (
+        "focus_mm",
+        "3 to 100: where the focus is set at first, from the lens, and where a driver or a recording states none (default 20)",
+    ),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
@@ -119,6 +123,12 @@ impl Settings {
         let number = value.parse::<f64>().ok().filter(|number| range.contains(number));
         number.ok_or_else(|| SetError { key: key.into(), value: value.clone(), expected })
     }
+    /// Where the focus of the camera head is set at first, m.
+    pub fn focus_m(&self) -> Result<f32, SetError> {
+        let [near_mm, far_mm] = FOCUS_RANGE_M.map(|m| f64::from(m * 1e3).round());
+        let mm = self.number("focus_mm", f64::from(FOCUS_M * 1e3).round(), near_mm..=far_mm, "3 to 100")?;
+        Ok((mm * 1e-3) as f32)
+    }
     /// A switch set with `--set`: `on` or `off`.
     pub fn switch(&self, key: &str, default: bool) -> Result<bool, SetError> {
         match self.set.get(key).map(String::as_str) {
@@ -127,5 +137,20 @@ impl Settings {
             Some("off") => Ok(false),
             Some(value) => Err(SetError { key: key.into(), value: value.into(), expected: "on or off" }),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_focus_is_set_in_millimetres_within_its_range() {
+        let focus_m = |value: Option<&str>| {
+            let set = value.map(|value| ("focus_mm".into(), value.into()));
+            Settings { set: set.into_iter().collect(), ..Settings::default() }.focus_m().ok()
+        };
+        let values = [None, Some("8"), Some("3"), Some("100"), Some("2"), Some("NaN")];
+        assert_eq!(values.map(focus_m), [Some(FOCUS_M), Some(0.008), Some(0.003), Some(0.1), None, None]);
     }
 }

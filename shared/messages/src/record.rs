@@ -60,6 +60,8 @@ pub struct Controls {
     pub light: f32,
     /// Extension of the loop electrode beyond the sheath, or what the tips of jaws are apart, m.
     pub loop_extension_m: f32,
+    /// Focus of the camera head: distance from the lens that is sharp, m, within [`FOCUS_RANGE_M`](crate::controls::FOCUS_RANGE_M); 0: none is stated.
+    pub focus_m: f32,
 }
 
 /// What the hardware says at one of its own ticks.
@@ -76,8 +78,10 @@ pub struct HardwareSample {
     pub velocity_m_s: [f32; 3],
     /// Force that the motors make at this moment, N.
     pub force_n: [f32; 3],
-    /// Buttons and valves.
+    /// Buttons, valves, light and focus.
     pub controls: Controls,
+    /// Explicit padding, zero.
+    pub reserved: u32,
 }
 
 /// One plane of the local contact model: F = stiffness · max(0, (point − x)·normal) · normal, x the tip.
@@ -363,8 +367,6 @@ pub struct PointerRecord {
     pub sequence: u64,
     /// Target of pitch, yaw, roll (rad), insertion (m), and of the camera head on the scope (rad).
     pub target: [f32; 5],
-    /// Valves, buttons, pressure, light.
+    /// Valves, buttons, pressure, light, focus.
     pub controls: Controls,
-    /// Explicit padding, zero.
-    pub reserved: u32,
 }

@@ -152,6 +152,7 @@ impl DeviceStatement {
             ("force_n", length(&sample.force_n) <= self.limits.max_force_n * 1.1),
             ("a valve or the light", shares.iter().all(|share| (0.0..=1.0).contains(share))),
             ("set_pressure_pa", (0.0..=100_000.0).contains(&controls.set_pressure_pa)),
+            ("focus_m", controls.has_focus_in_range()),
             ("loop_extension_m", (-0.01..=0.1).contains(&controls.loop_extension_m)),
         ];
         can_be.iter().find(|(_, can_be)| !can_be).map_or(Ok(()), |(what, _)| Err(*what))
@@ -232,9 +233,11 @@ mod tests {
 
     #[test]
     fn a_sample_that_cannot_be_is_refused() {
-        assert_eq!(good().admits(&at(1, 0.05)), Ok(()));
+        let mut focused = at(1, 0.05);
+        focused.controls.focus_m = 0.008;
+        assert_eq!((good().admits(&at(1, 0.05)), good().admits(&focused)), (Ok(()), Ok(())), "a focus need not be stated");
         type Change = fn(&mut HardwareSample);
-        let changes: [(Change, &str); 9] = [
+        let changes: [(Change, &str); 11] = [
             (|sample| sample.pose.position_m[1] = f32::NAN, "position_m"),
             (|sample| sample.pose.insertion_m = 50.0, "insertion_m"), // millimetres
             (|sample| sample.pose.pitch_rad = 35.0, "pitch_rad"),     // degrees
@@ -244,6 +247,8 @@ mod tests {
             (|sample| sample.force_n[1] = f32::NAN, "force_n"),
             (|sample| sample.force_n[1] = 5.0, "force_n"),
             (|sample| sample.controls.outflow_valve = -1.0, "a valve or the light"),
+            (|sample| sample.controls.focus_m = f32::NAN, "focus_m"),
+            (|sample| sample.controls.focus_m = 20.0, "focus_m"), // millimetres
         ];
         for (change, what) in changes {
             let mut bad = at(1, 0.05);

@@ -113,7 +113,8 @@ impl Channel {
             Channel::Controls => {
                 let mut fields = json!({});
                 add(&mut fields, "integer", &["tick", "buttons"]);
-                add(&mut fields, "number", &["inflow_valve", "outflow_valve", "set_pressure_pa", "light", "loop_extension_m"]);
+                let turned = ["inflow_valve", "outflow_valve", "set_pressure_pa", "light", "loop_extension_m", "focus_m"];
+                add(&mut fields, "number", &turned);
                 fields
             }
             Channel::Events => {

@@ -169,6 +169,7 @@ pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> Applied
             velocity_m_s: tool.velocity_m_s.array(),
             force_n: force.motor_n.array(),
             controls,
+            ..HardwareSample::default()
         },
         model_tick: force.model_tick,
         model_epoch: force.model_epoch,
@@ -189,6 +190,13 @@ pub(crate) struct ControlsMessage {
     set_pressure_pa: Number,
     light: Number,
     loop_extension_m: Number,
+    #[serde(default = "not_stated")]
+    focus_m: Number,
+}
+
+/// Recordings from before the focus was the device's have none.
+fn not_stated() -> Number {
+    Number(0.0)
 }
 
 impl ControlsMessage {
@@ -201,6 +209,7 @@ impl ControlsMessage {
             set_pressure_pa: Number(controls.set_pressure_pa),
             light: Number(controls.light),
             loop_extension_m: Number(controls.loop_extension_m),
+            focus_m: Number(controls.focus_m),
         }
     }
     pub(crate) fn controls(&self) -> Controls {
@@ -211,6 +220,7 @@ impl ControlsMessage {
             set_pressure_pa: self.set_pressure_pa.0,
             light: self.light.0,
             loop_extension_m: self.loop_extension_m.0,
+            focus_m: self.focus_m.0,
         }
     }
 }
@@ -352,4 +362,19 @@ impl Tissue {
 
 pub(crate) fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_focus_is_recorded_and_none_is_stated_where_a_recording_is_older() {
+        let controls = Controls { light: 0.7, focus_m: 0.008, ..Controls::default() };
+        let mut message = serde_json::to_value(ControlsMessage::of(7, &controls)).unwrap();
+        let read = |message: &serde_json::Value| serde_json::from_value::<ControlsMessage>(message.clone()).unwrap().controls();
+        assert_eq!(read(&message), controls);
+        assert!(message.as_object_mut().unwrap().remove("focus_m").is_some());
+        assert_eq!(read(&message), Controls { focus_m: 0.0, ..controls });
+    }
 }

@@ -5,6 +5,7 @@ use super::pad::{Make, Pad};
 use super::score::Score;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
+use hyst_messages::controls::FOCUS_M;
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose, StepRecord};
 use hyst_recording::Moment;
 use hyst_scene::{HandLeg, LoadedHand, LoadedRigid, LoadedScene, PumpChange};
@@ -122,6 +123,7 @@ impl Hand {
             score.waits = life.is_lockstep();
         }
         hand.is_again = life.is_replay();
+        hand.controls.focus_m = life.settings.focus_m()?;
         Ok(hand)
     }
 
@@ -151,6 +153,7 @@ impl Hand {
             outflow_valve: 0.3,
             set_pressure_pa: scene.fluid.set_pressure_pa,
             light: 1.0,
+            focus_m: FOCUS_M,
             ..Controls::default()
         };
         let script = name.strip_prefix("script:").and_then(|name| scene.hand(name));
@@ -275,126 +278,4 @@ impl Hand {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_scene_and_the_hand_mean_the_same_by_pitch_yaw_roll_and_insertion() {
-        let pose = hyst_scene::Pose { pitch_rad: 0.2, yaw_rad: -0.3, roll_rad: 0.7, insertion_m: 0.06 };
-        let (tip_m, orientation) = hyst_coupling::pose_from_dof([0.0, 0.01, 0.0], &pose4(&pose));
-        for (a, b) in tip_m.iter().zip(pose.tip_m([0.0, 0.01, 0.0])) {
-            assert!((a - b).abs() < 1e-6, "{tip_m:?}");
-        }
-        let dot: f32 = orientation.iter().zip(pose.orientation()).map(|(a, b)| a * b).sum();
-        assert!(dot.abs() > 0.999_99, "{orientation:?} {:?}", pose.orientation());
-    }
-
-    /// The controls of each tick of a hand that meets no force.
-    fn controls(hand: &mut Hand, ticks: u64, pointer: Option<&PointerRecord>) -> Vec<Controls> {
-        (0..ticks).map(|tick| hand.step(tick, [0.0; 3], pointer).controls).collect()
-    }
-
-    #[test]
-    fn the_scripts_bits_are_not_taken_for_each_other() {
-        let scene = hyst_scene::load_embedded().unwrap();
-        let found = scene.hand("polyp").unwrap();
-        assert!(!found.legs.is_empty(), "{found:?}");
-        let pressing = LoadedHand { legs: Vec::new(), ..found.clone() };
-        let scenes = [scene.clone(), LoadedScene { hands: vec![pressing], ..scene }];
-        for (what, scene) in ["legs", "script"].into_iter().zip(scenes) {
-            let mut hand = Hand::in_scene(&scene, "script:polyp", 0).unwrap();
-            let reach_m = scene.rigid[0].electrode.as_ref().unwrap().reach_m;
-            let all = controls(&mut hand, 25_000, None);
-            let cutting: Vec<_> = all.iter().filter(|controls| controls.buttons & BUTTON_ENERGIZED != 0).collect();
-            assert!(cutting.len() > 1_000, "{what}: {} ticks", cutting.len());
-            for controls in cutting {
-                assert!(controls.buttons & BUTTON_EXTENDED != 0, "{what}: current in a loop that is to be in");
-                assert_eq!(controls.loop_extension_m, reach_m, "{what}");
-            }
-            assert!(all.iter().any(|controls| controls.buttons == BUTTON_EXTENDED), "{what}: it goes out cold");
-        }
-    }
-
-    #[test]
-    fn the_hand_opens_the_outflow_once_it_has_cut_and_leaves_it_to_a_scene_that_sets_it() {
-        let mut scene = hyst_scene::load_embedded().unwrap();
-        let mut valves = |changes: Vec<PumpChange>| {
-            scene.fluid.changes = changes;
-            let all = controls(&mut Hand::in_scene(&scene, "script:polyp", 0).unwrap(), 12_000, None);
-            let cut = all.iter().position(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap();
-            let [before, after] =
-                [&all[..cut], &all[cut..]].map(|part| part.iter().map(|controls| controls.outflow_valve).fold(0.0, f32::max));
-            (before, after)
-        };
-        assert_eq!(valves(Vec::new()), (0.3, 1.0));
-        let shut = PumpChange { at_s: 0.0, outflow_valve: Some(0.2), ..PumpChange::default() };
-        assert_eq!(valves(vec![shut]).1, 0.2);
-        assert_eq!(valves(vec![PumpChange { outflow_valve: None, set_pressure_pa: Some(5e3), ..shut }]), (0.3, 1.0));
-    }
-
-    #[test]
-    fn the_loop_goes_out_and_in_as_fast_as_a_thumb_and_no_farther_than_it_reaches() {
-        let scene = hyst_scene::load_embedded().unwrap();
-        let mut hand = Hand::in_scene(&scene, "mouse", 0).unwrap();
-        let pressed = |buttons: u32| PointerRecord {
-            sequence: 1,
-            controls: Controls { buttons, ..Controls::default() },
-            ..PointerRecord::default()
-        };
-        let mut before_m = 0.0;
-        for (buttons, ticks, end_m) in
-            [(BUTTON_EXTENDED, 200, 0.006), (BUTTON_EXTENDED, 300, 0.012), (BUTTON_ENERGIZED, 500, 0.0)]
-        {
-            for controls in controls(&mut hand, ticks, Some(&pressed(buttons))) {
-                assert!((controls.loop_extension_m - before_m).abs() <= 30.1e-6, "{controls:?}");
-                before_m = controls.loop_extension_m;
-            }
-            assert!((before_m - end_m).abs() < 1e-6, "{before_m}");
-        }
-    }
-
-    #[test]
-    fn the_camera_head_turns_on_the_scope_and_stays_where_it_was_left() {
-        let scene = hyst_scene::load_embedded().unwrap();
-        let mut hand = Hand::in_scene(&scene, "mouse", 0).unwrap();
-        let turned = PointerRecord { sequence: 1, target: [0.0, 0.0, 0.2, 0.04, 0.3], ..PointerRecord::default() };
-        let mut before_rad = 0.0;
-        for tick in 0..300 {
-            let pose = hand.step(tick, [0.0; 3], Some(&turned)).pose;
-            assert!((pose.camera_roll_rad - before_rad).abs() <= 3.001e-3, "{pose:?}");
-            before_rad = pose.camera_roll_rad;
-        }
-        let left = hand.step(300, [0.0; 3], None).pose;
-        assert!((left.camera_roll_rad - 0.3).abs() < 1e-6 && (left.roll_rad - 0.2).abs() < 0.05, "{left:?}");
-        let nowhere = PointerRecord { target: [0.0, 0.0, 0.2, 0.04, f32::NAN], ..turned };
-        assert_eq!(hand.step(301, [0.0; 3], Some(&nowhere)).pose.camera_roll_rad, left.camera_roll_rad);
-    }
-
-    #[test]
-    fn a_hand_that_moves_once_rests_cold_where_it_began_and_sets_what_it_says_itself() {
-        let mut scene = hyst_scene::load_embedded().unwrap();
-        scene.fluid.changes = vec![PumpChange { at_s: 1.0, outflow_valve: Some(0.9), ..PumpChange::default() }];
-        let changes = vec![PumpChange { at_s: 2.0, inflow_valve: Some(0.0), ..PumpChange::default() }];
-        let found = scene.hand("polyp").unwrap().clone();
-        let period_ticks = (found.period_s * 1e3) as u64 + 1_000;
-        scene.hands.push(LoadedHand { name: "once".into(), is_once: true, changes, ..found });
-        let all = ["once", "polyp"].map(|name| {
-            let mut hand = Hand::in_scene(&scene, &format!("script:{name}"), 0).unwrap();
-            controls(&mut hand, 2 * period_ticks, None)
-        });
-        let last_cut =
-            |all: &[Controls]| all.iter().rposition(|controls| controls.buttons & BUTTON_ENERGIZED != 0).unwrap() as u64;
-        assert!(last_cut(&all[0]) < period_ticks && last_cut(&all[1]) > period_ticks);
-        assert_eq!(all[0].last().unwrap().buttons, 0);
-        let set = all.map(|all| all.last().map(|controls| (controls.inflow_valve, controls.outflow_valve)).unwrap());
-        assert_eq!(set, [(0.0, 0.3), (1.0, 0.9)]);
-    }
-
-    #[test]
-    fn an_instrument_without_a_loop_extends_none() {
-        let mut scene = hyst_scene::load_embedded().unwrap();
-        scene.rigid[0].electrode = None;
-        let mut hand = Hand::in_scene(&scene, "script:polyp", 0).unwrap();
-        assert!(controls(&mut hand, 8_000, None).iter().all(|controls| controls.loop_extension_m == 0.0));
-    }
-}
+mod tests;

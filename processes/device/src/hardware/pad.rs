@@ -85,7 +85,7 @@ impl Pad {
         f32::from_bits(self.said.head.load(Ordering::Relaxed)) * HEAD_RAD_S
     }
 
-    /// Where the hand wants the scope in this tick, from where it is; sets valves, pressure and light, and gives the buttons.
+    /// Where the hand wants the scope in this tick, from where it is; sets valves, pressure, light and focus, and gives the buttons.
     pub fn step(&mut self, at: &Pose4, controls: &mut Controls, tick_s: f32) -> (Pose4, u32) {
         let at = [at.pitch_rad, at.yaw_rad, at.roll_rad, at.insertion_m];
         let target = self.target.get_or_insert(at);
@@ -235,6 +235,10 @@ mod tests {
         assert_eq!(after(Switch::Light, 1).light, DIM);
         assert_eq!(after(Switch::Loop, 1).buttons, BUTTON_EXTENDED);
         assert!((after(Switch::PressureUp, 1).set_pressure_pa - 9_999.6).abs() < 1.0);
+        assert!(
+            (after(Switch::FocusNear, 1).focus_m - 0.0174).abs() < 1e-4
+                && (after(Switch::FocusFar, 2).focus_m - 0.023).abs() < 1e-4
+        );
         let lowest = (0..10).map(|_| after(Switch::PressureDown, 8).set_pressure_pa).last();
         assert_eq!(lowest, Some(PRESSURE_PA[0]));
     }

@@ -12,8 +12,8 @@ const ABSOLUTE: u16 = 3;
 const FULL_OF_MOUSE: f32 = 350.0;
 /// Axes that mean something: x, y, z, and the turns about them.
 const AXES: usize = 6;
-/// The vertical axis of a gamepad's cross.
-const CROSS: u16 = 0x11;
+/// The axes of a gamepad's cross: sideways, and up and down.
+const CROSS: [u16; 2] = [0x10, 0x11];
 
 /// The camera head turns while they are held: a gamepad's shoulder buttons, to the left and to the right.
 const HEAD: [u16; 2] = [0x136, 0x137];
@@ -28,15 +28,20 @@ pub enum Make {
 }
 
 /// Buttons that turn something, by their code: of a gamepad east, west, north and select, the cross; of a 3D mouse its second button.
-pub const SWITCHES: [(u16, Switch); 7] = [
+pub const SWITCHES: [(u16, Switch); 9] = [
     (0x131, Switch::Loop),
     (0x134, Switch::Inflow),
     (0x133, Switch::Outflow),
     (0x13a, Switch::Light),
-    (CROSS, Switch::PressureUp),
-    (CROSS, Switch::PressureDown),
+    (CROSS[1], Switch::PressureUp),
+    (CROSS[1], Switch::PressureDown),
+    (CROSS[0], Switch::FocusNear),
+    (CROSS[0], Switch::FocusFar),
     (0x101, Switch::Loop),
 ];
+/// What the cross turns to the left and to the right, up and down.
+const ACROSS: [Switch; 2] = [Switch::FocusNear, Switch::FocusFar];
+const UPRIGHT: [Switch; 2] = [Switch::PressureUp, Switch::PressureDown];
 /// The current while it is held: a gamepad's south button, a 3D mouse's first.
 const CURRENT: [u16; 2] = [0x130, 0x100];
 
@@ -121,9 +126,13 @@ impl Deflections {
             (KEY, code) if CURRENT.contains(&code) => self.is_energized = event.value != 0,
             (KEY, code) if HEAD.contains(&code) => self.is_turned[usize::from(code - HEAD[0])] = event.value != 0,
             // 2 is a key that repeats itself.
-            (KEY, code) if event.value == 1 && code != CROSS => return SWITCHES.iter().position(|(known, _)| *known == code),
-            (ABSOLUTE, CROSS) if event.value < 0 => return pressed(Switch::PressureUp),
-            (ABSOLUTE, CROSS) if event.value > 0 => return pressed(Switch::PressureDown),
+            (KEY, code) if event.value == 1 && !CROSS.contains(&code) => {
+                return SWITCHES.iter().position(|(known, _)| *known == code);
+            }
+            (ABSOLUTE, code) if CROSS.contains(&code) => {
+                let [less, more] = if code == CROSS[0] { ACROSS } else { UPRIGHT };
+                return if event.value == 0 { None } else { pressed(if event.value < 0 { less } else { more }) };
+            }
             (ABSOLUTE, code) => self.set(usize::from(code), ranges.share(usize::from(code), event.value)),
             (RELATIVE, code) if self.is_mouse => {
                 self.set(usize::from(code), (event.value as f32 / FULL_OF_MOUSE).clamp(-1.0, 1.0))
@@ -213,8 +222,14 @@ mod tests {
         let (_, pressed) =
             after(Make::Gamepad, &[(KEY, 0x131, 1), (KEY, 0x131, 2), (KEY, 0x131, 0), (KEY, 0x133, 1), (KEY, 0x2ff, 1)]);
         assert_eq!(pressed, [Switch::Loop, Switch::Outflow]);
-        let (_, pressed) = after(Make::Gamepad, &[(ABSOLUTE, CROSS, -1), (ABSOLUTE, CROSS, 0), (ABSOLUTE, CROSS, 1)]);
-        assert_eq!(pressed, [Switch::PressureUp, Switch::PressureDown]);
+        let cross =
+            |axis: u16| after(Make::Gamepad, &[(ABSOLUTE, axis, -1), (ABSOLUTE, axis, 0), (ABSOLUTE, axis, 1), (KEY, axis, 1)]).1;
+        assert_eq!(cross(0x11), [Switch::PressureUp, Switch::PressureDown]);
+        assert_eq!(
+            cross(0x10),
+            [Switch::FocusNear, Switch::FocusFar],
+            "to the left, to the right; its number is a letter's key too"
+        );
         assert_eq!(after(Make::SpaceMouse, &[(KEY, 0x101, 1)]).1, [Switch::Loop]);
         assert_eq!([Make::from_name("gamepad"), Make::from_name("pad")], [Some(Make::Gamepad), None]);
     }
