@@ -224,7 +224,7 @@ fn until_moved(station: &Station, what: &str, press: impl Fn(), has_moved: impl 
     assert!(moved.is_some(), "{what}: the hand did not move: {:?}\n{}", station.sample().pose, station.said());
 }
 
-/// F1 brings the help and takes it away, V shows the view from outside and the one from inside again, Home sets a higher pressure, which is given, Pa.
+/// F1 brings the help and takes it away, V shows the view from outside and the one from inside again, F a nearer focus, Home a higher pressure, which is given, Pa.
 fn switch_by_keys(display: &Display, station: &Station) -> f32 {
     let before = display.count(INK);
     assert!(before > 0, "no strip of text");
@@ -233,6 +233,8 @@ fn switch_by_keys(display: &Display, station: &Station) -> f32 {
     let round = display.count([0; 3]);
     display.press(station, "v", "no view from outside", || display.count([0; 3]) + ROUND_BLACK < round);
     display.press(station, "v", "no view from inside", || display.count([0; 3]) + ROUND_BLACK / 2 > round);
+    let focus_m = || station.sample().controls.focus_m;
+    display.press(station, "f", "no nearer focus", || (0.003..0.019).contains(&focus_m()));
     let set_pa = || station.sample().controls.set_pressure_pa;
     let before_pa = set_pa();
     display.press(station, "Home", "no higher pressure", || set_pa() > before_pa + 600.0);

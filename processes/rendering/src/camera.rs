@@ -9,6 +9,7 @@
 //! 30 degree endoscope is designed at F/6 for objects at 25 mm and +-40 degrees (Zhang et al., Acta Optica Sinica 38, 0222002, 2018); the
 //! focal length of 1.2 mm, with which the field of 90 degrees is as wide as the rod lenses of a 4 mm optic, is assumed.
 use glam::{Mat4, Quat, Vec3};
+use hyst_messages::controls::{FOCUS_M, FOCUS_RANGE_M};
 
 /// The optic and how it is held.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -140,10 +141,6 @@ pub(crate) struct Focus {
     pub spread: f32,
 }
 
-/// Where a focus is set as a rule, m: with it a cavity is sharp from 12 mm on. And how near and far it can be set.
-pub const FOCUS_M: f32 = 0.020;
-/// How near and how far a focus can be set, m.
-pub const FOCUS_RANGE_M: [f32; 2] = [0.003, 0.1];
 /// Aperture of the lens, m.
 const APERTURE_M: f32 = 1.2e-3 / 6.0;
 /// Nothing nearer is drawn, m: a lens that touches tissue sees red, not the inside of the wall.

@@ -17,11 +17,13 @@ pub struct Asked {
     pub size_px: Option<[u32; 2]>,
     /// Most of them in a second.
     pub hz: Option<u32>,
+    /// Focus where the device states none, m.
+    pub focus_m: f32,
 }
 
 /// What the settings ask for.
 pub fn asked(settings: &Settings) -> Result<Asked, SetError> {
-    Ok(Asked { size_px: asked_px(settings)?, hz: asked_hz(settings)? })
+    Ok(Asked { size_px: asked_px(settings)?, hz: asked_hz(settings)?, focus_m: settings.focus_m()? })
 }
 
 fn asked_hz(settings: &Settings) -> Result<Option<u32>, SetError> {

@@ -1,6 +1,6 @@
 //! The hand in the window: mouse and keys become targets for the simulated hardware, in the page's pointer cell.
 //!
-//! Promise: the first record repeats where the scope is and how valves, pressure, light and loop are set, so that a restarted window changes nothing;
+//! Promise: the first record repeats where the scope is and how valves, pressure, light, focus and loop are set, so that a restarted window changes nothing;
 //! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
 use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, PointerRecord, Switch};
@@ -12,12 +12,14 @@ const REACH: [f32; 5] = [0.25, 0.25, 0.6, 0.012, 0.6];
 /// Bounds of a target whatever the scope says: rad, rad, rad, m, rad.
 const BOUNDS: [(f32, f32); 5] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2), (-PI, PI)];
 /// What the keys of the hand turn.
-const TURNS: [(Key, Switch); 6] = [
+const TURNS: [(Key, Switch); 8] = [
     (Key::Inflow, Switch::Inflow),
     (Key::Outflow, Switch::Outflow),
     (Key::Light, Switch::Light),
     (Key::PressureUp, Switch::PressureUp),
     (Key::PressureDown, Switch::PressureDown),
+    (Key::FocusNear, Switch::FocusNear),
+    (Key::FocusFar, Switch::FocusFar),
     (Key::LoopOut, Switch::Loop),
 ];
 
@@ -89,7 +91,8 @@ mod tests {
 
     #[test]
     fn the_first_record_leaves_the_scope_where_it_is_and_what_was_set_as_it_was() {
-        let controls = Controls { outflow_valve: 0.0, set_pressure_pa: 5_000.0, buttons: BUTTON_EXTENDED, ..now().controls };
+        let controls =
+            Controls { outflow_valve: 0.0, set_pressure_pa: 5_000.0, focus_m: 0.008, buttons: BUTTON_EXTENDED, ..now().controls };
         let record = Hand::default().follow(&PointerInput::default(), &HardwareSample { controls, ..now() });
         assert_eq!((record.sequence, record.target, record.controls), (1, [0.1, -0.2, 0.3, 0.04, 0.5], controls));
     }
@@ -125,6 +128,17 @@ mod tests {
         assert_eq!(hand.follow(&press(Key::LoopOut), &now()).controls.buttons, BUTTON_EXTENDED);
         assert_eq!(hand.follow(&press(Key::Energize), &now()).controls.buttons, BUTTON_EXTENDED | BUTTON_ENERGIZED);
         assert_eq!(hand.follow(&PointerInput::default(), &now()).controls.buttons, BUTTON_EXTENDED);
+    }
+
+    #[test]
+    fn the_focus_goes_from_where_the_device_has_it_by_a_key_at_a_time() {
+        let mut hand = Hand::default();
+        let focused = HardwareSample { controls: Controls { focus_m: 0.010, ..now().controls }, ..now() };
+        let near_m = hand.follow(&press(Key::FocusNear), &focused).controls.focus_m;
+        assert!((near_m - 0.0087).abs() < 1e-4, "{near_m}");
+        let held = PointerInput { held: Key::FocusNear.bit(), ..PointerInput::default() };
+        assert_eq!(hand.follow(&held, &focused).controls.focus_m, near_m);
+        assert!((hand.follow(&press(Key::FocusFar), &focused).controls.focus_m - 0.010).abs() < 1e-6);
     }
 
     #[test]
@@ -165,7 +179,7 @@ mod tests {
             let mut hand = Hand::default();
             let before = hand.follow(&PointerInput::default(), &now());
             let after = hand.follow(&press(key), &now());
-            let is_of_picture = matches!(key, Key::FocusNear | Key::FocusFar | Key::External | Key::Help);
+            let is_of_picture = matches!(key, Key::External | Key::Help);
             assert_eq!(after.controls != before.controls, !is_of_picture && !moves.contains(&key), "{key:?}");
         }
     }

@@ -217,7 +217,7 @@ pub(crate) static SWITCHES: [Switch; 9] = [
     Switch { keys: &[(KeyCode::KeyT, Key::Light)], of_hand: true, does: "light dim, full" },
     Switch {
         keys: &[(KeyCode::KeyF, Key::FocusNear), (KeyCode::KeyG, Key::FocusFar)],
-        of_hand: false,
+        of_hand: true,
         does: "focus nearer, farther",
     },
     Switch { keys: &[(KeyCode::KeyV, Key::External)], of_hand: false, does: "view from outside, inside" },

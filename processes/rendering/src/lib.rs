@@ -31,7 +31,7 @@ mod uniforms;
 mod window;
 
 pub use bubbles::Bubbles;
-pub use camera::{Camera, Endoscope, External, FOCUS_M, FOCUS_RANGE_M, View};
+pub use camera::{Camera, Endoscope, External, View};
 pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
 pub use error::RenderError;
 pub use fluid::{FluidField, MAX_CELLS};

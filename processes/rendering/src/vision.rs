@@ -16,10 +16,11 @@ use hyst_engine::settings::SetError;
 use hyst_engine::{Failure, Life, Pace};
 use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
+use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, External, FOCUS_M, FOCUS_RANGE_M, FrameStats, Gpu, MIN_SCALE, Motes, Prefer, RenderError,
-    Renderer, Shown, View, Window, fastest_ticks,
+    Bubbles, Camera, Effort, Endoscope, External, FrameStats, Gpu, MIN_SCALE, Motes, Prefer, RenderError, Renderer, Shown, View,
+    Window, fastest_ticks,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.
@@ -46,6 +47,9 @@ struct Vision<'a> {
     motes: Motes,
     view: View,
     switches: Switches,
+    /// Focus where the device states none, and as it is set, m.
+    usual_focus_m: f32,
+    focus_m: f32,
     effort: Effort,
     fastest_ticks: u64,
     strip: Strip,
@@ -64,15 +68,9 @@ fn wants_external(life: &Life) -> Result<bool, SetError> {
     }
 }
 
-/// Distance from the lens that is sharp at first, m.
-fn asked_focus_m(life: &Life) -> Result<f32, SetError> {
-    let [near_mm, far_mm] = FOCUS_RANGE_M.map(|m| f64::from(m * 1e3).round());
-    life.settings.number("focus_mm", f64::from(FOCUS_M * 1e3), near_mm..=far_mm, "3 to 100").map(|mm| mm as f32 * 1e-3)
-}
-
 /// The process.
 pub fn run(life: &Life) -> Result<(), Failure> {
-    let mut switches = Switches::new(wants_external(life)?, asked_focus_m(life)?);
+    let mut switches = Switches::new(wants_external(life)?);
     let asked = display::asked(&life.settings)?;
     let mut album = Album::open(life)?;
     let links = Links::join(&life.station, &life.slot.to_string())?;
@@ -130,6 +128,23 @@ fn lens_m(pose: &Pose) -> [f32; 3] {
     (glam::Vec3::from(pose.position_m) - LENS_BEHIND_M * axis).to_array()
 }
 
+/// The optic as the device says that it is held and focused; where the device states no focus it is another one.
+fn held(optic: &ScopeRecord, sample: Option<&HardwareSample>, usual_focus_m: f32) -> Endoscope {
+    let mut scope = Endoscope {
+        oblique_rad: optic.oblique_rad,
+        field_of_view_rad: optic.field_of_view_rad,
+        distortion: distortion(optic.periphery_ratio),
+        focus_m: usual_focus_m,
+        ..Endoscope::default()
+    };
+    if let Some(sample) = sample {
+        (scope.tip_m, scope.rotation) = (lens_m(&sample.pose), sample.pose.orientation);
+        scope.head_rad = sample.pose.camera_roll_rad;
+        scope.focus_m = sample.controls.focus_or(usual_focus_m);
+    }
+    scope
+}
+
 impl<'a> Vision<'a> {
     /// Opens the device and draws a first picture, which compiles what drivers compile late.
     fn start(life: &'a Life, display: &Display, asked: Asked, switches: Switches) -> Result<Vision<'a>, RenderError> {
@@ -152,6 +167,8 @@ impl<'a> Vision<'a> {
             motes: Motes::new(MOTES),
             view: View::new(Camera::Endoscope(Endoscope::default())),
             switches,
+            usual_focus_m: asked.focus_m,
+            focus_m: asked.focus_m,
             effort: Effort::default(),
             fastest_ticks,
             strip: Strip::of(&life.clock),
@@ -207,7 +224,7 @@ impl<'a> Vision<'a> {
             let set_pa = hand.as_ref().and(sample.as_ref()).map(|sample| sample.controls.set_pressure_pa);
             self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
             if display.window().is_some() {
-                self.view.overlay.lines.extend(self.switches.lines(hand.is_some()));
+                self.view.overlay.lines.extend(self.switches.lines(hand.is_some(), self.focus_m));
             }
             self.view.overlay.lines.extend(self.strip.case());
             let stats = self.renderer.render(&self.view).map_err(broken)?;
@@ -309,25 +326,15 @@ impl<'a> Vision<'a> {
         Ok(())
     }
 
-    /// Points the camera, moves the tool, whose jaws hold something at such an opening, m, sets the light.
+    /// Points the camera and sets its focus, moves the tool, whose jaws hold something at such an opening, m, sets the light.
     fn aim(&mut self, sample: Option<&HardwareSample>, hold_m: f32) {
         if let Some(sample) = sample {
             // The tool is on the stage from the start.
             let _ = self.scenery.instrument.hold(self.renderer.stage(), sample, hold_m);
             self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.instrument.scope.light;
         }
-        let optic = &self.scenery.instrument.scope;
-        let mut scope = Endoscope {
-            oblique_rad: optic.oblique_rad,
-            field_of_view_rad: optic.field_of_view_rad,
-            distortion: distortion(optic.periphery_ratio),
-            focus_m: self.switches.focus_m,
-            ..Endoscope::default()
-        };
-        if let Some(sample) = sample {
-            (scope.tip_m, scope.rotation) = (lens_m(&sample.pose), sample.pose.orientation);
-            scope.head_rad = sample.pose.camera_roll_rad;
-        }
+        let scope = held(&self.scenery.instrument.scope, sample, self.usual_focus_m);
+        self.focus_m = scope.focus_m;
         self.view.camera = if self.switches.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
     }
 
@@ -344,10 +351,31 @@ impl<'a> Vision<'a> {
             passes_ms: stats.passes_ms,
             size_px: self.renderer.size_px(),
             period_ticks: [self.effort.period_ticks, self.fastest_ticks].map(|ticks| ticks as u32),
-            focus_m: if self.view.quality.focus && !self.switches.external { self.switches.focus_m } else { 0.0 },
+            focus_m: if self.view.quality.focus && !self.switches.external { self.focus_m } else { 0.0 },
         };
         own.write(page::STATUS, &status);
         own.store64(header::VALUE_NS, system::now_ns());
         own.add64(header::COPIED_BYTES, self.copied);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_picture_has_the_head_and_the_focus_of_the_sample_that_it_shows() {
+        let optic = ScopeRecord::default();
+        let mut sample = HardwareSample::default();
+        (sample.pose.camera_roll_rad, sample.controls.focus_m) = (0.4, 0.008);
+        let seen = |sample: Option<&HardwareSample>| {
+            let scope = held(&optic, sample, 0.015);
+            (scope.head_rad, scope.focus_m)
+        };
+        assert_eq!((seen(Some(&sample)), seen(None)), ((0.4, 0.008), (0.0, 0.015)));
+        for focus_m in [0.0, f32::NAN, 8.0] {
+            sample.controls.focus_m = focus_m;
+            assert_eq!(seen(Some(&sample)), (0.4, 0.015), "{focus_m} m: a driver or a recording that states none");
+        }
     }
 }

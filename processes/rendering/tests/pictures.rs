@@ -2,7 +2,7 @@
 mod stand;
 
 use rendering::{
-    Appearance, Bubbles, Camera, FOCUS_M, FluidField, Gpu, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
+    Appearance, Bubbles, Camera, FluidField, Gpu, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
 };
 use stand::*;
 
@@ -226,7 +226,7 @@ fn what_the_focus_is_turned_to_is_sharp_and_the_rest_is_not() {
     assert!(near[0] > 0.65 * all[0] && far[1] > 0.65 * all[1], "what is in focus stays sharp: {near:?} {far:?} {all:?}");
     assert_eq!(all, shoot(0.030, false), "without the pass the focus does nothing");
     let nonsense = shoot(f32::NAN, true);
-    assert_eq!(nonsense, shoot(FOCUS_M, true), "a focus that is no number is the usual one");
+    assert_eq!(nonsense, shoot(hyst_messages::controls::FOCUS_M, true), "a focus that is no number is the usual one");
 }
 
 #[test]
