@@ -16,9 +16,12 @@ fn both<A: Send>(one: impl FnOnce() -> A + Send, other: impl FnOnce() -> A + Sen
     })
 }
 
-/// Two trainees at the same case.
+/// Two trainees at the same case, of whom the report thinks the better of the first.
 fn sessions(case: &str, [good, bad]: [&str; 2], time: &str) -> [Value; 2] {
-    both(|| session(case, good, time), || session(case, bad, time))
+    let found = both(|| session(case, good, time), || session(case, bad, time));
+    let [of_good, of_bad] = found.each_ref().map(|report| report["score"].as_f64());
+    assert!(of_good > of_bad, "{case}: {good} has {of_good:?}, {bad} {of_bad:?}");
+    found
 }
 
 /// What the report says of a case that a hand does for so long.
@@ -37,7 +40,7 @@ fn session(case: &str, hand: &str, time: &str) -> Value {
     let (code, report, said) = run(hystation().args(["report", &recording, "--json", "-"]));
     assert_eq!(code, Some(0), "{case} {hand}: {said}");
     let report: Value = serde_json::from_str(&report).unwrap();
-    println!("{case} {hand}: {:#}", report["case"]);
+    println!("{case} {hand}: {} of 100; {:#}", report["score"], report["case"]);
     report
 }
 

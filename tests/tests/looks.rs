@@ -57,6 +57,38 @@ fn assert_without_rasterizer_threads(station: &Station) {
     assert!(!names.iter().any(|name| name.starts_with("llvmpipe-")), "rendering's threads: {names:?}");
 }
 
+/// The pictures of a film: each begins and ends as a JPEG does, which nothing within one looks like, and has a size.
+fn film_of(path: &Path) -> Vec<[usize; 2]> {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let begins: Vec<usize> = (0..bytes.len()).filter(|at| bytes[*at..].starts_with(&[0xff, 0xd8, 0xff])).collect();
+    let whole = begins.iter().enumerate().filter_map(|(index, begin)| {
+        let picture = &bytes[*begin..begins.get(index + 1).copied().unwrap_or(bytes.len())];
+        let frame = picture.windows(2).position(|marker| marker == [0xff, 0xc0])?;
+        let side = |at: usize| usize::from(picture[frame + at]) << 8 | usize::from(picture[frame + at + 1]);
+        picture.ends_with(&[0xff, 0xd9]).then(|| [side(7), side(5)])
+    });
+    whole.collect()
+}
+
+#[test]
+fn a_film_goes_on_where_rendering_died() {
+    let folder = Folder::new("looks-film");
+    let album = folder.as_path().join("film");
+    let shown = album.display().to_string();
+    let settings = ["picture_every_s=0.2", "picture_format=mjpeg", "picture_size=320x240"].map(|one| ["--set", one]).concat();
+    let station = Station::start("film", &[&["--hand", "idle", "--pictures", shown.as_str()], &settings[..]].concat());
+    let count = || film_of(&album.join("pictures.mjpeg")).len();
+    let has_more = |than: usize| wait_for(PICTURE_LIMIT, || (count() > than + 2).then_some(()));
+    assert!(has_more(0).is_some(), "no film\n{}", station.said());
+    station.kill("rendering", true);
+    let before = count();
+    assert!(has_more(before).is_some(), "it does not go on after {before} pictures\n{}", station.said());
+    station.stop().assert_clean();
+    let film = film_of(&album.join("pictures.mjpeg"));
+    assert!(film.iter().all(|size| *size == [320, 240]), "{film:?}");
+    assert_eq!(std::fs::read_dir(&album).map(Iterator::count).ok(), Some(1), "nothing beside it");
+}
+
 #[test]
 fn the_pictures_follow_the_scenes_looks_and_light_also_after_the_tissue_died() {
     if std::env::var_os("HYSTATION_NO_GPU").is_some() {

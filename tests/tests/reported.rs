@@ -44,20 +44,18 @@ const TEXTS: &str = r"(() => {
     });
 })()";
 
-/// A session of a case that is over after half a minute: its report for programs, and the page.
+/// Whom the report names.
+const TRAINEE: &str = "Ana Müller";
+
+/// The polyp case from its start to its report, in real time by all processes of a station: the report for programs, and the page.
 fn session(folder: &Folder) -> (Value, String) {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
-    let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).expect("the case");
-    let scene = assets.join("scenes/default.toml").display().to_string();
-    let short = text.replace("time_s = 240.0", "time_s = 30.0").replace("../scenes/default.toml", &scene);
-    assert_ne!(short, text);
-    let (case, recording, page) = (folder.write("short.toml", &short), folder.path("session.mcap"), folder.path("page.html"));
-    let station = format!("r{}", std::process::id());
+    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/polyp.toml").display().to_string();
+    let (recording, page) = (folder.path("session.mcap"), folder.path("page.html"));
+    let (station, trainee) = (format!("r{}", std::process::id()), format!("trainee={TRAINEE}"));
     let mut command = hystation();
-    command.args(["--name", &station, "run", &case, "--headless", "--hand", "script:press", "--for", "36s"]);
-    let roles = "hardware,device,haptic,tissue,fluid,collision-worker,rendering,recorder";
-    let (code, _, said) = run(command.args(["--record", &recording, "--roles", roles]));
-    assert_eq!(code, Some(0), "{said}");
+    command.args(["--name", &station, "run", &case, "--headless", "--hand", "script:resects", "--until-end", "--for", "90s"]);
+    let (code, _, said) = run(command.args(["--record", &recording, "--set", &trainee, "--set", "console_port=0"]));
+    assert!(code == Some(0) && said.contains("the session is over"), "{said}");
     let (code, report, said) = run(hystation().args(["report", &recording, "--json", "-", "--html", &page]));
     assert_eq!(code, Some(0), "{said}");
     (serde_json::from_str(&report).expect("a report"), page)
@@ -69,7 +67,14 @@ fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
     let (report, page) = session(&folder);
     let pictures = report["pictures"].as_array().expect("a list");
     println!("{pictures:#?}");
-    assert_eq!(report["case"]["ended"]["by"], "time", "{}", report["case"]);
+    assert_eq!(report["case"]["ended"]["by"], "goals", "{}", report["case"]);
+    let goals = report["case"]["goals"].as_array().expect("a list");
+    assert!(goals.len() == 3 && goals.iter().all(|goal| goal["state"] == "reached"), "{}", report["case"]);
+    let session = &report["session"];
+    assert!(
+        session["trainee"] == TRAINEE && session["begun_utc"].as_str().is_some_and(|begun| begun.starts_with("20")),
+        "{session}"
+    );
     let steps = report["station"]["processes"]["rendering"]["steps"].as_u64().unwrap_or(0);
     let words: Vec<&str> = pictures.iter().filter_map(|picture| picture["words"].as_str()).collect();
     if std::env::var_os("HYSTATION_NO_GPU").is_some() {
@@ -91,7 +96,10 @@ fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
     }
     let mut browser = Browser::open("reported", &format!("file://{page}"));
     let look = browser.wait("a report", LOOK, |look| look["title"].is_string().then(|| look.clone()));
-    assert!(look["title"].as_str().is_some_and(|title| title.starts_with("Training session")), "{look:#}");
+    assert!(
+        look["title"].as_str().is_some_and(|title| title.starts_with("Training session") && title.ends_with(TRAINEE)),
+        "{look:#}"
+    );
     let figures = look["figures"].as_array().expect("a list");
     assert_eq!(figures.len(), words.len(), "{look:#}");
     for (figure, words) in figures.iter().zip(words) {

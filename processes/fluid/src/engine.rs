@@ -18,7 +18,7 @@ use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
-use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, Solver, StateView};
+use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
@@ -88,7 +88,19 @@ pub fn model_of(scene: &LoadedScene, cells: [usize; 3]) -> Result<FlowModel, hys
     model.blood.vessel_pa = vessels.pressure_pa;
     model.blood.conductance_ml_s_pa = vessels.conductance_ml_s_pa;
     model.blood.seed = vessels.seed;
-    model.pump.container_ml = figures.container_ml.into();
+    let (pump, cavity) = (&figures.pump, &figures.cavity);
+    model.pump = PumpModel {
+        container_ml: figures.container_ml.into(),
+        max_flow_ml_s: pump.max_flow_ml_min / 60.0,
+        inflow_ml_s_pa: pump.inflow_ml_s_pa,
+        outflow_ml_s_pa: pump.outflow_ml_s_pa,
+        suction_pa: pump.suction_pa,
+        leak_ml_s_pa: pump.leak_ml_s_pa,
+        volume_150_mmhg_ml: cavity.volume_ml,
+        parting_pa: cavity.parting_pa,
+        parting_ml: cavity.parting_ml,
+        ..model.pump
+    };
     Ok(model)
 }
 

@@ -9,8 +9,6 @@ use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
 const SHAFT_M: f32 = 0.06;
 /// Radius of the ports at the scope's tip, m.
 const PORT_M: f32 = 0.003;
-/// Limit of the pump's flow, ml/min: the upper end of a hysteroscopy pump's range (WOM: 50 to 800).
-const MAX_FLOW_ML_MIN: f32 = 800.0;
 /// Below this the loop is in its sheath, m.
 pub const LEAST_EXTENSION_M: f32 = 1e-3;
 /// A tip this near to the pivot turns about nothing, m.
@@ -21,6 +19,7 @@ pub struct Instrument {
     radius_m: f32,
     electrode: Option<LoadedLoop>,
     pivot_m: Vec3,
+    max_flow_ml_min: f32,
 }
 
 impl Instrument {
@@ -31,6 +30,7 @@ impl Instrument {
             radius_m: rigid.map_or(0.0025, |rigid| rigid.radius_m),
             electrode: rigid.and_then(|rigid| rigid.electrode.clone()),
             pivot_m: Vec3::from(scene.workspace.pivot_m),
+            max_flow_ml_min: scene.fluid.pump.max_flow_ml_min as f32,
         }
     }
 
@@ -55,7 +55,7 @@ impl Instrument {
             inflow_valve: sample.controls.inflow_valve,
             outflow_valve: sample.controls.outflow_valve,
             set_pa: sample.controls.set_pressure_pa,
-            flow_limit_ml_min: MAX_FLOW_ML_MIN,
+            flow_limit_ml_min: self.max_flow_ml_min,
             ..PumpInput::default()
         };
         inputs

@@ -10,7 +10,7 @@ use crate::said::Said;
 use crate::statistics::Statistics;
 use crate::watch::Look;
 use hyst_engine::{Failure, Life};
-use hyst_exchange::{Roster, system};
+use hyst_exchange::{Roster, machine, system};
 use hyst_messages::page::{ProcessState, header, recorder as layout, station};
 use hyst_messages::{RecorderStatus, Slot, layout_name};
 use hyst_recording::{Event, SceneFile, Session, scene_files};
@@ -26,7 +26,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let Some(path) = &life.settings.record else {
         return idle(life);
     };
-    let Some(mut keeper) = Keeper::open(life, path, &facts(life))? else {
+    let Some(mut keeper) = Keeper::open(life, path, &facts(life)?)? else {
         return Ok(());
     };
     let mut gather = Gather::new(life, keeper.last_tick())?;
@@ -130,7 +130,7 @@ fn scene(life: &Life) -> Vec<SceneFile> {
 }
 
 /// The facts of the session, the same for every incarnation of the recorder.
-fn facts(life: &Life) -> Session {
+fn facts(life: &Life) -> Result<Session, Failure> {
     let t0_ns = life.clock.t0_ns();
     let settings = std::fs::read_to_string(life.station.settings()).unwrap_or_default();
     let named = life.settings.case.as_ref().or(life.settings.scene.as_ref());
@@ -150,5 +150,9 @@ fn facts(life: &Life) -> Session {
     // Of a case its text, from which its anatomy is drawn again, and what it is judged by.
     let of_case = [("case_text", life.station.case()), ("case", life.station.brief())];
     let of_case = of_case.into_iter().filter_map(|(name, path)| Some((name, std::fs::read_to_string(path).ok()?)));
-    facts.into_iter().chain(of_case).map(|(name, value)| (name.to_string(), value)).collect()
+    let trainee = life.settings.trainee().map_err(|error| Failure::Input(error.to_string()))?;
+    let begun = Some(life.settings.begun_unix_s).filter(|unix_s| *unix_s > 0).map(machine::utc_of);
+    let who_and_when = [("trainee", trainee.map(str::to_string)), ("begun_utc", begun)];
+    let said = who_and_when.into_iter().filter_map(|(name, value)| Some((name, value?)));
+    Ok(facts.into_iter().chain(of_case).chain(said).map(|(name, value)| (name.to_string(), value)).collect())
 }

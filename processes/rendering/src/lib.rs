@@ -23,6 +23,7 @@ mod pipelines;
 mod present;
 mod quality;
 mod renderer;
+mod shadow;
 pub mod shapes;
 mod stage;
 mod targets;

@@ -1,4 +1,4 @@
-//! The passes of a frame, in their order: normals and field, scene, focus, glow and exposure, lens and text.
+//! The passes of a frame, in their order: normals and field, shadow, scene, focus, glow and exposure, lens and text.
 use crate::{
     camera::Eye,
     overlay::{COLUMNS, EDGE_PX},
@@ -32,7 +32,8 @@ impl Renderer {
         }
     }
 
-    pub(crate) fn scene_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye) -> u64 {
+    /// `is_begun`: the shadow's pass has begun what is timed as the scene.
+    pub(crate) fn scene_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, is_begun: bool) -> u64 {
         let samples = self.targets.samples.as_ref();
         let store = if samples.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -48,7 +49,7 @@ impl Renderer {
                 depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(1.0), store: wgpu::StoreOp::Discard }),
                 stencil_ops: None,
             }),
-            timestamp_writes: self.timer.as_ref().map(|t| t.render(1, true, true)),
+            timestamp_writes: self.timer.as_ref().map(|t| t.render(1, !is_begun, true)),
             occlusion_query_set: None,
             multiview_mask: None,
         });

@@ -28,6 +28,8 @@ pub(crate) struct Pipelines {
     pub field_layout: wgpu::BindGroupLayout,
     scene: Vec<(Variant, wgpu::RenderPipeline)>,
     pub mask: wgpu::RenderPipeline,
+    /// What the lamp's light meets first.
+    pub shadow: wgpu::RenderPipeline,
     pub normals: wgpu::ComputePipeline,
     pub field: wgpu::ComputePipeline,
     pub defocus: wgpu::RenderPipeline,
@@ -62,6 +64,7 @@ impl Pipelines {
         let finish = |focused| screen_pipeline(d, &post_pipelines, &post_module, "finish", &[("FOCUSED", focused)], PICTURE);
         Self {
             scene: variants().map(|v| (v, scene_pipeline(gpu, &scene_pipelines, &scene_module, v))).collect(),
+            shadow: shadow_pipeline(d, &scene_pipelines, &scene_module),
             mask: mask_pipeline(gpu, &pipeline_layout(d, &[]), &scene_module),
             normals: compute_pipeline(d, &shape_pipelines, &normals_module, "main"),
             field: compute_pipeline(d, &field_pipelines, &field_module, "main"),
@@ -129,10 +132,13 @@ fn texture(view_dimension: wgpu::TextureViewDimension) -> Bind {
     Bind::Texture { sample_type: wgpu::TextureSampleType::Float { filterable: true }, view_dimension, multisampled: false }
 }
 
-fn scene_entries() -> [(At, Bind); 6] {
+fn scene_entries() -> [(At, Bind); 8] {
     let solid = (At::FRAGMENT, texture(wgpu::TextureViewDimension::D3));
     let sampler = (At::FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    [(At::VERTEX_FRAGMENT, uniform()), solid, solid, solid, sampler, sampler]
+    let view_dimension = wgpu::TextureViewDimension::D2;
+    let depth = Bind::Texture { sample_type: wgpu::TextureSampleType::Depth, view_dimension, multisampled: false };
+    let compared = (At::FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Comparison));
+    [(At::VERTEX_FRAGMENT, uniform()), solid, solid, solid, sampler, sampler, (At::FRAGMENT, depth), compared]
 }
 
 fn shape_entries() -> [(At, Bind); 6] {
@@ -188,15 +194,8 @@ fn compute_pipeline(
 fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule, v: Variant) -> wgpu::RenderPipeline {
     let constants =
         [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
-    let (point, flag) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32);
-    let formats = [point, point, point, flag];
-    let attribute =
-        |location: usize| wgpu::VertexAttribute { format: formats[location], offset: 0, shader_location: location as u32 };
-    let attributes = [0, 1, 2, 3].map(|location| [attribute(location)]);
-    let buffers = [0, 1, 2, 3].map(|location: usize| {
-        let (array_stride, step_mode) = (formats[location].size(), wgpu::VertexStepMode::Vertex);
-        Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes: &attributes[location] })
-    });
+    let attributes = attributes();
+    let buffers = [0, 1, 2, 3].map(|location: usize| Some(points(&attributes[location])));
     let blend = v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING);
     gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("scene"),
@@ -216,6 +215,42 @@ fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::Shade
             compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
             targets: &[Some(wgpu::ColorTargetState { format: LIGHT, blend, write_mask: wgpu::ColorWrites::ALL })],
         }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// Position, normal, rest and flag of a vertex, as `scene.wgsl` reads them, each from a buffer of its own.
+fn attributes() -> [[wgpu::VertexAttribute; 1]; 4] {
+    let (point, flag) = (wgpu::VertexFormat::Float32x3, wgpu::VertexFormat::Uint32);
+    let formats = [point, point, point, flag];
+    [0, 1, 2, 3]
+        .map(|location: usize| [wgpu::VertexAttribute { format: formats[location], offset: 0, shader_location: location as u32 }])
+}
+
+fn points(attributes: &[wgpu::VertexAttribute; 1]) -> wgpu::VertexBufferLayout<'_> {
+    let [attribute] = attributes;
+    wgpu::VertexBufferLayout { array_stride: attribute.format.size(), step_mode: wgpu::VertexStepMode::Vertex, attributes }
+}
+
+/// Depth alone, from the lamp. What faces the lamp steeply is taken a little farther away, so that nothing shades itself.
+fn shadow_pipeline(d: &wgpu::Device, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+    let attributes = attributes();
+    let buffers = [0, 1, 2, 3].map(|location: usize| Some(points(&attributes[location])));
+    let bias = wgpu::DepthBiasState { constant: 2, slope_scale: 2.0, clamp: 0.0 };
+    d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("shadow"),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("vertex"),
+            compilation_options: Default::default(),
+            buffers: &buffers,
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: Some(wgpu::DepthStencilState { bias, ..depth(true) }),
+        multisample: wgpu::MultisampleState::default(),
+        fragment: None,
         multiview_mask: None,
         cache: None,
     })

@@ -1,5 +1,5 @@
-//! Where a finished picture goes: into memory, into a PNG file, or onto the window.
-use std::path::Path;
+//! Where a finished picture goes: into memory, into a PNG file, to the end of a film, or onto the window.
+use std::{fs::OpenOptions, io::Write, path::Path};
 
 use crate::{
     error::RenderError,
@@ -18,6 +18,9 @@ pub enum Shown {
     /// the window is hidden, minimised or was just resized; nothing is wrong
     Skipped,
 }
+
+/// Of a film's pictures, of 100.
+const FILM_QUALITY: u8 = 85;
 
 impl Renderer {
     /// The last picture: rows from the top, RGBA with 8 bits each (gamma 2.2), `size_px` wide and high, borrowed until the next call.
@@ -68,6 +71,21 @@ impl Renderer {
         writer.finish().map_err(|e| failed(e.to_string()))?;
         let partial = path.with_extension("png.part");
         std::fs::write(&partial, &bytes).and_then(|()| std::fs::rename(&partial, path)).map_err(|e| failed(e.to_string()))
+    }
+
+    /// Appends the last picture to a film: JPEG after JPEG, which is what players call MJPEG. A film whose end was cut goes on after the cut.
+    ///
+    /// # Errors
+    /// [`RenderError::Picture`], [`RenderError::DeviceLost`].
+    pub fn append_jpeg(&mut self, path: &Path) -> Result<(), RenderError> {
+        let [width, height] = self.targets.sizes.shown.map(|side| side as u16); // `MAX_SIDE_PX` at most
+        let pixels = self.read_rgba()?;
+        let failed = |reason: String| RenderError::Picture { path: path.display().to_string(), reason: one_line(&reason) };
+        let mut bytes = Vec::new();
+        let encoder = jpeg_encoder::Encoder::new(&mut bytes, FILM_QUALITY);
+        encoder.encode(pixels, width, height, jpeg_encoder::ColorType::Rgba).map_err(|e| failed(e.to_string()))?;
+        let film = OpenOptions::new().create(true).append(true).open(path);
+        film.and_then(|mut film| film.write_all(&bytes)).map_err(|e| failed(e.to_string()))
     }
 
     /// Shows the last picture on the window that the device was opened with, as large as fits `width_px` × `height_px`.

@@ -1,4 +1,4 @@
-//! One frame: normals, scene, focus, glow and exposure, lens and text; then the picture is read, written to a file, or shown.
+//! One frame: normals, shadow, scene, focus, glow and exposure, lens and text; then the picture is read, written to a file, or shown.
 //!
 //! Promise: whatever the streams held, `render` ends within [`FRAME_LIMIT`] with a picture or with one error. Passes run in one submission.
 use std::{
@@ -12,7 +12,8 @@ use crate::{
     fluid::{Fluid, FluidField},
     gpu::{Gpu, one_line},
     noise, overlay,
-    pipelines::{Pipelines, group},
+    pipelines::Pipelines,
+    shadow::{Shadow, bindings},
     stage::Stage,
     targets::{PostBuffers, Sizes, Targets, solid, view},
     timing::{FOCUS_PASS, PASSES, Timer},
@@ -52,6 +53,9 @@ pub struct Renderer {
     solids: [wgpu::TextureView; 2],
     samplers: [wgpu::Sampler; 2],
     pub(crate) scene_group: wgpu::BindGroup,
+    pub(crate) shadow: Shadow,
+    /// As the scene's, to draw the shadow's map with.
+    pub(crate) lamp_group: wgpu::BindGroup,
     pub(crate) fluid: Fluid,
     pub(crate) fluid_shown: bool,
     pub(crate) timer: Option<Timer>,
@@ -83,7 +87,10 @@ impl Renderer {
         let solids = [noise::fields(), noise::relief()].map(|texels| upload_solid(&gpu, &texels));
         let samplers = [sampler(d, wgpu::AddressMode::Repeat), sampler(d, wgpu::AddressMode::ClampToEdge)];
         let fluid = Fluid::clear(&gpu, &pipelines);
-        let scene_group = scene_bindings(&gpu, &pipelines, &globals, &solids, &fluid, &samplers);
+        let shadow = Shadow::new(d);
+        let scene_group = scene_bindings(&gpu, &pipelines, &globals, &solids, &fluid, &samplers, &shadow);
+        let textures = [&solids[0], &solids[1], &fluid.view, &shadow.blank];
+        let lamp_group = bindings(d, &pipelines, &shadow.globals, textures, [&samplers[0], &samplers[1], &shadow.sampler]);
         let timer = Timer::new(d, &gpu.queue);
         let stage = Stage::new(&gpu, Arc::clone(&pipelines));
         gpu.check()?;
@@ -96,6 +103,8 @@ impl Renderer {
             solids,
             samplers,
             scene_group,
+            shadow,
+            lamp_group,
             fluid,
             fluid_shown: false,
             timer,
@@ -135,8 +144,15 @@ impl Renderer {
         if let Some(field) = &field
             && self.fluid.set(&self.gpu, &self.pipelines, field)?
         {
-            self.scene_group =
-                scene_bindings(&self.gpu, &self.pipelines, &self.globals, &self.solids, &self.fluid, &self.samplers);
+            self.scene_group = scene_bindings(
+                &self.gpu,
+                &self.pipelines,
+                &self.globals,
+                &self.solids,
+                &self.fluid,
+                &self.samplers,
+                &self.shadow,
+            );
         }
         self.fluid_shown = field.is_some();
         Ok(())
@@ -154,7 +170,11 @@ impl Renderer {
         self.write_frame(view, &eye);
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         self.shape_pass(&mut encoder);
-        let triangles = self.scene_pass(&mut encoder, &eye);
+        let has_shadows = self.has_shadows(&eye);
+        if has_shadows {
+            self.shadow_pass(&mut encoder);
+        }
+        let triangles = self.scene_pass(&mut encoder, &eye, has_shadows);
         let is_focused = self.focus_pass(&mut encoder, &eye, view.quality.focus);
         self.glow_passes(&mut encoder, view.quality.bloom);
         self.finish_pass(&mut encoder, &eye, is_focused, view.overlay.rows());
@@ -190,7 +210,9 @@ impl Renderer {
     fn write_frame(&mut self, view: &View, eye: &Eye) {
         let queue = &self.gpu.queue;
         let light = if view.light.is_finite() { view.light.clamp(0.0, 10.0) } else { 1.0 };
-        queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&globals(eye, light, &self.fluid)));
+        let own = globals(eye, light, &self.fluid, self.has_shadows(eye));
+        queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&own));
+        queue.write_buffer(&self.shadow.globals, 0, bytemuck::bytes_of(&own.from_lamp()));
         queue.write_buffer(&self.post.uniform, 0, bytemuck::bytes_of(&post(view, eye, self.targets.sizes)));
         if view.overlay != self.written {
             view.overlay.write(&mut self.words);
@@ -249,14 +271,8 @@ fn scene_bindings(
     solids: &[wgpu::TextureView; 2],
     fluid: &Fluid,
     samplers: &[wgpu::Sampler; 2],
+    shadow: &Shadow,
 ) -> wgpu::BindGroup {
-    let resources = [
-        globals.as_entire_binding(),
-        wgpu::BindingResource::TextureView(&solids[0]),
-        wgpu::BindingResource::TextureView(&solids[1]),
-        wgpu::BindingResource::TextureView(&fluid.view),
-        wgpu::BindingResource::Sampler(&samplers[0]),
-        wgpu::BindingResource::Sampler(&samplers[1]),
-    ];
-    group(&gpu.device, &pipelines.scene_layout, &resources)
+    let textures = [&solids[0], &solids[1], &fluid.view, &shadow.map];
+    bindings(&gpu.device, pipelines, globals, textures, [&samplers[0], &samplers[1], &shadow.sampler])
 }

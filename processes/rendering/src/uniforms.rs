@@ -5,6 +5,7 @@ use crate::{
     camera::{Eye, NEAR_M, View},
     fluid::Fluid,
     overlay::COLUMNS,
+    shadow::lamp_view,
     targets::Sizes,
 };
 
@@ -20,6 +21,14 @@ pub(crate) struct Globals {
     fluid_min: [f32; 4],
     fluid_max: [f32; 4],
     blood: [f32; 4],
+    lamp: [[f32; 4]; 4],
+}
+
+impl Globals {
+    /// The same, seen from the lamp.
+    pub(crate) fn from_lamp(&self) -> Self {
+        Self { view_proj: self.lamp, ..*self }
+    }
 }
 
 /// Radius beyond which nothing is blurred more, as a share of the picture's side: that of a wall at 4 mm, which the taps still cover without gaps.
@@ -35,7 +44,7 @@ pub(crate) struct Post {
     focus: [f32; 4],
 }
 
-pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
+pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid, has_shadows: bool) -> Globals {
     // at the tip: full at 10 mm, and what the cavity mirrors is of the same lamp; outside: a lamp that gives one unit at the target, from wherever it stands
     let (intensity, outer, inner, ambient) = if eye.round {
         (2.2 * light, 0.42, 0.97, light.min(1.0))
@@ -47,11 +56,12 @@ pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid) -> Globals {
         eye: eye.eye_m.extend(1.0).to_array(),
         light: eye.light_m.extend(intensity).to_array(),
         light_axis: eye.light_axis.extend(outer).to_array(),
-        cone: [inner, ambient, NEAR_M, 0.0],
+        cone: [inner, ambient, NEAR_M, f32::from(u8::from(has_shadows))],
         clip: eye.clip,
         fluid_min: fluid.min,
         fluid_max: fluid.max,
         blood: [0.26, 0.008, 0.008, 1.0],
+        lamp: lamp_view(eye).to_cols_array_2d(),
     }
 }
 

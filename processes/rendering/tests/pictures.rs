@@ -199,6 +199,33 @@ fn sharpness(shot: &[u8], from_px: f32, to_px: f32) -> f32 {
     sum / count as f32
 }
 
+/// The lamp lies below the lens, so that what stands close before it throws its shadow upwards on the wall far behind.
+#[test]
+fn what_stands_before_the_wall_shades_it_on_the_side_away_from_the_lamp_and_gas_does_not() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let side = HEIGHT as f32 / 2.0;
+    let bright = |shot: &[u8], [right, up]: [f32; 2]| -> f32 {
+        let near = (0..49).map(|at| [at % 7 - 3, at / 7 - 3]);
+        let spots = near.map(|[dx, dy]| {
+            let [x, y] = [WIDTH as f32 / 2.0 + right * side, side - up * side].map(|at| at as i32);
+            pixel(shot, (x + dx) as u32, (y + dy) as u32).iter().sum::<i32>()
+        });
+        spots.sum::<i32>() as f32
+    };
+    let view = through_scope();
+    let clear = picture(&mut r, &view);
+    let (above, beside) = ([0.0, 0.50], [[0.50, 0.0], [-0.50, 0.0], [0.0, -0.50]]);
+    let mut shaded = |material: Material| {
+        put(&mut r, TOOL, &shapes::ball([0.0, 0.0, 0.019], 0.0008, 16, 24), material);
+        let shot = picture(&mut r, &view);
+        let of = |place: [f32; 2]| bright(&shot, place) / bright(&clear, place);
+        // The exposure follows the whole picture: what is beside says by how much.
+        of(above) / (beside.map(of).iter().sum::<f32>() / 3.0)
+    };
+    let (solid, gas) = (shaded(Material::Polyp), shaded(Material::Gas));
+    assert!(solid < 0.75 && (gas - 1.0).abs() < 0.08, "{solid} of a solid, {gas} of gas");
+}
+
 #[test]
 fn what_the_focus_is_turned_to_is_sharp_and_the_rest_is_not() {
     let Some((mut r, _)) = in_cavity() else { return };

@@ -60,14 +60,19 @@ impl Column {
     /// Who, where, how long.
     pub(crate) fn session_facts(&self) -> Vec<(&'static str, String)> {
         let conduct = &self.assessment.measured.conduct;
-        vec![
+        // A recording of before they were noted has neither.
+        let noted =
+            [("trainee", "trainee"), ("begun", "begun_utc")].map(|(name, fact)| (name, self.assessment.session.get(fact)));
+        let noted = noted.into_iter().filter_map(|(name, value)| Some((name, plain(value?))));
+        let facts = vec![
             ("recording", self.file.clone()),
             ("session", self.fact("session")),
             ("scene or case", format!("{} ({})", self.fact("scene"), self.fact("scene_hash"))),
             ("hand", self.fact("hand")),
             ("station's version", self.fact("version")),
             ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
-        ]
+        ];
+        noted.chain(facts).collect()
     }
 
     /// What the station itself did.

@@ -10,9 +10,13 @@ use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::{Event, Picture};
 use serde_json::{Map, Value, json};
 
+/// Number of this form of a report: what is added leaves it, what is renamed or means something else raises it.
+const FORMAT: u32 = 1;
+
 /// The session that is reported, and under `compared` the earlier ones.
 pub fn json(sessions: &Sessions) -> Value {
     let mut value = session(&sessions.reported);
+    value["format"] = json!(FORMAT);
     let absent = ABSENT.iter().map(|(group, what, why)| json!({"group": group.name(), "what": what, "why": why}));
     value["absent"] = absent.collect();
     value["compared"] = sessions.earlier.iter().map(session).collect();

@@ -14,7 +14,8 @@ use std::fmt::Write;
 /// The page.
 pub fn html(sessions: &Sessions) -> String {
     let reported = &sessions.reported;
-    let title = format!("Training session {}", escape(&reported.fact("session")));
+    let who = reported.assessment.session.get("trainee").map_or_else(String::new, |name| format!(", {}", escape(name)));
+    let title = format!("Training session {}{who}", escape(&reported.fact("session")));
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title>\
          <style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n"
@@ -100,7 +101,10 @@ fn metrics(page: &mut String, sessions: &Sessions) {
     if !sessions.earlier.is_empty() {
         page.push_str("<p class=\"note\">Compared with ");
         let named = |(index, column): (usize, &Column)| {
-            format!("<b>{}</b>: {}, session {}", letter(index), escape(&column.file), escape(&column.fact("session")))
+            let [session, scene, hand] = ["session", "scene", "hand"].map(|fact| escape(&column.fact(fact)));
+            let of_another =
+                if column.fact("scene") == sessions.reported.fact("scene") { "" } else { ", of another scene or case" };
+            format!("<b>{}</b>: {}, session {session}, {scene}, {hand}{of_another}", letter(index), escape(&column.file))
         };
         page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
         page.push_str("</p>\n");

@@ -21,7 +21,7 @@ pub struct Settings {
     pub workers: usize,
     /// Recording, absolute.
     pub record: Option<PathBuf>,
-    /// Folder, absolute, into which rendering writes a PNG every `set.picture_every_s` seconds (default 1).
+    /// Folder, absolute, into which rendering writes a picture every `set.picture_every_s` seconds (default 1).
     pub pictures: Option<PathBuf>,
     /// Faults may be injected.
     pub test_mode: bool,
@@ -29,6 +29,9 @@ pub struct Settings {
     pub lockstep: bool,
     /// The station does again what the recording of `hand` says: of each tick the sample, the medium, and who stepped from what. In lock-step.
     pub replay: Option<Replay>,
+    /// When the station was founded, s since 1970 (UTC); 0 where nobody said.
+    #[serde(default)]
+    pub begun_unix_s: u64,
     /// `--set key=value`, as given.
     pub set: BTreeMap<String, String>,
 }
@@ -59,6 +62,7 @@ impl Default for Settings {
             test_mode: false,
             lockstep: false,
             replay: None,
+            begun_unix_s: 0,
             set: BTreeMap::new(),
         }
     }
@@ -90,6 +94,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("tissue_step_ticks", "1, 2 or 4: step of the Main Loop in ticks (default: the least that the machine manages)"),
     ("drift_ppm", "-500 to 500: drift of the simulated hardware's clock (default 20)"),
     ("picture_every_s", "0.02 to 3600: seconds between pictures on disk (default 1)"),
+    ("picture_format", "png or mjpeg: a file for each picture on disk, or all in a film, pictures.mjpeg (default png)"),
     (
         "picture_size",
         "auto, 640x480, 1280x960 or 1920x1080: pixels of the pictures (default auto: 1920x1080 on a GPU, 640x480 in software)",
@@ -102,6 +107,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
         "focus_mm",
         "3 to 100: where the focus is set at first, from the lens, and where a driver or a recording states none (default 20)",
     ),
+    ("trainee", "1 to 60 letters: who trains, which stands in the recording and in its report (default: nobody is named)"),
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
@@ -123,26 +129,45 @@ impl Settings {
         let number = value.parse::<f64>().ok().filter(|number| range.contains(number));
         number.ok_or_else(|| SetError { key: key.into(), value: value.clone(), expected })
     }
+    /// Who trains, if that was said.
+    pub fn trainee(&self) -> Result<Option<&str>, SetError> {
+        let Some(value) = self.set.get("trainee") else { return Ok(None) };
+        let is_name = (1..=60).contains(&value.chars().count()) && !value.chars().any(char::is_control);
+        let refused = || SetError { key: "trainee".into(), value: value.clone(), expected: "1 to 60 letters" };
+        if is_name { Ok(Some(value)) } else { Err(refused()) }
+    }
     /// Where the focus of the camera head is set at first, m.
     pub fn focus_m(&self) -> Result<f32, SetError> {
         let [near_mm, far_mm] = FOCUS_RANGE_M.map(|m| f64::from(m * 1e3).round());
         let mm = self.number("focus_mm", f64::from(FOCUS_M * 1e3).round(), near_mm..=far_mm, "3 to 100")?;
         Ok((mm * 1e-3) as f32)
     }
+    /// One of two words set with `--set`; the first is the default.
+    pub fn word(&self, key: &str, words: [&'static str; 2], expected: &'static str) -> Result<&'static str, SetError> {
+        let Some(value) = self.set.get(key) else { return Ok(words[0]) };
+        let word = words.into_iter().find(|word| word == value);
+        word.ok_or_else(|| SetError { key: key.into(), value: value.clone(), expected })
+    }
     /// A switch set with `--set`: `on` or `off`.
     pub fn switch(&self, key: &str, default: bool) -> Result<bool, SetError> {
-        match self.set.get(key).map(String::as_str) {
-            None => Ok(default),
-            Some("on") => Ok(true),
-            Some("off") => Ok(false),
-            Some(value) => Err(SetError { key: key.into(), value: value.into(), expected: "on or off" }),
-        }
+        let words = if default { ["on", "off"] } else { ["off", "on"] };
+        self.word(key, words, "on or off").map(|word| word == "on")
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_trainee_has_a_name_of_one_line() {
+        let named = |value: &str| Settings { set: [("trainee".into(), value.into())].into(), ..Settings::default() };
+        assert_eq!(Settings::default().trainee().ok(), Some(None));
+        assert_eq!(named("Dr. Ana Müller").trainee().ok(), Some(Some("Dr. Ana Müller")));
+        for bad in ["", "a\nb", &"x".repeat(61)] {
+            assert!(named(bad).trainee().is_err(), "{bad:?}");
+        }
+    }
 
     #[test]
     fn the_focus_is_set_in_millimetres_within_its_range() {

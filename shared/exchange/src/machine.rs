@@ -1,4 +1,4 @@
-//! The machine that a figure belongs to: processor, cores, kernel, day. Every benchmark of the station describes it in these words.
+//! The machine that a figure belongs to: processor, cores, kernel, day. Every benchmark of the station describes it in these words. And the time of day.
 
 use serde_json::{Value, json};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -21,14 +21,24 @@ fn date_of(days: u64) -> (u64, u64, u64) {
     (year, month as u64 + 1, left + 1)
 }
 
+/// Seconds since 1970 now.
+pub fn now_unix_s() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+/// A number of seconds since 1970 as date and time (RFC 3339, UTC).
+pub fn utc_of(unix_s: u64) -> String {
+    let ((year, month, day), second) = (date_of(unix_s / 86_400), unix_s % 86_400);
+    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3_600, second / 60 % 60, second % 60)
+}
+
 /// This machine today (UTC), as JSON: `cpu`, `cores`, `kernel`, `date`.
 pub fn describe() -> Value {
     let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = cpuinfo.lines().find_map(|line| line.strip_prefix("model name")).and_then(|rest| rest.split_once(':'));
     let cpu = model.map_or("unknown", |(_, model)| model.trim());
     let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    let (year, month, day) = date_of(seconds / 86_400);
+    let (year, month, day) = date_of(now_unix_s() / 86_400);
     json!({
         "cpu": cpu, "cores": crate::system::cores(), "kernel": kernel.trim(), "date": format!("{year:04}-{month:02}-{day:02}"),
     })
@@ -36,7 +46,14 @@ pub fn describe() -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::date_of;
+    use super::{date_of, utc_of};
+
+    #[test]
+    fn times_by_hand() {
+        assert_eq!(utc_of(0), "1970-01-01T00:00:00Z");
+        assert_eq!(utc_of(1_767_225_599), "2025-12-31T23:59:59Z");
+        assert_eq!(utc_of(1_767_225_600 + 3_661), "2026-01-01T01:01:01Z");
+    }
 
     #[test]
     fn dates_by_hand() {

@@ -44,6 +44,12 @@ pub struct Fluid {
     /// What a container of medium holds, 100 to 20 000 ml; the pump says when it is to be changed. Default: 3 000 ml.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub container_ml: Option<f64>,
+    /// The pump, its tubes and the sheath.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pump: Option<Pump>,
+    /// How the cavity gives way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cavity: Option<CavityCurve>,
     /// Dynamic viscosity.
     pub viscosity_pa_s: f64,
     /// Density.
@@ -68,6 +74,8 @@ impl Default for Fluid {
             set_pressure_pa: 9_333.0,
             rest_pressure_pa: None,
             container_ml: None,
+            pump: None,
+            cavity: None,
             viscosity_pa_s: 1.0e-3,
             density_kg_m3: 1_000.0,
             box_min_m: None,
@@ -75,6 +83,46 @@ impl Default for Fluid {
             margin_m: 0.002,
             change: Vec::new(),
         }
+    }
+}
+
+/// The pump, its tubes and the sheath.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Pump {
+    /// Most that the roller delivers, 0 to 3 000 ml/min. Default: 800 ml/min.
+    pub max_flow_ml_min: f64,
+    /// Flow through the fully open inflow for each Pa, 0 to 0.01 ml/(s·Pa). Default: 5e-4.
+    pub inflow_ml_s_pa: f64,
+    /// Flow through the fully open outflow for each Pa, 0 to 0.01 ml/(s·Pa): a wider sheath has more. Default: 5e-4.
+    pub outflow_ml_s_pa: f64,
+    /// Suction at the outflow, 0 to 50 kPa below the atmosphere. Default: none.
+    pub suction_pa: f64,
+    /// Leak past the sheath through the cervix for each Pa, 0 to 0.01 ml/(s·Pa). Default: none.
+    pub leak_ml_s_pa: f64,
+}
+
+impl Default for Pump {
+    fn default() -> Self {
+        Pump { max_flow_ml_min: 800.0, inflow_ml_s_pa: 5e-4, outflow_ml_s_pa: 5e-4, suction_pa: 0.0, leak_ml_s_pa: 0.0 }
+    }
+}
+
+/// How the cavity gives way: little until its walls part, and from there on in proportion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CavityCurve {
+    /// What it holds at 20 kPa (150 mmHg), 0.6 to 50 ml (measured: 0.6 to 11.4). Default: 8 ml.
+    pub volume_ml: f64,
+    /// Pressure at which the walls part, 0 to 15 kPa. Default: 5 333 Pa (40 mmHg).
+    pub parting_pa: f64,
+    /// Volume over which the pressure rises to that, 0.01 to 10 ml. Default: 0.5 ml.
+    pub parting_ml: f64,
+}
+
+impl Default for CavityCurve {
+    fn default() -> Self {
+        CavityCurve { volume_ml: 8.0, parting_pa: 40.0 * 133.322, parting_ml: 0.5 }
     }
 }
 
@@ -134,6 +182,10 @@ pub struct LoadedFluid {
     pub rest_pressure_pa: f32,
     /// What a container of medium holds, ml.
     pub container_ml: f32,
+    /// The pump, its tubes and the sheath.
+    pub pump: Pump,
+    /// How the cavity gives way.
+    pub cavity: CavityCurve,
     /// Dynamic viscosity.
     pub viscosity_pa_s: f32,
     /// Density.
@@ -156,6 +208,8 @@ impl LoadedFluid {
             set_pressure_pa: fluid.set_pressure_pa as f32,
             rest_pressure_pa: fluid.rest_pressure_pa.unwrap_or(fluid.set_pressure_pa) as f32,
             container_ml: fluid.container_ml.unwrap_or(CONTAINER_ML) as f32,
+            pump: fluid.pump.unwrap_or_default(),
+            cavity: fluid.cavity.unwrap_or_default(),
             viscosity_pa_s: fluid.viscosity_pa_s as f32,
             density_kg_m3: fluid.density_kg_m3 as f32,
             vessels: vessels.clone(),
@@ -179,6 +233,7 @@ pub(crate) fn validate(fluid: &Fluid) -> Checked {
     range("fluid.set_pressure_pa", fluid.set_pressure_pa, 0.0, 20_000.0, "Pa")?;
     range("fluid.rest_pressure_pa", fluid.rest_pressure_pa.unwrap_or(0.0), 0.0, 20_000.0, "Pa")?;
     range("fluid.container_ml", fluid.container_ml.unwrap_or(CONTAINER_ML), 100.0, 20_000.0, "ml")?;
+    validate_pump(&fluid.pump.unwrap_or_default(), &fluid.cavity.unwrap_or_default())?;
     range("fluid.viscosity_pa_s", fluid.viscosity_pa_s, 1e-5, 1.0, "Pa·s")?;
     range("fluid.density_kg_m3", fluid.density_kg_m3, 100.0, 5_000.0, "kg/m³")?;
     range("fluid.margin_m", fluid.margin_m, 0.0, 0.1, "m")?;
@@ -191,6 +246,17 @@ pub(crate) fn validate(fluid: &Fluid) -> Checked {
             Err(SceneError::new(Kind::Incomplete, "fluid", what, "give both, or none to have the box found"))
         }
     }
+}
+
+fn validate_pump(pump: &Pump, cavity: &CavityCurve) -> Checked {
+    range("fluid.pump.max_flow_ml_min", pump.max_flow_ml_min, 0.0, 3_000.0, "ml/min")?;
+    range("fluid.pump.inflow_ml_s_pa", pump.inflow_ml_s_pa, 0.0, 0.01, "ml/(s·Pa)")?;
+    range("fluid.pump.outflow_ml_s_pa", pump.outflow_ml_s_pa, 0.0, 0.01, "ml/(s·Pa)")?;
+    range("fluid.pump.suction_pa", pump.suction_pa, 0.0, 50_000.0, "Pa")?;
+    range("fluid.pump.leak_ml_s_pa", pump.leak_ml_s_pa, 0.0, 0.01, "ml/(s·Pa)")?;
+    range("fluid.cavity.volume_ml", cavity.volume_ml, 0.6, 50.0, "ml")?;
+    range("fluid.cavity.parting_pa", cavity.parting_pa, 0.0, 15_000.0, "Pa")?;
+    range("fluid.cavity.parting_ml", cavity.parting_ml, 0.01, 10.0, "ml")
 }
 
 pub(crate) fn validate_changes(key: &str, changes: &[PumpChange]) -> Checked {

@@ -145,7 +145,7 @@ fn each_fault_has_its_kind_its_line_and_its_key() {
 }
 
 /// Tables and keys of fluid, pump and vessels, and what none of them may be beside no number and no end.
-const FIGURES: [(&str, &str, &[&str]); 14] = [
+const FIGURES: [(&str, &str, &[&str]); 22] = [
     ("fluid", "rate_hz", &["0.0", "-30.0", "3.9", "1001.0", "1e30"]),
     ("fluid", "set_pressure_pa", &["-1.0", "20000.1", "1e30"]),
     ("fluid", "container_ml", &["0.0", "-3000.0", "99.9", "20001", "1e30"]),
@@ -156,6 +156,14 @@ const FIGURES: [(&str, &str, &[&str]); 14] = [
     ("vessels", "spacing_m", &["0.0", "-0.004", "0.0004", "0.051", "1e30"]),
     ("vessels", "pressure_pa", &["-1.0", "40000.1", "1e30"]),
     ("vessels", "conductance_ml_s_pa", &["-1e-9", "0.0011", "1e30"]),
+    ("fluid.pump", "max_flow_ml_min", &["-1.0", "3000.1", "1e30"]),
+    ("fluid.pump", "inflow_ml_s_pa", &["-1e-9", "0.011", "1e30"]),
+    ("fluid.pump", "outflow_ml_s_pa", &["-1e-9", "0.011", "1e30"]),
+    ("fluid.pump", "suction_pa", &["-1.0", "50000.1", "1e30"]),
+    ("fluid.pump", "leak_ml_s_pa", &["-1e-9", "0.011", "1e30"]),
+    ("fluid.cavity", "volume_ml", &["0.0", "-8.0", "0.59", "50.1", "1e30"]),
+    ("fluid.cavity", "parting_pa", &["-1.0", "15000.1", "1e30"]),
+    ("fluid.cavity", "parting_ml", &["0.0", "-0.5", "0.009", "10.1", "1e30"]),
     ("[fluid.change]", "at_s", &["-1.0", "86401.0", "1e30"]),
     ("[fluid.change]", "set_pressure_pa", &["-1.0", "20000.1", "1e30"]),
     ("[fluid.change]", "inflow_valve", &["-0.1", "1.1", "1e30"]),

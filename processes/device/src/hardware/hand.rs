@@ -53,9 +53,10 @@ pub struct Hand {
     loop_extension_m: f32,
     /// Whether there is a loop that current can be in.
     has_loop: bool,
-    /// How far the camera head is turned on the scope, and is to be, rad.
+    /// How far the camera head is turned on the scope, rad. The other hand holds it where the horizon is wanted, however the scope turns in it.
     head_rad: f32,
-    head_wanted_rad: f32,
+    /// The horizon that is wanted: how far the head is turned in all, rad.
+    horizon_rad: f32,
     /// In a replay: the tick that [`Hand::again`] was asked for last is what it does.
     is_again: bool,
 }
@@ -172,8 +173,8 @@ impl Hand {
             loop_reach_m: instrument.map_or(0.0, LoadedRigid::element_m),
             loop_extension_m: 0.0,
             has_loop: instrument.is_some_and(|rigid| rigid.electrode.is_some()),
-            head_rad: 0.0,
-            head_wanted_rad: 0.0,
+            head_rad: -rest.roll_rad,
+            horizon_rad: 0.0,
             is_again: false,
         })
     }
@@ -233,7 +234,7 @@ impl Hand {
                 wanted.pose
             }
             Will::Pad(pad) => {
-                self.head_wanted_rad += pad.head_rad_s() * TICK_S;
+                self.horizon_rad += pad.head_rad_s() * TICK_S;
                 let (pose, pressed) = pad.step(&self.state.pose, &mut self.controls, TICK_S);
                 buttons = pressed;
                 pose
@@ -243,7 +244,7 @@ impl Hand {
                     self.controls = pointer.controls;
                     buttons = pointer.controls.buttons;
                     let [pitch_rad, yaw_rad, roll_rad, insertion_m, head_rad] = pointer.target;
-                    self.head_wanted_rad = head_rad;
+                    self.horizon_rad = head_rad;
                     *self.pointed.insert(Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m })
                 }
                 None => self.pointed.unwrap_or(self.rest),
@@ -253,9 +254,10 @@ impl Hand {
         let out_m = if buttons & BUTTON_EXTENDED != 0 { self.loop_reach_m } else { 0.0 };
         let most_m = LOOP_SPEED_M_S * TICK_S;
         self.loop_extension_m += (out_m - self.loop_extension_m).clamp(-most_m, most_m);
-        if self.head_wanted_rad.is_finite() {
+        let head_rad = self.horizon_rad - self.state.pose.roll_rad;
+        if head_rad.is_finite() {
             let most_rad = HEAD_SPEED_RAD_S * TICK_S;
-            self.head_rad += (self.head_wanted_rad - self.head_rad).clamp(-most_rad, most_rad);
+            self.head_rad += (head_rad - self.head_rad).clamp(-most_rad, most_rad);
         }
         let buttons = if self.has_loop { buttons } else { buttons & !BUTTON_ENERGIZED };
         self.controls = Controls { buttons, loop_extension_m: self.loop_extension_m, ..self.controls };

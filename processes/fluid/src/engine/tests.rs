@@ -148,3 +148,24 @@ fn states_have_the_same_bytes_whatever_lay_in_the_loan() {
         }
     });
 }
+
+/// The hydrometra and the pump are the scene's: what is set there is what the model has, and what is not is what the model has by itself.
+#[test]
+fn pump_and_cavity_are_those_of_the_scene() {
+    let mut scene = load_scene(None).unwrap();
+    let cells = scene.fluid.grid.map(|count| count as usize);
+    let own = hyst_flow::PumpModel { container_ml: scene.fluid.container_ml.into(), ..Default::default() };
+    let model = model_of(&scene, cells).unwrap().pump;
+    assert_eq!(model, own, "the default scene says nothing of it");
+    scene.fluid.pump = hyst_scene::Pump { max_flow_ml_min: 300.0, leak_ml_s_pa: 1e-4, suction_pa: 2e4, ..scene.fluid.pump };
+    scene.fluid.cavity = hyst_scene::CavityCurve { volume_ml: 3.0, ..scene.fluid.cavity };
+    let model = model_of(&scene, cells).unwrap().pump;
+    let set = hyst_flow::PumpModel { max_flow_ml_s: 5.0, leak_ml_s_pa: 1e-4, suction_pa: 2e4, volume_150_mmhg_ml: 3.0, ..own };
+    assert_eq!(model, set);
+    // A smaller cavity is at a higher pressure with as much in it, and 150 mmHg with 3 ml.
+    assert!(
+        model.pressure_pa(2.0) > own.pressure_pa(2.0) && (model.pressure_pa(3.0) - 150.0 * hyst_flow::PA_PER_MMHG).abs() < 1.0
+    );
+    let inputs = Instrument::of(&scene).inputs(&hyst_messages::HardwareSample::default(), 0.01);
+    assert_eq!(inputs.pump.flow_limit_ml_min, 300.0);
+}

@@ -9,11 +9,12 @@ struct Globals {
     eye: vec4<f32>,          // m
     light: vec4<f32>,        // position m, intensity at 10 mm
     light_axis: vec4<f32>,   // unit, cosine of the cone's edge
-    cone: vec4<f32>,         // cosine of the full-light cone, ambient, nearest distance drawn m, 0
+    cone: vec4<f32>,         // cosine of the full-light cone, ambient, nearest distance drawn m, 1 if anything throws a shadow
     clip: vec4<f32>,         // tissue with dot(n, p) > d is cut away; n = 0: no cut
     fluid_min: vec4<f32>,    // corner of the fluid's box m, extinction 1/m at density 1
     fluid_max: vec4<f32>,    // opposite corner m
     blood: vec4<f32>,        // linear colour of blood that is lit
+    lamp: mat4x4<f32>,       // into the map of what the light meets first
 };
 struct Object {
     model: mat4x4<f32>,
@@ -27,6 +28,8 @@ struct Object {
 @group(0) @binding(3) var fluid: texture_3d<f32>;
 @group(0) @binding(4) var tiled: sampler;
 @group(0) @binding(5) var clamped: sampler;
+@group(0) @binding(6) var shadow: texture_depth_2d;
+@group(0) @binding(7) var compared: sampler_comparison;
 @group(1) @binding(0) var<uniform> o: Object;
 
 struct Varying {
@@ -68,7 +71,23 @@ fn frame(@builtin(vertex_index) i: u32) -> @builtin(position) vec4<f32> {
 @fragment
 fn nothing() -> @location(0) vec4<f32> { return vec4<f32>(0.0); }
 
-// Light that reaches a point: inverse square (softened within 5 mm of the fibres), cone, nothing else.
+// Share of the lamp's light that nothing stands in the way of, 0 to 1; the fibres are as wide as a millimetre, so that an edge is soft.
+const SOFT: f32 = 0.006;
+fn unshaded(world: vec3<f32>) -> f32 {
+    if g.cone.w < 0.5 { return 1.0; }
+    let q = g.lamp * vec4<f32>(world, 1.0);
+    if q.w <= 0.0 { return 1.0; }
+    let at = q.xy / q.w * vec2<f32>(0.5, -0.5) + vec2<f32>(0.5);
+    let depth = q.z / q.w - 2.0e-4;
+    var sum = 0.0;
+    for (var k = 0; k < 4; k++) {
+        let aside = vec2<f32>(f32(k % 2) - 0.5, f32(k / 2) - 0.5) * SOFT;
+        sum += textureSampleCompareLevel(shadow, compared, at + aside, depth);
+    }
+    return 0.25 * sum;
+}
+
+// Light that would reach a point: inverse square (softened within 5 mm of the fibres), cone.
 fn spot(to_light: vec3<f32>, distance: f32) -> f32 {
     let cone = smoothstep(g.light_axis.w, g.cone.x, -dot(to_light, g.light_axis.xyz));
     return g.light.w * cone * 1.0e-4 / (distance * distance + 2.5e-5);
@@ -78,7 +97,8 @@ fn lobe(n_dot_h: f32, power: f32) -> f32 {
     return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
 }
 
-fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
+// `full` is the light that would reach it, `e` what of it does.
+fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32) -> vec3<f32> {
     let p = in.rest * o.surface.y;
     let a = textureSampleLevel(noise, tiled, p, 0.0);
     let warped = p + a.wzx * 0.035;
@@ -113,7 +133,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec
     let nl = dot(n, l);
     let soft = max(vec3<f32>(nl) + vec3<f32>(0.32, 0.16, 0.13), vec3<f32>(0.0)) / vec3<f32>(1.32, 1.16, 1.13);
     let mutual = albedo * albedo * (0.26 + 0.14 * n.y) * g.cone.y;
-    var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.18 + 0.82 * min(e, 1.0));
+    var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.18 + 0.82 * min(full, 1.0));
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
     let ripple = slope * 1.1 + fine.xyz * 0.60 - a.yzw * 0.30;
     let film_n = normalize(n0 - (ripple - n0 * dot(ripple, n0)) * o.surface.w);
@@ -192,7 +212,7 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
         let grain = textureSampleLevel(noise, tiled, in.rest * 70.0, 0.0);
         c = o.colour.rgb * vec3<f32>(0.62, 0.40, 0.40) * min(0.55 * e, 0.8) * (1.0 + 0.25 * grain.z + 0.15 * grain.x);
     } else {
-        c = tissue(in, n, v, l, e);
+        c = tissue(in, n, v, l, e, e * unshaded(in.world));
     }
     if FLUID { c = murk(c, in.world, in.clip.xy); }
     // Through the lens everything is opaque, and alpha is the nearest distance over this one, by which the focus blurs; 0 is where nothing is.
