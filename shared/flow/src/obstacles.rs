@@ -6,11 +6,14 @@
 use crate::error::FlowError;
 use crate::field::{Read, Write};
 use crate::grid::{Grid, Layout, MAX_AXIS};
-use crate::inputs::{Capsule, MAX_SPEED_M_S, MAX_TOOLS};
+use crate::inputs::{Capsule, MAX_TOOLS};
 use crate::kernels::{max_abs, max_abs_where, wide};
 use crate::rows;
 use crate::solver::Solver;
 use crate::transport::step;
+
+/// No wall is faster, m/s: twice what a tool is thrust in with. Single nodes of tissue that is cut or snaps back are, for a millisecond, and move no medium.
+const MAX_WALL_M_S: f32 = 1.0;
 
 /// The case's walls.
 pub(crate) struct Walls {
@@ -36,7 +39,7 @@ impl Walls {
         for ((own, given), _) in
             self.velocity_m_s.iter_mut().zip(velocity_m_s.unwrap_or_default()).zip(solid).filter(|(_, s)| **s != 0)
         {
-            *own = given.map(|v| if v.is_finite() { v.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S) } else { 0.0 });
+            *own = given.map(|v| if v.is_finite() { v.clamp(-MAX_WALL_M_S, MAX_WALL_M_S) } else { 0.0 });
         }
     }
 
@@ -147,7 +150,8 @@ impl Solver {
         self.set(solid, None)
     }
 
-    /// The same with the velocity of each cell, m/s, of which those of solid cells count; what is no number counts as 0.
+    /// The same with the velocity of each cell, m/s, of which those of solid cells count; what is no number counts as 0, and what is
+    /// faster than 1 m/s as that.
     ///
     /// # Errors
     /// As [`Self::set_mask`].

@@ -3,6 +3,7 @@
 
 #![allow(clippy::needless_range_loop)] // one index over rows of one length: the form that the compiler turns into vectors
 
+use crate::inputs::MAX_SPEED_M_S;
 use crate::kernels::{Star, larger, smaller};
 
 /// out = keep·c + Σ weights·neighbours + push
@@ -51,6 +52,7 @@ pub(crate) fn mirror(out: &mut [f32], face: &[f32], own: [&[f32]; 2], around: &[
         let mut shown = [0.0f32; LANES];
         for l in 0..LANES {
             let mirrored = 2.0 * face[l] - sum[l] / larger(open[l], 1.0);
+            let mirrored = smaller(larger(mirrored, -MAX_SPEED_M_S), MAX_SPEED_M_S);
             shown[l] = if (1.0 - here[l]) * (1.0 - back[l]) * open[l] > 0.0 { mirrored } else { face[l] };
         }
         let out = &mut out[range];

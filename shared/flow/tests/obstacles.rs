@@ -257,3 +257,28 @@ fn what_faces_within_solids_show_costs_no_sweeps() {
         assert!(report.sweeps == 1 && report.speed_m_s <= 0.09, "step {step}: {report:?}");
     }
 }
+
+/// Walls and tools as fast as any may be named, one against the other: what comes of it is a state that a spare goes on from.
+#[test]
+fn the_fastest_walls_and_tools_leave_a_state_that_can_be_gone_on_from() {
+    let box_of = Turned { turn: 0, cells: [16, 12, 8], spacing_m: [1e-3; 3] };
+    let solver = Solver::new(box_of.model(1e-6), 2).unwrap();
+    let spare = Solver::new(box_of.model(1e-6), 1).unwrap();
+    let (mut solid, mut wild) = (vec![0; 16 * 12 * 8], vec![[0.0; 3]; 16 * 12 * 8]);
+    let mut inputs = FlowInputs { dt_s: 0.03, ..Default::default() };
+    for step in 0..60u32 {
+        let sign = if step % 2 == 0 { 1.0 } else { -1.0 };
+        for at in box_of.places() {
+            let is_wall = (at[0] + at[1] * 3 + at[2] * 5 + step as usize / 3) % 7 == 0;
+            (solid[box_of.index(at)], wild[box_of.index(at)]) = (u8::from(is_wall), [1e4 * sign, -1e4 * sign, f32::MAX * sign]);
+        }
+        solver.set_walls(&solid, &wild).unwrap();
+        let velocity = [1e3 * sign, 1e3, -1e3 * sign];
+        let (a_m, b_m) = ([4e-3, 4e-3, 2e-3], [12e-3, 8e-3, 6e-3]);
+        inputs.tools[0] = Capsule { a_m, b_m, radius_m: 2e-3, velocity_a_m_s: velocity, velocity_b_m_s: velocity };
+        solver.step_serial(&inputs).unwrap();
+        let mut block = vec![0u64; solver.state_bytes() / 8];
+        solver.store(bytemuck::cast_slice_mut(&mut block)).unwrap();
+        spare.load(bytemuck::cast_slice(&block)).unwrap_or_else(|error| panic!("step {step}: {error}"));
+    }
+}

@@ -73,6 +73,8 @@ fn nothing() -> @location(0) vec4<f32> { return vec4<f32>(0.0); }
 
 // Share of the lamp's light that nothing stands in the way of, 0 to 1; the fibres are as wide as a millimetre, so that an edge is soft.
 const SOFT: f32 = 0.006;
+// Width of a texel of the map at a distance of one: both as in `shadow.rs`.
+const TEXEL: f32 = 2.0 * 2.2345 / 256.0;
 fn unshaded(world: vec3<f32>) -> f32 {
     if g.cone.w < 0.5 { return 1.0; }
     let q = g.lamp * vec4<f32>(world, 1.0);
@@ -212,7 +214,9 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
         let grain = textureSampleLevel(noise, tiled, in.rest * 70.0, 0.0);
         c = o.colour.rgb * vec3<f32>(0.62, 0.40, 0.40) * min(0.55 * e, 0.8) * (1.0 + 0.25 * grain.z + 0.15 * grain.x);
     } else {
-        c = tissue(in, n, v, l, e, e * unshaded(in.world));
+        // Where the light grazes, a texel of the map is looked for off the surface, so that nothing shades itself.
+        let off = n * (1.5 * TEXEL * distance * (1.0 - max(dot(n, l), 0.0)));
+        c = tissue(in, n, v, l, e, e * unshaded(in.world + off));
     }
     if FLUID { c = murk(c, in.world, in.clip.xy); }
     // Through the lens everything is opaque, and alpha is the nearest distance over this one, by which the focus blurs; 0 is where nothing is.
