@@ -137,13 +137,15 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let mutual = albedo * albedo * (0.26 + 0.14 * n.y) * g.cone.y;
     var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.18 + 0.82 * min(full, 1.0));
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
-    let ripple = slope * 1.1 + fine.xyz * 0.60 - a.yzw * 0.30;
+    // Far off a pixel holds many ripples, whose glints are one broad shine and no grains of salt.
+    let calm = smoothstep(0.006, 0.024, distance(in.world, g.eye.xyz));
+    let ripple = (slope * 1.1 + fine.xyz * 0.60 - a.yzw * 0.30) * (1.0 - 0.65 * calm);
     let film_n = normalize(n0 - (ripple - n0 * dot(ripple, n0)) * o.surface.w);
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
     let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw);
-    let film = (0.15 * lobe(nh, 260.0) + 0.05 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
+    let film = (0.15 * lobe(nh, mix(260.0, 60.0, calm)) + 0.05 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
     let glance = 1.0 - nv;
     let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 120.0) * smoothstep(0.0, 0.5, b2.w) * glance * 1.1 * wet;
@@ -167,8 +169,8 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
     let facing = max(dot(n, l), 0.0);
     let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + f32(OUTSIDE)) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
     let edge = 1.0 - max(dot(n, v), 0.0);
-    let clear = room * (0.75 + 0.25 * r.y) * (0.24 + 0.42 * lit) * (1.0 - 0.8 * smoothstep(0.30, 0.62, edge));
-    let gas = clear + vec3<f32>(0.30) * lit * smoothstep(0.72, 0.95, edge) + vec3<f32>(3.0 * glint * lit);
+    let clear = room * (0.90 + 0.25 * r.y) * (0.30 + 0.52 * lit) * (1.0 - 0.78 * smoothstep(0.42, 0.74, edge));
+    let gas = clear + vec3<f32>(0.45) * lit * smoothstep(0.84, 0.97, edge) + vec3<f32>(4.0 * glint * lit);
     return mix(steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z, gas, o.extra.w);
 }
 
