@@ -227,13 +227,17 @@ pub fn known_keys() -> String {
     format!("known keys:\n{}", lines.join("\n"))
 }
 
-/// Checks a value against what its key's text says it takes: `A to B: …`, or `a, b or c: …`.
+/// Checks a value against what its key's text says it takes: `A to B: …`, `A to B letters: …`, or `a, b or c: …`.
 pub fn check_set(key: &str, value: &str) -> Result<(), Refusal> {
     let Some((_, text)) = SET_KEYS.iter().find(|(known, _)| *known == key) else {
         return Err(Refusal::input(format!("--set {key}: no such key\n{}", known_keys())));
     };
     let takes = text.split(':').next().unwrap_or(text);
-    let fits = match takes.split_once(" to ").map(|(low, high)| (low.trim().parse::<f64>(), high.trim().parse::<f64>())) {
+    let (bounds, is_text) = takes.strip_suffix(" letters").map_or((takes, false), |bounds| (bounds, true));
+    let fits = match bounds.split_once(" to ").map(|(low, high)| (low.trim().parse::<f64>(), high.trim().parse::<f64>())) {
+        Some((Ok(low), Ok(high))) if is_text => {
+            (low..=high).contains(&(value.chars().count() as f64)) && !value.chars().any(char::is_control)
+        }
         Some((Ok(low), Ok(high))) => value.parse::<f64>().is_ok_and(|value| (low..=high).contains(&value)),
         _ => takes.replace(" or ", ", ").split(", ").any(|word| word.trim() == value),
     };
@@ -251,7 +255,12 @@ mod tests {
         {
             assert_eq!(check_set(key, value), Ok(()), "{key}={value}");
         }
+        assert_eq!(check_set("trainee", "Ana Müller"), Ok(()));
+        let long = "x".repeat(61);
         for (key, value) in [
+            ("trainee", ""),
+            ("trainee", "a\nb"),
+            ("trainee", &long),
             ("realtime", "maybe"),
             ("isa", "sse9"),
             ("tissue_step_ticks", "3"),

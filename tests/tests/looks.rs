@@ -75,7 +75,7 @@ fn a_film_goes_on_where_rendering_died() {
     let folder = Folder::new("looks-film");
     let album = folder.as_path().join("film");
     let shown = album.display().to_string();
-    let settings = ["picture_every_s=0.2", "picture_format=mjpeg", "picture_size=320x240"].map(|one| ["--set", one]).concat();
+    let settings = ["picture_every_s=0.2", "picture_format=mjpeg", "picture_size=640x480"].map(|one| ["--set", one]).concat();
     let station = Station::start("film", &[&["--hand", "idle", "--pictures", shown.as_str()], &settings[..]].concat());
     let count = || film_of(&album.join("pictures.mjpeg")).len();
     let has_more = |than: usize| wait_for(PICTURE_LIMIT, || (count() > than + 2).then_some(()));
@@ -85,7 +85,7 @@ fn a_film_goes_on_where_rendering_died() {
     assert!(has_more(before).is_some(), "it does not go on after {before} pictures\n{}", station.said());
     station.stop().assert_clean();
     let film = film_of(&album.join("pictures.mjpeg"));
-    assert!(film.iter().all(|size| *size == [320, 240]), "{film:?}");
+    assert!(film.iter().all(|size| *size == [640, 480]), "{film:?}");
     assert_eq!(std::fs::read_dir(&album).map(Iterator::count).ok(), Some(1), "nothing beside it");
 }
 
