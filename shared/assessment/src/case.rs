@@ -22,10 +22,11 @@ impl Judge {
     /// Case and judgement for programs. Times are seconds from the first tick.
     pub fn json(&self) -> Value {
         let at_s = |tick: Option<u64>| tick.map(|tick| self.since_start_s(tick));
-        let goals = self.brief.goals.iter().zip(&self.goals).map(|(goal, state)| {
+        let goals = self.brief.goals.iter().zip(&self.goals).enumerate().map(|(index, (goal, state))| {
             json!({
                 "words": plain(&goal.words),
                 "state": if state.reached_tick.is_some() { "reached" } else if state.missed_tick.is_some() { "missed" } else { "open" },
+                "called_for": self.is_called_for(index),
                 "progress": state.progress,
                 "at_s": at_s(state.reached_tick.or(state.missed_tick)),
             })
@@ -94,15 +95,16 @@ impl Judge {
 
     /// Goals: words, state in words, and a class for the page.
     fn goal_lines(&self) -> Vec<(String, String, &'static str)> {
-        let line = |(goal, state): (&hyst_scene::Named<hyst_scene::Aim>, &crate::judge::GoalState)| {
+        let line = |(index, (goal, state)): (usize, (&hyst_scene::Named<hyst_scene::Aim>, &crate::judge::GoalState))| {
             let (told, class) = match (state.reached_tick, state.missed_tick) {
                 (Some(tick), _) => (format!("reached at {:.1} s", self.since_start_s(tick)), "reached"),
                 (None, Some(tick)) => (format!("missed at {:.1} s", self.since_start_s(tick)), "error"),
+                (None, None) if !self.is_called_for(index) => ("not called for".into(), ""),
                 (None, None) => (format!("not reached ({:.0} % of it)", 100.0 * state.progress), "warning"),
             };
             (plain(&goal.words), told, class)
         };
-        self.brief.goals.iter().zip(&self.goals).map(line).collect()
+        self.brief.goals.iter().zip(&self.goals).enumerate().map(line).collect()
     }
 
     /// Warnings that fell: words, and when.

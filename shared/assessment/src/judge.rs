@@ -216,10 +216,17 @@ impl Judge {
         Some((100.0 * self.removed_ml? / of_ml).clamp(0.0, 100.0))
     }
 
-    /// Percent of the goals that are reached.
-    pub fn reached_percent(&self) -> f64 {
-        let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
-        100.0 * reached as f64 / self.goals.len().max(1) as f64
+    /// Whether a goal was called for: to stop after something is nobody's goal who did not bring that about.
+    pub fn is_called_for(&self, index: usize) -> bool {
+        let aim = self.brief.goals.get(index).map(|goal| &goal.is);
+        !matches!(aim, Some(Aim::Stop { .. })) || self.goals.get(index).is_some_and(|goal| goal.since_tick.is_some())
+    }
+
+    /// Percent of the goals that were called for which are reached; `None` if none was.
+    pub fn reached_percent(&self) -> Option<f64> {
+        let called_for = || self.goals.iter().enumerate().filter(|(index, _)| self.is_called_for(*index));
+        let reached = called_for().filter(|(_, goal)| goal.reached_tick.is_some()).count();
+        Some(called_for().count()).filter(|count| *count > 0).map(|count| 100.0 * reached as f64 / count as f64)
     }
 
     /// Seconds from the first tick to this one.

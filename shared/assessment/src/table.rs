@@ -271,7 +271,7 @@ pub static METRICS: [Definition; 31] = [
         name: "goals of the case that were reached",
         unit: "%",
         scale: scale(100.0, 0.0, 3.0),
-        value: |m| m.judge.as_ref().map(Judge::reached_percent),
+        value: |m| m.judge.as_ref().and_then(Judge::reached_percent),
         source: ASSUMED,
     },
     Definition {

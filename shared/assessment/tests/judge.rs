@@ -93,7 +93,7 @@ fn what_is_removed_and_the_largest_piece_are_those_of_the_statuses() {
     }
     let reached: Vec<Option<u64>> = judge.goals.iter().map(|goal| goal.reached_tick).collect();
     assert_eq!(reached, [Some(40), Some(40)], "pieces of 0.3, 0.3 and 0.5 ml");
-    assert_eq!((judge.removed_percent(), judge.reached_percent(), judge.ended), (Some(55.00000000000001), 100.0, None));
+    assert_eq!((judge.removed_percent(), judge.reached_percent(), judge.ended), (Some(55.00000000000001), Some(100.0), None));
 }
 
 #[test]
@@ -108,18 +108,25 @@ fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
     let mut early = judge(stop.clone(), json!({}), json!([]));
     early.tick(&shut(0, false));
     assert_eq!(early.goals[0].reached_tick, None, "nothing has called for it");
+    assert_eq!(
+        (early.reached_percent(), &early.json()["goals"][0]["called_for"]),
+        (None, &json!(false)),
+        "who made none is not judged by it"
+    );
     early.fluid(&fluid(10, 60.0, 51.0));
     wait(&mut early, 10..100);
     early.tick(&shut(100, true));
     assert_eq!(early.goals[0].reached_tick, None, "the current is on");
     early.tick(&shut(101, false));
     assert_eq!(early.goals[0].reached_tick, Some(101));
+    assert_eq!((early.reached_percent(), &early.json()["goals"][0]["called_for"]), (Some(100.0), &json!(true)));
 
     let mut late = judge(stop, json!({}), json!([]));
     late.fluid(&fluid(10, 60.0, 51.0));
     wait(&mut late, 10..212);
     late.tick(&shut(212, false));
     assert_eq!((late.goals[0].reached_tick, late.goals[0].missed_tick), (None, Some(211)), "called for at 10");
+    assert_eq!(late.reached_percent(), Some(0.0));
     assert_eq!(late.ended, None);
 }
 
