@@ -128,7 +128,6 @@ fn of_args(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<
         test_mode: args.station.test_mode,
         lockstep: args.lockstep,
         replay: args.again.as_ref().map(|again| again.replay),
-        begun_unix_s: hyst_exchange::machine::now_unix_s(),
         ..Settings::default()
     })
 }

@@ -122,6 +122,8 @@ fn same(station: &Station, wanted: &Wanted<'_>) -> Result<(), Refusal> {
     let (settings, plan) = (wanted.settings, wanted.plan);
     let text = std::fs::read_to_string(station.settings()).unwrap_or_default();
     let known: Option<Settings> = toml::from_str(&text).ok();
+    // It goes on from when it began.
+    let known = known.map(|known| Settings { begun_unix_s: settings.begun_unix_s, ..known });
     // What was swapped meanwhile stays so, whoever keeps the station.
     let begun = Plan::read(station).ok().map(|known| Plan { swapped: plan.swapped.clone(), ..known });
     // A case that was edited since is another one.
@@ -168,7 +170,8 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
 fn make(station: &Station, wanted: &Wanted<'_>) -> Result<OwnedPage, Refusal> {
     let input = |e: StationError| Refusal::input(e.to_string());
     station.found().map_err(input)?;
-    let text = toml::to_string(wanted.settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
+    let settings = Settings { begun_unix_s: hyst_exchange::machine::now_unix_s(), ..wanted.settings.clone() };
+    let text = toml::to_string(&settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
     std::fs::write(station.settings(), text)
         .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
     wanted.plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
