@@ -212,7 +212,7 @@ impl Renderer {
         let light = if view.light.is_finite() { view.light.clamp(0.0, 10.0) } else { 1.0 };
         let own = globals(eye, light, &self.fluid, self.has_shadows(eye));
         queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&own));
-        queue.write_buffer(&self.shadow.globals, 0, bytemuck::bytes_of(&own.from_lamp()));
+        queue.write_buffer(&self.shadow.globals, 0, bytemuck::bytes_of(&own.seen_from_lamp()));
         queue.write_buffer(&self.post.uniform, 0, bytemuck::bytes_of(&post(view, eye, self.targets.sizes)));
         if view.overlay != self.written {
             view.overlay.write(&mut self.words);

@@ -26,7 +26,7 @@ pub(crate) struct Globals {
 
 impl Globals {
     /// The same, seen from the lamp.
-    pub(crate) fn from_lamp(&self) -> Self {
+    pub(crate) fn seen_from_lamp(&self) -> Self {
         Self { view_proj: self.lamp, ..*self }
     }
 }

@@ -205,6 +205,15 @@ impl Hand {
         }
     }
 
+    /// The other hand keeps the horizon where it is wanted.
+    fn turn_head(&mut self) {
+        let head_rad = self.horizon_rad - self.state.pose.roll_rad;
+        if head_rad.is_finite() {
+            let most_rad = HEAD_SPEED_RAD_S * TICK_S;
+            self.head_rad += (head_rad - self.head_rad).clamp(-most_rad, most_rad);
+        }
+    }
+
     /// One tick of the hand, pushed by the force of the motors, N.
     pub fn step(&mut self, tick: u64, force_n: [f32; 3], pointer: Option<&PointerRecord>) -> Held {
         let time_s = (tick as f64 * 1e-3 - REST_S).max(0.0);
@@ -254,11 +263,7 @@ impl Hand {
         let out_m = if buttons & BUTTON_EXTENDED != 0 { self.loop_reach_m } else { 0.0 };
         let most_m = LOOP_SPEED_M_S * TICK_S;
         self.loop_extension_m += (out_m - self.loop_extension_m).clamp(-most_m, most_m);
-        let head_rad = self.horizon_rad - self.state.pose.roll_rad;
-        if head_rad.is_finite() {
-            let most_rad = HEAD_SPEED_RAD_S * TICK_S;
-            self.head_rad += (head_rad - self.head_rad).clamp(-most_rad, most_rad);
-        }
+        self.turn_head();
         let buttons = if self.has_loop { buttons } else { buttons & !BUTTON_ENERGIZED };
         self.controls = Controls { buttons, loop_extension_m: self.loop_extension_m, ..self.controls };
         let pose = &self.state.pose;
