@@ -269,7 +269,7 @@ fn the_fastest_walls_and_tools_leave_a_state_that_can_be_gone_on_from() {
     for step in 0..60u32 {
         let sign = if step % 2 == 0 { 1.0 } else { -1.0 };
         for at in box_of.places() {
-            let is_wall = (at[0] + at[1] * 3 + at[2] * 5 + step as usize / 3) % 7 == 0;
+            let is_wall = (at[0] + at[1] * 3 + at[2] * 5 + step as usize / 3).is_multiple_of(7);
             (solid[box_of.index(at)], wild[box_of.index(at)]) = (u8::from(is_wall), [1e4 * sign, -1e4 * sign, f32::MAX * sign]);
         }
         solver.set_walls(&solid, &wild).unwrap();
