@@ -39,13 +39,15 @@ pub struct Cavity {
     mask: Vec<u8>,
     velocities_m_s: Vec<[f32; 3]>,
     queue: Vec<u32>,
+    is_open: bool,
 }
 
 impl Cavity {
     /// For a grid; everything is fluid until the tissue is known.
     pub fn new(grid: Grid) -> Cavity {
         let cells = grid.cell_count();
-        Cavity { mask: vec![FLUID; cells], velocities_m_s: vec![[0.0; 3]; cells], queue: Vec::with_capacity(cells), grid }
+        let (mask, velocities_m_s) = (vec![FLUID; cells], vec![[0.0; 3]; cells]);
+        Cavity { mask, velocities_m_s, queue: Vec::with_capacity(cells), is_open: true, grid }
     }
 
     /// The mask, x fastest: nonzero is solid.
@@ -60,9 +62,7 @@ impl Cavity {
 
     /// Whether the fluid reaches a side of the box: then the tissue does not close the cavity there, and the box does.
     pub fn is_open(&self) -> bool {
-        let cells = self.grid.cells();
-        let is_outer = |at: usize| self.place(at).iter().zip(cells).any(|(index, count)| *index == 0 || index + 1 == count);
-        self.mask.iter().enumerate().any(|(at, cell)| *cell == FLUID && is_outer(at))
+        self.is_open
     }
 
     fn index(&self, [i, j, k]: [usize; 3]) -> usize {
@@ -138,6 +138,7 @@ impl Cavity {
         let distance = |at: usize| Vec3::from(self.grid.centre_m(self.place(at))).distance_squared(Vec3::from(seed_m));
         let free = (0..solid.len()).filter(|at| solid[*at] == FLUID);
         let Some(seed) = free.min_by(|a, b| distance(*a).total_cmp(&distance(*b))) else { return false };
+        self.is_open = false;
         self.queue.clear();
         self.queue.push(seed as u32);
         solid[seed] = REACHED;
@@ -152,6 +153,7 @@ impl Cavity {
                 (k > 0).then(|| [i, j, k - 1]),
                 (k + 1 < nz).then_some([i, j, k + 1]),
             ];
+            self.is_open |= neighbours.contains(&None);
             for place in neighbours.into_iter().flatten() {
                 let next = self.index(place);
                 if solid[next] == FLUID {

@@ -1,9 +1,9 @@
 //! The gas that a loop under current makes of the medium around it.
 
-use crate::tools::LEAST_EXTENSION_M;
+use crate::tools::out_m;
 use glam::{Quat, Vec3};
 use hyst_flow::GasSource;
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, HardwareSample};
+use hyst_messages::{BUTTON_ENERGIZED, HardwareSample};
 use hyst_scene::LoadedLoop;
 
 /// Gas that a loop under current makes, ml/s. Assumed; no published figure is used. Twenty parcels a second are seen as a string of bubbles.
@@ -11,14 +11,12 @@ const GAS_ML_S: f32 = 0.02;
 
 /// Where gas comes into being: at the middle of the loop, which is out and under current.
 pub fn source(electrode: Option<&LoadedLoop>, sample: &HardwareSample) -> GasSource {
-    const BOILS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
     let (controls, pose) = (&sample.controls, &sample.pose);
-    let Some(electrode) = electrode.filter(|_| controls.buttons & BOILS == BOILS) else { return GasSource::default() };
-    let out_m = controls.loop_extension_m;
-    if !out_m.is_finite() || out_m < LEAST_EXTENSION_M {
+    let live = electrode.filter(|_| controls.buttons & BUTTON_ENERGIZED != 0);
+    let Some((electrode, out_m)) = live.and_then(|electrode| Some((electrode, out_m(electrode, controls)?))) else {
         return GasSource::default();
-    }
-    let middle = Vec3::new(0.0, electrode.radius_m, out_m.min(electrode.reach_m));
+    };
+    let middle = Vec3::new(0.0, electrode.radius_m, out_m);
     let place = Vec3::from(pose.position_m) + Quat::from_array(pose.orientation) * middle;
     GasSource { position_m: place.to_array(), flow_ml_s: GAS_ML_S }
 }
@@ -26,6 +24,7 @@ pub fn source(electrode: Option<&LoadedLoop>, sample: &HardwareSample) -> GasSou
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::BUTTON_EXTENDED;
 
     #[test]
     fn a_loop_boils_the_medium_where_it_is_while_it_is_out_and_under_current() {

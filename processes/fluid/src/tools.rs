@@ -2,7 +2,7 @@
 
 use glam::{Quat, Vec3};
 use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput};
-use hyst_messages::{BUTTON_EXTENDED, HardwareSample};
+use hyst_messages::{BUTTON_EXTENDED, Controls, HardwareSample};
 use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
 
 /// Length of the scope behind its tip that displaces fluid, m.
@@ -10,7 +10,7 @@ const SHAFT_M: f32 = 0.06;
 /// Radius of the ports at the scope's tip, m.
 const PORT_M: f32 = 0.003;
 /// Below this the loop is in its sheath, m.
-pub const LEAST_EXTENSION_M: f32 = 1e-3;
+const LEAST_EXTENSION_M: f32 = 1e-3;
 /// A tip this near to the pivot turns about nothing, m.
 const LEAST_LEVER_M: f32 = 1e-3;
 
@@ -63,10 +63,8 @@ impl Instrument {
 
     /// The loop's half ring and the two arms on which it stands, as far as they are out.
     fn place_wires(&self, sample: &HardwareSample, body: &Body, inputs: &mut FlowInputs) {
-        let out_m = sample.controls.loop_extension_m;
-        let is_out = sample.controls.buttons & BUTTON_EXTENDED != 0 && out_m.is_finite() && out_m >= LEAST_EXTENSION_M;
-        let Some(electrode) = self.electrode.as_ref().filter(|_| is_out) else { return };
-        let out_m = out_m.min(electrode.reach_m);
+        let Some(electrode) = &self.electrode else { return };
+        let Some(out_m) = out_m(electrode, &sample.controls) else { return };
         let ring = ring_of(electrode, out_m);
         let ends = ring.windows(2).map(|ends| (ends[0], ends[1]));
         let arms = [ring[0], ring[RING]].map(|end| ([end[0], end[1], 0.0], end));
@@ -74,6 +72,13 @@ impl Instrument {
             *wire = body.capsule(a, b, electrode.wire_radius_m);
         }
     }
+}
+
+/// How far a loop is out, if it is, m.
+pub fn out_m(electrode: &LoadedLoop, controls: &Controls) -> Option<f32> {
+    let out_m = controls.loop_extension_m;
+    let is_out = controls.buttons & BUTTON_EXTENDED != 0 && out_m.is_finite() && out_m >= LEAST_EXTENSION_M;
+    is_out.then(|| out_m.min(electrode.reach_m))
 }
 
 /// Straight pieces of the half ring; with the two arms no more than a step takes.

@@ -71,12 +71,7 @@ impl Renderer {
                 let fluid = self.fluid_shown && !translucent;
                 let variant = Variant { metal: is_metal(object), fluid, outside: !eye.round, translucent, hidden };
                 pass.set_pipeline(self.pipelines.scene(variant));
-                pass.set_bind_group(1, &object.look, &[]);
-                for (slot, points) in (0..).zip([&object.positions, &object.normals, &object.rest, &object.raw]) {
-                    pass.set_vertex_buffer(slot, points.slice(..));
-                }
-                pass.set_index_buffer(object.triangles.slice(..), wgpu::IndexFormat::Uint32);
-                pass.draw_indexed(0..object.indices, 0, 0..1);
+                object.draw(&mut pass);
                 // The halves of an object are its faces once.
                 triangles += if hidden == Some(wgpu::Face::Front) { 0 } else { u64::from(object.indices / 3) };
             }

@@ -167,10 +167,10 @@ impl Renderer {
         let [width, height] = self.shown_px;
         let eye = view.camera.eye(width as f32 / height as f32);
         self.fit(&eye, view.quality.scale);
-        self.write_frame(view, &eye);
+        let has_shadows = self.has_shadows(&eye);
+        self.write_frame(view, &eye, has_shadows);
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         self.shape_pass(&mut encoder);
-        let has_shadows = self.has_shadows(&eye);
         if has_shadows {
             self.shadow_pass(&mut encoder);
         }
@@ -207,10 +207,10 @@ impl Renderer {
         }
     }
 
-    fn write_frame(&mut self, view: &View, eye: &Eye) {
+    fn write_frame(&mut self, view: &View, eye: &Eye, has_shadows: bool) {
         let queue = &self.gpu.queue;
         let light = if view.light.is_finite() { view.light.clamp(0.0, 10.0) } else { 1.0 };
-        let own = globals(eye, light, &self.fluid, self.has_shadows(eye));
+        let own = globals(eye, light, &self.fluid, has_shadows);
         queue.write_buffer(&self.globals, 0, bytemuck::bytes_of(&own));
         queue.write_buffer(&self.shadow.globals, 0, bytemuck::bytes_of(&own.seen_from_lamp()));
         queue.write_buffer(&self.post.uniform, 0, bytemuck::bytes_of(&post(view, eye, self.targets.sizes)));

@@ -17,6 +17,11 @@ use crate::{
 const SIDE_PX: u32 = 256;
 /// Half of the angle that the lamp lights, rad: to where its cone ends (cosine 0.42), and some.
 const HALF_RAD: f32 = 1.15;
+/// Width of a texel of it at a distance of one.
+pub(crate) fn texel() -> f32 {
+    2.0 * HALF_RAD.tan() / SIDE_PX as f32
+}
+
 /// Nothing nearer to the lamp throws a shadow, m, and nothing farther.
 const RANGE_M: [f32; 2] = [5.0e-4, 0.12];
 
@@ -94,12 +99,7 @@ impl Renderer {
         pass.set_pipeline(&self.pipelines.shadow);
         pass.set_bind_group(0, &self.lamp_group, &[]);
         for object in self.stage.objects.values().filter(|object| is_solid(object)) {
-            pass.set_bind_group(1, &object.look, &[]);
-            for (slot, points) in (0..).zip([&object.positions, &object.normals, &object.rest, &object.raw]) {
-                pass.set_vertex_buffer(slot, points.slice(..));
-            }
-            pass.set_index_buffer(object.triangles.slice(..), wgpu::IndexFormat::Uint32);
-            pass.draw_indexed(0..object.indices, 0, 0..1);
+            object.draw(&mut pass);
         }
     }
 }

@@ -83,6 +83,18 @@ pub(crate) struct ObjectUniform {
     extra: [f32; 4],
 }
 
+impl Object {
+    /// Draws it with the pipeline that is set.
+    pub(crate) fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
+        pass.set_bind_group(1, &self.look, &[]);
+        for (slot, points) in (0..).zip([&self.positions, &self.normals, &self.rest, &self.raw]) {
+            pass.set_vertex_buffer(slot, points.slice(..));
+        }
+        pass.set_index_buffer(self.triangles.slice(..), wgpu::IndexFormat::Uint32);
+        pass.draw_indexed(0..self.indices, 0, 0..1);
+    }
+}
+
 pub(crate) struct Object {
     pub positions: wgpu::Buffer,
     pub normals: wgpu::Buffer,

@@ -5,7 +5,7 @@ use crate::{
     camera::{Eye, NEAR_M, View},
     fluid::Fluid,
     overlay::COLUMNS,
-    shadow::lamp_view,
+    shadow::{lamp_view, texel},
     targets::Sizes,
 };
 
@@ -56,7 +56,7 @@ pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid, has_shadows: bool) -
         eye: eye.eye_m.extend(1.0).to_array(),
         light: eye.light_m.extend(intensity).to_array(),
         light_axis: eye.light_axis.extend(outer).to_array(),
-        cone: [inner, ambient, NEAR_M, f32::from(u8::from(has_shadows))],
+        cone: [inner, ambient, NEAR_M, if has_shadows { texel() } else { 0.0 }],
         clip: eye.clip,
         fluid_min: fluid.min,
         fluid_max: fluid.max,

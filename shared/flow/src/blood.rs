@@ -98,17 +98,24 @@ fn cell_of(grid: &Grid, layout: &Layout, position_m: [f32; 3]) -> (usize, usize,
     (layout.row(j) + i, k + 1, (k * layout.n[1] + j) * layout.n[0] + i)
 }
 
+/// The lowest of the eight faces of a component around a point in cells, in the padded grid, and how far the point is from it along each axis: faces of the
+/// own axis sit at whole numbers, everything else at halves; one ghost cell before.
+#[inline(always)]
+pub(crate) fn faces_around(layout: &Layout, component: usize, p: [f32; 3]) -> ([usize; 3], [f32; 3]) {
+    let mut base = [0usize; 3];
+    let mut t = [0.0f32; 3];
+    for a in 0..3 {
+        let x = if a == component { p[a] + 1.0 } else { p[a] + 0.5 };
+        base[a] = (x as usize).min(layout.n[a]);
+        t[a] = x - base[a] as f32;
+    }
+    (base, t)
+}
+
 /// Velocity at a point in cells (inside the grid), m/s: trilinear on the staggered components.
 pub(crate) fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|component| {
-        let mut base = [0usize; 3];
-        let mut t = [0.0f32; 3];
-        for a in 0..3 {
-            // Padded coordinate: faces of the own axis sit at whole numbers, everything else at halves; one ghost cell before.
-            let x = if a == component { p[a] + 1.0 } else { p[a] + 0.5 };
-            base[a] = (x as usize).min(layout.n[a]);
-            t[a] = x - base[a] as f32;
-        }
+        let (base, t) = faces_around(layout, component, p);
         let at = base[1] * layout.stride + base[0];
         let sheet = |kk: usize| {
             let plane = velocity[component].layer(kk);

@@ -4,7 +4,7 @@
 //! Re = |v|·d/ν from 1 to 2·10⁵ (White, Viscous Fluid Flow, 1991). Along a wire nothing drags. Each piece acts on the eight faces of a component around
 //! it. Promise: the change is implicit, so that no face overshoots the wire's velocity, however long the step.
 
-use crate::blood::velocity_at;
+use crate::blood::{faces_around, velocity_at};
 use crate::error::FlowError;
 use crate::inputs::{Capsule, MAX_WIRES};
 use crate::plan::Plan;
@@ -95,16 +95,11 @@ impl Solver {
         let rate = drag / grid.cell_volume_m3() as f32 * plan.inputs.dt_s;
         for component in 0..3 {
             let toward_m_s = flow[component] - across[component];
+            let (base, t) = faces_around(layout, component, place);
             for corner in 0..8usize {
-                let mut weight = 1.0;
-                let cell: [usize; 3] = std::array::from_fn(|axis| {
-                    // Padded: faces of the own axis are at whole numbers, all else at halves.
-                    let x = if axis == component { place[axis] + 1.0 } else { place[axis] + 0.5 };
-                    let (low, is_high) = (x as usize, corner >> axis & 1);
-                    let share = x - low as f32;
-                    weight *= if is_high == 1 { share } else { 1.0 - share };
-                    low + is_high
-                });
+                let high: [usize; 3] = std::array::from_fn(|axis| corner >> axis & 1);
+                let weight: f32 = (0..3).map(|axis| if high[axis] == 1 { t[axis] } else { 1.0 - t[axis] }).product();
+                let cell: [usize; 3] = std::array::from_fn(|axis| base[axis] + high[axis]);
                 let is_inside = (0..3).all(|axis| (1..=layout.n[axis]).contains(&cell[axis]));
                 if weight > 0.0 && is_inside {
                     let at = cell[1] * layout.stride + cell[0];

@@ -9,7 +9,7 @@ struct Globals {
     eye: vec4<f32>,          // m
     light: vec4<f32>,        // position m, intensity at 10 mm
     light_axis: vec4<f32>,   // unit, cosine of the cone's edge
-    cone: vec4<f32>,         // cosine of the full-light cone, ambient, nearest distance drawn m, 1 if anything throws a shadow
+    cone: vec4<f32>,         // cosine of the full-light cone, ambient, nearest distance drawn m, width of a texel of the shadow at a distance of one; 0 if nothing throws any
     clip: vec4<f32>,         // tissue with dot(n, p) > d is cut away; n = 0: no cut
     fluid_min: vec4<f32>,    // corner of the fluid's box m, extinction 1/m at density 1
     fluid_max: vec4<f32>,    // opposite corner m
@@ -73,10 +73,8 @@ fn nothing() -> @location(0) vec4<f32> { return vec4<f32>(0.0); }
 
 // Share of the lamp's light that nothing stands in the way of, 0 to 1; the fibres are as wide as a millimetre, so that an edge is soft.
 const SOFT: f32 = 0.006;
-// Width of a texel of the map at a distance of one: both as in `shadow.rs`.
-const TEXEL: f32 = 2.0 * 2.2345 / 256.0;
 fn unshaded(world: vec3<f32>) -> f32 {
-    if g.cone.w < 0.5 { return 1.0; }
+    if g.cone.w <= 0.0 { return 1.0; }
     let q = g.lamp * vec4<f32>(world, 1.0);
     if q.w <= 0.0 { return 1.0; }
     let at = q.xy / q.w * vec2<f32>(0.5, -0.5) + vec2<f32>(0.5);
@@ -217,7 +215,7 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
         c = o.colour.rgb * vec3<f32>(0.62, 0.40, 0.40) * min(0.55 * e, 0.8) * (1.0 + 0.25 * grain.z + 0.15 * grain.x);
     } else {
         // Where the light grazes, a texel of the map is looked for off the surface, so that nothing shades itself.
-        let off = n * (1.5 * TEXEL * distance * (1.0 - max(dot(n, l), 0.0)));
+        let off = n * (1.5 * g.cone.w * distance * (1.0 - max(dot(n, l), 0.0)));
         c = tissue(in, n, v, l, e, e * unshaded(in.world + off));
     }
     if FLUID { c = murk(c, in.world, in.clip.xy); }
