@@ -3,7 +3,7 @@
 //!
 //! Promises: never two incarnations alive in one slot; never a spawn after a stop was asked for; restarts are bounded in any window of
 //! time; every death is followed by a spawn, after a bounded wait, unless the slot was given up or the station stops; the last slot of a role
-//! with a spare is never given up, and one that was is tried again when the other dies.
+//! with a spare is never given up; a slot that was is tried again after [`TRY_AGAIN_NS`], and when the other of its role dies.
 //!
 //! Restart intensity follows Erlang/OTP's supervisors, with one change. There, a count of restarts in a window decides alone. Here the
 //! count of *short lives in a row* decides how long to wait and when to give up, because a station in test mode is killed from outside
@@ -31,6 +31,8 @@ use state::{Life, Place};
 
 /// How long a process that has grown too large waits for a spare to take its work, ns.
 pub const LEAVE_WITHIN_NS: u64 = 10_000_000_000;
+/// How long a slot that was given up stays empty, ns: what ended one after the other may be over, and a try costs one short life in this time.
+pub const TRY_AGAIN_NS: u64 = 30_000_000_000;
 /// How often a role with a state goes back before those are replaced whose streams it reads: an older state costs its work since then, a fresh one of
 /// those others costs nothing, but helps only where a process, and not its state, makes what kills its readers.
 const MISTRUST_AFTER_BACK: usize = 2;
@@ -170,15 +172,23 @@ fn spawn_due(now_ns: u64, state: &mut State) -> Vec<Action> {
     }
     let due = |place: &Place| matches!(place.life, Life::Vacant { due_ns } if due_ns <= now_ns);
     let mut actions = Vec::new();
-    for (slot, place) in state.places.iter_mut().filter(|(_, place)| due(place)) {
-        place.life = Life::Spawning;
-        actions.push(Action::Spawn { slot: *slot });
+    for (slot, place) in &mut state.places {
+        if let Life::GivenUp { again_ns } = place.life
+            && again_ns <= now_ns
+        {
+            place.life = Life::Vacant { due_ns: again_ns };
+            actions.push(Action::TryAgain { slot: *slot });
+        }
+        if due(place) {
+            place.life = Life::Spawning;
+            actions.push(Action::Spawn { slot: *slot });
+        }
     }
     actions
 }
 
 /// Lets those go that are unfit, each as soon as somebody else can do its work, or after a bounded wait. Two replicas that are unfit at the same
-/// instant, as two that leak alike, go one after the other.
+/// instant, as two that leak alike, go one after the other. Whoever's readers die of it, its spare among them, is not waited for.
 fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
     if state.stopping {
         return Vec::new();
@@ -189,7 +199,8 @@ fn relieve(now_ns: u64, state: &mut State) -> Vec<Action> {
     for (slot, (incarnation, since_ns, told)) in leaving {
         let other = state.sibling(slot).and_then(|sibling| state.lasting(sibling));
         let is_holder = state.ladders.get(&slot.role()).is_some_and(|ladder| ladder.holder() == incarnation);
-        let patient = is_replicated(slot.role()) && now_ns.saturating_sub(since_ns) < LEAVE_WITHIN_NS;
+        let in_vain = state.ends_its_spare(slot, incarnation);
+        let patient = is_replicated(slot.role()) && now_ns.saturating_sub(since_ns) < LEAVE_WITHIN_NS && !in_vain;
         let action = match other {
             Some(incarnation) if is_holder && patient && !told => Action::HandOver { role: slot.role(), incarnation },
             Some(_) if is_holder && patient => continue,
@@ -236,7 +247,7 @@ fn died(now_ns: u64, slot: Slot, incarnation: u32, exit: Exit, state: &mut State
         return actions;
     }
     if exit == Exit::Code(2) && !place.was_ready {
-        place.life = Life::GivenUp;
+        place.life = Life::GivenUp { again_ns: u64::MAX };
         let reason = "it refused the scene or the settings";
         actions.push(Action::GiveUp { slot, reason, end: Some(2) });
         return actions;
@@ -299,9 +310,9 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
     }
     let too_many = place.deaths_ns.len() >= limits.most_deaths;
     if (place.short_lives >= limits.most_short_lives || too_many) && !alone {
-        place.life = Life::GivenUp;
         // Without the hardware there is nothing to feel, and without the device nobody feels it.
         let end = matches!(slot.role(), Role::Hardware | Role::Device).then_some(1);
+        place.life = Life::GivenUp { again_ns: if end.is_some() { u64::MAX } else { now_ns + TRY_AGAIN_NS } };
         return vec![Action::GiveUp { slot, reason: "it died again and again", end }];
     }
     // One that never was ready died of itself: of its driver, of its disk. A role with a state is tried with older ones first: see `died`.
@@ -317,7 +328,7 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
         place.mistrusted |= !actions.is_empty();
     }
     if let Some((slot, other)) = sibling.and_then(|sibling| Some((sibling, state.places.get_mut(&sibling)?)))
-        && other.life == Life::GivenUp
+        && matches!(other.life, Life::GivenUp { .. })
     {
         other.life = Life::Vacant { due_ns: now_ns + limits.most_wait_ns };
         actions.push(Action::TryAgain { slot });
@@ -327,12 +338,23 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
 
 /// What one process after the other dies of in a slot may be what they read, and then a fresh one of those who wrote it helps: of a role with a
 /// state whoever holds it, of the others all. Not during a swap, which has its own judge.
-fn mistrust(reader: Slot, state: &State) -> Vec<Action> {
+fn mistrust(reader: Slot, state: &mut State) -> Vec<Action> {
     let of_source = |slot: &&Slot| limits::sources(reader.role()).contains(&slot.role()) && !slot.is_guest();
     let suspect = |slot: &Slot| {
         let incarnation = state.ready(*slot)?;
         let writes = state.ladders.get(&slot.role()).is_none_or(|ladder| ladder.holder() == incarnation);
         writes.then_some(Action::Mistrust { slot: *slot, incarnation, reader })
     };
-    if state.swap.is_some() { Vec::new() } else { state.places.keys().filter(of_source).filter_map(suspect).collect() }
+    let mut actions: Vec<Action> = state.places.keys().filter(of_source).filter_map(suspect).collect();
+    if state.swap.is_some() {
+        actions.clear();
+    }
+    for action in &actions {
+        if let Action::Mistrust { slot, incarnation, .. } = action
+            && let Some(place) = state.places.get_mut(slot)
+        {
+            place.harmful = *incarnation;
+        }
+    }
+    actions
 }

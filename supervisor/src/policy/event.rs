@@ -236,7 +236,7 @@ pub enum Action {
         /// From what.
         ground: Ground,
     },
-    /// A slot that was given up is tried again, since the other one of its role died.
+    /// A slot that was given up is tried again, since the other one of its role died, or enough time has passed.
     TryAgain {
         /// Where.
         slot: Slot,

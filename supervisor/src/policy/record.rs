@@ -1,7 +1,7 @@
 //! What outlives a supervisor of what the policy knows: how often in a row a slot's incarnations lived for too short a time, and whether it was given up.
 //! So a restart of the supervisor is no way around the count of short lives; the bound on deaths in a window of time begins anew with it.
 
-use super::{Life, Place, State, limits};
+use super::{Life, Place, State, TRY_AGAIN_NS, limits};
 use hyst_messages::Slot;
 
 /// What outlives a supervisor of a slot's lives.
@@ -16,7 +16,8 @@ pub struct Record {
 impl State {
     /// What a supervisor that is restarted is to know of each slot.
     pub fn records(&self) -> impl Iterator<Item = (Slot, Record)> + '_ {
-        let record = |place: &Place| Record { short_lives: place.short_lives, given_up: place.life == Life::GivenUp };
+        let record =
+            |place: &Place| Record { short_lives: place.short_lives, given_up: matches!(place.life, Life::GivenUp { .. }) };
         self.places.iter().map(move |(slot, place)| (*slot, record(place)))
     }
     /// Goes on from what a supervisor before this one knew of a slot, before anybody is adopted.
@@ -25,7 +26,8 @@ impl State {
         if let Some(place) = self.places.get_mut(&slot).filter(|place| matches!(place.life, Life::Vacant { .. })) {
             place.short_lives = record.short_lives.min(limits.most_short_lives);
             let due_ns = now_ns + limits.wait_ns(place.short_lives);
-            place.life = if record.given_up { Life::GivenUp } else { Life::Vacant { due_ns } };
+            let again_ns = now_ns + TRY_AGAIN_NS;
+            place.life = if record.given_up { Life::GivenUp { again_ns } } else { Life::Vacant { due_ns } };
         }
     }
 }

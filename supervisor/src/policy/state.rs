@@ -1,7 +1,7 @@
 //! What the policy remembers: of each slot, of each role with a state, of a swap that is under way.
 
 use super::ladder::Ladder;
-use super::limits::{is_replicated, is_stateful};
+use super::limits::{is_replicated, is_stateful, limits};
 use super::swap::Swap;
 use hyst_messages::{Role, Slot};
 use std::collections::{BTreeMap, VecDeque};
@@ -16,7 +16,10 @@ pub(super) enum Life {
         incarnation: u32,
         ready_ns: Option<u64>,
     },
-    GivenUp,
+    /// Tried again at this time, ns.
+    GivenUp {
+        again_ns: u64,
+    },
     /// A guest's slot without a guest.
     Closed,
 }
@@ -36,6 +39,8 @@ pub(super) struct Place {
     pub(super) killed: u32,
     /// Those whose streams it reads were mistrusted in this row of short lives.
     pub(super) mistrusted: bool,
+    /// The incarnation whose readers died again and again.
+    pub(super) harmful: u32,
     /// The incarnation that is to be replaced, since when, and whether it was told.
     pub(super) leaving: Option<(u32, u64, bool)>,
 }
@@ -62,6 +67,7 @@ impl State {
             serves: 0,
             killed: 0,
             mistrusted: false,
+            harmful: 0,
             leaving: None,
         };
         let ladders = slots.iter().filter(|slot| is_stateful(slot.role())).map(|slot| (slot.role(), Ladder::default()));
@@ -77,11 +83,11 @@ impl State {
     }
     /// Slots that were given up.
     pub fn given_up(&self) -> impl Iterator<Item = Slot> + '_ {
-        self.places.iter().filter(|(_, place)| place.life == Life::GivenUp).map(|(slot, _)| *slot)
+        self.places.iter().filter(|(_, place)| matches!(place.life, Life::GivenUp { .. })).map(|(slot, _)| *slot)
     }
     /// Whether a slot was given up.
     pub fn is_given_up(&self, slot: Slot) -> bool {
-        self.places.get(&slot).is_some_and(|place| place.life == Life::GivenUp)
+        self.places.get(&slot).is_some_and(|place| matches!(place.life, Life::GivenUp { .. }))
     }
     /// Where a role stands on its ladder, for a supervisor that is restarted.
     pub fn set_ladder(&mut self, role: Role, to: Ladder) {
@@ -120,6 +126,12 @@ impl State {
     pub(super) fn lasting(&self, slot: Slot) -> Option<u32> {
         let place = self.places.get(&slot)?;
         self.ready(slot).filter(|incarnation| place.serves == *incarnation && place.killed != *incarnation)
+    }
+    /// Whether those who read what an incarnation writes die of it, and its own spare as often as they: to wait for that one is in vain.
+    pub(super) fn ends_its_spare(&self, slot: Slot, incarnation: u32) -> bool {
+        let harms = self.places.get(&slot).is_some_and(|place| place.harmful == incarnation);
+        let spare = self.sibling(slot).and_then(|sibling| self.places.get(&sibling));
+        harms && spare.is_some_and(|spare| spare.short_lives >= limits(slot.role()).mistrust_after())
     }
     /// The other slot of a role with a spare, if this station has it.
     pub(super) fn sibling(&self, slot: Slot) -> Option<Slot> {

@@ -69,7 +69,7 @@ impl Supervisor {
                 Action::HandOver { role, incarnation } => self.hand_over_role(role, incarnation),
                 Action::GoBack { role, ground } => self.go_back(role, ground),
                 Action::TryAgain { slot } => {
-                    journal::say(&self.station, &format!("{slot} was given up and is tried again, since the other one died"));
+                    journal::say(&self.station, &format!("{slot} was given up and is tried again"));
                 }
                 Action::GiveUp { slot, reason, end } => self.give_up(slot, reason, end),
                 Action::Told { .. } | Action::Adopt { .. } | Action::Retreat { .. } | Action::EndSwap { .. } => {

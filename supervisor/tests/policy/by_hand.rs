@@ -232,6 +232,65 @@ fn a_role_with_a_state_goes_back_before_it_mistrusts_what_it_reads_and_does_that
     }
 }
 
+/// A spare that dies of what the holder writes will not relieve it: the holder goes as soon as that is known, and not after ten seconds.
+#[test]
+fn whom_its_own_spare_dies_of_is_not_waited_for_and_only_then() {
+    let fluid = Slot::first(Role::Fluid);
+    let tissue = [Slot::new(Role::Tissue, 0).unwrap(), Slot::new(Role::Tissue, 1).unwrap()];
+    let after = limits(Role::Tissue).mistrust_after();
+    for (short_lives, is_harmful) in [(after, true), (after - 1, true), (after, false)] {
+        let mut state = State::new(&[fluid, tissue[0], tissue[1]]);
+        state.set_record(0, tissue[1], Record { short_lives, given_up: false });
+        state.set_record(0, fluid, Record { short_lives: after - 1, given_up: false });
+        step(0, Event::Started { adopted: vec![(tissue[0], 1), (fluid, 2)], warming: Vec::new() }, &mut state);
+        step(0, Event::Holds { role: Role::Tissue, incarnation: 1 }, &mut state);
+        state.set_ladder(Role::Fluid, Ladder::resumed(2 | (MOST_DOOMED - 1) << 8, Some(1), false, 1));
+        step(0, Event::Holds { role: Role::Fluid, incarnation: 2 }, &mut state);
+        if is_harmful {
+            let actions = step(1, Event::Died { slot: fluid, incarnation: 2, exit: Exit::Signal(11) }, &mut state);
+            assert!(actions.contains(&Action::Mistrust { slot: tissue[0], incarnation: 1, reader: fluid }), "{actions:?}");
+        }
+        let actions = step(2, Event::Unfit { slot: tissue[0], incarnation: 1, reason: "for a reason" }, &mut state);
+        let is_killed = actions.contains(&Action::Kill { slot: tissue[0], incarnation: 1 });
+        assert_eq!(is_killed, short_lives == after && is_harmful, "{short_lives}, {is_harmful}: {actions:?}");
+    }
+}
+
+/// A place that stays empty costs the station its next fault: it is filled again now and then, and a try that fails costs one life.
+#[test]
+fn a_slot_that_was_given_up_is_tried_again_with_one_life_each_time() {
+    let slot = Slot::first(Role::Rendering);
+    let (mut world, mut state) = alive(slot);
+    let die = |world: &mut World, state: &mut State| {
+        world.event(state, Event::Died { slot, incarnation: world.alive[&slot].0, exit: Exit::Signal(11) });
+    };
+    while world.given_up.is_empty() {
+        die(&mut world, &mut state);
+        world.now_ns += if world.given_up.is_empty() { limits(Role::Rendering).most_wait_ns } else { 0 };
+        world.event(&mut state, Event::Tick);
+        world.settle_pending(&mut state, true);
+    }
+    for _ in 0..3 {
+        world.now_ns += TRY_AGAIN_NS - 1;
+        world.event(&mut state, Event::Tick);
+        assert!(world.pending.is_empty() && state.is_given_up(slot));
+        world.now_ns += 1;
+        world.event(&mut state, Event::Tick);
+        assert!(!world.pending.is_empty() && !state.is_given_up(slot));
+        world.settle_pending(&mut state, true);
+        die(&mut world, &mut state);
+        assert!(state.is_given_up(slot), "one life, and it is given up again");
+    }
+    world.now_ns += TRY_AGAIN_NS;
+    world.event(&mut state, Event::Tick);
+    world.settle_pending(&mut state, true);
+    let incarnation = world.alive[&slot].0;
+    world.event(&mut state, Event::Ready { slot, incarnation });
+    world.now_ns += limits(Role::Rendering).settled_ns;
+    world.event(&mut state, Event::Died { slot, incarnation, exit: Exit::Signal(11) });
+    assert_eq!(world.pending, [slot], "it showed that it can live");
+}
+
 #[test]
 fn nobody_is_mistrusted_for_kills_from_outside_or_for_starts_that_fail() {
     let tissue = Slot::first(Role::Tissue);

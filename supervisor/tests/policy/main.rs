@@ -7,8 +7,8 @@ mod swaps;
 use hyst_messages::{Role, Slot};
 use hystation::campaign::draw::Draw;
 use hystation::policy::{
-    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, Ladder, MOST_DOOMED, Record, State, is_replicated, is_stateful, limits,
-    sources, step,
+    Action, Event, Exit, Ground, LEAVE_WITHIN_NS, Ladder, MOST_DOOMED, Record, State, TRY_AGAIN_NS, is_replicated, is_stateful,
+    limits, sources, step,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -59,6 +59,8 @@ struct World {
     leaving: BTreeMap<u32, u64>,
     /// Those that were killed and are not dead yet.
     killed: BTreeSet<u32>,
+    /// Those whose readers died of them again and again.
+    harmful: BTreeSet<u32>,
     /// Those whose work may be used: a servo that is ready has its shadow before it.
     serves: BTreeSet<u32>,
     /// What comes is the answer to a hang.
@@ -76,6 +78,9 @@ impl World {
         self.events += 1;
         self.hangs = matches!(event, Event::HeartbeatLate { .. });
         for action in step(self.now_ns, event, state) {
+            if let Action::Kill { slot, incarnation } = action {
+                self.check_relieved(slot, incarnation, state);
+            }
             let unfit = if let Action::Mistrust { slot, incarnation, .. } = action { Some((slot, incarnation)) } else { None };
             let handed = if let Action::HandOver { role, incarnation } = action { Some((role, incarnation)) } else { None };
             self.check(action);
@@ -90,8 +95,14 @@ impl World {
         }
     }
 
-    /// One that is replaced because it is unfit has another beside it that stays, unless it waited too long for that.
-    fn check_relieved(&self, slot: Slot, incarnation: u32) {
+    /// One that is replaced because it is unfit has another beside it that stays, unless it waited too long for that, or the other dies of it.
+    fn check_relieved(&self, slot: Slot, incarnation: u32, state: &State) {
+        let dies = |(other, record): (Slot, Record)| {
+            other.role() == slot.role() && other != slot && record.short_lives >= limits(slot.role()).mistrust_after()
+        };
+        if self.harmful.contains(&incarnation) && state.records().any(dies) {
+            return;
+        }
         let is_late = self.leaving.get(&incarnation).is_none_or(|since_ns| self.now_ns - since_ns >= LEAVE_WITHIN_NS);
         let stays = |(other, (alive, ready)): (&Slot, &(u32, bool))| {
             let works = *ready && self.serves.contains(alive) && !self.killed.contains(alive);
@@ -130,7 +141,6 @@ impl World {
             }
             Action::Kill { slot, incarnation } => {
                 assert_eq!(self.alive.get(&slot).map(|(alive, _)| *alive), Some(incarnation), "kill of somebody else");
-                self.check_relieved(slot, incarnation);
                 self.killed.insert(incarnation);
                 if !self.hangs {
                     self.leaving.remove(&incarnation);
@@ -139,6 +149,7 @@ impl World {
             Action::Mistrust { slot, incarnation, reader } => {
                 assert_eq!(self.alive.get(&slot), Some(&(incarnation, true)), "mistrust of one that is not there");
                 assert!(sources(reader.role()).contains(&slot.role()), "{reader} does not read {slot}");
+                self.harmful.insert(incarnation);
             }
             Action::HandOver { role, incarnation } => {
                 let spare = self.alive.iter().find(|(slot, (alive, _))| slot.role() == role && *alive == incarnation);
