@@ -28,6 +28,7 @@ pub mod oom;
 pub mod plan;
 pub mod policy;
 pub mod proc;
+pub mod recorded;
 pub mod remains;
 pub mod report;
 pub mod settings;

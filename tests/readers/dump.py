@@ -1,5 +1,6 @@
 """Says as JSON what a recording holds, read by the `mcap` package of PyPI and nothing of ours: of each topic its encoding, its schema and its messages, of
-which each is checked against the schema; the bits of each tick's force and pose, and the steps' hashes. For tests/reader.rs."""
+which each is checked against the schema; the bits of each tick's force and pose, of the controls, of what tissue and fluid say of themselves, and the steps'
+hashes. For tests/reader.rs."""
 
 import json
 import struct
@@ -36,8 +37,16 @@ def bits(vector, names="xyz"):
     return [struct.unpack("<I", struct.pack("<f", vector[name]))[0] for name in names]
 
 
+def wide(message, names):
+    return [struct.unpack("<Q", struct.pack("<d", message[name]))[0] for name in names]
+
+
+CONTROLS = ("inflow_valve", "outflow_valve", "set_pressure_pa", "light", "loop_extension_m", "focus_m")
+MEDIUM = ("pressure_pa", "inflow_ml_min", "outflow_ml_min")
+
+
 def main(path):
-    topics, forces, places, steps = {}, [], [], []
+    topics, forces, places, steps, controls, fluid, tissue = {}, [], [], [], [], [], []
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
@@ -53,12 +62,23 @@ def main(path):
             if channel.topic == "/force":
                 forces.append([value["tick"], *bits(value["force_n"])])
             if channel.topic == "/tool":
-                places.append([value["tick"], *bits(value["pose"]["position"])])
+                pose = value["pose"]
+                places.append([value["tick"], *bits(pose["position"]), *bits(pose["orientation"], "xyzw")])
+            if channel.topic == "/controls":
+                controls.append([value["tick"], value["buttons"], *bits(value, CONTROLS)])
+            if channel.topic == "/fluid":
+                exact = wide(value, ("deficit_ml", "cavity_volume_ml", "bled_ml"))
+                fluid.append([value["tick"], *exact, *bits(value, MEDIUM), value["alarms"]])
+            if channel.topic == "/tissue":
+                tissue.append([value["tick"], *wide(value, ("removed_volume_ml",)), value["contact_count"]])
             if channel.topic == "/steps":
                 steps.append([value["tick"], value["state_hash"]])
     for of_topic in topics.values():
         del of_topic["parsed"]
-    print(json.dumps({"counted": counted, "topics": topics, "forces": forces, "places": places, "steps": steps}))
+    print(json.dumps({
+        "counted": counted, "topics": topics, "forces": forces, "places": places, "steps": steps, "controls": controls,
+        "fluid": fluid, "tissue": tissue,
+    }))
 
 
 main(sys.argv[1])

@@ -81,7 +81,7 @@ fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_cu
             vec![
                 session("distension", "distends", "42s"),
                 session("access", "looks", "18s"),
-                session("navigation", "visits", "16s"),
+                session("navigation", "visits", "24s"),
             ]
         },
     );
@@ -169,7 +169,7 @@ fn a_station_that_is_to_end_with_its_session_says_how_it_ended_and_does() {
     command.args(["--until-end", "--for", "120s", "--report", &report]);
     let (code, _, said) = run(&mut command);
     assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("the session is over after 4.0 s: the time was over; 0 of 1 goals reached"), "{said}");
+    assert!(said.contains("the session is over after 4.0 s: the time was over; 0 of 2 goals reached"), "{said}");
     let report: Value = serde_json::from_str(&folder.read("report.json")).unwrap();
     let ticks = report["device"]["ticks"].as_u64().unwrap_or_else(|| panic!("{report}"));
     assert!((4_000..100_000).contains(&ticks), "it ran for {ticks} ticks");

@@ -3,9 +3,11 @@
 
 use hyst_messages::Role;
 use serde_json::Value;
+use station_tests::shown::not_shown;
 use station_tests::{Folder, hystation, run};
 use std::ops::Range;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
 
@@ -159,6 +161,22 @@ fn a_session_is_shown_from_the_checkpoint_before_the_time_that_was_asked_for() {
         let (was, is) = (of(&was, key), of(&is, key));
         assert!((is - was).abs() <= most * was.abs(), "{key}: {was} recorded, {is} now");
     }
+    assert_shown_slowly(&folder, &file);
+}
+
+/// The last two seconds at half the speed, with pictures where there is a driver.
+fn assert_shown_slowly(folder: &Folder, file: &str) {
+    let (pictures, began) = (folder.path("pictures"), Instant::now());
+    let mut command = hystation();
+    command.args(["--name", &format!("g{}", std::process::id()), "replay", file, "--from", "10s", "--speed", "0.5"]);
+    let (code, _, said) = run(command.args(["--headless", "--pictures", &pictures, "--set", "picture_every_s=0.2"]));
+    assert_eq!(code, Some(0), "{said}");
+    assert!(began.elapsed() >= Duration::from_millis(3_800), "two seconds took {:?}", began.elapsed());
+    if std::env::var_os("HYSTATION_NO_GPU").is_some() {
+        return not_shown("pictures of a replay: there is no Vulkan driver");
+    }
+    let files = std::fs::read_dir(&pictures).unwrap().map(|entry| entry.unwrap().metadata().unwrap().len());
+    assert!(files.filter(|bytes| *bytes > 10_000).count() >= 2, "no pictures of what was done again");
 }
 
 #[test]

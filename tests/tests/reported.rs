@@ -91,6 +91,10 @@ fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
         let late = picture["tick"].as_u64().zip(picture["event_tick"].as_u64()).map(|(tick, event)| tick.checked_sub(event));
         assert!(late.flatten().is_some_and(|ticks| ticks < 5_000), "{picture}: of that moment, and not of another");
     }
+    let text = folder.read("page.html");
+    for class in ["organ", "pathology"] {
+        assert_eq!(text.matches(&format!("class=\"{class}\"")).count(), 2, "the {class} behind the way, from two sides");
+    }
     if !has_chromium() {
         return;
     }

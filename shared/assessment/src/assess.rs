@@ -1,5 +1,6 @@
 //! One pass over a recording, block by block: everything that the report says is summed up on the way.
 
+use crate::anatomy::Anatomy;
 use crate::conduct::Conduct;
 use crate::curves::Curves;
 use crate::electrode::Electrode;
@@ -55,6 +56,8 @@ pub struct Assessment {
     pub trouble: Option<String>,
     /// Why nothing is judged by the case that the recording names.
     pub unread: Option<String>,
+    /// The scene behind the way of the tip, from who has loaded it.
+    pub anatomy: Option<Anatomy>,
 }
 
 /// Reads a recording to its end, with so many threads, and gives ten rows a second to `give`.
@@ -72,6 +75,7 @@ pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: i
         ending: reader.ending(),
         trouble: read.err().map(|error| error.to_string()),
         unread,
+        anatomy: None,
     }
 }
 

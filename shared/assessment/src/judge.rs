@@ -5,7 +5,9 @@
 //! nothing; a status holds for a second, then nothing is known of what it said.
 
 use crate::force::length;
+use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
+use crate::sight::is_in_sight;
 use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, PUMP_ALARMS, TissueStatus};
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
 use serde::{Deserialize, Serialize};
@@ -18,8 +20,6 @@ const CALM_TICKS: u64 = 1_000;
 /// Time over which the rate of a bleeding is taken, and between two points of it, ticks.
 const RATE_TICKS: u64 = 1_000;
 const RATE_POINT_TICKS: u64 = 50;
-/// An inflow valve below this is shut, 0 to 1.
-const SHUT: f32 = 0.05;
 /// Most warnings that are told one by one.
 const MOST_TOLD: usize = 200;
 /// Most goals, and most warnings, of a case that can be judged: a case file has fewer.
@@ -36,8 +36,11 @@ pub struct GoalState {
     pub progress: f64,
     /// Since when what it asks for holds, or was called for.
     since_tick: Option<u64>,
-    /// Places that were visited.
+    /// Places that were visited, or looked at.
     places: usize,
+    /// Of each landmark since when it is looked at, and whether it was for long enough.
+    #[serde(default)]
+    looks: Vec<(Option<u64>, bool)>,
 }
 
 /// A warning so far.
@@ -204,7 +207,8 @@ impl Judge {
         }
         for index in 0..self.brief.goals.len().min(self.goals.len()) {
             if self.goals[index].reached_tick.is_none() && self.goals[index].missed_tick.is_none() {
-                self.goals[index] = self.goal(&self.brief.goals[index].is, self.goals[index].clone(), record);
+                let before = std::mem::take(&mut self.goals[index]);
+                self.goals[index] = self.goal(&self.brief.goals[index].is, before, record);
             }
         }
         self.ended = self.end().map(|by| (by, record.tick));
@@ -227,6 +231,16 @@ impl Judge {
         let called_for = || self.goals.iter().enumerate().filter(|(index, _)| self.is_called_for(*index));
         let reached = called_for().filter(|(_, goal)| goal.reached_tick.is_some()).count();
         Some(called_for().count()).filter(|count| *count > 0).map(|count| 100.0 * reached as f64 / count as f64)
+    }
+
+    /// Percent of the landmarks that the case names which were looked at; `None` without any.
+    pub fn landmarks_percent(&self) -> Option<f64> {
+        let counts = self.brief.goals.iter().zip(&self.goals).filter_map(|(goal, state)| match &goal.is {
+            Aim::Look { landmarks, .. } => Some((state.places, landmarks.len())),
+            _ => None,
+        });
+        let (seen, all) = counts.fold((0, 0), |(seen, all), (more, of)| (seen + more, all + of));
+        Some(all).filter(|all| *all > 0).map(|all| 100.0 * seen as f64 / all as f64)
     }
 
     /// Seconds from the first tick to this one.
@@ -295,6 +309,18 @@ impl Judge {
                 }
                 goal.progress = share(goal.places as f64, places.len() as f64);
                 goal.places >= places.len()
+            }
+            Aim::Look { landmarks, sight, ticks } => {
+                let is_visible = known.pressure_pa.is_some_and(|pa| pa >= PARTED_PA);
+                goal.looks.resize(landmarks.len(), (None, false));
+                for (landmark, (since_tick, is_seen)) in landmarks.iter().zip(&mut goal.looks) {
+                    let is_looked_at = is_visible && is_in_sight(sight, landmark.is, &record.sample);
+                    *since_tick = since_tick.or(Some(tick)).filter(|_| is_looked_at);
+                    *is_seen |= since_tick.is_some_and(|since| tick - since >= *ticks);
+                }
+                goal.places = goal.looks.iter().filter(|(_, is_seen)| *is_seen).count();
+                goal.progress = share(goal.places as f64, landmarks.len() as f64);
+                goal.places >= landmarks.len()
             }
             Aim::Stop { after, ticks } => {
                 if self.holds(after, record) {

@@ -5,6 +5,7 @@
 //! Promise: the same recording gives the same bytes, whatever the number of threads; memory does not grow with the recording's length; what the
 //! recording does not hold is called absent and not invented; a raw value stands beside each score. Nothing in a recording causes a panic.
 
+mod anatomy;
 mod assess;
 mod case;
 mod columns;
@@ -22,10 +23,13 @@ mod page;
 mod plots;
 mod processes;
 mod row;
+mod sight;
 mod style;
 mod table;
 mod text;
+mod way;
 
+pub use anatomy::Anatomy;
 pub use assess::{Assessment, Measured, assess};
 pub use columns::{Column, Sessions};
 pub use conduct::{Conduct, Peak};

@@ -19,7 +19,7 @@ const HOLD_TICKS: u64 = 1_000;
 const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;
 /// Valves below this are shut, and light below it is none; 0 to 1.
-const SHUT: f32 = 0.05;
+pub(crate) const SHUT: f32 = 0.05;
 
 /// Medium, valves and light so far.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -4,9 +4,10 @@ use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::markup::{escape, plain};
 use crate::metric::{Group, Metric};
-use crate::plots::{Side, curves, way};
+use crate::plots::curves;
 use crate::style::STYLE;
 use crate::table::ABSENT;
+use crate::way::{Side, way};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use std::fmt::Write;
@@ -33,9 +34,14 @@ pub fn html(sessions: &Sessions) -> String {
          are faults and takeovers of the station, the dashed one is the force to stay below, the shaded range the working pressure.</p>\n");
     page.push_str(&curves(reported));
     page.push_str("</section>\n<section><h2>Path of the tip</h2>\n<p class=\"key\"><span><i style=\"background:var(--good)\"></i>begin</span><span>\
-         <i style=\"background:var(--ink)\"></i>end</span><span><i style=\"background:var(--force)\"></i>largest force</span></p>\n<div class=\"sides\">\n");
+         <i style=\"background:var(--ink)\"></i>end</span><span><i style=\"background:var(--force)\"></i>largest force</span></p>\n");
+    let anatomy = reported.assessment.anatomy.as_ref();
+    if anatomy.is_some() {
+        page.push_str("<p class=\"note\">Behind it the organ, cut through the pivot, and the outline of the pathology, as they were before anything moved.</p>\n");
+    }
+    page.push_str("<div class=\"sides\">\n");
     for side in [Side::Right, Side::Front] {
-        page.push_str(&way(&reported.assessment.measured.curves, side));
+        page.push_str(&way(&reported.assessment.measured.curves, anatomy, side));
     }
     page.push_str("</div></section>\n<section><h2>What the station did</h2>\n");
     facts(&mut page, &reported.station_facts());

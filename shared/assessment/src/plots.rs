@@ -1,5 +1,5 @@
-//! The plots of the page, as SVG in plain text: curves over time with the events, and the way of the tip from two sides. Every coordinate is
-//! rounded to a tenth of a pixel; what is drawn has a bound, whatever the length of the recording.
+//! The curves of the page over time with the events, as SVG in plain text. Every coordinate is rounded to a tenth of a pixel; what is drawn has a bound,
+//! whatever the length of the recording.
 
 use crate::columns::{Column, seconds, word};
 use crate::curves::{Curves, Series};
@@ -21,13 +21,6 @@ const FOOT: f64 = 38.0;
 const MOST_MARKS: usize = 300;
 /// Statuses come some twenty times a second; the curve goes on over a second without one, and is interrupted then, ticks.
 const STATUS_TICKS: u64 = 1_000;
-/// Size of a side view, and its edge, px.
-const SIDE_WIDTH: f64 = 470.0;
-const SIDE_HEIGHT: f64 = 300.0;
-const EDGE: f64 = 34.0;
-/// Least extent of a side view, mm.
-const LEAST_MM: f64 = 1.0;
-
 /// One of the curves.
 struct Curve<'a> {
     title: &'static str,
@@ -189,79 +182,8 @@ fn marks(svg: &mut String, column: &Column, length_ticks: u64, bottom: f64) {
     }
 }
 
-/// From where the way is looked at.
-#[derive(Clone, Copy)]
-pub(crate) enum Side {
-    /// From the patient's right: into the uterus is to the right, anterior is up.
-    Right,
-    /// From the front: into the uterus is to the right, the patient's left is up.
-    Front,
-}
-
-impl Side {
-    /// Right and up, mm.
-    fn of(self, [x_m, y_m, z_m]: [f32; 3]) -> [f64; 2] {
-        let up_m = if matches!(self, Side::Right) { y_m } else { x_m };
-        [z_m, up_m].map(|value_m| f64::from(value_m) * 1e3)
-    }
-
-    fn title(self) -> &'static str {
-        match self {
-            Side::Right => "from the patient's right, mm: into the uterus →, anterior ↑",
-            Side::Front => "from the front, mm: into the uterus →, the patient's left ↑",
-        }
-    }
-}
-
-/// The way of the tip, seen from one side, in true proportion.
-pub(crate) fn way(curves: &Curves, side: Side) -> String {
-    let points: Vec<[f64; 2]> = curves.trace.points_m().iter().map(|point| side.of(*point)).collect();
-    let (Some(first), Some(last)) = (points.first(), points.last()) else {
-        return "<p class=\"note\">No pose is recorded.</p>\n".into();
-    };
-    let peak = curves.peak_at_m.map(|point| side.of(point));
-    let bounds = |axis: usize| {
-        let values = || points.iter().chain(&peak).map(move |point| point[axis]);
-        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
-    };
-    let ((left, right), (low, high)) = (bounds(0), bounds(1));
-    let scale_x = (SIDE_WIDTH - 2.0 * EDGE) / (right - left).max(LEAST_MM);
-    let scale_y = (SIDE_HEIGHT - 2.0 * EDGE) / (high - low).max(LEAST_MM);
-    let scale = scale_x.min(scale_y);
-    let x_of = |mm: f64| 0.5 * SIDE_WIDTH + (mm - 0.5 * (left + right)) * scale;
-    let y_of = |mm: f64| 0.5 * SIDE_HEIGHT - (mm - 0.5 * (low + high)) * scale;
-    let mut svg = format!("<text x=\"{EDGE}\" y=\"14\" class=\"title\">{}</text>", side.title());
-    let (half_width, half_height) = ((0.5 * SIDE_WIDTH - EDGE) / scale, (0.5 * SIDE_HEIGHT - EDGE) / scale);
-    for mm in steps(0.5 * (left + right) - half_width, 0.5 * (left + right) + half_width, 6) {
-        line(&mut svg, [x_of(mm), EDGE], [x_of(mm), SIDE_HEIGHT - EDGE], [x_of(mm), SIDE_HEIGHT - EDGE + 15.0], mm);
-    }
-    for mm in steps(0.5 * (low + high) - half_height, 0.5 * (low + high) + half_height, 5) {
-        line(&mut svg, [EDGE, y_of(mm)], [SIDE_WIDTH - EDGE, y_of(mm)], [0.5 * EDGE, y_of(mm) + 4.0], mm);
-    }
-    let text: Vec<String> = points.iter().map(|[right, up]| format!("{:.1},{:.1}", x_of(*right), y_of(*up))).collect();
-    let _ = write!(svg, "<polyline class=\"way\" points=\"{}\"/>", text.join(" "));
-    for (class, name, point) in [("begin", "begin", Some(*first)), ("end", "end", Some(*last)), ("peak", "largest force", peak)] {
-        if let Some([right, up]) = point {
-            let (x, y) = (x_of(right), y_of(up));
-            let _ =
-                write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\" class=\"dot {class}\"><title>{name}</title></circle>");
-        }
-    }
-    format!("<svg viewBox=\"0 0 {SIDE_WIDTH} {SIDE_HEIGHT}\" role=\"img\" aria-label=\"{}\">{svg}</svg>\n", escape(side.title()))
-}
-
-/// A line of the grid with its number.
-fn line(svg: &mut String, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], [x, y]: [f64; 2], mm: f64) {
-    let _ = write!(
-        svg,
-        "<line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" class=\"grid\"/>\
-         <text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{}</text>",
-        tidy(mm)
-    );
-}
-
 /// Round numbers from `low` to `high`: 1, 2 or 5 times a power of ten apart, at most `most` steps.
-fn steps(low: f64, high: f64, most: u32) -> Vec<f64> {
+pub(crate) fn steps(low: f64, high: f64, most: u32) -> Vec<f64> {
     let raw = (high - low) / f64::from(most);
     if !raw.is_finite() || raw <= 0.0 {
         return Vec::new();
@@ -273,7 +195,7 @@ fn steps(low: f64, high: f64, most: u32) -> Vec<f64> {
 }
 
 /// A round number as people write it.
-fn tidy(value: f64) -> String {
+pub(crate) fn tidy(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     if rounded == 0.0 { "0".into() } else { rounded.to_string() }
 }

@@ -12,7 +12,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 31] = [
+pub static METRICS: [Definition; 32] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -38,6 +38,15 @@ pub static METRICS: [Definition; 31] = [
         unit: "%",
         scale: scale(5.0, 50.0, 1.0),
         value: |m| share(m.medium.shut_ticks, m.medium.valve_ticks),
+        source: ASSUMED,
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "landmarks",
+        name: "landmarks of the case that were looked at",
+        unit: "%",
+        scale: scale(100.0, 0.0, 2.0),
+        value: |m| m.judge.as_ref().and_then(Judge::landmarks_percent),
         source: ASSUMED,
     },
     Definition {
@@ -297,7 +306,7 @@ pub static METRICS: [Definition; 31] = [
 /// What trainees are scored on and no recording holds: group, what, why.
 pub const ABSENT: [(Group, &str, &str); 3] = [
     (Group::Visualisation, "how cloudy the view was", "single pictures are recorded"),
-    (Group::Visualisation, "landmarks that were seen", "single pictures are recorded"),
+    (Group::Visualisation, "what hid a landmark", "no shapes are recorded"),
     (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),
 ];
 

@@ -84,6 +84,33 @@ fn places_are_visited_in_their_order_and_stayed_at() {
     assert_eq!(judge.goals[0].reached_tick, Some(51));
 }
 
+/// Two landmarks, 30 degrees to either side of the axis; an optic of 30 degrees sees the one, and the other after half a turn.
+#[test]
+fn landmarks_are_looked_at_in_any_order_for_long_enough_and_with_the_walls_apart() {
+    let landmarks = json!([{ "words": "lower", "is": [0.0, -0.01, 0.0173] }, { "words": "upper", "is": [0.0, 0.01, 0.0173] }]);
+    let sight = json!({ "optic_rad": 0.5, "within_rad": 0.3, "within_m": 0.025 });
+    let look = json!([{ "look": { "landmarks": landmarks, "sight": sight, "ticks": 10 } }]);
+    let turned = |tick: u64, is_turned: bool| {
+        let mut record = at(tick, [0.0; 3]);
+        record.sample.pose.orientation = if is_turned { [0.0, 0.0, 1.0, 0.0] } else { [0.0, 0.0, 0.0, 1.0] };
+        record
+    };
+    let story = |mmhg: f32, turns: &[(bool, u64)]| {
+        let mut judge = judge(look.clone(), json!({}), json!([]));
+        assert_eq!(judge.landmarks_percent(), Some(0.0));
+        judge.fluid(&fluid(0, mmhg, 0.0));
+        let ticks = turns.iter().flat_map(|(is_turned, ticks)| (0..*ticks).map(|_| *is_turned));
+        ticks.zip(1..).for_each(|(is_turned, tick)| judge.tick(&turned(tick, is_turned)));
+        (judge.landmarks_percent(), judge.goals[0].reached_tick)
+    };
+    assert_eq!(story(60.0, &[(false, 11), (true, 10)]), (Some(50.0), None), "the second for 9 ms");
+    assert_eq!(story(60.0, &[(false, 11), (true, 11)]), (Some(100.0), Some(22)));
+    assert_eq!(story(60.0, &[(true, 11), (false, 11)]), (Some(100.0), Some(22)), "in any order");
+    assert_eq!(story(60.0, &[(false, 10), (true, 11), (false, 10)]), (Some(50.0), None), "each without a break");
+    assert_eq!(story(30.0, &[(false, 20), (true, 20)]), (Some(0.0), None), "the walls are not parted below 40 mmHg");
+    assert_eq!(judge(json!([{ "removed": 1.0 }]), json!({}), json!([])).landmarks_percent(), None);
+}
+
 #[test]
 fn what_is_removed_and_the_largest_piece_are_those_of_the_statuses() {
     let mut judge = judge(json!([{ "removed": 1.0 }, { "piece": 0.4 }]), json!({ "goals": false }), json!([]));

@@ -1,10 +1,11 @@
-//! The paced loop: absolute time, wake-up latency and loop latency apart, an overrun counted once. In lock-step the sequencer sets the pace.
+//! The paced loop: absolute time, wake-up latency and loop latency apart, an overrun counted once. In lock-step the sequencer sets the pace, but for
+//! rendering, which steps with nobody and, where somebody wants to see it, shows what there is.
 
 use crate::life::Life;
 use crate::lockstep::LockMember;
 use hyst_exchange::{allocation, system};
-use hyst_messages::TICK_NS;
 use hyst_messages::page::header;
+use hyst_messages::{Role, TICK_NS};
 
 /// Wakes its thread once a period, at a phase within the period's first tick.
 #[derive(Debug)]
@@ -17,14 +18,23 @@ pub struct Pace<'a> {
     woken_ns: u64,
     allocations: u64,
     lock: Option<LockMember<'a>>,
+    /// It steps with nobody, on a virtual clock: once a period of the wall's time.
+    is_free: bool,
+}
+
+/// Whether anybody asked to see what a station does on a virtual clock: else pictures would take its time for nothing.
+fn is_shown(life: &Life) -> bool {
+    life.is_replay() || life.settings.pictures.is_some() || !life.settings.headless
 }
 
 impl<'a> Pace<'a> {
     /// A loop that begins with the next period.
     pub fn new(life: &'a Life, period_ticks: u64, phase_ns: u64) -> Pace<'a> {
         let tick = life.tick() / period_ticks * period_ticks;
-        let lock = life.is_lockstep().then(|| LockMember::new(life));
-        Pace { life, period_ticks, phase_ns, backlog: 0, tick, woken_ns: 0, allocations: allocation::of_this_thread(), lock }
+        let is_free = life.is_lockstep() && life.slot.role() == Role::Rendering && is_shown(life);
+        let lock = (life.is_lockstep() && !is_free).then(|| LockMember::new(life));
+        let allocations = allocation::of_this_thread();
+        Pace { life, period_ticks, phase_ns, backlog: 0, tick, woken_ns: 0, allocations, lock, is_free }
     }
 
     /// Lets the loop be so many periods late and make up for them, one at once after the other; it skips only what is later.
@@ -53,6 +63,11 @@ impl<'a> Pace<'a> {
         let clock = &self.life.clock;
         if clock.stop_requested() {
             return None;
+        }
+        if self.is_free {
+            system::sleep_until_ns(self.woken_ns + self.period_ticks * TICK_NS);
+            (self.woken_ns, self.tick) = (system::now_ns(), self.life.tick());
+            return Some(self.tick);
         }
         let page = &self.life.page;
         let mut next = self.tick + self.period_ticks;

@@ -10,14 +10,15 @@ mod brief;
 mod checks;
 mod file;
 mod fits;
+mod metrics;
 mod seat;
 mod vary;
 
-pub use brief::{Aim, Brief, Cause, Named, Region};
-pub use checks::METRIC_KEYS;
+pub use brief::{Aim, Brief, Cause, Named, Region, Sight};
 pub use file::{
-    Alarm, Biopsy, Case, End, Energy, Goal, Held, Place, Removed, Rules, Rung, Score, Staunch, Stop, Vary, Visit, Warning,
+    Alarm, Biopsy, Case, End, Energy, Goal, Held, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey, Vary, Visit, Warning,
 };
+pub use metrics::METRIC_KEYS;
 pub(crate) use seat::Seat;
 
 use crate::error::{SceneError, SceneErrorKind as Kind};

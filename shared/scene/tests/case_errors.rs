@@ -56,7 +56,7 @@ fn find(name: &str, text: &str) -> Result<(), SceneError> {
 }
 
 /// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
-const ALONE: [(&str, &str, Kind, usize, &str); 51] = [
+const ALONE: [(&str, &str, Kind, usize, &str); 57] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
     ("name = \"test\"", "name = \"\"", Kind::Name, 2, "name"),
@@ -102,6 +102,36 @@ const ALONE: [(&str, &str, Kind, usize, &str); 51] = [
     ("places = [\"middle\"]", "places = [\"top\"]", Kind::Name, 21, "goal[1].visit.places"),
     ("places = [\"middle\"]", "places = []", Kind::Range, 21, "goal[1].visit.places"),
     ("stay_s = 1.0", "stay_s = 60.0", Kind::Contradiction, 21, "goal[1].visit.stay_s"),
+    ("visit = { places = [\"middle\"], stay_s = 1.0 }", "look = { places = [] }", Kind::Range, 21, "goal[1].look.places"),
+    (
+        "visit = { places = [\"middle\"], stay_s = 1.0 }",
+        "look = { places = [\"middle\", \"middle\"] }",
+        Kind::Name,
+        21,
+        "goal[1].look.places",
+    ),
+    ("visit = { places = [\"middle\"], stay_s", "look = { places = [\"top\"], for_s", Kind::Name, 21, "goal[1].look.places"),
+    (
+        "visit = { places = [\"middle\"], stay_s = 1.0 }",
+        "look = { places = [\"middle\"], within_m = 0.5 }",
+        Kind::Range,
+        21,
+        "goal[1].look.within_m",
+    ),
+    (
+        "visit = { places = [\"middle\"], stay_s = 1.0 }",
+        "look = { places = [\"middle\"], for_s = 60.0 }",
+        Kind::Contradiction,
+        21,
+        "goal[1].look.for_s",
+    ),
+    (
+        "centre_m = [0.0, 0.0, 0.03]\nradius_m = 0.005\n[[goal]]\nremoved = { percent = 50.0 }\n[[goal]]\nvisit = { places = [\"middle\"], stay_s = 1.0 }",
+        "insertion_m = [0.0, 0.02]\n[[goal]]\nremoved = { percent = 50.0 }\n[[goal]]\nlook = { places = [\"middle\"] }",
+        Kind::Range,
+        20,
+        "goal[1].look.places",
+    ),
     ("from_pa = 5000.0", "from_pa = 9000.0", Kind::Contradiction, 23, "goal[2].pressure.from_pa"),
     ("to_pa = 9000.0", "to_pa = 14000.0", Kind::Contradiction, 23, "goal[2].pressure.to_pa"),
     ("for_s = 10.0", "for_s = 60.0", Kind::Contradiction, 23, "goal[2].pressure.for_s"),

@@ -28,7 +28,7 @@ fn what_a_fault_may_cost_is_in_its_mean_and_not_in_its_bound() {
 }
 
 #[test]
-fn a_miss_of_the_control_alone_is_no_notice() {
+fn a_miss_of_the_window_or_of_the_control_alone_is_no_notice() {
     let cells = "[[cell]]\nkinds = [\"no-files\"]\ntargets = [\"recorder\"]\ncount = 2\nfor = 0.5\nlimit_upper95 = 1.0\n";
     let (campaign, plan, mut outcomes) = setup(cells);
     for outcome in &mut outcomes {
@@ -38,7 +38,8 @@ fn a_miss_of_the_control_alone_is_no_notice() {
     outcomes[1].fault.as_mut().unwrap().window.as_mut().unwrap().missed = 3;
     let judgement = judge(&campaign, &plan, &outcomes, &[station(&campaign)], None);
     let figures = &judgement.cells[0];
-    assert_eq!((figures.unnoticed.clone(), figures.excess.unwrap().better, figures.manifested), (vec![0], 0, 1));
+    assert_eq!((figures.unnoticed.clone(), figures.excess, figures.manifested), (vec![0, 1], None, 0));
+    assert_eq!(figures.excess_unnoticed.map(|excess| (excess.worse, excess.better)), Some((1, 1)));
 }
 
 #[test]
@@ -73,6 +74,28 @@ fn a_cell_of_which_nobody_noticed_anything_says_so_everywhere() {
     assert!(case.contains(&format!("<skipped message=\"{reason}\"/>")), "it must not pass: {case}");
     let reports = [text::text(&judgement), html::html(&judgement, &outcomes, &[]), serde_json::to_string(&judgement).unwrap()];
     assert!(reports.iter().all(|report| report.contains(reason)), "{reports:?}");
+}
+
+/// Its line says when it had beaten last: a little before it was killed, when the fault before was the newest.
+#[test]
+fn a_keeper_that_had_beaten_before_it_was_killed_was_ended_by_that() {
+    let cells =
+        "[[cell]]\nkinds = [\"kill\"]\ntargets = [\"rendering\", \"supervisor+guardian\"]\ncount = 1\nlimit_upper95 = 1.0\n";
+    let judged = |beat_before_ns: u64, told_us: f64| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        let (first_ns, killed_ns) = (10_000_000_000, 20_000_000_000);
+        for (cell, at_ns) in [("kill rendering", first_ns), ("kill supervisor+guardian", killed_ns)] {
+            of(&mut outcomes, cell, 0).fault.as_mut().unwrap().injected_ns = at_ns;
+        }
+        let mut line = ended("guardian", "supervisor", killed_ns - beat_before_ns);
+        line.detected_us = Some(told_us);
+        let mut station = all_of(&campaign, &outcomes);
+        station.external.push(line);
+        let judgement = judge(&campaign, &plan, &outcomes, &[station], None);
+        judgement.cells.iter().map(|cell| cell.seen.get("others died").copied().unwrap_or(0)).sum::<usize>()
+    };
+    assert_eq!(judged(30_000_000, 50_000.0), 0, "killed 30 ms after its last beat, told 20 ms later");
+    assert_eq!(judged(30_000_000, 20_000.0), 1, "told before it was killed: another end");
 }
 
 #[test]

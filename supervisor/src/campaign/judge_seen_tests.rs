@@ -3,6 +3,7 @@
 use super::notice::notice;
 use super::tests::{TEXT, all_of, ended, of, setup, station, window};
 use super::*;
+use crate::campaign::bounds::Excess;
 use crate::campaign::outcome::{Ending, SwapSeen};
 use crate::campaign::text::text;
 use crate::corrupt::Remains;
@@ -61,19 +62,23 @@ fn what_is_only_done_from_outside_is_in_no_bound_unless_it_was_noticed() {
     let judgement = judge(&campaign, &plan, &outcomes, &[all_of(&campaign, &outcomes)], None);
     let figures = &judgement.cells[0];
     let noticed: Vec<(&str, usize)> = figures.noticed.iter().map(|(what, count)| (what.as_str(), *count)).collect();
-    let expected =
-        ["died, found by latch", "others died", "still there, unread", "the hand", "tissue:1", "written over by its owner"];
+    let expected = [
+        "died, found by latch",
+        "nobody, and the hand lost ticks",
+        "others died",
+        "still there, unread",
+        "tissue:1",
+        "written over by its owner",
+    ];
     assert_eq!(noticed, expected.map(|what| (what, 1)));
-    assert_eq!((figures.injected, figures.manifested, figures.unnoticed.len(), figures.without_verdict), (6, 4, 2, 0));
+    assert_eq!((figures.injected, figures.manifested, figures.unnoticed.len(), figures.without_verdict), (6, 3, 3, 0));
     assert_eq!((figures.died["fluid"], figures.died["rendering"], figures.seen["others died"]), (1, 1, 1));
-    assert_eq!(
-        (figures.excess.unwrap().faults, figures.excess.unwrap().worse),
-        (4, 1),
-        "those that nobody noticed dilute nothing"
-    );
+    let of = |excess: Option<Excess>| excess.map(|excess| (excess.faults, excess.worse, excess.better));
+    assert_eq!(of(figures.excess), Some((3, 0, 0)), "those that nobody noticed dilute nothing");
+    assert_eq!(of(figures.excess_unnoticed), Some((3, 1, 0)), "what they cost the hand is judged apart");
     let quiet = &judgement.cells[1];
     assert_eq!((quiet.manifested, quiet.excess, quiet.verdict, quiet.noticed["nothing"]), (0, None, Verdict::Figures, 2));
-    assert_eq!((judgement.pools[0].excess.unwrap().faults, judgement.pools[0].unnoticed.len()), (4, 4));
+    assert_eq!((judgement.pools[0].excess.unwrap().faults, judgement.pools[0].unnoticed.len()), (3, 5));
     let said = text(&judgement);
     let of_segment = said.lines().find(|line| line.starts_with("link ")).unwrap();
     assert!(of_segment.contains("still there, unread 1") && of_segment.contains("fluid 1, rendering 1"), "{said}");
@@ -83,6 +88,26 @@ fn what_is_only_done_from_outside_is_in_no_bound_unless_it_was_noticed() {
         page.contains("<td>link</td><td>fluid:active</td>") && page.contains("rendering died (exit code 1, found by latch)"),
         "{page}"
     );
+}
+
+/// A single tick in a window is the host's as often as the fault's; the same in every one of them is not.
+#[test]
+fn faults_that_nobody_noticed_and_that_all_cost_the_hand_a_tick_break_the_promise() {
+    let cells = "[[cell]]\nkinds = [\"no-files\"]\ntargets = [\"recorder\"]\ncount = 40\nfor = 0.5\nlimit_upper95 = 0.05\n";
+    let judged = |worse: usize| {
+        let (campaign, plan, mut outcomes) = setup(cells);
+        for (index, outcome) in outcomes.iter_mut().enumerate() {
+            let fault = outcome.fault.as_mut().unwrap();
+            (fault.detected_by, fault.detected_us) = (String::new(), None);
+            fault.window.as_mut().unwrap().missed = u64::from(index < worse);
+            fault.control.as_mut().unwrap().missed = 0;
+        }
+        let judgement = judge(&campaign, &plan, &outcomes, &[all_of(&campaign, &outcomes)], None);
+        (judgement.cells[0].verdict == Verdict::Broken, judgement.cells[0].reasons.join("; "))
+    };
+    let (is_broken, why) = judged(12);
+    assert!(is_broken && why.contains("of 40 that nobody noticed: 0.3000"), "{why}");
+    assert!(!judged(2).0, "{}", judged(2).1);
 }
 
 #[test]

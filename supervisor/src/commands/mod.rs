@@ -11,6 +11,7 @@ pub mod report;
 pub mod status;
 pub mod stop;
 pub mod swap;
+mod watched;
 
 use crate::cli::{Cli, Command};
 use crate::settings::Refusal;

@@ -3,15 +3,13 @@
 
 use crate::case::{RecordedCase, with_scene};
 use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
+use crate::recorded::{RecordedScene, Unlaid};
 use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::{Station, system};
 use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
-use hyst_recording::{Checkpoint, Ending, Moment, Playback, SceneFile, Session, TickRange, checkpoints, scene_files};
-use hyst_scene::SourceFile;
+use hyst_recording::{Checkpoint, Ending, Moment, Playback, Session, TickRange, checkpoints};
 use std::collections::VecDeque;
-use std::fs::DirBuilder;
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
 /// States of the tissue that a force may have its contact model of.
@@ -51,7 +49,7 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         let states: Vec<String> = states.iter().map(of).collect();
         eprintln!("hystation: begins at the checkpoint of {:.3} s: {}", begin_tick as f64 * 1e-3, states.join(", "));
     }
-    let scene = RecordedScene::of(station, args, &whole)?;
+    let scene = recorded_scene(station, args, &whole)?;
     let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed }, scene.as_ref())? };
     let named = scene_of(args, &whole, &again, scene.as_ref())?;
     let run = RunArgs { scene: named, ..run_args(args, &whole, again, beside.as_deref())? };
@@ -149,32 +147,17 @@ fn settings(args: &ReplayArgs, whole: &Whole) -> Result<Settings, Refusal> {
     toml::from_str(fact(args, whole, "settings")?).map_err(|error| refuse(args, &format!("has settings that are none: {error}")))
 }
 
-/// The files of the scene that were recorded, on disk for as long as this lives.
-struct RecordedScene {
-    folder: PathBuf,
-    /// The scene among them.
-    path: PathBuf,
-}
-
-impl RecordedScene {
-    /// Of a recording that has them, unless another scene is given, or it is the one in the binary. The station makes a copy of its own, so that it does not matter
-    /// if another replay of that name, which is refused later, lays its own down in this place.
-    fn of(station: &Station, args: &ReplayArgs, whole: &Whole) -> Result<Option<RecordedScene>, Refusal> {
-        let files = scene_files(&args.file).map_err(|error| Refusal::input(error.to_string()))?;
-        if args.scene.is_some() || files.is_empty() || is_in_the_binary(args, whole)? {
-            return Ok(None);
-        }
-        let files: Vec<_> = files.into_iter().map(|SceneFile { name, bytes, .. }| SourceFile { name, bytes }).collect();
-        let folder = std::env::temp_dir().join(format!("hystation-{}-{}-scene", system::user_id(), station.name()));
-        let refused =
-            |error: std::io::Error| refuse(args, &format!("{}: {error}; look at `df`, or give --scene", folder.display()));
-        let _ = std::fs::remove_dir_all(&folder); // of a replay that was killed
-        // Nobody else can have made it, or put anything into it.
-        DirBuilder::new().mode(0o700).create(&folder).map_err(refused)?;
-        let mut scene = RecordedScene { folder: folder.clone(), path: PathBuf::new() };
-        scene.path = hyst_scene::unpack(&files, &folder).map_err(refused)?;
-        Ok(Some(scene))
+/// The scene of a recording that has it, unless another scene is given, or it is the one in the binary. The station makes a copy of its own, so that it does not
+/// matter if another replay of that name, which is refused later, lays its own down in this place.
+fn recorded_scene(station: &Station, args: &ReplayArgs, whole: &Whole) -> Result<Option<RecordedScene>, Refusal> {
+    if args.scene.is_some() || is_in_the_binary(args, whole)? {
+        return Ok(None);
     }
+    let folder = std::env::temp_dir().join(format!("hystation-{}-{}-scene", system::user_id(), station.name()));
+    RecordedScene::lay(&args.file, &folder).map_err(|error| match error {
+        Unlaid::Unread(error) => Refusal::input(error.to_string()),
+        Unlaid::System(..) => refuse(args, &format!("{error}; look at `df`, or give --scene")),
+    })
 }
 
 /// Whether a session was in the scene that this program holds.
@@ -189,12 +172,6 @@ fn scene_hash(args: &ReplayArgs, whole: &Whole) -> Result<u64, Refusal> {
     u64::from_str_radix(fact(args, whole, "scene_hash")?, 16).map_err(|_| refuse(args, "names no scene"))
 }
 
-impl Drop for RecordedScene {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.folder); // it may not have come about
-    }
-}
-
 /// The scene of the run; of a case none: it names its own.
 fn scene_of(
     args: &ReplayArgs,
@@ -203,7 +180,7 @@ fn scene_of(
     recorded: Option<&RecordedScene>,
 ) -> Result<Option<PathBuf>, Refusal> {
     let settings = settings(args, whole)?;
-    let named = || recorded.map(|scene| scene.path.clone()).or(settings.scene);
+    let named = || recorded.map(|scene| scene.path().to_owned()).or(settings.scene);
     Ok(args.scene.clone().or_else(|| if again.case.is_none() { named() } else { None }))
 }
 
@@ -211,7 +188,7 @@ fn scene_of(
 fn again(args: &ReplayArgs, whole: &Whole, replay: Replay, scene: Option<&RecordedScene>) -> Result<Again, Refusal> {
     let scene_hash = scene_hash(args, whole)?;
     let file = settings(args, whole)?.case;
-    let laid = |text: &String| scene.and_then(|scene| with_scene(text, &scene.path));
+    let laid = |text: &String| scene.and_then(|scene| with_scene(text, scene.path()));
     let case = whole.session.get("case_text").map(|text| RecordedCase { text: laid(text).unwrap_or_else(|| text.clone()), file });
     Ok(Again { replay, scene_hash, case, states: Vec::new(), end_tick: whole.end_tick })
 }

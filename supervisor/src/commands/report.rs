@@ -1,9 +1,11 @@
 //! `hystation report`: reads recordings, writes what `hyst-assessment` makes of them. Nothing is written of a recording that cannot be reported.
 
+use super::watched::Watched;
 use crate::cli::ReportArgs;
+use crate::recorded::anatomy;
 use crate::settings::Refusal;
-use hyst_assessment::{Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
-use hyst_recording::Reader;
+use hyst_assessment::{Anatomy, Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
+use hyst_recording::{ReadError, Reader};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -19,8 +21,12 @@ pub fn report(args: &ReportArgs) -> Result<u8, Refusal> {
     let reader = open(&args.file)?;
     let earlier = args.compare.iter().map(|path| open(path)).collect::<Result<Vec<_>, _>>()?;
     let mut csv = Csv { path: args.csv.clone(), out: None, refused: None };
-    let mut sessions = Sessions::new(&name(&args.file), read(&args.file, reader, |row| csv.row(row))?);
+    let mut assessment = read(&args.file, reader, |row| csv.row(row))?;
     csv.finish()?;
+    if args.html.is_some() {
+        assessment.anatomy = anatomy(&args.file, &assessment.session).map(|scene| Anatomy::of(&scene));
+    }
+    let mut sessions = Sessions::new(&name(&args.file), assessment);
     for (path, reader) in args.compare.iter().zip(earlier) {
         sessions.compare(&name(path), read(path, reader, |_| {})?);
     }
@@ -88,11 +94,14 @@ fn whole(path: &Path) -> PathBuf {
 }
 
 /// Opens a recording, if it is one.
-pub fn open(path: &Path) -> Result<Reader<File>, Refusal> {
-    Reader::open(path).map_err(|error| Refusal::input(error.to_string()))
+pub fn open(path: &Path) -> Result<Reader<Watched>, Refusal> {
+    let refused = |error: ReadError| Refusal::input(error.to_string());
+    drop(Reader::open(path).map_err(refused)?); // what is no file, such as a pipe, is not waited for
+    let file = Watched::open(path).map_err(|source| refused(ReadError::File { path: path.to_owned(), source }))?;
+    Reader::new(file, path).map_err(refused)
 }
 
-fn read(path: &Path, reader: Reader<File>, row: impl FnMut(&Row)) -> Result<Assessment, Refusal> {
+fn read(path: &Path, reader: Reader<Watched>, row: impl FnMut(&Row)) -> Result<Assessment, Refusal> {
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get().min(MOST_THREADS));
     let assessment = assess(reader, threads, row);
     if assessment.is_empty() {

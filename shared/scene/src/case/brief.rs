@@ -1,7 +1,7 @@
 //! A case as it is judged: names are places, percents have their millilitres, defaults are figures. A station and its recording carry it, so whoever judges
 //! a session needs neither the file nor a mesh.
 
-use super::file::{Alarm, Case, End, Energy, Goal, Rung, Score, Stop, Warning};
+use super::file::{Alarm, Case, End, Energy, Goal, Rung, Score, Stop, Survey, Warning};
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::DeformableKind;
 use crate::fluid::Medium;
@@ -79,6 +79,15 @@ pub enum Aim {
         /// Ticks in each without a break.
         stay_ticks: u64,
     },
+    /// Landmarks in the inner part of the picture, in any order.
+    Look {
+        /// Where they are, m.
+        landmarks: Vec<Named<[f64; 3]>>,
+        /// What counts as seen.
+        sight: Sight,
+        /// Ticks for each without a break.
+        ticks: u64,
+    },
     /// Inflow and current off so soon after a trigger, ticks.
     Stop {
         /// What calls for it.
@@ -95,6 +104,17 @@ pub enum Aim {
         /// Ticks without a break.
         ticks: u64,
     },
+}
+
+/// What counts as seen through the scope.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sight {
+    /// Angle between the scope's axis and the line of sight, towards the scope's +y, rad.
+    pub optic_rad: f64,
+    /// Largest angle to the line of sight, rad.
+    pub within_rad: f64,
+    /// Largest distance from the tip, m.
+    pub within_m: f64,
 }
 
 /// Where the tip is to be.
@@ -205,6 +225,8 @@ fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml
     } else if let Some(visit) = &goal.visit {
         let places = visit.places.iter().map(|name| region(case, name, scene)).collect();
         (format!("bring the tip to: {}", visit.places.join(", ")), Aim::Visit { places, stay_ticks: ticks(visit.stay_s) })
+    } else if let Some(survey) = &goal.look {
+        (format!("look at: {}", survey.places.join(", ")), look(case, survey, scene))
     } else if let Some(stop) = &goal.stop {
         let (when, after) = trigger(stop);
         (
@@ -218,6 +240,21 @@ fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml
         (words, Aim::Staunch { after_ml, below_ml_min, ticks: ticks(staunch.for_s) })
     };
     Ok(Named { words: goal.words.clone().unwrap_or(words), is })
+}
+
+/// Landmarks that the checks have shown to have a middle. In the inner half of the picture is what is within half of the half angle of view: the lens draws
+/// that larger than half, if it distorts at all.
+fn look(case: &Case, survey: &Survey, scene: &LoadedScene) -> Aim {
+    let middle = |name: &String| match region(case, name, scene) {
+        Named { words, is: Region::Ball(centre_m, _) } => Named { words, is: centre_m },
+        Named { words, is: Region::Insertion(_) } => Named { words, is: [f64::NAN; 3] },
+    };
+    let sight = Sight {
+        optic_rad: scene.scene.view.optic_angle_deg.to_radians(),
+        within_rad: 0.25 * scene.scene.view.field_of_view_deg.to_radians(),
+        within_m: survey.within_m,
+    };
+    Aim::Look { landmarks: survey.places.iter().map(middle).collect(), sight, ticks: ticks(survey.for_s) }
 }
 
 /// A place that the checks have shown to be there.

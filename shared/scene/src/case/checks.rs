@@ -1,7 +1,8 @@
 //! What the text of a case alone can show to be wrong: figures out of range, names of nothing, goals that the rest of the case rules out.
 
 use super::brief::{MAX_PRESSURE_PA, deficit_limit_ml};
-use super::file::{Alarm, Case, Goal, Held, Place, Rules, Score, Stop, Vary, Visit, Warning};
+use super::file::{Alarm, Case, Goal, Held, Place, Rules, Score, Stop, Survey, Vary, Visit, Warning};
+use super::metrics::METRIC_KEYS;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::validate::{Checked, range};
 use std::collections::BTreeMap;
@@ -14,42 +15,6 @@ const MAX_WORDS_BYTES: usize = 160;
 /// Least volume, ml, and longest time, s.
 const LEAST_ML: f64 = 1e-4;
 const DAY_S: f64 = 86_400.0;
-
-/// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
-/// A test of the report's keeps them in step.
-pub const METRIC_KEYS: [(&str, bool); 31] = [
-    ("distended", true),
-    ("dark", true),
-    ("outflow_shut", true),
-    ("time", true),
-    ("path", true),
-    ("economy", true),
-    ("speed_mean", false),
-    ("speed_peak", true),
-    ("idle", true),
-    ("camera_turned", true),
-    ("horizon_tilt", true),
-    ("touching", true),
-    ("force_peak", true),
-    ("force_p95", true),
-    ("force_above_limit", true),
-    ("energised", false),
-    ("energised_free", true),
-    ("cuts", false),
-    ("removed", false),
-    ("pressure_low", true),
-    ("pressure_high", true),
-    ("pressure_peak", true),
-    ("deficit", true),
-    ("deficit_rate", true),
-    ("inflow", false),
-    ("bled", false),
-    ("alarm", true),
-    ("alarms", false),
-    ("goals", true),
-    ("pathology", false),
-    ("warnings", true),
-];
 
 pub(crate) fn wrong(kind: Kind, key: impl Into<String>, what: impl Into<String>, cure: &str) -> Checked {
     Err(SceneError::new(kind, key, what, cure))
@@ -203,6 +168,7 @@ fn goal(case: &Case, goal: &Goal, key: &str) -> Checked {
             ("biopsy", goal.biopsy.is_some()),
             ("pressure", goal.pressure.is_some()),
             ("visit", goal.visit.is_some()),
+            ("look", goal.look.is_some()),
             ("stop", goal.stop.is_some()),
             ("staunch", goal.staunch.is_some()),
         ],
@@ -219,6 +185,9 @@ fn goal(case: &Case, goal: &Goal, key: &str) -> Checked {
     }
     if let Some(visit) = &goal.visit {
         visiting(case, visit, &format!("{key}.visit"))?;
+    }
+    if let Some(survey) = &goal.look {
+        surveying(case, survey, &format!("{key}.look"))?;
     }
     if let Some(stop) = &goal.stop {
         stopping(case, stop, &format!("{key}.stop"))?;
@@ -247,6 +216,25 @@ fn visiting(case: &Case, visit: &Visit, key: &str) -> Checked {
     range(format!("{key}.stay_s"), visit.stay_s, 0.0, 60.0, "s")?;
     visit.places.iter().try_for_each(|name| is_placed(case, &format!("{key}.places"), name))?;
     in_time(case, &format!("{key}.stay_s"), visit.stay_s * visit.places.len() as f64)
+}
+
+fn surveying(case: &Case, survey: &Survey, key: &str) -> Checked {
+    let places = &survey.places;
+    range(format!("{key}.places"), places.len() as f64, 1.0, MAX_ENTRIES as f64, "places")?;
+    range(format!("{key}.for_s"), survey.for_s, 0.0, 60.0, "s")?;
+    range(format!("{key}.within_m"), survey.within_m, 0.001, 0.1, "m")?;
+    let key_of_places = format!("{key}.places");
+    for (index, name) in places.iter().enumerate() {
+        is_placed(case, &key_of_places, name)?;
+        if places[..index].contains(name) {
+            return wrong(Kind::Name, key_of_places, format!("“{name}” is looked at twice"), "name each landmark once");
+        }
+        if case.place.iter().any(|place| place.name == *name && place.insertion_m.is_some()) {
+            let what = format!("“{name}” is a range of the insertion and has no middle to look at");
+            return wrong(Kind::Range, key_of_places, what, "name a place with centre_m or object");
+        }
+    }
+    in_time(case, &format!("{key}.for_s"), survey.for_s)
 }
 
 /// Whether a place of the case has this name.

@@ -160,6 +160,8 @@ pub struct Goal {
     pub pressure: Option<Held>,
     /// The tip is brought to places.
     pub visit: Option<Visit>,
+    /// Landmarks are looked at.
+    pub look: Option<Survey>,
     /// Inflow and current are stopped when something goes wrong.
     pub stop: Option<Stop>,
     /// A bleeding is staunched.
@@ -205,6 +207,29 @@ pub struct Visit {
     /// It stays in each for so long without a break, 0 to 60 s. Default: 0, it passes.
     #[serde(default)]
     pub stay_s: f64,
+}
+
+/// Landmarks are brought into the inner half of the picture, in any order: near enough, with light, and the walls apart. What is between the lens and a
+/// landmark is not looked at.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Survey {
+    /// Names of places with a middle (`centre_m` or `object`), each once: 1 to 32.
+    pub places: Vec<String>,
+    /// Each is looked at for so long without a break, 0 to 60 s. Default: 0.5 s.
+    #[serde(default = "look_s")]
+    pub for_s: f64,
+    /// From no farther than this, 1 to 100 mm. Default: 25 mm, for which rigid optics are designed.
+    #[serde(default = "look_within_m")]
+    pub within_m: f64,
+}
+
+fn look_s() -> f64 {
+    0.5
+}
+
+fn look_within_m() -> f64 {
+    0.025
 }
 
 /// After an alarm of the pump, or a deficit, or a loss of blood, the inflow is shut and the current is off, within a time. One trigger.

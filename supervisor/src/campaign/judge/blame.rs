@@ -106,6 +106,14 @@ impl<'a> Blame<'a> {
                 continue;
             }
             known.push(line);
+            // Who is ended had beaten before that, and is told of after it: what was done to him between the two was the end.
+            let was_done = |(since_ns, outcome): &(u64, &Outcome)| {
+                (line.injected_ns..=told_ns(line)).contains(since_ns)
+                    && cell_of(campaign, outcome).is_some_and(|cell| hurts_keeper(cell, &line.target))
+            };
+            if injected.iter().any(was_done) {
+                continue;
+            }
             let before =
                 injected.iter().filter(|(since_ns, _)| *since_ns <= happened_ns(line)).max_by_key(|(since_ns, _)| *since_ns);
             match before {
@@ -153,6 +161,11 @@ fn cell_of<'c>(campaign: &'c Campaign, outcome: &Outcome) -> Option<&'c Cell> {
 
 fn is_same(a: &Fault, b: &Fault) -> bool {
     (&a.target, a.incarnation, a.injected_ns) == (&b.target, b.incarnation, b.injected_ns)
+}
+
+/// When it was told of, ns.
+fn told_ns(line: &Fault) -> u64 {
+    line.injected_ns + (line.detected_us.unwrap_or(0.0) * 1e3) as u64
 }
 
 /// When a process that nobody hurt came to its end, ns. Its line says when it last beat, which may be long before: one that dies is told of at once, and of

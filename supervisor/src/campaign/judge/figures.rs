@@ -68,6 +68,9 @@ pub struct Figures {
     /// The same with the ticks that do not count: whatever stalled, the fault's own doing in the kernel too. It is broader, and no promise is held by it,
     /// but one can be broken.
     pub excess_with_void: Option<Excess>,
+    /// Of faults that nobody noticed, those with excess misses, per fault: no promise is held by them, but one can be broken.
+    #[serde(default)]
+    pub excess_unnoticed: Option<Excess>,
     /// Excess misses of each judged fault, in the plan's order, those that it may cost among them.
     pub excess_misses: Vec<i64>,
     /// The same beyond what it may cost, by which the bound is made.
@@ -99,7 +102,7 @@ pub struct Figures {
     pub noticed: BTreeMap<String, usize>,
     /// Of the same, who died: the process that was hurt, or another.
     pub died: BTreeMap<String, usize>,
-    /// Of the same, those that nobody noticed, by their numbers: they are in no bound.
+    /// Of the same, those that nobody noticed, by their numbers: they are in no bound but [`Figures::excess_unnoticed`].
     pub unnoticed: Vec<usize>,
     /// Lies that nobody found, by the numbers of their faults.
     pub unfound: Vec<usize>,
@@ -133,7 +136,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     let allowed_misses = cells.iter().map(|cell| cell.allowed_misses).max().unwrap_or(0);
     let (arm_name, judged) = (arm.name.clone(), arm.judged);
     let mut figures = Figures { arm: arm_name, name: name.into(), judged, planned, allowed_misses, ..Figures::default() };
-    let (mut missed, mut late) = (Sides::default(), Sides::default());
+    let (mut missed, mut late, mut silent) = (Sides::default(), Sides::default(), Sides::default());
     for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
         figures.take_sequel(cell, outcome, known.blame);
@@ -147,7 +150,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
         };
         match taken {
             Taken::NoVerdict => figures.without_verdict += 1,
-            Taken::Unnoticed => {}
+            Taken::Unnoticed(excess) => excess.into_iter().for_each(|excess| silent.add(excess)),
             Taken::Excess { lost, beyond: [excess, with_void] } => {
                 missed.add(excess);
                 late.add(with_void);
@@ -165,6 +168,7 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
         figures.excess = Some(missed.excess());
         figures.excess_with_void = Some(late.excess());
     }
+    figures.excess_unnoticed = Some(silent.excess()).filter(|excess| excess.faults > 0);
     if figures.data_lost_ticks > 0 {
         figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
     }
@@ -227,6 +231,10 @@ fn stalls_beyond(figures: &Figures, limit: f64) -> bool {
     figures.excess_with_void.is_some_and(|excess| excess.lower95 > 0.0 && excess.upper95 > limit)
 }
 
+fn said(of: &str, excess: &Excess) -> String {
+    format!("{of}: {:.4}, one-sided 95 % bounds {:.4} and {:.4}", excess.mean, excess.lower95, excess.upper95)
+}
+
 /// Gives the verdict. What never may happen is judged in the cells, once.
 pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
     figures.limit_upper95 = limit;
@@ -242,6 +250,7 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
         (None, _) => Verdict::Figures,
         (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
         (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
+        (Some(limit), _) if figures.excess_unnoticed.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
         _ if is_void => Verdict::Unknown,
         (Some(limit), Some(excess)) if excess.upper95 <= limit && !stalls_beyond(&figures, limit) => Verdict::Held,
         _ => Verdict::Unknown,
@@ -253,10 +262,10 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
             "faults with excess misses, per fault: {:.4}, one-sided 95 % bounds {:.4} and {:.4}, limit {limit}",
             excess.mean, excess.lower95, excess.upper95
         ));
-        figures.reasons.extend(figures.excess_with_void.map(|excess| {
-            let (mean, lower, upper) = (excess.mean, excess.lower95, excess.upper95);
-            format!("with void ticks: {mean:.4}, one-sided 95 % bounds {lower:.4} and {upper:.4}")
-        }));
+        figures.reasons.extend(figures.excess_with_void.map(|excess| said("with void ticks", &excess)));
+    }
+    if let Some(excess) = figures.excess_unnoticed.filter(|_| limit.is_some() && figures.verdict != Verdict::Figures) {
+        figures.reasons.push(said(&format!("of {} that nobody noticed", excess.faults), &excess));
     }
     if is_silent {
         figures.reasons.push("none of its faults showed: it proves nothing".into());

@@ -1,5 +1,6 @@
 //! What was noticed of a fault: who found a lie, and whether anybody saw what is done to a process from outside. That bytes were flipped, or a limit lowered, is no
-//! sign that anything came of it: a fault of which nothing was noticed is named, and is no evidence for a bound.
+//! sign that anything came of it: a fault of which nothing was noticed is named, and is no evidence for a bound. What all of those together cost the hand is
+//! compared with their controls, and can break a promise.
 
 use super::blame::Sequel;
 use super::figures::Figures;
@@ -28,8 +29,8 @@ pub(super) fn notice(fault: &Fault, sequel: Sequel, has_ended: bool) -> (bool, S
         _ if others.is_some() => (true, "others died".into()),
         _ if sequel.began_anew() => (true, "a state began anew".into()),
         _ if has_ended => (true, "the station ended".into()),
-        // Fewer misses than in the control are the host's doing there, and no sign of the fault.
-        _ if hand > 0 => (true, "the hand".into()),
+        // Whoever lost ticks would be counted with those who noticed, and who had more of them in the control would not: a host's stall is as likely in either.
+        _ if hand > 0 => (false, "nobody, and the hand lost ticks".into()),
         Some(remains) if remains.still_there > 0 => (false, "still there, unread".into()),
         Some(remains) if remains.written_over > 0 => (false, "written over by its owner".into()),
         Some(remains) if remains.gone > 0 => (false, "gone with its file".into()),

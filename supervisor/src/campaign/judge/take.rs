@@ -17,8 +17,8 @@ const MOST_LOST: u64 = 20;
 pub(super) enum Taken {
     /// Nothing: it did not show, or could not be judged.
     NoVerdict,
-    /// It was done, and nobody noticed.
-    Unnoticed,
+    /// It was done, and nobody noticed; what it cost the hand beyond its control and what it may cost, if that is known.
+    Unnoticed(Option<i64>),
     /// Its misses, in two ways.
     Excess {
         /// Beyond its control's.
@@ -70,7 +70,7 @@ impl Figures {
         } else {
             self.reasons.push(format!("fault {}: {}", outcome.index, outcome.reason)); // else said by its sequel
         }
-        if was_noticed { Taken::NoVerdict } else { Taken::Unnoticed }
+        if was_noticed { Taken::NoVerdict } else { Taken::Unnoticed(None) }
     }
 
     /// Adds the last forces of a station that ended, by its recording: without a device the hardware takes the force away, as after the device's own death.
@@ -134,12 +134,10 @@ impl Figures {
             self.astray += usize::from(is_astray);
             return Taken::NoVerdict;
         }
-        if !was_noticed {
-            return Taken::Unnoticed;
-        }
         // With the void ticks both are of the same length.
         let excess = [excess(&window, &control), window.late as i64 - control.late as i64];
-        Taken::Excess { lost: excess[0], beyond: excess.map(|excess| beyond(excess, cell.allowed_misses as i64)) }
+        let (lost, beyond) = (excess[0], excess.map(|excess| beyond(excess, cell.allowed_misses as i64)));
+        if was_noticed { Taken::Excess { lost, beyond } } else { Taken::Unnoticed(Some(beyond[0])) }
     }
 
     /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than any control window lost,

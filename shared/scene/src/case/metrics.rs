@@ -1,0 +1,38 @@
+//! What a case may weigh.
+
+/// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
+/// A test of the report's keeps them in step.
+pub const METRIC_KEYS: [(&str, bool); 32] = [
+    ("distended", true),
+    ("dark", true),
+    ("outflow_shut", true),
+    ("landmarks", true),
+    ("time", true),
+    ("path", true),
+    ("economy", true),
+    ("speed_mean", false),
+    ("speed_peak", true),
+    ("idle", true),
+    ("camera_turned", true),
+    ("horizon_tilt", true),
+    ("touching", true),
+    ("force_peak", true),
+    ("force_p95", true),
+    ("force_above_limit", true),
+    ("energised", false),
+    ("energised_free", true),
+    ("cuts", false),
+    ("removed", false),
+    ("pressure_low", true),
+    ("pressure_high", true),
+    ("pressure_peak", true),
+    ("deficit", true),
+    ("deficit_rate", true),
+    ("inflow", false),
+    ("bled", false),
+    ("alarm", true),
+    ("alarms", false),
+    ("goals", true),
+    ("pathology", false),
+    ("warnings", true),
+];
