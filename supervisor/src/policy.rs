@@ -339,16 +339,16 @@ fn bereave(now_ns: u64, slot: Slot, end: End, state: &mut State) -> Vec<Action> 
 /// What one process after the other dies of in a slot may be what they read, and then a fresh one of those who wrote it helps: of a role with a
 /// state whoever holds it, of the others all. Not during a swap, which has its own judge.
 fn mistrust(reader: Slot, state: &mut State) -> Vec<Action> {
+    if state.swap.is_some() {
+        return Vec::new();
+    }
     let of_source = |slot: &&Slot| limits::sources(reader.role()).contains(&slot.role()) && !slot.is_guest();
     let suspect = |slot: &Slot| {
         let incarnation = state.ready(*slot)?;
         let writes = state.ladders.get(&slot.role()).is_none_or(|ladder| ladder.holder() == incarnation);
         writes.then_some(Action::Mistrust { slot: *slot, incarnation, reader })
     };
-    let mut actions: Vec<Action> = state.places.keys().filter(of_source).filter_map(suspect).collect();
-    if state.swap.is_some() {
-        actions.clear();
-    }
+    let actions: Vec<Action> = state.places.keys().filter(of_source).filter_map(suspect).collect();
     for action in &actions {
         if let Action::Mistrust { slot, incarnation, .. } = action
             && let Some(place) = state.places.get_mut(slot)

@@ -7,7 +7,7 @@
 use crate::force::length;
 use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
-use crate::sight::is_in_sight;
+use crate::sight::{axis, is_in_sight};
 use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, PUMP_ALARMS, TissueStatus};
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
 use serde::{Deserialize, Serialize};
@@ -384,8 +384,7 @@ fn is_at(region: &Region, record: &AppliedRecord, ahead_m: f64) -> bool {
     let pose = &record.sample.pose;
     match *region {
         Region::Ball(centre_m, radius_m) => {
-            let [x, y, z, w] = pose.orientation.map(f64::from);
-            let axis = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+            let axis = axis(pose);
             let away_m =
                 |tip_m: [f64; 3]| (0..3).map(|i| (tip_m[i] + ahead_m * axis[i] - centre_m[i]).powi(2)).sum::<f64>().sqrt();
             finite(pose.position_m).map(away_m).is_some_and(|away_m| away_m <= radius_m)

@@ -4,8 +4,14 @@
 use crate::force::length;
 use crate::medium::SHUT;
 use crate::motion::{difference, finite};
-use hyst_messages::HardwareSample;
+use hyst_messages::{HardwareSample, Pose};
 use hyst_scene::Sight;
+
+/// The scope's axis, a unit vector into the uterus.
+pub(crate) fn axis(pose: &Pose) -> [f64; 3] {
+    let [x, y, z, w] = pose.orientation.map(f64::from);
+    [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
+}
 
 /// Whether a point is in sight.
 pub(crate) fn is_in_sight(sight: &Sight, point_m: [f64; 3], sample: &HardwareSample) -> bool {
@@ -15,7 +21,7 @@ pub(crate) fn is_in_sight(sight: &Sight, point_m: [f64; 3], sample: &HardwareSam
     let far_m = length(away_m);
     let [x, y, z, w] = pose.orientation.map(f64::from);
     // The scope's axis and its +y: a fore-oblique optic looks along the one, turned towards the other; the camera head turns the picture alone.
-    let axis = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)];
+    let axis = axis(pose);
     let up = [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)];
     let (sin, cos) = sight.optic_rad.sin_cos();
     let along_m: f64 = (0..3).map(|i| away_m[i] * (cos * axis[i] + sin * up[i])).sum();
@@ -25,7 +31,7 @@ pub(crate) fn is_in_sight(sight: &Sight, point_m: [f64; 3], sample: &HardwareSam
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::{Controls, Pose};
+    use hyst_messages::Controls;
 
     const SIGHT: Sight = Sight { optic_rad: 0.5, within_rad: 0.3, within_m: 0.02 };
 

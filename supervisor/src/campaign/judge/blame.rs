@@ -171,8 +171,8 @@ fn told_ns(line: &Fault) -> u64 {
 /// When a process that nobody hurt came to its end, ns. Its line says when it last beat, which may be long before: one that dies is told of at once, and of
 /// one that hangs it is told after three of its periods.
 fn happened_ns(line: &Fault) -> u64 {
-    let told_us = line.detected_us.unwrap_or(0.0);
-    line.injected_ns + (if line.is_found_dead() { told_us * 1e3 } else { told_us * 1e3 / 3.0 }) as u64
+    let after_ns = told_ns(line) - line.injected_ns;
+    line.injected_ns + if line.is_found_dead() { after_ns } else { after_ns / 3 }
 }
 
 /// How a process came to its end, in words.

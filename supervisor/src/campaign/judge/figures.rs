@@ -258,10 +258,8 @@ pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_c
     if let (Some(limit), Some(excess), true) =
         (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
     {
-        figures.reasons.push(format!(
-            "faults with excess misses, per fault: {:.4}, one-sided 95 % bounds {:.4} and {:.4}, limit {limit}",
-            excess.mean, excess.lower95, excess.upper95
-        ));
+        let said_of_all = said("faults with excess misses, per fault", &excess);
+        figures.reasons.push(format!("{said_of_all}, limit {limit}"));
         figures.reasons.extend(figures.excess_with_void.map(|excess| said("with void ticks", &excess)));
     }
     if let Some(excess) = figures.excess_unnoticed.filter(|_| limit.is_some() && figures.verdict != Verdict::Figures) {
