@@ -3,7 +3,7 @@
 //! Promise: a pure function; rate and scale stay within their bounds for every input, also for a time that is not a number. Pictures come 30 times a
 //! second at least as far as the focus and then the resolution can give way, and more often only with both; of a rate or a focus that did not last, and of
 //! their successors, it takes ever longer until one is tried again.
-use crate::quality::next_scale;
+use crate::quality::{MIN_SCALE, next_scale};
 
 /// Ticks between two pictures at the lowest rate: 30 in a second, the rate of the paper's display.
 pub const SLOWEST_TICKS: u64 = 33;
@@ -66,6 +66,12 @@ impl Default for Effort {
 }
 
 impl Effort {
+    /// The effort of the first picture. Where the processor draws it is a small one without the focus: whoever looks waits for any picture, and five pictures
+    /// later it has grown to what the machine manages; a large one would first take as long as ten small ones.
+    pub fn at_start(is_software: bool) -> Effort {
+        if is_software { Effort { scale: MIN_SCALE, focus: false, ..Effort::default() } } else { Effort::default() }
+    }
+
     /// The effort after a picture that took `frame_ms` to draw, and `step_ms` from the loop's wake-up until it was shown.
     ///
     /// What is too slow gives way at once, in rate first, at the lowest rate in focus, then in resolution. What is quick comes back the other way about.
@@ -110,7 +116,6 @@ fn budget_ms(period_ticks: u64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quality::MIN_SCALE;
 
     /// Draws for so long, ticks, on a machine whose picture costs `ms(tick)` at scale 1 with the focus, and `REST_MS` beside it; gives the ticks of all changes of the rate.
     fn drawn(effort: &mut Effort, fastest: u64, for_ticks: u64, ms: impl Fn(u64) -> f32) -> Vec<u64> {

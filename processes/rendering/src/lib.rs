@@ -13,9 +13,11 @@ mod error;
 mod fluid;
 mod font;
 mod gpu;
+mod hash;
 mod help;
 mod input;
 mod motes;
+#[cfg(test)]
 mod noise;
 mod overlay;
 mod passes;

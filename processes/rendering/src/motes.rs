@@ -88,7 +88,7 @@ impl Motes {
 
 impl Flake {
     fn of(number: u32) -> Self {
-        let share = |salt: u32| (crate::noise::hash([number, salt, 0], 77) >> 8) as f32 / (1 << 24) as f32;
+        let share = |salt: u32| (crate::hash::hash([number, salt, 0], 77) >> 8) as f32 / (1 << 24) as f32;
         let radius_m = RADIUS_M[0] + (RADIUS_M[1] - RADIUS_M[0]) * share(3).powi(2);
         // A flat piece, turned anyhow.
         let turn = glam::Quat::from_euler(glam::EulerRot::XYZ, 6.3 * share(4), 6.3 * share(5), 6.3 * share(6));

@@ -1,6 +1,9 @@
-//! Solid noise that tiles, from which the passes make glands, vessels and mottling. Made once at start-up, from no asset and no clock.
+//! Solid noise that tiles, from which the passes make glands, vessels and mottling. Made when this crate is built (`build.rs`), from no asset
+//! and no clock: making it takes longer than all else of a start, and a rendering that is replaced is to be back in half a second.
 //!
 //! Gradient noise after Perlin, "Improving noise" (SIGGRAPH 2002), with a hash of our own on a lattice that wraps around.
+
+use crate::hash::hash;
 
 /// Texels per axis of a solid.
 pub(crate) const SIDE: usize = 64;
@@ -100,17 +103,6 @@ fn slope(h: u32, v: [f32; 3]) -> f32 {
     (if h & 0x100 == 0 { a } else { -a }) + (if h & 0x200 == 0 { b } else { -b })
 }
 
-pub(crate) fn hash(node: [u32; 3], seed: u32) -> u32 {
-    let mut h = seed.wrapping_mul(0x9e37_79b1);
-    for n in node {
-        h = (h ^ n).wrapping_mul(0x85eb_ca6b);
-        h ^= h >> 15;
-        h = h.wrapping_mul(0xc2b2_ae35);
-        h ^= h >> 13;
-    }
-    h
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,6 +115,18 @@ mod tests {
             let outside = lattice.noise([0.0, 0.3, 0.7]);
             assert!((inside - outside).abs() < 1e-3, "{cells}: {inside} {outside}");
         }
+    }
+
+    #[test]
+    fn the_relief_slopes_as_its_heights_rise() {
+        let relief = relief();
+        let at = |x: usize, channel: usize| f32::from(relief[4 * (SIDE * 7 + x) + channel] as i8);
+        let rises = (1..SIDE - 1).filter(|x| (at(x + 1, 3) - at(x - 1, 3)).abs() > 8.0);
+        let (alike, all) = rises.fold((0, 0), |(alike, all), x| {
+            let is_alike = (at(x + 1, 3) - at(x - 1, 3)) * at(x, 0) > 0.0;
+            (alike + usize::from(is_alike), all + 1)
+        });
+        assert!(all > 10 && alike == all, "{alike} of {all}");
     }
 
     #[test]

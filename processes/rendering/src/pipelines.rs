@@ -1,4 +1,9 @@
 //! Shaders, layouts and pipelines: made once per device, shared by the stage and the renderer.
+use std::{
+    sync::{Arc, LazyLock},
+    time::Instant,
+};
+
 use wgpu::{BindingType as Bind, ShaderStages as At, TextureFormat as Format};
 
 use crate::gpu::Gpu;
@@ -10,6 +15,9 @@ pub(crate) const PICTURE: Format = Format::Rgba8Unorm;
 /// Depth of the scene pass.
 pub(crate) const DEPTH: Format = Format::Depth32Float;
 
+/// Pipelines that are made beside pictures take a fifth of a core: what draws and what computes is on the same ones.
+const REST: u32 = 4;
+
 /// Scene pipelines by material class, fluid, camera, translucency, and the side of a face that is left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Variant {
@@ -20,31 +28,51 @@ pub(crate) struct Variant {
     pub hidden: Option<wgpu::Face>,
 }
 
+/// A pipeline that is made by whoever draws with it first, or by [`Pipelines::make_all`].
+pub(crate) type Late<T> = LazyLock<T, Box<dyn FnOnce() -> T + Send>>;
+
+/// What pipelines are made of.
+struct Parts {
+    device: wgpu::Device,
+    samples: u32,
+    scene: Part,
+    shape: Part,
+    post: Part,
+    field: Part,
+    nothing: wgpu::PipelineLayout,
+}
+
+/// A shader and the layout of what it reads.
+struct Part {
+    layout: wgpu::PipelineLayout,
+    module: wgpu::ShaderModule,
+}
+
 pub(crate) struct Pipelines {
     pub scene_layout: wgpu::BindGroupLayout,
     object_layout: wgpu::BindGroupLayout,
     shape_layout: wgpu::BindGroupLayout,
     pub post_layout: wgpu::BindGroupLayout,
     pub field_layout: wgpu::BindGroupLayout,
-    scene: Vec<(Variant, wgpu::RenderPipeline)>,
-    pub mask: wgpu::RenderPipeline,
+    scene: Vec<(Variant, Late<wgpu::RenderPipeline>)>,
+    pub mask: Late<wgpu::RenderPipeline>,
     /// What the lamp's light meets first.
-    pub shadow: wgpu::RenderPipeline,
-    pub normals: wgpu::ComputePipeline,
-    pub field: wgpu::ComputePipeline,
-    pub defocus: wgpu::RenderPipeline,
-    pub shrink: wgpu::RenderPipeline,
-    pub meter: wgpu::ComputePipeline,
-    pub blur_across: wgpu::RenderPipeline,
-    pub blur_down: wgpu::RenderPipeline,
+    pub shadow: Late<wgpu::RenderPipeline>,
+    pub normals: Late<wgpu::ComputePipeline>,
+    pub field: Late<wgpu::ComputePipeline>,
+    pub defocus: Late<wgpu::RenderPipeline>,
+    pub shrink: Late<wgpu::RenderPipeline>,
+    pub meter: Late<wgpu::ComputePipeline>,
+    pub blur_across: Late<wgpu::RenderPipeline>,
+    pub blur_down: Late<wgpu::RenderPipeline>,
     /// Without and with what is out of focus.
-    pub finish: [wgpu::RenderPipeline; 2],
-    pub text: wgpu::RenderPipeline,
-    pub show: Option<(Format, wgpu::RenderPipeline)>,
+    pub finish: [Late<wgpu::RenderPipeline>; 2],
+    pub text: Late<wgpu::RenderPipeline>,
+    pub show: Option<(Format, Late<wgpu::RenderPipeline>)>,
 }
 
 impl Pipelines {
-    /// `shown` is the format of a window's surface, if there is one.
+    /// `shown` is the format of a window's surface, if there is one. Compiles the shaders; a pipeline is made when it is wanted.
     pub(crate) fn new(gpu: &Gpu, shown: Option<Format>) -> Self {
         let d = &gpu.device;
         let scene_layout = layout(d, "scene", &scene_entries());
@@ -52,35 +80,56 @@ impl Pipelines {
         let shape_layout = layout(d, "shape", &shape_entries());
         let post_layout = layout(d, "post", &post_entries());
         let field_layout = layout(d, "field", &field_entries());
-        let scene_module = d.create_shader_module(wgpu::include_wgsl!("shaders/scene.wgsl"));
-        let normals_module = d.create_shader_module(wgpu::include_wgsl!("shaders/normals.wgsl"));
-        let post_module = d.create_shader_module(wgpu::include_wgsl!("shaders/post.wgsl"));
-        let field_module = d.create_shader_module(wgpu::include_wgsl!("shaders/field.wgsl"));
-        let scene_pipelines = pipeline_layout(d, &[&scene_layout, &object_layout]);
-        let shape_pipelines = pipeline_layout(d, &[&shape_layout]);
-        let post_pipelines = pipeline_layout(d, &[&post_layout]);
-        let field_pipelines = pipeline_layout(d, &[&field_layout]);
-        let screen = |entry, format| screen_pipeline(d, &post_pipelines, &post_module, entry, &[], format);
-        let finish = |focused| screen_pipeline(d, &post_pipelines, &post_module, "finish", &[("FOCUSED", focused)], PICTURE);
+        let part = |groups: &[&wgpu::BindGroupLayout], shader| Part {
+            layout: pipeline_layout(d, groups),
+            module: d.create_shader_module(shader),
+        };
+        let parts = Arc::new(Parts {
+            device: d.clone(),
+            samples: gpu.samples,
+            scene: part(&[&scene_layout, &object_layout], wgpu::include_wgsl!("shaders/scene.wgsl")),
+            shape: part(&[&shape_layout], wgpu::include_wgsl!("shaders/normals.wgsl")),
+            post: part(&[&post_layout], wgpu::include_wgsl!("shaders/post.wgsl")),
+            field: part(&[&field_layout], wgpu::include_wgsl!("shaders/field.wgsl")),
+            nothing: pipeline_layout(d, &[]),
+        });
+        let screen = |entry, format| late(&parts, move |parts| screen_pipeline(parts, entry, &[], format));
+        let finish = |focused| late(&parts, move |parts| screen_pipeline(parts, "finish", &[("FOCUSED", focused)], PICTURE));
         Self {
-            scene: variants().map(|v| (v, scene_pipeline(gpu, &scene_pipelines, &scene_module, v))).collect(),
-            shadow: shadow_pipeline(d, &scene_pipelines, &scene_module),
-            mask: mask_pipeline(gpu, &pipeline_layout(d, &[]), &scene_module),
-            normals: compute_pipeline(d, &shape_pipelines, &normals_module, "main"),
-            field: compute_pipeline(d, &field_pipelines, &field_module, "main"),
+            scene: variants().map(|v| (v, late(&parts, move |parts| scene_pipeline(parts, v)))).collect(),
+            shadow: late(&parts, shadow_pipeline),
+            mask: late(&parts, mask_pipeline),
+            normals: late(&parts, |parts| compute_pipeline(&parts.device, &parts.shape, "main")),
+            field: late(&parts, |parts| compute_pipeline(&parts.device, &parts.field, "main")),
             defocus: screen("defocus", LIGHT),
             shrink: screen("shrink", LIGHT),
-            meter: compute_pipeline(d, &post_pipelines, &post_module, "meter"),
+            meter: late(&parts, |parts| compute_pipeline(&parts.device, &parts.post, "meter")),
             blur_across: screen("blur_across", LIGHT),
             blur_down: screen("blur_down", LIGHT),
             finish: [0.0, 1.0].map(finish),
-            text: text_pipeline(d, &post_pipelines, &post_module),
+            text: late(&parts, text_pipeline),
             show: shown.map(|format| (format, screen("show", format))),
             scene_layout,
             object_layout,
             shape_layout,
             post_layout,
             field_layout,
+        }
+    }
+
+    /// Makes what nobody has drawn with yet, so that the first to do so need not wait; rests after each for [`REST`] times as long as it took.
+    pub(crate) fn make_all(&self) {
+        let rest = |began: Instant| std::thread::sleep(REST * began.elapsed());
+        let late = [&self.mask, &self.shadow, &self.defocus, &self.shrink, &self.blur_across, &self.blur_down, &self.text];
+        for pipeline in self.scene.iter().map(|(_, pipeline)| pipeline).chain(late).chain(&self.finish) {
+            let began = Instant::now();
+            LazyLock::force(pipeline);
+            rest(began);
+        }
+        for pipeline in [&self.normals, &self.field, &self.meter] {
+            let began = Instant::now();
+            LazyLock::force(pipeline);
+            rest(began);
         }
     }
 
@@ -175,29 +224,31 @@ fn pipeline_layout(d: &wgpu::Device, groups: &[&wgpu::BindGroupLayout]) -> wgpu:
     d.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor { label: None, bind_group_layouts: &groups, immediate_size: 0 })
 }
 
-fn compute_pipeline(
-    d: &wgpu::Device,
-    layout: &wgpu::PipelineLayout,
-    module: &wgpu::ShaderModule,
-    entry: &str,
-) -> wgpu::ComputePipeline {
+/// What `make` makes of the parts, once it is wanted.
+fn late<T>(parts: &Arc<Parts>, make: impl FnOnce(&Parts) -> T + Send + 'static) -> Late<T> {
+    let parts = Arc::clone(parts);
+    LazyLock::new(Box::new(move || make(&parts)))
+}
+
+fn compute_pipeline(d: &wgpu::Device, part: &Part, entry: &str) -> wgpu::ComputePipeline {
     d.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(entry),
-        layout: Some(layout),
-        module,
+        layout: Some(&part.layout),
+        module: &part.module,
         entry_point: Some(entry),
         compilation_options: Default::default(),
         cache: None,
     })
 }
 
-fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule, v: Variant) -> wgpu::RenderPipeline {
+fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
+    let Part { layout, module } = &parts.scene;
     let constants =
         [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
     let attributes = attributes();
     let buffers = [0, 1, 2, 3].map(|location: usize| Some(points(&attributes[location])));
     let blend = v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING);
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    parts.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("scene"),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -208,7 +259,7 @@ fn scene_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::Shade
         },
         primitive: wgpu::PrimitiveState { cull_mode: v.hidden, ..Default::default() },
         depth_stencil: Some(depth(!v.translucent)),
-        multisample: wgpu::MultisampleState { count: gpu.samples, ..Default::default() },
+        multisample: wgpu::MultisampleState { count: parts.samples, ..Default::default() },
         fragment: Some(wgpu::FragmentState {
             module,
             entry_point: Some("fragment"),
@@ -234,11 +285,12 @@ fn points(attributes: &[wgpu::VertexAttribute; 1]) -> wgpu::VertexBufferLayout<'
 }
 
 /// Depth alone, from the lamp. What faces the lamp steeply is taken a little farther away, so that nothing shades itself.
-fn shadow_pipeline(d: &wgpu::Device, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+fn shadow_pipeline(parts: &Parts) -> wgpu::RenderPipeline {
+    let Part { layout, module } = &parts.scene;
     let attributes = attributes();
     let buffers = [0, 1, 2, 3].map(|location: usize| Some(points(&attributes[location])));
     let bias = wgpu::DepthBiasState { constant: 2, slope_scale: 2.0, clamp: 0.0 };
-    d.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+    parts.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("shadow"),
         layout: Some(layout),
         vertex: wgpu::VertexState {
@@ -267,27 +319,24 @@ fn depth(is_written: bool) -> wgpu::DepthStencilState {
 }
 
 /// What the round mask hides is not drawn: in front of everything there lies a frame without colour.
-fn mask_pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+fn mask_pipeline(parts: &Parts) -> wgpu::RenderPipeline {
     let target = wgpu::ColorTargetState { format: LIGHT, blend: None, write_mask: wgpu::ColorWrites::empty() };
-    let multisample = wgpu::MultisampleState { count: gpu.samples, ..Default::default() };
-    plain_pipeline(&gpu.device, layout, module, ["frame", "nothing"], &[], target, (Some(depth(true)), multisample))
+    let multisample = wgpu::MultisampleState { count: parts.samples, ..Default::default() };
+    let Parts { device, nothing, scene, .. } = parts;
+    plain_pipeline(device, nothing, &scene.module, ["frame", "nothing"], &[], target, (Some(depth(true)), multisample))
 }
 
-fn text_pipeline(d: &wgpu::Device, layout: &wgpu::PipelineLayout, module: &wgpu::ShaderModule) -> wgpu::RenderPipeline {
+fn text_pipeline(parts: &Parts) -> wgpu::RenderPipeline {
     let blend = Some(wgpu::BlendState::ALPHA_BLENDING);
     let target = wgpu::ColorTargetState { format: PICTURE, blend, write_mask: wgpu::ColorWrites::COLOR };
-    plain_pipeline(d, layout, module, ["screen", "text"], &[], target, (None, Default::default()))
+    let Parts { device, post, .. } = parts;
+    plain_pipeline(device, &post.layout, &post.module, ["screen", "text"], &[], target, (None, Default::default()))
 }
 
-fn screen_pipeline(
-    d: &wgpu::Device,
-    layout: &wgpu::PipelineLayout,
-    module: &wgpu::ShaderModule,
-    entry: &str,
-    constants: &[(&str, f64)],
-    format: Format,
-) -> wgpu::RenderPipeline {
-    plain_pipeline(d, layout, module, ["screen", entry], constants, format.into(), (None, Default::default()))
+fn screen_pipeline(parts: &Parts, entry: &str, constants: &[(&str, f64)], format: Format) -> wgpu::RenderPipeline {
+    let Parts { device, post, .. } = parts;
+    let entries = ["screen", entry];
+    plain_pipeline(device, &post.layout, &post.module, entries, constants, format.into(), (None, Default::default()))
 }
 
 /// A pipeline without vertex buffers: `entries` of vertices and fragments.

@@ -11,7 +11,7 @@ use crate::{
     error::RenderError,
     fluid::{Fluid, FluidField},
     gpu::{Gpu, one_line},
-    noise, overlay,
+    overlay,
     pipelines::Pipelines,
     shadow::{Shadow, bindings},
     stage::Stage,
@@ -25,6 +25,13 @@ use crate::{
 pub const FRAME_LIMIT: Duration = Duration::from_secs(30);
 /// Largest side of a picture, px.
 pub const MAX_SIDE_PX: u32 = 4_096;
+
+/// Texels per axis of the solids of noise.
+const SOLID_SIDE: usize = 64;
+/// The solids of noise that `build.rs` has made (`noise.rs`): four signed bytes per texel.
+const SOLIDS: [&[u8]; 2] =
+    [include_bytes!(concat!(env!("OUT_DIR"), "/fields")), include_bytes!(concat!(env!("OUT_DIR"), "/relief"))];
+const _: () = assert!(SOLIDS[0].len() == 4 * SOLID_SIDE.pow(3) && SOLIDS[1].len() == SOLIDS[0].len());
 
 /// What a frame cost.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -71,7 +78,7 @@ impl std::fmt::Debug for Renderer {
 }
 
 impl Renderer {
-    /// Pictures of `width_px` × `height_px` on this device. Compiles all shaders.
+    /// Pictures of `width_px` × `height_px` on this device. What is drawn for the first time takes longer, unless [`Renderer::make_rest`] was there before.
     ///
     /// # Errors
     /// [`RenderError::DeviceLost`] if the device refuses a shader or a buffer.
@@ -84,7 +91,7 @@ impl Renderer {
         let shown_px = [width_px, height_px].map(|n| n.clamp(16, MAX_SIDE_PX));
         let targets = Targets::new(&gpu, &pipelines, &post, Sizes { inner: shown_px, shown: shown_px });
         let globals = buffer(d, size_of::<Globals>() as u64, wgpu::BufferUsages::UNIFORM);
-        let solids = [noise::fields(), noise::relief()].map(|texels| upload_solid(&gpu, &texels));
+        let solids = SOLIDS.map(|texels| upload_solid(&gpu, texels));
         let samplers = [sampler(d, wgpu::AddressMode::Repeat), sampler(d, wgpu::AddressMode::ClampToEdge)];
         let fluid = Fluid::clear(&gpu, &pipelines);
         let shadow = Shadow::new(d);
@@ -114,6 +121,16 @@ impl Renderer {
             pipelines,
             gpu,
         })
+    }
+
+    /// Makes in a thread of its own what no picture has needed yet: other materials, the medium, the view from outside. Pictures go on meanwhile, and wait
+    /// only for what they need themselves.
+    ///
+    /// # Errors
+    /// The system's, if it gives no thread; then each is made by the first picture that needs it.
+    pub fn make_rest(&self) -> std::io::Result<()> {
+        let pipelines = Arc::clone(&self.pipelines);
+        std::thread::Builder::new().name("pipelines".into()).spawn(move || pipelines.make_all()).map(drop)
     }
 
     /// The objects.
@@ -256,7 +273,7 @@ fn sampler(d: &wgpu::Device, mode: wgpu::AddressMode) -> wgpu::Sampler {
 }
 
 fn upload_solid(gpu: &Gpu, texels: &[u8]) -> wgpu::TextureView {
-    let side = noise::SIDE as u32;
+    let side = SOLID_SIDE as u32;
     let texture = solid(&gpu.device, [side; 3], wgpu::TextureFormat::Rgba8Snorm, wgpu::TextureUsages::COPY_DST);
     let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) };
     let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: side };

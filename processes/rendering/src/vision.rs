@@ -13,7 +13,7 @@ use crate::sources::Sources;
 use crate::strip::Strip;
 use crate::switches::Switches;
 use hyst_engine::settings::SetError;
-use hyst_engine::{Failure, Life, Pace};
+use hyst_engine::{Failure, Life, Pace, realtime};
 use hyst_exchange::{Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
@@ -158,6 +158,7 @@ impl<'a> Vision<'a> {
         let fastest_ticks = fastest_ticks(asked.hz, gpu.is_software(), system::cores(), refresh_hz);
         display.fit([width, height])?;
         let mut renderer = Renderer::new(gpu, width, height)?;
+        let effort = Effort::at_start(renderer.gpu().is_software());
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {
             life,
@@ -169,7 +170,7 @@ impl<'a> Vision<'a> {
             switches,
             usual_focus_m: asked.focus_m,
             focus_m: asked.focus_m,
-            effort: Effort::default(),
+            effort,
             fastest_ticks,
             strip: Strip::of(&life.clock),
             shown: None,
@@ -178,6 +179,7 @@ impl<'a> Vision<'a> {
             copied: 0,
         };
         vision.aim(None, 0.0);
+        vision.set_quality();
         vision.renderer.render(&vision.view)?;
         life.say(&format!("{name}, {width}x{height}, at most {} pictures/s", 1_000 / fastest_ticks));
         Ok(vision)
@@ -195,7 +197,7 @@ impl<'a> Vision<'a> {
         let broken = |error: RenderError| Failure::Broken(error.to_string());
         sources.looks.want();
         let mut pace = Pace::new(life, self.effort.period_ticks, 0).with_backlog(BACKLOG);
-        let mut last_ns = system::now_ns();
+        let (mut last_ns, mut is_under_way) = (system::now_ns(), false);
         while let Some(tick) = pace.wait() {
             let elapsed_s = (pace.woken_ns().saturating_sub(last_ns)) as f32 * 1e-9;
             last_ns = pace.woken_ns();
@@ -244,6 +246,10 @@ impl<'a> Vision<'a> {
             relay.show(life, sources, tick, &mut self.renderer).map_err(broken)?;
             pace.end();
             life.page.set_state(ProcessState::Live);
+            if self.shown.is_some() && !std::mem::replace(&mut is_under_way, true) {
+                realtime::draw(life);
+                self.renderer.make_rest()?;
+            }
         }
         Ok(End::Stopped)
     }
@@ -256,6 +262,11 @@ impl<'a> Vision<'a> {
         if self.effort.period_ticks != before.period_ticks {
             pace.set_period(self.effort.period_ticks);
         }
+        self.set_quality();
+    }
+
+    /// Draws as the effort says.
+    fn set_quality(&mut self) {
         (self.view.quality.scale, self.view.quality.focus) = (self.effort.scale, self.effort.focus);
         // The glow goes with the last pixels that can be spared, and comes back with the first.
         self.view.quality.bloom = self.effort.scale > MIN_SCALE;

@@ -12,7 +12,8 @@
 //! 5. Passivity observer and controller (Hannaford and Ryu 2002), which meets what the bound cannot know: planes that move.
 //! 6. Force limit.
 //! 7. Blend: the force changes by no more than the motion of the tip explains plus `model_step_n`; so a contact model that
-//!    jumps is felt as a ramp, while the motion of the hand is passed on undelayed.
+//!    jumps is felt as a ramp, while the motion of the hand is passed on undelayed. For `return_ticks` after a gap or a fade it is
+//!    `return_step_n`: a tissue that has begun anew about the scope settles, and its model jumps from tick to tick.
 //!
 //! Stability of the sampled wall needs `b > K·T/2 + |B|` (Colgate and Schenkel 1997) with b the physical damping of
 //! device and hand, K and B the virtual stiffness and damping; a loop delay of d ticks adds K·d·T. `coupling_limit_n_m`
@@ -51,7 +52,9 @@ pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) 
     let limited = clamp_length(touch.wanted_n, params.max_force_n);
     // Only a fade explains a step: what comes back is shifted so that the force stays what it is.
     let faded = (smoothstep(old_ramp) - smoothstep(next.ramp)).max(0.0) * params.max_force_n;
-    let allowed = touch.explained_n + faded + params.model_step_n;
+    next.return_ticks = return_ticks(params, &state, old_ramp, restored, bridged);
+    let by_model_n = if next.return_ticks > 0 { params.return_step_n.min(params.model_step_n) } else { params.model_step_n };
+    let allowed = touch.explained_n + faded + by_model_n;
     let force = step_towards(Vec3::from_array(next.force_n), limited, allowed);
 
     let contact = touch.flags & SERVO_CONTACT != 0;
@@ -143,6 +146,17 @@ fn fade(params: &ServoParams, next: &mut ServoState, age_ticks: u32) -> bool {
     let rose = target > next.ramp;
     next.ramp = target.max(next.ramp - 1.0 / params.gap_ramp_ticks as f32);
     rose
+}
+
+/// Ticks for which force is still on its way back: as many as were lost of the fade that is taken back at this tick, all after a gap.
+fn return_ticks(params: &ServoParams, state: &ServoState, old_ramp: f32, restored: bool, bridged: bool) -> u32 {
+    let all = params.return_ticks;
+    let begun = match (bridged, restored) {
+        (true, _) => all,
+        (false, true) => ((1.0 - old_ramp) * all as f32) as u32,
+        (false, false) => 0,
+    };
+    begun.max(state.return_ticks.min(all).saturating_sub(1))
 }
 
 /// Where the planes are felt less where they are, m.

@@ -289,6 +289,38 @@ fn another_tissue_that_comes_back_in_the_middle_of_the_fade_is_blended() {
 }
 
 #[test]
+fn a_tissue_that_settles_after_a_fade_is_felt_in_small_steps_and_then_as_any_other() {
+    let near = wall(Vec3::ZERO, 1000.0);
+    let mut far = near;
+    far.planes[0].point_m[2] += 0.0018;
+    let params = ServoParams::default();
+    let faded = (2..=400u32).fold(pressing(&near, 0.002), |state, age| held(&state, 500 + u64::from(age), &near, age, 0.002).0);
+    assert_eq!((faded.force_n[2], faded.return_ticks), (0.0, 0));
+    // Begun anew about the scope: its model is another one at each tick.
+    let (mut state, mut most_n) = (faded, [0.0f32; 2]);
+    for tick in 901..1301u64 {
+        let model = if tick % 2 == 0 { &near } else { &far };
+        let next = held(&state, tick, model, 1, 0.002).0;
+        let most = &mut most_n[usize::from(next.return_ticks == 0)];
+        *most = most.max((next.force_n[2] - state.force_n[2]).abs());
+        state = next;
+    }
+    assert!(most_n[0] <= params.return_step_n + 1e-6, "{most_n:?}");
+    assert!(most_n[1] > 3.0 * params.return_step_n && most_n[1] <= params.model_step_n + 1e-6, "{most_n:?}");
+    assert_eq!(state.return_ticks, 0);
+}
+
+#[test]
+fn a_model_that_was_late_by_little_is_soon_followed_as_any_other() {
+    let near = wall(Vec3::ZERO, 1000.0);
+    let late = held(&pressing(&near, 0.002), 501, &near, 110, 0.002).0;
+    let back = held(&late, 502, &near, 1, 0.002).0;
+    assert!((1..=10).contains(&back.return_ticks), "{}", back.return_ticks);
+    let gap = held(&back, 600, &near, 1, 0.002).0;
+    assert_eq!(gap.return_ticks, ServoParams::default().return_ticks);
+}
+
+#[test]
 fn the_wall_pushes_towards_its_free_side_and_never_pulls() {
     let model = wall(Vec3::ZERO, 500.0);
     let mut bench = Bench::new(Hand::Press, wall, 500.0, 1);

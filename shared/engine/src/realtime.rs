@@ -71,14 +71,16 @@ pub fn pages_priority(life: &Life) -> Option<i32> {
     life.settings.switch("realtime", true).unwrap_or(false).then_some(DEVICE_RETURNS_PRIORITY)
 }
 
+/// Niceness of rendering once it draws.
+const DRAWING: i32 = 5;
+
 /// How ordinary processes give way to each other: the operator's page before anything else, then pictures, then the flow, the recorder last: it takes a
-/// hundredth of a core, and what it has not read within 4 s is lost; who will be real time counts as much as the flow while it warms up. Where that is refused
-/// they are alike. Called before a process has threads of its own, which inherit it.
+/// hundredth of a core, and what it has not read within 4 s is lost; who will be real time counts as much as the flow while it warms up, and so do pictures
+/// until there is one ([`draw`]). Where that is refused they are alike. Called before a process has threads of its own, which inherit it.
 pub fn give_way(life: &Life) {
     let nice = match life.slot.role() {
         Role::Recorder => -15,
         Role::Fluid => -10,
-        Role::Rendering => 5,
         Role::Console => 10,
         _ => WARMING,
     };
@@ -88,6 +90,14 @@ pub fn give_way(life: &Life) {
     }
     if nice > 0 || real_time {
         system::be_nice(nice);
+    }
+}
+
+/// Gives way as who draws does, with all threads that there are: called when the first picture is there. Whoever looks has none until then, and a driver that
+/// starts beside a flow which is ahead of it takes seconds instead of half of one.
+pub fn draw(life: &Life) {
+    if !system::set_niceness(DRAWING) {
+        life.say("its threads could not be listed: it does not give way to the flow");
     }
 }
 

@@ -165,6 +165,15 @@ pub fn be_nice(by: i32) -> bool {
     rustix::process::nice(by).is_ok()
 }
 
+/// Gives all threads of this process the same place among ordinary ones, from −20 to 19. False where they cannot be listed, or one refuses.
+pub fn set_niceness(nice: i32) -> bool {
+    let Ok(threads) = std::fs::read_dir("/proc/self/task") else { return false };
+    let ids = threads.flatten().filter_map(|thread| rustix::process::Pid::from_raw(thread.file_name().to_str()?.parse().ok()?));
+    // One that has ended since then needs no place.
+    ids.map(|id| rustix::process::setpriority_process(Some(id), nice))
+        .all(|set| matches!(set, Ok(()) | Err(rustix::io::Errno::SRCH)))
+}
+
 /// The cores that this process may use, as they were when it first asked: a thread that is tied to one of them sees only that one from then on.
 struct Cores {
     allowed: CpuSet,

@@ -57,6 +57,11 @@ pub struct ServoParams {
     /// Change of force per tick that a change of the contact model may cause beyond what motion explains, N: less than the 0.05 N that a fault may add
     /// to the step of a fault-free tick, because the first model after a gap is such a change.
     pub model_step_n: f32,
+    /// The same while force comes back after a gap or a fade, N: the tissue that its model then comes from has mostly begun anew with the scope in its
+    /// wall, and settles. So little that a hardware which reads every second of two forces still feels less than the 0.05 N.
+    pub return_step_n: f32,
+    /// Ticks for which that is so after a fade to nothing, and after a gap; after less of a fade as much fewer.
+    pub return_ticks: u32,
     /// Fastest motion of a hand that counts as an explanation, m/s.
     pub max_speed_m_s: f32,
     /// Speed at which the surface returns to its place after force was let go of while the tip was buried, m/s.
@@ -81,6 +86,8 @@ impl Default for ServoParams {
             gap_hold_ticks: 2,
             gap_ramp_ticks: 20,
             model_step_n: 0.04,
+            return_step_n: 0.01,
+            return_ticks: 200,
             max_speed_m_s: 1.0,
             return_speed_m_s: 0.03,
             controller_damping_n_s_m: 4.0,
@@ -121,6 +128,7 @@ impl ServoParams {
             gap_ramp_ticks: self.gap_ramp_ticks.max(1),
             fade_ticks: self.fade_ticks.max(1),
             model_step_n: sane(self.model_step_n, 0.0, 100.0, 0.04),
+            return_step_n: sane(self.return_step_n, 0.0, 100.0, 0.01),
             max_speed_m_s: sane(self.max_speed_m_s, 1e-3, 100.0, 1.0),
             return_speed_m_s: sane(self.return_speed_m_s, 1e-3, 1.0, 0.03),
             controller_damping_n_s_m: sane(self.controller_damping_n_s_m, 0.0, 1e3, 0.0),
@@ -158,8 +166,8 @@ pub struct ServoState {
     pub gaps: u32,
     /// The passivity controller's damping, N·s/m.
     pub damper_n_s_m: f32,
-    /// Explicit padding, zero.
-    pub reserved: u32,
+    /// Ticks for which force is still on its way back after a gap or a fade.
+    pub return_ticks: u32,
 }
 
 impl ServoState {
