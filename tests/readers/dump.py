@@ -21,7 +21,7 @@ def misfit(schema, value, where):
         for name in value:
             if name not in known:
                 return f"{where}: {name} is not in the schema"
-        for name in known.keys() & value.keys():  # none is required
+        for name in known.keys() & value.keys():  # none is required: a number that is not finite is left out
             found = misfit(known[name], value[name], f"{where}.{name}")
             if found:
                 return found

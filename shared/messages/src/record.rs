@@ -43,12 +43,14 @@ impl Pose {
 pub const BUTTON_ENERGIZED: u32 = 1;
 /// Bit of [`Controls::buttons`]: the hand wants the loop electrode out, or the jaws open; [`Controls::loop_extension_m`] says how far it is, or they are.
 pub const BUTTON_EXTENDED: u32 = 2;
+/// Bits of [`Controls::buttons`] and what the hand wants by them.
+pub const BUTTONS: [(u32, &str); 2] = [(BUTTON_ENERGIZED, "current in the loop"), (BUTTON_EXTENDED, "loop out or jaws open")];
 
 /// What the hand sets beside the pose.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Controls {
-    /// [`BUTTON_ENERGIZED`] and [`BUTTON_EXTENDED`].
+    /// Bits of [`BUTTONS`].
     pub buttons: u32,
     /// Inflow valve, 0 shut … 1 open.
     pub inflow_valve: f32,

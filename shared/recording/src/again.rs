@@ -15,6 +15,7 @@ struct Piece {
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Input {
     pub(crate) tick: u64,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     pressure_pa: Number,
     pieces: Vec<Piece>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -26,10 +27,14 @@ pub(crate) struct Input {
     device_limits: Option<Limits>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
 struct Limits {
+    #[serde(skip_serializing_if = "Number::is_none")]
     max_force_n: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     max_stiffness_n_m: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     max_damping_n_s_m: Number,
 }
 

@@ -1,6 +1,6 @@
 //! What a fluid says of itself as a message of its channel, and back.
 
-use crate::messages::{Number, number};
+use crate::messages::{Number, is_unknown, number, unknown};
 use hyst_messages::FluidStatus;
 use serde::{Deserialize, Serialize};
 
@@ -8,16 +8,19 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Fluid {
     tick: u64,
-    #[serde(deserialize_with = "number")]
+    #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
     deficit_ml: f64,
-    #[serde(deserialize_with = "number")]
+    #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
     cavity_volume_ml: f64,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     pressure_pa: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     inflow_ml_min: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     outflow_ml_min: Number,
     alarms: u32,
     /// Older recordings do not have it: no number then.
-    #[serde(default = "unknown", deserialize_with = "number")]
+    #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
     bled_ml: f64,
     #[serde(default)]
     step_ticks: u32,
@@ -68,10 +71,6 @@ impl Fluid {
             ..FluidStatus::default()
         }
     }
-}
-
-fn unknown() -> f64 {
-    f64::NAN
 }
 
 #[cfg(test)]

@@ -22,8 +22,10 @@ mod process;
 mod reader;
 mod recover;
 mod scene;
+mod schema;
 pub mod sequence;
 mod summary;
+mod tissue;
 mod writer;
 
 pub use block::{Block, Event, Level, SAID, TickRange};

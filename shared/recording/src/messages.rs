@@ -1,14 +1,29 @@
 //! The JSON messages of the channels, and the way from a record to its messages and back. World frame and units of `hyst-messages`.
-//! An f32 comes back bit for bit; one that is not finite is `null` in the file and NaN when read.
+//! A number comes back bit for bit. JSON has none that is not finite: such a one is left out of its message, and NaN when read. It is not written as `null`,
+//! because of a channel whose schema allows both (`"type": ["number", "null"]`) Foxglove shows nothing: its reader refuses a field of two types
+//! (foxglove/studio `packages/mcap-support/src/parseJsonSchema.ts`).
 
 use crate::block::{Event, Level};
 use crate::channels::time_of_ns;
-use hyst_messages::{AppliedRecord, Controls, ForceCommand, HardwareSample, Pose, TissueStatus};
+use hyst_messages::{AppliedRecord, Controls, ForceCommand, HardwareSample, Pose};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// A number that may be NaN: `null` in JSON.
+/// A number that may be NaN: not there in JSON, or `null` as older recorders wrote it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Number(pub(crate) f32);
+
+impl Number {
+    /// Whether there is nothing to write.
+    pub(crate) fn is_none(&self) -> bool {
+        !self.0.is_finite()
+    }
+}
+
+impl Default for Number {
+    fn default() -> Number {
+        Number(f32::NAN)
+    }
+}
 
 impl Serialize for Number {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
@@ -21,10 +36,14 @@ impl<'de> Deserialize<'de> for Number {
     }
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
 pub(crate) struct Xyz {
+    #[serde(skip_serializing_if = "Number::is_none")]
     x: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     y: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     z: Number,
 }
 
@@ -37,11 +56,16 @@ impl Xyz {
     }
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
 struct Xyzw {
+    #[serde(skip_serializing_if = "Number::is_none")]
     x: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     y: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     z: Number,
+    #[serde(skip_serializing_if = "Number::is_none")]
     w: Number,
 }
 
@@ -73,10 +97,15 @@ pub(crate) struct Tool {
     pub(crate) tick: u64,
     hardware_tick: u64,
     time_ns: u64,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     pitch_rad: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     yaw_rad: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     roll_rad: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     insertion_m: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     camera_roll_rad: Number,
     velocity_m_s: Xyz,
 }
@@ -185,12 +214,17 @@ pub(crate) fn applied(tool: &Tool, force: &Force, controls: Controls) -> Applied
 pub(crate) struct ControlsMessage {
     pub(crate) tick: u64,
     buttons: u32,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     inflow_valve: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     outflow_valve: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     set_pressure_pa: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     light: Number,
+    #[serde(default, skip_serializing_if = "Number::is_none")]
     loop_extension_m: Number,
-    #[serde(default = "not_stated")]
+    #[serde(default = "not_stated", skip_serializing_if = "Number::is_none")]
     focus_m: Number,
 }
 
@@ -259,109 +293,19 @@ impl EventMessage {
     }
 }
 
-#[derive(Serialize, Deserialize)]
-struct Phases {
-    deformation: Number,
-    collision: Number,
-    response: Number,
-    surface: Number,
-}
-
-/// Message of `/tissue`.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct Tissue {
-    tick: u64,
-    /// Hexadecimal, because readers in JavaScript have 53 bits.
-    state_hash: String,
-    #[serde(deserialize_with = "number")]
-    removed_volume_ml: f64,
-    cavity_pressure_pa: Number,
-    contact_count: u32,
-    tool_force_n: Xyz,
-    shares_missing: u32,
-    phase_us: Phases,
-    #[serde(default)]
-    objects: u32,
-    /// A bit for each slot.
-    #[serde(default)]
-    engines: u32,
-    #[serde(default)]
-    step_ticks: u32,
-    #[serde(default)]
-    cuts: u32,
-    #[serde(default)]
-    is_cutting: u32,
-    #[serde(default)]
-    topology_version: u32,
-    #[serde(default)]
-    washed_out: u32,
-    #[serde(default)]
-    washed_out_ml: f32,
-    #[serde(default)]
-    held: u32,
-    #[serde(default)]
-    hold_m: f32,
-    #[serde(default)]
-    taken_out: u32,
-    #[serde(default)]
-    taken_out_ml: f32,
-}
-
-impl Tissue {
-    pub(crate) fn of(status: &TissueStatus) -> Tissue {
-        let [deformation, collision, response, surface] = status.phase_us.map(Number);
-        Tissue {
-            tick: status.state_tick,
-            state_hash: format!("{:016x}", status.state_hash),
-            removed_volume_ml: status.removed_volume_ml,
-            cavity_pressure_pa: Number(status.cavity_pressure_pa),
-            contact_count: status.contact_count,
-            tool_force_n: Xyz::of(status.tool_force_n),
-            shares_missing: status.shares_missing,
-            phase_us: Phases { deformation, collision, response, surface },
-            objects: status.objects,
-            engines: status.engines,
-            step_ticks: status.step_ticks,
-            cuts: status.cuts,
-            is_cutting: status.is_cutting,
-            topology_version: status.topology_version,
-            washed_out: status.washed_out,
-            washed_out_ml: status.washed_out_ml,
-            held: status.held,
-            hold_m: status.hold_m,
-            taken_out: status.taken_out,
-            taken_out_ml: status.taken_out_ml,
-        }
-    }
-    pub(crate) fn status(&self) -> TissueStatus {
-        let phases = &self.phase_us;
-        TissueStatus {
-            state_tick: self.tick,
-            state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
-            removed_volume_ml: self.removed_volume_ml,
-            cavity_pressure_pa: self.cavity_pressure_pa.0,
-            contact_count: self.contact_count,
-            tool_force_n: self.tool_force_n.array(),
-            shares_missing: self.shares_missing,
-            phase_us: [phases.deformation.0, phases.collision.0, phases.response.0, phases.surface.0],
-            objects: self.objects,
-            engines: self.engines,
-            step_ticks: self.step_ticks,
-            cuts: self.cuts,
-            is_cutting: self.is_cutting,
-            topology_version: self.topology_version,
-            washed_out: self.washed_out,
-            washed_out_ml: self.washed_out_ml,
-            held: self.held,
-            hold_m: self.hold_m,
-            taken_out: self.taken_out,
-            taken_out_ml: self.taken_out_ml,
-        }
-    }
-}
-
+/// A number of 64 bits that may be NaN, likewise.
 pub(crate) fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}
+
+/// What is not there.
+pub(crate) fn unknown() -> f64 {
+    f64::NAN
+}
+
+/// Whether there is nothing to write.
+pub(crate) fn is_unknown(number: &f64) -> bool {
+    !number.is_finite()
 }
 
 #[cfg(test)]

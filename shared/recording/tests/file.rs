@@ -5,7 +5,7 @@
 mod fixture;
 
 use fixture::{Folder, block, record, session, ticks, write};
-use hyst_messages::AppliedRecord;
+use hyst_messages::{AppliedRecord, FluidStatus};
 use hyst_recording::{Block, Ending, ReadError, Reader, Recording, SceneFile, TickRange, Writer, scene_files};
 use std::io::Cursor;
 use std::path::Path;
@@ -60,15 +60,34 @@ fn the_files_of_a_scene_are_found_wherever_they_are_and_none_of_one_that_is_not_
 }
 
 #[test]
+fn a_number_of_64_bits_is_read_as_the_one_that_was_written() {
+    let folder = Folder::new("wide");
+    let mut wide = block(5..8);
+    // Of seventeen digits, of which a reader that is not exact gets one in three wrong.
+    let numbers = || (1..=1_000u32).map(|n| f64::from(n).sqrt() * 1e3 / 7.0);
+    wide.fluid = numbers().map(|deficit_ml| FluidStatus { state_tick: 5, deficit_ml, ..FluidStatus::default() }).collect();
+    write(&folder.file(), &[wide]).finish().unwrap();
+    let read = Recording::read(&folder.file()).unwrap().content.fluid;
+    let bits: Vec<u64> = read.iter().map(|status| status.deficit_ml.to_bits()).collect();
+    assert_eq!(bits, numbers().map(f64::to_bits).collect::<Vec<_>>());
+}
+
+#[test]
 fn a_number_that_is_not_finite_costs_nothing_but_itself() {
     let folder = Folder::new("nan");
     let mut bad = block(5..8);
     bad.applied[1].command.force_n[0] = f32::NAN;
+    (bad.tissue[0].hold_m, bad.tissue[0].removed_volume_ml) = (f32::INFINITY, f64::NAN);
     bad.fluid[0].deficit_ml = f64::NAN;
     write(&folder.file(), &[bad]).finish().unwrap();
     let recording = Recording::read(&folder.file()).unwrap();
-    assert!(recording.applied()[1].command.force_n[0].is_nan() && recording.content.fluid[0].deficit_ml.is_nan());
+    let (tissue, fluid) = (&recording.content.tissue[0], &recording.content.fluid[0]);
+    assert!(recording.applied()[1].command.force_n[0].is_nan() && fluid.deficit_ml.is_nan());
+    assert!(tissue.hold_m.is_nan() && tissue.removed_volume_ml.is_nan() && tissue.contact_count == 4, "{tissue:?}");
     assert_eq!(recording.applied()[2], record(7));
+    let text = std::fs::read(folder.file()).unwrap();
+    let mut messages = mcap::MessageStream::new(&text).unwrap().map(|message| message.unwrap().data.into_owned());
+    assert!(messages.all(|json| !String::from_utf8(json).unwrap().contains("null")));
 }
 
 #[test]
