@@ -87,6 +87,18 @@ fn a_session_in_lock_step_is_done_again_also_while_engines_die_in_the_replay() {
     std::fs::write(&cut, damaged).unwrap();
     let (code, said, complained) = verify("damaged", &cut, &[]);
     assert!(code == Some(3) && complained.contains("was not done again"), "{code:?} {said}{complained}");
+
+    // Shown, it begins without having been read, and what is damaged is met ahead of what is shown: the same is said of it.
+    let shown = |name: &str, file: &str| {
+        let station = format!("v{}-{name}", std::process::id());
+        let mut command = hystation();
+        run(command.args(["--name", &station, "replay", file, "--headless", "--speed", "1", "--workers", "1"]))
+    };
+    let of = |said: &str| said.lines().find(|line| line.contains("was not done again")).map(str::to_string);
+    let (code, _, told) = shown("met", &cut);
+    assert_eq!((code, of(&told)), (Some(3), of(&complained)), "{told}");
+    let (code, _, told) = shown("whole", &file);
+    assert_eq!((code, of(&told)), (Some(0), None), "{told}");
 }
 
 /// Where the content of the block lies that the file's middle is in, or of the next.

@@ -195,9 +195,14 @@ impl<R: Read + Seek> Reader<R> {
         self.walk.body(frame, most).map_err(|source| self.refused(source))
     }
 
-    /// Gives a record once more.
+    /// Gives a record once more, or one that is known to lie elsewhere.
     pub(crate) fn back_to(&mut self, frame: &Frame) {
         self.walk.back_to(frame);
+    }
+
+    /// Length of the file, bytes.
+    pub(crate) fn length(&self) -> u64 {
+        self.walk.length()
     }
 
     /// The block of a chunk, or what is wrong with it.
@@ -262,7 +267,8 @@ fn in_turn(batch: &[Raw]) -> Vec<Result<Block, String>> {
     batch.iter().map(Raw::decode).collect()
 }
 
-fn lost(body: &[u8]) -> Result<Block, String> {
+/// The block of a range of ticks that were lost, or what is wrong with it.
+pub(crate) fn lost(body: &[u8]) -> Result<Block, String> {
     let record = metadata(body)?;
     let range = recover::range(&record.metadata).filter(|range| record.name == LOST && range.first <= range.last);
     Ok(Block { lost: vec![range.ok_or("names no range of lost ticks")?], ..Block::default() })

@@ -1,10 +1,15 @@
 //! The end of a file: data end, summary, footer, magic, over all blocks of all writers. The `mcap` crate writes a summary only of what
-//! the same writer wrote, so this one is written here, record by record of <https://mcap.dev/spec>. Checksums of the data and summary
-//! sections are 0, "not given": every chunk has its own.
+//! the same writer wrote, so this one is written here, record by record of <https://mcap.dev/spec>. The checksum of the data section is 0, "not
+//! given": every chunk has its own. The summary has its own, so that whoever reads it instead of the file knows it for whole.
 
 use crate::channels::Channel;
 use mcap::records::{ChunkIndex, MetadataIndex, op};
 use std::collections::BTreeMap;
+
+/// Bytes of a footer: where the summary begins, where its offsets do, and the checksum of everything from its beginning up to there.
+pub(crate) const FOOTER_BYTES: u64 = 20;
+/// Of them the checksum's.
+pub(crate) const CHECKSUM_BYTES: u64 = 4;
 
 /// What the summary says.
 #[derive(Debug, Default)]
@@ -120,10 +125,10 @@ pub(crate) fn encode(contents: &Contents, end: u64) -> Vec<u8> {
     }
     let offsets_start = end + out.len() as u64;
     out.extend(offsets);
-    let mut body = Vec::new();
-    words(&mut body, &[summary_start, offsets_start]);
-    body.extend(0u32.to_le_bytes());
-    record(&mut out, op::FOOTER, &body);
+    out.push(op::FOOTER);
+    words(&mut out, &[FOOTER_BYTES, summary_start, offsets_start]);
+    let checksum = crc32fast::hash(&out[(summary_start - end) as usize..]);
+    out.extend(checksum.to_le_bytes());
     out.extend(mcap::MAGIC);
     out
 }

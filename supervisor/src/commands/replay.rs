@@ -1,6 +1,8 @@
 //! `hystation replay`: a station in lock-step whose hand, medium and order of steps are those of a recording, so that the same engines compute the same
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
+mod look;
+
 use crate::case::{RecordedCase, with_scene};
 use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
 use crate::recorded::{RecordedScene, Unlaid};
@@ -8,35 +10,21 @@ use crate::settings::Refusal;
 use hyst_engine::settings::{Replay, Settings};
 use hyst_exchange::{Station, system};
 use hyst_messages::{Applied, AppliedRecord, FluidStatus, Role, StepRecord};
-use hyst_recording::{Checkpoint, Ending, Moment, Playback, Session, TickRange, checkpoints};
+use hyst_recording::{Checkpoint, Moment, Playback, checkpoints};
+use look::{Whole, look_ahead, look_through};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// States of the tissue that a force may have its contact model of.
 const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
-/// Why a recording cannot be done again: there is nothing, or not what is needed.
-const NO_TICK: &str = "holds no tick of a session; give one that was recorded for longer";
-const TOO_OLD: &str =
-    "does not say what each step was made from: it was recorded by an older version; `hystation report` reads it";
-
-/// What a recording says of itself, before anything starts.
-struct Whole {
-    session: Session,
-    /// The last tick up to which nothing is missing.
-    end_tick: u64,
-    /// Why it ends there, if that is not its end.
-    missing: Option<String>,
-    /// The byte at which the file ends without having been closed.
-    cut_at: Option<u64>,
-}
-
 /// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing.
 pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let from_tick = args.from_s.map_or(0, |from_s| (from_s * 1e3) as u64);
     let (begin_tick, states) = states_before(args, from_tick)?;
-    let whole = look_through(args, begin_tick)?;
+    let mut whole = look_through(args, from_tick, begin_tick)?;
     if from_tick > whole.end_tick || begin_tick >= whole.end_tick {
         let end_s = whole.end_tick as f64 * 1e-3;
         return Err(Refusal::input(format!("--from: the recording {} ends at {end_s:.1} s", args.file.display())));
@@ -53,7 +41,10 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let again = Again { states, ..again(args, &whole, Replay { begin_tick, from_tick, speed }, scene.as_ref())? };
     let named = scene_of(args, &whole, &again, scene.as_ref())?;
     let run = RunArgs { scene: named, ..run_args(args, &whole, again, beside.as_deref())? };
-    let ended = crate::guardian::run(station.name(), &run);
+    let (ended, missing) = run_and_look(station, args, &run, begin_tick, whole.is_seen)?;
+    if let Some((missing, end_tick)) = missing {
+        (whole.missing, whole.end_tick) = (Some(missing), end_tick);
+    }
     let verdict = match (&beside, ended) {
         (Some(again), Ok(0)) => compare(&args.file, again, whole.end_tick),
         (_, ended) => ended,
@@ -72,6 +63,35 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     Ok(if code == 0 && whole.missing.is_some() { 3 } else { code })
 }
 
+/// What ended the run, and what of the recording was found to be missing meanwhile, with the last tick before it.
+type Ended = (Result<u8, Refusal>, Option<(String, u64)>);
+
+/// Runs the station. What of the recording has not been seen yet is looked at beside it.
+fn run_and_look(station: &Station, args: &ReplayArgs, run: &RunArgs, begin_tick: u64, is_seen: bool) -> Result<Ended, Refusal> {
+    if is_seen {
+        return Ok((crate::guardian::run(station.name(), run), None));
+    }
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let over = Over(&is_over);
+        let look = || look_ahead(station, &args.file, begin_tick, &is_over);
+        let ahead = std::thread::Builder::new().name("ahead".into()).spawn_scoped(scope, look);
+        let ahead = ahead.map_err(|error| Refusal::failed(format!("a thread: {error}; look at the limit of processes")))?;
+        let ended = crate::guardian::run(station.name(), run);
+        drop(over);
+        Ok((ended, ahead.join().unwrap_or_else(|cause| std::panic::resume_unwind(cause))))
+    })
+}
+
+/// Says that the run is over, however it ended, to whom the scope would wait for.
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
 /// The states that the newest checkpoint up to a tick is of, and its tick; 0 where there is none with a tissue, where it was written by a build whose states are
 /// other ones, or where faults are to be injected, which may be due before it.
 fn states_before(args: &ReplayArgs, from_tick: u64) -> Result<(u64, Vec<Checkpoint>), Refusal> {
@@ -86,51 +106,6 @@ fn states_before(args: &ReplayArgs, from_tick: u64) -> Result<(u64, Vec<Checkpoi
     let states = checkpoints(&args.file, from_tick).map_err(|error| Refusal::input(error.to_string()))?;
     let tissue = states.iter().find(|state| state.role == Role::Tissue).map(|state| state.tick);
     Ok(tissue.map_or(none, |tick| (tick, states)))
-}
-
-/// Reads the recording once, from the tick at which the replay begins to its end.
-fn look_through(args: &ReplayArgs, begin_tick: u64) -> Result<Whole, Refusal> {
-    let refuse = |what: &str| refuse(args, what);
-    let mut reader = super::report::open(&args.file)?;
-    if begin_tick > 0 {
-        reader.skip_to(begin_tick).map_err(|error| Refusal::input(error.to_string()))?;
-    }
-    let session = reader.session().clone();
-    // Who has checkpoints has steps, too.
-    let (mut last_tick, mut whole_tick, mut first_lost, mut has_steps) = (None, 0, None::<TickRange>, begin_tick > 0);
-    let ended = loop {
-        let block = match reader.next_block() {
-            Ok(Some(block)) => block,
-            Ok(None) => break Ok(()),
-            Err(error) => break Err(error),
-        };
-        last_tick = block.applied.last().map(|record| record.tick).or(last_tick);
-        if reader.damage().is_empty() {
-            whole_tick = last_tick.unwrap_or(0);
-        }
-        has_steps |= !block.steps.is_empty();
-        let lost = block.lost.iter().filter(|range| range.last > begin_tick);
-        first_lost = lost.copied().chain(first_lost).min_by_key(|range| range.first);
-    };
-    let last_tick = last_tick.ok_or_else(|| refuse(NO_TICK))?;
-    if !has_steps {
-        return Err(refuse(TOO_OLD));
-    }
-    let missing = |reason: String, end_tick| (Some(reason), end_tick);
-    let (missing, end_tick) = match (first_lost, reader.damage().first(), ended) {
-        (Some(TickRange { first, .. }), ..) => missing(format!("tick {first} is lost"), first.saturating_sub(1)),
-        (None, Some(damage), _) => missing(format!("byte {} {}", damage.at, damage.reason), whole_tick),
-        (None, None, Err(error)) => missing(error.to_string(), last_tick),
-        (None, None, Ok(())) => (None, last_tick),
-    };
-    if end_tick == 0 {
-        return Err(refuse(missing.as_deref().unwrap_or(NO_TICK)));
-    }
-    let cut_at = match reader.ending() {
-        Some(Ending::Cut { at }) if missing.is_none() => Some(at),
-        _ => None,
-    };
-    Ok(Whole { session, end_tick, missing, cut_at })
 }
 
 fn refuse(args: &ReplayArgs, what: &str) -> Refusal {

@@ -8,7 +8,7 @@ use super::{Folder, beside, not_started};
 use crate::settings::Refusal;
 use hyst_exchange::machine;
 use hyst_messages::Role;
-use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints};
+use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints, outline};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -175,18 +175,26 @@ fn reported(hour: &Path, folder: &Folder) -> Result<(Value, Target), Refusal> {
     Ok((row, Target::new("Report of a recording of an hour, as a page, s".into(), Some(time_s), MOST_REPORT_S, false)))
 }
 
-/// The states before a time, and the ticks from there on, of a file that was just written. A replay reads on to the end before it starts engines.
+/// What a replay looks for before it shows anything, in a file that was just written: the states before a time, the end, and the ticks from that time on.
 fn sought(hour: &Path) -> Result<(Value, Target), Refusal> {
     let begun = Instant::now();
     let states = checkpoints(hour, SOUGHT_TICK).map_err(|e| failed(&e))?;
     let begin_tick = states.iter().find(|state| state.role == Role::Tissue).map_or(0, |state| state.tick);
+    let end_tick = outline(hour).map_err(|e| failed(&e))?.map(|outline| outline.last_tick);
     let mut playback = Playback::open(hour).map_err(|e| failed(&e))?;
     playback.skip_to(begin_tick).map_err(|e| failed(&e))?;
     let moment = playback.at(SOUGHT_TICK).map_err(|e| failed(&e))?;
     let time_s = begun.elapsed().as_secs_f64();
-    let is_found = begin_tick > 0 && moment.is_some_and(|moment| moment.applied.is_some());
-    let row = json!({ "arm": "file", "name": "seek", "tick": SOUGHT_TICK, "begin_tick": begin_tick, "time_s": time_s });
-    let name = "A time found in a recording of an hour, with the states before it, s".into();
+    let is_found = begin_tick > 0 && end_tick >= Some(HOUR_TICKS) && moment.is_some_and(|moment| moment.applied.is_some());
+    let row = json!({
+        "arm": "file",
+        "name": "seek",
+        "tick": SOUGHT_TICK,
+        "begin_tick": begin_tick,
+        "end_tick": end_tick,
+        "time_s": time_s,
+    });
+    let name = "A time found in a recording of an hour, with the states before it and the end, s".into();
     Ok((row, Target::new(name, Some(time_s).filter(|_| is_found), MOST_SEEK_S, false).required()))
 }
 

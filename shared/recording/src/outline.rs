@@ -1,0 +1,123 @@
+//! What the summary of a recording that was closed tells of its end, so that nobody has to read up to there.
+//!
+//! Promise: nothing is believed of a summary that has not its checksum, or that does not name everything that lies before it without a gap; such a file
+//! has to be read. What is damaged within a block is not seen from here.
+
+use crate::block::{LOST, STATION, TickRange};
+use crate::channels::Channel;
+use crate::error::ReadError;
+use crate::frame::{DATA_END_BYTES, Frame, HEAD_BYTES, MAX_RECORD_BYTES};
+use crate::reader::{self, Reader};
+use crate::summary::{CHECKSUM_BYTES, FOOTER_BYTES};
+use mcap::read::LinearReader;
+use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
+use std::io::{Read, Seek};
+use std::path::Path;
+
+/// What is known of a whole recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outline {
+    /// The last tick of the device.
+    pub last_tick: u64,
+    /// Ticks that the recorder says are lost, in the file's order.
+    pub lost: Vec<TickRange>,
+}
+
+/// The outline of a file; `None` of one that was not closed, that an older version closed, whose device made no tick, or that is damaged where it is looked at.
+pub fn outline(path: &Path) -> Result<Option<Outline>, ReadError> {
+    Reader::open(path)?.outline()
+}
+
+/// Where the chunks and the metadata lie.
+#[derive(Default)]
+struct Index {
+    chunks: Vec<ChunkIndex>,
+    metadata: Vec<MetadataIndex>,
+}
+
+impl Index {
+    /// Of the records of a summary; `None` if one of them is none.
+    fn parse(summary: &[u8]) -> Option<Index> {
+        let mut index = Index::default();
+        for record in LinearReader::sans_magic(summary) {
+            match record.ok()? {
+                Record::ChunkIndex(chunk) => index.chunks.push(chunk),
+                Record::MetadataIndex(metadata) => index.metadata.push(metadata),
+                _ => {} // schemas, channels and counts
+            }
+        }
+        index.chunks.sort_by_key(|chunk| chunk.chunk_start_offset);
+        index.metadata.sort_by_key(|metadata| metadata.offset);
+        Some(index)
+    }
+
+    /// Whether it names the session's facts and all that follows them up to a byte.
+    fn reaches(&self, end: u64) -> bool {
+        let of_chunk = |chunk: &ChunkIndex| {
+            let length = chunk.chunk_length.checked_add(chunk.message_index_length);
+            length.map(|length| (chunk.chunk_start_offset, length))
+        };
+        let of_metadata = |metadata: &MetadataIndex| Some((metadata.offset, metadata.length));
+        let spans: Option<Vec<(u64, u64)>> =
+            self.metadata.iter().map(of_metadata).chain(self.chunks.iter().map(of_chunk)).collect();
+        let Some(mut spans) = spans else { return false };
+        spans.sort_unstable();
+        let begins = self.metadata.first().filter(|first| first.name == STATION).map(|first| first.offset);
+        let follow = |at: u64, (start, length): &(u64, u64)| if *start == at { at.checked_add(*length) } else { None };
+        begins.and_then(|begin| spans.iter().try_fold(begin, follow)) == Some(end)
+    }
+}
+
+impl<R: Read + Seek> Reader<R> {
+    fn outline(&mut self) -> Result<Option<Outline>, ReadError> {
+        let Some(index) = self.index()? else { return Ok(None) };
+        let Some(last_tick) = self.last_tick(&index)? else { return Ok(None) };
+        let mut lost = Vec::new();
+        for metadata in index.metadata.iter().filter(|metadata| metadata.name == LOST) {
+            let length = metadata.length.saturating_sub(HEAD_BYTES);
+            let body = self.body(&Frame { at: metadata.offset, opcode: op::METADATA, length }, u64::MAX)?;
+            let Ok(block) = reader::lost(&body) else { return Ok(None) };
+            lost.extend(block.lost);
+        }
+        Ok(Some(Outline { last_tick, lost }))
+    }
+
+    /// The last tick of the device; `None` if there is none, or the block that has it is damaged.
+    fn last_tick(&mut self, index: &Index) -> Result<Option<u64>, ReadError> {
+        let has_ticks = |chunk: &&ChunkIndex| chunk.message_index_offsets.contains_key(&(Channel::Force as u16));
+        let Some(chunk) = index.chunks.iter().rev().find(has_ticks) else { return Ok(None) };
+        let length = chunk.chunk_length.saturating_sub(HEAD_BYTES);
+        let block = self.block_at(&Frame { at: chunk.chunk_start_offset, opcode: op::CHUNK, length })?;
+        Ok(block.ok().and_then(|block| block.applied.last().map(|record| record.tick)))
+    }
+
+    /// What the summary names, if that is everything.
+    fn index(&mut self) -> Result<Option<Index>, ReadError> {
+        let Some(footer_at) = self.length().checked_sub(HEAD_BYTES + FOOTER_BYTES + mcap::MAGIC.len() as u64) else {
+            return Ok(None);
+        };
+        let length = self.length();
+        let tail = self.bytes(footer_at, length)?;
+        let word = |at: usize| tail.get(at..at + 8).and_then(|bytes| bytes.try_into().ok()).map(u64::from_le_bytes);
+        let is_footer = tail.first() == Some(&op::FOOTER) && word(1) == Some(FOOTER_BYTES) && tail.ends_with(mcap::MAGIC);
+        let start = word(HEAD_BYTES as usize).filter(|start| is_footer && (HEAD_BYTES..footer_at).contains(start));
+        let Some(start) = start.filter(|start| footer_at - start <= MAX_RECORD_BYTES) else { return Ok(None) };
+        let summary = self.bytes(start, footer_at)?;
+        let (told, rest) = tail.split_at((HEAD_BYTES + FOOTER_BYTES - CHECKSUM_BYTES) as usize);
+        let mut checksum = crc32fast::Hasher::new();
+        checksum.update(&summary);
+        checksum.update(told);
+        if !rest.starts_with(&checksum.finalize().to_le_bytes()) {
+            return Ok(None);
+        }
+        let end = start.checked_sub(HEAD_BYTES + DATA_END_BYTES);
+        Ok(Index::parse(&summary).filter(|index| end.is_some_and(|end| index.reaches(end))))
+    }
+
+    /// The bytes from one place in the file, behind the first nine, up to another.
+    fn bytes(&mut self, from: u64, to: u64) -> Result<Vec<u8>, ReadError> {
+        // What a record would have whose body that is.
+        let at = from.saturating_sub(HEAD_BYTES);
+        self.body(&Frame { at, opcode: op::FOOTER, length: to.saturating_sub(from) }, u64::MAX)
+    }
+}
