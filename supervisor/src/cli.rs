@@ -1,11 +1,13 @@
 //! The command line, as design.md fixes it.
 
 mod again;
+mod windows;
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
 pub use again::Again;
+pub use windows::WindowArgs;
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
 #[derive(Debug, Parser)]
@@ -69,6 +71,9 @@ pub enum Command {
         /// Mesh to measure with.
         #[arg(long)]
         mesh: Option<PathBuf>,
+        /// How often and how long.
+        #[command(flatten)]
+        windows: WindowArgs,
         /// As JSON.
         #[arg(long)]
         json: bool,

@@ -10,18 +10,22 @@ mod rows;
 mod station;
 mod targets;
 
+use crate::cli::WindowArgs;
 use crate::settings::Refusal;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Runs a benchmark.
-pub fn bench(what: &str, mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
+pub fn bench(what: &str, mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result<u8, Refusal> {
+    if what != "recording" && windows != WindowArgs::default() {
+        return Err(Refusal::input(format!("bench {what}: --pairs and --window are of bench recording; leave them out")));
+    }
     match what {
         "tissue" | "contact" => sibling("tissue", &["bench", what], mesh, json),
         "flow" => flow::flow(mesh, json),
         "exchange" => sibling("exchange-bench", &[], mesh, json),
         "station" => station::station(mesh, json),
-        "recording" => recording::recording(mesh, json),
+        "recording" => recording::recording(mesh, windows, json),
         _ => Err(Refusal::input(format!("bench {what}: there are tissue, contact, flow, exchange, recording and station"))),
     }
 }

@@ -47,7 +47,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Fault { command } => fault::fault(&station, command),
         Command::Check { file, json } => check::check(file.as_deref(), json),
         Command::Doctor { json } => doctor::doctor(json),
-        Command::Bench { what, mesh, json } => bench::bench(&what, mesh.as_deref(), json),
+        Command::Bench { what, mesh, windows, json } => bench::bench(&what, mesh.as_deref(), windows, json),
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
         Command::Conformance { role, binary, scene, hand, json } => {
             let place = conformance::Place { scene: scene.as_deref(), hand: &hand };

@@ -17,7 +17,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// Length of a window: one round of the scripted hand, so that every window holds the same contact wherever it begins.
+/// Length of a window, as a rule: one round of the scripted hand, so that every window holds the same contact wherever it begins. Others are of several.
 pub const WINDOW_NS: u64 = 2_000_000_000;
 /// Tick of the hardware from which on a window may begin: the hand has rested for its first second, and pressed for half a round.
 const FIRST_TICK: u64 = 2_000;
@@ -25,7 +25,7 @@ const FIRST_TICK: u64 = 2_000;
 const START_NS: u64 = 40_000_000_000;
 /// How long an end may take: engines have 2 s, the guardian's report and removal some more.
 const STOP_NS: u64 = 10_000_000_000;
-/// A station whose benchmark was killed ends by itself after this time, s.
+/// A station whose benchmark was killed ends by itself after this time and that of a window, s.
 const BOUND_S: u64 = 60;
 /// Between two looks at a station that starts or ends.
 const LOOK_NS: u64 = 10_000_000;
@@ -50,6 +50,8 @@ pub struct Arm {
     pub without: Option<Role>,
     /// Where the session is recorded; of each round anew.
     pub record: Option<PathBuf>,
+    /// Length of a window, ns.
+    pub window_ns: u64,
     /// One for each round.
     pub windows: Vec<Window>,
     /// Exit codes other than 0.
@@ -59,11 +61,15 @@ pub struct Arm {
 impl Arm {
     /// An arm that has not run yet.
     pub fn new(kind: Kind, workers: usize) -> Arm {
-        Arm { kind, workers, without: None, record: None, windows: Vec::new(), failures: Vec::new() }
+        Arm { kind, workers, without: None, record: None, window_ns: WINDOW_NS, windows: Vec::new(), failures: Vec::new() }
     }
     /// The same with a recording.
     pub fn recording(self, path: PathBuf) -> Arm {
         Arm { record: Some(path), ..self }
+    }
+    /// The same with windows of another length, ns.
+    pub fn windows_of(self, window_ns: u64) -> Arm {
+        Arm { window_ns, ..self }
     }
     /// The same without a role.
     pub fn without(self, role: Role) -> Arm {
@@ -88,7 +94,7 @@ impl Arm {
         let name = format!("bench-{}-{}", std::process::id(), if self.kind == Kind::Threads { "t" } else { "p" });
         let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
         let mut running = Running::start(station, self.command(&name, mesh)?)?;
-        let window = running.measure(&self.slots());
+        let window = running.measure(&self.slots(), self.window_ns);
         let (code, said) = running.stop();
         match window {
             Ok(window) => self.windows.push(window),
@@ -102,9 +108,10 @@ impl Arm {
     }
 
     fn command(&self, name: &str, mesh: Option<&Path>) -> Result<Command, Refusal> {
+        let bound_s = BOUND_S + self.window_ns / 1_000_000_000;
         let (binary, bound) = match self.kind {
-            Kind::Processes => ("hystation", format!("{BOUND_S}s")),
-            Kind::Threads => ("engines-as-threads", BOUND_S.to_string()),
+            Kind::Processes => ("hystation", format!("{bound_s}s")),
+            Kind::Threads => ("engines-as-threads", bound_s.to_string()),
         };
         let path: PathBuf = beside(binary)?;
         let mut command = Command::new(&path);
@@ -146,7 +153,7 @@ impl Running {
     }
 
     /// Waits until everyone is ready and the hand moves, and measures one window.
-    fn measure(&mut self, slots: &[Slot]) -> Result<Window, Refusal> {
+    fn measure(&mut self, slots: &[Slot], window_ns: u64) -> Result<Window, Refusal> {
         let failed = |what: &str| Refusal::failed(format!("bench: the station {what}; `hystation doctor` may say why"));
         let end_ns = system::now_ns() + START_NS;
         let mut viewer = loop {
@@ -168,7 +175,7 @@ impl Running {
             system::sleep_ns(LOOK_NS);
         };
         let before = probe::look(&mut viewer);
-        system::sleep_ns(WINDOW_NS);
+        system::sleep_ns(window_ns);
         let after = probe::look(&mut viewer);
         if self.has_ended().is_some() {
             return Err(failed("ended while it was measured"));

@@ -1,10 +1,12 @@
 //! `bench recording`: what a recording costs the Main Loop, how fast it grows, how fast one of an hour is reported and sought in, and how fast the virtual clock
-//! does one again. The Main Loop is measured as in `bench flow`: the default station with a recording and without, in turns, the median of the pairs. The hour
+//! does one again. The Main Loop is measured as in `bench flow`: the default station with a recording and without, in turns, the median of the pairs, and
+//! between which of them it lies with 95 %: where that reaches beyond the limit, so many pairs do not show that it is held, and `--pairs` takes more. The hour
 //! is the session of those turns, again and again, so that each tick is a real one.
 
-use super::arm::{Arm, Kind};
-use super::targets::{Target, median, ratios, step_us};
+use super::arm::{Arm, Kind, WINDOW_NS};
+use super::targets::{Target, interval95, median, ratios, step_us};
 use super::{Folder, beside, not_started};
+use crate::cli::WindowArgs;
 use crate::settings::Refusal;
 use hyst_exchange::machine;
 use hyst_messages::Role;
@@ -14,8 +16,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-/// Pairs of windows: a median of seven forgets three that the host disturbed.
-const ROUNDS: usize = 7;
+/// Pairs of windows, if no other number is asked for: a median of seven forgets three that the host disturbed. Its interval is their whole range, though.
+const PAIRS: u32 = 7;
+/// Length of a window, s, likewise: two checkpoints are recorded in it.
+const WINDOW_S: f64 = 10.0;
 /// The Main Loop's step with a recording over that without.
 const MOST_RATIO: f64 = 1.01;
 /// Bytes of the file for each second of the session.
@@ -32,15 +36,15 @@ const LEAST_AGAIN: f64 = 1.0;
 const AGAIN_S: u64 = 10;
 
 /// Measures, prints, and says whether every target is held.
-pub fn recording(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
+pub fn recording(mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result<u8, Refusal> {
     let folder = Folder::new("recording")?;
     let session = folder.file("session.mcap");
-    let arms = take_turns(mesh, &session)?;
-    let (mut rows, mut targets) = (Vec::new(), Vec::new());
-    for (row, target) in [beside_the_main_loop(&arms), size(&session)?] {
-        rows.push(row);
-        targets.push(target);
-    }
+    let arms = take_turns(mesh, &session, windows)?;
+    let (row, judged) = beside_the_main_loop(&arms);
+    let (mut rows, mut targets) = (vec![row], Vec::from(judged));
+    let (row, target) = size(&session)?;
+    rows.push(row);
+    targets.push(target);
     let hour = folder.file("hour.mcap");
     repeat(&session, &hour)?;
     for (row, target) in [reported(&hour, &folder)?, sought(&hour)?, again(mesh, &folder)?] {
@@ -56,17 +60,17 @@ pub fn recording(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
         rows.iter().for_each(|row| println!("{row}"));
         targets.iter().for_each(|target| println!("{target}"));
     }
-    Ok(u8::from(targets.iter().any(|target| target.held != Some(true))))
+    Ok(u8::from(targets.iter().any(|target| target.held == Some(false))))
 }
 
 fn failed(error: &dyn std::fmt::Display) -> Refusal {
     Refusal::failed(format!("bench recording: {error}"))
 }
 
-fn take_turns(mesh: Option<&Path>, session: &Path) -> Result<[Arm; 2], Refusal> {
-    let arm = || Arm::new(Kind::Processes, 2);
+fn take_turns(mesh: Option<&Path>, session: &Path, windows: WindowArgs) -> Result<[Arm; 2], Refusal> {
+    let arm = || Arm::new(Kind::Processes, 2).windows_of(window_ns(windows.window_s.unwrap_or(WINDOW_S)));
     let mut arms = [arm().recording(session.to_path_buf()), arm()];
-    for round in 0..ROUNDS {
+    for round in 0..windows.pairs.unwrap_or(PAIRS) as usize {
         for turn in 0..arms.len() {
             arms[(round + turn) % 2].run(mesh)?;
         }
@@ -74,19 +78,38 @@ fn take_turns(mesh: Option<&Path>, session: &Path) -> Result<[Arm; 2], Refusal> 
     Ok(arms)
 }
 
-fn beside_the_main_loop([with, without]: &[Arm; 2]) -> (Value, Target) {
+/// The length of a window that is at least so long, ns: whole rounds of the hand, so that each has the same contact.
+fn window_ns(window_s: f64) -> u64 {
+    ((window_s * 1e9) as u64).div_ceil(WINDOW_NS).max(1) * WINDOW_NS
+}
+
+/// The median of the pairs, which is to be within the limit, and the upper end of its interval: within it that is shown; if even the lower end is above, it is
+/// not held; else it is not judged.
+fn beside_the_main_loop([with, without]: &[Arm; 2]) -> (Value, [Target; 2]) {
     let steps = |arm: &Arm| arm.windows.iter().map(step_us).collect::<Vec<_>>();
     let pairs = ratios(with, without);
+    let is_sound = [with, without].iter().all(|arm| arm.failures.is_empty());
+    let interval = interval95(pairs.clone()).filter(|_| is_sound);
+    let middle = median(pairs.clone()).filter(|_| is_sound);
     let row = json!({
         "arm": "station",
         "name": "Main Loop beside the recorder",
+        "window_s": with.window_ns as f64 * 1e-9,
         "main_loop_us": { "with": steps(with), "without": steps(without) },
         "ratios": pairs,
+        "median": middle,
+        "interval95": interval,
         "failures": [&with.failures, &without.failures],
     });
-    let is_sound = [with, without].iter().all(|arm| arm.failures.is_empty());
-    let name = "Main Loop's median step, with a recording over without".into();
-    (row, Target::new(name, median(pairs).filter(|_| is_sound), MOST_RATIO, false).required())
+    let median = Target::new("Main Loop's median step, with a recording over without".into(), middle, MOST_RATIO, false);
+    let lower = interval.map_or("-".into(), |[lower, _]| format!("{lower:.3}"));
+    let name = format!("the same with 95 %: {} pairs, from {lower} to", pairs.len());
+    let upper = Target::new(name, interval.map(|[_, upper]| upper), MOST_RATIO, false);
+    let held = match interval {
+        Some([lower, _]) if lower > MOST_RATIO => Some(false),
+        _ => upper.held.filter(|held| *held),
+    };
+    (row, [median.required(), Target { held, ..upper }])
 }
 
 fn length_of(path: &Path) -> Result<u64, Refusal> {
@@ -226,7 +249,39 @@ fn again(mesh: Option<&Path>, folder: &Folder) -> Result<(Value, Target), Refusa
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commands::bench::probe::{Spell, Window};
     use hyst_messages::{AppliedRecord, StepRecord};
+
+    fn window(step_ns: u64) -> Window {
+        let mut looping = vec![0; hyst_messages::LATENCY_BUCKETS];
+        looping[hyst_messages::bucket_of_ns(step_ns)] = 1_000;
+        let tissue = Spell { seconds: 2.0, steps: Some(2_000), looping, ..Spell::default() };
+        Window { spells: [("tissue:active".into(), tissue)].into(), quiet: true, ..Window::default() }
+    }
+
+    #[test]
+    fn a_cost_is_shown_only_where_its_interval_is_within_the_limit_and_refuted_where_it_is_above() {
+        let judged = |with_ns: &[u64]| {
+            let mut arms = [Arm::new(Kind::Processes, 2), Arm::new(Kind::Processes, 2)];
+            arms[0].windows = with_ns.iter().map(|step_ns| window(*step_ns)).collect();
+            arms[1].windows = with_ns.iter().map(|_| window(500_000)).collect();
+            let (row, targets) = beside_the_main_loop(&arms);
+            assert_eq!(row["ratios"].as_array().unwrap().len(), with_ns.len(), "{row}");
+            targets.map(|target| target.held)
+        };
+        assert_eq!(judged(&[500_000; 7]), [Some(true), Some(true)]);
+        assert_eq!(judged(&[500_000; 5]), [Some(true), None], "five pairs show nothing");
+        assert_eq!(judged(&[500_000, 500_000, 500_000, 500_000, 500_000, 500_000, 600_000]), [Some(true), None]);
+        assert_eq!(judged(&[600_000; 7]), [Some(false), Some(false)]);
+        // Of nine pairs the interval leaves out one at each end.
+        let one_bad = [[500_000u64; 8].to_vec(), vec![600_000]].concat();
+        assert_eq!(judged(&one_bad), [Some(true), Some(true)]);
+    }
+
+    #[test]
+    fn a_window_has_whole_rounds_of_the_hand() {
+        assert_eq!([0.0, 0.5, 2.0, 2.1, 10.0].map(window_ns), [1, 1, 1, 2, 5].map(|rounds| rounds * WINDOW_NS));
+    }
 
     #[test]
     fn a_session_that_is_repeated_has_each_tick_once_and_its_states_where_they_belong() {

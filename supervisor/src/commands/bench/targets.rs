@@ -21,6 +21,8 @@ const MOST_MEMORY_MIB: f64 = 1_536.0;
 const MOST_RATIO: f64 = 1.05;
 /// Rates that differ more than this are of steps of 1, 2 or 4 ms; what the host takes differs less.
 const MOST_RATE_RATIO: f64 = 1.4;
+/// Doubt that is left at both ends of an interval together.
+const DOUBT: f64 = 0.05;
 /// Engines whose step must allocate nothing; rendering is an ordinary process that a driver shares.
 const ALLOCATE_NOTHING: [&str; 6] = ["hardware", "device", "haptic", "tissue", "collision-worker", "fluid"];
 
@@ -72,6 +74,22 @@ pub fn median(mut figures: Vec<f64>) -> Option<f64> {
     let count = figures.len();
     let at = |index: usize| figures.get(index).copied();
     Some((at(count.checked_sub(1)? / 2)? + at(count / 2)?) / 2.0)
+}
+
+/// Between which of some figures the median lies of whatever they are drawn from, with at most 5 % doubt: of so many fair coins rarely so few show one side
+/// (the sign test; Conover, "Practical Nonparametric Statistics", 3.2). `None` of fewer than six, which tell nothing.
+pub fn interval95(mut figures: Vec<f64>) -> Option<[f64; 2]> {
+    figures.sort_by(f64::total_cmp);
+    let count = figures.len();
+    // The chance that as many coins as `left_out` show it, and that fewer do.
+    let (mut chance, mut fewer, mut left_out) = (0.5f64.powi(count as i32), 0.0, 0);
+    while 2 * left_out < count && 2.0 * (fewer + chance) <= DOUBT {
+        fewer += chance;
+        left_out += 1;
+        chance *= (count + 1 - left_out) as f64 / left_out as f64;
+    }
+    let lowest = left_out.checked_sub(1)?;
+    Some([*figures.get(lowest)?, *figures.get(count - 1 - lowest)?])
 }
 
 /// A figure of each window's spell of one name.
@@ -197,6 +215,16 @@ mod tests {
         assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(median(vec![4.0, 1.0]), Some(2.5));
         assert_eq!(median(Vec::new()), None);
+    }
+
+    #[test]
+    fn the_interval_of_a_median_is_that_of_the_tables() {
+        let of = |count: u32| interval95((1..=count).rev().map(f64::from).collect());
+        // Ranks of the two ends for so many figures, from tables of the binomial distribution.
+        for (count, ends) in [(6, [1.0, 6.0]), (7, [1.0, 7.0]), (9, [2.0, 8.0]), (20, [6.0, 15.0]), (40, [14.0, 27.0])] {
+            assert_eq!(of(count), Some(ends), "{count}");
+        }
+        assert_eq!((of(0), of(1), of(5)), (None, None, None));
     }
 
     #[test]
