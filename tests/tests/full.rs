@@ -1,8 +1,11 @@
 //! File systems without room: that of the recording, and /dev/shm. Each in a mount namespace of its own, so that nobody else's is full.
 
+use hyst_messages::{Applied, AppliedRecord};
 use serde_json::Value;
-use station_tests::shown::not_shown;
+use station_tests::shown::{Promise, not_shown};
 use station_tests::{Folder, binaries, run};
+use std::collections::BTreeSet;
+use std::ops::Range;
 use std::process::Command;
 
 /// How long a station runs: on a busy machine a file system may take seconds until it is full, and a process as long until it is back.
@@ -11,6 +14,15 @@ const SECONDS: u32 = 20;
 /// Ticks that the host may take from a window of 2 s and not from its control, beyond what is void: one stall. A hand that waited for the file system would miss
 /// hundreds.
 const STALL_TICKS: u64 = 40;
+
+/// Ticks of each window in which a disk stands still, and of its control after that.
+const WINDOW_TICKS: u64 = 1_000;
+/// Ticks between the two, in which what had to wait is written.
+const SETTLE_TICKS: u64 = 1_000;
+/// Windows that it takes to judge.
+const LEAST_WINDOWS: usize = 4;
+/// Ticks of a window that the hand may miss beyond those of its control, in the mean: one that waited for the disk would miss all of them.
+const ALLOWED_TICKS: f64 = 10.0;
 
 /// Runs a station in a namespace with a small file system at a place; gives its report and what it said. `None` where this user may not.
 fn run_on_small(name: &str, folder: &Folder, mount: &str, record: &str, faults: &str) -> Option<(Value, String)> {
@@ -71,6 +83,41 @@ fn a_disk_that_is_full_for_two_seconds_costs_the_recording_nothing() {
     assert!(log > 8_000, "{log} ticks");
 }
 
+/// The tick of a station's status that was said behind a word.
+fn tick_behind(word: &str, said: &str) -> Option<u64> {
+    let status = said.lines().find_map(|line| line.trim().strip_prefix(word))?;
+    serde_json::from_str::<Value>(status).ok()?["tick"].as_u64()
+}
+
+/// What the hand missed in each window of these ticks, less what it missed in as long a window after them: ticks that have no fresh force, or no force.
+fn excesses(applied: &[AppliedRecord], stood: Range<u64>) -> Vec<f64> {
+    let fresh = applied.iter().filter(|record| record.command.kind == Applied::Fresh as u32);
+    let fresh: BTreeSet<u64> = fresh.map(|record| record.tick).collect();
+    let missed = |from: u64| WINDOW_TICKS as f64 - fresh.range(from..from + WINDOW_TICKS).count() as f64;
+    let (after, last) = (stood.end + SETTLE_TICKS, applied.last().map_or(0, |record| record.tick));
+    (0..)
+        .map(|window| (stood.start + window * WINDOW_TICKS, after + window * WINDOW_TICKS))
+        .take_while(|(with, control)| with + WINDOW_TICKS <= stood.end && control + WINDOW_TICKS <= last)
+        .map(|(with, control)| missed(with) - missed(control))
+        .collect()
+}
+
+#[test]
+fn a_hand_that_waits_for_a_disk_is_seen_in_its_recording() {
+    let record = |tick: u64, kind: Applied| {
+        let mut record = AppliedRecord { tick, ..AppliedRecord::default() };
+        record.command.kind = kind as u32;
+        record
+    };
+    // Two windows and some in which the disk stands; held in the first hundred of the second, not there in the next hundred.
+    let kind = |tick: u64| if (2_100..2_200).contains(&tick) { Applied::Held } else { Applied::Fresh };
+    let made = (1..=7_000).filter(|tick| !(2_200..2_300).contains(tick));
+    let applied: Vec<AppliedRecord> = made.map(|tick| record(tick, kind(tick))).collect();
+    assert_eq!(excesses(&applied, 1_100..3_500), [0.0f64, 200.0]);
+    assert_eq!(excesses(&applied, 1_100..6_900), Vec::<f64>::new(), "there is no control");
+    assert_eq!(tick_behind("it stands ", "ready\n it stands {\"tick\": 70}\n"), Some(70));
+}
+
 /// A disk that lets nobody write for longer than the device's ring lasts: the file system is frozen, as a snapshot or a sleeping drive does it.
 #[test]
 fn a_disk_that_stands_still_for_six_seconds_costs_the_recording_nothing() {
@@ -83,7 +130,13 @@ fn a_disk_that_stands_still_for_six_seconds_costs_the_recording_nothing() {
     if code != Some(0) {
         return not_shown(&format!("a disk that stands still: no file system can be mounted and frozen here ({})", said.trim()));
     }
-    let stands = format!("{mount} && {{ (sleep 6; fsfreeze -f {disk} && echo it stands >&2; sleep 6; fsfreeze -u {disk}) & }}");
+    let name = format!("diskfrozen-{}", std::process::id());
+    let status =
+        format!("\"$(timeout 5 \"{}\" --name {name} status --json | tr -d '\\n')\"", binaries().join("hystation").display());
+    let stands = format!(
+        "{mount} && {{ (sleep 6; fsfreeze -f {disk} && printf 'it stands %s\\n' {status} >&2; sleep 6; \
+         printf 'it goes on %s\\n' {status} >&2; fsfreeze -u {disk}) & }}"
+    );
     let fault = "[[fault]]\nkind = \"kill\"\ntarget = \"console\"\ntick = 3000\n";
     let Some((report, said)) = run_on_small("diskfrozen", &folder, &stands, &format!("{disk}/session.mcap"), fault) else {
         return;
@@ -96,6 +149,15 @@ fn a_disk_that_stands_still_for_six_seconds_costs_the_recording_nothing() {
     let continuity = hyst_recording::Continuity::of(&recording.content);
     assert_eq!((continuity.lost(), continuity.missing(), continuity.repeated), (0, 0, 0), "{said}");
     assert!(recording.applied().len() > 15_000, "{} ticks", recording.applied().len());
+    let stood = tick_behind("it stands ", &said).zip(tick_behind("it goes on ", &said));
+    match stood {
+        Some((from, to)) => {
+            let promise = Promise { allowed: ALLOWED_TICKS, least: LEAST_WINDOWS };
+            promise
+                .judge("a disk that stands still, ticks lost of a thousand", &excesses(recording.applied(), from..to), || said);
+        }
+        None => not_shown(&format!("what a disk that stands still costs the hand: nobody said when it stood ({said})")),
+    }
 }
 
 /// What has no room then is not there for a while: a successor is started again until it is.
