@@ -17,9 +17,18 @@ pub struct Pace<'a> {
     tick: u64,
     woken_ns: u64,
     allocations: u64,
-    lock: Option<LockMember<'a>>,
-    /// It steps with nobody, on a virtual clock: once a period of the wall's time.
-    is_free: bool,
+    by: By<'a>,
+}
+
+/// What sets the pace.
+#[derive(Debug)]
+enum By<'a> {
+    /// The station's clock.
+    Clock,
+    /// The sequencer of a virtual clock.
+    Sequencer(LockMember<'a>),
+    /// The wall's time: it steps with nobody on a virtual clock.
+    Wall,
 }
 
 /// Whether anybody asked to see what a station does on a virtual clock: else pictures would take its time for nothing.
@@ -31,10 +40,13 @@ impl<'a> Pace<'a> {
     /// A loop that begins with the next period.
     pub fn new(life: &'a Life, period_ticks: u64, phase_ns: u64) -> Pace<'a> {
         let tick = life.tick() / period_ticks * period_ticks;
-        let is_free = life.is_lockstep() && life.slot.role() == Role::Rendering && is_shown(life);
-        let lock = (life.is_lockstep() && !is_free).then(|| LockMember::new(life));
+        let by = match () {
+            () if !life.is_lockstep() => By::Clock,
+            () if life.slot.role() == Role::Rendering && is_shown(life) => By::Wall,
+            () => By::Sequencer(LockMember::new(life)),
+        };
         let allocations = allocation::of_this_thread();
-        Pace { life, period_ticks, phase_ns, backlog: 0, tick, woken_ns: 0, allocations, lock, is_free }
+        Pace { life, period_ticks, phase_ns, backlog: 0, tick, woken_ns: 0, allocations, by }
     }
 
     /// Lets the loop be so many periods late and make up for them, one at once after the other; it skips only what is later.
@@ -56,20 +68,20 @@ impl<'a> Pace<'a> {
     /// Sleeps until the next period and gives its tick; `None` when the station stops. Periods that have passed are skipped, and the
     /// overrun is counted once.
     pub fn wait(&mut self) -> Option<u64> {
-        if let Some(lock) = &mut self.lock {
-            self.tick = lock.wait(|| Ok(())).ok().flatten()?;
-            return Some(self.tick);
+        match &mut self.by {
+            By::Sequencer(lock) => self.tick = lock.wait(|| Ok(())).ok().flatten()?,
+            _ if self.life.clock.stop_requested() => return None,
+            By::Clock => self.wait_for_clock(),
+            By::Wall => {
+                system::sleep_until_ns(self.woken_ns + self.period_ticks * TICK_NS);
+                (self.woken_ns, self.tick) = (system::now_ns(), self.life.tick());
+            }
         }
-        let clock = &self.life.clock;
-        if clock.stop_requested() {
-            return None;
-        }
-        if self.is_free {
-            system::sleep_until_ns(self.woken_ns + self.period_ticks * TICK_NS);
-            (self.woken_ns, self.tick) = (system::now_ns(), self.life.tick());
-            return Some(self.tick);
-        }
-        let page = &self.life.page;
+        Some(self.tick)
+    }
+
+    fn wait_for_clock(&mut self) {
+        let (clock, page) = (&self.life.clock, &self.life.page);
         let mut next = self.tick + self.period_ticks;
         let now = system::now_ns();
         let due = clock.start_of(next) + self.phase_ns;
@@ -82,7 +94,6 @@ impl<'a> Pace<'a> {
         self.woken_ns = system::now_ns();
         page.count_latency(header::WAKEUP, self.woken_ns.saturating_sub(due));
         self.tick = next;
-        Some(next)
     }
 
     /// When the present period's thread was woken, ns.
@@ -92,7 +103,7 @@ impl<'a> Pace<'a> {
 
     /// Ends the step: loop latency, heartbeat, tick, and what the thread has allocated.
     pub fn end(&mut self) {
-        if let Some(lock) = &mut self.lock {
+        if let By::Sequencer(lock) = &mut self.by {
             lock.join(self.tick);
             return;
         }

@@ -37,7 +37,7 @@ pub use outline::{Outline, outline};
 pub use picture::{Picture, jpeg};
 pub use playback::{Moment, Playback};
 pub use process::ProcessSpell;
-pub use reader::{Damage, Ending, Reader, Recording};
+pub use reader::{Damage, Ending, Reader, Recording, open_file};
 pub use scene::{SceneFile, scene_files};
 pub use sequence::{Collector, History, Taken};
 pub use writer::{WriteError, Writer};

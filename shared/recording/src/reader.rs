@@ -60,14 +60,19 @@ pub struct Reader<R> {
     ending: Option<Ending>,
 }
 
+/// Opens a file that is to be read as a recording. What is no file is refused: it may wait for a writer, or have no end.
+pub fn open_file(path: &Path) -> Result<File, ReadError> {
+    let refused = |source| ReadError::File { path: path.to_path_buf(), source };
+    if !std::fs::metadata(path).map_err(refused)?.is_file() {
+        return Err(ReadError::Foreign { path: path.to_path_buf(), what: "is not a file".into() });
+    }
+    File::open(path).map_err(refused)
+}
+
 impl Reader<File> {
-    /// Opens a file and reads its session's facts. What is no file is refused: it may wait for a writer, or have no end.
+    /// Opens a file, as [`open_file`] does, and reads its session's facts.
     pub fn open(path: &Path) -> Result<Reader<File>, ReadError> {
-        let refused = |source| ReadError::File { path: path.to_path_buf(), source };
-        if !std::fs::metadata(path).map_err(refused)?.is_file() {
-            return Err(ReadError::Foreign { path: path.to_path_buf(), what: "is not a file".into() });
-        }
-        Reader::new(File::open(path).map_err(refused)?, path)
+        Reader::new(open_file(path)?, path)
     }
 }
 

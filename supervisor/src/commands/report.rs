@@ -5,7 +5,7 @@ use crate::cli::ReportArgs;
 use crate::recorded::anatomy;
 use crate::settings::Refusal;
 use hyst_assessment::{Anatomy, Assessment, CSV_HEAD, Row, Sessions, assess, html, json, text};
-use hyst_recording::{ReadError, Reader};
+use hyst_recording::{ReadError, Reader, open_file};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -96,8 +96,8 @@ fn whole(path: &Path) -> PathBuf {
 /// Opens a recording, if it is one.
 pub fn open(path: &Path) -> Result<Reader<Watched>, Refusal> {
     let refused = |error: ReadError| Refusal::input(error.to_string());
-    drop(Reader::open(path).map_err(refused)?); // what is no file, such as a pipe, is not waited for
-    let file = Watched::open(path).map_err(|source| refused(ReadError::File { path: path.to_owned(), source }))?;
+    let file = Watched::of(open_file(path).map_err(refused)?, path);
+    let file = file.map_err(|source| refused(ReadError::File { path: path.to_owned(), source }))?;
     Reader::new(file, path).map_err(refused)
 }
 

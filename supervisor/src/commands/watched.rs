@@ -18,9 +18,8 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// Opens a file.
-    pub fn open(path: &Path) -> io::Result<Watched> {
-        let file = File::open(path)?;
+    /// Of a file that was opened by this name.
+    pub fn of(file: File, path: &Path) -> io::Result<Watched> {
         let length = file.metadata()?.len();
         Ok(Watched { file, name: path.display().to_string(), length, at: 0, say_at: Instant::now() + QUIET })
     }
@@ -62,7 +61,7 @@ mod tests {
     fn a_file_that_is_read_quickly_says_nothing_and_a_long_one_every_five_seconds() {
         let path = std::env::temp_dir().join(format!("hyst-watched-{}", std::process::id()));
         std::fs::write(&path, [7; 1_000]).unwrap();
-        let mut watched = Watched::open(&path).unwrap();
+        let mut watched = Watched::of(File::open(&path).unwrap(), &path).unwrap();
         std::fs::remove_file(&path).unwrap();
         let began = Instant::now();
         let mut bytes = [0; 250];
