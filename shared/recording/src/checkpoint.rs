@@ -1,14 +1,15 @@
 //! The whole state of a role at one tick, as the message of its stream: what a replay begins with that does not begin at the beginning, and how the
-//! newest ones before a tick are found without reading what lies before them.
+//! newest ones before a tick are found without reading what lies before them: by the summary, or, where there is none, from record to record.
 
 use crate::channels::{Channel, time_of_ns};
 use crate::error::ReadError;
 use crate::frame::{DATA_END_BYTES, Frame};
+use crate::outline::{frame_of, has};
 use crate::reader::Reader;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use hyst_messages::Role;
-use mcap::records::op;
+use mcap::records::{ChunkIndex, op};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::io::{Read, Seek};
@@ -63,6 +64,11 @@ impl<R: Read + Seek> Reader<R> {
     /// Goes on at the first block that reaches `tick`, without reading those before it.
     pub fn skip_to(&mut self, tick: u64) -> Result<(), ReadError> {
         let time_ns = time_of_ns(tick);
+        let index = self.index()?;
+        if let Some(chunk) = index.iter().flat_map(|index| &index.chunks).find(|chunk| chunk.message_end_time >= time_ns) {
+            self.back_to(&frame_of(chunk));
+            return Ok(());
+        }
         while let Some(frame) = self.next_frame()? {
             if frame.opcode == op::CHUNK && self.times(&frame)?.1 >= time_ns {
                 self.back_to(&frame);
@@ -89,6 +95,13 @@ impl<R: Read + Seek> Reader<R> {
 
     /// The last blocks that have a checkpoint and begin up to a tick, in the file's order.
     fn blocks_with_checkpoints(&mut self, up_to_tick: u64) -> Result<VecDeque<Frame>, ReadError> {
+        if let Some(index) = self.index()? {
+            let begins = |chunk: &&ChunkIndex| chunk.message_start_time <= time_of_ns(up_to_tick);
+            let kept = index.chunks.iter().filter(begins).filter(|chunk| has(chunk, Channel::Checkpoints));
+            let mut newest_first: VecDeque<Frame> = kept.rev().take(BLOCKS).map(frame_of).collect();
+            newest_first.make_contiguous().reverse();
+            return Ok(newest_first);
+        }
         let (mut blocks, mut chunk, mut later) = (VecDeque::new(), None, 0);
         while let Some(frame) = self.next_frame()? {
             match frame.opcode {

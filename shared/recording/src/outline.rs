@@ -1,4 +1,4 @@
-//! What the summary of a recording that was closed tells of its end, so that nobody has to read up to there.
+//! What the summary of a recording that was closed tells of it: where it ends, and where its blocks lie, so that nobody has to read up to there.
 //!
 //! Promise: nothing is believed of a summary that has not its checksum, or that does not name everything that lies before it without a gap; such a file
 //! has to be read. What is damaged within a block is not seen from here.
@@ -28,11 +28,21 @@ pub fn outline(path: &Path) -> Result<Option<Outline>, ReadError> {
     Reader::open(path)?.outline()
 }
 
-/// Where the chunks and the metadata lie.
+/// Where the chunks and the metadata lie, each in the file's order.
 #[derive(Default)]
-struct Index {
-    chunks: Vec<ChunkIndex>,
+pub(crate) struct Index {
+    pub(crate) chunks: Vec<ChunkIndex>,
     metadata: Vec<MetadataIndex>,
+}
+
+/// Where a chunk lies.
+pub(crate) fn frame_of(chunk: &ChunkIndex) -> Frame {
+    Frame { at: chunk.chunk_start_offset, opcode: op::CHUNK, length: chunk.chunk_length.saturating_sub(HEAD_BYTES) }
+}
+
+/// Whether a chunk has a message of a channel.
+pub(crate) fn has(chunk: &ChunkIndex, channel: Channel) -> bool {
+    chunk.message_index_offsets.contains_key(&(channel as u16))
 }
 
 impl Index {
@@ -84,15 +94,14 @@ impl<R: Read + Seek> Reader<R> {
 
     /// The last tick of the device; `None` if there is none, or the block that has it is damaged.
     fn last_tick(&mut self, index: &Index) -> Result<Option<u64>, ReadError> {
-        let has_ticks = |chunk: &&ChunkIndex| chunk.message_index_offsets.contains_key(&(Channel::Force as u16));
-        let Some(chunk) = index.chunks.iter().rev().find(has_ticks) else { return Ok(None) };
-        let length = chunk.chunk_length.saturating_sub(HEAD_BYTES);
-        let block = self.block_at(&Frame { at: chunk.chunk_start_offset, opcode: op::CHUNK, length })?;
+        let mut newest_first = index.chunks.iter().rev();
+        let Some(chunk) = newest_first.find(|chunk| has(chunk, Channel::Force)) else { return Ok(None) };
+        let block = self.block_at(&frame_of(chunk))?;
         Ok(block.ok().and_then(|block| block.applied.last().map(|record| record.tick)))
     }
 
-    /// What the summary names, if that is everything.
-    fn index(&mut self) -> Result<Option<Index>, ReadError> {
+    /// What the summary names, if that is everything. The next record stays the same.
+    pub(crate) fn index(&mut self) -> Result<Option<Index>, ReadError> {
         let Some(footer_at) = self.length().checked_sub(HEAD_BYTES + FOOTER_BYTES + mcap::MAGIC.len() as u64) else {
             return Ok(None);
         };

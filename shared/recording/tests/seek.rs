@@ -81,3 +81,24 @@ fn ticks_are_read_from_one_on_as_they_are_from_the_beginning() {
     assert_eq!(from(8_001).first_tick().unwrap(), None, "behind the end");
     assert!(Reader::open(&path).unwrap().skip_to(u64::MAX).is_ok());
 }
+
+#[test]
+fn what_is_found_by_the_summary_is_found_without_it_too() {
+    let folder = Folder::new("index");
+    let path = recorded(&folder);
+    let sought = [0, 1, 11, 200, 201, 5_123, 6_050, 7_999, 8_000, 8_001, u64::MAX];
+    let all = || {
+        let of = |tick: u64| {
+            let mut playback = Playback::open(&path).unwrap();
+            playback.skip_to(tick).unwrap();
+            (found(&path, tick), playback.first_tick().unwrap())
+        };
+        sought.map(of)
+    };
+    let by_summary = all();
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes.pop(); // no footer is where it has to be
+    std::fs::write(&path, &bytes).unwrap();
+    assert_eq!(all(), by_summary);
+    assert_eq!(by_summary[5].1, Some(5_001));
+}
