@@ -105,7 +105,7 @@ impl Column {
             ("changes of the servo that is followed", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
             ("alarms of the pump", alarms),
-            ("further alarms of the pump", further_alarms),
+            ("further alarms and notices of the pump", further_alarms),
             ("flaws of the flow, mended", mended),
             ("flaws of the flow, as they were", as_they_were),
         ]

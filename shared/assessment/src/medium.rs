@@ -18,6 +18,8 @@ const HOLD_TICKS: u64 = 1_000;
 /// Time over which the rate of the deficit is taken, and between two points of it, ticks: shorter ones show the filling of a cavity of 5 ml alone.
 const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;
+/// What the pump says of a container that is to be changed: a notice. Another one hangs beside it, and nobody has done anything wrong (docs/handbook.md).
+const NOTICES: u32 = 16;
 /// Valves below this are shut, and light below it is none; 0 to 1.
 pub(crate) const SHUT: f32 = 0.05;
 
@@ -33,7 +35,7 @@ pub struct Medium {
     pub high_ticks: u64,
     /// Of them at or above [`PARTED_PA`].
     pub parted_ticks: u64,
-    /// Of them with any alarm.
+    /// Of them with any alarm that is no notice.
     pub alarm_ticks: u64,
     /// The highest pressure, Pa.
     pub highest: Option<Peak>,
@@ -45,7 +47,7 @@ pub struct Medium {
     pub steepest: Option<Peak>,
     /// Medium that flowed in, ml.
     pub inflow_ml: Option<f64>,
-    /// How often each of [`PUMP_ALARMS`] came up.
+    /// How often each of [`PUMP_ALARMS`] came up, notices too.
     pub alarms: [u64; PUMP_ALARMS.len()],
     /// How often each of [`FLOW_FLAWS`] did.
     pub flaws: [u64; FLOW_FLAWS.len()],
@@ -66,6 +68,12 @@ impl Medium {
             self.shut_ticks += u64::from(controls.outflow_valve < SHUT);
             self.dark_ticks += u64::from(controls.light < SHUT);
         }
+    }
+
+    /// How often an alarm came up that is no notice.
+    pub fn alarm_count(&self) -> u64 {
+        let counts = PUMP_ALARMS.iter().zip(&self.alarms);
+        counts.filter(|((bit, _), _)| bit & NOTICES == 0).map(|(_, count)| count).sum()
     }
 
     /// The newest status.
@@ -109,7 +117,7 @@ impl Medium {
             self.low_ticks += if pressure_pa < LOW_PA { ticks } else { 0 };
             self.high_ticks += if pressure_pa > HIGH_PA { ticks } else { 0 };
             self.parted_ticks += if pressure_pa >= PARTED_PA { ticks } else { 0 };
-            self.alarm_ticks += if status.alarms != 0 { ticks } else { 0 };
+            self.alarm_ticks += if status.alarms & !NOTICES != 0 { ticks } else { 0 };
         }
         if status.inflow_ml_min.is_finite() {
             *self.inflow_ml.get_or_insert(0.0) += f64::from(status.inflow_ml_min) * ticks as f64 / 60_000.0;
@@ -164,6 +172,17 @@ mod tests {
         assert!((medium.inflow_ml.unwrap() - 5.0).abs() < 1e-9, "2.5 s of 120 ml/min");
         medium.status(&status(9_000, 500.0, 99.0, 7));
         assert_eq!(medium.deficit_ml, Some(0.0), "it is not newer");
+    }
+
+    #[test]
+    fn a_container_that_is_to_be_changed_is_no_alarm_by_itself() {
+        assert_eq!(PUMP_ALARMS.iter().find(|(_, name)| *name == "container change").map(|(bit, _)| *bit), Some(NOTICES));
+        let mut medium = Medium::default();
+        for (tick, alarms) in [(0, 16), (500, 16 | 4), (1_000, 16), (1_500, 0)] {
+            medium.status(&status(tick, 70.0, 0.0, alarms));
+        }
+        assert_eq!((medium.alarm_ticks, medium.alarm_count(), medium.known_ticks), (500, 1, 1_500));
+        assert_eq!(medium.alarms, [0, 0, 1, 0, 1], "the notice is told all the same");
     }
 
     #[test]

@@ -271,8 +271,8 @@ pub static METRICS: [Definition; 32] = [
         name: "alarms of the pump",
         unit: "",
         scale: None,
-        value: |m| m.medium.newest().map(|_| m.medium.alarms.iter().sum::<u64>() as f64),
-        source: "shown, not scored: its time is",
+        value: |m| m.medium.newest().map(|_| m.medium.alarm_count() as f64),
+        source: "shown, not scored: its time is; the notice of a container that is to be changed counts in neither",
     },
     Definition {
         group: Group::Task,
