@@ -7,6 +7,7 @@
 use crate::force::length;
 use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
+use crate::pieces::Pieces;
 use crate::sight::{axis, is_in_sight};
 use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, PUMP_ALARMS, TissueStatus};
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
@@ -114,7 +115,8 @@ pub struct Judge {
     pub last_tick: u64,
     /// Volume removed so far, ml.
     pub removed_ml: Option<f64>,
-    largest_piece_ml: f64,
+    #[serde(default)]
+    pieces: Pieces,
     cavity: Option<Cavity>,
     bled: VecDeque<(u64, f64)>,
 }
@@ -154,7 +156,7 @@ impl Judge {
             first_tick: None,
             last_tick: 0,
             removed_ml: None,
-            largest_piece_ml: 0.0,
+            pieces: Pieces::default(),
             cavity: None,
             bled: VecDeque::new(),
         }
@@ -183,14 +185,12 @@ impl Judge {
         }
     }
 
-    /// Takes a status of the tissue. What was removed since the one before is a piece.
+    /// Takes a status of the tissue.
     pub fn tissue(&mut self, status: &TissueStatus) {
         if self.ended.is_some() || !status.removed_volume_ml.is_finite() {
             return;
         }
-        if let Some(before_ml) = self.removed_ml {
-            self.largest_piece_ml = self.largest_piece_ml.max(status.removed_volume_ml - before_ml);
-        }
+        self.pieces.take(status, self.removed_ml);
         self.removed_ml = Some(status.removed_volume_ml);
     }
 
@@ -296,8 +296,8 @@ impl Judge {
                 self.removed_ml.is_some_and(|removed_ml| removed_ml >= *ml)
             }
             Aim::Piece(ml) => {
-                goal.progress = share(self.largest_piece_ml, *ml);
-                self.largest_piece_ml >= *ml
+                goal.progress = share(self.pieces.largest_ml, *ml);
+                self.pieces.largest_ml >= *ml
             }
             Aim::Pressure { band_pa: [from_pa, to_pa], ticks } => {
                 goal.hold(known.pressure_pa.is_some_and(|pa| (*from_pa..=*to_pa).contains(&pa)), tick, *ticks)

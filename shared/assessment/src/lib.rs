@@ -20,6 +20,7 @@ mod medium;
 mod metric;
 mod motion;
 mod page;
+mod pieces;
 mod plots;
 mod processes;
 mod row;

@@ -6,7 +6,7 @@ mod fixture;
 
 use fixture::{bytes_of, fluid, record, tissue};
 use hyst_assessment::{Assessment, EndedBy, Judge, Sessions, assess, html, json, text};
-use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED};
+use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, TissueStatus};
 use hyst_recording::{Block, Reader};
 use hyst_scene::Brief;
 use serde_json::{Value, json};
@@ -121,6 +121,21 @@ fn what_is_removed_and_the_largest_piece_are_those_of_the_statuses() {
     let reached: Vec<Option<u64>> = judge.goals.iter().map(|goal| goal.reached_tick).collect();
     assert_eq!(reached, [Some(40), Some(40)], "pieces of 0.3, 0.3 and 0.5 ml");
     assert_eq!((judge.removed_percent(), judge.reached_percent(), judge.ended), (Some(55.00000000000001), Some(100.0), None));
+}
+
+#[test]
+fn a_biopsy_is_a_piece_that_comes_free_and_not_what_the_loop_burns_or_what_is_brought_out() {
+    let mut judge = judge(json!([{ "piece": 0.4 }]), json!({}), json!([]));
+    // Half a millilitre burnt, a loose piece of as much brought out, a crumb cut off; then a piece that is large enough.
+    let story = [(0, 0.0, 4, 0), (10, 0.5, 4, 0), (20, 1.0, 3, 1), (30, 1.1, 4, 1), (40, 1.6, 5, 1)];
+    let mut progress = Vec::new();
+    for (tick, removed_ml, objects, taken_out) in story {
+        judge.tissue(&TissueStatus { objects, taken_out, ..tissue(tick, 1, removed_ml) });
+        judge.tick(&at(tick, [0.0; 3]));
+        progress.push((100.0 * judge.goals[0].progress).round());
+    }
+    assert_eq!(progress, [0.0, 0.0, 0.0, 25.0, 100.0]);
+    assert_eq!((judge.goals[0].reached_tick, judge.removed_percent()), (Some(40), Some(80.0)));
 }
 
 #[test]

@@ -63,7 +63,7 @@ pub struct Named<T> {
 pub enum Aim {
     /// So much pathology removed, ml.
     Removed(f64),
-    /// A piece of so much at once, ml.
+    /// A piece of so much that comes free, ml.
     Piece(f64),
     /// The pressure within two values, Pa, for so long, ticks.
     Pressure {

@@ -176,7 +176,8 @@ pub struct Removed {
     pub percent: f64,
 }
 
-/// A piece of at least so much comes free at once. A recording counts what is removed of all pathology together, so the object is the only one of its scene.
+/// A piece of at least so much comes free. What the loop burns is no piece, nor is a loose one that is brought out. A recording counts what is removed of all
+/// pathology together, so the object is the only one of its scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Biopsy {
