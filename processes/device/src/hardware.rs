@@ -7,6 +7,7 @@ mod firmware;
 mod hand;
 mod ledger;
 mod pad;
+mod pump;
 mod score;
 mod sequencer;
 

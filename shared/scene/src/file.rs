@@ -258,7 +258,7 @@ pub struct Hand {
     /// It moves once and then rests where it began. Default: again and again.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub once: bool,
-    /// What it sets at the pump and the valves, in the order of its time; instead of the scene's `fluid.change`.
+    /// What it sets at the pump and the valves, in the order of its time, or once the pump says what it waits for; instead of the scene's `fluid.change`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub change: Vec<PumpChange>,
 }

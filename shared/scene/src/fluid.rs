@@ -1,6 +1,7 @@
 //! The fluid of a scene: its figures and its grid, the vessels that a cut opens, and what a scripted hand does with valves and pressure.
 
 use crate::error::{SceneError, SceneErrorKind as Kind};
+use crate::signal::{self, Signal};
 use crate::validate::{Checked, range};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -126,11 +127,11 @@ impl Default for CavityCurve {
     }
 }
 
-/// What a scripted hand sets at one time; what is not named stays as it is.
+/// What a scripted hand sets at one time, or so long after what it waits for; what is not named stays as it is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PumpChange {
-    /// Time since the hand began, 0 to 86 400 s.
+    /// Time since the hand began, or since what it waits for came, 0 to 86 400 s.
     pub at_s: f64,
     /// Set pressure of the pump, 0 to 20 kPa.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -141,6 +142,9 @@ pub struct PumpChange {
     /// Outflow valve, 0 shut to 1 open.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outflow_valve: Option<f64>,
+    /// What it waits for. Default: nothing, it is done at its time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after: Option<Signal>,
 }
 
 /// The vessels of the tissue: one in each cube of it, of a calibre that is drawn for each, and open as far as a wound reaches into the cube.
@@ -264,11 +268,16 @@ pub(crate) fn validate_changes(key: &str, changes: &[PumpChange]) -> Checked {
     let mut before_s = 0.0;
     for (index, change) in changes.iter().enumerate() {
         let key = |name: &str| format!("{key}[{index}].{name}");
-        range(key("at_s"), change.at_s, before_s, 86_400.0, "s")?;
+        // What waits for something has its own time: it stands in no order with the others.
+        let least_s = if change.after.is_some() { 0.0 } else { before_s };
+        range(key("at_s"), change.at_s, least_s, 86_400.0, "s")?;
         range(key("set_pressure_pa"), change.set_pressure_pa.unwrap_or(0.0), 0.0, 20_000.0, "Pa")?;
         range(key("inflow_valve"), change.inflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
         range(key("outflow_valve"), change.outflow_valve.unwrap_or(0.0), 0.0, 1.0, "")?;
-        before_s = change.at_s;
+        match &change.after {
+            Some(after) => signal::validate(after, &key("after"))?,
+            None => before_s = change.at_s,
+        }
     }
     Ok(())
 }

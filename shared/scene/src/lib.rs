@@ -36,6 +36,7 @@ mod report;
 mod resection;
 mod rigid;
 mod rinse;
+mod signal;
 mod source;
 mod sources;
 mod spread;
@@ -61,6 +62,7 @@ pub use parse::MAX_SCENE_BYTES;
 pub use pose::{HandLeg, LoadedHand, Pose};
 pub use report::{CheckReport, ObjectReport, check};
 pub use rigid::{LoadedRigid, OUTFLOW_RADII, collision_points};
+pub use signal::Signal;
 pub use source::MAX_MESH_BYTES;
 pub use sources::{SourceFile, sources, unpack};
 

@@ -54,6 +54,18 @@ pub(crate) fn range(key: impl Into<String>, value: f64, low: f64, high: f64, uni
     Err(SceneError::new(Kind::Range, key, what.trim_end().to_owned(), "give a value in this range, in SI units"))
 }
 
+/// Exactly one of these is given.
+pub(crate) fn one_of(key: &str, given: &[(&str, bool)]) -> Checked {
+    let names: Vec<&str> = given.iter().map(|(name, _)| *name).collect();
+    let cure = format!("give one of {}", names.join(", "));
+    let there: Vec<&str> = given.iter().filter(|(_, is)| *is).map(|(name, _)| *name).collect();
+    match there[..] {
+        [_] => Ok(()),
+        [] => Err(SceneError::new(Kind::Incomplete, key, "says nothing", cure)),
+        [_, second, ..] => Err(SceneError::new(Kind::Range, format!("{key}.{second}"), "is one too many", cure)),
+    }
+}
+
 fn ordered(key: String, limits: [f64; 2], low: f64, high: f64, unit: &str) -> Checked {
     range(key.clone(), limits[0], low, high, unit)?;
     range(key.clone(), limits[1], low, high, unit)?;

@@ -235,6 +235,16 @@ fn goals_that_the_end_rules_out_are_refused_in_either_order() {
         ("stop = { alarm = \"perforation\", within_s = 5.0 }", "perforation = true", "goal[0].stop.alarm"),
         ("staunch = { after_ml = 50.0, below_ml_min = 1.0, for_s = 5.0 }", "bled_ml = 40.0", "goal[0].staunch.after_ml"),
         ("staunch = { after_ml = 5.0, below_ml_min = 1.0, for_s = 50.0 }", "time_s = 40.0", "goal[0].staunch.for_s"),
+        (
+            "removed = { percent = 5.0 }\n[hand.waits]\nlike = \"polyp\"\nchange = [{ at_s = 1.0, after = { deficit_above_ml = 300.0 } }]",
+            "deficit_ml = 200.0",
+            "hand.waits.change[0].after.deficit_above_ml",
+        ),
+        (
+            "removed = { percent = 5.0 }\n[hand.waits]\nlike = \"polyp\"\nchange = [{ at_s = 1.0, after = { alarm = \"perforation\" } }]",
+            "perforation = true",
+            "hand.waits.change[0].after.alarm",
+        ),
     ] {
         let error = with(goal, end);
         assert_eq!((error.kind, error.key.as_str()), (Kind::Contradiction, key), "{error}");

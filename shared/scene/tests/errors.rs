@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scene, SceneError> {
 }
 
 /// Replacement in the good scene, and the kind, the line (0 for none) and the key of the error that it must give.
-const CASES: [(&str, &str, Kind, usize, &str); 57] = [
+const CASES: [(&str, &str, Kind, usize, &str); 63] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("version = 1\n", "", Kind::Version, 0, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
@@ -81,6 +81,42 @@ const CASES: [(&str, &str, Kind, usize, &str); 57] = [
     ("grid = [32, 32, 18]", "change = [{ at_s = 1.0, inflow_valve = 1.5 }]", Kind::Range, 14, "fluid.change[0].inflow_valve"),
     ("grid = [32, 32, 18]", "change = [{ at_s = 1.0, outflow_valve = -0.1 }]", Kind::Range, 14, "fluid.change[0].outflow_valve"),
     ("grid = [32, 32, 18]", "change = [{ at_s = 1, set_pressure_pa = inf }]", Kind::Range, 14, "fluid.change[0].set_pressure_pa"),
+    (
+        "grid = [32, 32, 18]",
+        "change = [{ at_s = 1.0, after = { alarm = \"bell\" } }]",
+        Kind::UnknownKey,
+        14,
+        "fluid.change[0].after.alarm",
+    ),
+    (
+        "grid = [32, 32, 18]",
+        "change = [{ at_s = 1.0, after = { bell = true } }]",
+        Kind::UnknownKey,
+        14,
+        "fluid.change[0].after.bell",
+    ),
+    ("grid = [32, 32, 18]", "change = [{ at_s = 1.0, after = {  } }]", Kind::Incomplete, 14, "fluid.change[0].after"),
+    (
+        "grid = [32, 32, 18]",
+        "change = [{ at_s = 1.0, after = { alarm = \"deficit\", bled_above_ml = 5.0 } }]",
+        Kind::Range,
+        14,
+        "fluid.change[0].after.bled_above_ml",
+    ),
+    (
+        "grid = [32, 32, 18]",
+        "change = [{ at_s = 1.0, after = { deficit_above_ml = 0.0 } }]",
+        Kind::Range,
+        14,
+        "fluid.change[0].after.deficit_above_ml",
+    ),
+    (
+        "grid = [32, 32, 18]",
+        "change = [{ at_s = 1.0, after = { pressure_above_pa = 2e5 } }]",
+        Kind::Range,
+        14,
+        "fluid.change[0].after.pressure_above_pa",
+    ),
     ("[hand.mine]", "[vessels]\nspacing_m = 0.0\n[hand.mine]", Kind::Range, 16, "vessels.spacing_m"),
     ("[hand.mine]", "[vessels]\npressure_pa = nan\n[hand.mine]", Kind::Range, 16, "vessels.pressure_pa"),
     ("[hand.mine]", "[vessels]\nconductance_ml_s_pa = 1.0\n[hand.mine]", Kind::Range, 16, "vessels.conductance_ml_s_pa"),
@@ -204,6 +240,10 @@ fn a_seed_and_a_grid_are_whole_and_changes_of_the_pump_are_bounded() {
         let error = error_with("grid = [32, 32, 18]", &format!("grid = {bad}"));
         assert!(error.kind == kind_of(bad) && error.key.starts_with("fluid.grid"), "{bad}: {error}");
     }
+    // What waits for something stands in no order with the others.
+    let waits = "[[fluid.change]]\nat_s = 2.0\n[[fluid.change]]\nat_s = 0.5\nafter = { alarm = \"perforation\" }\n[[fluid.change]]\nat_s = 2.0\n";
+    let fluid = parse(&format!("{GOOD}{waits}")).unwrap_or_else(|error| panic!("{error}")).fluid;
+    assert!(fluid.change[1].after.is_some_and(|after| after.alarm.is_some()) && fluid.change[2].after.is_none());
     let changes = |count: usize| format!("{GOOD}{}", "[[fluid.change]]\nat_s = 1.0\n".repeat(count));
     assert_eq!(parse(&changes(1_000)).unwrap().fluid.change.len(), 1_000);
     let error = parse(&changes(1_001)).unwrap_err();

@@ -66,7 +66,7 @@ fn one_seed_is_one_anatomy_to_the_bit_and_others_are_others() {
 #[test]
 fn the_settled_text_is_a_case_that_draws_the_same_wherever_it_lies() {
     let path = std::env::temp_dir().join(format!("hyst-{}-settled.toml", std::process::id()));
-    for (name, seed) in [("polyp", 11), ("myoma", 3), ("navigation", 900_000)] {
+    for (name, seed) in [("polyp", 11), ("myoma", 3), ("navigation", 900_000), ("fluid-overload", 2)] {
         let case = settled(name, Some(seed));
         std::fs::write(&path, &case.text).unwrap();
         let again = find_case(&path, None).unwrap().unwrap();
@@ -149,6 +149,8 @@ fn the_septum_and_the_complications_have_trainees_of_their_own_who_use_the_loop(
     let [handles, looks_on] = ["staunches", "looks-on"].map(|name| settled("bleeding", None).scene.hand(name).unwrap().clone());
     let found = settled("bleeding", None).scene.hand("polyp").unwrap().clone();
     assert_eq!((&handles.legs, &looks_on.legs), (&found.legs, &found.legs), "they move like the one that is found");
+    let watches = settled("fluid-overload", None).scene.hand("watches").unwrap().clone();
+    assert!(watches.changes.iter().any(|change| change.after.is_some()), "who watches acts upon what the pump shows");
     assert!(handles.is_once && !handles.changes.is_empty() && looks_on.changes.is_empty() && !found.is_once);
 }
 

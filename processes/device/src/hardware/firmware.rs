@@ -5,6 +5,7 @@ use super::canary::Canaries;
 use super::commands::Commands;
 use super::hand::Hand;
 use super::ledger::{Judged, Ledger};
+use super::pump::Pump;
 use super::sequencer::Sequencer;
 use hyst_coupling::{HardwareParams, HardwareState, ServoParams, hardware_step};
 use hyst_engine::{Failure, Life, realtime};
@@ -23,6 +24,7 @@ struct Firmware<'a> {
     inbox: PageInbox,
     device: Option<ReadPage>,
     window: Option<ReadPage>,
+    pump: Pump,
     commands: Commands,
     tip_m: [f32; 3],
     params: HardwareParams,
@@ -37,7 +39,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let period_ns = TICK_NS as f64 * (1.0 + drift * 1e-6);
     let hand = Hand::of(life)?;
     life.page.write(hardware::STATEMENT, &stated(&hand, 1e9 / period_ns));
-    let roles = [Role::Device, Role::Rendering];
+    let mut roles = vec![Role::Device, Role::Rendering];
+    roles.extend(hand.is_waiting().then_some(Role::Fluid));
     let inbox = page_usher(&life.station, life.incarnation, &roles, realtime::pages_priority(life))?;
     let canaries = Canaries::start(life)?;
     let mut firmware = Firmware {
@@ -45,6 +48,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         inbox,
         device: None,
         window: None,
+        pump: Pump::default(),
         commands: Commands::default(),
         tip_m: [0.0; 3],
         params: HardwareParams::default(),
@@ -139,8 +143,12 @@ impl Firmware<'_> {
 
     fn receive_ports(&mut self) {
         while let Some(arrival) = self.inbox.take() {
-            let place = if arrival.slot.role() == Role::Device { &mut self.device } else { &mut self.window };
-            if let Some(before) = place.replace(arrival.page) {
+            let before = match arrival.slot.role() {
+                Role::Device => self.device.replace(arrival.page),
+                Role::Fluid => self.pump.seat(arrival.slot.index(), arrival.page),
+                _ => self.window.replace(arrival.page),
+            };
+            if let Some(before) = before {
                 self.inbox.retire(before);
             }
         }
@@ -160,6 +168,11 @@ impl Firmware<'_> {
         let (state, force_n) = hardware_step(&self.params, &self.state, command.map(|command| command.force_n));
         self.state = state;
         let pointer = self.window.as_ref().and_then(|page| page.cell(rendering::POINTER)).map(|(_, pointer)| pointer);
+        if self.hand.is_waiting()
+            && let Some(status) = self.pump.says(station_tick)
+        {
+            self.hand.see(hardware_tick, &status);
+        }
         let hand = self.hand.step(hardware_tick, force_n, pointer.as_ref());
         self.tip_m = hand.pose.position_m;
         let sample = HardwareSample {

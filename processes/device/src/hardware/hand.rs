@@ -1,15 +1,17 @@
 //! The hand that holds the simulated device: it follows a script, the pointer in the window or a pad, and gives way to the force like a hand; or it does
 //! what the hand of a recording did, whatever it feels.
 
+mod changes;
+
 use super::pad::{Make, Pad};
 use super::score::Score;
+use changes::Changes;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
 use hyst_messages::controls::FOCUS_M;
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, HardwareSample, PointerRecord, Pose, StepRecord};
+use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, FluidStatus, HardwareSample, PointerRecord, Pose, StepRecord};
 use hyst_recording::Moment;
 use hyst_scene::{HandLeg, LoadedHand, LoadedRigid, LoadedScene, PumpChange};
-use std::collections::VecDeque;
 use std::path::Path;
 
 /// Time that the hand rests before a script begins, s: the station is warm by then.
@@ -42,8 +44,8 @@ pub struct Hand {
     model: HandModel,
     state: HandState,
     controls: Controls,
-    /// What the script still has to set of them.
-    changes: VecDeque<PumpChange>,
+    /// What the script still has to set of them; of who follows no script nothing.
+    changes: Changes,
     /// When the script is through, s; one that begins anew never is.
     end_s: f64,
     /// How far the outflow valve is open while the hand rinses; `None` where the scene's script has the valve.
@@ -81,6 +83,11 @@ fn leg(leg: &HandLeg) -> Leg {
     let button = |is_pressed: bool, bit: u32| if is_pressed { bit } else { 0 };
     let buttons = button(leg.is_energized, BUTTON_ENERGIZED) | button(leg.is_extended, BUTTON_EXTENDED);
     Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons, is_rinsing: leg.is_rinsing }
+}
+
+/// The script's time at a tick, s.
+fn script_s(tick: u64) -> f64 {
+    (tick as f64 * 1e-3 - REST_S).max(0.0)
 }
 
 fn will(scene: &LoadedScene, hand: &str, begin_tick: u64) -> Result<Will, Failure> {
@@ -159,6 +166,8 @@ impl Hand {
         };
         let script = name.strip_prefix("script:").and_then(|name| scene.hand(name));
         let own = script.map(|hand| &hand.changes).filter(|changes| !changes.is_empty());
+        let changes: &[PumpChange] = own.unwrap_or(&scene.fluid.changes);
+        let follows_script = !matches!(will, Will::Pointer | Will::Pad(_) | Will::Score(_));
         let instrument = scene.rigid.first();
         Ok(Hand {
             will,
@@ -167,9 +176,9 @@ impl Hand {
             state: HandState::at_rest(&model, &rest),
             model,
             controls,
-            changes: own.unwrap_or(&scene.fluid.changes).iter().copied().collect(),
+            changes: Changes::of(if follows_script { changes } else { &[] }),
             end_s: script.filter(|hand| hand.is_once).map_or(f64::INFINITY, |hand| hand.period_s),
-            rinsing_valve: own.unwrap_or(&scene.fluid.changes).iter().all(|change| change.outflow_valve.is_none()).then_some(1.0),
+            rinsing_valve: changes.iter().all(|change| change.outflow_valve.is_none()).then_some(1.0),
             loop_reach_m: instrument.map_or(0.0, LoadedRigid::element_m),
             loop_extension_m: 0.0,
             has_loop: instrument.is_some_and(|rigid| rigid.electrode.is_some()),
@@ -192,9 +201,19 @@ impl Hand {
         }
     }
 
+    /// Whether the script waits for what the pump says: then it is to be told that, before each step.
+    pub fn is_waiting(&self) -> bool {
+        self.changes.is_waiting()
+    }
+
+    /// Takes what the pump says at a tick.
+    pub fn see(&mut self, tick: u64, status: &FluidStatus) {
+        self.changes.see(script_s(tick), status);
+    }
+
     /// Sets what the script has come to.
     fn change(&mut self, time_s: f64) {
-        while let Some(change) = self.changes.pop_front_if(|change| change.at_s <= time_s) {
+        while let Some(change) = self.changes.due(time_s) {
             let or = |value: Option<f64>, before: f32| value.map_or(before, |value| value as f32);
             self.controls = Controls {
                 set_pressure_pa: or(change.set_pressure_pa, self.controls.set_pressure_pa),
@@ -216,11 +235,9 @@ impl Hand {
 
     /// One tick of the hand, pushed by the force of the motors, N.
     pub fn step(&mut self, tick: u64, force_n: [f32; 3], pointer: Option<&PointerRecord>) -> Held {
-        let time_s = (tick as f64 * 1e-3 - REST_S).max(0.0);
+        let time_s = script_s(tick);
         let (mut buttons, mut rinsing_valve) = (0, None);
-        if !matches!(self.will, Will::Pointer | Will::Pad(_) | Will::Score(_)) {
-            self.change(time_s);
-        }
+        self.change(time_s);
         let target = match &mut self.will {
             Will::Score(score) => {
                 // Before its script begins the hand is where it will begin.

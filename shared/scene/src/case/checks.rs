@@ -4,7 +4,8 @@ use super::brief::{MAX_PRESSURE_PA, deficit_limit_ml};
 use super::file::{Alarm, Case, Goal, Held, Place, Rules, Score, Stop, Survey, Vary, Visit, Warning};
 use super::metrics::METRIC_KEYS;
 use crate::error::{SceneError, SceneErrorKind as Kind};
-use crate::validate::{Checked, range};
+use crate::file::Hand;
+use crate::validate::{Checked, one_of, range};
 use std::collections::BTreeMap;
 
 /// Most entries of each list: each is looked at in every tick of a session.
@@ -49,6 +50,7 @@ pub(crate) fn alone(case: &Case) -> Checked {
     case.place.iter().enumerate().try_for_each(|(index, one)| place(case, one, index))?;
     case.goal.iter().enumerate().try_for_each(|(index, one)| goal(case, one, &format!("goal[{index}]")))?;
     case.warning.iter().enumerate().try_for_each(|(index, one)| warning(case, one, &format!("warning[{index}]")))?;
+    case.hand.iter().try_for_each(|(name, hand)| waiting(case, hand, &format!("hand.{name}")))?;
     scores(&case.score)
 }
 
@@ -58,18 +60,6 @@ fn words(key: &str, text: &str, most: usize) -> Checked {
         return wrong(Kind::Name, key, format!("a text has 1 to {most} bytes and no control characters"), "write it shorter");
     }
     Ok(())
-}
-
-/// Exactly one of these is given.
-fn one_of(key: &str, given: &[(&str, bool)]) -> Checked {
-    let names: Vec<&str> = given.iter().map(|(name, _)| *name).collect();
-    let all = names.join(", ");
-    let there: Vec<&str> = given.iter().filter(|(_, is)| *is).map(|(name, _)| *name).collect();
-    match there[..] {
-        [_] => Ok(()),
-        [] => wrong(Kind::Incomplete, key, "says nothing", &format!("give one of {all}")),
-        [_, second, ..] => wrong(Kind::Range, format!("{key}.{second}"), "is one too many", &format!("give one of {all}")),
-    }
 }
 
 fn variation(vary: &Vary, key: &str) -> Checked {
@@ -296,6 +286,22 @@ fn in_time(case: &Case, key: &str, for_s: f64) -> Checked {
         }
         _ => Ok(()),
     }
+}
+
+/// What a trainee waits for comes before the session ends.
+fn waiting(case: &Case, hand: &Hand, key: &str) -> Checked {
+    for (index, change) in hand.change.iter().enumerate() {
+        let Some(after) = &change.after else { continue };
+        let key = format!("{key}.change[{index}].after");
+        let (deficit_ml, bled_ml) = (after.deficit_above_ml, after.bled_above_ml);
+        deficit_ml.map_or(Ok(()), |ml| ruled_out(&format!("{key}.deficit_above_ml"), ml, "deficit_ml", case.end.deficit_ml))?;
+        bled_ml.map_or(Ok(()), |ml| ruled_out(&format!("{key}.bled_above_ml"), ml, "bled_ml", case.end.bled_ml))?;
+        if after.alarm == Some(Alarm::Perforation) && case.end.perforation {
+            let what = "the session ends with the perforation that it waits for";
+            return wrong(Kind::Contradiction, format!("{key}.alarm"), what, "set end.perforation = false");
+        }
+    }
+    Ok(())
 }
 
 fn end(case: &Case) -> Checked {

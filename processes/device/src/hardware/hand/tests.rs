@@ -1,6 +1,7 @@
 //! The hand at one tick after another: what scripts, pointer and scene make it press, set and turn.
 
 use super::*;
+use hyst_scene::Signal;
 
 #[test]
 fn the_scene_and_the_hand_mean_the_same_by_pitch_yaw_roll_and_insertion() {
@@ -130,6 +131,34 @@ fn a_hand_that_moves_once_rests_cold_where_it_began_and_sets_what_it_says_itself
     assert_eq!(all[0].last().unwrap().buttons, 0);
     let set = all.map(|all| all.last().map(|controls| (controls.inflow_valve, controls.outflow_valve)).unwrap());
     assert_eq!(set, [(0.0, 0.3), (1.0, 0.9)]);
+}
+
+#[test]
+fn a_hand_that_waits_for_the_pump_sets_so_long_after_and_one_without_a_script_waits_for_nothing() {
+    let mut scene = hyst_scene::load_embedded().unwrap();
+    let after = Some(Signal { deficit_above_ml: Some(100.0), ..Signal::default() });
+    let changes = vec![
+        PumpChange { at_s: 1.0, set_pressure_pa: Some(5e3), ..PumpChange::default() },
+        PumpChange { at_s: 3.0, after, inflow_valve: Some(0.0), ..PumpChange::default() },
+    ];
+    let found = scene.hand("press").unwrap().clone();
+    scene.hands.push(LoadedHand { name: "waits".into(), changes: changes.clone(), ..found });
+    let mut hand = Hand::in_scene(&scene, "script:waits", 0).unwrap();
+    assert!(hand.is_waiting());
+    // More than 100 ml are missing for a moment, 10 s after the start.
+    let all: Vec<Controls> = (0..20_000)
+        .map(|tick| {
+            let deficit_ml = if (10_000..10_040).contains(&tick) { 100.5 } else { 99.5 };
+            hand.see(tick, &FluidStatus { deficit_ml, ..FluidStatus::default() });
+            hand.step(tick, [0.0; 3], None).controls
+        })
+        .collect();
+    let first = |is: fn(&Controls) -> bool| all.iter().position(is);
+    let (set, shut) = (first(|controls| controls.set_pressure_pa == 5e3), first(|controls| controls.inflow_valve == 0.0));
+    assert_eq!((set, shut, hand.is_waiting()), (Some(2_000), Some(13_000), false), "a second of rest is before the script");
+    scene.fluid.changes = changes;
+    let waits = |name: &str| Hand::in_scene(&scene, name, 0).unwrap().is_waiting();
+    assert_eq!(["mouse", "idle", "script:press"].map(waits), [false, true, true]);
 }
 
 #[test]
