@@ -120,3 +120,6 @@ pub(crate) fn read_case(text: &str, path: &Path) -> Result<(Case, ReadScene), Sc
     fits::together(&case, &read.scene).map_err(located)?;
     Ok((case, read))
 }
+
+#[cfg(test)]
+mod tests;

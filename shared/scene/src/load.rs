@@ -20,7 +20,7 @@ use hyst_mesh::{TetMesh, TriangleMesh};
 use std::path::Path;
 
 /// An object in its place: its tets, and its own surface with the name to speak of it by.
-type Placed = (TetMesh, Option<(TriangleMesh, String)>);
+pub(crate) type Placed = (TetMesh, Option<(TriangleMesh, String)>);
 
 /// Reads a scene, or wraps a mesh in one, or draws the scene of a case, and makes it ready to run.
 ///
@@ -110,15 +110,8 @@ pub(crate) fn read_file(path: &Path) -> Result<Found, SceneError> {
 
 fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>]) -> Result<LoadedScene, SceneError> {
     let mut notes = Vec::new();
-    let raw = scene.deformable.iter().enumerate().map(|(index, one)| object::read(one, index, folder));
-    let raw: Vec<RawObject> = raw.collect::<Result<_, _>>()?;
     let workspace = workspace(&scene);
-    let transforms = transforms(&scene, &raw, workspace.pivot_m, &mut notes)?;
-    let mut placed = Vec::new();
-    for (index, (raw, transform)) in raw.into_iter().zip(&transforms).enumerate() {
-        placed.push(raw.place(&scene.deformable[index], index, transform, &mut notes)?);
-    }
-    let drawn = seated(&scene, seats, &mut placed);
+    let (placed, drawn) = placed(&scene, folder, seats, &mut notes)?;
     let locators: Vec<Locator> = placed.iter().map(|(mesh, _)| Locator::new(mesh)).collect();
     let meshes: Vec<TetMesh> = placed.iter().map(|(mesh, _)| mesh.clone()).collect();
     let mut objects: Vec<LoadedDeformable> = Vec::new();
@@ -152,6 +145,24 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>])
         LoadedScene { scene, origin: origin.to_owned(), objects, rigid, workspace, fluid, hands, rest, hash: 0, notes, drawn };
     loaded.hash = content_hash(&loaded);
     Ok(loaded)
+}
+
+/// The objects of a scene in their places, those moved for which a seat was drawn, and how, in words.
+pub(crate) fn placed(
+    scene: &Scene,
+    folder: &Folder,
+    seats: &[Option<Seat>],
+    notes: &mut Vec<String>,
+) -> Result<(Vec<Placed>, Vec<String>), SceneError> {
+    let raw = scene.deformable.iter().enumerate().map(|(index, one)| object::read(one, index, folder));
+    let raw: Vec<RawObject> = raw.collect::<Result<_, _>>()?;
+    let transforms = transforms(scene, &raw, workspace(scene).pivot_m, notes)?;
+    let mut placed = Vec::new();
+    for (index, (raw, transform)) in raw.into_iter().zip(&transforms).enumerate() {
+        placed.push(raw.place(&scene.deformable[index], index, transform, notes)?);
+    }
+    let drawn = seated(scene, seats, &mut placed);
+    Ok((placed, drawn))
 }
 
 /// Moves the objects for which a seat was drawn; says how.
