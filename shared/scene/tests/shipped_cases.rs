@@ -132,9 +132,10 @@ fn a_case_that_sets_another_pressure_has_the_walls_of_its_scene() {
 }
 
 #[test]
-fn the_septum_and_the_complications_have_trainees_of_their_own_who_use_the_loop() {
+fn septum_myoma_and_the_complications_have_trainees_of_their_own_who_use_the_loop() {
     let trainees = [
         ("septum", &["divide"][..]),
+        ("myoma", &["slices"]),
         ("perforation", &["goes-on", "stops"]),
         ("bleeding", &["looks-on", "staunches"]),
         ("fluid-overload", &["looks-on", "watches"]),
