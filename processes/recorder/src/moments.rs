@@ -1,7 +1,7 @@
 //! What of a session is worth a picture: its end, goals that are reached or missed and warnings that fall, as its case has them; the electrode that begins to
-//! cut, a piece that comes out, an alarm of the pump. From the same ticks and statuses as are recorded.
+//! cut, a piece that comes out, an alarm or a notice of the pump. From the same ticks and statuses as are recorded.
 
-use hyst_assessment::Judge;
+use hyst_assessment::{Judge, NOTICES};
 use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus};
 use hyst_recording::Block;
 
@@ -113,7 +113,8 @@ impl Moments {
         let Some(before) = self.fluid.replace(*status) else { return };
         let new = status.alarms & !before.alarms;
         let named = PUMP_ALARMS.iter().filter(|(bit, _)| new & bit != 0);
-        moments.extend(named.map(|(_, name)| (status.state_tick, format!("alarm of the pump: {name}"))));
+        let what = |bit: u32| if bit & NOTICES != 0 { "notice" } else { "alarm" };
+        moments.extend(named.map(|(bit, name)| (status.state_tick, format!("{} of the pump: {name}", what(*bit)))));
     }
 }
 
@@ -190,6 +191,16 @@ mod tests {
         let judged = moments.take(&first, mark);
         told(judged, &[(300, "warning: too hard"), (501, "the session is over: the time was over")]);
         told(moments.take(&Block { applied: ticks(700..900), ..Block::default() }, Mark::default()), &[]);
+    }
+
+    #[test]
+    fn a_container_that_is_to_be_changed_is_told_as_a_notice_and_no_alarm() {
+        let fluid = vec![fluid(20, 0), fluid(60, 16), fluid(90, 16 | 2)];
+        let block = Block { applied: ticks(1..100), fluid, ..Block::default() };
+        told(
+            Moments::after(None).take(&block, Mark::default()),
+            &[(60, "notice of the pump: container change"), (90, "alarm of the pump: deficit")],
+        );
     }
 
     #[test]

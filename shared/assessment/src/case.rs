@@ -56,11 +56,12 @@ impl Judge {
 
     /// The case in some short lines, ASCII, for what stands beside a picture: goals and time, the next goal or the end, what is warned of.
     pub fn strip(&self) -> Vec<String> {
-        let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
+        let (reached, called_for) = self.tally();
+        let of = if self.ended.is_some() { called_for } else { self.goals.len() };
         let left_s = self.brief.end.time_s.map(|time_s| (time_s - self.since_start_s(self.last_tick)).max(0.0).ceil() as u64);
         let left = left_s.filter(|_| self.ended.is_none());
         let left = left.map_or(String::new(), |left_s| format!("   {:02}:{:02} left", left_s / 60, left_s % 60));
-        let mut lines = vec![format!("goals    {reached} of {}{left}", self.goals.len())];
+        let mut lines = vec![format!("goals    {reached} of {of}{left}")];
         if let Some((by, tick)) = self.ended {
             let at_s = self.since_start_s(tick);
             lines.extend(beside(
@@ -83,9 +84,16 @@ impl Judge {
     /// How the session ended, in one sentence; `None` while it runs.
     pub fn over(&self) -> Option<String> {
         let (by, tick) = self.ended?;
+        let (reached, of) = self.tally();
+        let others = self.goals.len() - of;
+        let others = if others > 0 { format!(", {others} not called for") } else { String::new() };
+        Some(format!("after {:.1} s: {}; {reached} of {of} goals reached{others}", self.since_start_s(tick), by.words()))
+    }
+
+    /// How many goals were reached, and how many were called for.
+    pub(crate) fn tally(&self) -> (usize, usize) {
         let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
-        let of = self.goals.len();
-        Some(format!("after {:.1} s: {}; {reached} of {of} goals reached", self.since_start_s(tick), by.words()))
+        (reached, (0..self.goals.len()).filter(|index| self.is_called_for(*index)).count())
     }
 
     /// The task in one line.
@@ -153,7 +161,9 @@ pub(crate) fn text(out: &mut String, judge: &Judge) {
         let _ = writeln!(out, "  {:<60} {told}", cut_to(&words, 60));
     }
     let _ = writeln!(out, "  ended {}", judge.ended_line());
-    for (words, when) in judge.warning_lines() {
+    let warnings = judge.warning_lines();
+    out.push_str(if warnings.is_empty() { "  no warnings\n" } else { "" });
+    for (words, when) in warnings {
         let _ = writeln!(out, "  {:<60} {when}", cut_to(&format!("warning: {words}"), 60));
     }
 }

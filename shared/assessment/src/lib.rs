@@ -40,7 +40,7 @@ pub use force::{Force, LIMIT_N, TOUCH_N};
 pub use json::json;
 pub use judge::{EndedBy, GoalState, Judge, WarningState};
 pub use markup::{escape, plain};
-pub use medium::{HIGH_PA, LOW_PA, Medium, PA_PER_MMHG, PARTED_PA};
+pub use medium::{HIGH_PA, LOW_PA, Medium, NOTICES, PA_PER_MMHG, PARTED_PA};
 pub use metric::{Definition, Group, Metric, Scale, Scores, scores};
 pub use motion::Motion;
 pub use page::html;

@@ -19,7 +19,7 @@ const HOLD_TICKS: u64 = 1_000;
 const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;
 /// What the pump says of a container that is to be changed: a notice. Another one hangs beside it, and nobody has done anything wrong (docs/handbook.md).
-const NOTICES: u32 = 16;
+pub const NOTICES: u32 = 16;
 /// Valves below this are shut, and light below it is none; 0 to 1.
 pub(crate) const SHUT: f32 = 0.05;
 

@@ -2,6 +2,7 @@
 
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
+use crate::judge::Judge;
 use crate::markup::{escape, plain};
 use crate::metric::{Group, Metric};
 use crate::plots::curves;
@@ -77,6 +78,9 @@ fn missing(page: &mut String, sessions: &Sessions) {
 
 fn tiles(page: &mut String, column: &Column) {
     page.push_str("<div class=\"tiles\">\n");
+    if let Some((reached, of)) = column.assessment.measured.judge.as_ref().map(Judge::tally) {
+        let _ = writeln!(page, "<div class=\"tile\"><b>{reached} of {of}</b><span>Goals reached</span></div>");
+    }
     let groups = Group::ALL.into_iter().zip(column.scores.groups).map(|(group, score)| (group.name(), score));
     for (name, score) in std::iter::once(("All", column.scores.total)).chain(groups) {
         let _ = writeln!(page, "<div class=\"tile\"><b>{}</b><span>{name}</span></div>", percent(score));

@@ -17,6 +17,9 @@ const SENTENCE: usize = 55;
 /// The report.
 pub fn text(sessions: &Sessions) -> String {
     let mut text = String::new();
+    if !sessions.missing().is_empty() {
+        text.push_str("Not everything of the recording is there: the end says what is missing, the values are of the rest.\n\n");
+    }
     for (name, fact) in sessions.reported.session_facts() {
         let _ = writeln!(text, "{name:<20}{fact}");
     }

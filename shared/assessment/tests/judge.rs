@@ -162,6 +162,11 @@ fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
     early.tick(&shut(101, false));
     assert_eq!(early.goals[0].reached_tick, Some(101));
     assert_eq!((early.reached_percent(), &early.json()["goals"][0]["called_for"]), (Some(100.0), &json!(true)));
+    assert_eq!(early.over().unwrap(), "after 0.1 s: all goals were reached; 1 of 1 goals reached");
+    let mut quiet = judge(stop.clone(), json!({ "time_s": 0.5 }), json!([]));
+    wait(&mut quiet, 0..600);
+    let over = "after 0.5 s: the time was over; 0 of 0 goals reached, 1 not called for";
+    assert_eq!((quiet.over().as_deref(), quiet.strip()[0].as_str()), (Some(over), "goals    0 of 0"));
 
     let mut late = judge(stop, json!({}), json!([]));
     late.fluid(&fluid(10, 60.0, 51.0));
@@ -341,7 +346,9 @@ fn a_recording_is_judged_by_its_case_alone_and_scored_with_its_weights() {
     assert!(told.contains("Case: A case <b> (seed 3)") && told.contains("reached at 0.8 s"), "{told}");
     assert!(told.contains("ended after 1.6 s: all goals were reached") && told.contains("warning: number 0"), "{told}");
     assert!(told.lines().all(|line| line.chars().count() <= 100), "{told}");
+    assert!(!told.contains("no warnings") && !told.contains("Not everything"), "{told}");
     let page = html(&sessions);
+    assert!(page.contains("<b>2 of 2</b><span>Goals reached</span>"), "{page}");
     assert!(page.contains("<h2>Case: A case &lt;b&gt;</h2>") && page.contains("Do it &amp; well."), "{page}");
     assert!(page.contains("class=\"text reached\">reached at 1.6 s") && !page.contains("<b>\""), "{page}");
 }

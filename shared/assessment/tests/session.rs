@@ -155,7 +155,9 @@ fn a_recording_that_is_cut_anywhere_is_reported_as_far_as_it_goes_and_says_so() 
         assert!(assessment.missing().iter().any(|sentence| sentence.contains("without a summary")), "{length}");
         empty += usize::from(assessment.is_empty());
         told += usize::from(!assessment.is_empty());
-        assert!(outputs(&whole[..length], 1).iter().all(|text| !text.is_empty()));
+        let outputs = outputs(&whole[..length], 1);
+        assert!(outputs.iter().all(|text| !text.is_empty()));
+        assert!(outputs[0].starts_with("Not everything of the recording is there"), "said before any value: {}", outputs[0]);
     }
     assert!(refused > 0 && empty > 0 && told > 10, "{refused} {empty} {told}");
 }
