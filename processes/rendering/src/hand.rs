@@ -1,8 +1,10 @@
-//! The hand in the window: mouse and keys become targets for the simulated hardware, in the page's pointer cell.
+//! The hand in the window: mouse and keys become targets for the hardware, in the page's pointer cell. What the device on the desk has itself, as its samples
+//! say, no key changes.
 //!
 //! Promise: the first record repeats where the scope is and how valves, pressure, light, focus and loop are set, so that a restarted window changes nothing;
 //! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
+use hyst_messages::controls::{WINDOW_CURRENT, WINDOW_HEAD, WINDOW_POSE};
 use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, PointerRecord, Switch};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
@@ -11,6 +13,8 @@ use std::f32::consts::PI;
 const REACH: [f32; 5] = [0.25, 0.25, 0.6, 0.012, 0.6];
 /// Bounds of a target whatever the scope says: rad, rad, rad, m, rad.
 const BOUNDS: [(f32, f32); 5] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2), (-PI, PI)];
+/// What the window gives of each.
+const GIVEN: [u32; 5] = [WINDOW_POSE, WINDOW_POSE, WINDOW_POSE, WINDOW_POSE, WINDOW_HEAD];
 /// What the keys of the hand turn.
 const TURNS: [(Key, Switch); 8] = [
     (Key::Inflow, Switch::Inflow),
@@ -32,17 +36,20 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// The next record; `now` is what the hardware says of scope and controls.
+    /// The next record; `now` is what the hardware says of scope and controls, and what of them the window gives.
     pub fn follow(&mut self, input: &PointerInput, now: &HardwareSample) -> PointerRecord {
-        let scope = &now.pose;
-        let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m, scope.camera_roll_rad];
+        let (scope, given) = (&now.pose, now.from_window);
+        // The head turns on the scope, and the scope in the head: both together are the horizon.
+        let horizon_rad = scope.camera_roll_rad + scope.roll_rad;
+        let at = [scope.pitch_rad, scope.yaw_rad, scope.roll_rad, scope.insertion_m, horizon_rad];
         if self.record.sequence == 0 {
             (self.record.target, self.record.controls) = (at, now.controls);
         }
+        self.record.controls.take(&now.controls, !given);
         // A view that goes up is a negative turn about +x; one that goes right is a negative turn about +y.
         let moved = [-input.pitch_rad, -input.yaw_rad, input.roll_rad, input.insertion_m, input.head_rad];
         for (axis, target) in self.record.target.iter_mut().enumerate() {
-            let wanted = *target + moved[axis];
+            let wanted = if given & GIVEN[axis] != 0 { *target + moved[axis] } else { at[axis] };
             let (low, high) = BOUNDS[axis];
             if wanted.is_finite() && at[axis].is_finite() {
                 *target = wanted.clamp(at[axis] - REACH[axis], at[axis] + REACH[axis]).clamp(low, high);
@@ -52,9 +59,12 @@ impl Hand {
         // Up and down at once is neither.
         let both = input.was_pressed(Key::PressureUp) && input.was_pressed(Key::PressureDown);
         let due = |key: Key| input.was_pressed(key) && !(both && matches!(key, Key::PressureUp | Key::PressureDown));
-        TURNS.iter().filter(|(key, _)| due(*key)).for_each(|(_, switch)| controls.turn(*switch));
-        controls.buttons &= !BUTTON_ENERGIZED;
-        controls.buttons |= if input.is_held(Key::Energize) && !self.is_over { BUTTON_ENERGIZED } else { 0 };
+        let turned = TURNS.iter().filter(|(key, switch)| due(*key) && given & switch.window_bit() != 0);
+        turned.for_each(|(_, switch)| controls.turn(*switch));
+        if given & WINDOW_CURRENT != 0 {
+            controls.buttons &= !BUTTON_ENERGIZED;
+            controls.buttons |= if input.is_held(Key::Energize) && !self.is_over { BUTTON_ENERGIZED } else { 0 };
+        }
         self.record.sequence += 1;
         self.record
     }
@@ -63,7 +73,7 @@ impl Hand {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::controls::PRESSURE_PA;
+    use hyst_messages::controls::{PRESSURE_PA, WINDOW_ALL, WINDOW_INFLOW};
     use hyst_messages::{BUTTON_EXTENDED, Controls, Pose};
 
     fn now() -> HardwareSample {
@@ -71,7 +81,7 @@ mod tests {
             Pose { pitch_rad: 0.1, yaw_rad: -0.2, roll_rad: 0.3, insertion_m: 0.04, camera_roll_rad: 0.5, ..Pose::default() };
         let controls =
             Controls { inflow_valve: 1.0, outflow_valve: 0.3, set_pressure_pa: 9_333.0, light: 1.0, ..Controls::default() };
-        HardwareSample { pose, controls, ..HardwareSample::default() }
+        HardwareSample { pose, controls, from_window: WINDOW_ALL, ..HardwareSample::default() }
     }
 
     fn press(key: Key) -> PointerInput {
@@ -94,7 +104,50 @@ mod tests {
         let controls =
             Controls { outflow_valve: 0.0, set_pressure_pa: 5_000.0, focus_m: 0.008, buttons: BUTTON_EXTENDED, ..now().controls };
         let record = Hand::default().follow(&PointerInput::default(), &HardwareSample { controls, ..now() });
-        assert_eq!((record.sequence, record.target, record.controls), (1, [0.1, -0.2, 0.3, 0.04, 0.5], controls));
+        assert_eq!((record.sequence, record.target, record.controls), (1, [0.1, -0.2, 0.3, 0.04, 0.8], controls));
+    }
+
+    /// The head was taken for the horizon: after a turn of the scope by more than the reach the horizon was drawn along, farther with each picture.
+    #[test]
+    fn the_horizon_stays_however_far_the_scope_turns_in_the_head_and_a_successors_window_leaves_it_there() {
+        let turned = |roll_rad: f32| {
+            let pose = Pose { roll_rad, camera_roll_rad: 0.1 - roll_rad, ..now().pose };
+            HardwareSample { pose, ..now() }
+        };
+        let mut hand = Hand::default();
+        let horizons = (0..31).map(|step| hand.follow(&PointerInput::default(), &turned(step as f32 * 0.1)).target[4]);
+        let farthest_rad = horizons.map(|horizon_rad| (horizon_rad - 0.1).abs()).fold(0.0, f32::max);
+        assert!(farthest_rad < 1e-5, "{farthest_rad} rad");
+        let next = Hand::default().follow(&PointerInput::default(), &turned(1.6));
+        assert!((next.target[4] - 0.1).abs() < 1e-5, "{next:?}");
+    }
+
+    #[test]
+    fn beside_a_device_keys_change_what_it_lacks_and_the_record_repeats_the_rest() {
+        let mut hand = Hand::default();
+        let lacking = |from_window: u32, sample: HardwareSample| HardwareSample { from_window, ..sample };
+        hand.follow(&PointerInput::default(), &lacking(WINDOW_HEAD | WINDOW_INFLOW, now()));
+        // The device goes on by itself, and somebody leans on the whole keyboard and the mouse.
+        let all = Key::all().fold(0, |bits, key| bits | key.bit());
+        let (pitch_rad, yaw_rad, roll_rad, insertion_m, head_rad) = (0.1, 0.1, 0.1, 0.005, 0.1);
+        let input = PointerInput {
+            pitch_rad,
+            yaw_rad,
+            roll_rad,
+            insertion_m,
+            head_rad,
+            pressed: all,
+            held: all,
+            ..PointerInput::default()
+        };
+        let pose = Pose { pitch_rad: 0.4, roll_rad: 0.2, camera_roll_rad: 0.6, ..now().pose };
+        let controls = Controls { buttons: BUTTON_EXTENDED | BUTTON_ENERGIZED, outflow_valve: 0.7, light: 0.6, ..now().controls };
+        let record = hand.follow(&input, &lacking(WINDOW_HEAD | WINDOW_INFLOW, HardwareSample { pose, controls, ..now() }));
+        assert_eq!(record.controls, Controls { inflow_valve: 0.0, ..controls });
+        assert_eq!(record.target[..4], [0.4, -0.2, 0.2, 0.04]);
+        assert!((record.target[4] - 0.9).abs() < 1e-5, "{record:?}");
+        let own = hand.follow(&input, &lacking(0, now()));
+        assert_eq!((own.controls, own.target[..4].to_vec()), (now().controls, vec![0.1, -0.2, 0.3, 0.04]));
     }
 
     #[test]

@@ -3,12 +3,14 @@ use winit::keyboard::KeyCode;
 
 use crate::input::{Key, MOTIONS, Mouse, SWITCHES, bindings};
 
-/// The lines of the help, each as long as the others; without what moves and sets, if the hand is not the window's.
-pub fn help(has_hand: bool) -> Vec<String> {
-    let motions = MOTIONS.iter().map(|motion| (names(&motion.keys), format!("{}; {}", motion.does, motion.mouse.name())));
-    let switches = SWITCHES.iter().filter(|switch| has_hand || !switch.of_hand);
+/// The lines of the help, each as long as the others; of what moves and sets only what the window gives, a bit of
+/// [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL) each.
+pub fn help(given: u32) -> Vec<String> {
+    let motions = MOTIONS.iter().filter(|motion| given & motion.bit != 0);
+    let motions = motions.map(|motion| (names(&motion.keys), format!("{}; {}", motion.does, motion.mouse.name())));
+    let switches = SWITCHES.iter().filter(|switch| switch.bit == 0 || given & switch.bit != 0);
     let switches = switches.map(|switch| (names(switch.keys), switch.does.to_string()));
-    let rows: Vec<(String, String)> = motions.filter(|_| has_hand).chain(switches).collect();
+    let rows: Vec<(String, String)> = motions.chain(switches).collect();
     let left = rows.iter().map(|(keys, _)| keys.len()).max().unwrap_or(0);
     let right = rows.iter().map(|(_, does)| does.len()).max().unwrap_or(0);
     rows.iter().map(|(keys, does)| format!("{keys:<left$}  {does:<right$}")).collect()
@@ -49,10 +51,11 @@ fn name(code: KeyCode) -> String {
 mod tests {
     use super::*;
     use crate::overlay::{COLUMNS, ROWS};
+    use hyst_messages::controls::{WINDOW_ALL, WINDOW_HEAD, WINDOW_LIGHT};
 
     #[test]
     fn the_help_names_every_key_and_the_mouse_once_and_fits() {
-        let lines = help(true);
+        let lines = help(WINDOW_ALL);
         let words: Vec<&str> = lines.iter().flat_map(|line| line.split("  ").next().unwrap_or_default().split(' ')).collect();
         for (code, key) in bindings() {
             assert_eq!(words.iter().filter(|word| **word == name(code)).count(), 1, "{key:?} in {words:?}");
@@ -80,7 +83,14 @@ mod tests {
 
     #[test]
     fn where_the_hand_is_not_the_windows_the_help_has_only_what_changes_the_picture() {
-        assert_eq!(help(false), ["V   view from outside, inside", "F1  this help, and away      "]);
+        assert_eq!(help(0), ["V   view from outside, inside", "F1  this help, and away      "]);
         assert_eq!(help_hint(), "F1 help");
+    }
+
+    #[test]
+    fn beside_a_device_the_help_has_what_the_device_lacks() {
+        let lines = help(WINDOW_HEAD | WINDOW_LIGHT);
+        let keys: Vec<&str> = lines.iter().filter_map(|line| line.split("  ").next()).collect();
+        assert_eq!(keys, ["Z C", "T", "V", "F1"], "{lines:?}");
     }
 }

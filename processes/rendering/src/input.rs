@@ -2,6 +2,10 @@
 //!
 //! Promise: [`MOTIONS`] and [`SWITCHES`] are all that keys and mouse do. The window acts by them and the help is written from them, so that neither
 //! knows a key that the other does not.
+use hyst_messages::controls::{
+    WINDOW_CURRENT, WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_LOOP, WINDOW_OUTFLOW, WINDOW_POSE,
+    WINDOW_PRESSURE,
+};
 use winit::{event::MouseButton, keyboard::KeyCode};
 
 /// What the hand did since the last pump, as the surgeon sees it. In the station's frame a view that goes up is a negative rotation about
@@ -134,6 +138,8 @@ pub(crate) enum Mouse {
 /// How one degree of freedom is moved.
 pub(crate) struct Motion {
     pub axis: Axis,
+    /// the bit of `WINDOW_ALL` under which the window makes it
+    pub bit: u32,
     /// the keys that move it back and forth while they are held
     pub keys: [(KeyCode, Key); 2],
     /// speed under a key, rad/s or m/s
@@ -148,8 +154,8 @@ pub(crate) struct Motion {
 /// What a key does that does not move the scope.
 pub(crate) struct Switch {
     pub keys: &'static [(KeyCode, Key)],
-    /// whether it is the hand that it turns something for, and not the eye
-    pub of_hand: bool,
+    /// the bit of `WINDOW_ALL` under which it turns something for the hand; 0 for the eye, at all times
+    pub bit: u32,
     /// what the help says of it
     pub does: &'static str,
 }
@@ -163,6 +169,7 @@ const M_PER_NOTCH: f32 = 0.0015;
 pub(crate) static MOTIONS: [Motion; 5] = [
     Motion {
         axis: Axis::Pitch,
+        bit: WINDOW_POSE,
         keys: [(KeyCode::ArrowDown, Key::Down), (KeyCode::ArrowUp, Key::Up)],
         per_s: 0.35,
         mouse: Mouse::DragUp(MouseButton::Left),
@@ -171,6 +178,7 @@ pub(crate) static MOTIONS: [Motion; 5] = [
     },
     Motion {
         axis: Axis::Yaw,
+        bit: WINDOW_POSE,
         keys: [(KeyCode::ArrowLeft, Key::Left), (KeyCode::ArrowRight, Key::Right)],
         per_s: 0.35,
         mouse: Mouse::DragRight(MouseButton::Left),
@@ -179,6 +187,7 @@ pub(crate) static MOTIONS: [Motion; 5] = [
     },
     Motion {
         axis: Axis::Roll,
+        bit: WINDOW_POSE,
         keys: [(KeyCode::KeyQ, Key::TurnLeft), (KeyCode::KeyE, Key::TurnRight)],
         per_s: 0.8,
         mouse: Mouse::DragRight(MouseButton::Right),
@@ -187,6 +196,7 @@ pub(crate) static MOTIONS: [Motion; 5] = [
     },
     Motion {
         axis: Axis::Insertion,
+        bit: WINDOW_POSE,
         keys: [(KeyCode::PageDown, Key::Out), (KeyCode::PageUp, Key::In)],
         per_s: 0.02,
         mouse: Mouse::Wheel,
@@ -195,6 +205,7 @@ pub(crate) static MOTIONS: [Motion; 5] = [
     },
     Motion {
         axis: Axis::Head,
+        bit: WINDOW_HEAD,
         keys: [(KeyCode::KeyZ, Key::HeadLeft), (KeyCode::KeyC, Key::HeadRight)],
         per_s: 0.8,
         mouse: Mouse::DragRight(MouseButton::Middle),
@@ -205,23 +216,23 @@ pub(crate) static MOTIONS: [Motion; 5] = [
 
 /// The other keys.
 pub(crate) static SWITCHES: [Switch; 9] = [
-    Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], of_hand: true, does: "loop out, in; jaws open, close" },
-    Switch { keys: &[(KeyCode::Space, Key::Energize)], of_hand: true, does: "current, while held" },
-    Switch { keys: &[(KeyCode::KeyI, Key::Inflow)], of_hand: true, does: "inflow shut, open" },
-    Switch { keys: &[(KeyCode::KeyO, Key::Outflow)], of_hand: true, does: "outflow shut, open" },
+    Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], bit: WINDOW_LOOP, does: "loop out, in; jaws open, close" },
+    Switch { keys: &[(KeyCode::Space, Key::Energize)], bit: WINDOW_CURRENT, does: "current, while held" },
+    Switch { keys: &[(KeyCode::KeyI, Key::Inflow)], bit: WINDOW_INFLOW, does: "inflow shut, open" },
+    Switch { keys: &[(KeyCode::KeyO, Key::Outflow)], bit: WINDOW_OUTFLOW, does: "outflow shut, open" },
     Switch {
         keys: &[(KeyCode::End, Key::PressureDown), (KeyCode::Home, Key::PressureUp)],
-        of_hand: true,
+        bit: WINDOW_PRESSURE,
         does: "pressure 5 mmHg down, up",
     },
-    Switch { keys: &[(KeyCode::KeyT, Key::Light)], of_hand: true, does: "light dim, full" },
+    Switch { keys: &[(KeyCode::KeyT, Key::Light)], bit: WINDOW_LIGHT, does: "light dim, full" },
     Switch {
         keys: &[(KeyCode::KeyF, Key::FocusNear), (KeyCode::KeyG, Key::FocusFar)],
-        of_hand: true,
+        bit: WINDOW_FOCUS,
         does: "focus nearer, farther",
     },
-    Switch { keys: &[(KeyCode::KeyV, Key::External)], of_hand: false, does: "view from outside, inside" },
-    Switch { keys: &[(KeyCode::F1, Key::Help)], of_hand: false, does: "this help, and away" },
+    Switch { keys: &[(KeyCode::KeyV, Key::External)], bit: 0, does: "view from outside, inside" },
+    Switch { keys: &[(KeyCode::F1, Key::Help)], bit: 0, does: "this help, and away" },
 ];
 
 /// All keys, with their places on the keyboard.

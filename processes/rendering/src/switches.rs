@@ -23,10 +23,11 @@ impl Switches {
         self.help ^= input.was_pressed(Key::Help);
     }
 
-    /// The lines under the strip of a window, with the focus, m, if it is not the usual one; `has_hand`: keys and mouse also move the scope.
-    pub fn lines(&self, has_hand: bool, focus_m: f32) -> Vec<String> {
+    /// The lines under the strip of a window, with the focus, m, if it is not the usual one; `given`: what keys and mouse move and set, a bit of
+    /// [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL) each.
+    pub fn lines(&self, given: u32, focus_m: f32) -> Vec<String> {
         match self.help {
-            true => [String::new()].into_iter().chain(help(has_hand)).collect(),
+            true => [String::new()].into_iter().chain(help(given)).collect(),
             false if (focus_m / FOCUS_M - 1.0).abs() < 0.05 => vec![help_hint()],
             false => vec![format!("{}   focus {:.0} mm", help_hint(), focus_m * 1e3)],
         }
@@ -36,6 +37,7 @@ impl Switches {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::controls::WINDOW_ALL;
 
     fn press(key: Key) -> PointerInput {
         PointerInput { pressed: key.bit(), held: key.bit(), ..PointerInput::default() }
@@ -44,25 +46,25 @@ mod tests {
     #[test]
     fn f1_brings_the_help_and_takes_it_away_and_no_other_key_does() {
         let mut switches = Switches::new(false);
-        assert_eq!(switches.lines(true, FOCUS_M), ["F1 help"]);
+        assert_eq!(switches.lines(WINDOW_ALL, FOCUS_M), ["F1 help"]);
         for key in Key::all().filter(|key| *key != Key::Help) {
             switches.press(&press(key));
-            assert_eq!(switches.lines(true, FOCUS_M).len(), 1, "{key:?}");
+            assert_eq!(switches.lines(WINDOW_ALL, FOCUS_M).len(), 1, "{key:?}");
         }
         switches.press(&press(Key::Help));
         switches.press(&PointerInput { held: Key::Help.bit(), ..PointerInput::default() });
-        let lines = switches.lines(true, FOCUS_M);
-        assert!(lines[0].is_empty() && lines[1..] == help(true), "after a gap: {lines:?}");
-        assert!(switches.lines(false, FOCUS_M).len() < lines.len());
+        let lines = switches.lines(WINDOW_ALL, FOCUS_M);
+        assert!(lines[0].is_empty() && lines[1..] == help(WINDOW_ALL), "after a gap: {lines:?}");
+        assert!(switches.lines(0, FOCUS_M).len() < lines.len());
         switches.press(&press(Key::Help));
-        assert_eq!(switches.lines(true, FOCUS_M), ["F1 help"]);
+        assert_eq!(switches.lines(WINDOW_ALL, FOCUS_M), ["F1 help"]);
     }
 
     #[test]
     fn the_focus_is_told_where_it_is_not_the_usual_one() {
         let switches = Switches::new(false);
-        assert_eq!(switches.lines(true, 0.0174), ["F1 help   focus 17 mm"]);
-        assert_eq!(switches.lines(false, FOCUS_M * 1.01), ["F1 help"]);
+        assert_eq!(switches.lines(WINDOW_ALL, 0.0174), ["F1 help   focus 17 mm"]);
+        assert_eq!(switches.lines(0, FOCUS_M * 1.01), ["F1 help"]);
     }
 
     #[test]

@@ -15,6 +15,7 @@ use crate::switches::Switches;
 use hyst_engine::settings::SetError;
 use hyst_engine::{Failure, Life, Pace, realtime};
 use hyst_exchange::{Links, system};
+use hyst_messages::controls::WINDOW_PRESSURE;
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
@@ -78,7 +79,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut sources = Sources::open(life, links)?;
     life.ports_are_open();
     let mut display = Display::open(life, asked.size_px);
-    let mut hand = (life.settings.hand == "mouse").then(Hand::default);
+    let mut hand = Hand::default();
     loop {
         let started = {
             let _pulse = Pulse::start(life)?;
@@ -191,7 +192,7 @@ impl<'a> Vision<'a> {
         display: &mut Display,
         album: &mut Album,
         relay: &mut Relay,
-        hand: &mut Option<Hand>,
+        hand: &mut Hand,
     ) -> Result<End, Failure> {
         let life = self.life;
         let broken = |error: RenderError| Failure::Broken(error.to_string());
@@ -204,11 +205,12 @@ impl<'a> Vision<'a> {
             life.misbehave();
             sources.welcome();
             let sample = sources.sample();
+            let given = sample.as_ref().map_or(0, |sample| sample.from_window);
             match display.pump(elapsed_s) {
                 Ok(None) => {}
                 Ok(Some(input)) => {
                     self.switches.press(&input);
-                    if let (Some(hand), Some(sample)) = (hand.as_mut(), &sample) {
+                    if let Some(sample) = sample.as_ref().filter(|_| given != 0) {
                         hand.is_over = self.strip.is_over();
                         life.page.write(page::POINTER, &hand.follow(&input, sample));
                     }
@@ -223,10 +225,10 @@ impl<'a> Vision<'a> {
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.strip.look(&life.clock, tick);
             self.strip.hear(life, tick);
-            let set_pa = hand.as_ref().and(sample.as_ref()).map(|sample| sample.controls.set_pressure_pa);
+            let set_pa = sample.as_ref().filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.set_pressure_pa);
             self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
             if display.window().is_some() {
-                self.view.overlay.lines.extend(self.switches.lines(hand.is_some(), self.focus_m));
+                self.view.overlay.lines.extend(self.switches.lines(given, self.focus_m));
             }
             self.view.overlay.lines.extend(self.strip.case());
             let stats = self.renderer.render(&self.view).map_err(broken)?;

@@ -1,6 +1,7 @@
 //! The help over the picture: it can be read, keeps to its corner, and leaves the trainee the view.
 mod stand;
 
+use hyst_messages::controls::WINDOW_ALL;
 use rendering::{Overlay, ROWS, help};
 use stand::*;
 
@@ -18,7 +19,7 @@ fn the_help_can_be_read_keeps_to_its_corner_and_leaves_the_view() {
     let mut view = through_scope();
     let plain = picture(&mut r, &view);
     let above = ["01:01   30 pictures/s", "pressure   70 mmHg, set 75", ""].map(String::from);
-    let lines: Vec<String> = above.into_iter().chain(help(true)).collect();
+    let lines: Vec<String> = above.into_iter().chain(help(WINDOW_ALL)).collect();
     let rows = lines.len() as u32;
     assert!(lines.len() < ROWS);
     view.overlay = Overlay { lines: lines.clone(), sign: String::new() };

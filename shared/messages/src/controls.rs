@@ -1,6 +1,29 @@
 //! What a hand sets with one press, whatever it presses: a key of the window or a button of a pad.
 
-use crate::record::{BUTTON_EXTENDED, Controls};
+use crate::record::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls};
+
+/// Bit of [`HardwareSample::from_window`](crate::HardwareSample::from_window): the window moves the scope.
+pub const WINDOW_POSE: u32 = 1;
+/// It turns the camera head.
+pub const WINDOW_HEAD: u32 = 1 << 1;
+/// It wants the loop out, or the jaws open.
+pub const WINDOW_LOOP: u32 = 1 << 2;
+/// It wants current.
+pub const WINDOW_CURRENT: u32 = 1 << 3;
+/// It sets the inflow valve.
+pub const WINDOW_INFLOW: u32 = 1 << 4;
+/// It sets the outflow valve.
+pub const WINDOW_OUTFLOW: u32 = 1 << 5;
+/// It sets the pressure.
+pub const WINDOW_PRESSURE: u32 = 1 << 6;
+/// It sets the light.
+pub const WINDOW_LIGHT: u32 = 1 << 7;
+/// It sets the focus.
+pub const WINDOW_FOCUS: u32 = 1 << 8;
+/// All of them: the hand is the window's.
+pub const WINDOW_ALL: u32 = (1 << 9) - 1;
+/// No set pressure is higher, Pa: more than any pump can make.
+pub const MOST_SET_PRESSURE_PA: f32 = 100_000.0;
 
 /// What a press changes the set pressure by: 5 mmHg, Pa.
 const PRESSURE_STEP_PA: f32 = 5.0 * 133.322;
@@ -38,7 +61,43 @@ pub enum Switch {
     FocusFar,
 }
 
+impl Switch {
+    /// The bit of [`WINDOW_ALL`] under which the window turns it.
+    pub fn window_bit(self) -> u32 {
+        match self {
+            Switch::Loop => WINDOW_LOOP,
+            Switch::Inflow => WINDOW_INFLOW,
+            Switch::Outflow => WINDOW_OUTFLOW,
+            Switch::Light => WINDOW_LIGHT,
+            Switch::PressureUp | Switch::PressureDown => WINDOW_PRESSURE,
+            Switch::FocusNear | Switch::FocusFar => WINDOW_FOCUS,
+        }
+    }
+}
+
 impl Controls {
+    /// Takes of another what some bits of [`WINDOW_ALL`] name, but for numbers that cannot be set. How far the loop is out follows what is wanted, and
+    /// is nobody's to take.
+    pub fn take(&mut self, other: &Controls, bits: u32) {
+        let numbers = [
+            (WINDOW_INFLOW, &mut self.inflow_valve, other.inflow_valve, [0.0, 1.0]),
+            (WINDOW_OUTFLOW, &mut self.outflow_valve, other.outflow_valve, [0.0, 1.0]),
+            (WINDOW_PRESSURE, &mut self.set_pressure_pa, other.set_pressure_pa, [0.0, MOST_SET_PRESSURE_PA]),
+            (WINDOW_LIGHT, &mut self.light, other.light, [0.0, 1.0]),
+            (WINDOW_FOCUS, &mut self.focus_m, other.focus_m, FOCUS_RANGE_M),
+        ];
+        for (bit, own, value, [least, most]) in numbers {
+            if bits & bit != 0 && (least..=most).contains(&value) {
+                *own = value; // not with a NaN
+            }
+        }
+        for (bit, button) in [(WINDOW_LOOP, BUTTON_EXTENDED), (WINDOW_CURRENT, BUTTON_ENERGIZED)] {
+            if bits & bit != 0 {
+                self.buttons = (self.buttons & !button) | (other.buttons & button);
+            }
+        }
+    }
+
     /// Turns what a press turns. A set pressure or a focus that is no number is not made one.
     pub fn turn(&mut self, switch: Switch) {
         let other = |value: f32, on: f32, off: f32| if value == on { off } else { on };
@@ -95,6 +154,55 @@ mod tests {
         controls.focus_m = f32::NAN;
         controls.turn(Switch::FocusNear);
         assert!(controls.focus_m.is_nan(), "what is no number is not made one: the device refuses it");
+    }
+
+    #[test]
+    fn of_another_hand_is_taken_what_is_named_and_no_number_that_cannot_be_set() {
+        let before = Controls {
+            buttons: BUTTON_EXTENDED,
+            inflow_valve: 1.0,
+            outflow_valve: 0.3,
+            set_pressure_pa: 9_333.0,
+            light: 1.0,
+            loop_extension_m: 0.004,
+            focus_m: 0.020,
+        };
+        let other = Controls {
+            buttons: BUTTON_ENERGIZED,
+            inflow_valve: 0.0,
+            outflow_valve: 0.9,
+            set_pressure_pa: 5_000.0,
+            light: DIM,
+            loop_extension_m: 0.012,
+            focus_m: 0.008,
+        };
+        let after = |bits: u32| {
+            let mut controls = before;
+            controls.take(&other, bits);
+            controls
+        };
+        assert_eq!(after(0), before);
+        assert_eq!(after(WINDOW_POSE | WINDOW_HEAD), before, "those are no controls");
+        assert_eq!(after(WINDOW_ALL), Controls { loop_extension_m: 0.004, ..other });
+        for (bit, expected) in [
+            (WINDOW_LOOP, Controls { buttons: 0, ..before }),
+            (WINDOW_CURRENT, Controls { buttons: BUTTON_EXTENDED | BUTTON_ENERGIZED, ..before }),
+            (WINDOW_INFLOW, Controls { inflow_valve: 0.0, ..before }),
+            (WINDOW_OUTFLOW, Controls { outflow_valve: 0.9, ..before }),
+            (WINDOW_PRESSURE, Controls { set_pressure_pa: 5_000.0, ..before }),
+            (WINDOW_LIGHT, Controls { light: DIM, ..before }),
+            (WINDOW_FOCUS, Controls { focus_m: 0.008, ..before }),
+        ] {
+            assert_eq!(after(bit), expected, "{bit:#x}");
+        }
+        let (mut controls, none) = (before, f32::NAN);
+        let nonsense = [(none, none), (-1.0, -5.0), (9.0, f32::INFINITY)];
+        for (share, number) in nonsense {
+            let (inflow_valve, outflow_valve, light) = (share, share, share);
+            let other = Controls { inflow_valve, outflow_valve, light, set_pressure_pa: number, focus_m: number, ..before };
+            controls.take(&other, WINDOW_ALL);
+            assert_eq!(controls, before, "{share}, {number}");
+        }
     }
 
     #[test]

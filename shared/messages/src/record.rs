@@ -82,8 +82,9 @@ pub struct HardwareSample {
     pub force_n: [f32; 3],
     /// Buttons, valves, light and focus.
     pub controls: Controls,
-    /// Explicit padding, zero.
-    pub reserved: u32,
+    /// What of pose and controls comes from the window's keys and mouse because the device has nothing for it: bits of
+    /// [`WINDOW_ALL`](crate::controls::WINDOW_ALL); 0 if all of it is the device's own.
+    pub from_window: u32,
 }
 
 /// One plane of the local contact model: F = stiffness · max(0, (point − x)·normal) · normal, x the tip.
@@ -361,13 +362,13 @@ pub struct TissueStatus {
     pub taken_out_ml: f32,
 }
 
-/// The hand that comes from a window: targets for the simulated hardware.
+/// The hand that comes from a window: targets for the hardware, of which it takes what [`HardwareSample::from_window`] says.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PointerRecord {
     /// Counts changes.
     pub sequence: u64,
-    /// Target of pitch, yaw, roll (rad), insertion (m), and of the camera head on the scope (rad).
+    /// Target of pitch, yaw, roll (rad), insertion (m), and of the horizon: how far the camera head is turned on the scope and the scope itself, rad.
     pub target: [f32; 5],
     /// Valves, buttons, pressure, light, focus.
     pub controls: Controls,

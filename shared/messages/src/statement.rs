@@ -3,6 +3,7 @@
 //!
 //! Promise: a statement that [`DeviceStatement::check`] lets pass has no number that is not finite, zero where that means nothing, or absurd.
 
+use crate::controls::{MOST_SET_PRESSURE_PA, WINDOW_ALL};
 use crate::record::HardwareSample;
 use bytemuck::{Pod, Zeroable};
 
@@ -151,9 +152,10 @@ impl DeviceStatement {
             ("velocity_m_s", length(&sample.velocity_m_s) <= MOST_SPEED_M_S),
             ("force_n", length(&sample.force_n) <= self.limits.max_force_n * 1.1),
             ("a valve or the light", shares.iter().all(|share| (0.0..=1.0).contains(share))),
-            ("set_pressure_pa", (0.0..=100_000.0).contains(&controls.set_pressure_pa)),
+            ("set_pressure_pa", (0.0..=MOST_SET_PRESSURE_PA).contains(&controls.set_pressure_pa)),
             ("focus_m", controls.has_focus_in_range()),
             ("loop_extension_m", (-0.01..=0.1).contains(&controls.loop_extension_m)),
+            ("from_window", sample.from_window & !WINDOW_ALL == 0),
         ];
         can_be.iter().find(|(_, can_be)| !can_be).map_or(Ok(()), |(what, _)| Err(*what))
     }
@@ -237,7 +239,7 @@ mod tests {
         focused.controls.focus_m = 0.008;
         assert_eq!((good().admits(&at(1, 0.05)), good().admits(&focused)), (Ok(()), Ok(())), "a focus need not be stated");
         type Change = fn(&mut HardwareSample);
-        let changes: [(Change, &str); 11] = [
+        let changes: [(Change, &str); 12] = [
             (|sample| sample.pose.position_m[1] = f32::NAN, "position_m"),
             (|sample| sample.pose.insertion_m = 50.0, "insertion_m"), // millimetres
             (|sample| sample.pose.pitch_rad = 35.0, "pitch_rad"),     // degrees
@@ -249,6 +251,7 @@ mod tests {
             (|sample| sample.controls.outflow_valve = -1.0, "a valve or the light"),
             (|sample| sample.controls.focus_m = f32::NAN, "focus_m"),
             (|sample| sample.controls.focus_m = 20.0, "focus_m"), // millimetres
+            (|sample| sample.from_window = 1 << 30, "from_window"),
         ];
         for (change, what) in changes {
             let mut bad = at(1, 0.05);

@@ -182,7 +182,7 @@ impl Firmware<'_> {
             velocity_m_s: hand.velocity_m_s,
             force_n: hand.felt_n.unwrap_or(force_n),
             controls: hand.controls,
-            ..HardwareSample::default()
+            from_window: hand.from_window,
         };
         self.life.page.write(hardware::SAMPLE, &sample);
         self.life.page.store64(header::VALUE_NS, time_ns);

@@ -1,5 +1,5 @@
 //! The hand that holds the simulated device: it follows a script, the pointer in the window or a pad, and gives way to the force like a hand; or it does
-//! what the hand of a recording did, whatever it feels.
+//! what the hand of a recording did, whatever it feels. What a pad has no button for is set by the window's keys.
 
 mod changes;
 
@@ -8,7 +8,7 @@ use super::score::Score;
 use changes::Changes;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
-use hyst_messages::controls::FOCUS_M;
+use hyst_messages::controls::{FOCUS_M, WINDOW_ALL, WINDOW_HEAD};
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, FluidStatus, HardwareSample, PointerRecord, Pose, StepRecord};
 use hyst_recording::Moment;
 use hyst_scene::{HandLeg, LoadedHand, LoadedRigid, LoadedScene, PumpChange};
@@ -71,6 +71,8 @@ pub struct Held {
     pub velocity_m_s: [f32; 3],
     /// What the hand sets.
     pub controls: Controls,
+    /// What of it comes from the window: [`HardwareSample::from_window`].
+    pub from_window: u32,
     /// In a replay: the force that the motors made then, N.
     pub felt_n: Option<[f32; 3]>,
 }
@@ -224,6 +226,27 @@ impl Hand {
         }
     }
 
+    /// What the window gives: everything, what a pad has nothing for, or nothing.
+    fn from_window(&self) -> u32 {
+        match &self.will {
+            Will::Pointer => WINDOW_ALL,
+            Will::Pad(pad) => pad.lacks,
+            _ => 0,
+        }
+    }
+
+    /// Sets what the pad has nothing for as the window's keys say; until there is a window it stays as it is.
+    fn heed(&mut self, pointer: Option<&PointerRecord>) {
+        let Some(pointer) = pointer.filter(|pointer| pointer.sequence > 0) else { return };
+        let Will::Pad(pad) = &self.will else { return };
+        let lacks = pad.lacks;
+        self.controls.take(&pointer.controls, lacks);
+        let [.., horizon_rad] = pointer.target;
+        if lacks & WINDOW_HEAD != 0 && horizon_rad.is_finite() {
+            self.horizon_rad = horizon_rad;
+        }
+    }
+
     /// The other hand keeps the horizon where it is wanted.
     fn turn_head(&mut self) {
         let head_rad = self.horizon_rad - self.state.pose.roll_rad;
@@ -238,12 +261,13 @@ impl Hand {
         let time_s = script_s(tick);
         let (mut buttons, mut rinsing_valve) = (0, None);
         self.change(time_s);
+        self.heed(pointer);
         let target = match &mut self.will {
             Will::Score(score) => {
                 // Before its script begins the hand is where it will begin.
                 let sample = if self.is_again || time_s == 0.0 { score.sample() } else { score.next_sample() };
                 let HardwareSample { pose, velocity_m_s, controls, force_n, .. } = sample;
-                return Held { pose, velocity_m_s, controls, felt_n: self.is_again.then_some(force_n) };
+                return Held { pose, velocity_m_s, controls, from_window: 0, felt_n: self.is_again.then_some(force_n) };
             }
             Will::Idle => self.rest,
             _ if time_s >= self.end_s => self.rest,
@@ -269,8 +293,8 @@ impl Hand {
                 Some(pointer) => {
                     self.controls = pointer.controls;
                     buttons = pointer.controls.buttons;
-                    let [pitch_rad, yaw_rad, roll_rad, insertion_m, head_rad] = pointer.target;
-                    self.horizon_rad = head_rad;
+                    let [pitch_rad, yaw_rad, roll_rad, insertion_m, horizon_rad] = pointer.target;
+                    self.horizon_rad = horizon_rad;
                     *self.pointed.insert(Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m })
                 }
                 None => self.pointed.unwrap_or(self.rest),
@@ -296,6 +320,7 @@ impl Hand {
             },
             velocity_m_s: self.state.velocity_m_s,
             controls: Controls { outflow_valve: rinsing_valve.unwrap_or(self.controls.outflow_valve), ..self.controls },
+            from_window: self.from_window(),
             felt_n: None,
         }
     }

@@ -58,6 +58,8 @@ impl Said {
 /// The hand's side of it.
 #[derive(Debug, Default)]
 pub struct Pad {
+    /// What it has no button for, and the window's keys set instead: bits of [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL).
+    pub lacks: u32,
     said: Arc<Said>,
     seen: [u32; SWITCHES.len()],
     target: Option<[f32; 4]>,
@@ -66,7 +68,7 @@ pub struct Pad {
 impl Pad {
     /// Opens what `--hand` names: the first of its make, or the one at the path.
     pub fn open(make: Make, path: Option<&str>) -> Result<Pad, Failure> {
-        let pad = Pad::default();
+        let pad = Pad { lacks: make.lacks(), ..Pad::default() };
         let said = Arc::clone(&pad.said);
         let path = path.map(PathBuf::from);
         let find = move || find(make, path.as_ref());

@@ -1,6 +1,7 @@
 //! The hand at one tick after another: what scripts, pointer and scene make it press, set and turn.
 
 use super::*;
+use hyst_messages::controls::{WINDOW_FOCUS, WINDOW_INFLOW, WINDOW_PRESSURE};
 use hyst_scene::Signal;
 
 #[test]
@@ -112,6 +113,47 @@ fn the_focus_is_set_at_first_goes_as_the_pointer_says_and_stays_where_it_was_lef
     let near =
         PointerRecord { sequence: 1, controls: Controls { focus_m: 0.008, ..Controls::default() }, ..PointerRecord::default() };
     assert_eq!([None, Some(&near), None].map(|pointer| focus_m(&mut hand, pointer)), [FOCUS_M, 0.008, 0.008]);
+}
+
+#[test]
+fn beside_a_pad_the_window_sets_what_the_pad_lacks_and_nothing_else() {
+    let scene = hyst_scene::load_embedded().unwrap();
+    let wanted = Controls {
+        buttons: BUTTON_ENERGIZED | BUTTON_EXTENDED,
+        inflow_valve: 0.0,
+        outflow_valve: 0.0,
+        set_pressure_pa: 5_000.0,
+        light: 0.3,
+        focus_m: 0.008,
+        ..Controls::default()
+    };
+    let pointer = PointerRecord { sequence: 1, target: [0.3, 0.3, 0.3, 0.02, 0.2], controls: wanted };
+    let beside = |lacks: u32, pointer: Option<PointerRecord>| {
+        let mut hand = Hand::in_scene(&scene, "idle", 0).unwrap();
+        hand.will = Will::Pad(Pad::default());
+        if let Will::Pad(pad) = &mut hand.will {
+            pad.lacks = lacks;
+        }
+        (0..200).map(|tick| hand.step(tick, [0.0; 3], pointer.as_ref())).last().unwrap()
+    };
+    let alone = beside(0, None);
+    let gamepad = beside(0, Some(pointer));
+    assert_eq!((gamepad.pose, gamepad.controls, gamepad.from_window), (alone.pose, alone.controls, 0));
+    let lacks = WINDOW_HEAD | WINDOW_INFLOW | WINDOW_PRESSURE | WINDOW_FOCUS;
+    let held = beside(lacks, Some(pointer));
+    let expected = Controls { inflow_valve: 0.0, set_pressure_pa: 5_000.0, focus_m: 0.008, ..alone.controls };
+    assert_eq!((held.controls, held.from_window), (expected, lacks));
+    assert!((held.pose.camera_roll_rad + held.pose.roll_rad - 0.2).abs() < 2e-3, "{:?}", held.pose);
+    assert_eq!((held.pose.position_m, held.pose.roll_rad), (alone.pose.position_m, alone.pose.roll_rad), "the pad has the scope");
+    let unsaid = beside(lacks, Some(PointerRecord { sequence: 0, ..pointer }));
+    assert_eq!((unsaid.controls, unsaid.pose), (alone.controls, alone.pose), "the window has said nothing yet");
+    let none = Controls { set_pressure_pa: f32::NAN, inflow_valve: -1.0, focus_m: 20.0, ..wanted };
+    let nonsense = beside(lacks, Some(PointerRecord { target: [f32::NAN; 5], controls: none, ..pointer }));
+    assert_eq!((nonsense.controls, nonsense.pose), (alone.controls, alone.pose));
+    let mut mouse = Hand::in_scene(&scene, "mouse", 0).unwrap();
+    assert_eq!(mouse.step(0, [0.0; 3], None).from_window, WINDOW_ALL);
+    let mut script = Hand::in_scene(&scene, "script:polyp", 0).unwrap();
+    assert_eq!(script.step(0, [0.0; 3], Some(&pointer)).from_window, 0);
 }
 
 #[test]

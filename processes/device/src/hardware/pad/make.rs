@@ -3,6 +3,7 @@
 
 use evdev::{AbsoluteAxisCode, Device, KeyCode, RelativeAxisCode};
 use hyst_messages::Switch;
+use hyst_messages::controls::{WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_OUTFLOW, WINDOW_PRESSURE};
 
 /// Types of events.
 const KEY: u16 = 1;
@@ -56,6 +57,14 @@ impl Make {
         match self {
             Make::Gamepad => "gamepad",
             Make::SpaceMouse => "spacemouse",
+        }
+    }
+
+    /// What it has no button for, a bit of [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL) each: a 3D mouse has two, for loop and current.
+    pub(super) fn lacks(self) -> u32 {
+        match self {
+            Make::Gamepad => 0,
+            Make::SpaceMouse => WINDOW_HEAD | WINDOW_INFLOW | WINDOW_OUTFLOW | WINDOW_PRESSURE | WINDOW_LIGHT | WINDOW_FOCUS,
         }
     }
 
@@ -232,5 +241,19 @@ mod tests {
         );
         assert_eq!(after(Make::SpaceMouse, &[(KEY, 0x101, 1)]).1, [Switch::Loop]);
         assert_eq!([Make::from_name("gamepad"), Make::from_name("pad")], [Some(Make::Gamepad), None]);
+    }
+
+    #[test]
+    fn what_a_pad_lacks_none_of_its_buttons_turns_and_all_else_one_does() {
+        // The buttons that each is known to have: a gamepad's of its specification, a 3D mouse's first two.
+        for (make, codes) in [(Make::Gamepad, 0x130..=0x13e), (Make::SpaceMouse, 0x100..=0x101)] {
+            let presses = codes.flat_map(|code| after(make, &[(KEY, code, 1)]).1);
+            let cross = [(0x10, -1), (0x11, 1)].into_iter().filter(|_| make == Make::Gamepad);
+            let turned = cross.flat_map(|(axis, value)| after(make, &[(ABSOLUTE, axis, value)]).1);
+            let bits = presses.chain(turned).fold(0, |bits, switch| bits | switch.window_bit());
+            let all = SWITCHES.iter().fold(0, |bits, (_, switch)| bits | switch.window_bit());
+            assert_eq!(make.lacks() & !WINDOW_HEAD, all & !bits, "{make:?}");
+        }
+        assert_eq!([Make::Gamepad, Make::SpaceMouse].map(|make| make.lacks() & WINDOW_HEAD), [0, WINDOW_HEAD]);
     }
 }
