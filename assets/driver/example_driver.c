@@ -17,6 +17,9 @@
 #ifndef FORCE_N
 #define FORCE_N 2.0f /* what its motors can make */
 #endif
+#ifndef DAMPING_N_S_M
+#define DAMPING_N_S_M 13.4f /* that it states of the hand that holds it */
+#endif
 enum {
     STATES_NO_NUMBER = 1, SPEAKS_DEGREES, IS_SLOW, STAMPS_OLD, MAKES_NOTHING, MAKES_TWICE, NEVER_LETS_GO, KNOWS_ONE_DEVICE, GOES_ON, SAYS_NAN, JUMPS,
     STATES_NOTHING, FOCUSES_IN_MM
@@ -87,6 +90,7 @@ int main(int argc, char **argv) {
         .max_stiffness_n_m = 800.0f,
         .max_damping_n_s_m = 1.0f,
         .continuous_force_n = 0.3f,
+        .device_damping_n_s_m = DAMPING_N_S_M,
         .pitch_rad = {-0.6f, 0.6f}, .yaw_rad = {-0.6f, 0.6f}, .roll_rad = {-3.1f, 3.1f}, .insertion_m = {0.0f, 0.1f},
         .maker = "hystation",
         .name = "example in C",
@@ -99,6 +103,7 @@ int main(int argc, char **argv) {
         hyst_wait(&driver, FLAW == IS_SLOW ? 2000000u : 1000000u);
         hyst_take(&driver, force_n);
         hyst_sample sample = encoders(&it, force_n);
+        hyst_from_window(&driver, &sample, HYST_WINDOW_CONTROLS); /* it has a tip, and nothing else */
         spoil(&driver, &sample, force_n);
         motors(&it, force_n);
         hyst_give(&driver, &sample);

@@ -13,6 +13,7 @@
  *             float force_n[3];
  *             hyst_take(&driver, force_n);                     // checked, limited, ramped to zero when the station is silent
  *             ...give force_n to the motors; read the encoders into sample
+ *             hyst_from_window(&driver, &sample, HYST_WINDOW_LIGHT); // what the device has nothing for, if there is something
  *             hyst_give(&driver, &sample);
  *         }
  *         return hyst_end(&driver);                            // and let the motors go
@@ -86,13 +87,28 @@
 #define HYST_COMMAND_BYTES 40
 #define HYST_STATEMENT_BYTES 136
 #define HYST_LEDGER_ENTRY_BYTES 56
+#define HYST_POINTER 512
+#define HYST_POINTER_BYTES 56
+#define HYST_RENDERING_WORDS 552
+#define HYST_WINDOW_HEAD 2
+#define HYST_WINDOW_LOOP 4
+#define HYST_WINDOW_CURRENT 8
+#define HYST_WINDOW_INFLOW 16
+#define HYST_WINDOW_OUTFLOW 32
+#define HYST_WINDOW_PRESSURE 64
+#define HYST_WINDOW_LIGHT 128
+#define HYST_WINDOW_FOCUS 256
 #define HYST_HARDWARE_SLOT 0u
 #define HYST_DEVICE_SLOT 1u
+#define HYST_RENDERING_SLOT 10u
 /* layout ends */
 
 #define HYST_STATEMENT_VERSION 1u
 #define HYST_ENERGIZED 1u /* hyst_controls.buttons: the hand wants current in the loop */
 #define HYST_EXTENDED 2u  /* ... and this: it wants the loop out */
+/* All that the window's keys can set beside a device: of one that measures where the tip is, and nothing else. */
+#define HYST_WINDOW_CONTROLS (HYST_WINDOW_HEAD | HYST_WINDOW_LOOP | HYST_WINDOW_CURRENT | HYST_WINDOW_INFLOW | HYST_WINDOW_OUTFLOW | \
+                              HYST_WINDOW_PRESSURE | HYST_WINDOW_LIGHT | HYST_WINDOW_FOCUS)
 
 typedef struct {
     float position_m[3];    /* tip, in the world frame */
@@ -121,8 +137,14 @@ typedef struct {
     float velocity_m_s[3];  /* of the tip */
     float force_n[3];       /* that the motors make at this moment */
     hyst_controls controls;
-    uint32_t reserved;      /* 0 */
+    uint32_t from_window;   /* what of it comes from the window's keys, HYST_WINDOW_... each: hyst_from_window sets it; 0 if nothing does */
 } hyst_sample;
+
+typedef struct {
+    uint64_t sequence;      /* counts changes */
+    float target[5];        /* pitch, yaw, roll, insertion, and the horizon: how far the camera head is turned on the scope and the scope itself, rad */
+    hyst_controls controls;
+} hyst_pointer;             /* what the window's keys say */
 
 typedef struct {
     uint64_t tick;          /* of the station, when it was written */
@@ -143,7 +165,7 @@ typedef struct {
     float max_damping_n_s_m;      /* likewise, 0.01 to 1 000 */
     float continuous_force_n;     /* for any time; no more than max_force_n */
     float resolution_m;           /* smallest motion of the tip that is measured; 0 if that is not known */
-    uint32_t reserved;            /* 0 */
+    float device_damping_n_s_m;   /* physical, in the hand that holds it most lightly, 0.05 to 100; 0 if that is not known: then 3 are relied on */
     float pitch_rad[2];           /* least and greatest */
     float yaw_rad[2];
     float roll_rad[2];
@@ -159,7 +181,8 @@ typedef struct {
 } hyst_ledger_entry;
 
 _Static_assert(sizeof(hyst_sample) == HYST_SAMPLE_BYTES && sizeof(hyst_command) == HYST_COMMAND_BYTES &&
-               sizeof(hyst_statement) == HYST_STATEMENT_BYTES && sizeof(hyst_ledger_entry) == HYST_LEDGER_ENTRY_BYTES, "the station's layouts");
+               sizeof(hyst_statement) == HYST_STATEMENT_BYTES && sizeof(hyst_ledger_entry) == HYST_LEDGER_ENTRY_BYTES &&
+               sizeof(hyst_pointer) == HYST_POINTER_BYTES, "the station's layouts");
 
 typedef struct {
     _Atomic uint32_t *words32;
@@ -180,6 +203,11 @@ typedef struct {
     uint64_t due_ns;             /* when hyst_wait wakes next */
     uint64_t newest_force_tick, trace;
     float last_n[3];
+    hyst_page window;            /* rendering's, once hyst_from_window has looked */
+    uint32_t window_incarnation;
+    hyst_pointer pointer;        /* what the window said last */
+    float loop_reach_m;          /* how far the loop goes out, or jaws open, under the window's key: 0.012 unless the driver sets it after hyst_begin */
+    float loop_extension_m;      /* how far it is */
 } hyst_driver;
 
 static inline uint64_t hyst_now_ns(void) {
@@ -315,6 +343,7 @@ static inline void hyst_hold_latch(hyst_driver *driver) {
 /* Reads the command line and opens the pages. Below 0: go on; else end with this exit code, everything is said. */
 static inline int hyst_begin(hyst_driver *driver, int argc, char **argv) {
     memset(driver, 0, sizeof *driver);
+    driver->loop_reach_m = 0.012f;
     if (argc == 2 && strcmp(argv[1], "--describe") == 0) {
         printf("{\"engine_of\":\"hystation\",\"role\":\"hardware\",\"layout\":%u,\"layout_hash\":\"%016llx\",\"interface\":%u}\n",
                HYST_LAYOUT_VERSION, (unsigned long long)HYST_LAYOUT_HASH, HYST_INTERFACE_VERSION);
@@ -399,19 +428,18 @@ static inline uint64_t hyst_tick_at(const hyst_driver *driver, uint64_t time_ns)
     return time_ns > t0_ns ? (time_ns - t0_ns) / 1000000u : 0;
 }
 
-/* Finds the page of the `device` engine: another one after each of its deaths. */
-static inline void hyst_look_for_device(hyst_driver *driver) {
-    uint32_t incarnation = hyst_load32(&driver->clock, HYST_SLOT_INCARNATION + HYST_DEVICE_SLOT);
-    if (incarnation == 0 || incarnation == driver->device_incarnation) return;
+/* Finds the page of the engine in a slot, of which the first words are mapped: another page after each of its deaths. `known` is whose page is there. */
+static inline void hyst_look_for(const hyst_driver *driver, unsigned slot, size_t words, size_t mapped_words, hyst_page *page, uint32_t *known) {
+    uint32_t incarnation = hyst_load32(&driver->clock, HYST_SLOT_INCARNATION + slot);
+    if (incarnation == 0 || incarnation == *known) return;
     char path[256], file[64];
-    hyst_page page;
-    snprintf(file, sizeof file, "pages/%02u-%u.page", HYST_DEVICE_SLOT, incarnation);
+    hyst_page found;
+    snprintf(file, sizeof file, "pages/%02u-%u.page", slot, incarnation);
     hyst_root(driver, path, sizeof path, file);
-    /* Up to the command: a mapping of 50 KiB takes some microseconds. */
-    if (!hyst_map(&page, path, HYST_DEVICE_WORDS, HYST_COMMAND + 2 * (2 + sizeof(hyst_command) / 8), 0)) return;
-    if (driver->device.words64 != NULL) munmap((void *)driver->device.words32, driver->device.bytes);
-    driver->device = page;
-    driver->device_incarnation = incarnation;
+    if (!hyst_map(&found, path, words, mapped_words, 0)) return;
+    if (page->words64 != NULL) munmap((void *)page->words32, page->bytes);
+    *page = found;
+    *known = incarnation;
 }
 
 /* Counts a command that no motor may follow, and names its writer, which the supervisor replaces. */
@@ -430,7 +458,8 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     hyst_command command;
     uint64_t record[sizeof command / 8];
     float most_n = driver->stated.max_force_n;
-    hyst_look_for_device(driver);
+    /* Up to the command: a mapping of 50 KiB takes some microseconds. */
+    hyst_look_for(driver, HYST_DEVICE_SLOT, HYST_DEVICE_WORDS, HYST_COMMAND + 2 * (2 + sizeof command / 8), &driver->device, &driver->device_incarnation);
     driver->silent_ticks += driver->silent_ticks < UINT32_MAX;
     if (driver->device.words64 != NULL && hyst_read_cell(driver->device.words64 + HYST_COMMAND, record, sizeof record / 8) != 0) {
         memcpy(&command, record, sizeof command);
@@ -447,6 +476,43 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
     float left = ramped <= 0.0f ? 1.0f : ramped < 20.0f * per_ms ? 1.0f - ramped / (20.0f * per_ms) : 0.0f;
     if (driver->silent_ticks == (uint32_t)(8.0f * per_ms) + 1) hyst_add(&driver->own, HYST_TOTALS + HYST_TRIPS, 1);
     for (int i = 0; i < 3; i++) force_n[i] = driver->command_n[i] * left;
+}
+
+/* ---- the window's keys ---- */
+
+/* A value within what there is, or the other one; a NaN is not within. */
+static inline float hyst_or(float value, float least, float most, float otherwise) { return value >= least && value <= most ? value : otherwise; }
+
+/* Sets in a sample what the device has nothing for, HYST_WINDOW_... each, as the window's keys say it, and says so in the sample. Once for each sample, when
+ * pose and controls are filled in: they stay as they are while there is no window, or it has said nothing yet. The loop goes out and in at 30 mm/s. */
+static inline void hyst_from_window(hyst_driver *driver, hyst_sample *sample, uint32_t lacks) {
+    hyst_pointer pointer;
+    uint64_t record[sizeof pointer / 8];
+    hyst_controls *own = &sample->controls;
+    hyst_look_for(driver, HYST_RENDERING_SLOT, HYST_RENDERING_WORDS, HYST_POINTER + 2 * (2 + sizeof pointer / 8), &driver->window, &driver->window_incarnation);
+    if (driver->window.words64 != NULL && hyst_read_cell(driver->window.words64 + HYST_POINTER, record, sizeof record / 8) != 0) {
+        memcpy(&pointer, record, sizeof pointer);
+        if (pointer.sequence > 0) driver->pointer = pointer;
+    }
+    sample->from_window = lacks;
+    if (driver->pointer.sequence > 0) {
+        const hyst_controls *said = &driver->pointer.controls;
+        uint32_t buttons = (lacks & HYST_WINDOW_LOOP ? HYST_EXTENDED : 0u) | (lacks & HYST_WINDOW_CURRENT ? HYST_ENERGIZED : 0u);
+        float head_rad = driver->pointer.target[4] - sample->pose.roll_rad;
+        own->buttons = (own->buttons & ~buttons) | (said->buttons & buttons);
+        if (lacks & HYST_WINDOW_INFLOW) own->inflow_valve = hyst_or(said->inflow_valve, 0.0f, 1.0f, own->inflow_valve);
+        if (lacks & HYST_WINDOW_OUTFLOW) own->outflow_valve = hyst_or(said->outflow_valve, 0.0f, 1.0f, own->outflow_valve);
+        if (lacks & HYST_WINDOW_PRESSURE) own->set_pressure_pa = hyst_or(said->set_pressure_pa, 0.0f, 100000.0f, own->set_pressure_pa);
+        if (lacks & HYST_WINDOW_LIGHT) own->light = hyst_or(said->light, 0.0f, 1.0f, own->light);
+        if (lacks & HYST_WINDOW_FOCUS) own->focus_m = hyst_or(said->focus_m, 0.003f, 0.1f, own->focus_m);
+        if (lacks & HYST_WINDOW_HEAD) sample->pose.camera_roll_rad = hyst_or(head_rad, -20.0f, 20.0f, sample->pose.camera_roll_rad);
+    }
+    if (lacks & HYST_WINDOW_LOOP) {
+        float most_m = 0.030f / driver->stated.rate_hz;
+        float left_m = (own->buttons & HYST_EXTENDED ? driver->loop_reach_m : 0.0f) - driver->loop_extension_m;
+        driver->loop_extension_m += left_m > most_m ? most_m : left_m < -most_m ? -most_m : left_m;
+        own->loop_extension_m = driver->loop_extension_m;
+    }
 }
 
 /* ---- the sample ---- */

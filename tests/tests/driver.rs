@@ -1,9 +1,11 @@
 //! Drivers of haptic devices: the C header says what the station's layouts are; a driver in C in the place of the simulated device moves the scope, feels the
 //! tissue, and may die, hang and say nonsense; `hystation conformance driver` lets good ones pass and names the flaw of each bad one.
 
-use hyst_messages::page::{ProcessState, device, hardware, header, station};
+use hyst_messages::controls::*;
+use hyst_messages::page::{ProcessState, device, hardware, header, rendering, station};
 use hyst_messages::{
-    DeviceStatement, ForceCommand, HardwareSample, INTERFACE_VERSION, LAYOUT_VERSION, LedgerEntry, Role, Slot, layout_hash,
+    DeviceStatement, ForceCommand, HardwareSample, INTERFACE_VERSION, LAYOUT_VERSION, LedgerEntry, PointerRecord, Role, Slot,
+    layout_hash,
 };
 use hyst_recording::Recording;
 use rustix::process::Signal;
@@ -13,6 +15,9 @@ use station_tests::{Folder, RECOVERY_LIMIT, Station, binaries, hystation, run, w
 use std::mem::offset_of;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+#[path = "driver/window.rs"]
+mod window;
 
 const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/driver");
 const BEGINS: &str = "/* layout begins */\n";
@@ -73,13 +78,24 @@ fn layout() -> String {
         ("COMMAND_BYTES", size_of::<ForceCommand>()),
         ("STATEMENT_BYTES", size_of::<DeviceStatement>()),
         ("LEDGER_ENTRY_BYTES", size_of::<LedgerEntry>()),
+        ("POINTER", rendering::POINTER.word),
+        ("POINTER_BYTES", size_of::<PointerRecord>()),
+        ("RENDERING_WORDS", rendering::WORDS),
+        ("WINDOW_HEAD", WINDOW_HEAD as usize),
+        ("WINDOW_LOOP", WINDOW_LOOP as usize),
+        ("WINDOW_CURRENT", WINDOW_CURRENT as usize),
+        ("WINDOW_INFLOW", WINDOW_INFLOW as usize),
+        ("WINDOW_OUTFLOW", WINDOW_OUTFLOW as usize),
+        ("WINDOW_PRESSURE", WINDOW_PRESSURE as usize),
+        ("WINDOW_LIGHT", WINDOW_LIGHT as usize),
+        ("WINDOW_FOCUS", WINDOW_FOCUS as usize),
     ];
     let mut text = format!(
         "#define HYST_LAYOUT_VERSION {LAYOUT_VERSION}u\n#define HYST_LAYOUT_HASH 0x{:016x}u\n#define HYST_INTERFACE_VERSION {INTERFACE_VERSION}u\n",
         layout_hash()
     );
     text.extend(own.map(|(name, value)| number(name, value)));
-    for (name, role) in [("HARDWARE_SLOT", Role::Hardware), ("DEVICE_SLOT", Role::Device)] {
+    for (name, role) in [("HARDWARE_SLOT", Role::Hardware), ("DEVICE_SLOT", Role::Device), ("RENDERING_SLOT", Role::Rendering)] {
         text.push_str(&format!("#define HYST_{name} {}u\n", Slot::first(role).number()));
     }
     text
@@ -106,13 +122,14 @@ fn fields() -> Vec<(&'static str, usize)> {
     macro_rules! places {
         ($kind:ty, $c:literal: $($field:ident)*) => { vec![$((concat!($c, ", ", stringify!($field)), offset_of!($kind, $field))),*] };
     }
-    let mut all = places!(HardwareSample, "hyst_sample": hardware_tick time_ns pose velocity_m_s force_n controls reserved);
+    let mut all = places!(HardwareSample, "hyst_sample": hardware_tick time_ns pose velocity_m_s force_n controls from_window);
     all.extend(
         places!(hyst_messages::Pose, "hyst_pose": position_m pitch_rad orientation yaw_rad roll_rad insertion_m camera_roll_rad),
     );
     all.extend(places!(hyst_messages::Controls, "hyst_controls": buttons inflow_valve outflow_valve set_pressure_pa light loop_extension_m focus_m));
+    all.extend(places!(PointerRecord, "hyst_pointer": sequence target controls));
     all.extend(places!(ForceCommand, "hyst_command": tick force_tick force_n kind source_incarnation device_incarnation));
-    all.extend(places!(DeviceStatement, "hyst_statement": version measured_dof driven_dof rate_hz continuous_force_n resolution_m pitch_rad yaw_rad roll_rad
+    all.extend(places!(DeviceStatement, "hyst_statement": version measured_dof driven_dof rate_hz continuous_force_n resolution_m device_damping_n_s_m pitch_rad yaw_rad roll_rad
         insertion_m maker name));
     let limits = offset_of!(DeviceStatement, limits);
     all.extend(
@@ -279,8 +296,11 @@ fn newest_command(station: &Station) -> ForceCommand {
 #[test]
 fn what_a_driver_says_that_cannot_be_is_not_used_and_the_operator_is_told() {
     let folder = Folder::new("driver-nonsense");
-    for (flaw, what) in [(10, "no number"), (11, "a jump")] {
-        let driver = example(&folder, flaw);
+    // One that states so little damping that the coupling is to be no stiffer than (0.6 − 0.3) N·s/m / 1.5 ms, and one of ample damping.
+    for (flaw, what, damping, most_n_m) in [(10, "no number", "0.6f", 200.0), (11, "a jump", "13.4f", 800.0)] {
+        let flags = [format!("-DFLAW={flaw}"), format!("-DDAMPING_N_S_M={damping}")];
+        let source = Path::new(FOLDER).join("example_driver.c");
+        let driver = compile(&folder, &format!("driver-{flaw}"), &source, &flags.each_ref().map(String::as_str));
         let station = Station::start(&format!("driver-{flaw}"), &["--driver", &driver.to_string_lossy()]);
         let most = most_n(&station, 4_500);
         assert!((0.2..=2.0).contains(&most), "{what}: the hand is felt all the same: {most} N\n{}", station.said());
@@ -295,6 +315,8 @@ fn what_a_driver_says_that_cannot_be_is_not_used_and_the_operator_is_told() {
             |sample: &HardwareSample| (sample.pose.insertion_m - 0.045).abs() < 1e-6 && sample.pose.position_m[1].is_finite();
         assert!(input.len() > 30 && input.iter().all(|input| is_sound(&input.sample)), "{what}");
         assert!(input.iter().all(|input| input.limits.max_force_n == 2.0), "the servos know what the device can do");
+        let is_carried = |stiffness_n_m: f32| (stiffness_n_m - most_n_m).abs() < 0.1;
+        assert!(input.iter().all(|input| is_carried(input.limits.max_stiffness_n_m)), "{what}: {:?}", input[0].limits);
         let ended = station.stop();
         assert!(ended.said.contains("hardware is distrusted by device"), "{what}: {}", ended.said);
         assert_eq!(ended.said.matches("is distrusted by device").count(), 1, "once: {}", ended.said);

@@ -2,11 +2,12 @@
 //! device states, or farther from the one before than a hand can move in the time is refused, and the one before stays. When none has come that counts
 //! for [`MOST_OLD_TICKS`], nobody knows where the tip is, and the force is let go: held for 2 ticks, then ramped to zero.
 
+use hyst_coupling::ServoParams;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::hardware;
-use hyst_messages::{DeviceLimits, DeviceStatement, HardwareSample, Role};
+use hyst_messages::{DeviceLimits, DeviceStatement, HardwareSample, Role, TICK_NS};
 
 /// Ticks without a new sample that counts, after which the force is let go. A device on USB is late by some ticks now and then.
 const MOST_OLD_TICKS: u32 = 10;
@@ -82,9 +83,9 @@ impl Plugged {
         &self.page
     }
 
-    /// What the hardware can do at most; nothing is stated before it was heard.
+    /// What may be asked of the hardware at most; nothing is stated before it was heard.
     pub fn limits(&self) -> DeviceLimits {
-        self.stated.limits
+        carried(&self.stated)
     }
 
     /// The sample of this tick. Once a tick.
@@ -128,11 +129,28 @@ impl Plugged {
     }
 }
 
+/// What a device can do, as far as the damping that it states carries it: the coupling is passive up to a stiffness that grows with that. Told as a smaller limit,
+/// so that the servos, and a replay, need to know no more than limits.
+fn carried(stated: &DeviceStatement) -> DeviceLimits {
+    let limits = stated.limits;
+    let is_known = stated.device_damping_n_s_m > 0.0;
+    if !is_known {
+        return limits;
+    }
+    let params = ServoParams::default().relying_on(stated.device_damping_n_s_m);
+    let params = params.for_device(limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m);
+    DeviceLimits {
+        max_force_n: limits.max_force_n,
+        max_stiffness_n_m: limits.max_stiffness_n_m.min(params.coupling_limit_n_m(TICK_NS as f32 * 1e-9)),
+        max_damping_n_s_m: limits.max_damping_n_s_m.min(params.max_damping_n_s_m),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use hyst_exchange::Station;
-    use hyst_messages::{Pose, STATEMENT_VERSION, Slot, TICK_NS, statement_text};
+    use hyst_messages::{Pose, STATEMENT_VERSION, Slot, statement_text};
 
     fn stated() -> DeviceStatement {
         DeviceStatement {
@@ -195,6 +213,24 @@ mod tests {
             assert_eq!(plugged.is_silent(), tick > MOST_OLD_TICKS, "tick {tick} without a sample");
         }
         station.wipe();
+    }
+
+    #[test]
+    fn a_device_of_little_damping_is_asked_for_less_stiffness_and_damping_and_one_that_states_none_for_what_it_states() {
+        assert_eq!(carried(&stated()), stated().limits);
+        assert_eq!(carried(&DeviceStatement::default()), DeviceLimits::default(), "it has not said what it is");
+        let with = |device_damping_n_s_m: f32| carried(&DeviceStatement { device_damping_n_s_m, ..stated() });
+        let ample = with(13.4);
+        assert_eq!((ample.max_stiffness_n_m, ample.max_damping_n_s_m), (1_200.0, 1.0), "as much as the station asks for");
+        let little = with(0.6);
+        assert_eq!((little.max_force_n, little.max_damping_n_s_m), (3.3, 0.3));
+        assert!((little.max_stiffness_n_m - 200.0).abs() < 0.1, "{little:?}"); // (0.6 − 0.3) / 1.5 ms
+        // What the servos make of it is no stiffer than what is passive with the true damping.
+        let servos = ServoParams::default().for_device(little.max_force_n, little.max_stiffness_n_m, little.max_damping_n_s_m);
+        let true_n_m = ServoParams { device_damping_n_s_m: 0.6, ..servos }.coupling_limit_n_m(1e-3);
+        assert!((servos.coupling_limit_n_m(1e-3) - true_n_m).abs() < 0.1, "{servos:?}");
+        let soft = DeviceStatement { limits: DeviceLimits { max_stiffness_n_m: 90.0, ..stated().limits }, ..stated() };
+        assert_eq!(carried(&DeviceStatement { device_damping_n_s_m: 0.6, ..soft }).max_stiffness_n_m, 90.0);
     }
 
     #[test]

@@ -171,7 +171,7 @@ pub struct InputRecord {
     pub medium_tick: u64,
     /// Its epoch; 0 if there has been none.
     pub medium_epoch: u32,
-    /// What the device on the desk can do at most, as it states it.
+    /// What the device on the desk can do at most, as it states it, and as its damping carries it.
     pub limits: DeviceLimits,
 }
 

@@ -19,6 +19,8 @@ const MOST_SPEED_M_S: f32 = 10.0;
 /// What a tip may have moved between two samples: so much, m, and so much for the time between them, m/s. A hand makes 1 m/s.
 const JUMP_M: f32 = 0.005;
 const JUMP_M_S: f32 = 3.0;
+/// Physical damping that a device can state, N·s/m: below it no coupling that is passive can be felt, and above it no hand moves it.
+const DEVICE_DAMPING_N_S_M: [f32; 2] = [0.05, 100.0];
 /// Bytes of a text in a statement, UTF-8, zero-padded.
 pub const STATEMENT_TEXT: usize = 32;
 
@@ -52,8 +54,8 @@ pub struct DeviceStatement {
     pub continuous_force_n: f32,
     /// Smallest motion of the tip that it measures, m; 0 if that is not known.
     pub resolution_m: f32,
-    /// Zero.
-    pub reserved: u32,
+    /// Physical damping of the device in the hand that holds it most lightly, N·s/m: what the passivity of the coupling rests on; 0 if that is not known.
+    pub device_damping_n_s_m: f32,
     /// Least and greatest pitch, rad.
     pub pitch_rad: [f32; 2],
     /// Least and greatest yaw, rad.
@@ -116,6 +118,12 @@ impl DeviceStatement {
             if !(least..=most).contains(&value) {
                 return Err(format!("{what} is {value}; it must be {least} to {most}"));
             }
+        }
+        let (damping_n_s_m, [least, most]) = (self.device_damping_n_s_m, DEVICE_DAMPING_N_S_M);
+        if damping_n_s_m != 0.0 && !(least..=most).contains(&damping_n_s_m) {
+            return Err(format!(
+                "device_damping_n_s_m is {damping_n_s_m}; it must be {least} to {most}, or 0 if it is not known"
+            ));
         }
         let ranges = [
             ("pitch_rad", self.pitch_rad, -1.6, 1.6, 0.0),
@@ -197,7 +205,10 @@ mod tests {
     fn a_statement_with_a_number_that_is_none_zero_or_absurd_is_refused_and_the_number_named() {
         assert_eq!((good().check(), good().title().as_str()), (Ok(()), "Nobody Nothing"));
         type Change = fn(&mut DeviceStatement);
-        let changes: [(Change, &str); 12] = [
+        for damping_n_s_m in [0.0, 0.05, 3.0, 100.0] {
+            assert_eq!(DeviceStatement { device_damping_n_s_m: damping_n_s_m, ..good() }.check(), Ok(()), "{damping_n_s_m}");
+        }
+        let changes: [(Change, &str); 16] = [
             (|it| it.version = 2, "version"),
             (|it| it.measured_dof = 0, "measured_dof"),
             (|it| it.driven_dof = 9, "driven_dof"),
@@ -206,6 +217,10 @@ mod tests {
             (|it| it.limits.max_force_n = f32::INFINITY, "max_force_n"),
             (|it| it.limits.max_stiffness_n_m = 1e9, "max_stiffness_n_m"),
             (|it| it.limits.max_damping_n_s_m = f32::NAN, "max_damping_n_s_m"),
+            (|it| it.device_damping_n_s_m = f32::NAN, "device_damping_n_s_m"),
+            (|it| it.device_damping_n_s_m = -1.0, "device_damping_n_s_m"),
+            (|it| it.device_damping_n_s_m = 0.001, "device_damping_n_s_m"),
+            (|it| it.device_damping_n_s_m = 1e9, "device_damping_n_s_m"),
             (|it| it.continuous_force_n = 5.0, "continuous_force_n"),
             (|it| it.insertion_m = [0.0, 70.0], "insertion_m"),
             (|it| it.pitch_rad = [0.6, -0.6], "pitch_rad"),

@@ -80,7 +80,8 @@ fn stated(hand: &Hand, rate_hz: f64) -> DeviceStatement {
             max_stiffness_n_m: servo.coupling_stiffness_n_m,
             max_damping_n_s_m: servo.max_damping_n_s_m,
         },
-        continuous_force_n: motors.max_force_n, // nothing gets warm
+        continuous_force_n: motors.max_force_n,           // nothing gets warm
+        device_damping_n_s_m: servo.device_damping_n_s_m, // that of the hand is more
         pitch_rad: [-tilt_rad, tilt_rad],
         yaw_rad: [-tilt_rad, tilt_rad],
         roll_rad: [-roll_rad, roll_rad],

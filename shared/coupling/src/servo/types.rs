@@ -96,14 +96,28 @@ impl Default for ServoParams {
     }
 }
 
+/// The smaller of what is wanted and what a device states; what is not above 0 is not stated.
+fn least(own: f32, stated: f32) -> f32 {
+    if stated > 0.0 { own.min(stated) } else { own }
+}
+
 impl ServoParams {
     /// The same for a device that can do no more than this: N, N/m, N·s/m. What is not above 0 is not stated, and changes nothing.
     pub fn for_device(&self, max_force_n: f32, max_stiffness_n_m: f32, max_damping_n_s_m: f32) -> Self {
-        let least = |own: f32, stated: f32| if stated > 0.0 { own.min(stated) } else { own };
         Self {
             max_force_n: least(self.max_force_n, max_force_n),
             coupling_stiffness_n_m: least(self.coupling_stiffness_n_m, max_stiffness_n_m),
             max_damping_n_s_m: least(self.max_damping_n_s_m, max_damping_n_s_m),
+            ..*self
+        }
+    }
+
+    /// The same for a device that has no more physical damping than this, N·s/m; not above 0: it is not stated, and changes nothing. At most half of it is
+    /// spent on virtual damping, so that [`coupling_limit_n_m`](Self::coupling_limit_n_m) leaves a coupling that is soft, and not none.
+    pub fn relying_on(&self, device_damping_n_s_m: f32) -> Self {
+        Self {
+            device_damping_n_s_m: least(self.device_damping_n_s_m, device_damping_n_s_m),
+            max_damping_n_s_m: least(self.max_damping_n_s_m, 0.5 * device_damping_n_s_m),
             ..*self
         }
     }
@@ -241,6 +255,24 @@ const _: () = assert!(size_of::<ServoState>() == 96 && size_of::<ContactModel>()
 mod tests {
     use super::*;
     use crate::servo_step;
+
+    #[test]
+    fn a_device_of_less_damping_gets_a_softer_coupling_by_hand_arithmetic_and_one_that_states_none_the_usual_one() {
+        let own = ServoParams::default();
+        for not_stated in [0.0, -1.0, f32::NAN] {
+            assert_eq!(own.relying_on(not_stated), own, "{not_stated}");
+        }
+        assert_eq!(own.relying_on(13.4), own, "more is not relied on");
+        // (b − B) / 1.5 ms, with B = 1 N·s/m, or half of b.
+        for (damping_n_s_m, virtual_n_s_m, limit_n_m) in
+            [(3.0, 1.0, 1_200.0), (2.5, 1.0, 1_000.0), (2.0, 1.0, 666.67), (0.6, 0.3, 200.0)]
+        {
+            let params = own.relying_on(damping_n_s_m);
+            assert_eq!(params.max_damping_n_s_m, virtual_n_s_m, "{damping_n_s_m}");
+            let found_n_m = params.coupling_limit_n_m(1e-3);
+            assert!((found_n_m - limit_n_m).abs() < 0.1, "{damping_n_s_m} N·s/m: {found_n_m} N/m");
+        }
+    }
 
     #[test]
     fn a_device_that_can_do_less_is_asked_for_less_and_one_that_can_do_more_changes_nothing() {

@@ -87,8 +87,10 @@ fn on_a_bench(binary: &Path) -> Result<(Vec<Check>, u64), Refusal> {
 
 fn said(stated: &DeviceStatement) -> String {
     let limits = &stated.limits;
+    let own_n_s_m = stated.device_damping_n_s_m;
+    let own = if own_n_s_m > 0.0 { format!("{own_n_s_m} N·s/m of its own") } else { "how much of its own is not known".into() };
     format!(
-        "{}: {} degrees of freedom, {} driven, {:.0} Hz, {} N ({} N for any time), {:.0} N/m, {} N·s/m",
+        "{}: {} degrees of freedom, {} driven, {:.0} Hz, {} N ({} N for any time), {:.0} N/m, {} N·s/m, {own}",
         stated.title(),
         stated.measured_dof,
         stated.driven_dof,
