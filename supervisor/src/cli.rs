@@ -50,9 +50,9 @@ pub enum Command {
         #[command(subcommand)]
         command: FaultCommand,
     },
-    /// Validate a scene or a mesh without starting anything.
+    /// Validate a scene, a case or a mesh without starting anything.
     Check {
-        /// Scene (.toml) or mesh; without it, the embedded scene.
+        /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp); without it, the embedded scene.
         file: Option<PathBuf>,
         /// As JSON.
         #[arg(long)]
@@ -306,7 +306,7 @@ pub struct ReportArgs {
 /// Arguments of `run`.
 #[derive(Clone, Debug, Default, Args)]
 pub struct RunArgs {
-    /// Scene or case (.toml), or mesh; without it, the embedded scene.
+    /// Scene or case (.toml), mesh, or the name of a case that came with the programs (polyp); without it, the embedded scene.
     pub scene: Option<PathBuf>,
     /// Stop by itself this long after every process is ready: 30s, 2m, 500ms.
     #[arg(long = "for", value_parser = seconds)]

@@ -32,6 +32,7 @@ pub mod recorded;
 pub mod remains;
 pub mod report;
 pub mod settings;
+pub mod shipped;
 pub mod shortage;
 pub mod spawn;
 pub mod supervise;

@@ -12,6 +12,28 @@ const SHELL: [&str; 1] = ["dash"];
 /// What every Debian has that the package's scripts call, and what that depends on.
 const ESSENTIAL: [&str; 6] = ["coreutils", "libacl1", "libattr1", "libselinux1", "libpcre2-8-0", "libgmp10"];
 
+/// What of the sources lies in the package as it is, in /usr/share/hystation, and what of each has to be there.
+const SHARED: [(&str, &[&str]); 6] = [
+    ("cases", &["polyp.toml", "septum.toml", "fluid-overload.toml"]),
+    ("scenes", &["default.toml", "myoma.toml"]),
+    ("meshes", &["uterus.msh", "polyp.msh", "jaw.obj"]),
+    ("campaigns", &["quick.toml", "kills.toml"]),
+    ("schema", &["scene.schema.json", "case.schema.json"]),
+    ("driver", &["hystation_driver.h", "example_driver.c"]),
+];
+
+/// The files of all folders of [`SHARED`], each as it is named in there.
+fn shared_files() -> Vec<String> {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let of_folder = |(folder, known): &(&str, &[&str])| {
+        let files = std::fs::read_dir(assets.join(folder)).expect("a folder of the sources").flatten();
+        let names: Vec<String> = files.map(|file| file.file_name().to_string_lossy().into_owned()).collect();
+        assert!(known.iter().all(|file| names.iter().any(|name| name == file)), "{folder}: {names:?}");
+        names.into_iter().map(|name| format!("{folder}/{name}")).collect::<Vec<_>>()
+    };
+    SHARED.iter().flat_map(of_folder).collect()
+}
+
 fn has(program: &str) -> bool {
     Command::new("sh").args(["-c", &format!("command -v {program}")]).output().is_ok_and(|found| found.status.success())
 }
@@ -77,12 +99,17 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
         "usr/share/bash-completion/completions/hystation",
         "usr/share/zsh/vendor-completions/_hystation",
         "usr/share/fish/vendor_completions.d/hystation.fish",
-        "usr/share/hystation/scenes/default.toml",
+        "usr/share/doc/hystation/README.md",
+        "usr/share/doc/hystation/docs/driver.md",
+        "usr/share/doc/hystation/docs/handbook.md",
         "usr/share/doc/hystation/copyright",
         "usr/share/doc/hystation/changelog.gz",
         "usr/lib/systemd/system/hystation.service",
     ] {
         assert!(holds(path), "{path}\n{contents}");
+    }
+    for file in shared_files() {
+        assert!(holds(&format!("usr/share/hystation/{file}")), "{file}\n{contents}");
     }
     assert!(contents.lines().all(|line| line.contains("root/root")), "{contents}");
     let field = |name: &str| said(Command::new("dpkg-deb").arg("-f").arg(&package).arg(name)).trim().to_string();
@@ -110,6 +137,12 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     }
     let (code, out, err) = inside("hystation --version && hystation check /usr/share/hystation/scenes/myoma.toml");
     assert_eq!((code, out.lines().next()), (Some(0), Some(version.trim())), "{err}");
+    let (code, out, err) = inside("cd /tmp && hystation check polyp");
+    assert_eq!(code, Some(0), "{err}");
+    let first = out.lines().next();
+    assert_eq!(first, Some("/usr/share/hystation/cases/polyp.toml: “Resection of a polyp”"), "{out}");
+    let (code, _, err) = inside("hystation check polyps");
+    assert!(code == Some(2) && err.contains("polyps"), "{code:?} {err}");
     let (code, _, err) = inside("hystation run --headless --for 3s --hand script:press --report /tmp/report.json");
     assert_eq!(code, Some(0), "{err}");
     let report = std::fs::read_to_string(root.join("tmp/report.json")).expect("a report");

@@ -1,6 +1,7 @@
 //! The unit under a real systemd, booted here in namespaces of its own and with no other unit than ours: it is ready when the station is, a guardian that is killed or stands still is
 //! replaced, together with its supervisor too, while the engines go on, and a stop leaves nothing.
 
+use hyst_messages::page;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use station_tests::{Folder, RECOVERY_LIMIT, binaries, run, wait_for};
@@ -99,6 +100,19 @@ impl Manager {
         self.inside(&format!("'{}' --name {NAME} {arguments}", binaries().join("hystation").display()))
     }
 
+    /// The unit names neither scene nor case, and the station runs the one that is built in.
+    fn assert_default_scene(&self) {
+        let root = std::path::PathBuf::from(format!("/proc/{}/root/dev/shm/hystation-0-{NAME}", self.pid));
+        let settings = std::fs::read_to_string(root.join("settings.toml")).expect("the station's settings");
+        let settings: hyst_engine::Settings = toml::from_str(&settings).expect("settings");
+        assert_eq!((settings.scene, settings.case, settings.hand.as_str()), (None, None, "script:press"));
+        let page = std::fs::read(root.join("pages/station.page")).expect("the station's page");
+        let at = 4 * page::WORDS32 + 8 * page::station::SCENE_HASH;
+        let hash = page.get(at..at + 8).and_then(|bytes| bytes.try_into().ok()).map(u64::from_ne_bytes);
+        let built_in = hyst_scene::load_embedded().expect("the scene that is built in").hash;
+        assert_eq!(hash, Some(built_in), "another scene than the default one");
+    }
+
     /// A property of the service.
     fn show(&self, property: &str) -> String {
         self.inside(&format!("systemctl show -p {property} --value hystation")).1.trim().to_string()
@@ -161,6 +175,7 @@ fn systemd_starts_watches_restarts_and_stops_the_station_and_no_engine_notices()
     assert_eq!(code, Some(0), "{said}\n{}", manager.inside("systemctl status hystation").1);
     assert_eq!(manager.show("ActiveState"), "active");
     assert!(manager.processes().is_some(), "ready was said before all were: {}", manager.hystation("status").1);
+    manager.assert_default_scene();
     manager.hurt("KILL", &["guardian"]);
     manager.hurt("KILL", &["guardian", "supervisor"]);
     manager.hurt("STOP", &["guardian"]);

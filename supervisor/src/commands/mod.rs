@@ -33,7 +33,8 @@ pub fn run(cli: Cli) -> ExitCode {
 fn choose(cli: Cli) -> Result<u8, Refusal> {
     let station = Station::named(&cli.name).map_err(|e| Refusal::input(e.to_string()))?;
     match cli.command {
-        Command::Run(args) => {
+        Command::Run(mut args) => {
+            args.scene = crate::shipped::file(args.scene.take())?;
             if args.with_parent {
                 let bound = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::INT));
                 bound.map_err(|e| Refusal::failed(format!("--with-parent: {e}")))?;
@@ -45,7 +46,7 @@ fn choose(cli: Cli) -> Result<u8, Refusal> {
         Command::Logs { process, follow } => logs::logs(&station, process.as_deref(), follow),
         Command::Stop => stop::stop(&station),
         Command::Fault { command } => fault::fault(&station, command),
-        Command::Check { file, json } => check::check(file.as_deref(), json),
+        Command::Check { file, json } => check::check(crate::shipped::file(file)?.as_deref(), json),
         Command::Doctor { json } => doctor::doctor(json),
         Command::Bench { what, mesh, windows, json } => bench::bench(&what, mesh.as_deref(), windows, json),
         Command::Swap { role, binary, json } => swap::swap(&station, &role, &binary, json),
