@@ -1,8 +1,11 @@
-//! The operator's page in a real browser: what it shows of a station that runs, that it finds a new console by itself, and that it is read and used by keys.
+//! The operator's page in a real browser: what it shows of a station that runs, that it finds a new console by itself, that it is read and used by keys, and that a
+//! warning is heard.
 
 use serde_json::{Value, json};
 use station_tests::browser::{Browser, has_chromium};
-use station_tests::{RECOVERY_LIMIT, Station, wait_for};
+use station_tests::shown::not_shown;
+use station_tests::{Folder, RECOVERY_LIMIT, Station, wait_for};
+use std::cell::Cell;
 use std::collections::BTreeSet;
 
 /// Who makes a value in every tick, so that rate and age are numbers.
@@ -75,6 +78,47 @@ const CHOOSE: &str = r"(() => {
     kind.dispatchEvent(new Event('change'));
     target.value = 'recorder';
     return [kind.value, target.value];
+})()";
+
+/// A session with nothing to do, of which a warning falls once: when the page has long been open.
+const CASE: &str = r#"version = 1
+name = "A rest"
+rung = "distension"
+task = "Do nothing."
+scene = "SCENE"
+[[goal]]
+removed = { percent = 100.0 }
+[[warning]]
+words = "you have rested for long"
+time_above_s = 30.0
+"#;
+
+/// Counts the oscillators that the page's sound is made of.
+const COUNT_SOUNDS: &str = r"(() => {
+    const make = AudioContext.prototype.createOscillator;
+    AudioContext.prototype.createOscillator = function () {
+        document.body.dataset.sounds = String(Number(document.body.dataset.sounds ?? 0) + 1);
+        return make.call(this);
+    };
+    return true;
+})()";
+
+/// Tones that were asked for, sounds that were made, whether this browser can be heard, and what is warned of.
+const HEARD: &str = r"(() => ({
+    tones: Number(document.body.dataset.tones ?? 0), sounds: Number(document.body.dataset.sounds ?? 0), isHeard: audio?.state === 'running',
+    warned: [...document.querySelectorAll('#warnings li, #alarms li')].map(item => item.textContent),
+    clock: document.getElementById('clock').textContent, task: document.getElementById('task').checkVisibility(),
+}))()";
+
+/// An alarm while the page may be heard, and another one while it is muted: the sounds of each, and how the button stands.
+const MUTED: &str = r"(() => {
+    const sounds = () => Number(document.body.dataset.sounds ?? 0), button = document.getElementById('sound');
+    const before = sounds();
+    showAlarms(['one more']);
+    const loud = sounds();
+    button.click();
+    showAlarms(['one more', 'and another one']);
+    return [loud - before, sounds() - loud, button.getAttribute('aria-pressed')];
 })()";
 
 /// Opens the page of a station.
@@ -197,5 +241,48 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
     drop(browser);
     station.recover();
+    station.stop().assert_clean();
+}
+
+#[test]
+fn a_warning_is_a_tone_when_it_comes_and_none_before_or_while_it_stands_or_when_it_is_muted() {
+    if !has_chromium() {
+        return;
+    }
+    let folder = Folder::new("browser-case");
+    let case = folder.write("case.toml", &CASE.replace("SCENE", &folder.scene()));
+    let station = Station::start("heard", &[&case, "--hand", "idle"]);
+    let mut browser = open("heard", &station);
+    browser.wait("the task", HEARD, |heard| (heard["task"] == true).then_some(()));
+    assert_eq!(browser.evaluate(COUNT_SOUNDS), Some(json!(true)));
+    browser.press("Tab", 9, ""); // until somebody has touched it a browser lets no page sound
+    let was_quiet = Cell::new(false);
+    let of = |heard: &Value, key: &str| heard[key].as_u64().unwrap_or(0);
+    let fallen = browser.wait("the warning", HEARD, |heard| {
+        let warned = heard["warned"].as_array()?;
+        if warned.is_empty() {
+            assert_eq!((of(heard, "tones"), of(heard, "sounds")), (0, 0), "a tone of nothing: {heard}");
+            was_quiet.set(true);
+        }
+        let is_it = |line: &Value| line.as_str().is_some_and(|line| line.starts_with("you have rested for long (first at "));
+        warned.iter().any(is_it).then(|| heard.clone())
+    });
+    assert!(of(&fallen, "tones") >= 1, "nothing is heard of the warning: {fallen}");
+    if !was_quiet.get() {
+        not_shown("whether the page is quiet before a warning: the machine opened it too late");
+    }
+    let later = browser.wait("the clock", HEARD, |heard| (heard["clock"] != fallen["clock"]).then(|| heard.clone()));
+    if later["warned"] == fallen["warned"] {
+        assert_eq!(of(&later, "tones"), of(&fallen, "tones"), "a warning that stands is not heard again: {later}");
+    }
+    // Of a machine without any sound a browser may have none to give.
+    if later["isHeard"] == true && was_quiet.get() {
+        assert_eq!(of(&later, "sounds"), of(&later, "tones"), "each tone is a sound: {later}");
+        assert_eq!(browser.evaluate(MUTED), Some(json!([1, 0, "true"])));
+    } else {
+        not_shown("whether a tone sounds: this browser makes no sound");
+    }
+    assert!(browser.faults.is_empty(), "{:?}", browser.faults);
+    drop(browser);
     station.stop().assert_clean();
 }
