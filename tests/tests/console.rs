@@ -177,6 +177,12 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
             Some(page.get(&format!("/picture.jpg?after={tick}"))).filter(|answer| answer.status == 200)
         });
         assert!(next.is_some_and(|next| next.header("x-picture-tick") != Some(tick.as_str())), "the picture stands");
+        let drawn = || Some(page.get("/metrics").text()).filter(|told| told.contains("hystation_rendering_scale_ratio "));
+        let told = wait_for(RECOVERY_LIMIT, drawn).expect("figures of the pictures");
+        let figure = |name: &str| told.lines().find_map(|line| line.strip_prefix(name)?.trim().parse::<f64>().ok());
+        let of_pictures = ["pictures_total", "picture_age_seconds", "aim_hertz", "scale_ratio", "width_pixels"]
+            .map(|name| figure(&format!("hystation_rendering_{name} ")));
+        assert!(of_pictures.iter().all(|value| value.is_some_and(|value| value > 0.0)), "{of_pictures:?}\n{told}");
     }
     station.stop().assert_clean();
 }

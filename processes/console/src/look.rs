@@ -1,7 +1,8 @@
-//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, what the fluid says of the pump.
+//! What is known of the station at one moment, and of the last minutes: what the supervisor says of the processes, what the fluid says of the pump, and
+//! rendering of its pictures.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
-use hyst_messages::{FluidStatus, HardwareSample, PUMP_ALARMS, Slot};
+use hyst_messages::{FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, RenderingStatus, Slot};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
@@ -126,6 +127,45 @@ fn alarms(bits: u32) -> Vec<String> {
     set.map(|bit| said(&bit).unwrap_or_else(|| format!("unknown ({bit:#x})"))).collect()
 }
 
+/// The pictures.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pictures {
+    /// Drawn in this life of rendering.
+    pub count: u64,
+    /// Age of the newest, s.
+    pub age_s: f64,
+    /// Time from one to the next that is aimed at, s.
+    pub period_s: f64,
+    /// Time that the newest took, s.
+    pub frame_s: f64,
+    /// Time of each of [`PICTURE_PASSES`], s; 0 where the device keeps no time.
+    pub passes_s: [f64; PICTURE_PASSES.len()],
+    /// Share of the width and height at which it was drawn, 0 to 1.
+    pub scale: f64,
+    /// Width and height, px.
+    pub size_px: [u32; 2],
+    /// Bytes that were handed to the device for the newest.
+    pub upload_bytes: u64,
+}
+
+impl Pictures {
+    /// From what rendering says, of a picture that was there at `drawn_ns`; `None` if it has drawn none, or it makes no sense.
+    pub fn new(status: &RenderingStatus, drawn_ns: u64, now_ns: u64) -> Option<Pictures> {
+        let pictures = Pictures {
+            count: status.frames,
+            age_s: now_ns.saturating_sub(drawn_ns) as f64 * 1e-9,
+            period_s: f64::from(status.period_ticks[0]) * 1e-3,
+            frame_s: f64::from(status.frame_ms) * 1e-3,
+            passes_s: status.passes_ms.map(|pass_ms| f64::from(pass_ms) * 1e-3),
+            scale: f64::from(status.scale),
+            size_px: status.size_px,
+            upload_bytes: status.upload_bytes,
+        };
+        let is_finite = pictures.passes_s.iter().chain([&pictures.frame_s, &pictures.scale]).all(|figure| figure.is_finite());
+        (status.frames > 0 && drawn_ns > 0 && is_finite).then_some(pictures)
+    }
+}
+
 /// What the page shows of one moment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Look {
@@ -136,6 +176,9 @@ pub struct Look {
     pub silence: Option<String>,
     /// The pump, as far as it is known.
     pub pump: Option<Pump>,
+    /// The pictures, likewise: for monitors, the page shows one.
+    #[serde(skip)]
+    pub pictures: Option<Pictures>,
 }
 
 /// Rate (Hz), wake-up latency and loop latency (µs) of a process at one look.
@@ -196,6 +239,19 @@ mod tests {
         assert_eq!((device[0][0], device[95][0], device[KEPT_LOOKS - 1][0]), (Some(5.0), None, Some((KEPT_LOOKS + 4) as f64)));
         let value = serde_json::to_value(&history).unwrap();
         assert_eq!(value["fluid:0"][0], json!([30.0, null, null]));
+    }
+
+    #[test]
+    fn of_pictures_is_known_what_was_drawn_and_nonsense_is_not() {
+        let status =
+            RenderingStatus { frames: 7, frame_ms: 25.0, scale: 0.75, period_ticks: [33, 16], ..RenderingStatus::default() };
+        let pictures = Pictures::new(&status, 1_000_000_000, 1_250_000_000).unwrap();
+        assert_eq!((pictures.count, pictures.age_s, pictures.scale), (7, 0.25, 0.75));
+        assert!((pictures.period_s - 0.033).abs() < 1e-9 && (pictures.frame_s - 0.025).abs() < 1e-9, "{pictures:?}");
+        assert_eq!(Pictures::new(&status, 2_000_000_000, 1_000_000_000).unwrap().age_s, 0.0, "of this very moment");
+        assert_eq!(Pictures::new(&RenderingStatus { frames: 0, ..status }, 1, 2), None, "it draws nothing");
+        assert_eq!(Pictures::new(&status, 0, 2), None);
+        assert_eq!(Pictures::new(&RenderingStatus { scale: f32::NAN, ..status }, 1, 2), None);
     }
 
     #[test]

@@ -1,17 +1,20 @@
 //! What is known of the station now, for a monitor: the text format of OpenMetrics 1.0. Promise: one exposition, ended by `# EOF`; what is not known is
-//! left out.
+//! left out, and what has a unit in its name says it in a line of its own.
 
 use crate::look::Look;
-use hyst_messages::{PUMP_ALARMS, Slot};
+use hyst_messages::{PICTURE_PASSES, PUMP_ALARMS, Slot};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
-use prometheus_client::registry::Registry;
+use prometheus_client::registry::{Metric, Registry, Unit};
 use std::sync::atomic::AtomicU64;
 
 /// The media type of [`text`].
 pub const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// Units that names end with; what is per minute before what is not.
+const UNITS: [&str; 8] = ["milliliters_per_minute", "milliliters", "mmhg", "seconds", "hertz", "pixels", "bytes", "ratio"];
 
 type Labels = Vec<(&'static str, String)>;
 type Figure = Gauge<f64, AtomicU64>;
@@ -23,6 +26,7 @@ pub fn text(look: &Look) -> String {
     station(look, &mut registry);
     processes(look, &mut registry);
     pump(look, &mut registry);
+    pictures(look, &mut registry);
     let mut text = String::new();
     match encode(&mut text, &registry) {
         Ok(()) => text,
@@ -30,10 +34,19 @@ pub fn text(look: &Look) -> String {
     }
 }
 
+/// Registers a metric under its name, of which the end may be a unit.
+fn register(registry: &mut Registry, name: &str, help: &str, metric: impl Metric) {
+    let unit = UNITS.iter().find_map(|unit| Some((name.strip_suffix(unit)?.strip_suffix('_')?, *unit)));
+    match unit {
+        Some((front, unit)) => registry.register_with_unit(front, help, Unit::Other(unit.into()), metric),
+        None => registry.register(name, help, metric),
+    }
+}
+
 fn figure(registry: &mut Registry, name: &str, help: &str, value: f64) {
     let figure = Figure::default();
     figure.set(value);
-    registry.register(name, help, figure);
+    register(registry, name, help, figure);
 }
 
 fn station(look: &Look, registry: &mut Registry) {
@@ -78,9 +91,9 @@ fn processes(look: &Look, registry: &mut Registry) {
         restarts.get_or_create(&labels).inc_by(process.restarts);
     }
     for ((name, help), figures) in names.into_iter().zip(figures) {
-        registry.register(name, help, figures);
+        register(registry, name, help, figures);
     }
-    registry.register("process_restarts", "Restarts of its slot after faults", restarts);
+    register(registry, "process_restarts", "Restarts of its slot after faults", restarts);
 }
 
 fn pump(look: &Look, registry: &mut Registry) {
@@ -96,13 +109,35 @@ fn pump(look: &Look, registry: &mut Registry) {
         let is_on = pump.alarms.iter().any(|alarm| alarm == name);
         alarms.get_or_create(&vec![("alarm", name.to_string())]).set(f64::from(u8::from(is_on)));
     }
-    registry.register("pump_alarm", "Alarms of the pump", alarms);
+    register(registry, "pump_alarm", "Alarms of the pump", alarms);
+}
+
+fn pictures(look: &Look, registry: &mut Registry) {
+    let Some(pictures) = &look.pictures else { return };
+    let count = Counter::<u64, AtomicU64>::default();
+    count.inc_by(pictures.count);
+    register(registry, "rendering_pictures", "Pictures that this life of rendering has drawn", count);
+    figure(registry, "rendering_picture_age_seconds", "Age of the newest picture", pictures.age_s);
+    if pictures.period_s > 0.0 {
+        figure(registry, "rendering_aim_hertz", "Pictures in a second that it aims at", 1.0 / pictures.period_s);
+    }
+    figure(registry, "rendering_frame_seconds", "Time that the newest picture took", pictures.frame_s);
+    figure(registry, "rendering_scale_ratio", "Share of its width and height at which it was drawn", pictures.scale);
+    let [width, height] = pictures.size_px.map(f64::from);
+    figure(registry, "rendering_width_pixels", "Width of the picture", width);
+    figure(registry, "rendering_height_pixels", "Height of the picture", height);
+    figure(registry, "rendering_upload_bytes", "Bytes handed to the graphics device for it", pictures.upload_bytes as f64);
+    let passes = Figures::default();
+    for (name, time_s) in PICTURE_PASSES.into_iter().zip(pictures.passes_s).filter(|(_, time_s)| *time_s > 0.0) {
+        passes.get_or_create(&vec![("pass", name.to_string())]).set(time_s);
+    }
+    register(registry, "rendering_pass_seconds", "Time of each of its passes, where the device keeps it", passes);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::{Process, Pump, Status};
+    use crate::look::{Pictures, Process, Pump, Status};
 
     #[test]
     fn the_text_has_each_figure_that_is_known_and_ends_once() {
@@ -117,7 +152,16 @@ mod tests {
         };
         let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], ..Status::default() };
         let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms: vec!["deficit".into()], ..Pump::default() };
-        let text = text(&Look { status, silence: None, pump: Some(pump) });
+        let pictures = Pictures {
+            count: 9_000,
+            age_s: 0.25,
+            period_s: 0.04,
+            scale: 0.75,
+            size_px: [640, 480],
+            passes_s: [0.0, 0.5, 0.0, 0.0, 0.0],
+            ..Pictures::default()
+        };
+        let text = text(&Look { status, silence: None, pump: Some(pump), pictures: Some(pictures) });
         for line in [
             "hystation_tick 1234.0",
             "hystation_supervisor_answers 1.0",
@@ -129,6 +173,21 @@ mod tests {
             "hystation_pump_bled_milliliters 1.5",
             "hystation_pump_alarm{alarm=\"deficit\"} 1.0",
             "hystation_pump_alarm{alarm=\"pressure\"} 0.0",
+            "hystation_rendering_pictures_total 9000",
+            "hystation_rendering_picture_age_seconds 0.25",
+            "hystation_rendering_aim_hertz 25.0",
+            "hystation_rendering_scale_ratio 0.75",
+            "hystation_rendering_width_pixels 640.0",
+            "hystation_rendering_height_pixels 480.0",
+            "hystation_rendering_pass_seconds{pass=\"scene\"} 0.5",
+            "# TYPE hystation_rendering_pictures counter",
+            "# TYPE hystation_rendering_scale_ratio gauge",
+            "# UNIT hystation_rendering_scale_ratio ratio",
+            "# UNIT hystation_rendering_picture_age_seconds seconds",
+            "# HELP hystation_rendering_picture_age_seconds Age of the newest picture.",
+            "# UNIT hystation_process_rate_hertz hertz",
+            "# UNIT hystation_pump_deficit_milliliters milliliters",
+            "# UNIT hystation_pump_inflow_milliliters_per_minute milliliters_per_minute",
         ] {
             assert!(text.lines().any(|found| found == line), "{line}\n{text}");
         }
@@ -136,6 +195,13 @@ mod tests {
         let value: f64 = wakeup.rsplit(' ').next().unwrap().parse().unwrap();
         assert!((value - 50e-6).abs() < 1e-12, "{wakeup}");
         assert!(!text.contains("process_loop_p99_seconds{"), "it is not known\n{text}");
+        assert!(!text.contains("pass=\"glow\""), "the device keeps no time of it\n{text}");
+        // Every name that ends with a unit says it, and no other has one.
+        for name in text.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split(' ').next()) {
+            let unit = UNITS.iter().find(|unit| name.ends_with(&format!("_{unit}")));
+            let said = text.lines().find_map(|line| line.strip_prefix(&format!("# UNIT {name} ")));
+            assert_eq!(said, unit.copied(), "{name}\n{text}");
+        }
         assert!(text.ends_with("# EOF\n") && text.matches("# EOF").count() == 1);
     }
 
@@ -143,5 +209,6 @@ mod tests {
     fn a_station_of_which_nothing_is_known_has_a_text_too() {
         let text = text(&Look { silence: Some("no supervisor answers".into()), ..Look::default() });
         assert!(text.contains("hystation_supervisor_answers 0.0\n") && text.ends_with("# EOF\n"), "{text}");
+        assert!(!text.contains("rendering_"), "nobody draws\n{text}");
     }
 }

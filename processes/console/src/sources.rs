@@ -1,12 +1,12 @@
-//! What the console reads of the engines, in place: rendering's pictures while somebody looks, the pages of fluid and hardware, and of a station with a
+//! What the console reads of the engines, in place: rendering's pictures while somebody looks, the pages of rendering, fluid and hardware, and of a station with a
 //! case those of device and tissue. Its usher opens them.
 
-use crate::look::Pump;
+use crate::look::{Pictures, Pump};
 use crate::picture::Picture;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
-use hyst_exchange::{Links, ReadPage, Roster, Subscriber};
-use hyst_messages::page::{device, fluid, hardware, header, tissue};
+use hyst_exchange::{Links, ReadPage, Roster, Subscriber, system};
+use hyst_messages::page::{device, fluid, hardware, header, rendering, tissue};
 use hyst_messages::{AppliedRecord, FluidStatus, Kind, Role, TissueStatus};
 
 /// Fluids, and tissues: holder, spare and a newcomer on trial.
@@ -18,6 +18,7 @@ const TISSUES: usize = Role::Tissue.slots().1;
 pub struct Sources {
     inbox: Inbox,
     pictures: Option<Subscriber>,
+    rendering: Option<ReadPage>,
     fluids: [Option<ReadPage>; FLUIDS],
     hardware: Option<ReadPage>,
     /// With its incarnation.
@@ -30,8 +31,12 @@ impl Sources {
     /// Asks the usher for everything that is of interest: more of a session that is judged.
     pub fn open(life: &Life, is_judged: bool) -> Result<Sources, Failure> {
         let links = Links::join(&life.station, &life.slot.to_string())?;
-        let mut interests =
-            vec![(Role::Rendering, Wanted::Stream(Kind::Picture)), (Role::Fluid, Wanted::Page), (Role::Hardware, Wanted::Page)];
+        let mut interests = vec![
+            (Role::Rendering, Wanted::Stream(Kind::Picture)),
+            (Role::Rendering, Wanted::Page),
+            (Role::Fluid, Wanted::Page),
+            (Role::Hardware, Wanted::Page),
+        ];
         if is_judged {
             interests.extend([(Role::Device, Wanted::Page), (Role::Tissue, Wanted::Page)]);
         }
@@ -39,6 +44,7 @@ impl Sources {
         Ok(Sources {
             inbox,
             pictures: None,
+            rendering: None,
             fluids: Default::default(),
             hardware: None,
             tissues: Default::default(),
@@ -59,6 +65,7 @@ impl Sources {
         let index = arrival.slot.index();
         match (arrival.slot.role(), arrival.port) {
             (Role::Rendering, Port::Stream(_, stream)) => self.pictures.replace(stream).map(Departure::Stream),
+            (Role::Rendering, Port::Page(page)) => self.rendering.replace(page).map(Departure::Page),
             (Role::Fluid, Port::Page(page)) => self.fluids[index.min(FLUIDS - 1)].replace(page).map(Departure::Page),
             (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
             (Role::Tissue, Port::Page(page)) => {
@@ -100,6 +107,13 @@ impl Sources {
         let newest = self.fluid()?;
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         Pump::new(&newest, sample.as_ref())
+    }
+
+    /// What rendering says of its pictures. Of one that died they are as old as they are.
+    pub fn drawn(&self) -> Option<Pictures> {
+        let page = self.rendering.as_ref()?;
+        let (_, status) = page.cell(rendering::STATUS)?;
+        Pictures::new(&status, page.load64(header::VALUE_NS), system::now_ns())
     }
 
     /// The newest picture that was not yet read. A message that is none is counted.
