@@ -27,6 +27,7 @@ const LOOK: &str = r"(() => {
         events: [...document.querySelectorAll('#events li')].map(item => item.textContent),
         kinds: document.querySelectorAll('#fault:not([hidden]) #fault-kind option').length,
         banner: document.getElementById('banner').checkVisibility() ? text('banner') : null,
+        lost: document.getElementById('lost').checkVisibility(),
     };
 })()";
 
@@ -121,6 +122,15 @@ const MUTED: &str = r"(() => {
     return [loud - before, sounds() - loud, button.getAttribute('aria-pressed')];
 })()";
 
+/// What of the page is wider than its place, and where the live view ends, CSS pixels from the top.
+const FITS: &str = r"(() => {
+    const parts = [document.documentElement, ...document.querySelectorAll('header, section')];
+    const wide = parts.filter(part => part.scrollWidth > part.clientWidth + 1).map(part => part.textContent.slice(0, 40));
+    return [wide, Math.ceil(document.getElementById('live').getBoundingClientRect().bottom + scrollY)];
+})()";
+/// A screen of a laptop, CSS pixels.
+const SCREEN: [u64; 2] = [1280, 800];
+
 /// Opens the page of a station.
 fn open(name: &str, station: &Station) -> Browser {
     let url = wait_for(RECOVERY_LIMIT, || station.status()["console"].as_str().map(str::to_string)).expect("a page");
@@ -183,7 +193,8 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     assert!(next.iter().all(|figure| figure.is_finite() && *figure >= 0.0), "{first:?}, then {next:?}");
     browser.wait("the device's rate", LOOK, |look| figure(look, "device", "rate").filter(|rate| *rate > 100.0));
     browser.wait("the pump", LOOK, |look| look["pressure"].as_str()?.parse::<f64>().ok());
-    let connected = |look: &Value| (look["link"] == "connected" && look["state"] == "running").then(|| look["banner"].clone());
+    let is_connected = |look: &Value| look["link"] == "connected" && look["state"] == "running" && look["lost"] == false;
+    let connected = |look: &Value| is_connected(look).then(|| look["banner"].clone());
     assert_eq!(browser.wait("that it is connected", LOOK, connected), Value::Null, "no banner of a test mode that is off");
 
     let (is_drawn, mut tick) = (std::env::var_os("HYSTATION_NO_GPU").is_none(), 0);
@@ -196,6 +207,12 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     let least = if is_drawn { COLOURS } else { 2 };
     assert!(colours >= least, "the page is drawn in {colours} colours");
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
+    let [width, height] = SCREEN;
+    let screen = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
+    browser.ask("Emulation.setDeviceMetricsOverride", screen);
+    let fits = browser.evaluate(FITS).expect("what fits");
+    assert_eq!(fits[0], json!([]), "cropped at {width} × {height}");
+    assert!(fits[1].as_u64().is_some_and(|bottom| bottom <= height), "the live view ends at {} of {height}", fits[1]);
 
     station.kill("console", true);
     let pid = station.pid("console", true).to_string();
@@ -205,8 +222,11 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     if is_drawn {
         picture(&mut browser, tick);
     }
+    let ended = station.stop();
+    let is_lost = |look: &Value| look["state"] == "not known" && look["pressure"] == "–" && look["lost"] == true;
+    browser.wait("that nothing is known of a station that is gone", LOOK, |look| is_lost(look).then_some(()));
     drop(browser);
-    station.stop().assert_clean();
+    ended.assert_clean();
 }
 
 #[test]
