@@ -301,3 +301,34 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     station.recover();
     station.stop().assert_clean();
 }
+
+/// The example of a driver measures where its tip is, 45 mm deep, and nothing else: what there is besides the keys set, and the keys that move a scope move nothing.
+#[test]
+fn beside_a_driver_the_keys_of_the_window_set_what_its_device_lacks_also_in_the_window_of_a_successor() {
+    let Some(display) = Display::start() else { return };
+    let folder = Folder::new("beside");
+    let (sources, driver) = (concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/driver"), folder.path("driver"));
+    let mut command = Command::new("cc");
+    command.args(["-std=c11", "-O2", "-pthread", "-I", sources, "-o", &driver, &format!("{sources}/example_driver.c"), "-lm"]);
+    let (code, _, said) = run(&mut command);
+    assert_eq!(code, Some(0), "cc: {said}");
+    let station = Station::start_shown(&display.name, "beside", &["--driver", &driver]);
+    display.window(&station);
+    let controls = || station.sample().controls;
+    display.press(&station, "t", "the light is not dimmed", || controls().light < 0.5);
+    display.press(&station, "i", "the inflow is open", || controls().inflow_valve == 0.0);
+    display.press(&station, "l", "the loop is in", || controls().loop_extension_m > 0.011);
+    display.press(&station, "Home", "no higher pressure", || controls().set_pressure_pa > 9_333.0 + 600.0);
+    assert!(display.xdotool(&["keydown", "Next", "sleep", "0.3", "keyup", "Next"]).is_some());
+    station.run_ticks(300);
+    assert_eq!(station.sample().pose.insertion_m, 0.045, "the scope is the driver's");
+
+    let set = controls();
+    station.kill("rendering", true);
+    display.window(&station);
+    station.run_ticks(300);
+    assert_eq!(controls(), set, "a successor's window sets it otherwise");
+    display.press(&station, "i", "the inflow is shut", || controls().inflow_valve == 1.0);
+    let ended = station.stop();
+    assert_eq!(ended.number("invalid_applied"), 0.0, "{}", ended.report);
+}

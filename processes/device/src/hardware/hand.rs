@@ -227,7 +227,7 @@ impl Hand {
     }
 
     /// What the window gives: everything, what a pad has nothing for, or nothing.
-    fn from_window(&self) -> u32 {
+    fn given(&self) -> u32 {
         match &self.will {
             Will::Pointer => WINDOW_ALL,
             Will::Pad(pad) => pad.lacks,
@@ -320,7 +320,7 @@ impl Hand {
             },
             velocity_m_s: self.state.velocity_m_s,
             controls: Controls { outflow_valve: rinsing_valve.unwrap_or(self.controls.outflow_valve), ..self.controls },
-            from_window: self.from_window(),
+            from_window: self.given(),
             felt_n: None,
         }
     }

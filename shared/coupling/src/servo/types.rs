@@ -96,11 +96,6 @@ impl Default for ServoParams {
     }
 }
 
-/// The smaller of what is wanted and what a device states; what is not above 0 is not stated.
-fn least(own: f32, stated: f32) -> f32 {
-    if stated > 0.0 { own.min(stated) } else { own }
-}
-
 impl ServoParams {
     /// The same for a device that can do no more than this: N, N/m, N·s/m. What is not above 0 is not stated, and changes nothing.
     pub fn for_device(&self, max_force_n: f32, max_stiffness_n_m: f32, max_damping_n_s_m: f32) -> Self {
@@ -150,6 +145,11 @@ impl ServoParams {
             ..*self
         }
     }
+}
+
+/// The smaller of what is wanted and what a device states; what is not above 0 is not stated.
+fn least(own: f32, stated: f32) -> f32 {
+    if stated > 0.0 { own.min(stated) } else { own }
 }
 
 /// State of the servo: 96 bytes, a message like any other state. All zero is a servo that never ran.
