@@ -2,6 +2,7 @@
 //! from outside, in test mode alone: a signal, or a limit that is lowered. The station's page says who they are.
 //!
 //! A death is told of by whoever replaces the dead. What lasted for a time, and was outlived, nobody else knows of: whoever did it tells the supervisor.
+//! Nobody else would end it, either: whoever did it and is interrupted (Ctrl-C, SIGTERM, SIGHUP) ends it first.
 
 use crate::control::{self, Request};
 use crate::faultfile::{FaultKind, Injection, Keepers};
@@ -12,6 +13,12 @@ use hyst_exchange::{Station, system};
 use hyst_messages::Slot;
 use rustix::process::Signal;
 use serde::{Deserialize, Serialize};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Between two looks whether whoever waits for the end was interrupted, ns: nobody who presses Ctrl-C feels that.
+const LOOK_NS: u64 = 20_000_000;
 
 /// Why nobody is hurt in a station that trains.
 pub const OUTSIDE_OF_TEST_MODE: &str = "faults are refused outside of test mode; start the station with --test-mode";
@@ -71,16 +78,20 @@ impl Hurt {
         self.hit.iter().all(|(victim, _)| victim.is_alive())
     }
 
-    /// Waits for so many seconds, ends it, and tells the supervisor of it where all outlived it.
-    pub fn last_for(&self, station: &Station, for_s: f64) -> Result<(), String> {
-        system::sleep_until_ns(self.struck_ns + (for_s * 1e9) as u64);
+    /// Waits for so many seconds, or until the caller is interrupted, ends it, and tells the supervisor of it where all outlived it. Says whether it
+    /// lasted for so long.
+    pub fn last_for(&self, station: &Station, for_s: f64, interrupted: &AtomicBool) -> Result<bool, String> {
+        let end_ns = self.struck_ns + (for_s * 1e9) as u64;
+        while system::now_ns() < end_ns && !interrupted.load(Ordering::Relaxed) {
+            system::sleep_until_ns(end_ns.min(system::now_ns() + LOOK_NS));
+        }
         let until_ns = system::now_ns();
         self.release();
-        if !self.is_outlived() {
-            return Ok(());
+        if self.is_outlived() {
+            let suffered = Suffered { kind: self.kind, keepers: self.keepers, since_ns: self.struck_ns, until_ns };
+            control::ask(station, &Request::Suffered(suffered))?;
         }
-        let suffered = Suffered { kind: self.kind, keepers: self.keepers, since_ns: self.struck_ns, until_ns };
-        control::ask(station, &Request::Suffered(suffered)).map(drop)
+        Ok(until_ns >= end_ns)
     }
 
     /// Those who were stopped go on, and limits are put back.
@@ -104,12 +115,17 @@ fn strike(pid: u32, kind: FaultKind) -> Result<Option<Lowered>, String> {
     Ok(None)
 }
 
-/// Does what the command line says, and stays until its end.
-pub fn inject(station: &Station, keepers: Keepers, injection: &Injection) -> Result<(), String> {
+/// Does what the command line says, and stays until its end. Says whether it lasted as long as it was asked for: false where the command was interrupted.
+pub fn inject(station: &Station, keepers: Keepers, injection: &Injection) -> Result<bool, String> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    // Before anybody is hurt: a signal that comes just after that must not end this process first.
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|error| format!("signals: {error}"))?;
+    }
     let moment_ns = match injection.tick {
         0 => 0,
         tick => station.open().map_err(|error| error.to_string())?.start_of(tick) + u64::from(injection.phase_us) * 1_000,
     };
     let hurt = Hurt::at(station, keepers, injection.kind, moment_ns)?;
-    injection.for_s.map_or(Ok(()), |for_s| hurt.last_for(station, for_s))
+    injection.for_s.map_or(Ok(true), |for_s| hurt.last_for(station, for_s, &interrupted))
 }

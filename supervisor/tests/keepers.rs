@@ -2,7 +2,10 @@
 
 mod place;
 
-use place::{Place, ended, pid_of, text};
+use place::{PATIENCE, Place, ended, pid_of, send, text};
+use rustix::process::Signal;
+use std::process::{Child, Stdio};
+use std::time::Instant;
 
 #[test]
 fn keepers_are_hurt_in_test_mode_and_replaced_and_the_report_tells_of_it() {
@@ -58,4 +61,65 @@ fn outside_of_test_mode_nobody_hurts_a_keeper() {
     assert_eq!(pids(&place.wait_ready()), pids(&before));
     assert!(place.call(&["stop"]).status.success());
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
+}
+
+/// The first word that a file of a process says after some words; nothing if the process is gone.
+fn said(pid: u64, file: &str, after: &str) -> String {
+    let text = std::fs::read_to_string(format!("/proc/{pid}/{file}")).unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix(after)).unwrap_or_default();
+    line.split_whitespace().next().unwrap_or_default().to_string()
+}
+
+fn most_files(pid: u64) -> String {
+    said(pid, "limits", "Max open files")
+}
+
+fn is_stopped(pid: u64) -> bool {
+    said(pid, "status", "State:") == "T"
+}
+
+fn await_that(what: &str, holds: impl Fn() -> bool) {
+    let since = Instant::now();
+    while !holds() {
+        assert!(since.elapsed() < PATIENCE, "{what}: not within {PATIENCE:?}");
+        std::thread::yield_now();
+    }
+}
+
+/// Ctrl-C at `fault inject no-files guardian --for 60s` left the guardian without files for good, and at `stop` both keepers standing.
+#[test]
+fn whoever_interrupts_what_lasts_for_a_time_ends_it() {
+    let place = Place::new("cut-short");
+    let report = place.report();
+    let mut child = place.start(&["--test-mode", "--report", report.to_str().unwrap()]);
+    let rows = place.wait_ready();
+    let [guardian, supervisor] = ["guardian", "supervisor"].map(|name| pid_of(&rows, name));
+    let begin = |words: &[&str]| -> Child {
+        let mut command = place.command(&[&["fault", "inject"], words, &["--for", "60s"]].concat());
+        command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let interrupt = |client: Child, signal: Signal| {
+        send(client.id().into(), signal);
+        let output = client.wait_with_output().unwrap();
+        let words = text(&output.stderr);
+        assert!(output.status.code() == Some(3) && words.contains("interrupted"), "{signal:?}: {:?} {words}", output.status);
+    };
+    let as_started = most_files(guardian);
+    for signal in [Signal::INT, Signal::TERM, Signal::HUP] {
+        let client = begin(&["no-files", "guardian"]);
+        await_that("a limit that is lowered", || most_files(guardian) != as_started);
+        interrupt(client, signal);
+        assert_eq!(most_files(guardian), as_started, "{signal:?}: it stays lowered");
+    }
+    let client = begin(&["stop", "supervisor+guardian"]);
+    await_that("two that stand", || is_stopped(guardian) && is_stopped(supervisor));
+    interrupt(client, Signal::INT);
+    await_that("that both go on", || !is_stopped(guardian) && !is_stopped(supervisor));
+    place.wait_ready();
+    assert!(place.call(&["stop"]).status.success());
+    child.wait().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
+    let faults = report["faults"].as_array().unwrap();
+    let told = faults.iter().filter(|fault| fault["kind"] == "no-files" && fault["target"] == "guardian").count();
+    assert_eq!(told, 3, "each was suffered, for the time that it lasted: {:#}", report["faults"]);
 }

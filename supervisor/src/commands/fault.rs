@@ -44,6 +44,8 @@ const KEEPERS: &str = "\nSupervisor and guardian take what is done from outside:
 const ASK_AHEAD_NS: u64 = 40_000_000;
 /// Between two looks whether the station still runs, ns.
 const LOOK_NS: u64 = 100_000_000;
+/// Exit code of one that was interrupted, as of a campaign.
+const INTERRUPTED: u8 = 3;
 /// Most ticks that are waited for: an hour.
 const MOST_AHEAD_TICKS: u64 = 3_600_000;
 
@@ -75,12 +77,15 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
             role.name()
         )));
     }
-    match aim {
+    let has_lasted = match aim {
         Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),
-        Aim::Engines(_) => control::ask(station, &Request::Fault(injection)).map(drop),
+        Aim::Engines(_) => control::ask(station, &Request::Fault(injection)).map(|_| true),
+    };
+    if has_lasted.map_err(Refusal::failed)? {
+        return Ok(0);
     }
-    .map_err(Refusal::failed)?;
-    Ok(0)
+    let message = format!("interrupted: {} of {} was ended before its time was over", args.kind, args.target);
+    Err(Refusal { code: INTERRUPTED, message })
 }
 
 /// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.

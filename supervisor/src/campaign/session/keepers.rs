@@ -19,7 +19,8 @@ impl Session {
     /// Gives when they were struck, ns.
     pub(super) fn hurt_keepers(&mut self, keepers: Keepers, injection: &Injection, moment_ns: u64) -> Result<u64, String> {
         let hurt = Hurt::at(&self.station, keepers, injection.kind, moment_ns)?;
-        injection.for_s.map_or(Ok(()), |for_s| hurt.last_for(&self.station, for_s))?;
+        // One that was cut short by Ctrl-C is no outcome: whoever waits for its verdict looks for that first.
+        injection.for_s.map_or(Ok(true), |for_s| hurt.last_for(&self.station, for_s, &self.interrupted))?;
         if keepers == Keepers::Supervisor || injection.for_s.is_some() && hurt.is_outlived() {
             return Ok(hurt.struck_ns);
         }
