@@ -14,6 +14,15 @@ fn tried(role: &str, binary: &Path) -> (Option<i32>, Value, String) {
     (code, serde_json::from_str(&text).unwrap_or(Value::Null), said)
 }
 
+/// Whether this machine can tell of a role: without a Vulkan driver nobody draws anything.
+fn can_be_tried(role: &str) -> bool {
+    let can = role != "rendering" || std::env::var_os("HYSTATION_NO_GPU").is_none();
+    if !can {
+        not_shown("whether a rendering conforms: there is no Vulkan driver");
+    }
+    can
+}
+
 fn leftovers(name: &str) -> Vec<PathBuf> {
     hyst_exchange::Station::named(name).expect("a name").leftovers()
 }
@@ -30,8 +39,12 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
         // Its author is not told that the machine is too busy.
         ("fluid", bad_engine(folder.as_path(), "fluid", "slow"), 1, Some(false), "missed its steps"),
         ("haptic", bad_engine(folder.as_path(), "haptic", "slow"), 1, Some(false), ""),
+        ("rendering", bad_engine(folder.as_path(), "rendering", "black"), 1, Some(false), "all of one colour"),
     ];
     for (role, binary, expected, conforms, why) in cases {
+        if !can_be_tried(role) {
+            continue;
+        }
         let (code, told, said) = tried(role, &binary);
         if code == Some(3) {
             not_shown(&format!("whether {} conforms: the machine was too busy", binary.display()));
@@ -61,10 +74,11 @@ fn a_good_engine_conforms_a_bad_one_is_told_why_not_and_what_is_none_is_refused(
     }
 }
 
-/// One of a role with a state and a spare, one whose work others can do, and those that are replaced by a restart. The rest are tried above, or take long.
+/// One of a role with a state and a spare, one whose work others can do, and those that are replaced by a restart. The rest are tried above.
 #[test]
 fn the_stations_own_engines_conform() {
-    for role in ["tissue", "collision-worker", "device", "recorder", "console"] {
+    let roles = ["tissue", "collision-worker", "device", "rendering", "recorder", "console"];
+    for role in roles.into_iter().filter(|role| can_be_tried(role)) {
         let (code, told, said) = tried(role, &binaries().join(role));
         if code == Some(3) {
             not_shown(&format!("whether the station's own {role} conforms: the machine was too busy"));

@@ -6,6 +6,7 @@ use serde_json::Value;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpStream};
+use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
 /// An answer takes milliseconds; this long is given to one on a machine that compiles beside it. All seats are free again after 20 s.
@@ -129,6 +130,32 @@ fn assert_told_of_test_mode(station: &Station, page: &Page, is_on: bool) {
     assert!(banner.contains(" hidden>Test mode: "), "{first}");
 }
 
+/// What the supervisor answers on its socket, where nobody else has looked at the request before.
+fn asked(station: &Station, request: &str) -> Value {
+    let mut stream = UnixStream::connect(station.place().control_socket()).expect("a supervisor");
+    stream.set_read_timeout(Some(ANSWER_LIMIT)).expect("a limit");
+    stream.write_all(format!("{request}\n").as_bytes()).expect("a request");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    serde_json::from_str(&answer).expect("an answer in JSON")
+}
+
+/// Outside of test mode: neither the page nor the socket of the supervisor takes a fault, and nobody is hurt.
+fn assert_nobody_is_hurt(station: &Station, page: &Page) {
+    let (before, words) = (station.pids(), "faults are refused outside of test mode");
+    for target in ["recorder", "tissue:active", "haptic:spare"] {
+        let answer = page.post("/fault", &format!("{{\"kind\":\"kill\",\"target\":\"{target}\"}}"));
+        assert!(answer.status == 403 && answer.text().contains(words), "{target}: {answer:?}");
+        let answer = asked(station, &format!("{{\"do\":\"fault\",\"kind\":\"kill\",\"target\":\"{target}\",\"tick\":0}}"));
+        assert_eq!(answer["ok"], false, "{target}: {answer}");
+        assert!(answer["error"].as_str().is_some_and(|error| error.contains(words)), "{target}: {answer}");
+    }
+    // Whoever had been hit would have been replaced, or given his role away, by then.
+    station.run_ticks(1_000);
+    assert_eq!(station.pids(), before, "{}", station.said());
+    assert!(!station.events().contains("injected into"), "{}", station.events());
+}
+
 #[test]
 fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     let station = Station::start("page", &["--hand", "script:press"]);
@@ -167,6 +194,7 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     assert!(metrics.text().ends_with("# EOF\n"));
     assert!(page.get("/history").text().contains("\"tissue:1\":["));
     assert_told_of_test_mode(&station, &page, false);
+    assert_nobody_is_hurt(&station, &page);
 
     if std::env::var_os("HYSTATION_NO_GPU").is_none() {
         let picture = wait_for(RECOVERY_LIMIT, || Some(page.get("/picture.jpg?after=0")).filter(|answer| answer.status == 200));
