@@ -188,9 +188,17 @@ impl Faults {
         record.and_then(|record| Slot::parse(&record.slot).filter(|slot| is_it(slot, &record))).ok_or_else(none)
     }
 
+    /// The process of a role that does its work, or one that does not; nobody where it is not known who does it. A device that was just started follows no
+    /// servo yet: meanwhile it is the one that was followed before.
     fn of_role(&self, role: Role, active: bool, viewer: &mut Viewer) -> Option<Slot> {
         let device = viewer.slot_page(Slot::first(Role::Device));
-        let incarnation = active_now(&self.station, &self.roster, device, role);
+        let incarnation = match active_now(&self.station, &self.roster, device, role) {
+            0 => self.active_incarnation(role),
+            incarnation => incarnation,
+        };
+        if incarnation == 0 {
+            return None;
+        }
         let wanted = |slot: &Slot| (viewer.page().incarnation(*slot) == incarnation) == active;
         let alive = |slot: &Slot| viewer.page().pid(*slot) != 0 && !viewer.page().is_dead(*slot);
         (0..SLOTS).filter_map(Slot::from_number).filter(|slot| slot.role() == role).filter(alive).find(wanted)
@@ -247,6 +255,7 @@ fn strike(pid: u32, signal: Option<Signal>) -> bool {
 mod tests {
     use super::*;
     use crate::faults::tests::book;
+    use hyst_messages::page::{device as device_page, station as layout};
 
     /// It ended with exit code 0 although nothing was undone; by `:active` it may be another process than the one that was hurt.
     #[test]
@@ -271,5 +280,35 @@ mod tests {
         assert_eq!(undo(&mut faults, second, 7), Ok(()));
         assert!(undo(&mut faults, second, 7).is_err(), "it has ended");
         assert!(faults.all().any(|fault| fault.kind == "stop" && fault.continue_ns == Some(now_ns)));
+    }
+
+    /// The page of a device that had just been started named nobody: `haptic:active` was nobody then, and `haptic:spare` whoever came first, the one that
+    /// was followed among them.
+    #[test]
+    fn while_a_new_device_follows_nobody_yet_it_is_known_who_was_followed_or_else_nobody_is_hit() {
+        let (station, mut faults) = book("newborn");
+        let page = station.open_for_keeping().unwrap();
+        let begin = |slot: Slot, incarnation: u32| {
+            let own = station.create_slot(slot, incarnation).unwrap();
+            page.store32(layout::SLOT_PID + slot.number(), std::process::id());
+            page.store32(layout::SLOT_INCARNATION + slot.number(), incarnation);
+            own
+        };
+        let servos @ [first, second] = [0, 1].map(|index| Slot::new(Role::Haptic, index).unwrap());
+        let device = Slot::first(Role::Device);
+        let (old, _servos) = (begin(device, 3), [begin(first, 4), begin(second, 5)]);
+        let mut viewer = Viewer::open(&station).unwrap();
+        let mut found = |faults: &mut Faults| {
+            let found = [true, false].map(|active| faults.of_role(Role::Haptic, active, &mut viewer));
+            faults.note_active(system::now_ns(), &mut viewer);
+            found
+        };
+        assert_eq!(found(&mut faults), [None, None], "nobody was followed yet");
+        old.store64(device_page::SELECTED_INCARNATION, 5);
+        assert_eq!(found(&mut faults), [Some(second), Some(first)]);
+        let new = begin(device, 6);
+        assert_eq!(found(&mut faults), [Some(second), Some(first)], "the new one follows nobody yet");
+        new.store64(device_page::SELECTED_INCARNATION, 4);
+        assert_eq!(found(&mut faults), servos.map(Some));
     }
 }
