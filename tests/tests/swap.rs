@@ -61,10 +61,12 @@ fn kill_supervisor(station: &Station) {
 }
 
 const STANDS: &[&str] = &["hung", "missed", "late"];
+/// One that is tried in the old one's place may be missed by who reads it, or by who compares it, before it is known that it stands.
+const STANDS_IN_PLACE: &[&str] = &["hung", "missed", "late", "out-of-tolerance", "refused"];
 /// On full cores one does not beat for long before it is gone.
 const DIES: &[&str] = &["died", "hung"];
 /// Bad engines: each with the causes that are its own, and words of the reason, unless its readers were first. One that stands still is found by its heartbeat, or by what is missed of it.
-const BAD: [(&str, &str, &[&str], &str); 29] = [
+const BAD: [(&str, &str, &[&str], &str); 36] = [
     ("tissue", "start", &["died"], ""),
     ("tissue", "shadow-off", &["out-of-tolerance"], ""),
     ("tissue", "shadow-segfault", DIES, ""),
@@ -85,19 +87,26 @@ const BAD: [(&str, &str, &[&str], &str); 29] = [
     ("haptic", "slow", &["late", "slow", "not-compared"], ""),
     ("collision-worker", "segfault", DIES, ""),
     ("collision-worker", "blind", &["refused"], ""),
+    ("collision-worker", "stop", STANDS_IN_PLACE, ""),
+    ("collision-worker", "slow", &["late", "slow", "hung", "refused"], ""),
     ("recorder", "exit", DIES, ""),
+    ("recorder", "stop", STANDS_IN_PLACE, ""),
     ("recorder", "mute", &["out-of-tolerance"], "its page"),
     ("rendering", "mute", &["out-of-tolerance"], "its page"),
     ("rendering", "black", &["out-of-tolerance"], "all of one colour"),
     ("rendering", "still", &["out-of-tolerance"], "stand still"),
     ("rendering", "slow", &["slow"], "steps a second"),
+    ("rendering", "stop", STANDS_IN_PLACE, ""),
     ("console", "mute", &["out-of-tolerance"], "its page"),
+    ("console", "stop", STANDS_IN_PLACE, ""),
     ("device", "abort", DIES, ""),
+    ("device", "stop", STANDS_IN_PLACE, ""),
+    ("device", "slow", &["hung", "slow", "late", "missed", "out-of-tolerance"], ""),
     ("device", "half", &["out-of-tolerance"], "the motors' force"),
 ];
 
 /// Bad engines that end as another one of the list does, or take a minute to: shown in many rounds alone.
-const AS_THE_OTHERS: [(&str, &str); 11] = [
+const AS_THE_OTHERS: [(&str, &str); 16] = [
     ("tissue", "start"),
     ("tissue", "panic"),
     ("tissue", "exit"),
@@ -108,7 +117,12 @@ const AS_THE_OTHERS: [(&str, &str); 11] = [
     ("haptic", "slow"),
     ("rendering", "mute"),
     ("collision-worker", "segfault"),
+    ("collision-worker", "stop"),
+    ("collision-worker", "slow"),
     ("recorder", "exit"),
+    ("rendering", "stop"),
+    ("console", "stop"),
+    ("device", "slow"),
 ];
 
 /// Ticks that a swap may cost, beyond what so long a control loses: none, as far as 50 of each engine tell.

@@ -21,7 +21,7 @@ const AFTER: u32 = 5;
 const AFTER_NS: u64 = 300_000_000;
 /// What a slow engine adds to a step, in periods.
 const PERIODS: u64 = 4;
-/// Steps after which the defect of a servo shows: it is out of the other's shadow by then.
+/// Steps after which the defect of a servo, a device or a worker shows: a servo is out of the other's shadow by then.
 const AFTER_STEPS: u32 = 300;
 /// What a servo's force is off by, N.
 const OFF_N: f32 = 0.2;
@@ -233,7 +233,7 @@ fn record_with_holes(life: &Life) -> Result<(), Failure> {
     writer.finish().map(drop).map_err(broken)
 }
 
-/// Whether a servo has made enough steps for its defect to show.
+/// Whether an engine without a state has made enough steps for its defect to show.
 fn is_out_of_its_shadow() -> bool {
     static STEPS: AtomicU32 = AtomicU32::new(0);
     STEPS.fetch_add(1, Ordering::Relaxed) > AFTER_STEPS
@@ -248,6 +248,24 @@ fn slow(force_n: [f32; 3]) -> [f32; 3] {
         system::sleep_ns(PERIODS * TICK_NS);
     }
     force_n
+}
+
+/// A device that sleeps is missed as one that stands still is; this one works all the time, and beats.
+fn toil(force_n: [f32; 3]) -> [f32; 3] {
+    if is_out_of_its_shadow() {
+        let until_ns = system::now_ns() + PERIODS * TICK_NS;
+        while system::now_ns() < until_ns {
+            std::hint::spin_loop();
+        }
+    }
+    force_n
+}
+
+fn dawdle(found: usize) -> usize {
+    if is_out_of_its_shadow() {
+        system::sleep_ns(PERIODS * TICK_NS);
+    }
+    found
 }
 
 /// A rendering whose page says all that a good one's says, and whose pictures are of these levels, byte by byte and picture by picture.
@@ -297,6 +315,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         (Role::Recorder, "holes") => record_with_holes(life),
         // It is consistent: the servos are told of the half that the motors are told of.
         (Role::Device, "half") => device::run_giving(life, |force_n| force_n.map(|newton| 0.5 * newton)),
+        (Role::Device, "slow") => device::run_giving(life, toil),
         (Role::Haptic, "off") => haptic::run_telling(life, off),
         (Role::Haptic, "slow") => haptic::run_telling(life, slow),
         (Role::Rendering, "black") => draw(life, PICTURE_NS, |_, _| 0),
@@ -304,6 +323,7 @@ fn run(life: &Life, kind: &str) -> Result<(), Failure> {
         // Good pictures, but one a second.
         (Role::Rendering, "slow") => draw(life, 1_000 * TICK_NS, |at, frames| (at as u64 + 40 * frames) as u8),
         (Role::CollisionWorker, "blind") => collision_worker::run_telling(life, |_| 0),
+        (Role::CollisionWorker, "slow") => collision_worker::run_telling(life, dawdle),
         (role, kind) => {
             sabotage(life, kind)?;
             match role {
