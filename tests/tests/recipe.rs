@@ -60,8 +60,8 @@ fn the_recipe_of_an_engine_outside_of_the_workspace_compiles_as_it_stands_in_the
 #[test]
 fn the_example_of_an_engine_is_as_short_as_the_documents_say() {
     let lines = text_of(&root().join("tests/src/bin/example-engine.rs")).lines().count();
-    assert!((90..=110).contains(&lines), "{lines} lines");
+    assert!((50..100).contains(&lines), "{lines} lines");
     for document in ["README.md", "docs/engine.md"] {
-        assert!(text_of(&root().join(document)).contains("some hundred lines"), "{document}: {lines} lines");
+        assert!(text_of(&root().join(document)).contains("under a hundred lines"), "{document}: {lines} lines");
     }
 }
