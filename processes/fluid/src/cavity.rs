@@ -1,12 +1,32 @@
 //! Which cells of the grid are fluid: those of the cavity that hold no tissue; and how fast the tissue moves in the others. Found at the fluid's own rate
 //! from the tissue's newest state, read in place.
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec3, Vec4};
 use hyst_flow::Grid;
+use std::ops::Range;
 
 /// Cell states for the solver.
 const FLUID: u8 = 0;
 const SOLID: u8 = 1;
+
+/// By how much a share may be below 0 in a cell that counts as within: what single precision leaves of a face that two tets share.
+const ON_A_FACE: f32 = 1e-5;
+
+/// Which of the first `count` cells of a row lie within a tet, whose shares are `first` in the first of them and change by `step` from one to the next.
+fn inside(first: Vec4, step: Vec4, count: usize) -> Range<usize> {
+    let (mut low, mut high) = (0.0f32, count as f32 - 1.0);
+    for (share, step) in first.to_array().into_iter().zip(step.to_array()) {
+        let zero = -(share + ON_A_FACE) / step;
+        match step {
+            step if step > 0.0 => low = low.max(zero),
+            step if step < 0.0 => high = high.min(zero),
+            _ if share < -ON_A_FACE => return 0..0,
+            _ => {}
+        }
+    }
+    // What is no number, or beyond what there is, ends at 0 or count.
+    low.ceil() as usize..((high + 1.0).floor().max(0.0) as usize).min(count)
+}
 
 /// The tissue at a moment.
 #[derive(Clone, Copy)]
@@ -38,7 +58,8 @@ pub struct Cavity {
     grid: Grid,
     mask: Vec<u8>,
     velocities_m_s: Vec<[f32; 3]>,
-    queue: Vec<u32>,
+    /// Places of cells: to take an index apart would be most of the work.
+    queue: Vec<[u16; 3]>,
     is_open: bool,
 }
 
@@ -92,7 +113,7 @@ impl Cavity {
     }
 
     /// Range of cells along an axis whose centres may lie between two coordinates.
-    fn range(&self, axis: usize, low_m: f32, high_m: f32) -> std::ops::Range<usize> {
+    fn range(&self, axis: usize, low_m: f32, high_m: f32) -> Range<usize> {
         let (origin, spacing) = (self.grid.origin_m()[axis], self.grid.spacing_m()[axis]);
         let cells = self.grid.cells()[axis] as f32;
         let first = ((low_m - origin) / spacing - 0.5).ceil().clamp(0.0, cells);
@@ -108,7 +129,8 @@ impl Cavity {
         is_inside.then(|| self.index(along.map(|cells| cells as usize)))
     }
 
-    /// Calls `visit` with every cell whose centre lies in a tet, and the share of each corner there.
+    /// Calls `visit` with every cell whose centre lies in a tet, and the share of each corner there. A centre on a face that two tets share is in both, so
+    /// that no wall has holes.
     pub fn for_each_cell_in(&self, corners: [Vec3; 4], mut visit: impl FnMut(usize, [f32; 4])) {
         if !corners.iter().all(|corner| corner.is_finite()) {
             return;
@@ -120,45 +142,54 @@ impl Cavity {
             return;
         }
         let inverse = edges.inverse();
+        let shares = |beta: Vec3, rest: f32| Vec4::new(rest - beta.element_sum(), beta.x, beta.y, beta.z);
+        // Along a row each share changes by as much from cell to cell.
+        let step = shares(inverse.x_axis * self.grid.spacing_m()[0], 0.0);
+        let columns = self.range(0, low.x, high.x);
         for k in self.range(2, low.z, high.z) {
             for j in self.range(1, low.y, high.y) {
-                for i in self.range(0, low.x, high.x) {
-                    let beta = inverse * (Vec3::from(self.grid.centre_m([i, j, k])) - corners[0]);
-                    if beta.min_element() >= 0.0 && beta.element_sum() <= 1.0 {
-                        visit(self.index([i, j, k]), [1.0 - beta.element_sum(), beta.x, beta.y, beta.z]);
-                    }
+                let first = inverse * (Vec3::from(self.grid.centre_m([columns.start, j, k])) - corners[0]);
+                let first = shares(first, 1.0);
+                let row = self.index([columns.start, j, k]);
+                for at in inside(first, step, columns.len()) {
+                    visit(row + at, (first + at as f32 * step).to_array());
                 }
             }
         }
     }
 
+    /// The free cell that is nearest to a place: mostly the one that it lies in.
+    fn nearest_free(&self, solid: &[u8], place_m: [f32; 3]) -> Option<usize> {
+        let own = self.cell_at(Vec3::from(place_m)).filter(|at| solid[*at] == FLUID);
+        let distance = |at: usize| Vec3::from(self.grid.centre_m(self.place(at))).distance_squared(Vec3::from(place_m));
+        let free = || (0..solid.len()).filter(|at| solid[*at] == FLUID);
+        own.or_else(|| free().min_by(|a, b| distance(*a).total_cmp(&distance(*b))))
+    }
+
     /// Turns every cell that cannot be reached from the seed solid.
     fn flood(&mut self, solid: &mut [u8], seed_m: [f32; 3]) -> bool {
         const REACHED: u8 = 2;
-        let distance = |at: usize| Vec3::from(self.grid.centre_m(self.place(at))).distance_squared(Vec3::from(seed_m));
-        let free = (0..solid.len()).filter(|at| solid[*at] == FLUID);
-        let Some(seed) = free.min_by(|a, b| distance(*a).total_cmp(&distance(*b))) else { return false };
+        let Some(seed) = self.nearest_free(solid, seed_m) else { return false };
         self.is_open = false;
         self.queue.clear();
-        self.queue.push(seed as u32);
+        self.queue.push(self.place(seed).map(|index| index as u16));
         solid[seed] = REACHED;
-        let [nx, ny, nz] = self.grid.cells();
-        while let Some(at) = self.queue.pop() {
-            let [i, j, k] = self.place(at as usize);
-            let neighbours = [
-                (i > 0).then(|| [i - 1, j, k]),
-                (i + 1 < nx).then_some([i + 1, j, k]),
-                (j > 0).then(|| [i, j - 1, k]),
-                (j + 1 < ny).then_some([i, j + 1, k]),
-                (k > 0).then(|| [i, j, k - 1]),
-                (k + 1 < nz).then_some([i, j, k + 1]),
-            ];
-            self.is_open |= neighbours.contains(&None);
-            for place in neighbours.into_iter().flatten() {
-                let next = self.index(place);
-                if solid[next] == FLUID {
-                    solid[next] = REACHED;
-                    self.queue.push(next as u32);
+        let cells = self.grid.cells();
+        let strides = [1, cells[0], cells[0] * cells[1]];
+        while let Some(place) = self.queue.pop() {
+            let at = self.index(place.map(usize::from));
+            for axis in 0..3 {
+                let (here, stride) = (usize::from(place[axis]), strides[axis]);
+                self.is_open |= here == 0 || here + 1 == cells[axis];
+                let before = (here > 0).then(|| (at - stride, here - 1));
+                let behind = (here + 1 < cells[axis]).then(|| (at + stride, here + 1));
+                for (next, index) in before.into_iter().chain(behind) {
+                    if solid[next] == FLUID {
+                        solid[next] = REACHED;
+                        let mut neighbour = place;
+                        neighbour[axis] = index as u16;
+                        self.queue.push(neighbour);
+                    }
                 }
             }
         }
@@ -254,6 +285,41 @@ mod tests {
         };
         assert_eq!(closed_at(false), (27, false));
         assert_eq!(closed_at(true), (30, true));
+    }
+
+    #[test]
+    fn the_cells_of_a_tet_are_those_whose_centres_lie_in_it() {
+        let grid = Grid::new([9, 7, 8], [0.7, 1.1, 0.9], [-3.0, -4.0, -3.5]).unwrap();
+        let cavity = Cavity::new(grid);
+        let mut state = 20_061_u32;
+        let mut draw = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 * 10.0 - 5.0
+        };
+        let mut visited = 0;
+        for tet in 0..2_000 {
+            let corners: [Vec3; 4] = std::array::from_fn(|_| Vec3::new(draw(), draw(), draw()));
+            let edges = Mat3::from_cols(corners[1] - corners[0], corners[2] - corners[0], corners[3] - corners[0]);
+            if edges.determinant().abs() < 0.1 {
+                continue;
+            }
+            let mut found = vec![false; grid.cell_count()];
+            cavity.for_each_cell_in(corners, |cell, shares| {
+                let centre: Vec3 = corners.iter().zip(shares).map(|(corner, share)| share * *corner).sum();
+                assert!(
+                    centre.distance(Vec3::from(grid.centre_m(cavity.place(cell)))) < 1e-3,
+                    "tet {tet}, cell {cell}: {shares:?}"
+                );
+                assert!(!std::mem::replace(&mut found[cell], true), "tet {tet}: cell {cell} twice");
+                visited += 1;
+            });
+            for (cell, found) in found.into_iter().enumerate() {
+                let beta = edges.inverse() * (Vec3::from(grid.centre_m(cavity.place(cell))) - corners[0]);
+                let least = beta.min_element().min(1.0 - beta.element_sum());
+                assert!(least.abs() < 1e-3 || found == (least > 0.0), "tet {tet}, cell {cell}: {least}");
+            }
+        }
+        assert!(visited > 10_000, "{visited}");
     }
 
     #[test]

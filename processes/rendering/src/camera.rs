@@ -74,6 +74,21 @@ impl Default for External {
     }
 }
 
+impl External {
+    /// The same eye turned by `turn_rad` about the target's vertical and raised by `rise_rad`, at such a share of its distance. The cut stands across the
+    /// way to the eye as before, so that it shows what lies behind it.
+    pub fn orbited(self, turn_rad: f32, rise_rad: f32, distance: f32) -> External {
+        let target = Vec3::from(self.target_m);
+        let away = Vec3::from(self.eye_m) - target;
+        let turn = Quat::from_rotation_y(turn_rad);
+        let level = (turn * Vec3::new(away.x, 0.0, away.z)).normalize_or(Vec3::X);
+        let rise = (away.y.atan2(away.x.hypot(away.z)) + rise_rad).clamp(-1.5, 1.5);
+        let eye = target + (level * rise.cos() + Vec3::Y * rise.sin()) * away.length() * distance;
+        let clip = self.clip.map(|(n, d)| ((turn * Vec3::from(n)).to_array(), d));
+        External { eye_m: eye.to_array(), clip, ..self }
+    }
+}
+
 /// One of the two.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Camera {
@@ -96,6 +111,8 @@ pub struct View {
     pub adaptation: f32,
     /// resolution and passes
     pub quality: crate::Quality,
+    /// the lines of the meshes over them, from outside and where the device draws lines
+    pub has_lines: bool,
     /// the strip of text
     pub overlay: crate::Overlay,
 }
@@ -109,6 +126,7 @@ impl View {
             gain: 1.0,
             adaptation: 0.15,
             quality: crate::Quality::default(),
+            has_lines: false,
             overlay: crate::Overlay::default(),
         }
     }
@@ -293,6 +311,20 @@ mod tests {
         assert!((radius(0.005) - 0.0075).abs() < 1e-5 && radius(0.020) < 1e-6, "{focus:?}");
         assert!(radius(1.0) < radius(0.010), "beyond the focus hardly anything is lost");
         assert_eq!(External::default().eye(1.33).focus, None);
+    }
+
+    #[test]
+    fn an_eye_that_goes_round_looks_at_the_same_point_from_as_far_away_and_over_its_cut() {
+        let usual = External::default();
+        let target = Vec3::from(usual.target_m);
+        for (turn_rad, rise_rad) in [(0.0, 0.0), (1.0, 0.3), (3.0, -0.5), (6.0, 9.0)] {
+            let eye = usual.orbited(turn_rad, rise_rad, 0.5);
+            let away = Vec3::from(eye.eye_m) - target;
+            assert!((away.length() / Vec3::from(usual.eye_m).distance(target) - 0.5).abs() < 1e-4, "{turn_rad}");
+            let (normal, _) = eye.clip.unwrap();
+            assert!(Vec3::from(normal).dot(away) > 0.0, "{turn_rad}, {rise_rad}: it would look at the half that is left out");
+        }
+        assert!(Vec3::from(usual.orbited(0.0, 0.0, 1.0).eye_m).distance(Vec3::from(usual.eye_m)) < 1e-6);
     }
 
     #[test]

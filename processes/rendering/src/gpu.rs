@@ -68,7 +68,7 @@ impl Gpu {
         }))
         .map_err(|e| RenderError::NoVulkan(one_line(e.to_string().split(';').next().unwrap_or_default())))?;
         let name = adapter.get_info().name;
-        let wanted = wgpu::Features::TIMESTAMP_QUERY & adapter.features();
+        let wanted = (wgpu::Features::TIMESTAMP_QUERY | crate::pipelines::LINES) & adapter.features();
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("rendering"),
             required_features: wanted,

@@ -232,7 +232,7 @@ mod tests {
             let mut hand = Hand::default();
             let before = hand.follow(&PointerInput::default(), &now());
             let after = hand.follow(&press(key), &now());
-            let is_of_picture = matches!(key, Key::External | Key::Help);
+            let is_of_picture = matches!(key, Key::External | Key::Meshes | Key::Help);
             assert_eq!(after.controls != before.controls, !is_of_picture && !moves.contains(&key), "{key:?}");
         }
     }

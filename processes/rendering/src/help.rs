@@ -83,7 +83,8 @@ mod tests {
 
     #[test]
     fn where_the_hand_is_not_the_windows_the_help_has_only_what_changes_the_picture() {
-        assert_eq!(help(0), ["V   view from outside, inside", "F1  this help, and away      "]);
+        let left = ["V M  view from outside, inside; meshes there", "F1   this help, and away                    "];
+        assert_eq!(help(0), left);
         assert_eq!(help_hint(), "F1 help");
     }
 
@@ -91,6 +92,6 @@ mod tests {
     fn beside_a_device_the_help_has_what_the_device_lacks() {
         let lines = help(WINDOW_HEAD | WINDOW_LIGHT);
         let keys: Vec<&str> = lines.iter().filter_map(|line| line.split("  ").next()).collect();
-        assert_eq!(keys, ["Z C", "T", "V", "F1"], "{lines:?}");
+        assert_eq!(keys, ["Z C", "T", "V M", "F1"], "{lines:?}");
     }
 }

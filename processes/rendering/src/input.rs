@@ -85,6 +85,8 @@ pub enum Key {
     FocusFar,
     /// the other camera
     External,
+    /// the lines of the meshes in it
+    Meshes,
     /// help
     Help,
 }
@@ -231,7 +233,11 @@ pub(crate) static SWITCHES: [Switch; 9] = [
         bit: WINDOW_FOCUS,
         does: "focus nearer, farther",
     },
-    Switch { keys: &[(KeyCode::KeyV, Key::External)], bit: 0, does: "view from outside, inside" },
+    Switch {
+        keys: &[(KeyCode::KeyV, Key::External), (KeyCode::KeyM, Key::Meshes)],
+        bit: 0,
+        does: "view from outside, inside; meshes there",
+    },
     Switch { keys: &[(KeyCode::F1, Key::Help)], bit: 0, does: "this help, and away" },
 ];
 

@@ -16,6 +16,7 @@ mod gpu;
 mod hash;
 mod help;
 mod input;
+mod marks;
 mod motes;
 #[cfg(test)]
 mod noise;
@@ -41,6 +42,7 @@ pub use fluid::{FluidField, MAX_CELLS};
 pub use gpu::{Gpu, Prefer};
 pub use help::{help, help_hint};
 pub use input::{Key, PointerInput};
+pub use marks::{Arrow, Marks};
 pub use motes::Motes;
 pub use overlay::{COLUMNS, Overlay, ROWS};
 pub use present::Shown;

@@ -32,8 +32,8 @@ impl Renderer {
         }
     }
 
-    /// `is_begun`: the shadow's pass has begun what is timed as the scene.
-    pub(crate) fn scene_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, is_begun: bool) -> u64 {
+    /// `is_begun`: the shadow's pass has begun what is timed as the scene; `has_lines`: the lines of the meshes are wanted.
+    pub(crate) fn scene_pass(&self, encoder: &mut wgpu::CommandEncoder, eye: &Eye, [is_begun, has_lines]: [bool; 2]) -> u64 {
         let samples = self.targets.samples.as_ref();
         let store = if samples.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -75,6 +75,10 @@ impl Renderer {
                 // The halves of an object are its faces once.
                 triangles += if hidden == Some(wgpu::Face::Front) { 0 } else { u64::from(object.indices / 3) };
             }
+        }
+        if let Some(lines) = self.pipelines.lines.as_ref().filter(|_| has_lines && !eye.round) {
+            pass.set_pipeline(lines);
+            self.stage.objects.values().filter(seen).filter(|o| !is_metal(o)).for_each(|object| object.draw(&mut pass));
         }
         triangles
     }

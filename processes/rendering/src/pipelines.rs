@@ -18,6 +18,9 @@ pub(crate) const DEPTH: Format = Format::Depth32Float;
 /// Pipelines that are made beside pictures take a fifth of a core: what draws and what computes is on the same ones.
 const REST: u32 = 4;
 
+/// What a device must have to draw the lines of meshes.
+pub(crate) const LINES: wgpu::Features = wgpu::Features::POLYGON_MODE_LINE;
+
 /// Scene pipelines by material class, fluid, camera, translucency, and the side of a face that is left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Variant {
@@ -56,6 +59,8 @@ pub(crate) struct Pipelines {
     pub field_layout: wgpu::BindGroupLayout,
     scene: Vec<(Variant, Late<wgpu::RenderPipeline>)>,
     pub mask: Late<wgpu::RenderPipeline>,
+    /// The lines of a mesh, where the device draws lines.
+    pub lines: Option<Late<wgpu::RenderPipeline>>,
     /// What the lamp's light meets first.
     pub shadow: Late<wgpu::RenderPipeline>,
     pub normals: Late<wgpu::ComputePipeline>,
@@ -99,6 +104,7 @@ impl Pipelines {
             scene: variants().map(|v| (v, late(&parts, move |parts| scene_pipeline(parts, v)))).collect(),
             shadow: late(&parts, shadow_pipeline),
             mask: late(&parts, mask_pipeline),
+            lines: d.features().contains(LINES).then(|| late(&parts, line_pipeline)),
             normals: late(&parts, |parts| compute_pipeline(&parts.device, &parts.shape, "main")),
             field: late(&parts, |parts| compute_pipeline(&parts.device, &parts.field, "main")),
             defocus: screen("defocus", LIGHT),
@@ -121,7 +127,7 @@ impl Pipelines {
     pub(crate) fn make_all(&self) {
         let rest = |began: Instant| std::thread::sleep(REST * began.elapsed());
         let late = [&self.mask, &self.shadow, &self.defocus, &self.shrink, &self.blur_across, &self.blur_down, &self.text];
-        for pipeline in self.scene.iter().map(|(_, pipeline)| pipeline).chain(late).chain(&self.finish) {
+        for pipeline in self.scene.iter().map(|(_, pipeline)| pipeline).chain(late).chain(&self.finish).chain(&self.lines) {
             let began = Instant::now();
             LazyLock::force(pipeline);
             rest(began);
@@ -241,15 +247,19 @@ fn compute_pipeline(d: &wgpu::Device, part: &Part, entry: &str) -> wgpu::Compute
     })
 }
 
-fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
+/// A pipeline that draws objects of the stage with `scene.wgsl`.
+fn mesh_pipeline(
+    parts: &Parts,
+    primitive: wgpu::PrimitiveState,
+    depth_stencil: wgpu::DepthStencilState,
+    samples: u32,
+    fragment: Option<wgpu::FragmentState<'_>>,
+) -> wgpu::RenderPipeline {
     let Part { layout, module } = &parts.scene;
-    let constants =
-        [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
     let attributes = attributes();
     let buffers = [0, 1, 2, 3].map(|location: usize| Some(points(&attributes[location])));
-    let blend = v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING);
     parts.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("scene"),
+        label: fragment.as_ref().and_then(|fragment| fragment.entry_point),
         layout: Some(layout),
         vertex: wgpu::VertexState {
             module,
@@ -257,18 +267,37 @@ fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
             compilation_options: Default::default(),
             buffers: &buffers,
         },
-        primitive: wgpu::PrimitiveState { cull_mode: v.hidden, ..Default::default() },
-        depth_stencil: Some(depth(!v.translucent)),
-        multisample: wgpu::MultisampleState { count: parts.samples, ..Default::default() },
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some("fragment"),
-            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
-            targets: &[Some(wgpu::ColorTargetState { format: LIGHT, blend, write_mask: wgpu::ColorWrites::ALL })],
-        }),
+        primitive,
+        depth_stencil: Some(depth_stencil),
+        multisample: wgpu::MultisampleState { count: samples, ..Default::default() },
+        fragment,
         multiview_mask: None,
         cache: None,
     })
+}
+
+/// What colours the texels of an object.
+fn shaded<'a>(
+    parts: &'a Parts,
+    entry: &'a str,
+    constants: &'a [(&'a str, f64)],
+    targets: &'a [Option<wgpu::ColorTargetState>],
+) -> Option<wgpu::FragmentState<'a>> {
+    let compilation_options = wgpu::PipelineCompilationOptions { constants, ..Default::default() };
+    Some(wgpu::FragmentState { module: &parts.scene.module, entry_point: Some(entry), compilation_options, targets })
+}
+
+fn light_target(blend: Option<wgpu::BlendState>) -> [Option<wgpu::ColorTargetState>; 1] {
+    [Some(wgpu::ColorTargetState { format: LIGHT, blend, write_mask: wgpu::ColorWrites::ALL })]
+}
+
+fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
+    let constants =
+        [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
+    let targets = light_target(v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING));
+    let primitive = wgpu::PrimitiveState { cull_mode: v.hidden, ..Default::default() };
+    let fragment = shaded(parts, "fragment", &constants, &targets);
+    mesh_pipeline(parts, primitive, depth(!v.translucent), parts.samples, fragment)
 }
 
 /// Position, normal, rest and flag of a vertex, as `scene.wgsl` reads them, each from a buffer of its own.
@@ -284,28 +313,19 @@ fn points(attributes: &[wgpu::VertexAttribute; 1]) -> wgpu::VertexBufferLayout<'
     wgpu::VertexBufferLayout { array_stride: attribute.format.size(), step_mode: wgpu::VertexStepMode::Vertex, attributes }
 }
 
+/// The lines of a mesh, a little nearer than its faces, over them.
+fn line_pipeline(parts: &Parts) -> wgpu::RenderPipeline {
+    let bias = wgpu::DepthBiasState { constant: -2, slope_scale: -1.0, clamp: 0.0 };
+    let primitive = wgpu::PrimitiveState { polygon_mode: wgpu::PolygonMode::Line, ..Default::default() };
+    let targets = light_target(Some(wgpu::BlendState::ALPHA_BLENDING));
+    let depth_stencil = wgpu::DepthStencilState { bias, ..depth(false) };
+    mesh_pipeline(parts, primitive, depth_stencil, parts.samples, shaded(parts, "line", &[], &targets))
+}
+
 /// Depth alone, from the lamp. What faces the lamp steeply is taken a little farther away, so that nothing shades itself.
 fn shadow_pipeline(parts: &Parts) -> wgpu::RenderPipeline {
-    let Part { layout, module } = &parts.scene;
-    let attributes = attributes();
-    let buffers = [0, 1, 2, 3].map(|location: usize| Some(points(&attributes[location])));
     let bias = wgpu::DepthBiasState { constant: 2, slope_scale: 2.0, clamp: 0.0 };
-    parts.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("shadow"),
-        layout: Some(layout),
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("vertex"),
-            compilation_options: Default::default(),
-            buffers: &buffers,
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(wgpu::DepthStencilState { bias, ..depth(true) }),
-        multisample: wgpu::MultisampleState::default(),
-        fragment: None,
-        multiview_mask: None,
-        cache: None,
-    })
+    mesh_pipeline(parts, Default::default(), wgpu::DepthStencilState { bias, ..depth(true) }, 1, None)
 }
 
 fn depth(is_written: bool) -> wgpu::DepthStencilState {

@@ -191,7 +191,7 @@ impl Renderer {
         if has_shadows {
             self.shadow_pass(&mut encoder);
         }
-        let triangles = self.scene_pass(&mut encoder, &eye, has_shadows);
+        let triangles = self.scene_pass(&mut encoder, &eye, [has_shadows, view.has_lines]);
         let is_focused = self.focus_pass(&mut encoder, &eye, view.quality.focus);
         self.glow_passes(&mut encoder, view.quality.bloom);
         self.finish_pass(&mut encoder, &eye, is_focused, view.overlay.rows());

@@ -13,6 +13,10 @@ use std::ops::Range;
 pub const BUBBLES: u64 = TOOL + 3;
 /// That of the flakes in the medium.
 pub const MOTES: u64 = TOOL + 4;
+/// That of the planes of the contact model.
+pub const CONTACTS: u64 = TOOL + 5;
+/// That of the force on the hand.
+pub const FORCE: u64 = TOOL + 6;
 const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
 const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
 const RIGID_TOOL: u32 = ObjectKind::Tool as u32;

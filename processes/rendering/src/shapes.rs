@@ -106,6 +106,18 @@ pub fn cavity(length_m: f32, rows: u32, columns: u32) -> Shape {
     shape
 }
 
+/// An arrow of length 1 from the origin along +z, its shaft of radius 1.
+pub fn arrow() -> Shape {
+    const PROFILE: [(f32, f32); 5] = [(0.0, 0.0), (0.0, 1.0), (0.7, 1.0), (0.7, 2.5), (1.0, 0.0)];
+    let mut shape = Shape::default();
+    shape.wrap(PROFILE.len() as u32, AROUND, |row, column| {
+        let (z, radius) = PROFILE[row as usize];
+        let angle = TAU * column as f32 / AROUND as f32;
+        [radius * angle.cos(), radius * angle.sin(), z]
+    });
+    shape
+}
+
 /// A ball.
 pub fn ball(centre_m: [f32; 3], radius_m: f32, rows: u32, columns: u32) -> Shape {
     let (rows, columns) = (rows.clamp(3, 1_000), columns.clamp(3, 1_000));

@@ -6,8 +6,8 @@ use crate::looks::Looks;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
-use hyst_messages::page::{console, fluid, hardware, recorder, tissue};
-use hyst_messages::{FluidStatus, HardwareSample, Kind, Message, Role, StreamHeader};
+use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
+use hyst_messages::{FluidStatus, HardwareSample, InputRecord, Kind, Message, Role, StreamHeader};
 
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
 pub const REPLICAS: usize = 3;
@@ -29,6 +29,7 @@ pub struct Sources {
     tissues: [Option<ReadPage>; REPLICAS],
     fluids: [Option<ReadPage>; REPLICAS],
     hardware: Option<ReadPage>,
+    device: Option<ReadPage>,
     console: Option<ReadPage>,
     recorder: Option<ReadPage>,
     /// How objects look, by rendezvous.
@@ -58,6 +59,7 @@ impl Sources {
     pub fn open(life: &Life, links: Links) -> Result<Sources, Failure> {
         let interests = vec![
             (Role::Hardware, Wanted::Page),
+            (Role::Device, Wanted::Page),
             (Role::Tissue, Wanted::Page),
             (Role::Tissue, Wanted::Stream(Kind::TissueState)),
             (Role::Tissue, Wanted::Stream(Kind::Topology)),
@@ -78,6 +80,7 @@ impl Sources {
             tissues: Default::default(),
             fluids: Default::default(),
             hardware: None,
+            device: None,
             console: None,
             recorder: None,
             looks: Looks::default(),
@@ -98,6 +101,7 @@ impl Sources {
         let index = arrival.slot.index().min(REPLICAS - 1);
         match (arrival.slot.role(), arrival.port) {
             (Role::Hardware, Port::Page(page)) => self.hardware.replace(page).map(Departure::Page),
+            (Role::Device, Port::Page(page)) => self.device.replace(page).map(Departure::Page),
             (Role::Console, Port::Page(page)) => self.console.replace(page).map(Departure::Page),
             (Role::Recorder, Port::Page(page)) => self.recorder.replace(page).map(Departure::Page),
             (Role::Tissue, Port::Page(page)) => self.tissues[index].replace(page).map(Departure::Page),
@@ -150,6 +154,13 @@ impl Sources {
         let pose = &sample.pose;
         let finite = pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite());
         finite.then_some(sample)
+    }
+
+    /// What the servos are asked: the planes near the tip, and the force that is applied; nothing that is not finite.
+    pub fn felt(&self) -> Option<InputRecord> {
+        let (_, input) = self.device.as_ref()?.cell(device::INPUT)?;
+        let pose = &input.sample.pose;
+        pose.position_m.iter().chain(&input.applied_n).all(|value| value.is_finite()).then_some(input)
     }
 
     /// How far the jaws were apart when they took hold of what they hold, m, as the newest of the tissues says; 0 for none.

@@ -1,26 +1,26 @@
 //! The loop of the Vision Engine: thirty times a second, or more often where the machine manages it, the newest state, the tool, the text, one picture;
 //! into the window, onto the disk, to the operator's page.
 
+mod gather;
+
 use crate::album::Album;
 use crate::display::{self, Asked, Display};
 use crate::hand::Hand;
 use crate::looks::distortion;
-use crate::medium;
 use crate::pulse::Pulse;
 use crate::relay::Relay;
-use crate::scenery::{BUBBLES, MOTES, Refused, Scenery};
+use crate::scenery::{BUBBLES, CONTACTS, FORCE, MOTES, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
 use crate::switches::Switches;
 use hyst_engine::settings::SetError;
 use hyst_engine::{Failure, Life, Pace, realtime};
 use hyst_exchange::{Links, system};
-use hyst_messages::controls::WINDOW_PRESSURE;
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, External, FrameStats, Gpu, MIN_SCALE, Motes, Prefer, RenderError, Renderer, Shown, View,
+    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Prefer, RenderError, Renderer, Shown, View,
     Window, fastest_ticks,
 };
 
@@ -46,6 +46,7 @@ struct Vision<'a> {
     scenery: Scenery,
     bubbles: Bubbles,
     motes: Motes,
+    marks: Marks,
     view: View,
     switches: Switches,
     /// Focus where the device states none, and as it is set, m.
@@ -167,6 +168,7 @@ impl<'a> Vision<'a> {
             scenery,
             bubbles: Bubbles::new(BUBBLES),
             motes: Motes::new(MOTES),
+            marks: Marks::new([CONTACTS, FORCE]),
             view: View::new(Camera::Endoscope(Endoscope::default())),
             switches,
             usual_focus_m: asked.focus_m,
@@ -209,7 +211,7 @@ impl<'a> Vision<'a> {
             match display.pump(elapsed_s) {
                 Ok(None) => {}
                 Ok(Some(input)) => {
-                    self.switches.press(&input);
+                    self.switches.press(&input, given);
                     if let Some(sample) = sample.as_ref().filter(|_| given != 0) {
                         hand.is_over = self.strip.is_over();
                         life.page.write(page::POINTER, &hand.follow(&input, sample));
@@ -223,14 +225,7 @@ impl<'a> Vision<'a> {
             let flow_ml_min = sources.pump().map_or(0.0, |pump| pump.inflow_ml_min);
             self.uploaded += self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
-            self.strip.look(&life.clock, tick);
-            self.strip.hear(life, tick);
-            let set_pa = sample.as_ref().filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.set_pressure_pa);
-            self.view.overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
-            if display.window().is_some() {
-                self.view.overlay.lines.extend(self.switches.lines(given, self.focus_m));
-            }
-            self.view.overlay.lines.extend(self.strip.case());
+            self.write(sources, tick, sample.as_ref(), display.window().is_some()).map_err(broken)?;
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);
@@ -242,6 +237,9 @@ impl<'a> Vision<'a> {
                     Err(error @ RenderError::DeviceLost(_)) => return Err(broken(error)),
                     Err(error) => return Ok(End::NoWindow(error.to_string())),
                 }
+            }
+            if let Some(sample) = &sample {
+                life.page.count_latency(page::MOTION, system::now_ns().saturating_sub(sample.time_ns));
             }
             self.give_way(&stats, &mut pace);
             album.keep(life, tick, &mut self.renderer);
@@ -274,71 +272,6 @@ impl<'a> Vision<'a> {
         self.view.quality.bloom = self.effort.scale > MIN_SCALE;
     }
 
-    /// Takes what is new: topology, state, looks. What makes no sense is left out, counted, and said once.
-    fn gather(&mut self, sources: &mut Sources) -> Result<(), RenderError> {
-        (self.uploaded, self.copied) = (0, 0);
-        if let Some((state, held)) = sources.state().filter(|(state, _)| Some((state.epoch, state.tick)) > self.shown) {
-            let moved = self.take_state(sources, state.topology_version, held.bytes());
-            match &moved {
-                Ok(true) => self.shown = Some((state.epoch, state.tick)),
-                Ok(false) => {}
-                Err(Refused::Stage(error @ RenderError::DeviceLost(_))) => {
-                    return Err(RenderError::DeviceLost(error.to_string()));
-                }
-                Err(_) => self.life.page.add64(header::INVALID, 1),
-            }
-            let news = self.scenery.is_news(moved.is_err());
-            if let (Err(error), true) = (moved, news) {
-                self.life.say(&format!("a message is left out: {error}"));
-            }
-        }
-        if let Some((state, held)) = sources.field() {
-            let key = (state.epoch, state.tick);
-            if Some(key) > self.flowed {
-                self.flowed = Some(key);
-                self.take_field(held.bytes())?;
-            } else {
-                self.life.page.add64(header::STALE, 1); // of a fluid that was replaced, and goes on
-            }
-        }
-        if let Some((scope, records)) = sources.looks.poll(system::now_ns()) {
-            self.scenery.dress(self.renderer.stage(), scope, &records)?;
-        }
-        Ok(())
-    }
-
-    /// Whether the surfaces have moved: not before their topology is there.
-    fn take_state(&mut self, sources: &mut Sources, version: u32, state: &[u8]) -> Result<bool, Refused> {
-        let stage = self.renderer.stage();
-        if !self.scenery.is_of(version) {
-            let Some(topology) = sources.topology(version) else { return Ok(false) };
-            self.copied = self.scenery.rebuild(stage, topology.bytes())?;
-            sources.looks.want();
-        }
-        self.uploaded += self.scenery.follow(stage, state)?;
-        Ok(true)
-    }
-
-    /// The medium as the newest fluid state has it; a state that makes no sense leaves it as it was.
-    fn take_field(&mut self, state: &[u8]) -> Result<(), RenderError> {
-        let Ok(field) = medium::field(state) else {
-            self.life.page.add64(header::INVALID, 1);
-            return Ok(());
-        };
-        let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
-        match self.renderer.set_fluid(field) {
-            Ok(()) => self.uploaded += bytes,
-            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
-            Err(_) => self.life.page.add64(header::INVALID, 1),
-        }
-        match self.bubbles.show(self.renderer.stage(), medium::gas(state).unwrap_or_default()) {
-            Ok(bytes) => self.uploaded += bytes,
-            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
-            Err(_) => self.life.page.add64(header::INVALID, 1),
-        }
-        Ok(())
-    }
-
     /// Points the camera and sets its focus, moves the tool, whose jaws hold something at such an opening, m, sets the light.
     fn aim(&mut self, sample: Option<&HardwareSample>, hold_m: f32) {
         if let Some(sample) = sample {
@@ -348,7 +281,11 @@ impl<'a> Vision<'a> {
         }
         let scope = held(&self.scenery.instrument.scope, sample, self.usual_focus_m);
         self.focus_m = scope.focus_m;
-        self.view.camera = if self.switches.external { Camera::External(External::default()) } else { Camera::Endoscope(scope) };
+        self.view.camera = match self.switches.external {
+            true => Camera::External(self.switches.outside()),
+            false => Camera::Endoscope(scope),
+        };
+        self.view.has_lines = self.switches.external && self.switches.meshes;
     }
 
     fn report(&self, stats: &FrameStats) {

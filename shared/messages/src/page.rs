@@ -5,12 +5,12 @@ pub mod header;
 mod state;
 mod swap;
 
-use crate::SLOTS;
 use crate::fluid::FluidStatus;
 use crate::record::*;
 use crate::replay::{ReplayRecord, StepRecord};
 use crate::statement::DeviceStatement;
 use crate::status::{RecorderStatus, RenderingStatus};
+use crate::{LATENCY_BUCKETS, SLOTS};
 use bytemuck::Pod;
 use std::marker::PhantomData;
 
@@ -192,8 +192,10 @@ pub mod rendering {
     pub const POINTER: CellAt<PointerRecord> = CellAt::new(header::END);
     /// Newest status.
     pub const STATUS: CellAt<RenderingStatus> = CellAt::new(POINTER.end());
+    /// Histogram, as those of the header: how old the hardware's sample that a picture shows is when the picture is there, in the window if there is one.
+    pub const MOTION: usize = STATUS.end();
     /// Words of the page.
-    pub const WORDS: usize = STATUS.end();
+    pub const WORDS: usize = MOTION + LATENCY_BUCKETS;
 }
 
 /// The recorder's page.

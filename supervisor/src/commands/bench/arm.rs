@@ -10,7 +10,7 @@ use crate::settings::Refusal;
 use crate::view::Viewer;
 use hyst_engine::Settings;
 use hyst_exchange::{Station, system};
-use hyst_messages::page::header;
+use hyst_messages::page::{header, rendering};
 use hyst_messages::{Role, Slot};
 use rustix::process::Signal;
 use std::io::Read;
@@ -27,6 +27,10 @@ const START_NS: u64 = 40_000_000_000;
 const STOP_NS: u64 = 10_000_000_000;
 /// A station whose benchmark was killed ends by itself after this time and that of a window, s.
 const BOUND_S: u64 = 60;
+/// How long a first picture may take.
+const PICTURE_NS: u64 = 10_000_000_000;
+/// Between two looks for it.
+const PICTURE_LOOK_NS: u64 = 1_000_000;
 /// Between two looks at a station that starts or ends.
 const LOOK_NS: u64 = 10_000_000;
 
@@ -50,6 +54,8 @@ pub struct Arm {
     pub without: Option<Role>,
     /// Where the session is recorded; of each round anew.
     pub record: Option<PathBuf>,
+    /// After each window rendering is killed, and its successor's first picture waited for.
+    pub kills_rendering: bool,
     /// Length of a window, ns.
     pub window_ns: u64,
     /// One for each round.
@@ -61,7 +67,12 @@ pub struct Arm {
 impl Arm {
     /// An arm that has not run yet.
     pub fn new(kind: Kind, workers: usize) -> Arm {
-        Arm { kind, workers, without: None, record: None, window_ns: WINDOW_NS, windows: Vec::new(), failures: Vec::new() }
+        let (windows, failures) = Default::default();
+        Arm { kind, workers, without: None, record: None, kills_rendering: false, window_ns: WINDOW_NS, windows, failures }
+    }
+    /// The same, in which rendering is killed after each window.
+    pub fn killing_rendering(self) -> Arm {
+        Arm { kills_rendering: true, ..self }
     }
     /// The same with a recording.
     pub fn recording(self, path: PathBuf) -> Arm {
@@ -94,7 +105,11 @@ impl Arm {
         let name = format!("bench-{}-{}", std::process::id(), if self.kind == Kind::Threads { "t" } else { "p" });
         let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
         let mut running = Running::start(station, self.command(&name, mesh)?)?;
-        let window = running.measure(&self.slots(), self.window_ns);
+        let window = running.measure(&self.slots(), self.window_ns).map(|mut window| {
+            let draws = window.spells.get("rendering").is_some_and(|spell| spell.picture.is_some());
+            window.pictures_back_s = (self.kills_rendering && draws).then(|| running.kill_rendering()).flatten();
+            window
+        });
         let (code, said) = running.stop();
         match window {
             Ok(window) => self.windows.push(window),
@@ -181,6 +196,22 @@ impl Running {
             return Err(failed("ended while it was measured"));
         }
         Ok(probe::window(&mut viewer, &before, &after))
+    }
+
+    /// Kills rendering, and waits for its successor's first picture; gives the time between, s, `None` if there is none in time.
+    fn kill_rendering(&mut self) -> Option<f64> {
+        let slot = Slot::first(Role::Rendering);
+        let mut viewer = Viewer::open(&self.station).ok()?;
+        let (killed, begun_ns) = (viewer.page().incarnation(slot), system::now_ns());
+        proc::signal(viewer.page().pid(slot), Signal::KILL);
+        while system::now_ns() < begun_ns + PICTURE_NS {
+            system::sleep_ns(PICTURE_LOOK_NS);
+            let Some(page) = viewer.slot_page(slot).filter(|page| page.incarnation() != killed) else { continue };
+            if page.cell(rendering::STATUS).is_some_and(|(_, status)| status.frames > 0) {
+                return Some((system::now_ns() - begun_ns) as f64 * 1e-9);
+            }
+        }
+        None
     }
 
     /// Stops it as Ctrl-C does; gives its exit code and, if that is not 0, what it said.

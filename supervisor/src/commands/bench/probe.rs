@@ -27,6 +27,7 @@ struct Count {
     shares_missing: u64,
     wakeup: Vec<u64>,
     looping: Vec<u64>,
+    motion: Vec<u64>,
 }
 
 /// What one process, or one engine in a process that holds several, did in a window or in several.
@@ -52,6 +53,8 @@ pub struct Spell {
     pub wakeup: Vec<u64>,
     /// Histogram of loop latencies.
     pub looping: Vec<u64>,
+    /// Histogram of the time from the hardware's sample to the picture that shows it; empty of who draws none.
+    pub motion: Vec<u64>,
     /// Processor time of the process, s; `None` for one of several engines in it.
     pub processor_s: Option<f64>,
     /// Resident memory of the process, MiB.
@@ -89,6 +92,8 @@ pub struct Window {
     pub quiet: bool,
     /// Length of the tissue's steps, ticks; 0 if it does not say.
     pub tissue_step_ticks: u32,
+    /// After the window rendering was killed: for how long there was no picture, s.
+    pub pictures_back_s: Option<f64>,
 }
 
 /// A station at one moment.
@@ -113,6 +118,11 @@ fn count(page: &ReadPage, slot: Slot) -> Count {
         Role::Tissue => page.cell(tissue::STATUS).map_or(0, |(_, status)| status.shares_missing as u64),
         _ => 0,
     };
+    let mut motion = Vec::new();
+    if slot.role() == Role::Rendering {
+        motion.resize(LATENCY_BUCKETS, 0);
+        page.load64s(rendering::MOTION, &mut motion);
+    }
     Count {
         at_ns: system::now_ns(),
         beat_ns: page.load64(header::HEARTBEAT_NS),
@@ -125,6 +135,7 @@ fn count(page: &ReadPage, slot: Slot) -> Count {
         shares_missing: missing,
         wakeup,
         looping,
+        motion,
     }
 }
 
@@ -180,6 +191,7 @@ fn spell(before: &Count, after: &Count) -> Spell {
         shares_missing: after.shares_missing.saturating_sub(before.shares_missing),
         wakeup: difference(&after.wakeup, &before.wakeup),
         looping: difference(&after.looping, &before.looping),
+        motion: difference(&after.motion, &before.motion),
         ..Spell::default()
     }
 }

@@ -3,7 +3,7 @@
 use super::arm::Arm;
 use super::bare::Bare;
 use super::probe::Spell;
-use super::targets::{Target, figures, median, ratios, step_us};
+use super::targets::{Target, add, figures, median, ratios, step_us};
 use crate::report::latency;
 use hyst_engine::realtime;
 use hyst_messages::page::hardware::Total;
@@ -77,14 +77,6 @@ fn station_row(arm: &Arm, arms: &[Arm]) -> Value {
     row
 }
 
-/// Adds two histograms.
-fn add(sum: &mut Vec<u64>, counts: &[u64]) {
-    sum.resize(sum.len().max(counts.len()), 0);
-    for (sum, count) in sum.iter_mut().zip(counts) {
-        *sum += count;
-    }
-}
-
 fn process_row(arm: &Arm, name: &str) -> Value {
     let spells: Vec<&Spell> = arm.windows.iter().filter_map(|window| window.spells.get(name)).collect();
     let sum = |figure: fn(&Spell) -> u64| spells.iter().map(|spell| figure(spell)).sum::<u64>();
@@ -118,6 +110,10 @@ fn process_row(arm: &Arm, name: &str) -> Value {
         row["scale"] = json!(picture.scale);
         row["size_px"] = json!(picture.size_px);
         row["period_ticks"] = json!(picture.period_ticks[0]);
+        let mut motion = Vec::new();
+        spells.iter().for_each(|spell| add(&mut motion, &spell.motion));
+        row["motion_us"] = spread(&motion);
+        row["pictures_back_s"] = json!(arm.windows.iter().map(|window| window.pictures_back_s).collect::<Vec<_>>());
         row["least_period_ticks"] = json!(picture.period_ticks[1]);
         row["passes_ms"] =
             PICTURE_PASSES.into_iter().zip(picture.passes_ms).map(|(name, ms)| (name.to_string(), json!(ms))).collect();

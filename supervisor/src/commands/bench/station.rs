@@ -24,7 +24,8 @@ const WORKERS: usize = 2;
 pub fn station(mesh: Option<&Path>, json: bool) -> Result<u8, Refusal> {
     let load_average = load_average();
     let mut bare = Bare::default();
-    let mut arms = [Arm::new(Kind::Processes, WORKERS), Arm::new(Kind::Threads, WORKERS), Arm::new(Kind::Processes, 0)];
+    let mut arms =
+        [Arm::new(Kind::Processes, WORKERS).killing_rendering(), Arm::new(Kind::Threads, WORKERS), Arm::new(Kind::Processes, 0)];
     take_turns(&mut arms, &mut bare, mesh)?;
     let targets = targets::judge(&arms, mesh.is_none());
     let mut described = machine::describe();

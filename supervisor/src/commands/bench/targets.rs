@@ -12,9 +12,14 @@ const KILOHERTZ: f64 = 990.0;
 const LEAST_TISSUE_HZ: f64 = 247.5;
 /// Flow on the default grid, Hz.
 const LEAST_FLUID_HZ: f64 = 30.0;
-/// Pictures at 640×480 on lavapipe, Hz, where they come every so many ticks. Of those that come more often as large a share must be there.
-const LEAST_PICTURES_HZ: f64 = 20.0;
+/// Pictures at 640×480 on lavapipe, Hz, where they come every so many ticks: 30, less the same hundredth. Of those that come more often as large a share
+/// must be there.
+const LEAST_PICTURES_HZ: f64 = 29.7;
 const PICTURE_TICKS: f64 = 33.0;
+/// From the hardware's sample to the picture that shows it, 95th percentile, in times from one picture to the next.
+const MOST_MOTION: f64 = 2.0;
+/// From the death of rendering to its successor's first picture, s.
+const MOST_PICTURES_BACK_S: f64 = 0.5;
 /// What the station takes of the machine's memory, MiB: the resident memory of its processes would count each segment as often as it is mapped.
 const MOST_MEMORY_MIB: f64 = 1_536.0;
 /// The Main Loop as a process over the Main Loop as a thread.
@@ -108,6 +113,24 @@ fn least_pictures_hz(arm: &Arm) -> f64 {
     LEAST_PICTURES_HZ * PICTURE_TICKS / ticks.unwrap_or(PICTURE_TICKS)
 }
 
+/// How old the hardware's sample is in the picture that shows it: 95th percentile over all windows, in times from one picture to the next at the rate that was
+/// chosen last.
+fn motion_periods(arm: &Arm) -> Option<f64> {
+    let spells: Vec<&Spell> = arm.windows.iter().filter_map(|window| window.spells.get("rendering")).collect();
+    let period_ns = 1e6 * f64::from(spells.iter().rev().find_map(|spell| spell.picture)?.period_ticks[0]);
+    let mut motion = Vec::new();
+    spells.iter().for_each(|spell| add(&mut motion, &spell.motion));
+    (period_ns > 0.0 && motion.iter().any(|count| *count > 0)).then(|| percentile_ns(&motion, 0.95) as f64 / period_ns)
+}
+
+/// Adds two histograms.
+pub fn add(sum: &mut Vec<u64>, counts: &[u64]) {
+    sum.resize(sum.len().max(counts.len()), 0);
+    for (sum, count) in sum.iter_mut().zip(counts) {
+        *sum += count;
+    }
+}
+
 /// Steps per second that the active tissue made itself, without those that its spare made for it; `None` if the role changed its holder.
 fn own_rate_hz(window: &Window) -> Option<f64> {
     let (active, spare) = (window.spells.get("tissue:active").filter(|_| window.quiet)?, window.spells.get("tissue:spare"));
@@ -170,6 +193,9 @@ pub fn judge(arms: &[Arm], on_default: bool) -> Vec<Target> {
         let draws = |spell: &Spell| spell.rate_hz().filter(|_| spell.picture.is_some());
         let rate_hz = median(figures(arm, "rendering", draws));
         targets.push(Target::new("pictures, Hz".into(), rate_hz, least_pictures_hz(arm), true));
+        targets.push(Target::new("motion to picture, p95, periods".into(), motion_periods(arm), MOST_MOTION, false));
+        let back_s = median(arm.windows.iter().filter_map(|window| window.pictures_back_s).collect());
+        targets.push(Target::new("rendering killed: to a picture again, s".into(), back_s, MOST_PICTURES_BACK_S, false));
         for threads in arms.iter().filter(|other| other.kind == Kind::Threads && other.workers == arm.workers) {
             let ratio = median(ratios(arm, threads));
             targets.push(Target::new("Main Loop, process / thread".into(), ratio, MOST_RATIO, false).required());
@@ -247,11 +273,29 @@ mod tests {
             window
         };
         let pictures = |windows: Vec<Window>| held(&judge(&[arm(Kind::Processes, windows)], true), "pictures");
-        assert_eq!(pictures(vec![drawn(21.0, 33); 3]), Some(true));
-        assert_eq!(pictures(vec![drawn(19.0, 33); 3]), Some(false));
-        assert_eq!(pictures(vec![drawn(170.0, 4); 3]), Some(true), "two thirds of 250");
-        assert_eq!(pictures(vec![drawn(100.0, 4); 3]), Some(false), "most periods are skipped");
-        assert_eq!(pictures(vec![drawn(100.0, 4), drawn(100.0, 8), drawn(100.0, 4)]), Some(true), "it gave way");
+        assert_eq!(pictures(vec![drawn(30.0, 33); 3]), Some(true));
+        assert_eq!(pictures(vec![drawn(29.0, 33); 3]), Some(false));
+        assert_eq!(pictures(vec![drawn(247.0, 4); 3]), Some(true), "as large a share of 250");
+        assert_eq!(pictures(vec![drawn(200.0, 4); 3]), Some(false), "periods are skipped");
+        assert_eq!(pictures(vec![drawn(125.0, 4), drawn(125.0, 8), drawn(125.0, 4)]), Some(true), "it gave way");
+    }
+
+    #[test]
+    fn a_picture_may_be_two_periods_old_and_rendering_half_a_second_away() {
+        let drawn = |motion_ms: u64, back_s: Option<f64>| {
+            let mut window = Window { pictures_back_s: back_s, ..window(30.0, 400, true) };
+            let spell = window.spells.get_mut("rendering").unwrap();
+            spell.picture = Some(RenderingStatus { frames: 9, period_ticks: [33, 4], ..RenderingStatus::default() });
+            spell.motion = vec![0; LATENCY_BUCKETS];
+            spell.motion[bucket_of_ns(motion_ms * 1_000_000)] = 60;
+            window
+        };
+        let of = |name: &str, motion_ms: u64, back_s: Option<f64>| {
+            held(&judge(&[arm(Kind::Processes, vec![drawn(motion_ms, back_s); 3])], true), name)
+        };
+        assert_eq!((of("motion", 40, None), of("motion", 80, None)), (Some(true), Some(false)));
+        let back = |back_s: Option<f64>| of("rendering killed", 40, back_s);
+        assert_eq!((back(Some(0.4)), back(Some(0.6)), back(None)), (Some(true), Some(false), None));
     }
 
     #[test]

@@ -1,0 +1,150 @@
+//! What a picture takes from the others: surfaces, medium and bubbles, looks, and in the view from outside where the hand feels something.
+
+use super::Vision;
+use crate::medium;
+use crate::scenery::Refused;
+use crate::sources::Sources;
+use hyst_exchange::system;
+use hyst_messages::controls::WINDOW_PRESSURE;
+use hyst_messages::page::header;
+use hyst_messages::{HardwareSample, InputRecord, Pose};
+use rendering::{Arrow, RenderError};
+
+/// Length of an arrow for each newton, m: the 3.3 N of a desktop device are as long as a cavity.
+const FORCE_M_PER_N: f32 = 0.012;
+/// Length of the arrow of a plane of the contact model that the tip lies behind, and of one that it does not touch, m.
+const PLANE_M: [f32; 2] = [0.004, 0.0015];
+
+/// The planes of the contact model as arrows along their normals, and the force on the hand as one from the tip.
+fn arrows(input: &InputRecord) -> (Vec<Arrow>, Arrow) {
+    let Pose { position_m, .. } = input.sample.pose;
+    let depth_m = |point_m: [f32; 3], normal: [f32; 3]| (0..3).map(|a| (point_m[a] - position_m[a]) * normal[a]).sum::<f32>();
+    let count = (input.model.plane_count as usize).min(input.model.planes.len());
+    let planes = input.model.planes[..count].iter().map(|plane| {
+        let length_m = PLANE_M[usize::from(depth_m(plane.point_m, plane.normal) <= 0.0)];
+        Arrow { from_m: plane.point_m, along_m: plane.normal.map(|part| part * length_m) }
+    });
+    let force = Arrow { from_m: position_m, along_m: input.applied_n.map(|part| part * FORCE_M_PER_N) };
+    (planes.collect(), force)
+}
+
+impl Vision<'_> {
+    /// Writes over the picture: the strip, the keys of a window, the case, what the hand feels.
+    pub(super) fn write(
+        &mut self,
+        sources: &Sources,
+        tick: u64,
+        sample: Option<&HardwareSample>,
+        has_window: bool,
+    ) -> Result<(), RenderError> {
+        let felt = self.mark(sources)?;
+        let given = sample.map_or(0, |sample| sample.from_window);
+        let set_pa = sample.filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.set_pressure_pa);
+        self.strip.look(&self.life.clock, tick);
+        self.strip.hear(self.life, tick);
+        let mut overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
+        if has_window {
+            overlay.lines.extend(self.switches.lines(given, self.focus_m));
+        }
+        overlay.lines.extend(self.strip.case());
+        overlay.lines.extend(felt);
+        self.view.overlay = overlay;
+        Ok(())
+    }
+
+    /// Marks in the view from outside where the hand feels something, and what; gives the line that says so.
+    fn mark(&mut self, sources: &Sources) -> Result<Option<String>, RenderError> {
+        let felt = self.switches.external.then(|| sources.felt()).flatten();
+        let Some((planes, force)) = felt.as_ref().map(arrows) else {
+            self.marks.clear(self.renderer.stage());
+            return Ok(None);
+        };
+        self.uploaded += self.marks.show(self.renderer.stage(), &planes, force)?;
+        let force_n = force.along_m.iter().map(|part| part * part).sum::<f32>().sqrt() / FORCE_M_PER_N;
+        Ok(Some(format!("force {force_n:.2} N, {} planes near the tip", planes.len())))
+    }
+
+    /// Takes what is new: topology, state, looks. What makes no sense is left out, counted, and said once.
+    pub(super) fn gather(&mut self, sources: &mut Sources) -> Result<(), RenderError> {
+        (self.uploaded, self.copied) = (0, 0);
+        if let Some((state, held)) = sources.state().filter(|(state, _)| Some((state.epoch, state.tick)) > self.shown) {
+            let moved = self.take_state(sources, state.topology_version, held.bytes());
+            match &moved {
+                Ok(true) => self.shown = Some((state.epoch, state.tick)),
+                Ok(false) => {}
+                Err(Refused::Stage(error @ RenderError::DeviceLost(_))) => {
+                    return Err(RenderError::DeviceLost(error.to_string()));
+                }
+                Err(_) => self.life.page.add64(header::INVALID, 1),
+            }
+            let news = self.scenery.is_news(moved.is_err());
+            if let (Err(error), true) = (moved, news) {
+                self.life.say(&format!("a message is left out: {error}"));
+            }
+        }
+        if let Some((state, held)) = sources.field() {
+            let key = (state.epoch, state.tick);
+            if Some(key) > self.flowed {
+                self.flowed = Some(key);
+                self.take_field(held.bytes())?;
+            } else {
+                self.life.page.add64(header::STALE, 1); // of a fluid that was replaced, and goes on
+            }
+        }
+        if let Some((scope, records)) = sources.looks.poll(system::now_ns()) {
+            self.scenery.dress(self.renderer.stage(), scope, &records)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the surfaces have moved: not before their topology is there.
+    fn take_state(&mut self, sources: &mut Sources, version: u32, state: &[u8]) -> Result<bool, Refused> {
+        let stage = self.renderer.stage();
+        if !self.scenery.is_of(version) {
+            let Some(topology) = sources.topology(version) else { return Ok(false) };
+            self.copied = self.scenery.rebuild(stage, topology.bytes())?;
+            sources.looks.want();
+        }
+        self.uploaded += self.scenery.follow(stage, state)?;
+        Ok(true)
+    }
+
+    /// The medium as the newest fluid state has it; a state that makes no sense leaves it as it was.
+    fn take_field(&mut self, state: &[u8]) -> Result<(), RenderError> {
+        let Ok(field) = medium::field(state) else {
+            self.life.page.add64(header::INVALID, 1);
+            return Ok(());
+        };
+        let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
+        match self.renderer.set_fluid(field) {
+            Ok(()) => self.uploaded += bytes,
+            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
+            Err(_) => self.life.page.add64(header::INVALID, 1),
+        }
+        match self.bubbles.show(self.renderer.stage(), medium::gas(state).unwrap_or_default()) {
+            Ok(bytes) => self.uploaded += bytes,
+            Err(error @ RenderError::DeviceLost(_)) => return Err(error),
+            Err(_) => self.life.page.add64(header::INVALID, 1),
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::ContactPlane;
+
+    #[test]
+    fn a_plane_that_the_tip_lies_behind_has_a_long_arrow_and_the_force_one_as_long_as_it_is_strong() {
+        let mut input = InputRecord { applied_n: [0.0, 0.5, 0.0], ..InputRecord::default() };
+        input.sample.pose.position_m = [0.0, 0.0, 0.03];
+        input.model.plane_count = 99; // of a writer that cannot count
+        input.model.planes[0] = ContactPlane { point_m: [0.0, 0.0, 0.029], normal: [0.0, 0.0, -1.0], ..ContactPlane::default() };
+        input.model.planes[1] = ContactPlane { point_m: [0.0, 0.0, 0.031], normal: [0.0, 0.0, -1.0], ..ContactPlane::default() };
+        let (planes, force) = arrows(&input);
+        assert_eq!(planes.len(), input.model.planes.len());
+        assert_eq!((planes[0].along_m[2], planes[1].along_m[2]), (-PLANE_M[0], -PLANE_M[1]));
+        assert_eq!((force.from_m, force.along_m), ([0.0, 0.0, 0.03], [0.0, 0.5 * FORCE_M_PER_N, 0.0]));
+    }
+}
