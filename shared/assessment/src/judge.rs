@@ -4,6 +4,7 @@
 //! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
 //! nothing; a status holds for a second, then nothing is known of what it said.
 
+use crate::bleeding::Bleeding;
 use crate::force::length;
 use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
@@ -12,15 +13,11 @@ use crate::sight::{axis, is_in_sight};
 use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, PUMP_ALARMS, TissueStatus};
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 /// A status holds for so long at most, ticks.
 const HOLD_TICKS: u64 = 1_000;
 /// A warning stands until its cause is gone for so long, ticks: one that flickers is one.
 const CALM_TICKS: u64 = 1_000;
-/// Time over which the rate of a bleeding is taken, and between two points of it, ticks.
-const RATE_TICKS: u64 = 1_000;
-const RATE_POINT_TICKS: u64 = 50;
 /// Most warnings that are told one by one.
 const MOST_TOLD: usize = 200;
 /// Most goals, and most warnings, of a case that can be judged: a case file has fewer.
@@ -118,7 +115,7 @@ pub struct Judge {
     #[serde(default)]
     pieces: Pieces,
     cavity: Option<Cavity>,
-    bled: VecDeque<(u64, f64)>,
+    bled: Bleeding,
 }
 
 impl Judge {
@@ -158,7 +155,7 @@ impl Judge {
             removed_ml: None,
             pieces: Pieces::default(),
             cavity: None,
-            bled: VecDeque::new(),
+            bled: Bleeding::default(),
         }
     }
 
@@ -176,12 +173,8 @@ impl Judge {
             bled_ml,
             alarms: status.alarms,
         });
-        let is_next = self.bled.back().is_none_or(|(tick, _)| status.state_tick >= tick.saturating_add(RATE_POINT_TICKS));
-        if let Some(bled_ml) = bled_ml.filter(|_| is_next) {
-            self.bled.push_back((status.state_tick, bled_ml));
-            while self.bled.get(1).is_some_and(|(tick, _)| status.state_tick - tick >= RATE_TICKS) {
-                self.bled.pop_front();
-            }
+        if let Some(bled_ml) = bled_ml {
+            self.bled.take(status.state_tick, bled_ml);
         }
     }
 
@@ -214,7 +207,7 @@ impl Judge {
         self.ended = self.end().map(|by| (by, record.tick));
     }
 
-    /// Percent of the pathology that is removed; `None` without any, or as long as nothing is known. What was burnt elsewhere counts, too.
+    /// Percent of the pathology that is removed; `None` without any, or as long as nothing is known.
     pub fn removed_percent(&self) -> Option<f64> {
         let of_ml = Some(self.brief.pathology_ml).filter(|ml| *ml > 0.0)?;
         Some((100.0 * self.removed_ml? / of_ml).clamp(0.0, 100.0))
@@ -333,7 +326,7 @@ impl Judge {
             }
             Aim::Staunch { after_ml, below_ml_min, ticks } => {
                 let is_bleeding = known.bled_ml.is_some_and(|ml| ml >= *after_ml);
-                let is_slow = self.bleeding_ml_min().is_some_and(|rate_ml_min| rate_ml_min <= *below_ml_min);
+                let is_slow = self.bled.rate_ml_min().is_some_and(|rate_ml_min| rate_ml_min <= *below_ml_min);
                 goal.hold(is_bleeding && is_slow, tick, *ticks)
             }
         };
@@ -341,13 +334,6 @@ impl Judge {
             (goal.reached_tick, goal.progress) = (Some(tick), 1.0);
         }
         goal
-    }
-
-    /// How fast it bleeds; `None` before half a second of it is known.
-    fn bleeding_ml_min(&self) -> Option<f64> {
-        let ((first, least_ml), (last, most_ml)) = (self.bled.front()?, self.bled.back()?);
-        let ticks = last - first;
-        (ticks >= RATE_TICKS / 2).then(|| (most_ml - least_ml) / ticks as f64 * 60_000.0)
     }
 
     fn end(&self) -> Option<EndedBy> {

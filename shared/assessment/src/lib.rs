@@ -7,6 +7,7 @@
 
 mod anatomy;
 mod assess;
+mod bleeding;
 mod case;
 mod columns;
 mod conduct;
@@ -46,5 +47,5 @@ pub use motion::Motion;
 pub use page::html;
 pub use processes::{ProcessSum, Processes};
 pub use row::{CSV_HEAD, Row};
-pub use table::{ABSENT, METRICS};
+pub use table::{ABSENT, METRICS, OF_THE_TASK};
 pub use text::text;

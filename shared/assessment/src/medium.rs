@@ -1,6 +1,7 @@
 //! Pressure, deficit and flow: from the statuses of the fluid, some twenty a second, each of which holds until the next, but for no longer than a
 //! second; and the valves and the light, from the records of the ticks.
 
+use crate::bleeding::Bleeding;
 use crate::conduct::Peak;
 use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS};
 use std::collections::VecDeque;
@@ -20,6 +21,10 @@ const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;
 /// What the pump says of a container that is to be changed: a notice. Another one hangs beside it, and nobody has done anything wrong (docs/handbook.md).
 pub const NOTICES: u32 = 16;
+/// It bleeds enough to see it from this rate on, ml/min: what the case of a bleeding asks to stay below.
+pub(crate) const BLEEDS_ML_MIN: f64 = 1.0;
+/// Most alarms and notices whose times are kept.
+const MOST_TOLD: usize = 200;
 /// Valves below this are shut, and light below it is none; 0 to 1.
 pub(crate) const SHUT: f32 = 0.05;
 
@@ -43,12 +48,18 @@ pub struct Medium {
     pub deficit_ml: Option<f64>,
     /// Blood that has come into the cavity, in the newest status that says it, ml.
     pub bled_ml: Option<f64>,
+    /// Ticks in which it is known how fast it bleeds.
+    pub bled_known_ticks: u64,
+    /// Of them those in which it does so faster than 1 ml/min.
+    pub bleeding_ticks: u64,
     /// Steepest rise of the deficit over 10 s or more, ml/min; the tick is its end.
     pub steepest: Option<Peak>,
     /// Medium that flowed in, ml.
     pub inflow_ml: Option<f64>,
     /// How often each of [`PUMP_ALARMS`] came up, notices too.
     pub alarms: [u64; PUMP_ALARMS.len()],
+    /// Which of [`PUMP_ALARMS`] came up at which tick, the first two hundred.
+    pub told: Vec<(usize, u64)>,
     /// How often each of [`FLOW_FLAWS`] did.
     pub flaws: [u64; FLOW_FLAWS.len()],
     /// Ticks whose valves are known.
@@ -58,6 +69,7 @@ pub struct Medium {
     /// Of them without light.
     pub dark_ticks: u64,
     points: VecDeque<(u64, f64)>,
+    bled: Bleeding,
 }
 
 impl Medium {
@@ -94,6 +106,9 @@ impl Medium {
         }
         let (alarms, flaws) = before.map_or((0, 0), |before| (before.alarms, before.flaws));
         count(&PUMP_ALARMS, &mut self.alarms, status.alarms & !alarms);
+        let came_up = (0..PUMP_ALARMS.len()).filter(|index| status.alarms & !alarms & PUMP_ALARMS[*index].0 != 0);
+        let room = MOST_TOLD.saturating_sub(self.told.len());
+        self.told.extend(came_up.map(|index| (index, status.state_tick)).take(room));
         count(&FLOW_FLAWS, &mut self.flaws, status.flaws & !flaws);
         let pressure_pa = f64::from(status.pressure_pa);
         if pressure_pa.is_finite() {
@@ -105,6 +120,7 @@ impl Medium {
         }
         if status.bled_ml.is_finite() {
             self.bled_ml = Some(status.bled_ml);
+            self.bled.take(status.state_tick, status.bled_ml);
         }
         self.newest = Some(*status);
     }
@@ -118,6 +134,10 @@ impl Medium {
             self.high_ticks += if pressure_pa > HIGH_PA { ticks } else { 0 };
             self.parted_ticks += if pressure_pa >= PARTED_PA { ticks } else { 0 };
             self.alarm_ticks += if status.alarms & !NOTICES != 0 { ticks } else { 0 };
+        }
+        if let Some(rate_ml_min) = self.bled.rate_ml_min().filter(|_| status.bled_ml.is_finite()) {
+            self.bled_known_ticks += ticks;
+            self.bleeding_ticks += if rate_ml_min > BLEEDS_ML_MIN { ticks } else { 0 };
         }
         if status.inflow_ml_min.is_finite() {
             *self.inflow_ml.get_or_insert(0.0) += f64::from(status.inflow_ml_min) * ticks as f64 / 60_000.0;
@@ -183,6 +203,31 @@ mod tests {
         }
         assert_eq!((medium.alarm_ticks, medium.alarm_count(), medium.known_ticks), (500, 1, 1_500));
         assert_eq!(medium.alarms, [0, 0, 1, 0, 1], "the notice is told all the same");
+    }
+
+    #[test]
+    fn it_bleeds_while_more_than_a_millilitre_a_minute_comes_into_the_cavity() {
+        let mut medium = Medium::default();
+        // 6 ml/min for 2 s, then 0.6 ml/min for 3 s.
+        for tick in (0..=5_000_u64).step_by(100) {
+            let bled_ml = 1e-4 * tick.min(2_000) as f64 + 1e-5 * tick.saturating_sub(2_000) as f64;
+            medium.status(&FluidStatus { bled_ml, ..status(tick, 70.0, 0.0, 0) });
+        }
+        // Known from half a second on; over a second before 2 900 it bled at 1.14 ml/min in the mean, before 3 000 at 0.6.
+        assert_eq!((medium.bled_known_ticks, medium.bleeding_ticks), (4_500, 2_500));
+    }
+
+    #[test]
+    fn when_each_alarm_came_up_is_told_and_one_that_stands_is_told_once() {
+        let mut medium = Medium::default();
+        for (tick, alarms) in [(0, 0), (500, 1), (600, 1 | 8), (700, 0), (800, 16 | 1)] {
+            medium.status(&status(tick, 70.0, 0.0, alarms));
+        }
+        assert_eq!(medium.told, [(0, 500), (3, 600), (0, 800), (4, 800)]);
+        for tick in 1_000..3_000 {
+            medium.status(&status(tick, 70.0, 0.0, (tick % 2) as u32));
+        }
+        assert_eq!(medium.told.len(), MOST_TOLD, "and not one more");
     }
 
     #[test]

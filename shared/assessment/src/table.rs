@@ -2,7 +2,7 @@
 
 use crate::force::LIMIT_N;
 use crate::judge::Judge;
-use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
+use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
 use crate::metric::{Definition, Group, Scale};
 
 const ASSUMED: &str = "assumed";
@@ -12,7 +12,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 32] = [
+pub static METRICS: [Definition; 33] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -39,6 +39,15 @@ pub static METRICS: [Definition; 32] = [
         scale: scale(5.0, 50.0, 1.0),
         value: |m| share(m.medium.shut_ticks, m.medium.valve_ticks),
         source: ASSUMED,
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "bleeding",
+        name: "time while it bled faster than 1 ml/min",
+        unit: "%",
+        scale: scale(5.0, 50.0, 1.0),
+        value: |m| share(m.medium.bleeding_ticks, m.medium.bled_known_ticks),
+        source: "1 ml/min: the case of a bleeding; shares assumed",
     },
     Definition {
         group: Group::Visualisation,
@@ -187,7 +196,7 @@ pub static METRICS: [Definition; 32] = [
     Definition {
         group: Group::Safety,
         key: "removed",
-        name: "volume removed",
+        name: "volume of pathology removed",
         unit: "ml",
         scale: None,
         value: |m| m.tissue.map(|status| status.removed_volume_ml),
@@ -303,16 +312,21 @@ pub static METRICS: [Definition; 32] = [
     },
 ];
 
+/// What is good only where the task is done, by the keys of its metrics: who does nothing is quick, and has a short way.
+pub const OF_THE_TASK: [&str; 4] = ["time", "path", "economy", "camera_turned"];
+
 /// What trainees are scored on and no recording holds: group, what, why.
-pub const ABSENT: [(Group, &str, &str); 3] = [
+pub const ABSENT: [(Group, &str, &str); 4] = [
     (Group::Visualisation, "how cloudy the view was", "single pictures are recorded"),
     (Group::Visualisation, "what hid a landmark", "no shapes are recorded"),
+    (Group::Safety, "healthy tissue that was burnt", "only removed pathology is recorded"),
     (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),
 ];
 
 // The names in the table say these numbers.
 const _: () = assert!(LOW_PA == 35.0 * PA_PER_MMHG && PARTED_PA == 40.0 * PA_PER_MMHG);
 const _: () = assert!(HIGH_PA == 100.0 * PA_PER_MMHG && LIMIT_N == 1.65);
+const _: () = assert!(BLEEDS_ML_MIN == 1.0);
 
 const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
     Some(Scale { full, none, weight })

@@ -24,7 +24,7 @@ fn a_square_has_its_length_its_time_and_no_score_for_what_is_not_recorded() {
     let assessment = of_blocks("square", &[Block { applied: square(1_000), ..Block::default() }]);
     assert!(is_near(&assessment, "path", 0.04) && is_near(&assessment, "time", 0.041));
     assert!(is_near(&assessment, "economy", 100.0 * 2f64.sqrt() / 4.0));
-    for key in ["distended", "pressure_low", "deficit", "inflow", "bled", "cuts", "removed", "energised_free"] {
+    for key in ["distended", "pressure_low", "deficit", "inflow", "bled", "bleeding", "cuts", "removed", "energised_free"] {
         assert_eq!(value(&assessment, key), None, "{key}");
     }
     let scores = scores(&assessment.measured);
@@ -77,6 +77,7 @@ fn the_medium_and_the_cuts_are_those_of_the_statuses() {
         ("deficit", 10.0),
         ("deficit_rate", 30.0),
         ("bled", 1.0),
+        ("bleeding", 100.0), // 3 ml/min, as far as it is known
     ] {
         assert!(is_near(&assessment, key, exact), "{key}: {:?}", value(&assessment, key));
     }
