@@ -218,7 +218,12 @@ impl Body {
 
     /// Volume of an object at rest, m³.
     pub fn volume_of_m3(&self, object: u32) -> f64 {
-        let tets = self.rest.tets.iter().zip(&self.rest.regions).filter(|(_, region)| **region == object);
+        self.volume_where_m3(|region| region == object)
+    }
+
+    /// Volume at rest of all objects that are of a kind, m³.
+    pub fn volume_where_m3(&self, is_of_kind: impl Fn(u32) -> bool) -> f64 {
+        let tets = self.rest.tets.iter().zip(&self.rest.regions).filter(|(_, region)| is_of_kind(**region));
         tets.map(|(tet, _)| self.volume_m3(*tet)).sum()
     }
 

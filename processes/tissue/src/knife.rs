@@ -4,12 +4,13 @@
 //! killed in the middle of a cut is followed by one that goes on with it. A stroke that has swept less than [`STEP_M`] since its last cut waits:
 //! that decides by the state alone, too.
 
-use crate::body::{Body, Piece, Room};
-use crate::world::{Case, World};
+use crate::body::{Body, Room};
+use crate::world::World;
 use glam::{Quat, Vec3};
+use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, Pose};
 use hyst_scene::LoadedLoop;
-use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, Seat, cut};
+use hyst_tissue::{CutError, CutOptions, Cuttable, Seat, cut};
 
 /// Way of the wire in the tissue after which it cuts, m: a sixth of an edge of the scene's meshes. Each cut costs the tick in which it is made, and a
 /// loop is drawn at some 20 mm/s.
@@ -51,8 +52,8 @@ pub enum Stroke {
     None,
     /// It goes on, and the mesh is what it was.
     GoesOn,
-    /// The mesh is another one: the body, and what has come free.
-    Cut(Box<Body>, Vec<Piece>, CutReport),
+    /// The mesh is another one: the body.
+    Cut(Box<Body>),
 }
 
 /// The tissue as it is cut, kept for its buffers.
@@ -136,8 +137,8 @@ impl Knife {
         };
         let mut is_held = body.fixed.clone();
         world.case.attachments(&body).iter().for_each(|held| is_held[held.node as usize] = true);
-        let pieces = body.register_parts(|node| is_held[node as usize], &world.case.room);
-        Ok(Stroke::Cut(Box::new(body), pieces, report))
+        body.register_parts(|node| is_held[node as usize], &world.case.room);
+        Ok(Stroke::Cut(Box::new(body)))
     }
 }
 
@@ -151,8 +152,18 @@ fn options(room: &Room) -> CutOptions {
     }
 }
 
-/// What a cut has removed, m³: pathology that nothing holds any more, and what was burnt.
-pub fn removed_m3(case: &Case, body: &Body, pieces: &[Piece], report: &CutReport) -> f64 {
-    let is_removed = |piece: &&Piece| !piece.is_held && case.is_pathology(body, piece.object);
-    report.burnt_m3 + pieces.iter().filter(is_removed).map(|piece| piece.volume_m3).sum::<f64>()
+/// What a cut has removed, m³: how much less pathology is held than before, whether it has come free or is burnt. What is burnt of other tissue is none of
+/// it, and what had come free before has been counted then, so cutting or burning it again counts nothing. Not below 0: the volume of a mesh that is
+/// divided anew is the same but for its rounding.
+pub fn removed_m3(before: &World, after: &World) -> f64 {
+    (held_pathology_m3(before) - held_pathology_m3(after)).max(0.0)
+}
+
+fn held_pathology_m3(world: &World) -> f64 {
+    let is_held = |object: &ObjectRecord| !object.is_free_piece();
+    let is_counted: Vec<bool> = (0..)
+        .zip(&world.objects)
+        .map(|(object, record)| world.case.is_pathology(&world.body, object) && is_held(record))
+        .collect();
+    world.body.volume_where_m3(|object| is_counted.get(object as usize).is_some_and(|is_counted| *is_counted))
 }

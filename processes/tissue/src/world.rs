@@ -36,6 +36,8 @@ pub struct Case {
     objects: Vec<(String, ObjectKind)>,
     /// Whether an object of the scene has a cavity.
     hollow: Vec<bool>,
+    /// Whether anything holds an object of the scene from the beginning.
+    rooted: Vec<bool>,
     /// Density of each object of the scene, and what they are in.
     density_kg_m3: Vec<f64>,
     bath: Bath,
@@ -213,13 +215,16 @@ impl Case {
             DeformableKind::Organ => ObjectKind::Organ,
             DeformableKind::Pathology => ObjectKind::Pathology,
         };
+        let roots = roots(scene, body, starts);
+        let is_rooted = |index: u32| roots.keys().any(|(object, _)| *object == index);
         Ok(Case {
+            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.fixed.contains(&true) || is_rooted(index)).collect(),
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
             hollow: scene.objects.iter().map(|object| object.hollow).collect(),
             density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
             bath: Bath { density_kg_m3: scene.fluid.density_kg_m3.into(), viscosity_pa_s: scene.fluid.viscosity_pa_s.into() },
             rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
-            roots: roots(scene, body, starts),
+            roots,
             cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
             room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
             tool: Tool::of(rigid),
@@ -242,6 +247,11 @@ impl Case {
     /// Whether an object is one of the scene, and not one that has come free of such.
     pub fn is_of_scene(&self, object: u32) -> bool {
         (object as usize) < self.objects.len()
+    }
+
+    /// Whether an object is one of the scene that nothing has ever held.
+    pub fn is_loose_in_scene(&self, object: u32) -> bool {
+        self.rooted.get(object as usize).is_some_and(|is_rooted| !is_rooted)
     }
 
     /// Whether an object is, or was a part of, what is to be removed.

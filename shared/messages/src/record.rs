@@ -324,7 +324,7 @@ pub struct TissueStatus {
     pub state_tick: u64,
     /// Hash of the newest state.
     pub state_hash: u64,
-    /// Volume removed so far, ml.
+    /// Volume of pathology removed so far, ml: what nothing holds any more, and what was burnt of it; nothing of other tissue.
     pub removed_volume_ml: f64,
     /// Volume of the cavity's distension, Pa, as used in the step.
     pub cavity_pressure_pa: f32,

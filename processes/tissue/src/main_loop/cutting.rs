@@ -79,7 +79,7 @@ impl MainLoop<'_> {
     fn let_go(&mut self, object: u32) -> Option<Left> {
         let volume_ml = 1e6 * self.world.body.volume_of_m3(object);
         // One that came free has been counted then; one that the scene has free is removed now.
-        let is_removed = self.world.case.is_of_scene(object) && self.world.case.is_pathology(&self.world.body, object);
+        let is_removed = self.world.case.is_loose_in_scene(object) && self.world.case.is_pathology(&self.world.body, object);
         let world = self.workshop.make(self.world.body.without(object)).ok()?;
         self.take_world(world);
         Some(Left { volume_ml, removed_ml: if is_removed { volume_ml } else { 0.0 } })
@@ -122,16 +122,14 @@ impl MainLoop<'_> {
         let swept = self.knife.sweep(&self.world, wire_m, message.section(STROKE)?, nodes);
         let refused = match swept {
             Ok(Stroke::None | Stroke::GoesOn) => return Ok((false, 0.0)),
-            Ok(Stroke::Cut(body, pieces, report)) => {
-                let removed_ml = 1e6 * removed_m3(&self.world.case, &body, &pieces, &report);
-                match self.workshop.make(*body) {
-                    Ok(world) => {
-                        self.take_world(world);
-                        return Ok((true, removed_ml));
-                    }
-                    Err(error) => error.to_string(),
+            Ok(Stroke::Cut(body)) => match self.workshop.make(*body) {
+                Ok(world) => {
+                    let removed_ml = 1e6 * removed_m3(&self.world, &world);
+                    self.take_world(world);
+                    return Ok((true, removed_ml));
                 }
-            }
+                Err(error) => error.to_string(),
+            },
             Err(error) => error.to_string(),
         };
         // The tissue stays as it was.

@@ -8,6 +8,7 @@ mod lattice;
 mod medium;
 mod outflow;
 mod pieces;
+mod removed;
 mod sheet;
 mod thrust;
 
