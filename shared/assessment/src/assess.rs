@@ -9,7 +9,7 @@ use crate::judge::Judge;
 use crate::medium::Medium;
 use crate::motion::{Motion, finite};
 use crate::row::{Row, Rows, Statuses};
-use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
+use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, TissueStatus};
 use hyst_recording::{Block, Damage, Ending, Picture, Reader, Session};
 use std::io::{Read, Seek};
 
@@ -149,6 +149,9 @@ impl Measured {
             self.curves.force_n.add(since_ticks, force_n);
         }
         self.curves.insertion_m.add(since_ticks, f64::from(sample.pose.insertion_m));
+        if sample.controls.buttons & BUTTON_ENERGIZED != 0 {
+            self.curves.current.add(since_ticks, 1.0);
+        }
         self.curves.trace.add(sample.pose.position_m);
         if self.is_over() {
             return since_ticks;

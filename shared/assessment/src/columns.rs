@@ -57,6 +57,30 @@ impl Column {
         self.assessment.session.get(name).map_or_else(|| NONE.to_string(), |value| plain(value))
     }
 
+    /// The case and what its anatomy was drawn from, to be said after its file; nothing of a session without one.
+    pub(crate) fn drawn(&self) -> String {
+        let brief = self.assessment.measured.judge.as_ref().map(|judge| &judge.brief);
+        brief.map_or_else(String::new, |brief| format!(", {}, seed {}", plain(&brief.name), brief.seed))
+    }
+
+    /// Whether another session was in the same anatomy, wherever the file of it lay: of the same case the one that the same seed draws, else the same
+    /// scene.
+    pub(crate) fn is_of_same_anatomy(&self, other: &Column) -> bool {
+        let of_case = |column: &Column| {
+            let brief = column.assessment.measured.judge.as_ref().map(|judge| &judge.brief);
+            brief.map(|brief| (brief.name.clone(), brief.seed))
+        };
+        match (of_case(self), of_case(other)) {
+            (None, None) => self.fact("scene_hash") == other.fact("scene_hash"),
+            (own, others) => own == others,
+        }
+    }
+
+    /// What is said of a session that is compared with another one of which the figures are not of the same thing.
+    pub(crate) fn mark_beside(&self, reported: &Column) -> &'static str {
+        if self.is_of_same_anatomy(reported) { "" } else { ", of another case, seed or scene" }
+    }
+
     /// Who, where, how long.
     pub(crate) fn session_facts(&self) -> Vec<(&'static str, String)> {
         let conduct = &self.assessment.measured.conduct;
@@ -67,7 +91,7 @@ impl Column {
         let facts = vec![
             ("recording", self.file.clone()),
             ("session", self.fact("session")),
-            ("scene or case", format!("{} ({})", self.fact("scene"), self.fact("scene_hash"))),
+            ("scene or case", format!("{} ({}){}", self.fact("scene"), self.fact("scene_hash"), self.drawn())),
             ("hand", self.fact("hand")),
             ("station's version", self.fact("version")),
             ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
@@ -87,7 +111,6 @@ impl Column {
             || NONE.to_string(),
             |step| format!("{} N at {:.3} s", number(step.value), seconds(conduct.since_start(step.tick))),
         );
-        let [alarms, further_alarms] = counts_in_words(&PUMP_ALARMS, &measured.medium.alarms);
         let [mended, as_they_were] = counts_in_words(&FLOW_FLAWS, &measured.medium.flaws);
         vec![
             ("ticks in the recording", conduct.ticks.to_string()),
@@ -104,11 +127,15 @@ impl Column {
             ("takeovers of a role", conduct.takeovers.to_string()),
             ("changes of the servo that is followed", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
-            ("alarms of the pump", alarms),
-            ("further alarms and notices of the pump", further_alarms),
             ("flaws of the flow, mended", mended),
             ("flaws of the flow, as they were", as_they_were),
         ]
+    }
+
+    /// What the pump told whoever was at it.
+    pub(crate) fn pump_facts(&self) -> Vec<(&'static str, String)> {
+        let [alarms, further] = counts_in_words(&PUMP_ALARMS, &self.assessment.measured.medium.alarms);
+        vec![("alarms of the pump", alarms), ("further alarms and notices of the pump", further)]
     }
 }
 

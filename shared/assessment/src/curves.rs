@@ -101,6 +101,8 @@ pub struct Curves {
     pub deficit_ml: Series,
     /// Volume removed, ml.
     pub removed_ml: Series,
+    /// Where there is a value there was current in the loop.
+    pub current: Series,
     /// Way of the tip.
     pub trace: Trace,
     /// Where the tip was at the largest force, m.

@@ -5,13 +5,14 @@ use crate::judge::Judge;
 use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
-use crate::table::ABSENT;
+use crate::table::{ABSENT, OF_THE_TASK};
 use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::{Event, Picture};
 use serde_json::{Map, Value, json};
 
-/// Number of this form of a report: what is added leaves it, what is renamed or means something else raises it.
-const FORMAT: u32 = 1;
+/// Number of this form of a report: what is added leaves it, what is renamed or means something else raises it. In form 1 no score knew of the goals, the
+/// alarms of the pump stood under `station`, and what the loop burnt of the wall was `removed`, too.
+const FORMAT: u32 = 2;
 
 /// The session that is reported, and under `compared` the earlier ones.
 pub fn json(sessions: &Sessions) -> Value {
@@ -19,7 +20,12 @@ pub fn json(sessions: &Sessions) -> Value {
     value["format"] = json!(FORMAT);
     let absent = ABSENT.iter().map(|(group, what, why)| json!({"group": group.name(), "what": what, "why": why}));
     value["absent"] = absent.collect();
-    value["compared"] = sessions.earlier.iter().map(session).collect();
+    let compared = |column: &Column| {
+        let mut value = session(column);
+        value["is_of_same_anatomy"] = json!(column.is_of_same_anatomy(&sessions.reported));
+        value
+    };
+    value["compared"] = sessions.earlier.iter().map(compared).collect();
     value
 }
 
@@ -36,9 +42,12 @@ fn session(column: &Column) -> Value {
         "missing": assessment.missing(),
         "case": assessment.measured.judge.as_ref().map(Judge::json),
         "score": scores.total,
+        "goals_share": scores.done,
         "groups": groups,
         "metrics": scores.metrics.iter().map(metric).collect::<Value>(),
         "pictures": assessment.measured.pictures.iter().map(|picture| of_picture(column, picture)).collect::<Value>(),
+        "pump_alarms": counts(&PUMP_ALARMS, &assessment.measured.medium.alarms),
+        "pump_alarmed": assessment.measured.medium.told.iter().map(|alarm| alarmed(column, *alarm)).collect::<Value>(),
         "station": station(column),
     })
 }
@@ -57,6 +66,7 @@ fn metric(metric: &Metric) -> Value {
         "zero_at": scale.map(|scale| scale.none),
         "weight": scale.map(|scale| scale.weight),
         "source": metric.source,
+        "times_goals_share": OF_THE_TASK.contains(&definition.key),
     })
 }
 
@@ -69,6 +79,12 @@ fn of_picture(column: &Column, picture: &Picture) -> Value {
         "words": plain(&picture.words),
         "bytes": picture.jpeg.len(),
     })
+}
+
+/// An alarm or a notice of the pump, and when it came up.
+fn alarmed(column: &Column, (index, tick): (usize, u64)) -> Value {
+    let time_s = seconds(column.assessment.measured.conduct.since_start(tick));
+    json!({ "alarm": PUMP_ALARMS.get(index).map(|(_, name)| name), "tick": tick, "time_s": time_s })
 }
 
 fn station(column: &Column) -> Value {
@@ -86,7 +102,6 @@ fn station(column: &Column) -> Value {
             "text": event.text,
         })
     };
-    let alarms = counts(&PUMP_ALARMS, &measured.medium.alarms);
     let flaws = counts(&FLOW_FLAWS, &measured.medium.flaws);
     let processes: Map<String, Value> =
         conduct.processes.all().map(|(name, process)| (name.to_string(), process_json(process))).collect();
@@ -107,7 +122,6 @@ fn station(column: &Column) -> Value {
         "servo_changes": conduct.servo_changes,
         "warnings": conduct.warnings,
         "errors": conduct.errors,
-        "pump_alarms": alarms,
         "flow_flaws": flaws,
         "processes": processes,
         "events": conduct.events.iter().map(event).collect::<Value>(),

@@ -1,7 +1,8 @@
 //! From what was measured to values and scores: how a raw value becomes a score, and what it weighs. The table of them is in `table`.
 
 use crate::assess::Measured;
-use crate::table::METRICS;
+use crate::judge::Judge;
+use crate::table::{METRICS, OF_THE_TASK};
 use hyst_scene::Score;
 
 /// Where a scale or a weight comes from that a case has set.
@@ -86,7 +87,7 @@ pub struct Metric {
     pub scale: Option<Scale>,
     /// Where the scale comes from, or why there is none.
     pub source: &'static str,
-    /// The score, %; `None` without a value, or if it is only shown.
+    /// The score, %; `None` without a value, or if it is only shown. Of a metric in [`OF_THE_TASK`] it is the scale's times the share that was done.
     pub score: Option<f64>,
 }
 
@@ -97,24 +98,28 @@ pub struct Scores {
     pub metrics: Vec<Metric>,
     /// Weighted mean of the scores of each group, %, in the order of [`Group::ALL`].
     pub groups: [Option<f64>; Group::ALL.len()],
-    /// Weighted mean of all scores, %.
+    /// Weighted mean of all scores, %, times the mean of 1 and the share that was done: at most half of all is for who has done nothing.
     pub total: Option<f64>,
+    /// Share of the goals that were called for which were reached, 0 to 1; 1 without a case, and where none was called for.
+    pub done: f64,
 }
 
 /// Values and scores of what was measured, with the weights and scales of its case. A metric without a value weighs nothing.
 pub fn scores(measured: &Measured) -> Scores {
+    let done = measured.judge.as_ref().and_then(Judge::reached_percent).map_or(1.0, |percent| percent / 100.0);
     let metric = |definition: &'static Definition| {
         let value = (definition.value)(measured).filter(|value| value.is_finite());
         let case = measured.judge.as_ref().and_then(|judge| judge.brief.score.get(definition.key));
         let scale = case.map_or(definition.scale, |case| of_case(case, definition.scale));
-        let score = scale.zip(value).map(|(scale, value)| scale.score(value));
+        let counts = if OF_THE_TASK.contains(&definition.key) { done } else { 1.0 };
+        let score = scale.zip(value).map(|(scale, value)| counts * scale.score(value));
         let source = if case.is_some() { OF_CASE } else { definition.source };
         Metric { definition, value, scale, source, score }
     };
     let metrics: Vec<Metric> = METRICS.iter().map(metric).collect();
     let groups = Group::ALL.map(|group| mean(metrics.iter().filter(|metric| metric.definition.group == group)));
-    let total = mean(metrics.iter());
-    Scores { metrics, groups, total }
+    let total = mean(metrics.iter()).map(|score| score * (1.0 + done) / 2.0);
+    Scores { metrics, groups, total, done }
 }
 
 /// The scale of a metric in a case.
@@ -156,6 +161,7 @@ mod tests {
         keys.sort_unstable();
         keys.dedup();
         assert_eq!(keys.len(), METRICS.len());
+        assert!(OF_THE_TASK.iter().all(|key| METRICS.iter().any(|metric| metric.key == *key && metric.scale.is_some())));
         assert!(METRICS.windows(2).all(|pair| pair[0].group <= pair[1].group));
         for metric in &METRICS {
             assert!(metric.scale.is_none_or(|scale| scale.full != scale.none && scale.weight > 0.0), "{}", metric.key);
@@ -187,7 +193,7 @@ mod tests {
     fn what_is_not_recorded_is_absent_and_weighs_nothing() {
         let nothing = scores(&Measured::default());
         assert!(nothing.metrics.iter().all(|metric| metric.value.is_none() && metric.score.is_none()));
-        assert_eq!((nothing.groups, nothing.total), ([None; 5], None));
+        assert_eq!((nothing.groups, nothing.total, nothing.done), ([None; 5], None, 1.0));
         let mut measured = Measured::default();
         measured.force.tick(0, 1.0); // 100 %: largest; 95 % below 1.005 N, at most its 1 N: 66.7 %; above the limit: 100 %; touching: 0 %
         let scores = scores(&measured);

@@ -31,8 +31,11 @@ pub fn html(sessions: &Sessions) -> String {
     pictures(&mut page, reported);
     page.push_str("<section><h2>Values and scores</h2>\n");
     metrics(&mut page, sessions);
-    page.push_str("</section>\n<section><h2>Over time</h2>\n<p class=\"note\">Each curve spans from the least to the largest value at its time. The vertical lines \
-         are faults and takeovers of the station, the dashed one is the force to stay below, the shaded range the working pressure.</p>\n");
+    facts(&mut page, &reported.pump_facts());
+    page.push_str("</section>\n<section><h2>Over time</h2>\n<p class=\"note\">Each curve spans from the least to the largest value at its time. The dashed level \
+         is the force to stay below, the shaded range the working pressure. Upright and solid are goals that were reached (green), and faults and takeovers of \
+         the station, as in the table below; dashed are warnings of the case (amber) and alarms and notices of the pump (red); the bars on the axis \
+         of the time are current in the loop. Each says what it is to a pointer that rests on it.</p>\n");
     page.push_str(&curves(reported));
     page.push_str("</section>\n<section><h2>Path of the tip</h2>\n<p class=\"key\"><span><i style=\"background:var(--good)\"></i>begin</span><span>\
          <i style=\"background:var(--ink)\"></i>end</span><span><i style=\"background:var(--force)\"></i>largest force</span></p>\n");
@@ -112,9 +115,8 @@ fn metrics(page: &mut String, sessions: &Sessions) {
         page.push_str("<p class=\"note\">Compared with ");
         let named = |(index, column): (usize, &Column)| {
             let [session, scene, hand] = ["session", "scene", "hand"].map(|fact| escape(&column.fact(fact)));
-            let of_another =
-                if column.fact("scene") == sessions.reported.fact("scene") { "" } else { ", of another scene or case" };
-            format!("<b>{}</b>: {}, session {session}, {scene}, {hand}{of_another}", letter(index), escape(&column.file))
+            let (drawn, mark) = (escape(&column.drawn()), column.mark_beside(&sessions.reported));
+            format!("<b>{}</b>: {}, session {session}, {scene}{drawn}, {hand}{mark}", letter(index), escape(&column.file))
         };
         page.push_str(&sessions.earlier.iter().enumerate().map(named).collect::<Vec<_>>().join("; "));
         page.push_str("</p>\n");
@@ -249,7 +251,9 @@ fn origin(page: &mut String) {
     }
     page.push_str(
         "</ul>\n<p class=\"note\">Groups after Bajka et al. 2010, with the task of the case. A score goes linearly from 100 % to 0 % between the two values beside it and counts by its \
-         weight; what was not recorded weighs nothing. Everything is computed from the recording alone, the same each time. This is no certificate: \
+         weight; what was not recorded weighs nothing. Where a case called for goals, the scores of time, path, economy and turning of the camera head \
+         are multiplied by the share of them that was reached, and the score of all by the mean of that share and 1: who does nothing is not good at it. \
+         Everything is computed from the recording alone, the same each time. This is no certificate: \
          a range that is marked as assumed is a guess until a course has set its own.</p></section>\n",
     );
 }

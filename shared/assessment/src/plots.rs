@@ -1,11 +1,13 @@
-//! The curves of the page over time with the events, as SVG in plain text. Every coordinate is rounded to a tenth of a pixel; what is drawn has a bound,
-//! whatever the length of the recording.
+//! The curves of the page over time with goals, warnings, alarms, current and the station's events, as SVG in plain text. Every coordinate is rounded to a
+//! tenth of a pixel; what is drawn has a bound, whatever the length of the recording.
 
+use crate::assess::Measured;
 use crate::columns::{Column, seconds, word};
 use crate::curves::{Curves, Series};
 use crate::force::LIMIT_N;
-use crate::markup::escape;
+use crate::markup::{escape, plain};
 use crate::medium::{HIGH_PA, LOW_PA, PA_PER_MMHG};
+use hyst_messages::PUMP_ALARMS;
 use hyst_recording::SAID;
 use std::fmt::Write;
 
@@ -17,7 +19,9 @@ const RIGHT: f64 = 14.0;
 const HEIGHT: f64 = 96.0;
 const TITLE: f64 = 24.0;
 const FOOT: f64 = 38.0;
-/// Most events that are marked.
+/// Height of the bars on the axis that say when there was current, px.
+const BAR: f64 = 6.0;
+/// Most events of the station that are marked.
 const MOST_MARKS: usize = 300;
 /// Statuses come some twenty times a second; the curve goes on over a second without one, and is interrupted then, ticks.
 const STATUS_TICKS: u64 = 1_000;
@@ -38,7 +42,7 @@ struct Curve<'a> {
     limit: Option<f64>,
 }
 
-/// The curves of a session over its time, one below the other, with the faults and takeovers.
+/// The curves of a session over its time, one below the other, with what the trainee did and was told, and the faults and takeovers.
 pub(crate) fn curves(column: &Column) -> String {
     let measured = &column.assessment.measured;
     let curves: Vec<Curve<'_>> = all(&measured.curves).into_iter().filter(|curve| curve.series.range().is_some()).collect();
@@ -53,6 +57,7 @@ pub(crate) fn curves(column: &Column) -> String {
         draw(&mut svg, curve, at as f64 * (TITLE + HEIGHT) + TITLE, length_ticks);
     }
     marks(&mut svg, column, length_ticks, bottom);
+    current(&mut svg, &measured.curves.current, length_ticks, bottom);
     let height = bottom + FOOT;
     format!("<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"curves over time\">{svg}</svg>\n")
 }
@@ -165,19 +170,61 @@ fn area(curve: &Curve, bridge: usize, x_of: impl Fn(usize) -> f64, y_of: impl Fn
     path
 }
 
-/// The faults and takeovers, through all curves.
+/// What is marked: when, which class, in which words.
+type Mark = (u64, &'static str, String);
+
+/// What the trainee did and was told, and the faults and takeovers, through all curves.
 fn marks(svg: &mut String, column: &Column, length_ticks: u64, bottom: f64) {
     let conduct = &column.assessment.measured.conduct;
     // What the supervisor says of them stands in the table.
-    for event in conduct.events.iter().filter(|event| event.kind != SAID).take(MOST_MARKS) {
-        let since_ticks = conduct.since_start(event.tick);
+    let faults = conduct.events.iter().filter(|event| event.kind != SAID);
+    let faults = faults.map(|event| (event.tick, word(event.level), event.text.clone()));
+    for (tick, class, words) in of_session(&column.assessment.measured).into_iter().chain(faults.take(MOST_MARKS)) {
+        let since_ticks = conduct.since_start(tick);
         let x = x_of(since_ticks as f64, length_ticks);
         let _ = write!(
             svg,
-            "<line x1=\"{x:.1}\" y1=\"{TITLE}\" x2=\"{x:.1}\" y2=\"{bottom:.1}\" class=\"mark {}\"><title>{:.3} s: {}</title></line>",
-            word(event.level),
+            "<line x1=\"{x:.1}\" y1=\"{TITLE}\" x2=\"{x:.1}\" y2=\"{bottom:.1}\" class=\"mark {class}\"><title>{:.3} s: {}</title></line>",
             seconds(since_ticks),
-            escape(&event.text)
+            escape(&plain(&words))
+        );
+    }
+}
+
+/// Goals that were reached, warnings of the case, alarms and notices of the pump: each list has its bound.
+fn of_session(measured: &Measured) -> Vec<Mark> {
+    let mut marks = Vec::new();
+    if let Some(judge) = &measured.judge {
+        let goals = judge.brief.goals.iter().zip(&judge.goals);
+        marks.extend(goals.filter_map(|(goal, state)| Some((state.reached_tick?, "goal", format!("reached: {}", goal.words)))));
+        let warning = |index: usize| judge.brief.warnings.get(index).map_or("", |warning| warning.words.as_str());
+        marks.extend(judge.told.iter().map(|(index, tick)| (*tick, "warned", format!("warning: {}", warning(*index)))));
+    }
+    let alarm = |index: usize| PUMP_ALARMS.get(index).map_or("", |(_, name)| *name);
+    marks.extend(measured.medium.told.iter().map(|(index, tick)| (*tick, "alarm", format!("the pump: {}", alarm(*index)))));
+    marks
+}
+
+/// When there was current in the loop, as bars on the axis of the time.
+fn current(svg: &mut String, current: &Series, length_ticks: u64, bottom: f64) {
+    let span_ticks = current.span_ticks();
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for (at, _) in current.spans() {
+        match runs.last_mut() {
+            Some([_, end]) if *end == at => *end = at + 1,
+            _ => runs.push([at, at + 1]),
+        }
+    }
+    for run in runs {
+        let [from, to] = run.map(|at| (at as u64).saturating_mul(span_ticks).min(length_ticks));
+        let [left, right] = [from, to].map(|ticks| x_of(ticks as f64, length_ticks));
+        let _ = write!(
+            svg,
+            "<rect x=\"{left:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{BAR}\" class=\"current\"><title>current from {:.1} s to {:.1} s</title></rect>",
+            bottom - BAR,
+            (right - left).max(1.0),
+            seconds(from),
+            seconds(to)
         );
     }
 }

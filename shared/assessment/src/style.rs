@@ -26,7 +26,8 @@ svg text{font:11.5px system-ui,sans-serif;fill:var(--soft)}svg text.title{fill:v
 .band{fill:var(--band)}.limit{stroke:var(--soft);stroke-dasharray:5 4}.curve{stroke-width:1.3;stroke-linejoin:round;fill-opacity:.35}\
 .force{fill:var(--force);stroke:var(--force)}.insertion{fill:var(--insertion);stroke:var(--insertion)}.pressure{fill:var(--pressure);stroke:var(--pressure)}\
 .deficit{fill:var(--deficit);stroke:var(--deficit)}.removed{fill:var(--removed);stroke:var(--removed)}.mark{stroke-width:1.2;opacity:.75}\
-.mark.error{stroke:var(--bad)}.mark.warning{stroke:var(--warn)}.mark.takeover{stroke:var(--insertion)}.way{fill:none;stroke:var(--insertion);stroke-width:1;stroke-linejoin:round;opacity:.8}\
+.mark.error{stroke:var(--bad)}.mark.warning{stroke:var(--warn)}.mark.takeover{stroke:var(--insertion)}\
+.mark.goal{stroke:var(--good);stroke-width:2}.mark.warned{stroke:var(--warn);stroke-dasharray:3 3}.mark.alarm{stroke:var(--bad);stroke-dasharray:3 3}.current{fill:var(--ink);opacity:.6}.way{fill:none;stroke:var(--insertion);stroke-width:1;stroke-linejoin:round;opacity:.8}\
 .organ{fill:none;stroke:var(--soft);stroke-width:1.2;opacity:.7}.pathology{fill:var(--removed);opacity:.25}\
 .dot{stroke:var(--paper)}.dot.begin{fill:var(--good)}.dot.end{fill:var(--ink)}.dot.peak{fill:var(--force)}\
 .pictures{display:grid;grid-template-columns:repeat(auto-fill,minmax(250px,1fr));gap:1rem}figure{margin:0;break-inside:avoid}\

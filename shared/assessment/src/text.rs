@@ -24,13 +24,21 @@ pub fn text(sessions: &Sessions) -> String {
         let _ = writeln!(text, "{name:<20}{fact}");
     }
     for (index, column) in sessions.earlier.iter().enumerate() {
-        let _ =
-            writeln!(text, "{:<20}{}, session {}", format!("compared, {}", letter(index)), column.file, column.fact("session"));
+        let (head, session) = (format!("compared, {}", letter(index)), column.fact("session"));
+        let _ = writeln!(text, "{head:<20}{}, session {session}{}", column.file, column.drawn());
+        let mark = column.mark_beside(&sessions.reported).trim_start_matches(", ");
+        if !mark.is_empty() {
+            let _ = writeln!(text, "{:<20}{mark}", "");
+        }
     }
     if let Some(judge) = &sessions.reported.assessment.measured.judge {
         case::text(&mut text, judge);
     }
     table(&mut text, sessions);
+    text.push_str("\nWhat the pump said\n");
+    for (name, fact) in sessions.reported.pump_facts() {
+        let _ = writeln!(text, "  {name:<46}{fact}");
+    }
     text.push_str("\nNot in a recording\n");
     for (group, what, why) in ABSENT {
         let _ = writeln!(text, "  {what:<44}{}: {why}", group.name());
@@ -63,6 +71,11 @@ fn table(text: &mut String, sessions: &Sessions) {
     }
     head(text, "All", "", &percent(sessions.reported.scores.total));
     earlier(text, sessions, |column| percent(column.scores.total));
+    if sessions.reported.scores.done < 1.0 {
+        let share = percent(Some(100.0 * sessions.reported.scores.done));
+        let _ = writeln!(text, "  {share} of the goals that were called for were reached: of the scores of time, path, economy");
+        text.push_str("  and turning that share counts, and of all the mean of it and 100 %.\n");
+    }
 }
 
 fn row(text: &mut String, sessions: &Sessions, index: usize, metric: &Metric) {

@@ -1,0 +1,160 @@
+//! What a report says of a session besides its values: who does nothing scores below who does the task, sessions of another anatomy are marked where they are
+//! compared, and what the trainee did and was told stands on the axis of the time.
+#![allow(missing_docs)]
+
+#[allow(dead_code)] // each test file uses its part
+mod fixture;
+
+use fixture::{busy, bytes_of, fluid, record, tissue};
+use hyst_assessment::{Assessment, Scores, Sessions, assess, html, json, scores, text};
+use hyst_recording::{Block, Reader};
+use serde_json::{Value, json};
+use std::io::Cursor;
+use std::path::Path;
+
+/// A case whose goals are so many millilitres removed each, with a seed; nothing but its time ends it.
+fn case(removed_ml: &[f64], seed: u32) -> String {
+    let goals: Value = removed_ml.iter().map(|ml| json!({ "words": format!("take {ml} ml"), "is": { "removed": ml } })).collect();
+    let end = json!({ "goals": false, "time_s": 100.0, "deficit_ml": null, "bled_ml": null, "perforation": false });
+    let warnings = json!([{ "words": "it <bleeds>", "is": { "bled_above": 0.1 } }]);
+    let case = json!({
+        "name": "A polyp", "rung": "polyp", "task": "Take it.", "seed": seed, "drawn": [], "pathology_ml": 2.0,
+        "goals": goals, "end": end, "warnings": warnings, "score": {},
+    });
+    case.to_string()
+}
+
+/// A recording of some blocks with these facts.
+fn recorded(name: &str, facts: &[(&str, &str)], blocks: &[Block]) -> Assessment {
+    let bytes = bytes_of(name, facts, blocks);
+    assess(Reader::new(Cursor::new(&bytes), Path::new("session.mcap")).unwrap(), 1, |_| {})
+}
+
+/// Three seconds in which the hand does something, and 0.16 ml are removed after 1.61 s.
+fn at_work() -> Vec<Block> {
+    (0..15u64).map(|index| busy(5_000 + 200 * index, 200)).collect()
+}
+
+/// Three seconds in which it does nothing, and nothing happens.
+fn idle() -> Vec<Block> {
+    let block = |first: u64| Block {
+        applied: (first..first + 200).map(|tick| record(tick, [0.0, 0.0, 0.02], 0.0)).collect(),
+        tissue: vec![tissue(first + 10, 0, 0.0)],
+        fluid: vec![fluid(first + 20, 60.0, 0.0)],
+        ..Block::default()
+    };
+    (0..15u64).map(|index| block(5_000 + 200 * index)).collect()
+}
+
+fn score(scores: &Scores, key: &str) -> Option<f64> {
+    scores.metrics.iter().find(|metric| metric.definition.key == key).unwrap_or_else(|| panic!("no {key}")).score
+}
+
+/// Weighted mean of the scores that stand in the table.
+fn mean(scores: &Scores) -> f64 {
+    let scored = scores.metrics.iter().filter_map(|metric| Some((metric.scale?.weight, metric.score?)));
+    let (sum, weight) = scored.fold((0.0, 0.0), |(sum, all), (weight, score)| (sum + weight * score, all + weight));
+    sum / weight
+}
+
+#[test]
+fn who_does_nothing_scores_below_who_reaches_the_goals() {
+    let case = case(&[0.05, 0.15], 3);
+    let [idle, good] =
+        [("idle", idle()), ("good", at_work())].map(|(name, blocks)| recorded(name, &[("case", case.as_str())], &blocks));
+    let [of_idle, of_good] = [&idle, &good].map(|assessment| scores(&assessment.measured));
+    assert_eq!((of_idle.done, of_good.done), (0.0, 1.0));
+    for key in ["time", "path", "camera_turned"] {
+        assert_eq!((score(&of_idle, key), score(&of_good, key)), (Some(0.0), Some(100.0)), "{key}: it was quick and short");
+    }
+    assert_eq!(score(&of_idle, "force_peak"), Some(100.0), "who does nothing hurts nobody");
+    let [none, all] = [&of_idle, &of_good].map(|scores| scores.total.unwrap());
+    assert!((none - 0.5 * mean(&of_idle)).abs() < 1e-9 && (all - mean(&of_good)).abs() < 1e-9, "{none} {all}");
+    assert!(none < 50.0 && all > none + 25.0, "{none} of who does nothing, {all} of who does it");
+
+    let sessions = Sessions::new("idle.mcap", idle);
+    let (told, report) = (text(&sessions), json(&sessions));
+    assert!(told.contains("  0 % of the goals that were called for were reached"), "{told}");
+    assert!(told.lines().all(|line| line.chars().count() <= 100), "{told}");
+    assert!(html(&sessions).contains("multiplied by the share of them that was reached"));
+    assert_eq!((report["format"].as_u64(), report["goals_share"].as_f64()), (Some(2), Some(0.0)));
+    let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
+    assert_eq!((&metric("time")["times_goals_share"], &metric("deficit")["times_goals_share"]), (&json!(true), &json!(false)));
+}
+
+#[test]
+fn half_of_the_goals_are_half_of_the_time_and_three_quarters_of_all() {
+    let scores = scores(&recorded("half", &[("case", case(&[0.05, 9.0], 3).as_str())], &at_work()).measured);
+    assert_eq!((scores.done, score(&scores, "time"), score(&scores, "goals")), (0.5, Some(50.0), Some(50.0)));
+    assert!((scores.total.unwrap() - 0.75 * mean(&scores)).abs() < 1e-9, "{:?}", scores.total);
+}
+
+#[test]
+fn without_a_case_and_where_no_goal_was_called_for_every_score_is_that_of_its_scale() {
+    let mut stop: Value = serde_json::from_str(&case(&[], 3)).unwrap();
+    stop["goals"] = json!([{ "words": "stop", "is": { "stop": { "after": { "deficit_above": 50.0 }, "ticks": 200 } } }]);
+    let stop = stop.to_string();
+    for facts in [vec![], vec![("case", stop.as_str())]] {
+        let scores = scores(&recorded("free", &facts, &idle()).measured);
+        assert_eq!((scores.done, score(&scores, "time"), score(&scores, "path")), (1.0, Some(100.0), Some(100.0)), "{facts:?}");
+        assert!((scores.total.unwrap() - mean(&scores)).abs() < 1e-9, "{facts:?}");
+    }
+}
+
+/// Whether a session is marked as one of another anatomy beside the reported one: on the page, in the text, in the JSON.
+fn marked(reported: (&str, &str, Option<u32>), earlier: (&str, &str, Option<u32>)) -> [bool; 3] {
+    let [reported, earlier] = [reported, earlier].map(|(scene, scene_hash, seed)| {
+        let case = seed.map(|seed| case(&[0.1], seed));
+        let mut facts = vec![("session", "s"), ("scene", scene), ("scene_hash", scene_hash), ("hand", "device")];
+        facts.extend(case.as_deref().map(|case| ("case", case)));
+        recorded("compared", &facts, &at_work())
+    });
+    let mut sessions = Sessions::new("new.mcap", reported);
+    sessions.compare("old.mcap", earlier);
+    let (page, told, report) = (html(&sessions), text(&sessions), json(&sessions));
+    let is_same = report["compared"][0]["is_of_same_anatomy"].as_bool().unwrap();
+    [page.contains("of another case, seed or scene"), told.contains("of another case, seed or scene"), !is_same]
+}
+
+#[test]
+fn a_session_with_another_seed_of_the_same_case_is_marked_and_the_same_case_from_elsewhere_is_not() {
+    let of = |seed: u32| ("/usr/share/hystation/cases/polyp.toml", "0a", Some(seed));
+    assert_eq!(marked(of(3), of(7)), [true; 3], "another seed of the same file");
+    assert_eq!(marked(of(3), ("assets/cases/polyp.toml", "0a", Some(3))), [false; 3], "the same case from a checkout");
+    assert_eq!(marked(of(3), ("/usr/share/hystation/cases/polyp.toml", "0a", None)), [true; 3], "no case");
+    assert_eq!(marked(("a.toml", "0a", None), ("b.toml", "0a", None)), [false; 3], "the same scene under another name");
+    assert_eq!(marked(("a.toml", "0a", None), ("a.toml", "0b", None)), [true; 3], "a scene that was changed");
+
+    let seeded = |seed: u32| recorded("seeded", &[("scene", "polyp.toml"), ("case", case(&[0.1], seed).as_str())], &at_work());
+    let mut sessions = Sessions::new("new.mcap", seeded(3));
+    sessions.compare("old.mcap", seeded(7));
+    let (page, told) = (html(&sessions), text(&sessions));
+    for words in ["A polyp, seed 3", "A polyp, seed 7"] {
+        assert!(page.contains(words) && told.contains(words), "{words}: {told}");
+    }
+}
+
+#[test]
+fn goals_warnings_alarms_and_current_are_marked_over_time_and_the_pump_is_not_told_of_under_the_station() {
+    let mut blocks = at_work();
+    blocks[8].fluid[0].alarms = 4;
+    let sessions = Sessions::new("a.mcap", recorded("marks", &[("case", case(&[0.15], 3).as_str())], &blocks));
+    let page = html(&sessions);
+    for mark in [
+        "class=\"mark goal\"><title>1.610 s: reached: take 0.15 ml</title>",
+        "class=\"mark warned\"><title>0.620 s: warning: it &lt;bleeds&gt;</title>",
+        "class=\"mark alarm\"><title>1.620 s: the pump: abnormal loss</title>",
+        "class=\"current\"><title>current from 2.0 s to 3.0 s</title>",
+    ] {
+        assert_eq!(page.matches(mark).count(), 1, "{mark}");
+    }
+    assert_eq!(page.matches("class=\"mark ").count(), 3, "and nothing else");
+    let told = text(&sessions);
+    for report in [&page, &told] {
+        let (before, station) = report.split_once("What the station did").unwrap();
+        assert!(before.contains("abnormal loss 1") && !station.contains("abnormal loss"), "{station}");
+    }
+    let report = json(&sessions);
+    assert_eq!((report["pump_alarms"]["abnormal loss"].as_u64(), &report["station"]["pump_alarms"]), (Some(1), &Value::Null));
+    assert_eq!(report["pump_alarmed"], json!([{ "alarm": "abnormal loss", "tick": 6_620, "time_s": 1.62 }]));
+}
