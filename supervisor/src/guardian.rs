@@ -16,6 +16,7 @@ use crate::journal::{self, Verdict};
 use crate::name;
 use crate::notify::Notifier;
 use crate::plan::Plan;
+use crate::recording::{self, RecordingView};
 use crate::remains;
 use crate::report;
 use crate::settings::{Refusal, prepare};
@@ -318,12 +319,18 @@ impl Guardian {
         let verdict = Verdict::read(&station);
         let mut report = report::take(&station);
         let faults = report::summary(&report);
+        let recording = recording::at_end(&station);
+        let loss = recording.as_ref().and_then(RecordingView::loss);
+        if let Some(recording) = &recording {
+            report["recording"] = serde_json::json!(recording);
+        }
         crate::shortage::relieve_all(&station, |_| false);
         station.wipe();
         let left = count_leftovers(&station);
         report["leftovers"] = left.clone();
         self.printer.say(&faults);
-        let mut code = judge(&report, &left, plan);
+        loss.iter().for_each(|loss| self.printer.say(loss));
+        let mut code = judge(&report, &left, plan, loss.is_some());
         if let Some(verdict) = verdict {
             self.printer.say(&verdict.message);
             code = verdict.code;
@@ -345,12 +352,12 @@ fn count_leftovers(station: &Station) -> serde_json::Value {
     serde_json::json!({ "processes": remains::living(station).len(), "shared_memory": left.len() - files, "files": files })
 }
 
-fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan) -> u8 {
+fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan, is_data_lost: bool) -> u8 {
     let any_left = ["processes", "shared_memory", "files"].iter().any(|key| left[key].as_u64() != Some(0));
     let unreported = !plan.slots.is_empty() && report.get("processes").is_none();
     match () {
         () if any_left || unreported || report::is_broken(report) => 1,
-        () if report::has_lost(report) => 3,
+        () if is_data_lost || report::has_lost(report) => 3,
         () => 0,
     }
 }

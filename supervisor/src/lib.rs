@@ -29,6 +29,7 @@ pub mod plan;
 pub mod policy;
 pub mod proc;
 pub mod recorded;
+pub mod recording;
 pub mod remains;
 pub mod report;
 pub mod settings;

@@ -2,6 +2,7 @@
 //! simulation. Engines do not depend on its life: a supervisor that is restarted adopts those that it finds.
 
 mod accounting;
+mod complaint;
 mod distrust;
 mod effects;
 mod kept;
@@ -91,6 +92,7 @@ struct Supervisor {
     permit: Option<Permit>,
     holders: roles::Holders,
     kept: kept::Kept,
+    complaint: complaint::Complaint,
     memory: OutOfMemory,
     slots: Vec<Slot>,
     next_ledger_ns: u64,
@@ -162,6 +164,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         permit: Permit::new(&page, plan.end_tick),
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),
+        complaint: complaint::Complaint::default(),
         memory: OutOfMemory::watch(),
         slots,
         page,
@@ -349,18 +352,6 @@ impl Supervisor {
         }
         self.faults.died(slot, incarnation, exit, death);
         self.page.fetch_add64(layout::SLOT_RESTARTS + slot.number(), 1);
-    }
-
-    /// What a process said of its death, or else what it had printed last; who is killed has nothing to say of it.
-    fn words_of(&mut self, slot: Slot, exit: Exit) -> String {
-        let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
-        let is_unexplained = words.is_empty() && exit != Exit::Signal(9);
-        let printed = if is_unexplained { journal::last_line(&self.station, slot) } else { String::new() };
-        match (words.is_empty(), printed.is_empty()) {
-            (false, _) => format!(": {words}"),
-            (true, false) => format!("; it had printed: {printed}"),
-            (true, true) => String::new(),
-        }
     }
 
     /// By the pages: a supervisor that has just begun knows of nobody else that he is ready.

@@ -1,12 +1,13 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
+use crate::recording::{self, RecordingView};
 use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
 use hyst_messages::page::{fluid, header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, counted_since, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// One process.
 #[derive(Clone, Debug, Serialize, Default)]
@@ -114,6 +115,9 @@ pub struct StationView {
     pub held: Vec<&'static str>,
     /// Processes in slot order.
     pub processes: Vec<ProcessView>,
+    /// The recording, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recording: Option<RecordingView>,
     /// Where the operator's page is, token and all; only for whoever has the right to ask for it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub console: Option<String>,
@@ -127,6 +131,8 @@ pub struct Viewer {
     roster: Roster,
     pages: BTreeMap<Slot, (u32, ReadPage)>,
     before: BTreeMap<Slot, Before>,
+    /// The file that was to be recorded into.
+    record: Option<PathBuf>,
 }
 
 impl Viewer {
@@ -138,6 +144,7 @@ impl Viewer {
             roster: Roster::open(station)?,
             pages: BTreeMap::new(),
             before: BTreeMap::new(),
+            record: recording::file_of(station),
         })
     }
 
@@ -216,8 +223,16 @@ impl Viewer {
             test_mode: self.page.test_mode(),
             held: Role::ALL.into_iter().filter(|role| self.page.is_held(*role)).map(Role::name).collect(),
             processes,
+            recording: self.recording(),
             console: None,
         }
+    }
+
+    fn recording(&mut self) -> Option<RecordingView> {
+        let (recorder, file) = (Slot::first(Role::Recorder), self.record.clone()?);
+        let newest_tick = recording::newest_tick(self.slot_page(Slot::first(Role::Device)));
+        let has_recorder = self.page.incarnation(recorder) != 0;
+        has_recorder.then(|| RecordingView::of(&file, self.slot_page(recorder), newest_tick))
     }
 
     fn process(&mut self, slot: Slot) -> ProcessView {
@@ -310,6 +325,7 @@ pub fn table(view: &StationView) -> String {
     if let Some(steps) = view.processes.iter().filter(|process| process.active).find_map(|process| process.steps) {
         text.push_str(&slow_flow(&steps));
     }
+    text.extend(view.recording.iter().map(RecordingView::line));
     text
 }
 

@@ -98,15 +98,17 @@ impl Ended {
         let stepped = self.report["faults"].as_array().is_some_and(|all| all.iter().any(has_step));
         let jerks = self.number("device.force_step_max_n") > self.number("device.force_step_max_control_n") + STEP_MARGIN_N;
         let is_broken = misses || stepped && jerks;
+        let unrecorded = self.report["recording"]["lost"].as_u64().unwrap_or(0);
+        let is_lost = any("given_up") || any("held") || unrecorded > 0;
         let is_right = match self.code {
             Some(1) => is_broken,
-            Some(0) => !is_broken && !any("given_up") && !any("held"),
-            Some(3) => !is_broken && (any("given_up") || any("held")),
+            Some(0) => !is_broken && !is_lost,
+            Some(3) => !is_broken && is_lost,
             _ => false,
         };
         assert!(
             is_right,
-            "exit code {:?}: given up {}, held {}\n{}",
+            "exit code {:?}: given up {}, held {}, {unrecorded} ticks not recorded\n{}",
             self.code, self.report["given_up"], self.report["held"], self.said
         );
     }

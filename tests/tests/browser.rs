@@ -122,6 +122,16 @@ const MUTED: &str = r"(() => {
     return [loud - before, sounds() - loud, button.getAttribute('aria-pressed')];
 })()";
 
+/// What the page says of the recording; and of one that stands still: whether there is a banner, and how the line is marked.
+const RECORDING: &str = r"(() => {
+    const line = document.getElementById('recording'), banner = document.getElementById('stands');
+    const said = line.textContent;
+    showRecording({ file: '/a.mcap', ticks: 7, lost: 3, bytes: 2000000, behind_ticks: 5, stands_still: 'no room' });
+    const stands = [banner.checkVisibility(), banner.textContent, line.className, line.textContent];
+    showRecording(null);
+    return { said, stands, after: [banner.checkVisibility(), line.className, line.textContent] };
+})()";
+
 /// What of the page is wider than its place, and where the live view ends, CSS pixels from the top.
 const FITS: &str = r"(() => {
     const parts = [document.documentElement, ...document.querySelectorAll('header, section')];
@@ -193,6 +203,11 @@ fn a_browser_shows_every_process_with_live_figures_and_pictures_and_finds_a_new_
     assert!(next.iter().all(|figure| figure.is_finite() && *figure >= 0.0), "{first:?}, then {next:?}");
     browser.wait("the device's rate", LOOK, |look| figure(look, "device", "rate").filter(|rate| *rate > 100.0));
     browser.wait("the pump", LOOK, |look| look["pressure"].as_str()?.parse::<f64>().ok());
+    let is_said = |look: &Value| look["said"].as_str()?.starts_with("Recording /").then(|| look.clone());
+    let recording = browser.wait("the recording", RECORDING, is_said);
+    let line = "Recording /a.mcap: 7 ticks on disk, 2.0 MB, 5 ticks behind, 3 ticks are lost.";
+    assert_eq!(recording["stands"], json!([true, "The recording stands still: no room", "bad", line]));
+    assert_eq!(recording["after"], json!([false, "quiet", "Nothing is recorded."]));
     let is_connected = |look: &Value| look["link"] == "connected" && look["state"] == "running" && look["lost"] == false;
     let connected = |look: &Value| is_connected(look).then(|| look["banner"].clone());
     assert_eq!(browser.wait("that it is connected", LOOK, connected), Value::Null, "no banner of a test mode that is off");

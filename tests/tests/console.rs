@@ -192,6 +192,8 @@ fn the_page_shows_the_station_to_who_has_the_token_and_to_nobody_else() {
     assert_eq!(metrics.header("content-type"), Some("application/openmetrics-text; version=1.0.0; charset=utf-8"));
     assert!(metrics.text().contains("hystation_process_up{process=\"device\",role=\"device\"} 1.0\n"), "{}", metrics.text());
     assert!(metrics.text().ends_with("# EOF\n"));
+    let recorded = |line: &str| line.strip_prefix("hystation_recorder_bytes ").is_some_and(|bytes| bytes.parse::<f64>().is_ok());
+    assert!(metrics.text().lines().any(recorded), "{}", metrics.text());
     assert!(page.get("/history").text().contains("\"tissue:1\":["));
     assert_told_of_test_mode(&station, &page, false);
     assert_nobody_is_hurt(&station, &page);

@@ -1,9 +1,10 @@
-//! File systems without room: that of the recording, and /dev/shm. Each in a mount namespace of its own, so that nobody else's is full.
+//! File systems without room: that of the recording, and /dev/shm. Each in a mount namespace of its own, so that nobody else's is full. What comes back costs
+//! the recording nothing; what does not is said, while it lasts and at the end.
 
 use hyst_messages::{Applied, AppliedRecord};
 use serde_json::Value;
 use station_tests::shown::{Promise, not_shown};
-use station_tests::{Folder, binaries, run};
+use station_tests::{Folder, binaries, hystation, run};
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::process::Command;
@@ -26,25 +27,31 @@ const ALLOWED_TICKS: f64 = 10.0;
 
 /// Runs a station in a namespace with a small file system at a place; gives its report and what it said. `None` where this user may not.
 fn run_on_small(name: &str, folder: &Folder, mount: &str, record: &str, faults: &str) -> Option<(Value, String)> {
+    let faults = folder.write("faults.toml", faults);
+    let (_, report, said) = run_in(name, folder, mount, record, &format!("--test-mode --faults {faults}"))?;
+    Some((report, said))
+}
+
+/// The same with some options, and its exit code before the rest.
+fn run_in(name: &str, folder: &Folder, mount: &str, record: &str, options: &str) -> Option<(i32, Value, String)> {
     let (code, _, said) = run(Command::new("unshare").args(["-m", "true"]));
     assert!(code == Some(0) || !rustix::process::geteuid().is_root(), "root may not unshare: {said}");
     if code != Some(0) {
         eprintln!("NOT TRIED: full file systems need the right to make a mount namespace ({})", said.trim());
         return None;
     }
-    let faults = folder.write("faults.toml", faults);
     let report = folder.path("report.json");
     let script = format!(
-        "{mount} && \"{}\" --name {name}-{} run --headless --for {SECONDS}s --hand script:press --test-mode --faults {faults} --record {record} \
+        "{mount} && \"{}\" --name {name}-{} run --headless --for {SECONDS}s --hand script:press {options} --record {record} \
          --report {report}; code=$?; cp {record} {} 2>/dev/null; ls $(dirname {record}) >&2; exit $code",
         binaries().join("hystation").display(),
         std::process::id(),
         folder.path("copy.mcap"),
     );
     let (code, _, said) = run(Command::new("unshare").args(["-m", "sh", "-c", &script]));
-    assert!(matches!(code, Some(0 | 1 | 3)), "{code:?}: {said}");
+    let code = code.filter(|code| matches!(code, 0 | 1 | 3)).unwrap_or_else(|| panic!("{code:?}: {said}"));
     let report = serde_json::from_str(&folder.read("report.json")).unwrap_or_else(|error| panic!("{error}\n{said}"));
-    Some((report, said))
+    Some((code, report, said))
 }
 
 /// The one fault of a kind: it came about, and was over when its time was.
@@ -70,17 +77,91 @@ fn assert_over<'a>(report: &'a Value, kind: &str, said: &str) -> &'a Value {
 #[test]
 fn a_disk_that_is_full_for_two_seconds_costs_the_recording_nothing() {
     let folder = Folder::new("diskfull");
-    let small = folder.path("small");
-    std::fs::create_dir(&small).expect("a folder to mount on");
-    let mount = format!("mount -t tmpfs -o size=64m small {small}");
+    let (small, mount) = small(&folder);
     let fault = "[[fault]]\nkind = \"disk-full\"\ntarget = \"recorder\"\ntick = 5000\nfor = 2.0\n";
     let Some((report, said)) = run_on_small("diskfull", &folder, &mount, &format!("{small}/session.mcap"), fault) else { return };
     assert_over(&report, "disk-full", &said);
     assert!(!said.contains("ballast"), "it is gone: {said}");
+    assert_eq!((&report["recording"]["lost"], report["recording"]["stands_still"].is_null()), (&0.into(), true), "{said}");
     let recording = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");
     assert!(recording.content.lost.is_empty(), "{:?}", recording.content.lost);
     let log = recording.applied().len();
     assert!(log > 8_000, "{log} ticks");
+}
+
+/// A folder with a file system of its own, small and in memory: its path, and how it is mounted.
+fn small(folder: &Folder) -> (String, String) {
+    let small = folder.path("small");
+    std::fs::create_dir(&small).expect("a folder to mount on");
+    let mount = format!("mount -t tmpfs -o size=64m small {small}");
+    (small, mount)
+}
+
+/// Writes what stays, until there is room for nothing.
+fn fill(small: &str) -> String {
+    format!("cat /dev/zero > {small}/other 2>/dev/null")
+}
+
+/// Ended with 0: a class went home, and nobody knew that what it did since the disk was full was nowhere.
+#[test]
+fn a_disk_that_stays_full_to_the_end_is_said_while_it_is_and_ends_with_lost_data_and_what_there_is_can_be_read() {
+    let folder = Folder::new("diskstays");
+    let (small, mount) = small(&folder);
+    let (record, fill) = (format!("{small}/session.mcap"), fill(&small));
+    // The table is asked for when the second in which the keeper looks is long over.
+    let status = format!("\"{}\" --name diskstays-{} status >&2", binaries().join("hystation").display(), std::process::id());
+    let later = format!("{mount} && {{ (sleep 10; {fill}; sleep 6; {status}) & }}");
+    let Some((code, report, said)) = run_in("diskstays", &folder, &later, &record, "") else { return };
+    let recording = &report["recording"];
+    let number = |key: &str| recording[key].as_u64().unwrap_or_else(|| panic!("{key}: {recording}\n{said}"));
+    println!("{recording:#}");
+    assert!(code == 3 && number("lost") > 1_000 && number("ticks") > 1_000, "{code}: {recording}\n{said}");
+    assert!(said.contains(&format!("the recording stands still: recording {record}: no room for")), "{said}");
+    assert!(said.contains("THE RECORDING STANDS STILL, ") && !said.contains("the recording goes on"), "{said}");
+    let lost = format!("{} ticks are lost", number("lost"));
+    let is_end = |line: &str| line.contains(&format!("the recording {record} is not whole (no room for")) && line.contains(&lost);
+    assert!(said.lines().any(is_end), "{said}");
+    let copy = folder.path("copy.mcap");
+    let (code, told, complained) = run(hystation().args(["report", &copy]));
+    assert!(code == Some(3) && !told.is_empty() && complained.contains("not everything is there"), "{code:?} {told}{complained}");
+    let read = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");
+    let continuity = hyst_recording::Continuity::of(&read.content);
+    assert!(read.damage.is_empty(), "{:?}", read.damage);
+    assert_eq!((continuity.ticks, continuity.repeated, continuity.missing()), (number("ticks"), 0, 0), "{said}");
+}
+
+/// Ended with 0 and an empty file.
+#[test]
+fn a_disk_that_is_full_from_the_start_to_the_end_ends_with_lost_data_and_the_words_that_nothing_was_recorded() {
+    let folder = Folder::new("diskempty");
+    let (small, mount) = small(&folder);
+    let record = format!("{small}/session.mcap");
+    let full = format!("{mount} && {{ {} || true; }}", fill(&small));
+    let Some((code, report, said)) = run_in("diskempty", &folder, &full, &record, "") else { return };
+    let recording = &report["recording"];
+    assert!(code == 3 && recording["ticks"] == 0 && recording["lost"].as_u64() > Some(5_000), "{code}: {recording}\n{said}");
+    assert!(said.contains("the recording stands still: "), "{said}");
+    assert!(said.contains(&format!("the recording {record} holds no tick (no room for")), "{said}");
+}
+
+/// Was recorded from where there was room, as if nothing had been before.
+#[test]
+fn what_was_made_while_a_disk_was_full_at_the_start_is_named_as_lost_when_there_is_room() {
+    let folder = Folder::new("disklate");
+    let (small, mount) = small(&folder);
+    let record = format!("{small}/session.mcap");
+    let full = format!("{mount} && {{ {} || true; }} && {{ (sleep 13; rm {small}/other) & }}", fill(&small));
+    let Some((code, report, said)) = run_in("disklate", &folder, &full, &record, "") else { return };
+    let read = hyst_recording::Recording::read(folder.as_path().join("copy.mcap").as_path()).expect("a recording");
+    let continuity = hyst_recording::Continuity::of(&read.content);
+    let lost = report["recording"]["lost"].as_u64();
+    if lost == Some(0) {
+        return not_shown("what a disk that is full at the start costs: the device had made too few ticks");
+    }
+    assert!(code == 3 && said.contains(" ticks are lost; `hystation report`"), "{code}: {said}");
+    assert_eq!((lost, continuity.missing()), (Some(continuity.lost()), 0), "the file names what is lost\n{said}");
+    let first = said.find("the recording stands still").unwrap_or_else(|| panic!("{said}"));
+    assert!(said[first..].contains("the recording goes on, "), "{said}");
 }
 
 /// The tick of a station's status that was said behind a word.

@@ -42,6 +42,24 @@ pub struct Process {
     pub binary: Option<String>,
 }
 
+/// The recording, as `hystation status --json` has it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Recording {
+    /// The file.
+    pub file: String,
+    /// Ticks on disk.
+    pub ticks: u64,
+    /// Ticks that nobody has any more.
+    pub lost: u64,
+    /// Bytes on disk.
+    pub bytes: u64,
+    /// Ticks that were made since the newest on disk.
+    pub behind_ticks: u64,
+    /// Why nothing is written; none while it goes on.
+    pub stands_still: Option<String>,
+}
+
 /// What the supervisor says of the station.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -58,6 +76,8 @@ pub struct Status {
     pub held: Vec<String>,
     /// Processes in slot order.
     pub processes: Vec<Process>,
+    /// The recording, where there is one.
+    pub recording: Option<Recording>,
 }
 
 impl Status {
@@ -219,10 +239,15 @@ mod tests {
             "station": "a", "tick": 7, "state": "running", "test_mode": true, "held": ["tissue"], "more": [1],
             "processes": [{ "name": "haptic:1", "pid": 9, "state": "live", "rate_hz": 999.5, "age_ms": null, "registered": {} },
                           { "name": "<script>" }, { "name": "haptic:9" }],
+            "recording": { "file": "/a.mcap", "ticks": 9, "lost": 2, "bytes": 70, "behind_ticks": 5, "stands_still": "no room" },
         });
         let status = Status::read(value).unwrap();
         assert_eq!((status.tick, status.held.len(), status.processes.len()), (7, 1, 1));
         assert_eq!((status.processes[0].rate_hz, status.processes[0].age_ms), (Some(999.5), None));
+        let recording = status.recording.unwrap();
+        assert_eq!((recording.ticks, recording.lost, recording.bytes, recording.behind_ticks), (9, 2, 70, 5));
+        assert_eq!((recording.file.as_str(), recording.stands_still.as_deref()), ("/a.mcap", Some("no room")));
+        assert_eq!(Status::read(json!({ "tick": 7 })).unwrap().recording, None, "it records nothing");
         assert!(Status::read(json!({ "tick": "seven" })).is_err() && Status::read(json!(null)).is_err());
     }
 

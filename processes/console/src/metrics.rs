@@ -14,7 +14,8 @@ use std::sync::atomic::AtomicU64;
 pub const CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// Units that names end with; what is per minute before what is not.
-const UNITS: [&str; 8] = ["milliliters_per_minute", "milliliters", "mmhg", "seconds", "hertz", "pixels", "bytes", "ratio"];
+const UNITS: [&str; 9] =
+    ["milliliters_per_minute", "milliliters", "mmhg", "seconds", "hertz", "pixels", "bytes", "ratio", "ticks"];
 
 type Labels = Vec<(&'static str, String)>;
 type Figure = Gauge<f64, AtomicU64>;
@@ -27,6 +28,7 @@ pub fn text(look: &Look) -> String {
     processes(look, &mut registry);
     pump(look, &mut registry);
     pictures(look, &mut registry);
+    recording(look, &mut registry);
     let mut text = String::new();
     match encode(&mut text, &registry) {
         Ok(()) => text,
@@ -134,10 +136,20 @@ fn pictures(look: &Look, registry: &mut Registry) {
     register(registry, "rendering_pass_seconds", "Time of each of its passes, where the device keeps it", passes);
 }
 
+fn recording(look: &Look, registry: &mut Registry) {
+    let Some(recording) = &look.status.recording else { return };
+    let stands = f64::from(u8::from(recording.stands_still.is_some()));
+    figure(registry, "recorder_stands_still", "Whether nothing is written of what is to be recorded", stands);
+    figure(registry, "recorder_lost_ticks", "Ticks of the session that will not be in the recording", recording.lost as f64);
+    figure(registry, "recorder_behind_ticks", "Ticks made since the newest on disk", recording.behind_ticks as f64);
+    figure(registry, "recorder_ticks", "Ticks on disk", recording.ticks as f64);
+    figure(registry, "recorder_bytes", "Bytes on disk", recording.bytes as f64);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::{Pictures, Process, Pump, Status};
+    use crate::look::{Pictures, Process, Pump, Recording, Status};
 
     #[test]
     fn the_text_has_each_figure_that_is_known_and_ends_once() {
@@ -150,7 +162,10 @@ mod tests {
             recent_wakeup_p99_us: Some(50.0),
             ..Process::default()
         };
-        let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], ..Status::default() };
+        let stands_still = Some("no room".to_string());
+        let recording = Recording { ticks: 900, lost: 70, bytes: 5_000, behind_ticks: 334, stands_still, ..Recording::default() };
+        let recording = Some(recording);
+        let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], recording, ..Status::default() };
         let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms: vec!["deficit".into()], ..Pump::default() };
         let pictures = Pictures {
             count: 9_000,
@@ -180,6 +195,13 @@ mod tests {
             "hystation_rendering_width_pixels 640.0",
             "hystation_rendering_height_pixels 480.0",
             "hystation_rendering_pass_seconds{pass=\"scene\"} 0.5",
+            "hystation_recorder_stands_still 1.0",
+            "hystation_recorder_lost_ticks 70.0",
+            "hystation_recorder_behind_ticks 334.0",
+            "hystation_recorder_ticks 900.0",
+            "hystation_recorder_bytes 5000.0",
+            "# UNIT hystation_recorder_lost_ticks ticks",
+            "# UNIT hystation_recorder_bytes bytes",
             "# TYPE hystation_rendering_pictures counter",
             "# TYPE hystation_rendering_scale_ratio gauge",
             "# UNIT hystation_rendering_scale_ratio ratio",
@@ -210,5 +232,6 @@ mod tests {
         let text = text(&Look { silence: Some("no supervisor answers".into()), ..Look::default() });
         assert!(text.contains("hystation_supervisor_answers 0.0\n") && text.ends_with("# EOF\n"), "{text}");
         assert!(!text.contains("rendering_"), "nobody draws\n{text}");
+        assert!(!text.contains("recorder_"), "nobody records\n{text}");
     }
 }

@@ -4,8 +4,9 @@
 use crate::scribe::{Scribe, Written};
 use hyst_engine::{Failure, Life};
 use hyst_exchange::system;
-use hyst_messages::RecorderStatus;
-use hyst_messages::page::{ProcessState, header, recorder as layout};
+use hyst_messages::page::{ProcessState, device, header, recorder as layout};
+use hyst_messages::{RecorderStatus, Role};
+use hyst_recording::sequence::RING_TICKS;
 use hyst_recording::{Block, Session, TickRange, WriteError, Writer};
 use std::path::Path;
 
@@ -42,18 +43,25 @@ pub struct Keeper {
     given_ns: u64,
     /// It was said that the recording does not go on.
     refused: bool,
+    /// The first tick that was made while the disk let nobody open the file, if the device's ring no longer has it.
+    missed_tick: Option<u64>,
 }
 
 impl Keeper {
     /// Opens the file or goes on in it; waits while a predecessor holds it or the disk is full. `None` if the station stops meanwhile.
     pub fn open(life: &Life, path: &Path, session: &Session) -> Result<Option<Keeper>, Failure> {
         let patience_ns = system::now_ns() + LOCK_PATIENCE_NS;
-        let mut said = false;
+        let (mut said, mut missed) = (false, Missed::default());
         while !life.clock.stop_requested() {
             let error = match open(life, path, session) {
                 Ok(writer) => {
                     let scribe = Scribe::start(writer).map_err(|e| Failure::Broken(format!("a thread for the disk: {e}")))?;
-                    return Ok(Some(Keeper { scribe, queue: Block::default(), next_write_ns: 0, given_ns: 0, refused: false }));
+                    if missed.is_told {
+                        life.say("there is room again, and the recording begins");
+                        life.page.last_words("");
+                    }
+                    let (queue, missed_tick) = (Block::default(), missed.first_gone(newest_tick(life)));
+                    return Ok(Some(Keeper { scribe, queue, next_write_ns: 0, given_ns: 0, refused: false, missed_tick }));
                 }
                 Err(error) => error,
             };
@@ -65,7 +73,8 @@ impl Keeper {
                 WriteError::Locked { .. } if system::now_ns() > patience_ns => {
                     return Err(Failure::Broken(error.to_string()));
                 }
-                WriteError::Locked { .. } | WriteError::Full { .. } | WriteError::Write { .. } => {}
+                WriteError::Locked { .. } => {}
+                WriteError::Full { .. } | WriteError::Write { .. } => missed.note(life, &error.to_string()),
             }
             if !std::mem::replace(&mut said, true) {
                 life.say(&error.to_string());
@@ -74,12 +83,19 @@ impl Keeper {
             life.heartbeat();
             system::sleep_ns(WAIT_NS);
         }
+        missed.publish(life, 0); // nobody takes what the ring still has
         Ok(None)
     }
 
     /// Newest tick on disk.
     pub fn last_tick(&self) -> Option<u64> {
         self.scribe.file.last_tick
+    }
+
+    /// The tick after which the recording goes on; `None` where it begins with the oldest that can be had. What was made while the file could not be opened is
+    /// asked for, so that it is named as lost.
+    pub fn goes_on_after(&self) -> Option<u64> {
+        self.last_tick().or(self.missed_tick.map(|tick| tick.saturating_sub(1)))
     }
 
     /// Whether a predecessor began the file.
@@ -94,13 +110,13 @@ impl Keeper {
         }
         let time_ns = system::now_ns();
         if self.scribe.is_busy() && time_ns > self.given_ns + STILL_NS {
-            self.complain(life, "the disk stands still; what is to be recorded waits in memory, for a minute at most");
+            self.complain(life, "the disk takes nothing; what is to be recorded waits in memory, for a minute at most");
         } else if time_ns >= self.next_write_ns && !self.scribe.is_busy() {
             (self.given_ns, self.next_write_ns) = (time_ns, time_ns + INTERVAL_NS);
             self.scribe.write(std::mem::take(&mut self.queue));
         }
         drop_oldest(&mut self.queue);
-        self.publish(life);
+        self.publish(life, 0);
         Ok(())
     }
 
@@ -123,7 +139,7 @@ impl Keeper {
         Ok(())
     }
 
-    /// Says why the recording does not go on, once.
+    /// Says why the recording does not go on, once: in the log, and in the page for whoever keeps the station.
     fn complain(&mut self, life: &Life, why: &str) {
         if !std::mem::replace(&mut self.refused, true) {
             life.say(why);
@@ -151,17 +167,65 @@ impl Keeper {
             self.queue.applied.drain(..).for_each(|record| TickRange::extend(&mut self.queue.lost, record.tick));
             life.say(&format!("{left} ticks could not be written and are lost"));
         }
-        self.publish(life);
+        self.publish(life, self.scribe.away_ticks);
         if let Err(error) = self.scribe.finish(end_ns) {
             life.say(&format!("{error}; the recording has no summary, but is readable"));
         }
         Ok(())
     }
 
-    fn publish(&self, life: &Life) {
-        let lost = self.scribe.file.lost + self.queue.lost.iter().map(TickRange::count).sum::<u64>();
+    /// Publishes how far the recording has come; `given_up`: ticks of which the disk never said that it has them, and which nobody has any more.
+    fn publish(&self, life: &Life, given_up: u64) {
+        let noted = self.scribe.away_lost + self.queue.lost.iter().map(TickRange::count).sum::<u64>();
+        let lost = self.scribe.file.lost + noted + given_up;
         life.page.write(layout::STATUS, &RecorderStatus { lost, ..self.scribe.file.status() });
     }
+}
+
+/// What the device makes while the disk lets nobody open the file.
+#[derive(Debug, Default)]
+struct Missed {
+    is_told: bool,
+    /// The first tick that was seen meanwhile.
+    first_tick: Option<u64>,
+}
+
+impl Missed {
+    /// Says once why nothing is recorded, in the log and in the page, and publishes what is lost so far.
+    fn note(&mut self, life: &Life, why: &str) {
+        if !std::mem::replace(&mut self.is_told, true) {
+            life.page.last_words(why);
+        }
+        if self.first_tick.is_none() {
+            self.first_tick = Some(newest_tick(life)).filter(|tick| *tick > 0);
+        }
+        self.publish(life, RING_TICKS);
+    }
+
+    /// Publishes what is lost, if the newest `kept` ticks are not.
+    fn publish(&self, life: &Life, kept: u64) {
+        let lost = self.gone(newest_tick(life), kept);
+        if lost > 0 {
+            life.page.write(layout::STATUS, &RecorderStatus { lost, ..RecorderStatus::default() });
+        }
+    }
+
+    /// Ticks up to the newest one that nobody has any more.
+    fn gone(&self, newest_tick: u64, kept: u64) -> u64 {
+        self.first_tick.map_or(0, |first| (newest_tick + 1).saturating_sub(first + kept))
+    }
+
+    /// The first of them, if there are any.
+    fn first_gone(&self, newest_tick: u64) -> Option<u64> {
+        self.first_tick.filter(|_| self.gone(newest_tick, RING_TICKS) > 0)
+    }
+}
+
+/// The newest tick that the device has for a recorder; 0 if there is none.
+fn newest_tick(life: &Life) -> u64 {
+    let devices = life.clock.occupied(Role::Device);
+    let pages = devices.filter_map(|(slot, incarnation)| life.station.read_slot(slot, incarnation).ok());
+    pages.map(|page| page.ring_end(device::APPLIED).saturating_sub(1)).max().unwrap_or(0)
 }
 
 /// Opens the file, or goes on in it: of a long one that takes a second, in which this process is seen to live.
@@ -205,5 +269,16 @@ mod tests {
         drop_oldest(&mut queue);
         assert_eq!((queue.applied.len(), queue.applied[0].tick), (MAX_TICKS, 8));
         assert_eq!(queue.lost, [TickRange { first: 1, last: 7 }]);
+    }
+
+    /// The session of a disk that was full from its start was recorded from where there was room, and nobody said that what came before was lost.
+    #[test]
+    fn what_the_ring_no_longer_has_when_the_file_can_be_opened_is_lost() {
+        let missed = |first_tick| Missed { is_told: true, first_tick };
+        assert_eq!((missed(None).gone(9_000, 0), missed(None).first_gone(9_000)), (0, None), "nothing was made");
+        let some = missed(Some(51));
+        assert_eq!((some.gone(50 + RING_TICKS, RING_TICKS), some.first_gone(50 + RING_TICKS)), (0, None));
+        assert_eq!((some.gone(60 + RING_TICKS, RING_TICKS), some.first_gone(60 + RING_TICKS)), (10, Some(51)));
+        assert_eq!(some.gone(1_050, 0), 1_000, "at the end the ring goes, too");
     }
 }

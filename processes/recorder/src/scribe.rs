@@ -2,7 +2,7 @@
 //! device's ring lasts costs the recording nothing, because the ring is read on.
 
 use hyst_messages::RecorderStatus;
-use hyst_recording::{Block, WriteError, Writer};
+use hyst_recording::{Block, TickRange, WriteError, Writer};
 use std::collections::VecDeque;
 use std::mem::{replace, take};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -55,6 +55,8 @@ pub struct Scribe {
     pub file: FileState,
     /// Ticks of what the thread has and has not said anything of.
     pub away_ticks: u64,
+    /// Ticks of which it says that they are lost, which the file does not say yet.
+    pub away_lost: u64,
     busy: bool,
 }
 
@@ -75,7 +77,7 @@ impl Scribe {
             }
             let _ = tell_end.send(writer.finish().map(|_| ())); // nobody waits for it any more
         })?;
-        Ok(Scribe { blocks: Some(blocks), done, finished, file, away_ticks: 0, busy: false })
+        Ok(Scribe { blocks: Some(blocks), done, finished, file, away_ticks: 0, away_lost: 0, busy: false })
     }
 
     /// Whether it has something to write.
@@ -85,9 +87,9 @@ impl Scribe {
 
     /// Gives it something to write; only if it is not busy.
     pub fn write(&mut self, block: Block) {
-        let ticks = block.applied.len() as u64;
+        let (ticks, lost) = (block.applied.len() as u64, block.lost.iter().map(TickRange::count).sum::<u64>());
         if !block.is_empty() && self.blocks.as_ref().is_some_and(|blocks| blocks.send(block).is_ok()) {
-            (self.busy, self.away_ticks) = (true, ticks);
+            (self.busy, self.away_ticks, self.away_lost) = (true, ticks, lost);
         }
     }
 
@@ -95,7 +97,7 @@ impl Scribe {
     pub fn written(&mut self, end_ns: u64) -> Option<Written> {
         let patience_ns = end_ns.saturating_sub(hyst_exchange::system::now_ns());
         let (written, file) = self.done.recv_timeout(Duration::from_nanos(patience_ns)).ok()?;
-        (self.file, self.busy, self.away_ticks) = (file, false, 0);
+        (self.file, self.busy, self.away_ticks, self.away_lost) = (file, false, 0, 0);
         Some(written)
     }
 
@@ -173,6 +175,10 @@ mod tests {
         assert!(matches!(error, WriteError::Full { .. }), "{error}");
         assert_eq!(scribe.file.last_tick.map(|last| last + 1), rest.applied.first().map(|record| record.tick));
         let last_tick = scribe.file.last_tick;
+        let lost = vec![TickRange { first: 100_000, last: 100_006 }];
+        scribe.write(Block { lost, ..Block::default() });
+        assert_eq!((scribe.away_ticks, scribe.away_lost), (0, 7), "what is lost is known while nobody has written it");
+        assert!(scribe.written(later_ns()).is_some() && scribe.away_lost == 0);
         drop(scribe); // as in a death: no summary
         // The thread lets go of the file once it has written its summary, or was refused that too.
         let read = (0..10_000).find_map(|_| Recording::read(&path).ok()).unwrap();
@@ -184,7 +190,7 @@ mod tests {
     fn what_is_noted_of_ticks_comes_with_the_last_of_them_and_a_checkpoint_or_a_picture_by_itself() {
         let path = std::env::temp_dir().join(format!("hyst-scribe-parts-{}.mcap", std::process::id()));
         let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
-        let lost = vec![hyst_recording::TickRange { first: 5, last: 6 }];
+        let lost = vec![TickRange { first: 5, last: 6 }];
         let checkpoint = |tick| hyst_recording::Checkpoint { role: hyst_messages::Role::Tissue, tick, state: vec![1; 8] };
         let picture =
             hyst_recording::Picture { tick: 2_000, event_tick: 1_990, words: String::new(), jpeg: vec![0xff, 0xd8, 0xff, 0xd9] };

@@ -29,7 +29,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let Some(mut keeper) = Keeper::open(life, path, &facts(life)?)? else {
         return Ok(());
     };
-    let mut gather = Gather::new(life, keeper.last_tick())?;
+    let mut gather = Gather::new(life, keeper.goes_on_after())?;
     let mut said = Said::new(&life.station, keeper.last_tick());
     // A predecessor that died has begun with it, or not.
     if !keeper.is_continued() || scene_files(path).is_ok_and(|files| files.is_empty()) {

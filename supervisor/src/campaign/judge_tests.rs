@@ -182,7 +182,7 @@ fn what_never_may_happen_breaks_a_promise_at_once() {
     ] {
         assert_eq!(judge(&campaign, &plan, &outcomes, std::slice::from_ref(&bad), None).exit_code, 1, "{bad:?}");
     }
-    let starved = StationOutcome { faults: vec![0, 1], lost: vec![(1_000, 1_004)], ..good };
+    let starved = StationOutcome { faults: vec![0, 1], lost: vec![(1_000, 1_004)], exit_code: Some(3), ..good };
     assert_eq!(judge(&campaign, &plan, &outcomes, &[starved], None).exit_code, 3, "lost before any fault: not a fault's doing");
 }
 

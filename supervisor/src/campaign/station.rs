@@ -174,7 +174,9 @@ impl StationOutcome {
         let is_excused = may_end || self.never_whole;
         note(self.did_not_go_on() && !may_end, format!("after {} faults: {}", self.faults.len(), self.end_in_words()));
         let code = self.exit_code.map_or("none, it had to be killed".into(), |code| code.to_string());
-        note(!matches!(self.exit_code, Some(0 | 1)) && !is_excused, format!("its exit code is {code}"));
+        // Ticks that its recording says are lost are judged with the faults that they were lost to.
+        let is_judged = self.exit_code == Some(3) && self.given_up.is_empty() && !self.lost.is_empty();
+        note(!matches!(self.exit_code, Some(0 | 1)) && !is_excused && !is_judged, format!("its exit code is {code}"));
         note(
             self.stale_models > 0,
             format!("{} ticks used a contact model older than that of the tick before", self.stale_models),

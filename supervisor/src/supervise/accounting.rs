@@ -15,7 +15,10 @@ impl Supervisor {
         let after = part.checked_sub(self.slots.len());
         match after {
             None => self.sample_and_measure(now_ns, self.slots[part]),
-            Some(0) => self.heed_states(now_ns),
+            Some(0) => {
+                self.heed_states(now_ns);
+                self.heed_recorder(now_ns);
+            }
             Some(1) => self.accounts.write(&self.station),
             Some(2) => {
                 journal::keep_small(&self.station, &self.slots);

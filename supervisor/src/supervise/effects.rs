@@ -3,7 +3,7 @@
 use super::{STOP_NS, Supervisor};
 use crate::intent::{Deed, Intent};
 use crate::journal::{self, Verdict};
-use crate::policy::{self, Action, Event, Record};
+use crate::policy::{self, Action, Event, Exit, Record};
 use crate::spawn::SpawnError;
 use hyst_exchange::system;
 use hyst_messages::page::station as layout;
@@ -119,6 +119,18 @@ impl Supervisor {
             Verdict { code, message }.write(&self.station);
             self.page.store32_and_wake(layout::STOP, 1);
             self.page.bump_and_wake(layout::CHANGES);
+        }
+    }
+
+    /// What a process said of its death, or else what it had printed last; who is killed has nothing to say of it.
+    pub(super) fn words_of(&mut self, slot: Slot, exit: Exit) -> String {
+        let words = self.viewer.slot_page(slot).map(|page| page.last_words()).unwrap_or_default();
+        let is_unexplained = words.is_empty() && exit != Exit::Signal(9);
+        let printed = if is_unexplained { journal::last_line(&self.station, slot) } else { String::new() };
+        match (words.is_empty(), printed.is_empty()) {
+            (false, _) => format!(": {words}"),
+            (true, false) => format!("; it had printed: {printed}"),
+            (true, true) => String::new(),
         }
     }
 

@@ -1,0 +1,145 @@
+//! How the recording of a station is, by the page of its recorder: what is on disk, what is lost, and whether it stands still. It is shown where the processes
+//! are, and at the end of a station it decides over the exit code.
+
+use hyst_engine::Settings;
+use hyst_exchange::{ReadPage, Station};
+use hyst_messages::page::{device, recorder as layout};
+use hyst_messages::{Role, Slot};
+use hyst_recording::Reader;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// The recording.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct RecordingView {
+    /// The file.
+    pub file: String,
+    /// Ticks on disk.
+    pub ticks: u64,
+    /// Ticks that nobody has any more.
+    pub lost: u64,
+    /// Bytes on disk.
+    pub bytes: u64,
+    /// Ticks that the device has made since the newest on disk.
+    pub behind_ticks: u64,
+    /// Why nothing is written; `None` while it goes on.
+    pub stands_still: Option<String>,
+}
+
+/// The file of a station's recording, if one was asked for.
+pub fn file_of(station: &Station) -> Option<PathBuf> {
+    let settings = std::fs::read_to_string(station.settings()).ok()?;
+    toml::from_str::<Settings>(&settings).ok()?.record
+}
+
+/// The tick that a device has made last, by its page; 0 if it has made none.
+pub fn newest_tick(device: Option<&ReadPage>) -> u64 {
+    device.map_or(0, |page| page.ring_end(device::APPLIED).saturating_sub(1))
+}
+
+/// The recording of a station that has ended and is not removed yet; `None` if it never had a recorder, or had nothing to record.
+pub fn at_end(station: &Station) -> Option<RecordingView> {
+    let (file, clock) = (file_of(station)?, station.open().ok()?);
+    let page_of = |role: Role| {
+        let incarnation = clock.incarnation(Slot::first(role));
+        (incarnation != 0).then(|| station.read_slot(Slot::first(role), incarnation).ok())
+    };
+    let recorder = page_of(Role::Recorder)?;
+    Some(RecordingView::of(&file, recorder.as_ref(), newest_tick(page_of(Role::Device).flatten().as_ref())))
+}
+
+impl RecordingView {
+    /// By the page of the recorder, if that can be read.
+    pub fn of(file: &Path, recorder: Option<&ReadPage>, newest_tick: u64) -> RecordingView {
+        let (_, status) = recorder.and_then(|page| page.cell(layout::STATUS)).unwrap_or_default();
+        let words = recorder.map(ReadPage::last_words).unwrap_or_default();
+        RecordingView {
+            file: file.display().to_string(),
+            ticks: status.ticks,
+            lost: status.lost,
+            bytes: status.bytes,
+            behind_ticks: newest_tick.saturating_sub(status.last_tick),
+            stands_still: (!words.is_empty()).then_some(words),
+        }
+    }
+
+    /// A line for the table.
+    pub fn line(&self) -> String {
+        let RecordingView { file, ticks, lost, bytes, behind_ticks, .. } = self;
+        let gone = if *lost > 0 { format!(", {lost} ticks are lost") } else { String::new() };
+        match &self.stands_still {
+            Some(why) => format!("THE RECORDING STANDS STILL, {behind_ticks} ticks behind{gone}: {why}\n"),
+            None => format!("recording {file}: {ticks} ticks, {:.1} MB{gone}\n", *bytes as f64 * 1e-6),
+        }
+    }
+
+    /// What of a session that is over is not in its recording, in words; `None` if nothing is missing.
+    pub fn loss(&self) -> Option<String> {
+        self.loss_if(|| holds_ticks(Path::new(&self.file)))
+    }
+
+    /// The last recorder may not have come to open what its predecessors wrote: then `holds_ticks` tells.
+    fn loss_if(&self, holds_ticks: impl FnOnce() -> bool) -> Option<String> {
+        let RecordingView { file, ticks, lost, behind_ticks, .. } = self;
+        // What helps while it runs helps no more.
+        let why = self.stands_still.as_deref().map(|why| why.strip_prefix(&format!("recording {file}: ")).unwrap_or(why));
+        let why = why.and_then(|why| why.split(';').next()).map_or(String::new(), |why| format!(" ({why})"));
+        if *lost == 0 && (*ticks > 0 || *behind_ticks == 0) {
+            return None;
+        }
+        match (*ticks > 0 || holds_ticks(), *lost) {
+            (true, 0) => None,
+            (true, lost) => Some(format!(
+                "the recording {file} is not whole{why}: {lost} ticks are lost; `hystation report` reads what is there"
+            )),
+            (false, _) => Some(format!("the recording {file} holds no tick{why}: the session is lost; look at `df`")),
+        }
+    }
+}
+
+/// Whether there is a tick in a file; of a file that has some, its beginning is read.
+fn holds_ticks(file: &Path) -> bool {
+    let Ok(mut reader) = Reader::open(file) else { return false };
+    while let Ok(Some(block)) = reader.next_block() {
+        if !block.applied.is_empty() {
+            return true;
+        }
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn full(ticks: u64, lost: u64) -> RecordingView {
+        let why = "recording /x/a.mcap: no room for 70 bytes more; make room, the recorder tries again";
+        let stands_still = Some(why.to_string());
+        RecordingView { file: "/x/a.mcap".into(), ticks, lost, bytes: 1_500_000, behind_ticks: 900, stands_still }
+    }
+
+    #[test]
+    fn what_is_missing_at_the_end_is_said_with_its_cause_and_an_outage_that_cost_nothing_is_not() {
+        let some = full(5_000, 800).loss_if(|| unreachable!("it is known")).unwrap();
+        assert!(some.contains("not whole (no room for 70 bytes more): 800 ticks are lost") && !some.contains("tries"), "{some}");
+        let none = full(0, 900).loss_if(|| false).unwrap();
+        assert!(none.contains("/x/a.mcap holds no tick (no room for 70 bytes more)"), "{none}");
+        assert!(full(0, 900).loss_if(|| true).unwrap().contains("900 ticks are lost"), "its predecessor's ticks are there");
+        assert_eq!(full(5_000, 0).loss_if(|| false), None);
+        // Of a recorder that was not let come to open its file nothing is known.
+        let silent = RecordingView { file: "/x/a.mcap".into(), behind_ticks: 900, ..RecordingView::default() };
+        assert!(silent.loss_if(|| false).unwrap().contains("holds no tick: the session is lost"));
+        assert_eq!(silent.loss_if(|| true), None);
+        let unborn = RecordingView { behind_ticks: 0, ..silent };
+        assert_eq!(unborn.loss_if(|| false), None, "there was nothing to record");
+    }
+
+    #[test]
+    fn a_recording_that_stands_still_is_said_in_the_table_instead_of_how_far_it_has_come() {
+        let line = full(5_000, 800).line();
+        assert!(line.starts_with("THE RECORDING STANDS STILL, 900 ticks behind, 800 ticks are lost: "), "{line}");
+        assert!(line.contains("make room"), "{line}");
+        let line = RecordingView { stands_still: None, ..full(5_000, 0) }.line();
+        assert_eq!(line, "recording /x/a.mcap: 5000 ticks, 1.5 MB\n");
+    }
+}
