@@ -124,9 +124,9 @@ impl Keeper {
     fn take(&mut self, life: &Life, written: Written) -> Result<(), Failure> {
         let Some((error, rest)) = written else {
             life.page.store64(header::VALUE_NS, system::now_ns());
+            life.page.last_words(""); // whoever wrote there: it is read as a complaint
             if std::mem::replace(&mut self.refused, false) {
                 life.say("the recording goes on");
-                life.page.last_words("");
             }
             return Ok(());
         };

@@ -20,7 +20,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
-/// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing.
+/// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing, or up to where
+/// the file was cut.
 pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let from_tick = args.from_s.map_or(0, |from_s| (from_s * 1e3) as u64);
     let (begin_tick, states) = states_before(args, from_tick)?;
@@ -55,12 +56,14 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let code = verdict?;
     if let Some(at) = whole.cut_at {
         let file = args.file.display();
-        eprintln!("hystation: {file} is not whole: it ends at byte {at}; it was done again up to tick {}", whole.end_tick);
+        let end_tick = whole.end_tick;
+        eprintln!("hystation: {file} is not whole: it was cut at byte {at}; it was done again up to tick {end_tick}, the rest is lost");
     }
     if let Some(missing) = &whole.missing {
         eprintln!("hystation: {}: {missing}; what is after tick {} was not done again", args.file.display(), whole.end_tick);
     }
-    Ok(if code == 0 && whole.missing.is_some() { 3 } else { code })
+    let is_whole = whole.missing.is_none() && whole.cut_at.is_none();
+    Ok(if code == 0 && !is_whole { 3 } else { code })
 }
 
 /// What ended the run, and what of the recording was found to be missing meanwhile, with the last tick before it.
