@@ -363,6 +363,14 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_has_a_line_under_the_table_and_a_station_without_one_has_none() {
+        let recording = RecordingView { stands_still: Some("no room".into()), ..RecordingView::default() };
+        let text = table(&StationView { recording: Some(recording), ..StationView::default() });
+        assert!(text.lines().last().is_some_and(|line| line.starts_with("THE RECORDING STANDS STILL")), "{text}");
+        assert!(!table(&StationView::default()).contains("RECORDING"));
+    }
+
+    #[test]
     fn a_flow_that_is_computed_more_rarely_or_coarsely_than_the_scene_asks_for_is_said() {
         let slow = table(&flow(StepView { ms: 66, scene_ms: 33, halvings: 0 }));
         assert!(slow.contains("every 66 ms") && slow.contains("33 ms") && !slow.contains("cells"), "{slow}");

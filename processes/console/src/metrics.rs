@@ -162,9 +162,7 @@ mod tests {
             recent_wakeup_p99_us: Some(50.0),
             ..Process::default()
         };
-        let stands_still = Some("no room".to_string());
-        let recording = Recording { ticks: 900, lost: 70, bytes: 5_000, behind_ticks: 334, stands_still, ..Recording::default() };
-        let recording = Some(recording);
+        let recording = Some(Recording::default());
         let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], recording, ..Status::default() };
         let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms: vec!["deficit".into()], ..Pump::default() };
         let pictures = Pictures {
@@ -195,13 +193,6 @@ mod tests {
             "hystation_rendering_width_pixels 640.0",
             "hystation_rendering_height_pixels 480.0",
             "hystation_rendering_pass_seconds{pass=\"scene\"} 0.5",
-            "hystation_recorder_stands_still 1.0",
-            "hystation_recorder_lost_ticks 70.0",
-            "hystation_recorder_behind_ticks 334.0",
-            "hystation_recorder_ticks 900.0",
-            "hystation_recorder_bytes 5000.0",
-            "# UNIT hystation_recorder_lost_ticks ticks",
-            "# UNIT hystation_recorder_bytes bytes",
             "# TYPE hystation_rendering_pictures counter",
             "# TYPE hystation_rendering_scale_ratio gauge",
             "# UNIT hystation_rendering_scale_ratio ratio",
@@ -225,6 +216,27 @@ mod tests {
             assert_eq!(said, unit.copied(), "{name}\n{text}");
         }
         assert!(text.ends_with("# EOF\n") && text.matches("# EOF").count() == 1);
+    }
+
+    #[test]
+    fn a_recording_that_stands_still_has_what_it_holds_and_what_is_lost() {
+        let stands_still = Some("no room".to_string());
+        let recording = Recording { ticks: 900, lost: 70, bytes: 5_000, behind_ticks: 334, stands_still, ..Recording::default() };
+        let status = |recording| Status { recording: Some(recording), ..Status::default() };
+        let text_of = |recording| text(&Look { status: status(recording), ..Look::default() });
+        let text = text_of(recording);
+        for line in [
+            "hystation_recorder_stands_still 1.0",
+            "hystation_recorder_lost_ticks 70.0",
+            "hystation_recorder_behind_ticks 334.0",
+            "hystation_recorder_ticks 900.0",
+            "hystation_recorder_bytes 5000.0",
+            "# UNIT hystation_recorder_lost_ticks ticks",
+            "# UNIT hystation_recorder_bytes bytes",
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line}\n{text}");
+        }
+        assert!(text_of(Recording::default()).contains("hystation_recorder_stands_still 0.0\n"));
     }
 
     #[test]

@@ -55,9 +55,9 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     }
     let code = verdict?;
     if let Some(at) = whole.cut_at {
-        let file = args.file.display();
-        let end_tick = whole.end_tick;
-        eprintln!("hystation: {file} is not whole: it was cut at byte {at}; it was done again up to tick {end_tick}, the rest is lost");
+        let (file, end_tick) = (args.file.display(), whole.end_tick);
+        let what = format!("it was cut at byte {at}; it was done again up to tick {end_tick}, the rest is lost");
+        eprintln!("hystation: {file} is not whole: {what}");
     }
     if let Some(missing) = &whole.missing {
         eprintln!("hystation: {}: {missing}; what is after tick {} was not done again", args.file.display(), whole.end_tick);
