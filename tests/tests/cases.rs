@@ -55,6 +55,13 @@ fn goal(report: &Value, index: usize) -> &str {
     report["case"]["goals"][index]["state"].as_str().unwrap()
 }
 
+/// The resection is nobody's goal any more who had to stop.
+fn assert_nothing_else_is_asked(report: &Value) {
+    let called_for = |index: usize| report["case"]["goals"][index]["called_for"].as_bool();
+    assert_eq!((called_for(0), called_for(1)), (Some(true), Some(false)), "{}", report["case"]);
+    assert_eq!(goal(report, 1), "open");
+}
+
 fn ended_by(report: &Value) -> Option<&str> {
     report["case"]["ended"]["by"].as_str()
 }
@@ -117,9 +124,11 @@ fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
     let [good, bad] = sessions("perforation", ["stops", "goes-on"], "48s");
     for report in [&good, &bad] {
         assert!(warned(report, "the pump's alarm “perforation”") >= 1, "the wall is pierced");
+        assert_nothing_else_is_asked(report);
     }
     assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
     assert_eq!(goal(&bad, 0), "missed");
+    assert_eq!((metric(&good, "goals").0, metric(&bad, "goals").0), (100.0, 0.0));
     assert!(metric(&bad, "deficit").0 > metric(&good, "deficit").0);
     assert!(metric(&good, "goals").1 > metric(&bad, "goals").1);
 }
@@ -142,9 +151,11 @@ fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_loo
     let [good, bad] = sessions("fluid-overload", ["watches", "looks-on"], "82s");
     for report in [&good, &bad] {
         assert!(warned(report, "50 ml of glycine are missing") == 1);
+        assert_nothing_else_is_asked(report);
     }
     assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
     assert_eq!(goal(&bad, 0), "missed");
+    assert_eq!((metric(&good, "goals").0, metric(&bad, "goals").0), (100.0, 0.0));
     assert!(metric(&bad, "deficit").0 > metric(&good, "deficit").0 + 20.0);
 }
 

@@ -71,8 +71,11 @@ impl Judge {
             return lines;
         }
         let is_open = |goal: &crate::judge::GoalState| goal.reached_tick.is_none() && goal.missed_tick.is_none();
-        let next = self.brief.goals.iter().zip(&self.goals).find(|(_, goal)| is_open(goal));
-        lines.extend(next.into_iter().flat_map(|(goal, state)| {
+        // One that was called for comes before one that may never be.
+        let pairs = || self.brief.goals.iter().zip(&self.goals).enumerate();
+        let called_for = pairs().find(|(index, (_, state))| is_open(state) && self.is_called_for(*index));
+        let next = called_for.or_else(|| pairs().find(|(_, (_, state))| is_open(state)));
+        lines.extend(next.into_iter().flat_map(|(_, (goal, state))| {
             let share = if state.progress > 0.0 { format!("{:.0} %: ", 100.0 * state.progress) } else { String::new() };
             beside("next", &format!("{share}{}", goal.words))
         }));
@@ -88,12 +91,6 @@ impl Judge {
         let others = self.goals.len() - of;
         let others = if others > 0 { format!(", {others} not called for") } else { String::new() };
         Some(format!("after {:.1} s: {}; {reached} of {of} goals reached{others}", self.since_start_s(tick), by.words()))
-    }
-
-    /// How many goals were reached, and how many were called for.
-    pub(crate) fn tally(&self) -> (usize, usize) {
-        let reached = self.goals.iter().filter(|goal| goal.reached_tick.is_some()).count();
-        (reached, (0..self.goals.len()).filter(|index| self.is_called_for(*index)).count())
     }
 
     /// The task in one line.

@@ -1,10 +1,14 @@
 //! A session judged by its case: which goals were reached and when, what ended it, which warnings fell. One function of what a recording holds (ticks,
 //! statuses of fluid and tissue), computed incrementally, so that the operator's page says of a session that runs what the report says of its recording.
 //!
+//! Who is told to stop is asked for nothing else any more: a `stop` that was called for takes the place of the goals that are still open, whatever comes of
+//! it, because a procedure is broken off there. So a session ends with its goals where all are reached that were called for, and there are some.
+//!
 //! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
 //! nothing; a status holds for a second, then nothing is known of what it said.
 
 use crate::bleeding::Bleeding;
+use crate::ended::EndedBy;
 use crate::force::length;
 use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
@@ -52,35 +56,6 @@ pub struct WarningState {
     pub stands: bool,
     /// The newest tick with its cause.
     cause_tick: u64,
-}
-
-/// What ended a session.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EndedBy {
-    /// All goals were reached.
-    Goals,
-    /// The pump said that the wall is pierced.
-    Perforation,
-    /// The deficit.
-    Deficit,
-    /// The blood.
-    Bleeding,
-    /// The time.
-    Time,
-}
-
-impl EndedBy {
-    /// In words.
-    pub const fn words(self) -> &'static str {
-        match self {
-            EndedBy::Goals => "all goals were reached",
-            EndedBy::Perforation => "the wall was pierced",
-            EndedBy::Deficit => "too much medium was missing",
-            EndedBy::Bleeding => "too much blood was lost",
-            EndedBy::Time => "the time was over",
-        }
-    }
 }
 
 /// What is known of the cavity.
@@ -198,7 +173,11 @@ impl Judge {
             let is_cause = self.holds(&self.brief.warnings[index].is, record);
             self.warn(index, is_cause, record.tick);
         }
+        let is_to_stop = self.is_to_stop();
         for index in 0..self.brief.goals.len().min(self.goals.len()) {
+            if is_to_stop && !matches!(self.brief.goals[index].is, Aim::Stop { .. }) {
+                continue;
+            }
             if self.goals[index].reached_tick.is_none() && self.goals[index].missed_tick.is_none() {
                 let before = std::mem::take(&mut self.goals[index]);
                 self.goals[index] = self.goal(&self.brief.goals[index].is, before, record);
@@ -213,17 +192,31 @@ impl Judge {
         Some((100.0 * self.removed_ml? / of_ml).clamp(0.0, 100.0))
     }
 
-    /// Whether a goal was called for: to stop after something is nobody's goal who did not bring that about.
+    /// Whether a goal was called for. To stop after something is nobody's goal who did not bring that about, and who did has no other one that is open.
     pub fn is_called_for(&self, index: usize) -> bool {
-        let aim = self.brief.goals.get(index).map(|goal| &goal.is);
-        !matches!(aim, Some(Aim::Stop { .. })) || self.goals.get(index).is_some_and(|goal| goal.since_tick.is_some())
+        let (Some(goal), Some(state)) = (self.brief.goals.get(index), self.goals.get(index)) else { return false };
+        match goal.is {
+            Aim::Stop { .. } => state.since_tick.is_some(),
+            _ => state.reached_tick.is_some() || !self.is_to_stop(),
+        }
+    }
+
+    /// Whether something has called for a stop.
+    fn is_to_stop(&self) -> bool {
+        let mut goals = self.brief.goals.iter().zip(&self.goals);
+        goals.any(|(goal, state)| matches!(goal.is, Aim::Stop { .. }) && state.since_tick.is_some())
+    }
+
+    /// How many goals of those that were called for are reached, and how many those are.
+    pub(crate) fn tally(&self) -> (usize, usize) {
+        let called_for = || self.goals.iter().enumerate().filter(|(index, _)| self.is_called_for(*index));
+        (called_for().filter(|(_, goal)| goal.reached_tick.is_some()).count(), called_for().count())
     }
 
     /// Percent of the goals that were called for which are reached; `None` if none was.
     pub fn reached_percent(&self) -> Option<f64> {
-        let called_for = || self.goals.iter().enumerate().filter(|(index, _)| self.is_called_for(*index));
-        let reached = called_for().filter(|(_, goal)| goal.reached_tick.is_some()).count();
-        Some(called_for().count()).filter(|count| *count > 0).map(|count| 100.0 * reached as f64 / count as f64)
+        let (reached, of) = self.tally();
+        (of > 0).then(|| 100.0 * reached as f64 / of as f64)
     }
 
     /// Percent of the landmarks that the case names which were looked at; `None` without any.
@@ -339,7 +332,8 @@ impl Judge {
     fn end(&self) -> Option<EndedBy> {
         let (end, known) = (&self.brief.end, self.known(self.last_tick));
         let reaches = |value: Option<f64>, limit: Option<f64>| value.zip(limit).is_some_and(|(value, limit)| value >= limit);
-        let all_reached = !self.goals.is_empty() && self.goals.iter().all(|goal| goal.reached_tick.is_some());
+        let (reached, called_for) = self.tally();
+        let all_reached = called_for > 0 && reached == called_for;
         let ends = [
             (EndedBy::Goals, end.goals && all_reached),
             (EndedBy::Perforation, end.perforation && known.alarms & bit(Alarm::Perforation) != 0),

@@ -178,6 +178,37 @@ fn who_stops_in_time_has_reached_it_and_who_does_not_has_missed_it_for_good() {
 }
 
 #[test]
+fn who_never_has_to_stop_ends_with_the_rest_and_who_has_to_is_asked_for_nothing_else() {
+    let goals = json!([{ "stop": { "after": { "alarm": "perforation" }, "ticks": 200 } }, { "removed": 1.0 }]);
+    let mut careful = judge(goals.clone(), json!({}), json!([]));
+    careful.tick(&at(0, [0.0; 3]));
+    assert!(careful.strip()[1].ends_with("number 1"), "nothing calls for a stop yet: {:?}", careful.strip());
+    careful.tissue(&tissue(1, 1, 1.2));
+    careful.tick(&at(1, [0.0; 3]));
+    assert_eq!(careful.over().unwrap(), "after 0.0 s: all goals were reached; 1 of 1 goals reached, 1 not called for");
+
+    let pierced = || {
+        let mut judge = judge(goals.clone(), json!({}), json!([]));
+        let mut status = fluid(10, 60.0, 0.0);
+        status.alarms = 8;
+        judge.fluid(&status);
+        wait(&mut judge, 10..100);
+        assert!(judge.strip()[1].ends_with("number 0"), "it is to be stopped now: {:?}", judge.strip());
+        judge
+    };
+    let mut stops = pierced();
+    let mut shut = at(100, [0.0; 3]);
+    shut.sample.controls.inflow_valve = 0.0;
+    stops.tick(&shut);
+    assert_eq!(stops.over().unwrap(), "after 0.1 s: all goals were reached; 1 of 1 goals reached, 1 not called for");
+    let mut goes_on = pierced();
+    goes_on.tissue(&tissue(100, 1, 1.2));
+    wait(&mut goes_on, 100..300);
+    let reached = goes_on.goals.iter().filter_map(|goal| goal.reached_tick).count();
+    assert_eq!((goes_on.reached_percent(), reached, goes_on.ended), (Some(0.0), 0, None), "to resect after it mends nothing");
+}
+
+#[test]
 fn a_bleeding_is_staunched_once_it_has_bled_and_does_so_slowly_for_long_enough() {
     let staunch = json!([{ "staunch": { "after_ml": 1.0, "below_ml_min": 6.0, "ticks": 1_000 } }]);
     let mut judge = judge(staunch, json!({}), json!([]));
