@@ -1,5 +1,6 @@
 //! The force loop closed through a hand with mass: stable, passive, continuous, and the same after every interruption.
 
+#[allow(dead_code)] // each test file uses its part
 mod bench;
 
 use bench::{Bench, DT_S, Tissue, cavity, corner, wall};

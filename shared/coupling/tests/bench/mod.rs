@@ -47,11 +47,15 @@ pub struct Bench {
     pub tells_applied: bool,
     pub tissue: Tissue,
     pub stiffness_n_m: f32,
+    /// How far the tissue has moved by itself, m.
+    pub moved_m: Vec3,
     /// The tissue makes a model every so many ticks, and it is that old when it arrives.
     pub cadence_ticks: u64,
     pub tick: u64,
     /// Force of the motors during the next tick, N.
     pub force: Vec3,
+    /// What the servos said of the newest tick at which one computed, `SERVO_…` bits.
+    pub flags: u32,
     models: Vec<ContactModel>,
 }
 
@@ -72,9 +76,11 @@ impl Bench {
             tells_applied: true,
             tissue,
             stiffness_n_m,
+            moved_m: Vec3::ZERO,
             cadence_ticks,
             tick: 0,
             force: Vec3::ZERO,
+            flags: 0,
             models: Vec::new(),
         }
     }
@@ -88,7 +94,7 @@ impl Bench {
     /// One tick; the replicas in `alive` compute. Returns the motion of the tip, m, and what the last hop did.
     pub fn tick(&mut self, alive: [bool; 2]) -> (Vec3, AppliedKind) {
         let tip = Vec3::from_array(self.hand.tip_m);
-        self.models.push((self.tissue)(tip, self.stiffness_n_m));
+        self.models.push(self.made(tip));
         let (model, model_age_ticks) = self.model();
         let input = ServoInput {
             tick: self.tick + 1,
@@ -105,6 +111,7 @@ impl Bench {
                 let (next, output) = servo_step(&self.servo_params, &self.servos[replica], &input);
                 self.servos[replica] = next;
                 valid_force(self.tick, self.tick, output.force_n, &ForceLimits::default()).expect("a valid force");
+                self.flags = output.flags;
                 outputs[replica] = Some(output.force_n);
             }
         }
@@ -123,8 +130,17 @@ impl Bench {
 
     /// A tick at which only the tissue computes: no device, so no input record.
     pub fn pass_tick(&mut self) {
-        self.models.push((self.tissue)(Vec3::from_array(self.hand.tip_m), self.stiffness_n_m));
+        self.models.push(self.made(Vec3::from_array(self.hand.tip_m)));
         self.tick += 1;
+    }
+
+    /// The model of a tip position, where the tissue is now.
+    fn made(&self, tip: Vec3) -> ContactModel {
+        let mut model = (self.tissue)(tip, self.stiffness_n_m);
+        for plane in &mut model.planes[..model.count as usize] {
+            plane.point_m = (Vec3::from_array(plane.point_m) + self.moved_m).to_array();
+        }
+        model
     }
 
     /// `ticks` ticks with both replicas; returns the largest change of force per tick, N, and the largest force, N.
