@@ -233,7 +233,7 @@ fn look_within_m() -> f64 {
     0.025
 }
 
-/// After an alarm of the pump, or a deficit, or a loss of blood, the inflow is shut and the current is off, within a time. One trigger.
+/// After an alarm of the pump, or a deficit, or a loss of blood, the inflow is shut and the current is off, within a time. One trigger, which ends the goals that are open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
