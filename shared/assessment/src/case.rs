@@ -71,10 +71,10 @@ impl Judge {
             return lines;
         }
         let is_open = |goal: &crate::judge::GoalState| goal.reached_tick.is_none() && goal.missed_tick.is_none();
-        // One that was called for comes before one that may never be.
+        // One that was called for comes before a stop that may never be; who is to stop is told of nothing else.
         let pairs = || self.brief.goals.iter().zip(&self.goals).enumerate();
         let called_for = pairs().find(|(index, (_, state))| is_open(state) && self.is_called_for(*index));
-        let next = called_for.or_else(|| pairs().find(|(_, (_, state))| is_open(state)));
+        let next = called_for.or_else(|| pairs().find(|(_, (_, state))| is_open(state) && !self.is_to_stop()));
         lines.extend(next.into_iter().flat_map(|(_, (goal, state))| {
             let share = if state.progress > 0.0 { format!("{:.0} %: ", 100.0 * state.progress) } else { String::new() };
             beside("next", &format!("{share}{}", goal.words))

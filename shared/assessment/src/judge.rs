@@ -202,7 +202,7 @@ impl Judge {
     }
 
     /// Whether something has called for a stop.
-    fn is_to_stop(&self) -> bool {
+    pub(crate) fn is_to_stop(&self) -> bool {
         let mut goals = self.brief.goals.iter().zip(&self.goals);
         goals.any(|(goal, state)| matches!(goal.is, Aim::Stop { .. }) && state.since_tick.is_some())
     }

@@ -206,6 +206,7 @@ fn who_never_has_to_stop_ends_with_the_rest_and_who_has_to_is_asked_for_nothing_
     wait(&mut goes_on, 100..300);
     let reached = goes_on.goals.iter().filter_map(|goal| goal.reached_tick).count();
     assert_eq!((goes_on.reached_percent(), reached, goes_on.ended), (Some(0.0), 0, None), "to resect after it mends nothing");
+    assert!(!goes_on.strip().iter().any(|line| line.starts_with("next")), "{:?}", goes_on.strip());
 }
 
 #[test]
