@@ -162,7 +162,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
     let shares = granted.fifo && granted.pinned && realtime::shares_core_with_hand(life.slot, system::cores());
     this.stand_apart();
     // A newcomer on trial moves to the other core; what it says of the first one would be of no use.
-    this.room = shares.then(|| if this.is_guest() { Room::default() } else { Room::of_this_core() });
+    this.room = shares.then(|| if this.is_guest() { Room::of_this_thread() } else { Room::of_this_core() });
     this.run()
 }
 
@@ -287,7 +287,6 @@ impl<S: Stateful> Loop<'_, S> {
                 self.follow(tick, holder, leaves)?;
             }
             pace.end();
-            self.room.iter_mut().for_each(|room| room.ended(system::now_ns()));
         }
     }
 
