@@ -30,7 +30,7 @@ pub struct Bubbles {
 impl Bubbles {
     /// None yet; on the stage they have this id.
     pub fn new(id: u64) -> Self {
-        Self { id, ball: ball([0.0; 3], 1.0, 5, 8), corners_m: Vec::new(), room: 0 }
+        Self { id, ball: ball([0.0; 3], 1.0, 7, 12), corners_m: Vec::new(), room: 0 }
     }
 
     /// Shows these parcels: place, m, and volume, ml; a volume of 0 is none. Gives the bytes that were uploaded.

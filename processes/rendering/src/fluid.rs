@@ -24,6 +24,31 @@ pub struct FluidField<'a> {
     pub extinction_per_m: f32,
 }
 
+/// Density under which the medium is clear: it takes a fortieth of the light over 5 cm.
+pub const CLEAR: f32 = 1e-3;
+/// A box in which nothing lies.
+const NOWHERE: [[f32; 4]; 2] = [[1.0; 4], [0.0; 4]];
+
+/// Corners of the box about all cells in which there is blood, m, one cell wider than they are: between cells density is interpolated.
+fn where_any(field: &FluidField<'_>) -> [[f32; 4]; 2] {
+    let [nx, ny, _] = field.dims.map(|cells| cells as usize);
+    let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
+    for (at, _) in field.density.iter().enumerate().filter(|(_, density)| **density > CLEAR) {
+        for (axis, index) in [at % nx, at / nx % ny, at / (nx * ny)].into_iter().enumerate() {
+            (low[axis], high[axis]) = (low[axis].min(index), high[axis].max(index));
+        }
+    }
+    if low[0] == usize::MAX {
+        return NOWHERE;
+    }
+    let place_m = |axis: usize, cells: f32| {
+        let edge_m = (field.max_m[axis] - field.min_m[axis]) / field.dims[axis] as f32;
+        field.min_m[axis] + cells * edge_m
+    };
+    let corner = |cells: [f32; 3]| [place_m(0, cells[0]), place_m(1, cells[1]), place_m(2, cells[2]), 0.0];
+    [corner(low.map(|index| index as f32 - 1.0)), corner(high.map(|index| index as f32 + 2.0))]
+}
+
 /// The field on the device.
 pub(crate) struct Fluid {
     dims: [u32; 3],
@@ -32,6 +57,8 @@ pub(crate) struct Fluid {
     pub view: wgpu::TextureView,
     pub min: [f32; 4],
     pub max: [f32; 4],
+    /// Corners of the box in which there is blood, m; of none the second lies before the first.
+    pub where_any: [[f32; 4]; 2],
     pub changed: bool,
 }
 
@@ -53,7 +80,7 @@ impl Fluid {
         });
         let resources = [density.as_entire_binding(), wgpu::BindingResource::TextureView(&view)];
         let convert = group(&gpu.device, &pipelines.field_layout, &resources);
-        Self { dims, density, convert, view, min: [0.0; 4], max: [0.0; 4], changed: false }
+        Self { dims, density, convert, view, min: [0.0; 4], max: [0.0; 4], where_any: NOWHERE, changed: false }
     }
 
     /// Takes a new field; says whether the texture is another one, so that it must be bound anew.
@@ -75,6 +102,7 @@ impl Fluid {
         let ([x, y, z], [u, v, w]) = (field.min_m, field.max_m);
         self.min = [x, y, z, field.extinction_per_m.clamp(0.0, 1.0e5)];
         self.max = [u, v, w, 0.0];
+        self.where_any = where_any(field);
         self.changed = true;
         Ok(renewed)
     }
@@ -86,5 +114,25 @@ impl Fluid {
             pass.set_bind_group(0, &self.convert, &[]);
             pass.dispatch_workgroups(x, y, z);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_of_blood_is_a_cell_wider_than_its_cells_and_that_of_none_is_none() {
+        let mut density = [0.0; 60];
+        let of = |density: &[f32]| {
+            where_any(&FluidField { dims: [5, 4, 3], min_m: [0.0; 3], max_m: [0.05, 0.08, 0.09], density, extinction_per_m: 1.0 })
+        };
+        assert_eq!(of(&density), NOWHERE);
+        density[5 * 4 + 5 + 2] = 0.5; // cell 2, 1, 1
+        density[5 * 4 + 2 * 5 + 3] = f32::NAN;
+        let [low, high] = of(&density);
+        let close =
+            |found: [f32; 4], wanted: [f32; 3]| found.iter().zip(wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-6);
+        assert!(close(low, [0.01, 0.0, 0.0]) && close(high, [0.04, 0.06, 0.09]), "{low:?} {high:?}");
     }
 }

@@ -14,6 +14,9 @@ const RING: u64 = TOOL + 1;
 const ARMS: u64 = TOOL + 2;
 /// Those of its jaws: on the side of +x, and of -x.
 const JAWS: [u64; 2] = [TOOL + 5, TOOL + 6];
+/// All of them.
+#[cfg(test)]
+pub const IDS: [u64; 5] = [TOOL, RING, ARMS, JAWS[0], JAWS[1]];
 /// Length of the arms, m: farther than any loop reaches, so that they end in the sheath, behind the lens.
 const ARM_M: f32 = 0.06;
 /// A loop that is in lies this far behind the tip, in the sheath, m: behind the lens as well.
@@ -111,8 +114,8 @@ impl Instrument {
         let shaft = if self.shaft.triangles.is_empty() { &rod } else { &self.shaft };
         put(stage, TOOL, shaft, Appearance { external_only: true, ..metal })?;
         if scope.loop_radius_m > 0.0 {
-            put(stage, RING, &shapes::loop_ring(scope.loop_radius_m, scope.loop_wire_radius_m), metal)?;
-            put(stage, ARMS, &shapes::loop_arms(scope.loop_radius_m, scope.loop_wire_radius_m, ARM_M), metal)?;
+            put(stage, RING, &shapes::loop_ring(scope.loop_radius_m, scope.loop_wire_radius_m), wire())?;
+            put(stage, ARMS, &shapes::loop_arms(scope.loop_radius_m, scope.loop_wire_radius_m, ARM_M), insulation())?;
         } else {
             stage.remove_object(RING);
             stage.remove_object(ARMS);
@@ -148,10 +151,20 @@ impl Instrument {
         let is_hot = controls.buttons & BUTTON_ENERGIZED != 0 && controls.loop_extension_m > 0.0;
         if std::mem::replace(&mut self.is_hot, is_hot) != is_hot {
             let glow = if is_hot { 1.0 } else { 0.0 };
-            stage.set_appearance(RING, Appearance { glow, ..Appearance::of(Material::Metal) })?;
+            stage.set_appearance(RING, Appearance { glow, ..wire() })?;
         }
         Ok(())
     }
+}
+
+/// Tungsten wire that has cut before: dull, or each facet of so thin a wire would glint for itself.
+fn wire() -> Appearance {
+    Appearance { roughness: 0.85, ..Appearance::of(Material::Metal) }
+}
+
+/// What the arms are sheathed in.
+fn insulation() -> Appearance {
+    Appearance { base_colour: [0.80, 0.78, 0.62], roughness: 0.9, ..Appearance::of(Material::Metal) }
 }
 
 fn put(stage: &mut Stage, id: u64, shape: &Shape, appearance: Appearance) -> Result<(), RenderError> {

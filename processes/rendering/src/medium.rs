@@ -4,7 +4,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use hyst_messages::{FluidStatus, Kind, Message, WireError};
-use rendering::FluidField;
+use rendering::{CLEAR, FluidField};
 
 /// Section of the densities in a fluid state, x fastest; the head is section 0.
 const DENSITIES: usize = 2;
@@ -12,8 +12,6 @@ const DENSITIES: usize = 2;
 const GAS: usize = 3;
 /// Extinction of undiluted blood as drawn, 1/m: opaque over the width of a cavity, with what lies before it still to be seen.
 const EXTINCTION_PER_M: f32 = 500.0;
-/// Density under which the medium is clear: it takes a fortieth of the light over 5 cm.
-const CLEAR: f32 = 1e-3;
 
 /// First section of a fluid state.
 #[repr(C)]

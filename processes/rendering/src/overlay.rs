@@ -12,10 +12,15 @@ pub(crate) const EDGE_PX: u32 = 6;
 /// Words of the glyph buffer: two per glyph, then one code per cell.
 pub(crate) const WORDS: usize = 256 + COLUMNS * ROWS;
 
+/// How a line begins that is to stand out.
+pub const ALARM: &str = "ALARM";
+/// Bit of a cell, beyond the code, that is written as the sign is.
+const IN_AMBER: u32 = 128;
+
 /// What is written over the picture.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Overlay {
-    /// from the top left, one row each
+    /// from the top left, one row each; in amber those that begin with [`ALARM`]
     pub lines: Vec<String>,
     /// under the lines, in amber; empty: none
     pub sign: String,
@@ -34,8 +39,9 @@ impl Overlay {
         let sign = (!self.sign.is_empty()).then_some(&self.sign);
         let lines = self.lines.iter().take(ROWS - usize::from(sign.is_some()));
         for (row, line) in lines.chain(sign).enumerate() {
+            let amber = if line.starts_with(ALARM) { IN_AMBER } else { 0 };
             for (column, c) in line.chars().take(COLUMNS).enumerate() {
-                cells[row * COLUMNS + column] = font::code(c);
+                cells[row * COLUMNS + column] = font::code(c) | amber;
             }
         }
     }
@@ -65,6 +71,14 @@ mod tests {
         assert_eq!(words[256 + (ROWS - 1) * COLUMNS], u32::from(b'T'));
         assert_eq!(words[256 + (ROWS - 1) * COLUMNS + 15], 0);
         assert_eq!(words[256 + COLUMNS - 1], u32::from(b'x'));
+    }
+
+    #[test]
+    fn an_alarm_stands_out() {
+        let overlay = Overlay { lines: vec!["flow".into(), "ALARM    deficit".into()], sign: String::new() };
+        let mut words = blank();
+        overlay.write(&mut words);
+        assert_eq!((words[256], words[256 + COLUMNS]), (u32::from(b'f'), u32::from(b'A') | IN_AMBER));
     }
 
     #[test]

@@ -14,9 +14,9 @@ pub const BUBBLES: u64 = TOOL + 3;
 /// That of the flakes in the medium.
 pub const MOTES: u64 = TOOL + 4;
 /// That of the planes of the contact model.
-pub const CONTACTS: u64 = TOOL + 5;
+pub const CONTACTS: u64 = TOOL + 7;
 /// That of the force on the hand.
-pub const FORCE: u64 = TOOL + 6;
+pub const FORCE: u64 = TOOL + 8;
 const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
 const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
 const RIGID_TOOL: u32 = ObjectKind::Tool as u32;
@@ -178,7 +178,7 @@ impl Scenery {
 
     /// Whether a refusal is to be said: the first of a row is.
     pub fn is_news(&mut self, refused: bool) -> bool {
-        refused && !std::mem::replace(&mut self.said, refused)
+        !std::mem::replace(&mut self.said, refused) && refused
     }
 }
 
@@ -207,6 +207,15 @@ mod tests {
         assert!(matches!(huge, Err(Refused::Range { what: "triangles", .. })));
         let foreign = parts(&[record(3, 0, [4, 3], [0, 1])], &[[0, 5, 6]], 7).unwrap();
         assert!(foreign[0].triangles[0][0] > 7, "a foreign corner must not be taken for an own one");
+    }
+
+    #[test]
+    fn nothing_on_the_stage_has_the_id_of_something_else() {
+        let mut ids = [crate::instrument::IDS.as_slice(), &[BUBBLES, MOTES, CONTACTS, FORCE]].concat();
+        let all = ids.len();
+        ids.sort_unstable();
+        ids.dedup();
+        assert!(ids.len() == all && ids[0] == TOOL, "{ids:?}");
     }
 
     #[test]

@@ -51,7 +51,7 @@ impl Appearance {
     pub fn of(material: Material) -> Self {
         let (base_colour, roughness) = match material {
             Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.25),
-            Material::Polyp => ([0.80, 0.40, 0.34], 0.12),
+            Material::Polyp => ([0.76, 0.33, 0.28], 0.12),
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
             Material::Gas => ([0.90, 0.93, 0.95], 0.05),
@@ -213,7 +213,7 @@ impl Stage {
         let alpha = if look.material == Material::MucosaTissue { tissue_alpha } else { 1.0 };
         let (vessels, bump, frequency, glands) = match look.material {
             Material::MucosaTissue => (0.75, 0.50, 62.0, 1.0),
-            Material::Polyp => (0.85, 0.24, 80.0, 0.25),
+            Material::Polyp => (1.0, 0.24, 80.0, 0.25),
             Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
             Material::Metal => (0.0, 0.0, 60.0, 0.0),
             Material::Gas => (0.0, 0.0, 60.0, 1.0),

@@ -3,7 +3,7 @@
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
 use hyst_messages::{FluidStatus, PUMP_ALARMS, SLOTS, Slot};
-use rendering::Overlay;
+use rendering::{ALARM, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
 const SIGN_TICKS: u64 = 3_000;
@@ -89,9 +89,9 @@ impl Strip {
             let set = set_pa.map_or(String::new(), |set_pa| format!(", set {:.0}", set_pa / MMHG_PA));
             lines.push(format!("pressure {:4.0} mmHg{set}", fluid.pressure_pa / MMHG_PA));
             lines.push(format!("flow     {:4.0} ml/min", fluid.inflow_ml_min));
-            lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml));
+            lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml.round() + 0.0)); // of a little less than nothing no minus is left
             let sounding = PUMP_ALARMS.iter().filter(|(bit, _)| fluid.alarms & bit != 0);
-            lines.extend(sounding.map(|(_, name)| format!("ALARM    {name}")));
+            lines.extend(sounding.map(|(_, name)| format!("{ALARM}    {name}")));
         }
         let sign = if tick < self.sign_until { self.sign.clone() } else { String::new() };
         Overlay { lines, sign }

@@ -21,6 +21,8 @@ pub(crate) struct Globals {
     fluid_min: [f32; 4],
     fluid_max: [f32; 4],
     blood: [f32; 4],
+    blood_min: [f32; 4],
+    blood_max: [f32; 4],
     lamp: [[f32; 4]; 4],
 }
 
@@ -60,7 +62,9 @@ pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid, has_shadows: bool) -
         clip: eye.clip,
         fluid_min: fluid.min,
         fluid_max: fluid.max,
-        blood: [0.26, 0.008, 0.008, 1.0],
+        blood: [0.42, 0.03, 0.02, 1.0],
+        blood_min: fluid.where_any[0],
+        blood_max: fluid.where_any[1],
         lamp: lamp_view(eye).to_cols_array_2d(),
     }
 }

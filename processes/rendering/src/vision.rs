@@ -60,6 +60,8 @@ struct Vision<'a> {
     flowed: Option<(u32, u64)>,
     uploaded: u64,
     copied: u64,
+    /// The newest state of the medium made no sense, which is said once.
+    is_medium_bad: bool,
 }
 
 fn wants_external(life: &Life) -> Result<bool, SetError> {
@@ -180,6 +182,7 @@ impl<'a> Vision<'a> {
             flowed: None,
             uploaded: 0,
             copied: 0,
+            is_medium_bad: false,
         };
         vision.aim(None, 0.0);
         vision.set_quality();
@@ -223,9 +226,10 @@ impl<'a> Vision<'a> {
             self.aim(sample.as_ref(), sources.hold_m());
             let lens_m = sample.as_ref().filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));
             let flow_ml_min = sources.pump().map_or(0.0, |pump| pump.inflow_ml_min);
-            self.uploaded += self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
+            // What they upload is no state of anybody.
+            self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
-            self.write(sources, tick, sample.as_ref(), display.window().is_some()).map_err(broken)?;
+            self.write(sources, tick, sample.as_ref(), display.window().is_some());
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);
@@ -278,6 +282,8 @@ impl<'a> Vision<'a> {
             // The tool is on the stage from the start.
             let _ = self.scenery.instrument.hold(self.renderer.stage(), sample, hold_m);
             self.view.light = sample.controls.light.clamp(0.0, 1.0) * self.scenery.instrument.scope.light;
+            // The camera head makes up for less light, as far as it can without noise.
+            self.view.gain = sample.controls.light.clamp(0.0, 1.0).sqrt();
         }
         let scope = held(&self.scenery.instrument.scope, sample, self.usual_focus_m);
         self.focus_m = scope.focus_m;
@@ -302,6 +308,8 @@ impl<'a> Vision<'a> {
             size_px: self.renderer.size_px(),
             period_ticks: [self.effort.period_ticks, self.fastest_ticks].map(|ticks| ticks as u32),
             focus_m: if self.view.quality.focus && !self.switches.external { self.focus_m } else { 0.0 },
+            shows: u32::from(self.shown.is_some()),
+            shown_tick: self.shown.map_or(0, |(_, tick)| tick),
         };
         own.write(page::STATUS, &status);
         own.store64(header::VALUE_NS, system::now_ns());

@@ -52,7 +52,7 @@ fn answer(world: &World) -> Vec<u8> {
 fn appearance(objects: &[ObjectRecord], look: impl Fn(&ObjectRecord) -> Option<Look>) -> Vec<AppearanceRecord> {
     let one = |object: &ObjectRecord| {
         let (material, colour, roughness) = match object.kind {
-            kind if kind == ObjectKind::Pathology as u32 || kind == ObjectKind::FreePiece as u32 => (1, [0.80, 0.40, 0.34], 0.25),
+            kind if kind == ObjectKind::Pathology as u32 || kind == ObjectKind::FreePiece as u32 => (1, [0.76, 0.33, 0.28], 0.25),
             kind if kind == ObjectKind::Tool as u32 => (3, [0.70, 0.71, 0.73], 0.25),
             _ => (0, [0.78, 0.34, 0.285], 0.30),
         };

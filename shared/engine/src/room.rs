@@ -111,7 +111,8 @@ impl Room {
 fn ran(ledger: &File) -> Option<Ran> {
     let mut bytes = [0u8; 96];
     let length = ledger.read_at(&mut bytes, 0).ok()?;
-    let mut numbers = std::str::from_utf8(&bytes[..length]).ok()?.split_ascii_whitespace().map_while(|number| number.parse().ok());
+    let mut numbers =
+        std::str::from_utf8(&bytes[..length]).ok()?.split_ascii_whitespace().map_while(|number| number.parse().ok());
     Some(Ran { on_core_ns: numbers.next()?, queued_ns: numbers.next()? })
 }
 

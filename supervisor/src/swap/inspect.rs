@@ -151,13 +151,15 @@ struct Pictures {
     frames: u64,
     /// Tick of the newest state when pictures last showed a new one.
     state: u64,
+    /// Tick of the state that they showed then.
+    shown_tick: u64,
 }
 
 impl Pictures {
     /// `state`: the tick of the newest state that it can draw; `shown`: what speaks against its newest picture.
     fn look(&mut self, status: Option<RenderingStatus>, state: u64, shown: Result<(), &str>) -> Look {
         let Some(status) = status else { return Look::Nothing("its page says nothing of pictures".into()) };
-        let RenderingStatus { frames, upload_bytes, size_px: [width, height], frame_ms, .. } = status;
+        let RenderingStatus { frames, shown_tick, size_px: [width, height], frame_ms, .. } = status;
         match () {
             () if frames == 0 && !self.draws => Look::New(0.0, "it has drawn nothing, as the one before".into()),
             () if frames == 0 => Look::Nothing("it has drawn nothing".into()),
@@ -165,12 +167,12 @@ impl Pictures {
             () if width == 0 || height == 0 || !frame_ms.is_finite() => {
                 Look::Nothing(format!("its pictures are {width}x{height} and take {frame_ms} ms"))
             }
-            // A state that is shown is uploaded; a picture between two states counts for nothing.
-            () if upload_bytes == 0 && state > self.state => Look::Nothing("its pictures show no new state".into()),
+            // It may be some pictures behind, and a picture between two states shows the one before.
+            () if shown_tick <= self.shown_tick && state > self.state => Look::Nothing("its pictures show no new state".into()),
             () => match shown {
                 Err(why) => Look::Nothing(why.into()),
                 Ok(()) => {
-                    (self.frames, self.state) = (frames, state);
+                    (self.frames, self.state, self.shown_tick) = (frames, state, shown_tick);
                     Look::New(0.0, format!("it has drawn {frames} pictures"))
                 }
             },
@@ -218,20 +220,21 @@ mod tests {
     #[test]
     fn a_rendering_is_good_while_its_pictures_go_on_and_show_what_is_new() {
         let mut pictures = Pictures { draws: true, ..Pictures::default() };
-        let status = |frames: u64, upload_bytes: u64| {
-            Some(RenderingStatus { frames, upload_bytes, size_px: [640, 480], ..RenderingStatus::default() })
+        let status = |frames: u64, shown_tick: u64| {
+            Some(RenderingStatus { frames, shown_tick, size_px: [640, 480], ..RenderingStatus::default() })
         };
         assert_eq!(nothing(pictures.look(None, 10, Ok(()))), "its page says nothing of pictures");
         assert_eq!(nothing(pictures.look(Some(RenderingStatus::default()), 10, Ok(()))), "it has drawn nothing");
-        assert!(matches!(pictures.look(status(3, 900), 10, Ok(())), Look::New(0.0, _)));
-        assert!(nothing(pictures.look(status(3, 900), 260, Ok(()))).contains("no picture after its 3"));
-        assert_eq!(nothing(pictures.look(status(9, 0), 260, Ok(()))), "its pictures show no new state");
-        assert!(matches!(pictures.look(status(9, 0), 10, Ok(())), Look::New(0.0, _)), "there is no new state");
-        let empty = Some(RenderingStatus { frames: 20, upload_bytes: 900, ..RenderingStatus::default() });
+        assert_eq!(nothing(pictures.look(status(2, 0), 10, Ok(()))), "its pictures show no new state", "of an empty stage");
+        assert!(matches!(pictures.look(status(3, 9), 10, Ok(())), Look::New(0.0, _)));
+        assert!(nothing(pictures.look(status(3, 9), 260, Ok(()))).contains("no picture after its 3"));
+        assert_eq!(nothing(pictures.look(status(9, 9), 260, Ok(()))), "its pictures show no new state");
+        assert!(matches!(pictures.look(status(9, 9), 10, Ok(())), Look::New(0.0, _)), "there is no new state");
+        let empty = Some(RenderingStatus { frames: 20, shown_tick: 290, ..RenderingStatus::default() });
         assert!(nothing(pictures.look(empty, 300, Ok(()))).contains("0x0"));
-        assert!(matches!(pictures.look(status(20, 900), 300, Ok(())), Look::New(0.0, _)));
-        assert_eq!(nothing(pictures.look(status(21, 900), 300, Err("it is black"))), "it is black");
-        assert!(matches!(pictures.look(status(21, 900), 300, Ok(())), Look::New(0.0, _)), "it was not counted");
+        assert!(matches!(pictures.look(status(20, 290), 300, Ok(())), Look::New(0.0, _)));
+        assert_eq!(nothing(pictures.look(status(21, 300), 300, Err("it is black"))), "it is black");
+        assert!(matches!(pictures.look(status(21, 300), 300, Ok(())), Look::New(0.0, _)), "it was not counted");
     }
 
     #[test]

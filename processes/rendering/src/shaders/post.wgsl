@@ -130,8 +130,14 @@ fn meter(@builtin(local_invocation_index) i: u32) {
     }
 }
 
-fn filmic(x: vec3<f32>) -> vec3<f32> {
+fn curve(x: vec3<f32>) -> vec3<f32> {
     return clamp(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), vec3<f32>(0.0), vec3<f32>(1.0));
+}
+
+// A film's curve for the brightest channel, the others mostly in proportion: near the lamp tissue bleaches to pink and not to cream.
+fn filmic(x: vec3<f32>) -> vec3<f32> {
+    let most = max(max(x.r, x.g), max(x.b, 1.0e-4));
+    return mix(curve(x), x * (curve(vec3<f32>(most)).x / most), 0.6);
 }
 
 fn picture(pixel: vec2<f32>, is_round: bool, turn: vec2<f32>) -> vec3<f32> {
@@ -154,13 +160,25 @@ fn picture(pixel: vec2<f32>, is_round: bool, turn: vec2<f32>) -> vec3<f32> {
         let blurred = textureSampleLevel(soft, smooth_sampler, uv, 0.0);
         lit = vec4<f32>(mix(lit.rgb, blurred.rgb, blurred.a), lit.a);
     }
+    if !FOCUSED && is_round {
+        // Where something lies before something else an edge is drawn in steps: mean of four texels about it.
+        let t = 0.6 / p.size.zw;
+        let s0 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(1.0, 0.4), 0.0);
+        let s1 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(-0.4, 1.0), 0.0);
+        let s2 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(-1.0, -0.4), 0.0);
+        let s3 = textureSampleLevel(source, smooth_sampler, uv + t * vec2<f32>(0.4, -1.0), 0.0);
+        let top = max(max(s0.a, s1.a), max(s2.a, s3.a));
+        let low = min(min(s0.a, s1.a), min(s2.a, s3.a));
+        let edge = smoothstep(0.08, 0.30, (top - low) / max(top, 1.0e-5));
+        lit = vec4<f32>(mix(lit.rgb, 0.25 * (s0.rgb + s1.rgb + s2.rgb + s3.rgb), 0.8 * edge), lit.a);
+    }
     var behind = vec3<f32>(0.0);
     if !is_round { behind = mix(vec3<f32>(0.085, 0.095, 0.115), vec3<f32>(0.012, 0.014, 0.018), length(uv - vec2<f32>(0.5, 0.42)) * 1.3); }
     let c = lit.rgb + behind * (1.0 - lit.a) + textureSampleLevel(glow, smooth_sampler, uv, 0.0).rgb * p.tone.w;
     return pow(filmic(clean(c) * exposure[0] * p.tone.x * shade), vec3<f32>(0.4545));
 }
 
-// x: ink, y: in a cell with a glyph, z: on the sign's row
+// x: ink, y: in a cell with a glyph, z: on the sign's row or an alarm's
 fn glyph(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
     let at = (pixel - vec2<f32>(6.0)) / p.text.x;
     let cell = floor(at / vec2<f32>(7.0, 11.0));
@@ -169,7 +187,7 @@ fn glyph(pixel: vec2<f32>, has_sign: bool) -> vec3<f32> {
     if code == 0u { return vec3<f32>(0.0); }
     let inside = at - cell * vec2<f32>(7.0, 11.0);
     let row = u32(inside.y) - 1u;
-    let sign = select(0.0, 1.0, has_sign && cell.y == p.text.z - 1.0);
+    let sign = max(select(0.0, 1.0, has_sign && cell.y == p.text.z - 1.0), f32(code >> 7u));
     if u32(inside.y) < 1u || row >= 8u { return vec3<f32>(0.0, 1.0, sign); }
     let bits = (glyphs[2u * (code & 127u) + row / 4u] >> ((row % 4u) * 8u)) & 255u;
     let column = u32(inside.x);

@@ -14,6 +14,8 @@ struct Globals {
     fluid_min: vec4<f32>,    // corner of the fluid's box m, extinction 1/m at density 1
     fluid_max: vec4<f32>,    // opposite corner m
     blood: vec4<f32>,        // linear colour of blood that is lit
+    blood_min: vec4<f32>,    // corner of the box in which there is any m
+    blood_max: vec4<f32>,    // opposite corner m
     lamp: mat4x4<f32>,       // into the map of what the light meets first
 };
 struct Object {
@@ -129,9 +131,12 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
     let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
     var flesh = mix(vec3<f32>(0.66, 0.36, 0.29), vec3<f32>(0.82, 0.60, 0.50), strand * strand);
-    flesh = mix(flesh, vec3<f32>(0.52, 0.36, 0.20), 0.65 * smoothstep(0.0, 0.45, b1.w));
+    flesh = mix(flesh, vec3<f32>(0.78, 0.56, 0.42), 0.40 * smoothstep(0.0, 0.45, b1.w));
     flesh = mix(flesh, vec3<f32>(0.42, 0.03, 0.03), 0.8 * smoothstep(0.22, 0.42, fine.z));
-    albedo = mix(albedo, flesh, in.raw);
+    // where the wound begins the wire has scorched the lining; noise frays the edge, which lies along the mesh
+    let raw = smoothstep(0.30, 0.70, in.raw + 0.22 * fine.w);
+    albedo = mix(albedo, flesh, raw);
+    albedo = mix(albedo, vec3<f32>(0.30, 0.20, 0.12), 3.0 * raw * (1.0 - raw));
     // coagulated: dry, yellow-white rim to brown-black core
     let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
     albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
@@ -150,11 +155,12 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
     let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw);
-    let film = (0.15 * lobe(nh, mix(260.0, 60.0, calm)) + 0.05 * lobe(nh, 30.0)) * wet * smoothstep(-0.05, 0.2, nl);
+    // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens, and none of the walls behind.
+    let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
     let glance = 1.0 - nv;
-    let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 120.0) * smoothstep(0.0, 0.5, b2.w) * glance * 1.1 * wet;
-    let rim = glance * glance * glance * glance * 0.10 * wet;
+    let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 120.0) * smoothstep(0.0, 0.5, b2.w) * glance * 0.3 * wet;
+    let rim = glance * glance * glance * glance * 0.04 * wet;
     c += vec3<f32>(1.0, 0.96, 0.93) * (film * e + (rim + pooled) * min(e, 1.0));
     return c;
 }
@@ -186,23 +192,33 @@ const FRAY_M: f32 = 0.0022;  // how far aside at most
 const FRAYS: f32 = 45.0;     // tiles of the noise in a metre: threads of some 2 to 5 mm
 fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let ray = world - g.eye.xyz;
+    // Only the part of the ray that goes through the box in which there is blood.
+    let safe = select(ray, vec3<f32>(1.0e-9), abs(ray) < vec3<f32>(1.0e-9));
+    let a = (g.blood_min.xyz - FRAY_M - g.eye.xyz) / safe;
+    let b = (g.blood_max.xyz + FRAY_M - g.eye.xyz) / safe;
+    let low = min(a, b);
+    let high = max(a, b);
+    let near = max(max(low.x, low.y), max(low.z, 0.0));
+    let far = min(min(high.x, high.y), min(high.z, 1.0));
+    if near >= far { return c; }
     let size = g.fluid_max.xyz - g.fluid_min.xyz;
     let jitter = fract(dot(pixel, vec2<f32>(0.7548777, 0.5698403)));
-    let reach = g.fluid_min.w * length(ray) / f32(MURK_STEPS);
+    let reach = g.fluid_min.w * length(ray) * (far - near) / f32(MURK_STEPS);
     var through = 1.0; // share of the light that comes so far
     var glow = 0.0;
     for (var k = 0; k < MURK_STEPS; k++) {
-        let at = g.eye.xyz + ray * ((f32(k) + jitter) / f32(MURK_STEPS));
+        let at = g.eye.xyz + ray * mix(near, far, (f32(k) + 0.25 + 0.5 * jitter) / f32(MURK_STEPS));
         let aside = textureSampleLevel(noise, tiled, at * FRAYS, 0.0).xzw * FRAY_M;
         let u = (at + aside - g.fluid_min.xyz) / size;
         let is_inside = all(u >= vec3<f32>(0.0)) && all(u <= vec3<f32>(1.0));
         let density = select(0.0, max(textureSampleLevel(fluid, clamped, u, 0.0).x, 0.0), is_inside);
         let clear = exp(-density * reach);
         let to = g.light.xyz - at;
-        glow += through * (1.0 - clear) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), 2.0);
+        // The lamp is beside the lens: its light goes in through the same blood and comes back.
+        glow += through * through * (1.0 - clear * clear) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), 2.0);
         through *= clear;
     }
-    return c * vec3<f32>(pow(through, 0.45), through, through) + g.blood.rgb * glow;
+    return c * vec3<f32>(pow(through, 0.9), through * through, through * through) + g.blood.rgb * glow;
 }
 
 @fragment
@@ -219,6 +235,8 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
     let e = spot(l, distance);
     var c: vec3<f32>;
     if METAL {
+        // The middle of a bubble is clear: the wall behind is seen through it, but for the lamp's own image.
+        if o.extra.w * dot(n, v) > 0.80 && lobe(dot(n, normalize(l + v)), 120.0) < 0.6 { discard; }
         c = metal(in, n, v, l, e);
     } else if cut && !front && o.extra.x < 0.5 {
         // the inside of a wall that was cut open reads as its section: flat, matte

@@ -30,14 +30,8 @@ fn arrows(input: &InputRecord) -> (Vec<Arrow>, Arrow) {
 
 impl Vision<'_> {
     /// Writes over the picture: the strip, the keys of a window, the case, what the hand feels.
-    pub(super) fn write(
-        &mut self,
-        sources: &Sources,
-        tick: u64,
-        sample: Option<&HardwareSample>,
-        has_window: bool,
-    ) -> Result<(), RenderError> {
-        let felt = self.mark(sources)?;
+    pub(super) fn write(&mut self, sources: &Sources, tick: u64, sample: Option<&HardwareSample>, has_window: bool) {
+        let felt = self.mark(sources);
         let given = sample.map_or(0, |sample| sample.from_window);
         let set_pa = sample.filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.set_pressure_pa);
         self.strip.look(&self.life.clock, tick);
@@ -49,19 +43,20 @@ impl Vision<'_> {
         overlay.lines.extend(self.strip.case());
         overlay.lines.extend(felt);
         self.view.overlay = overlay;
-        Ok(())
     }
 
     /// Marks in the view from outside where the hand feels something, and what; gives the line that says so.
-    fn mark(&mut self, sources: &Sources) -> Result<Option<String>, RenderError> {
+    fn mark(&mut self, sources: &Sources) -> Option<String> {
         let felt = self.switches.external.then(|| sources.felt()).flatten();
         let Some((planes, force)) = felt.as_ref().map(arrows) else {
             self.marks.clear(self.renderer.stage());
-            return Ok(None);
+            return None;
         };
-        self.uploaded += self.marks.show(self.renderer.stage(), &planes, force)?;
+        if self.marks.show(self.renderer.stage(), &planes, force).is_err() {
+            self.life.page.add64(header::INVALID, 1); // a full stage costs the arrows
+        }
         let force_n = force.along_m.iter().map(|part| part * part).sum::<f32>().sqrt() / FORCE_M_PER_N;
-        Ok(Some(format!("force {force_n:.2} N, {} planes near the tip", planes.len())))
+        Some(format!("force {force_n:.2} N, {} planes near the tip", planes.len()))
     }
 
     /// Takes what is new: topology, state, looks. What makes no sense is left out, counted, and said once.
@@ -111,10 +106,17 @@ impl Vision<'_> {
 
     /// The medium as the newest fluid state has it; a state that makes no sense leaves it as it was.
     fn take_field(&mut self, state: &[u8]) -> Result<(), RenderError> {
-        let Ok(field) = medium::field(state) else {
-            self.life.page.add64(header::INVALID, 1);
-            return Ok(());
+        let field = match medium::field(state) {
+            Ok(field) => field,
+            Err(error) => {
+                self.life.page.add64(header::INVALID, 1);
+                if !std::mem::replace(&mut self.is_medium_bad, true) {
+                    self.life.say(&format!("a state of the medium is left out: {error}"));
+                }
+                return Ok(());
+            }
         };
+        self.is_medium_bad = false;
         let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
         match self.renderer.set_fluid(field) {
             Ok(()) => self.uploaded += bytes,
