@@ -80,11 +80,8 @@ impl Gpu {
         let faults = Arc::new(Mutex::new(None));
         let (late, lost) = (Arc::clone(&faults), Arc::clone(&faults));
         device.on_uncaptured_error(Arc::new(move |e| note(&late, e.to_string())));
-        device.set_device_lost_callback(move |reason, text| {
-            if reason != wgpu::DeviceLostReason::Destroyed {
-                note(&lost, format!("device lost: {text}"));
-            }
-        });
+        // Whoever takes it away, a picture cannot be made any more; nobody is left to hear of it when this is dropped.
+        device.set_device_lost_callback(move |reason, text| note(&lost, format!("device lost, {reason:?} {text}")));
         let samples = if is_software(&adapter) { 1 } else { SAMPLES };
         Ok(Self { device, queue, adapter, surface, samples, faults })
     }

@@ -208,8 +208,10 @@ impl Renderer {
 
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
         let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(FRAME_LIMIT) };
-        self.gpu.device.poll(wait).map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))?;
-        self.gpu.check()
+        let waited = self.gpu.device.poll(wait);
+        // The driver's own words first: of work that a lost device has refused, who waits for it knows nothing but its number.
+        self.gpu.check()?;
+        waited.map(drop).map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))
     }
 
     /// Makes the targets anew if the shown size, the scale or the kind of camera changed.
@@ -292,4 +294,51 @@ fn scene_bindings(
 ) -> wgpu::BindGroup {
     let textures = [&solids[0], &solids[1], &fluid.view, &shadow.map];
     bindings(&gpu.device, pipelines, globals, textures, [&samplers[0], &samplers[1], &shadow.sampler])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Appearance, Camera, Endoscope, Material, Prefer, SurfaceMesh, shapes};
+
+    const BALL: u64 = 1;
+
+    /// `None` where the machine is declared to have no Vulkan.
+    fn renderer() -> Option<Renderer> {
+        match Gpu::new(Prefer::Software) {
+            Ok(gpu) => Some(Renderer::new(gpu, 64, 48).expect("the software adapter takes every shader")),
+            Err(error) if std::env::var("HYSTATION_NO_GPU").is_ok_and(|value| value == "1") => {
+                eprintln!("not tested, HYSTATION_NO_GPU=1: {error}");
+                None
+            }
+            Err(error) => panic!("{error} (or set HYSTATION_NO_GPU=1 where there is none)"),
+        }
+    }
+
+    /// wgpu treats a device that was taken back as one that its driver has lost: what was made with it is of no use, and no more is made.
+    #[test]
+    fn a_lost_device_is_one_line_from_the_next_picture_on_and_what_streams_in_meanwhile_panics_nobody() {
+        let Some(mut renderer) = renderer() else { return };
+        let ball = shapes::ball([0.0, 0.01, 0.02], 0.004, 8, 12);
+        let appearance = Appearance::of(Material::Polyp);
+        let mesh = SurfaceMesh { triangles: &ball.triangles, rest_m: &ball.positions_m, raw: &[], appearance };
+        renderer.stage().set_object(BALL, mesh).unwrap();
+        let view = View::new(Camera::Endoscope(Endoscope::default()));
+        renderer.render(&view).unwrap();
+        renderer.gpu().check().unwrap();
+
+        renderer.gpu.device.destroy();
+        // The loss is told once the last work is done.
+        let done = wgpu::PollType::Wait { submission_index: None, timeout: Some(FRAME_LIMIT) };
+        renderer.gpu.device.poll(done).unwrap();
+        renderer.stage().update_positions(BALL, &ball.positions_m).unwrap();
+        renderer.stage().set_object(BALL, mesh).unwrap();
+        let error = renderer.render(&view).unwrap_err();
+        let text = error.to_string();
+        assert!(matches!(error, RenderError::DeviceLost(_)) && text.contains("device lost"), "{text}");
+        assert!(text.contains("restart the rendering process") && text.lines().count() == 1, "{text}");
+        // It stays lost.
+        assert!(matches!(renderer.render(&view), Err(RenderError::DeviceLost(_))));
+        assert!(matches!(renderer.read_rgba(), Err(RenderError::DeviceLost(_))));
+    }
 }

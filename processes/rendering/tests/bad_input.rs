@@ -1,7 +1,7 @@
 //! What streams may hold when something else is broken: the picture stays, or one error says what is wrong.
 mod stand;
 
-use rendering::{Appearance, MAX_OBJECTS, Material, RenderError, SurfaceMesh, shapes};
+use rendering::{Appearance, MAX_OBJECTS, MAX_TRIANGLES, Material, RenderError, SurfaceMesh, shapes};
 use stand::*;
 
 #[test]
@@ -89,4 +89,20 @@ fn a_million_triangles_are_drawn() {
     assert_eq!(stats.triangles, 999 * 501 * 2);
     let shot = r.read_rgba().unwrap().to_vec();
     assert!(pixel(&shot, WIDTH / 2, HEIGHT / 3)[0] > 40);
+}
+
+/// The system gives the memory of what is too many only where it is written or read, and nobody does.
+#[test]
+fn more_triangles_or_vertices_than_the_bound_are_refused_in_one_line_and_the_picture_stays() {
+    let Some((mut r, _)) = in_cavity() else { return };
+    let before = picture(&mut r, &through_scope());
+    let (triangles, points_m) = (vec![[0_u32; 3]; MAX_TRIANGLES + 1], vec![[0.0_f32; 3]; MAX_TRIANGLES + 1]);
+    let appearance = Appearance::of(Material::MucosaTissue);
+    for (what, triangles, rest_m) in [("triangles", &triangles[..], &points_m[..3]), ("vertices", &triangles[..1], &points_m[..])]
+    {
+        let mesh = SurfaceMesh { triangles, rest_m, raw: &[], appearance };
+        let text = r.stage().set_object(CAVITY, mesh).unwrap_err().to_string();
+        assert_eq!(text, format!("{what}: {} is above the bound of {MAX_TRIANGLES}", MAX_TRIANGLES + 1));
+    }
+    assert_eq!(changed(&before, &picture(&mut r, &through_scope())), 0);
 }

@@ -1,11 +1,11 @@
-//! Golden pictures: what the passes make of six fixed stages, at a low resolution, beside what they made when somebody last looked at it.
+//! Golden pictures: what the passes make of seven fixed stages, at a low resolution, beside what they made when somebody last looked at it.
 //!
 //! Compared are the mean colours of blocks, within a tolerance: another driver, which rounds otherwise and puts an edge half a pixel aside, passes; a light
 //! that is off, a tool, a wound, a cloud that is missing does not. `HYSTATION_GOLDEN=write` writes the pictures anew, to be looked at before they are kept.
 mod stand;
 
 use rendering::{
-    Appearance, Bubbles, Camera, External, FluidField, Gpu, Material, Prefer, Renderer, SurfaceMesh, View,
+    Appearance, Bubbles, Camera, Endoscope, External, FluidField, Gpu, Material, Prefer, Renderer, SurfaceMesh, View,
     shapes::{self, Shape},
 };
 use stand::*;
@@ -27,13 +27,14 @@ struct Still {
     set: fn(&mut Renderer, bool) -> View,
 }
 
-const STILLS: [Still; 6] = [
+const STILLS: [Still; 7] = [
     Still { name: "cavity", set: cavity },
     Still { name: "contact", set: contact },
     Still { name: "wound", set: wound },
     Still { name: "blood", set: blood },
     Still { name: "chip", set: chip },
     Still { name: "external", set: external },
+    Still { name: "oblique", set: oblique },
 ];
 
 fn walls(r: &mut Renderer) -> Shape {
@@ -116,6 +117,17 @@ fn external(r: &mut Renderer, is_whole: bool) -> View {
         r.stage().set_pose(TOOL, [0.0, 0.0, 0.02], [0.0, 0.0, 0.0, 1.0]).expect("it is there");
     }
     View::new(Camera::External(External { eye_m: [0.080, 0.024, 0.030], ..External::default() }))
+}
+
+/// Two growths far from the middle of the default optic, which looks 30 degrees up and draws what is at its rim at half the size; or a lens without distortion.
+fn oblique(r: &mut Renderer, is_whole: bool) -> View {
+    walls(r);
+    // At 34 and 37 of the 45 degrees between the line of sight and the rim.
+    put(r, POLYP, &shapes::ball([0.006, 0.003, 0.024], 0.0015, 16, 24), Material::Polyp);
+    put(r, ARMS, &shapes::ball([-0.003, -0.001, 0.028], 0.0015, 16, 24), Material::Coagulated);
+    let optic = Endoscope { tip_m: [0.0, 0.0, 0.015], ..Endoscope::default() };
+    let distortion = if is_whole { optic.distortion } else { [0.0; 2] };
+    View::new(Camera::Endoscope(Endoscope { distortion, ..optic }))
 }
 
 /// The picture of a still.
