@@ -3,9 +3,11 @@
 
 pub mod beside;
 pub mod browser;
+pub mod display;
 mod ended;
 mod folder;
 mod keepers;
+pub mod page;
 pub mod shown;
 pub mod swapped;
 pub mod windows;
@@ -95,7 +97,12 @@ impl Station {
 
     /// The same with a window on a display.
     pub fn start_shown(display: &str, name: &str, arguments: &[&str]) -> Station {
-        Station::launch(&["env", &format!("DISPLAY={display}")], &[], name, arguments)
+        Station::start_facing(&["env", &format!("DISPLAY={display}")], name, arguments)
+    }
+
+    /// The same with a window, if there is a display where this command leaves it (`env -u DISPLAY`).
+    pub fn start_facing(wrapper: &[&str], name: &str, arguments: &[&str]) -> Station {
+        Station::launch(wrapper, &[], name, arguments)
     }
 
     /// The same under another command (`prlimit --rtprio=0`), which takes rights away and then runs its arguments.

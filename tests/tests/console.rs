@@ -3,112 +3,19 @@
 
 use rustix::process::Signal;
 use serde_json::Value;
+use station_tests::page::{ANSWER_LIMIT, Page};
+use station_tests::shown::not_shown;
 use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::io::{Read, Write};
-use std::net::{Ipv4Addr, TcpStream};
+use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
-use std::time::Duration;
 
-/// An answer takes milliseconds; this long is given to one on a machine that compiles beside it. All seats are free again after 20 s.
-const ANSWER_LIMIT: Duration = Duration::from_secs(60);
-/// Connections that stall: twice as many as there are seats.
-const STALLED: usize = 64;
-
-/// Where a station's page is.
-struct Page {
-    port: u16,
-    token: String,
-}
-
-/// What was answered.
-#[derive(Debug)]
-struct Answer {
-    status: u16,
-    head: String,
-    body: Vec<u8>,
-}
-
-impl Answer {
-    fn text(&self) -> String {
-        String::from_utf8_lossy(&self.body).into_owned()
-    }
-    /// A header's value; names are in lower case.
-    fn header(&self, name: &str) -> Option<&str> {
-        self.head.lines().filter_map(|line| line.split_once(": ")).find(|(key, _)| *key == name).map(|(_, value)| value)
-    }
-}
-
-/// What came back; `None` if it is no whole answer. Those of these tests are not cut into chunks, but for the events.
-fn parse(bytes: &[u8]) -> Option<Answer> {
-    let end = bytes.windows(4).position(|four| four == b"\r\n\r\n")?;
-    let head = String::from_utf8_lossy(&bytes[..end]).into_owned();
-    let status = head.split(' ').nth(1)?.parse().ok()?;
-    Some(Answer { status, head, body: bytes[end + 4..].to_vec() })
-}
-
-impl Page {
-    fn of(station: &Station) -> Page {
-        let url = wait_for(RECOVERY_LIMIT, || station.status()["console"].as_str().map(str::to_string)).expect("a page");
-        let (port, token) =
-            url.strip_prefix("http://127.0.0.1:").and_then(|rest| rest.split_once("/?token=")).expect("an address");
-        Page { port: port.parse().expect("a port"), token: token.to_string() }
-    }
-
-    fn connect(&self) -> Option<TcpStream> {
-        let stream = TcpStream::connect((Ipv4Addr::LOCALHOST, self.port)).ok()?;
-        stream.set_read_timeout(Some(ANSWER_LIMIT)).expect("a limit");
-        Some(stream)
-    }
-
-    /// Sends some bytes and reads until the connection ends; `None` if nobody is there.
-    fn exchange(&self, request: &str) -> Option<Answer> {
-        let mut stream = self.connect()?;
-        stream.write_all(request.as_bytes()).ok()?;
-        let mut bytes = Vec::new();
-        let _ = stream.read_to_end(&mut bytes); // who is refused in the middle of what he sends is answered, and then cut off
-        parse(&bytes)
-    }
-
-    /// A request with these lines beside Host and the token.
-    fn request(&self, line: &str, lines: &str, body: &str) -> String {
-        let Page { port, token } = self;
-        let length = body.len();
-        format!(
-            "{line} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nAuthorization: Bearer {token}\r\n{lines}Content-Length: {length}\r\n\r\n{body}"
-        )
-    }
-
-    fn get(&self, path: &str) -> Answer {
-        self.exchange(&self.request(&format!("GET {path}"), "", "")).expect("an answer")
-    }
-
-    fn post(&self, path: &str, body: &str) -> Answer {
-        let origin = format!("Origin: http://127.0.0.1:{}\r\n", self.port);
-        self.exchange(&self.request(&format!("POST {path}"), &origin, body)).expect("an answer")
-    }
-
-    /// Reads events until one of them is what is looked for.
-    fn event(&self, name: &str, found: impl Fn(&Value) -> bool) -> Option<Value> {
-        wait_for(RECOVERY_LIMIT, || {
-            let mut stream = self.connect()?;
-            stream.write_all(self.request("GET /events", "", "").as_bytes()).ok()?;
-            let (mut text, mut buffer) = (String::new(), [0u8; 4096]);
-            // A stream of events ends by itself.
-            while let Ok(count @ 1..) = stream.read(&mut buffer) {
-                text.push_str(&String::from_utf8_lossy(&buffer[..count]));
-                let mut messages = text.split("\n\n").filter(|message| message.contains(&format!("event: {name}\n")));
-                let value = messages.find_map(|message| {
-                    let data = message.lines().find_map(|line| line.strip_prefix("data: "))?;
-                    serde_json::from_str::<Value>(data).ok().filter(&found)
-                });
-                if value.is_some() {
-                    return value;
-                }
-            }
-            None
-        })
-    }
-}
+/// Connections that stall: half as many as there are seats, and twice as many.
+const STALLED: [usize; 2] = [16, 64];
+/// Ticks after which a stream of events has ended by itself, and its seat is free.
+const STREAM_TICKS: u64 = 15_000;
+/// Memory that browsers which stall may take of the console, and what it has become when it has shown everything once, KiB.
+const MOST_GROWN_KIB: u64 = 20 * 1024;
 
 fn pid_of(look: &Value, name: &str) -> Option<i64> {
     look["processes"].as_array()?.iter().find(|process| process["name"] == name)?["pid"].as_i64()
@@ -313,6 +220,53 @@ fn an_engine_that_the_page_named_stays_what_it_was_when_another_is_built_over_it
     station.stop().assert_clean();
 }
 
+/// Memory of its own that a process has, KiB.
+fn anonymous_kib(pid: i32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it lives");
+    let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).expect("its memory");
+    line.trim().trim_end_matches(" kB").parse().expect("a number")
+}
+
+/// Browsers that say nothing, half of something, or ask for the live view, its events or its pictures, and never read.
+fn stall(page: &Page, count: usize) -> Vec<TcpStream> {
+    let asked = ["/events", "/picture.jpg?after=0"].map(|path| page.request(&format!("GET {path}"), "", ""));
+    let words = [String::new(), "GET / HTTP/1.1\r\nHost: ".into()].into_iter().chain(asked);
+    let one = |words: String| {
+        let mut stream = page.connect().expect("a connection");
+        let _ = stream.write_all(words.as_bytes()); // one that has to wait for a seat is not read yet
+        stream
+    };
+    words.cycle().take(count).map(one).collect()
+}
+
+/// While some browsers stall, others read the page and its live events, and the console becomes no larger for it.
+fn assert_stalled_browsers_are_nothing_to_others(station: &Station, page: &Page) {
+    let pid = station.pid("console", true);
+    let is_look = |look: &Value| look["processes"].is_array();
+    assert!(page.event("look", is_look).is_some() && page.get("/").status == 200, "{}", station.said());
+    page.get("/picture.jpg?after=0"); // or none, on a machine that draws nothing
+    let (before_kib, began) = (anonymous_kib(pid), station.clock().present_tick());
+    let stalled = stall(page, STALLED[0]);
+    for _ in 0..5 {
+        assert!(page.event("look", is_look).is_some() && page.get("/").status == 200, "{}", station.said());
+        station.run_ticks(500);
+    }
+    if station.clock().present_tick() - began > STREAM_TICKS {
+        not_shown("whether the page is read beside browsers that stall: they had been sent away by then");
+    }
+    drop(stalled);
+    let more = stall(page, STALLED[1]);
+    // All of them get a seat, each for its time, and then whoever comes gets one.
+    let answered =
+        wait_for(RECOVERY_LIMIT, || page.exchange(&page.request("GET /", "", "")).filter(|answer| answer.status == 200));
+    assert!(answered.is_some(), "stalled browsers hold the page\n{}", station.said());
+    assert_eq!(station.pid("console", true), pid, "it lived through it\n{}", station.said());
+    let after_kib = anonymous_kib(pid);
+    println!("the console had {before_kib} KiB before browsers stalled, and then {after_kib}");
+    assert!(after_kib < before_kib + MOST_GROWN_KIB, "{before_kib} KiB before, {after_kib} after\n{}", station.said());
+    drop(more);
+}
+
 #[test]
 fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_address() {
     let station = Station::start("again", &["--hand", "script:press"]);
@@ -326,27 +280,10 @@ fn a_console_that_is_killed_or_stalled_by_its_browsers_is_there_again_at_its_add
     let looks = page.event("look", |look| pid_of(look, "console").is_some());
     assert!(looks.is_some(), "{}", station.said());
 
-    // Browsers that say nothing, half of something, or ask and do not read.
-    let mut stalled = Vec::new();
-    for index in 0..STALLED {
-        let mut stream = page.connect().expect("a connection");
-        let words = match index % 3 {
-            0 => String::new(),
-            1 => "GET / HTTP/1.1\r\nHost: ".into(),
-            _ => page.request("GET /events", "", ""),
-        };
-        let _ = stream.write_all(words.as_bytes()); // one that has to wait for a seat is not read yet
-        stalled.push(stream);
-    }
-    let pid = station.pid("console", true);
-    // All of them get a seat, each for its time, and then whoever comes gets one.
-    let answered =
-        wait_for(RECOVERY_LIMIT, || page.exchange(&page.request("GET /", "", "")).filter(|answer| answer.status == 200));
-    assert!(answered.is_some(), "stalled browsers hold the page\n{}", station.said());
-    assert_eq!(station.pid("console", true), pid, "it lived through it\n{}", station.said());
-    drop(stalled);
+    assert_stalled_browsers_are_nothing_to_others(&station, &page);
 
     // One that hangs is found by its heartbeat as any other.
+    let pid = station.pid("console", true);
     station.signal(pid, Signal::STOP);
     station.wait_until_gone(pid);
     station.recover();
