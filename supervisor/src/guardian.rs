@@ -108,6 +108,9 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     drop(case); // the root has it
     let draw = std::io::stdout().is_terminal() && !args.quiet;
     let mut guardian = Guardian::new(station, name, ground, draw)?;
+    if settings.headless && !args.station.headless {
+        guardian.tell("there is no display: the station runs headless; set DISPLAY to see a window");
+    }
     guardian.keep(&plan, &signals);
     Ok(guardian.end(&plan))
 }
