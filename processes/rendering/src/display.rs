@@ -3,7 +3,6 @@
 use hyst_engine::Life;
 use hyst_engine::settings::{SetError, Settings};
 use rendering::{PointerInput, RenderError, Status, Window};
-use std::cell::Cell;
 
 /// Size of the picture, and of the window at first, where a software driver draws, px: what the station is measured with.
 const SOFTWARE_PX: [u32; 2] = [640, 480];
@@ -45,31 +44,10 @@ pub fn size_px(asked_px: Option<[u32; 2]>, is_software: bool) -> [u32; 2] {
     asked_px.unwrap_or(if is_software { SOFTWARE_PX } else { GPU_PX })
 }
 
-thread_local! {
-    static AT_THE_DISPLAY: Cell<bool> = const { Cell::new(false) };
-}
-
 /// The window or its absence.
 #[derive(Debug)]
 pub struct Display {
     window: Option<Window>,
-}
-
-/// The windowing library panics where a display fails; those panics are caught where they happen and must not end the process as others do.
-fn spare_the_displays_panics() {
-    let usual = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |info| {
-        if !AT_THE_DISPLAY.get() {
-            usual(info);
-        }
-    }));
-}
-
-fn at_the_display<T>(call: impl FnOnce() -> T) -> T {
-    AT_THE_DISPLAY.set(true);
-    let value = call();
-    AT_THE_DISPLAY.set(false);
-    value
 }
 
 impl Display {
@@ -82,10 +60,9 @@ impl Display {
             life.say("DISPLAY is not set: headless");
             return Display { window: None };
         }
-        spare_the_displays_panics();
         let title = format!("hysteroscopy: {}", life.station.name());
         let [width, height] = asked_px.unwrap_or(SOFTWARE_PX);
-        match at_the_display(|| Window::open(&title, width, height)) {
+        match Window::open(&title, width, height) {
             Ok(window) => Display { window: Some(window) },
             Err(error) => {
                 life.say(&format!("{error}; headless"));
@@ -97,7 +74,7 @@ impl Display {
     /// What the hand did since the last call; `Err` with the reason if the window has just gone, `Ok(None)` without one.
     pub fn pump(&mut self, elapsed_s: f32) -> Result<Option<PointerInput>, String> {
         let Some(window) = &mut self.window else { return Ok(None) };
-        match at_the_display(|| window.pump(elapsed_s)) {
+        match window.pump(elapsed_s) {
             Ok(Status::Open(input)) => Ok(Some(input)),
             Ok(Status::Closed) => Err("the window was closed".into()),
             Err(error) => Err(error.to_string()),
@@ -106,7 +83,7 @@ impl Display {
 
     /// Makes the window as large as the pictures; a display that refuses that shows them smaller.
     pub fn fit(&self, size_px: [u32; 2]) -> Result<(), RenderError> {
-        self.window.as_ref().map_or(Ok(()), |window| at_the_display(|| window.resize(size_px[0], size_px[1])))
+        self.window.as_ref().map_or(Ok(()), |window| window.resize(size_px[0], size_px[1]))
     }
 
     /// The window.
@@ -116,8 +93,7 @@ impl Display {
 
     /// Goes on without; whatever drew into the window must be gone.
     pub fn close(&mut self) {
-        let window = self.window.take();
-        at_the_display(|| drop(window));
+        self.window = None;
     }
 }
 

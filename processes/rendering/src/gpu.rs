@@ -1,7 +1,8 @@
 //! The graphics device: Vulkan through wgpu, on a GPU or on lavapipe, headless or with a window's surface.
 //!
 //! Promise: every failure is a typed error of one line; nothing in here panics when a driver is missing, an adapter refuses or a
-//! device is lost. Errors that wgpu reports out of line are kept and returned by the next call of [`Gpu::check`].
+//! device is lost, and where wgpu does so while it waits for one, that is caught (`caught.rs`). Errors that wgpu reports out of line are
+//! kept and returned by the next call of [`Gpu::check`].
 use std::sync::{Arc, Mutex};
 
 use crate::error::RenderError;

@@ -8,6 +8,7 @@
 //! inverse-square spotlight, thin-lens focus gathered over discs, a filmic curve, and a radial lens polynomial of degree 4.
 mod bubbles;
 mod camera;
+mod caught;
 mod effort;
 mod error;
 mod fluid;
@@ -36,6 +37,7 @@ mod window;
 
 pub use bubbles::Bubbles;
 pub use camera::{Camera, Endoscope, External, View};
+pub use caught::spare_caught_panics;
 pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
 pub use error::RenderError;
 pub use fluid::{CLEAR, FluidField, MAX_CELLS};

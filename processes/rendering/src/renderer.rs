@@ -8,6 +8,7 @@ use std::{
 
 use crate::{
     camera::{Eye, View},
+    caught::caught,
     error::RenderError,
     fluid::{Fluid, FluidField},
     gpu::{Gpu, one_line},
@@ -208,10 +209,14 @@ impl Renderer {
 
     pub(crate) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), RenderError> {
         let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(FRAME_LIMIT) };
-        let waited = self.gpu.device.poll(wait);
+        let waited = caught(|| self.gpu.device.poll(wait));
         // The driver's own words first: of work that a lost device has refused, who waits for it knows nothing but its number.
         self.gpu.check()?;
-        waited.map(drop).map_err(|e| RenderError::DeviceLost(one_line(&e.to_string())))
+        match waited {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(error)) => Err(RenderError::DeviceLost(one_line(&error.to_string()))),
+            Err(text) => Err(RenderError::DeviceLost(text)),
+        }
     }
 
     /// Makes the targets anew if the shown size, the scale or the kind of camera changed.

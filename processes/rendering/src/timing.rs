@@ -1,5 +1,7 @@
 //! Time per pass as the device counts it, where it can.
 
+use crate::caught::caught;
+
 /// Names of the passes that are timed apart, in the order of [`FrameStats::passes_ms`](crate::FrameStats).
 pub use hyst_messages::PICTURE_PASSES as PASS_NAMES;
 
@@ -66,8 +68,8 @@ impl Timer {
     pub(crate) fn read_ms(&self, device: &wgpu::Device) -> [f32; PASSES] {
         let mut out = [0.0; PASSES];
         self.readable.map_async(wgpu::MapMode::Read, .., |_| {});
-        if device.poll(wgpu::PollType::Poll).is_err() {
-            return out;
+        if !matches!(caught(|| device.poll(wgpu::PollType::Poll)), Ok(Ok(_))) {
+            return out; // of a device that is lost: the next picture says so
         }
         if let Ok(bytes) = self.readable.get_mapped_range(..) {
             let stamps: Vec<u64> = bytes.chunks_exact(8).map(|b| b.try_into().map_or(0, u64::from_le_bytes)).collect();

@@ -74,6 +74,7 @@ fn wants_external(life: &Life) -> Result<bool, SetError> {
 
 /// The process.
 pub fn run(life: &Life) -> Result<(), Failure> {
+    rendering::spare_caught_panics();
     let mut switches = Switches::new(wants_external(life)?);
     let asked = display::asked(&life.settings)?;
     let mut album = Album::open(life)?;

@@ -20,6 +20,7 @@ use winit::{
 };
 
 use crate::{
+    caught::caught,
     error::RenderError,
     gpu::one_line,
     input::{MOTIONS, Mouse, PointerInput, button_bit, key_at},
@@ -134,10 +135,7 @@ fn without_place(text: &str) -> String {
 
 /// The windowing library panics on some failures of the display; they become errors here.
 fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, RenderError> {
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).map_err(|cause| {
-        let text = cause.downcast_ref::<String>().cloned().or_else(|| cause.downcast_ref::<&str>().map(ToString::to_string));
-        RenderError::NoDisplay(one_line(&text.unwrap_or_else(|| "the display failed".into())))
-    })
+    caught(call).map_err(RenderError::NoDisplay)
 }
 
 #[derive(Default)]
