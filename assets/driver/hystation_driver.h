@@ -48,8 +48,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 17u
-#define HYST_LAYOUT_HASH 0x289a69d44cd10104u
+#define HYST_LAYOUT_VERSION 18u
+#define HYST_LAYOUT_HASH 0x246315d2c98992bfu
 #define HYST_INTERFACE_VERSION 1u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3
@@ -89,7 +89,7 @@
 #define HYST_LEDGER_ENTRY_BYTES 56
 #define HYST_POINTER 512
 #define HYST_POINTER_BYTES 56
-#define HYST_RENDERING_WORDS 552
+#define HYST_RENDERING_WORDS 714
 #define HYST_WINDOW_HEAD 2
 #define HYST_WINDOW_LOOP 4
 #define HYST_WINDOW_CURRENT 8

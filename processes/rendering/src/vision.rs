@@ -309,7 +309,6 @@ impl<'a> Vision<'a> {
             size_px: self.renderer.size_px(),
             period_ticks: [self.effort.period_ticks, self.fastest_ticks].map(|ticks| ticks as u32),
             focus_m: if self.view.quality.focus && !self.switches.external { self.focus_m } else { 0.0 },
-            shows: u32::from(self.shown.is_some()),
             shown_tick: self.shown.map_or(0, |(_, tick)| tick),
         };
         own.write(page::STATUS, &status);

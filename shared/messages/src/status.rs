@@ -41,8 +41,6 @@ pub struct RenderingStatus {
     pub period_ticks: [u32; 2],
     /// Distance from the lens at which the picture is sharp, m; 0 while nothing is blurred, from outside or to save time.
     pub focus_m: f32,
-    /// 1 once a state of the tissue is shown: before that the stage is empty.
-    pub shows: u32,
-    /// Tick of the tissue's state that is shown.
+    /// Tick of the tissue's state that is shown; 0 while the stage is empty.
     pub shown_tick: u64,
 }

@@ -207,7 +207,7 @@ impl Running {
         while system::now_ns() < begun_ns + PICTURE_NS {
             system::sleep_ns(PICTURE_LOOK_NS);
             let Some(page) = viewer.slot_page(slot).filter(|page| page.incarnation() != killed) else { continue };
-            if page.cell(rendering::STATUS).is_some_and(|(_, status)| status.shows == 1) {
+            if page.cell(rendering::STATUS).is_some_and(|(_, status)| status.shown_tick > 0) {
                 return Some((system::now_ns() - begun_ns) as f64 * 1e-9);
             }
         }
