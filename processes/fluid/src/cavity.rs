@@ -289,25 +289,25 @@ mod tests {
 
     #[test]
     fn the_cells_of_a_tet_are_those_whose_centres_lie_in_it() {
-        let grid = Grid::new([9, 7, 8], [0.7, 1.1, 0.9], [-3.0, -4.0, -3.5]).unwrap();
+        let grid = Grid::new([9, 7, 8], [0.07, 0.11, 0.09], [-0.3, -0.4, -0.35]).unwrap();
         let cavity = Cavity::new(grid);
         let mut state = 20_061_u32;
         let mut draw = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32 * 10.0 - 5.0
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
         };
         let mut visited = 0;
         for tet in 0..2_000 {
             let corners: [Vec3; 4] = std::array::from_fn(|_| Vec3::new(draw(), draw(), draw()));
             let edges = Mat3::from_cols(corners[1] - corners[0], corners[2] - corners[0], corners[3] - corners[0]);
-            if edges.determinant().abs() < 0.1 {
+            if edges.determinant().abs() < 1e-4 {
                 continue;
             }
             let mut found = vec![false; grid.cell_count()];
             cavity.for_each_cell_in(corners, |cell, shares| {
                 let centre: Vec3 = corners.iter().zip(shares).map(|(corner, share)| share * *corner).sum();
                 assert!(
-                    centre.distance(Vec3::from(grid.centre_m(cavity.place(cell)))) < 1e-3,
+                    centre.distance(Vec3::from(grid.centre_m(cavity.place(cell)))) < 1e-4,
                     "tet {tet}, cell {cell}: {shares:?}"
                 );
                 assert!(!std::mem::replace(&mut found[cell], true), "tet {tet}: cell {cell} twice");

@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn where_the_hand_is_not_the_windows_the_help_has_only_what_changes_the_picture() {
-        let left = ["V M  view from outside, inside; meshes there", "F1   this help, and away                    "];
+        let left = ["V M  view from outside; its meshes", "F1   this help, and away          "];
         assert_eq!(help(0), left);
         assert_eq!(help_hint(), "F1 help");
     }

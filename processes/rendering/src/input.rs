@@ -236,7 +236,7 @@ pub(crate) static SWITCHES: [Switch; 9] = [
     Switch {
         keys: &[(KeyCode::KeyV, Key::External), (KeyCode::KeyM, Key::Meshes)],
         bit: 0,
-        does: "view from outside, inside; meshes there",
+        does: "view from outside; its meshes",
     },
     Switch { keys: &[(KeyCode::F1, Key::Help)], bit: 0, does: "this help, and away" },
 ];

@@ -11,7 +11,7 @@ const DENSITIES: usize = 2;
 /// Section of the parcels of gas.
 const GAS: usize = 3;
 /// Extinction of undiluted blood as drawn, 1/m: opaque over the width of a cavity, with what lies before it still to be seen.
-const EXTINCTION_PER_M: f32 = 500.0;
+const EXTINCTION_PER_M: f32 = 320.0;
 
 /// First section of a fluid state.
 #[repr(C)]

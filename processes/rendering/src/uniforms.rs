@@ -62,7 +62,7 @@ pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid, has_shadows: bool) -
         clip: eye.clip,
         fluid_min: fluid.min,
         fluid_max: fluid.max,
-        blood: [0.42, 0.03, 0.02, 1.0],
+        blood: [0.30, 0.007, 0.006, 1.0],
         blood_min: fluid.where_any[0],
         blood_max: fluid.where_any[1],
         lamp: lamp_view(eye).to_cols_array_2d(),
