@@ -1,7 +1,8 @@
 //! Which step the machine affords: the shortest whose deformation takes no more than its share of the period, found by dry steps at the start.
 //!
-//! Promise: a start on a machine that is busy for a moment leaves no session with longer steps than the machine manages. It is decided once, because
-//! within an epoch every state follows from the one a step before it; the state says the step, and followers take it from there.
+//! Promise: a start on a machine that is busy for a moment leaves no session with longer steps than the machine manages. Within
+//! an epoch every state follows from the one a step before it; the state says the step, and followers take it from there. It becomes longer at the begin
+//! of an epoch alone, on a machine that has become too slow for it (`hyst_engine::stateful`), and shorter in no session.
 
 use crate::contacts::LAW;
 use crate::world::World;

@@ -56,6 +56,8 @@ pub struct MainLoop<'a> {
     points_m: Vec<[f32; 3]>,
     pressure_pa: Vec<f32>,
     step_ticks: Cell<u64>,
+    /// Somebody asked for this step.
+    is_asked: bool,
     planes: PlaneSet,
     status: TissueStatus,
     lies: Lies,
@@ -88,6 +90,7 @@ impl<'a> MainLoop<'a> {
             points_m: vec![[0.0; 3]; world.points.len()],
             pressure_pa: vec![0.0; world.wall.len()],
             step_ticks: Cell::new(asked.max(1)),
+            is_asked: asked > 0,
             planes: PlaneSet::default(),
             status: TissueStatus::default(),
             lies: Lies::new(life, size_of::<ContactModel>()),
@@ -145,6 +148,12 @@ impl Stateful for MainLoop<'_> {
 
     fn step_ticks(&self) -> u64 {
         self.step_ticks.get()
+    }
+
+    fn lengthen(&self) {
+        if !self.is_asked {
+            self.step_ticks.set((2 * self.step_ticks.get()).min(LONGEST_STEP));
+        }
     }
 
     /// A step takes half a period: who makes up for one is late for many. The hand has moved on.

@@ -91,7 +91,10 @@ pub struct SetError {
 pub const SET_KEYS: &[(&str, &str)] = &[
     ("realtime", "on or off: SCHED_FIFO, memory lock and cores (default on)"),
     ("isa", "baseline, avx2 or avx512: instruction set of the deformation (default: the best there is)"),
-    ("tissue_step_ticks", "1, 2 or 4: step of the Main Loop in ticks (default: the least that the machine manages)"),
+    (
+        "tissue_step_ticks",
+        "1, 2 or 4: step of the Main Loop in ticks (default: the least that the machine manages, a longer one where it does not any more)",
+    ),
     ("drift_ppm", "-500 to 500: drift of the simulated hardware's clock (default 20)"),
     ("picture_every_s", "0.02 to 3600: seconds between pictures on disk (default 1)"),
     ("picture_format", "png or mjpeg: a file for each picture on disk, or all in a film, pictures.mjpeg (default png)"),

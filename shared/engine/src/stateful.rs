@@ -6,9 +6,11 @@
 //! has fallen behind and leaps over ticks begins a new epoch. The rules are `hyst_exchange::succession`, and model-checked there.
 
 mod chain;
+mod engine;
 mod founding;
 mod keeper;
 mod locked;
+mod strain;
 mod tenure;
 mod trial;
 
@@ -18,6 +20,7 @@ use crate::pace::Pace;
 use crate::realtime;
 use crate::room::Room;
 use chain::{Chain, Fence};
+pub use engine::{Stateful, StepContext};
 use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
 use hyst_exchange::usher::{Arrival, Inbox, Wanted, usher};
@@ -34,77 +37,6 @@ pub const NEWBORN_PATIENCE_NS: u64 = 3_000_000_000;
 /// How long a newborn waits for what it reads of others who live: their ports are open within some tenths of a second of their start.
 pub const CONNECTED_NS: u64 = 1_000_000_000;
 
-/// What a step is told beside the state.
-#[derive(Clone, Copy, Debug)]
-pub struct StepContext {
-    /// Tick of the state that is read.
-    pub tick: u64,
-    /// Tick of the state that is written.
-    pub next_tick: u64,
-    /// Epoch of the state that is read.
-    pub state_epoch: u32,
-    /// Incarnation that wrote the state that is read.
-    pub state_writer: u32,
-    /// Step in ticks.
-    pub step_ticks: u64,
-    /// Epoch and incarnation under which the state is published.
-    pub tenure: Tenure,
-    /// False for a substitute: it is computed alone, without the members of the Meeting Point.
-    pub holding: bool,
-    /// When the step has to be done, CLOCK_MONOTONIC ns.
-    pub deadline_ns: u64,
-}
-
-/// An engine whose state is a message.
-pub trait Stateful {
-    /// Kind of the state's message.
-    fn kind(&self) -> Kind;
-    /// Most bytes of a state's message.
-    fn message_bytes(&self) -> usize;
-    /// Bytes that the state after this one needs at most.
-    fn next_bytes(&self, _now: &[u8]) -> usize {
-        self.message_bytes()
-    }
-    /// Step in ticks.
-    fn step_ticks(&self) -> u64;
-    /// Steps that a holder which was late makes up for; what is older is skipped, and its time lost.
-    fn backlog(&self) -> u64 {
-        0
-    }
-    /// What the engine wants to know of other processes.
-    fn interests(&self) -> Vec<(Role, Wanted)>;
-    /// Opens further ports of its own, before anything is real time.
-    fn open(&mut self, _links: &Links) -> Result<(), Failure> {
-        Ok(())
-    }
-    /// Writes the first state.
-    fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure>;
-    /// Whether a state of another incarnation can be gone on from.
-    fn accepts(&self, state: &[u8]) -> bool;
-    /// In lock-step: whether everything that the step from the state of `tick` to `next_tick` reads is there, each of its exact tick. Asked
-    /// again and again until it is, or the patience of [`crate::lockstep`] ends.
-    fn is_supplied(&mut self, _tick: u64, _next_tick: u64) -> bool {
-        true
-    }
-    /// Whether what its steps read of others has come, as far as those live: a newborn is not warm before, or its first steps were those of an engine that
-    /// is alone. It does not wait longer than [`CONNECTED_NS`].
-    fn is_connected(&mut self) -> bool {
-        true
-    }
-    /// Makes itself ready to go on from a state that another wrote: called by who follows, before it may be his turn.
-    fn prepare(&mut self, _newest: &[u8]) -> Result<(), Failure> {
-        Ok(())
-    }
-    /// Reads the state of t, writes the state of t + step. Allocates nothing, unless something is cut.
-    fn step(&mut self, context: &StepContext, now: &[u8], next: &mut [u8]) -> Result<(), Failure>;
-    /// Says what follows from a finished state (cells in the page).
-    fn finished(&mut self, context: &StepContext, state: &[u8]);
-    /// Says what would follow from a state that was computed beside the role, for whoever compares it with the role's: nobody else may take it for true.
-    fn finished_beside(&mut self, _context: &StepContext, _state: &[u8]) {}
-    /// Takes a port that the usher has opened.
-    fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox);
-}
-
 struct Loop<'a, S: Stateful> {
     life: &'a Life,
     engine: S,
@@ -120,6 +52,8 @@ struct Loop<'a, S: Stateful> {
     /// The tenure under which it last made a step as the holder.
     stepped_as: Tenure,
     founded: bool,
+    /// How often the role begins a new epoch because steps come too late.
+    strain: strain::Strain,
     trial: trial::Trial,
     /// Where it is real time on a core that the hand's threads are on too.
     room: Option<Room>,
@@ -154,6 +88,7 @@ pub fn run_stateful<S: Stateful>(life: &Life, mut engine: S) -> Result<(), Failu
         held: false,
         stepped_as: Tenure::default(),
         founded: false,
+        strain: strain::Strain::default(),
         trial,
         room: None,
     };

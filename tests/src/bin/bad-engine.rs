@@ -281,7 +281,7 @@ fn draw(life: &Life, every_ns: u64, level: fn(usize, u64) -> u8) -> Result<(), F
         }
         life.heartbeat();
         life.page.add64(header::STEPS, 1);
-        let status = RenderingStatus { frames, upload_bytes: 1, size_px: PICTURE_PX, ..RenderingStatus::default() };
+        let status = RenderingStatus { frames, shown_tick: life.tick(), size_px: PICTURE_PX, ..RenderingStatus::default() };
         life.page.write(rendering_page::STATUS, &status);
         let mut loan = stream.loan(message_bytes(&sections))?;
         let header = StreamHeader { tick: life.tick(), incarnation: life.incarnation, words: PICTURE_PX, ..Default::default() };

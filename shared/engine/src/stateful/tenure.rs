@@ -22,6 +22,9 @@ impl<S: Stateful> Loop<'_, S> {
     pub(super) fn begin_epoch(&mut self, tick: u64, from: Tenure) -> Result<(), Failure> {
         let Some(tenure) = self.take_role(from) else { return Ok(()) };
         self.stepped_as = tenure;
+        if self.strain.is_lasting(tick, tenure.epoch) && !self.life.is_lockstep() {
+            self.engine.lengthen();
+        }
         let tick = self.catch_up(tick);
         match holder_turn(tick, self.chain.key(), tenure.epoch, self.engine.step_ticks()) {
             Turn::Step(next_tick) => self.make(next_tick, tenure),

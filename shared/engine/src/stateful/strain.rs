@@ -1,0 +1,82 @@
+//! How strained a role is: a machine that has become too slow for its steps makes the holder leap over ticks, each time into a new epoch, and leaves pictures
+//! and flow next to nothing. Where that lasts the steps become longer, at the beginning of an epoch, whose first state may follow from any.
+//!
+//! Promise: faults and stalls, which bring single epochs, and a busy moment do not count; a step that was lengthened is not shortened again in a session.
+
+/// New epochs in a second from which on it counts as strained: a fortieth of its steps at 1 kHz is lost.
+const MANY: u32 = 25;
+/// So many seconds in a row must be strained.
+const LASTING_S: u32 = 5;
+/// Ticks in a second.
+const SECOND_TICKS: u64 = 1_000;
+
+/// The account of one process of the role; epochs are everybody's.
+#[derive(Debug, Default)]
+pub struct Strain {
+    /// The second that is counted, and the epoch at its begin.
+    second: u64,
+    first_epoch: u32,
+    strained_s: u32,
+}
+
+impl Strain {
+    /// Takes that an epoch begins at a tick; gives whether the strain has lasted, and then begins to count anew.
+    pub fn is_lasting(&mut self, tick: u64, epoch: u32) -> bool {
+        let second = tick / SECOND_TICKS;
+        if second == self.second {
+            return false;
+        }
+        let is_next = second == self.second + 1;
+        let many = epoch.saturating_sub(self.first_epoch) >= MANY;
+        self.strained_s = if is_next && many { self.strained_s + 1 } else { 0 };
+        (self.second, self.first_epoch) = (second, epoch);
+        let lasts = self.strained_s >= LASTING_S;
+        if lasts {
+            self.strained_s = 0;
+        }
+        lasts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Seconds at which the strain was found to last, of epochs that begin every so many ticks between two seconds.
+    fn found(every_ticks: usize, seconds: [u64; 2]) -> Vec<u64> {
+        let (mut strain, mut epoch, mut found) = (Strain::default(), 0, Vec::new());
+        for tick in (seconds[0] * SECOND_TICKS..seconds[1] * SECOND_TICKS).step_by(every_ticks) {
+            epoch += 1;
+            if strain.is_lasting(tick, epoch) {
+                found.push(tick / SECOND_TICKS);
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn epochs_without_end_are_found_after_five_seconds_and_again() {
+        // The first second is known to be one when the second has begun.
+        assert_eq!(found(7, [10, 18]), [15]);
+        assert_eq!(found(30, [10, 22]), [15, 20]);
+    }
+
+    #[test]
+    fn faults_and_busy_moments_lengthen_nothing() {
+        assert!(found(100, [10, 60]).is_empty(), "ten in a second");
+        assert!(found(3, [10, 15]).is_empty(), "five seconds of it");
+        assert!(found(5_000, [0, 600]).is_empty(), "a fault every five seconds");
+        // Two busy spells with a quiet second between.
+        let mut strain = Strain::default();
+        let mut epoch = 0;
+        let busy = (0..4_000u64).chain(6_000..10_000);
+        let lasts = busy
+            .step_by(10)
+            .filter(|tick| {
+                epoch += 1;
+                strain.is_lasting(*tick, epoch)
+            })
+            .count();
+        assert_eq!(lasts, 0);
+    }
+}
