@@ -23,11 +23,11 @@ use chain::{Chain, Fence};
 pub use engine::{Stateful, StepContext};
 use hyst_exchange::roster::{Roster, Tenure};
 use hyst_exchange::succession::{Turn, holder_turn, most_misses, spare_turn};
-use hyst_exchange::usher::{Arrival, Inbox, Wanted, usher};
+use hyst_exchange::usher::{Inbox, Wanted, usher};
 use hyst_exchange::{Horizon, Links, Publisher, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{ProcessState, header};
-use hyst_messages::{Kind, Message, Role, Slot, StreamHeader, TICK_NS};
+use hyst_messages::{Message, Role, Slot, TICK_NS};
 
 /// Part of a period after which a spare takes a step for missing: the state of a period must be there this long after the period's end.
 pub const SPARE_PHASE: f64 = 0.6;
