@@ -48,6 +48,9 @@ pub struct ProcessView {
     /// The steps of its flow; of a fluid only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps: Option<StepView>,
+    /// Length of its steps, ms; of a tissue only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_ms: Option<u32>,
 }
 
 /// Steps of a Flow Engine.
@@ -98,6 +101,11 @@ fn steps_of(page: &ReadPage) -> Option<StepView> {
     let (_, status) = page.cell(fluid::STATUS)?;
     let steps = StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks, halvings: status.halvings };
     (steps.ms > 0).then_some(steps)
+}
+
+fn step_ms_of(page: &ReadPage) -> Option<u32> {
+    let (_, status) = page.cell(tissue::STATUS)?;
+    (status.step_ticks > 0).then_some(status.step_ticks)
 }
 
 /// The station.
@@ -259,6 +267,7 @@ impl Viewer {
         };
         let now_ns = system::now_ns();
         view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
+        view.step_ms = if slot.role() == Role::Tissue { step_ms_of(page) } else { None };
         view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
         view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
@@ -325,6 +334,10 @@ pub fn table(view: &StationView) -> String {
     if let Some(steps) = view.processes.iter().filter(|process| process.active).find_map(|process| process.steps) {
         text.push_str(&slow_flow(&steps));
     }
+    let step_ms = view.processes.iter().filter(|process| process.active).find_map(|process| process.step_ms);
+    if let Some(ms) = step_ms.filter(|ms| *ms > 1) {
+        text.push_str(&format!("the tissue is computed every {ms} ms: for every millisecond this machine is too slow\n"));
+    }
     text.extend(view.recording.iter().map(RecordingView::line));
     text
 }
@@ -377,5 +390,11 @@ mod tests {
         let coarse = table(&flow(StepView { ms: 33, scene_ms: 33, halvings: 2 }));
         assert!(coarse.contains("1/4 of the scene's cells along each axis") && !coarse.contains("every"), "{coarse}");
         assert!(!table(&flow(StepView { ms: 33, scene_ms: 33, halvings: 0 })).contains("the flow"));
+        let tissue = |step_ms| {
+            let tissue = ProcessView { name: "tissue:0".into(), active: true, step_ms, ..ProcessView::default() };
+            table(&StationView { processes: vec![tissue], ..StationView::default() })
+        };
+        assert!(tissue(Some(2)).contains("the tissue is computed every 2 ms"), "{}", tissue(Some(2)));
+        assert!(!tissue(Some(1)).contains("the tissue is computed") && !tissue(None).contains("the tissue is computed"));
     }
 }
