@@ -38,11 +38,11 @@ pub const STARVED_NS: u64 = 60_000_000;
 /// Niceness of the sentinel: it tells whether any ordinary thread may run, and not when its turn would be.
 const SENTINEL_NICE: i32 = -20;
 
-/// What a thread has had of its core, and waited for it while it wanted to run, so far, ns.
+/// What a thread has had of its core, and waited for it while it wanted to run, so far, ns; the second where the kernel says it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ran {
+struct Ran {
     on_core_ns: u64,
-    queued_ns: u64,
+    queued_ns: Option<u64>,
 }
 
 /// The account of what a thread leaves of its core.
@@ -74,22 +74,21 @@ impl Room {
     /// Takes the time of a wake-up; gives whether the period that begins is to be left to ordinary threads.
     pub fn woken(&mut self, now_ns: u64) -> bool {
         let ran = self.ledger.as_ref().and_then(ran);
-        self.account(now_ns, ran)
+        self.account(now_ns, ran.unwrap_or_else(|| Ran { on_core_ns: system::thread_ns(), queued_ns: None }))
     }
 
-    /// The same with what the thread has had; `None` if that is not known: then it has had the core since it was woken last.
-    fn account(&mut self, now_ns: u64, ran: Option<Ran>) -> bool {
-        let before = std::mem::replace(&mut self.before, ran.unwrap_or_default());
+    /// The same with what the thread has had.
+    fn account(&mut self, now_ns: u64, ran: Ran) -> bool {
+        let before = std::mem::replace(&mut self.before, ran);
         if self.woken_ns != 0 {
-            let period_ns = now_ns.saturating_sub(self.woken_ns) as f64;
-            let had_ns = ran.map(|ran| {
-                let since = |now: u64, before: u64| now.saturating_sub(before) as f64;
-                [since(ran.on_core_ns, before.on_core_ns), since(ran.queued_ns, before.queued_ns)]
-            });
-            let idle_ns = had_ns.map_or(0.0, |[on_core_ns, queued_ns]| (period_ns - on_core_ns - queued_ns).max(0.0));
-            for (lately_ns, had_ns) in self.lately_ns.iter_mut().zip(had_ns.unwrap_or_default()) {
-                *lately_ns = MEMORY * *lately_ns + had_ns;
+            let since = |now: u64, before: u64| now.saturating_sub(before) as f64;
+            let (period_ns, on_core_ns) = (since(now_ns, self.woken_ns), since(ran.on_core_ns, before.on_core_ns));
+            let queued_ns = ran.queued_ns.zip(before.queued_ns).map(|(now, before)| since(now, before));
+            if let Some(queued_ns) = queued_ns {
+                let [had_ns, waited_ns] = self.lately_ns;
+                self.lately_ns = [MEMORY * had_ns + on_core_ns, MEMORY * waited_ns + queued_ns];
             }
+            let idle_ns = (period_ns - on_core_ns - queued_ns.unwrap_or(0.0)).max(0.0);
             self.saved_ns += idle_ns * (1.0 - self.others()) - SHARE * period_ns;
             self.saved_ns = self.saved_ns.clamp(-MOST_OWED_NS, MOST_SAVED_NS);
         }
@@ -113,7 +112,7 @@ fn ran(ledger: &File) -> Option<Ran> {
     let length = ledger.read_at(&mut bytes, 0).ok()?;
     let mut numbers =
         std::str::from_utf8(&bytes[..length]).ok()?.split_ascii_whitespace().map_while(|number| number.parse().ok());
-    Some(Ran { on_core_ns: numbers.next()?, queued_ns: numbers.next()? })
+    Some(Ran { on_core_ns: numbers.next()?, queued_ns: Some(numbers.next()?) })
 }
 
 /// An ordinary thread on the core of the one that started it, which says when it last ran.
@@ -156,7 +155,7 @@ mod tests {
 
     impl Thread {
         fn of(room: Room) -> Thread {
-            Thread { room, now_ns: 10 * STARVED_NS, ran: Ran::default() }
+            Thread { room, now_ns: 10 * STARVED_NS, ran: Ran { on_core_ns: 0, queued_ns: Some(0) } }
         }
 
         /// So many periods whose steps take these shares of them, on the core and waiting for it; gives how many were left.
@@ -164,11 +163,11 @@ mod tests {
             let ns = |share: f64| (share * MS as f64) as u64;
             let mut left = 0;
             for _ in 0..periods {
-                let is_left = self.room.account(self.now_ns, Some(self.ran));
+                let is_left = self.room.account(self.now_ns, self.ran);
                 left += usize::from(is_left);
                 let [on_core_ns, queued_ns] = if is_left { [2_000, 0] } else { [ns(busy), ns(queued)] };
                 self.ran.on_core_ns += on_core_ns;
-                self.ran.queued_ns += queued_ns;
+                self.ran.queued_ns = self.ran.queued_ns.map(|before| before + queued_ns);
                 // Who is late begins with the period after the one in which it ends.
                 self.now_ns += (on_core_ns + queued_ns).div_ceil(MS).max(1) * MS;
             }
@@ -197,10 +196,17 @@ mod tests {
     }
 
     #[test]
-    fn where_the_kernel_does_not_say_single_periods_are_left() {
-        let mut room = Room::default();
-        let left = (1..=1_000u64).filter(|period| room.account(period * MS, None)).count();
-        assert!(left > 0, "nothing is known to be left");
+    fn where_the_kernel_does_not_say_others_are_taken_to_have_a_third_and_no_more_periods_are_left_than_that_asks_for() {
+        let left = |busy: f64| {
+            let ran = Ran { on_core_ns: 0, queued_ns: None };
+            Thread { ran, ..Thread::of(Room::default()) }.run(10_000, [busy, 0.0])
+        };
+        assert_eq!(left(0.85), 0);
+        assert!((1_150..=1_250).contains(&left(1.0)), "0.08 is two thirds of 0.12: {}", left(1.0));
+    }
+
+    #[test]
+    fn the_kernel_says_what_a_thread_has_had() {
         let ledger = File::open("/proc/thread-self/schedstat").expect("a kernel that keeps it");
         let first = ran(&ledger).expect("two numbers");
         while ran(&ledger) == Some(first) {}
