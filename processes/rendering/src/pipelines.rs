@@ -125,17 +125,17 @@ impl Pipelines {
 
     /// Makes what nobody has drawn with yet, so that the first to do so need not wait; rests after each for [`REST`] times as long as it took.
     pub(crate) fn make_all(&self) {
-        let rest = |began: Instant| std::thread::sleep(REST * began.elapsed());
+        let make = |force: &dyn Fn()| {
+            let began = Instant::now();
+            force();
+            std::thread::sleep(REST * began.elapsed());
+        };
         let late = [&self.mask, &self.shadow, &self.defocus, &self.shrink, &self.blur_across, &self.blur_down, &self.text];
         for pipeline in self.scene.iter().map(|(_, pipeline)| pipeline).chain(late).chain(&self.finish).chain(&self.lines) {
-            let began = Instant::now();
-            LazyLock::force(pipeline);
-            rest(began);
+            make(&|| _ = LazyLock::force(pipeline));
         }
         for pipeline in [&self.normals, &self.field, &self.meter] {
-            let began = Instant::now();
-            LazyLock::force(pipeline);
-            rest(began);
+            make(&|| _ = LazyLock::force(pipeline));
         }
     }
 

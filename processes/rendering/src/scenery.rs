@@ -57,6 +57,17 @@ pub enum Refused {
     Stage(#[from] RenderError),
 }
 
+/// Refusals of one kind of message, one after the other.
+#[derive(Debug, Default)]
+pub struct Refusals(bool);
+
+impl Refusals {
+    /// Takes whether a message was refused; gives whether that is to be said: the first of a row is.
+    pub fn is_news(&mut self, refused: bool) -> bool {
+        !std::mem::replace(&mut self.0, refused) && refused
+    }
+}
+
 /// One object of a topology with triangles in the numbering of its own vertices.
 #[derive(Debug, PartialEq)]
 struct Part {
@@ -76,7 +87,6 @@ pub struct Scenery {
     surfaces: Vec<(u64, Range<usize>)>,
     tools: Vec<u64>,
     vertices: usize,
-    said: bool,
 }
 
 fn range(record: &ObjectRecord, what: &'static str, [first, count]: [u32; 2], have: usize) -> Result<Range<usize>, Refused> {
@@ -113,7 +123,7 @@ impl Scenery {
     /// A stage with the tool alone.
     pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
         let (instrument, surfaces, tools) = (Instrument::new(stage)?, Vec::new(), Vec::new());
-        Ok(Scenery { instrument, topology: None, surfaces, tools, vertices: 0, said: false })
+        Ok(Scenery { instrument, topology: None, surfaces, tools, vertices: 0 })
     }
 
     /// Whether the objects on the stage are those of this version, from this or any other writer.
@@ -175,11 +185,6 @@ impl Scenery {
         }
         Ok(())
     }
-
-    /// Whether a refusal is to be said: the first of a row is.
-    pub fn is_news(&mut self, refused: bool) -> bool {
-        !std::mem::replace(&mut self.said, refused) && refused
-    }
 }
 
 #[cfg(test)]
@@ -216,6 +221,13 @@ mod tests {
         ids.sort_unstable();
         ids.dedup();
         assert!(ids.len() == all && ids[0] == TOOL, "{ids:?}");
+    }
+
+    #[test]
+    fn the_first_refusal_of_each_row_is_news() {
+        let mut refusals = Refusals::default();
+        let said = [true, true, false, true, false].map(|refused| refusals.is_news(refused));
+        assert_eq!(said, [true, false, false, true, false]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::hand::Hand;
 use crate::looks::distortion;
 use crate::pulse::Pulse;
 use crate::relay::Relay;
-use crate::scenery::{BUBBLES, CONTACTS, FORCE, MOTES, Scenery};
+use crate::scenery::{BUBBLES, CONTACTS, FORCE, MOTES, Refusals, Scenery};
 use crate::sources::Sources;
 use crate::strip::Strip;
 use crate::switches::Switches;
@@ -60,8 +60,8 @@ struct Vision<'a> {
     flowed: Option<(u32, u64)>,
     uploaded: u64,
     copied: u64,
-    /// The newest state of the medium made no sense, which is said once.
-    is_medium_bad: bool,
+    /// Of the tissue's messages and of the medium's states.
+    refused: [Refusals; 2],
 }
 
 fn wants_external(life: &Life) -> Result<bool, SetError> {
@@ -183,7 +183,7 @@ impl<'a> Vision<'a> {
             flowed: None,
             uploaded: 0,
             copied: 0,
-            is_medium_bad: false,
+            refused: Default::default(),
         };
         vision.aim(None, 0.0);
         vision.set_quality();
@@ -253,7 +253,9 @@ impl<'a> Vision<'a> {
             life.page.set_state(ProcessState::Live);
             if self.shown.is_some() && !std::mem::replace(&mut is_under_way, true) {
                 realtime::draw(life);
-                self.renderer.make_rest()?;
+                if let Err(error) = self.renderer.make_rest() {
+                    life.say(&format!("{error}: what is drawn for the first time is made by the picture that needs it"));
+                }
             }
         }
         Ok(End::Stopped)

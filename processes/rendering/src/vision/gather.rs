@@ -72,7 +72,7 @@ impl Vision<'_> {
                 }
                 Err(_) => self.life.page.add64(header::INVALID, 1),
             }
-            let news = self.scenery.is_news(moved.is_err());
+            let news = self.refused[0].is_news(moved.is_err());
             if let (Err(error), true) = (moved, news) {
                 self.life.say(&format!("a message is left out: {error}"));
             }
@@ -106,17 +106,18 @@ impl Vision<'_> {
 
     /// The medium as the newest fluid state has it; a state that makes no sense leaves it as it was.
     fn take_field(&mut self, state: &[u8]) -> Result<(), RenderError> {
-        let field = match medium::field(state) {
+        let field = medium::field(state);
+        let news = self.refused[1].is_news(field.is_err());
+        let field = match field {
             Ok(field) => field,
             Err(error) => {
                 self.life.page.add64(header::INVALID, 1);
-                if !std::mem::replace(&mut self.is_medium_bad, true) {
+                if news {
                     self.life.say(&format!("a state of the medium is left out: {error}"));
                 }
                 return Ok(());
             }
         };
-        self.is_medium_bad = false;
         let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
         match self.renderer.set_fluid(field) {
             Ok(()) => self.uploaded += bytes,
