@@ -68,6 +68,15 @@ pub fn hystation() -> Command {
     command
 }
 
+/// Two things side by side: in lock-step nothing comes of how fast a station is, and one fills less than two cores.
+pub fn both<A: Send>(one: impl FnOnce() -> A + Send, other: impl FnOnce() -> A + Send) -> [A; 2] {
+    std::thread::scope(|scope| {
+        let beside = scope.spawn(other);
+        let first = one();
+        [first, beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
+    })
+}
+
 /// Runs a command to its end and gives exit code, stdout and stderr.
 pub fn run(command: &mut Command) -> (Option<i32>, String, String) {
     let output = command.output().expect("target/release/hystation: run `./station build` first");

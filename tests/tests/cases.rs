@@ -2,19 +2,10 @@
 //! which really happen and are handled well by one trainee and badly by another. In lock-step, so that the same comes of it every time.
 
 use serde_json::Value;
-use station_tests::{Folder, hystation, run};
+use station_tests::{Folder, both, hystation, run};
 use std::path::Path;
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
-
-/// Two things side by side: in lock-step nothing comes of how fast a station is, and it fills less than a core.
-fn both<A: Send>(one: impl FnOnce() -> A + Send, other: impl FnOnce() -> A + Send) -> [A; 2] {
-    std::thread::scope(|scope| {
-        let beside = scope.spawn(other);
-        let first = one();
-        [first, beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))]
-    })
-}
 
 /// Two trainees at the same case, of whom the report thinks the better of the first.
 fn sessions(case: &str, [good, bad]: [&str; 2], time: &str) -> [Value; 2] {

@@ -49,6 +49,14 @@ const TRIES: usize = 5;
 /// Outputs that are wrong, each in its own way.
 const KINDS: [&str; 9] = ["nan", "inf", "range", "stamp", "replay", "epoch", "frozen", "layout", "ahead"];
 
+/// Who tells each lie, or every second of them in turn, so that each lie is told by two and each tells half of them. `HYSTATION_LIES=all` has all told by
+/// all, as `assets/campaigns/lies.toml` does 24 times each.
+fn liars(round: usize) -> impl Iterator<Item = &'static str> {
+    let all = std::env::var("HYSTATION_LIES").is_ok_and(|which| which == "all");
+    let everybody = ["haptic:active", "tissue:active", "fluid:active", "collision-worker:0"].into_iter().enumerate();
+    everybody.filter(move |(at, _)| all || (at + round).is_multiple_of(2)).map(|(_, liar)| liar)
+}
+
 fn excess(fault: &Value) -> Option<f64> {
     Some(fault["window"]["missed"].as_f64()? - fault["control"]["missed"].as_f64()?)
 }
@@ -215,8 +223,8 @@ fn lie<'a>(station: &Station, kind: &'a str, target: &str) -> (&'a str, u64) {
 fn wrong_output_is_refused_by_its_reader_and_never_applied() {
     let station = Station::start("lies", &["--hand", "script:press", "--test-mode"]);
     let mut told = Vec::new();
-    for kind in KINDS {
-        for victim in ["haptic:active", "tissue:active", "fluid:active", "collision-worker:0"] {
+    for (round, kind) in KINDS.into_iter().enumerate() {
+        for victim in liars(round) {
             if ["epoch", "layout"].contains(&kind) && victim == "haptic:active" {
                 continue; // a force is no message: it has no epoch, and its page's layout was checked when it was opened
             }

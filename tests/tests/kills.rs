@@ -6,13 +6,13 @@ use station_tests::shown::{Promise, lower99_of_difference, mean};
 use station_tests::{Ended, RECOVERY_LIMIT, STEP_MARGIN_N, Station, binaries, hystation, run, wait_for};
 
 /// Kills of the active haptic, and of the active tissue, that must count; `HYSTATION_KILLS=100` makes a hundred.
-const KILLS: usize = 40;
+const KILLS: usize = 25;
 /// The two that are killed so often.
 const TAKEN_OVER: [&str; 2] = ["haptic", "tissue"];
 /// Runs in which as many kills as that must count, and in which a mean above what is allowed may turn out to be one burst of the host's noise.
 const RUNS: usize = 3;
 /// Fewest kills of each in a run.
-const LEAST: usize = 20;
+const LEAST: usize = 15;
 /// Excess misses per kill that are allowed.
 const ALLOWED: f64 = 0.1;
 /// Share of the kills that may lose more ticks than their control, beyond those that lose fewer: the host's noise falls on both alike, and a
