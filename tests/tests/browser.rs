@@ -44,12 +44,14 @@ const PICTURE: &str = r"(() => {
 /// Texts of every kind, each with its colour and that of its ground; the first is the page itself.
 const TEXTS: &str = r"(() => {
     showAlarms(['one']);
+    const goals = [{ words: 'resect', state: 'open', called_for: false, called_off: true, progress: 0.3, at_s: null }];
+    showCase({ name: 'A case', task: 'Do it.', ended: null, goals, warnings: [] });
     const channels = colour => colour.match(/[\d.]+/g).map(Number);
     const ground = element => {
         const colour = getComputedStyle(element).backgroundColor;
         return colour === 'rgba(0, 0, 0, 0)' ? ground(element.parentElement) : colour;
     };
-    const kinds = ['body', '#clock', '#banner', '#alarms li', 'dt', 'dd', 'thead th', 'tbody th', 'td.state', '#events li', 'label', 'input', 'button'];
+    const kinds = ['body', '#clock', '#banner', '#alarms li', '#goals li.off .goal', 'dt', 'dd', 'thead th', 'tbody th', 'td.state', '#events li', 'label', 'input', 'button'];
     return kinds.map(kind => {
         const element = document.querySelector(kind);
         return [kind, channels(getComputedStyle(element).color), channels(ground(element))];
@@ -70,6 +72,21 @@ const ALARMS: &str = r"(() => {
     const [, two] = list.children;
     showAlarms(['two', 'three']);
     return [list.getAttribute('aria-live'), list.firstChild === two, [...list.children].map(item => item.textContent)];
+})()";
+
+/// What the page says of open goals while a session runs, and whether they are struck out: one that is called for, a stop that is not yet, and one whose
+/// place a stop has taken. Then of the latter two when the session is over.
+const GOALS: &str = r"(() => {
+    const goal = (words, called_for, called_off) => ({ words, state: 'open', called_for, called_off, progress: 0.3, at_s: null });
+    const goals = [goal('look', true, false), goal('stop', false, false), goal('resect', false, true)];
+    const told = ended => {
+        showCase({ name: 'A case', task: 'Do it.', ended, goals, warnings: [] });
+        return [...document.querySelectorAll('#goals li')].map(item => {
+            const isStruck = getComputedStyle(item.querySelector('.goal')).textDecorationLine === 'line-through';
+            return [item.textContent, isStruck];
+        });
+    };
+    return [told(null), told({ at_s: 9, words: 'the time was over' }).slice(1)];
 })()";
 
 /// Chooses the fault that is to be injected.
@@ -258,6 +275,10 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
     assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));
+    let called_off = json!(["– resect – not called for any more", true]);
+    let runs = json!([["○ look – 30 %", false], ["○ stop – not called for yet", false], called_off]);
+    let over = json!([["○ stop – not called for", false], called_off]);
+    assert_eq!(browser.evaluate(GOALS), Some(json!([runs, over])));
 
     let before = station.pid("recorder", true).to_string();
     assert_eq!(browser.evaluate(CHOOSE), Some(json!(["kill", "recorder"])));

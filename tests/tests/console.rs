@@ -317,6 +317,7 @@ fn the_page_tells_of_the_case_as_it_goes_and_a_new_console_goes_on_with_it() {
     let told = page.event("case", reached).unwrap_or_else(|| panic!("{}", station.said()));
     assert_eq!((told["name"].as_str(), told["task"].as_str()), (Some("A rest"), Some("Do nothing.")), "{told}");
     assert_eq!((told["goals"][1]["state"].as_str(), told["ended"].is_null()), (Some("open"), true), "{told}");
+    assert_eq!(told["goals"][1]["called_off"], false, "nothing called for a stop: {told}");
     let first_s = told["goals"][0]["at_s"].as_f64().unwrap();
     assert!(first_s >= 1.0, "{told}");
 

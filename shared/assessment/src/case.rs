@@ -27,6 +27,7 @@ impl Judge {
                 "words": plain(&goal.words),
                 "state": if state.reached_tick.is_some() { "reached" } else if state.missed_tick.is_some() { "missed" } else { "open" },
                 "called_for": self.is_called_for(index),
+                "called_off": self.is_called_off(index),
                 "progress": state.progress,
                 "at_s": at_s(state.reached_tick.or(state.missed_tick)),
             })
@@ -57,7 +58,9 @@ impl Judge {
     /// The case in some short lines, ASCII, for what stands beside a picture: goals and time, the next goal or the end, what is warned of.
     pub fn strip(&self) -> Vec<String> {
         let (reached, called_for) = self.tally();
-        let of = if self.ended.is_some() { called_for } else { self.goals.len() };
+        // While it runs a stop that may never be counts, too; what it has taken the place of does not any more.
+        let called_off = (0..self.goals.len()).filter(|index| self.is_called_off(*index)).count();
+        let of = if self.ended.is_some() { called_for } else { self.goals.len() - called_off };
         let left_s = self.brief.end.time_s.map(|time_s| (time_s - self.since_start_s(self.last_tick)).max(0.0).ceil() as u64);
         let left = left_s.filter(|_| self.ended.is_none());
         let left = left.map_or(String::new(), |left_s| format!("   {:02}:{:02} left", left_s / 60, left_s % 60));
@@ -104,6 +107,7 @@ impl Judge {
             let (told, class) = match (state.reached_tick, state.missed_tick) {
                 (Some(tick), _) => (format!("reached at {:.1} s", self.since_start_s(tick)), "reached"),
                 (None, Some(tick)) => (format!("missed at {:.1} s", self.since_start_s(tick)), "error"),
+                (None, None) if self.is_called_off(index) => ("not called for any more".into(), ""),
                 (None, None) if !self.is_called_for(index) => ("not called for".into(), ""),
                 (None, None) => (format!("not reached ({:.0} % of it)", 100.0 * state.progress), "warning"),
             };
@@ -234,4 +238,32 @@ fn cut_to(words: &str, most: usize) -> String {
         return words.to_owned();
     }
     words.chars().take(most - 1).chain(['…']).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_messages::{AppliedRecord, Controls, FluidStatus, HardwareSample};
+
+    #[test]
+    fn a_goal_that_a_stop_has_taken_the_place_of_is_told_from_a_stop_that_nothing_called_for() {
+        let brief = json!({
+            "name": "A case", "rung": "polyp", "task": "Do it.", "seed": 3, "drawn": [], "pathology_ml": 2.0,
+            "goals": [
+                { "words": "stop", "is": { "stop": { "after": { "alarm": "perforation" }, "ticks": 200 } } },
+                { "words": "resect", "is": { "removed": 1.0 } },
+            ],
+            "end": { "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false },
+            "warnings": [], "score": {},
+        });
+        let mut judge = Judge::new(serde_json::from_value(brief).unwrap());
+        let told = |judge: &Judge| judge.goal_lines().into_iter().map(|(_, told, _)| told).collect::<Vec<String>>();
+        let controls = Controls { inflow_valve: 1.0, ..Controls::default() };
+        let sample = HardwareSample { controls, ..HardwareSample::default() };
+        judge.tick(&AppliedRecord { tick: 1, sample, ..AppliedRecord::default() });
+        assert_eq!(told(&judge), ["not called for", "not reached (0 % of it)"]);
+        judge.fluid(&FluidStatus { state_tick: 1, alarms: 8, ..FluidStatus::default() });
+        judge.tick(&AppliedRecord { tick: 2, sample, ..AppliedRecord::default() });
+        assert_eq!(told(&judge), ["not reached (0 % of it)", "not called for any more"]);
+    }
 }

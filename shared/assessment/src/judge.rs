@@ -201,6 +201,12 @@ impl Judge {
         }
     }
 
+    /// Whether a goal was called for and is not any more: something has called for a stop, which takes the place of those that are open.
+    pub(crate) fn is_called_off(&self, index: usize) -> bool {
+        let is_stop = self.brief.goals.get(index).is_none_or(|goal| matches!(goal.is, Aim::Stop { .. }));
+        !is_stop && !self.is_called_for(index)
+    }
+
     /// Whether something has called for a stop.
     pub(crate) fn is_to_stop(&self) -> bool {
         let mut goals = self.brief.goals.iter().zip(&self.goals);

@@ -207,6 +207,9 @@ fn who_never_has_to_stop_ends_with_the_rest_and_who_has_to_is_asked_for_nothing_
     let reached = goes_on.goals.iter().filter_map(|goal| goal.reached_tick).count();
     assert_eq!((goes_on.reached_percent(), reached, goes_on.ended), (Some(0.0), 0, None), "to resect after it mends nothing");
     assert!(!goes_on.strip().iter().any(|line| line.starts_with("next")), "{:?}", goes_on.strip());
+    let called_off = |judge: &Judge| [0_usize, 1].map(|goal| judge.json()["goals"][goal]["called_off"].as_bool());
+    assert_eq!([&careful, &goes_on].map(called_off), [[Some(false); 2], [Some(false), Some(true)]], "a stop is none");
+    assert_eq!(goes_on.strip()[0], "goals    0 of 1", "only the stop still counts");
 }
 
 #[test]
