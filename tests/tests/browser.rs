@@ -44,6 +44,7 @@ const PICTURE: &str = r"(() => {
 /// Texts of every kind, each with its colour and that of its ground; the first is the page itself.
 const TEXTS: &str = r"(() => {
     showAlarms(['one']);
+    showLines(document.getElementById('notices'), ['two']);
     const goals = [{ words: 'resect', state: 'open', called_for: false, called_off: true, progress: 0.3, at_s: null }];
     showCase({ name: 'A case', task: 'Do it.', ended: null, goals, warnings: [] });
     const channels = colour => colour.match(/[\d.]+/g).map(Number);
@@ -51,7 +52,7 @@ const TEXTS: &str = r"(() => {
         const colour = getComputedStyle(element).backgroundColor;
         return colour === 'rgba(0, 0, 0, 0)' ? ground(element.parentElement) : colour;
     };
-    const kinds = ['body', '#clock', '#banner', '#alarms li', '#goals li.off .goal', 'dt', 'dd', 'thead th', 'tbody th', 'td.state', '#events li', 'label', 'input', 'button'];
+    const kinds = ['body', '#clock', '#banner', '#alarms li', '#notices li', '#goals li.off .goal', 'dt', 'dd', 'thead th', 'tbody th', 'td.state', '#events li', 'label', 'input', 'button'];
     return kinds.map(kind => {
         const element = document.querySelector(kind);
         return [kind, channels(getComputedStyle(element).color), channels(ground(element))];
@@ -137,6 +138,16 @@ const MUTED: &str = r"(() => {
     button.click();
     showAlarms(['one more', 'and another one']);
     return [loud - before, sounds() - loud, button.getAttribute('aria-pressed')];
+})()";
+
+/// A notice of the pump, and then an alarm beside it: the tones of each, and how the notice is read.
+const NOTICE: &str = r"(() => {
+    const tones = () => Number(document.body.dataset.tones ?? 0), list = document.getElementById('notices');
+    const before = tones();
+    showTold({ alarms: [], notices: ['container change'] }, []);
+    const noticed = tones();
+    showTold({ alarms: ['deficit'], notices: ['container change'] }, []);
+    return [noticed - before, tones() - noticed, list.getAttribute('aria-live'), [...list.children].map(item => item.textContent)];
 })()";
 
 /// What the page says of the recording; and of one that stands still: whether there is a banner, and how the line is marked.
@@ -338,6 +349,7 @@ fn a_warning_is_a_tone_when_it_comes_and_none_before_or_while_it_stands_or_when_
     } else {
         not_shown("whether a tone sounds: this browser makes no sound");
     }
+    assert_eq!(browser.evaluate(NOTICE), Some(json!([0, 1, "polite", ["Pump: container change"]])));
     assert!(browser.faults.is_empty(), "{:?}", browser.faults);
     drop(browser);
     station.stop().assert_clean();

@@ -2,6 +2,7 @@
 //! rendering of its pictures.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
+use hyst_assessment::NOTICES;
 use hyst_messages::{FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, RenderingStatus, Slot};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -109,6 +110,8 @@ pub struct Pump {
     pub bled_ml: f64,
     /// Alarms.
     pub alarms: Vec<String>,
+    /// What it says that asks for nothing.
+    pub notices: Vec<String>,
     /// Step of the flow, and the one that the scene asks for, ms.
     pub step_ms: u32,
     /// See `step_ms`.
@@ -129,7 +132,8 @@ impl Pump {
             deficit_ml: status.deficit_ml,
             cavity_ml: status.cavity_volume_ml,
             bled_ml: status.bled_ml,
-            alarms: alarms(status.alarms),
+            alarms: names(status.alarms & !NOTICES),
+            notices: names(status.alarms & NOTICES),
             step_ms: status.step_ticks,
             scene_step_ms: status.scene_step_ticks,
             halvings: status.halvings,
@@ -140,8 +144,8 @@ impl Pump {
     }
 }
 
-/// The alarms of some bits, in words; a bit that has no name here is an alarm all the same.
-fn alarms(bits: u32) -> Vec<String> {
+/// What some bits of [`FluidStatus::alarms`] say; a bit that has no name here is an alarm all the same.
+fn names(bits: u32) -> Vec<String> {
     let said = |bit: &u32| PUMP_ALARMS.iter().find(|(known, _)| known == bit).map(|(_, name)| name.to_string());
     let set = (0..u32::BITS).map(|place| 1u32 << place).filter(|bit| bits & bit != 0);
     set.map(|bit| said(&bit).unwrap_or_else(|| format!("unknown ({bit:#x})"))).collect()
@@ -281,8 +285,8 @@ mod tests {
 
     #[test]
     fn a_pump_is_shown_in_the_units_of_the_table_with_its_alarms_and_nonsense_is_not_shown() {
-        let status =
-            FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, bled_ml: 1.5, alarms: 1 | 4 | 64, ..FluidStatus::default() };
+        let alarms = 1 | 4 | 16 | 64;
+        let status = FluidStatus { pressure_pa: 9_332.54, deficit_ml: 12.5, bled_ml: 1.5, alarms, ..FluidStatus::default() };
         let mut sample = HardwareSample::default();
         sample.controls.set_pressure_pa = 13_332.2;
         let pump = Pump::new(&status, Some(&sample)).unwrap();
@@ -291,6 +295,7 @@ mod tests {
             (pump.deficit_ml, pump.bled_ml, pump.alarms.join(", ")),
             (12.5, 1.5, "pressure, abnormal loss, unknown (0x40)".to_string())
         );
+        assert_eq!(pump.notices, ["container change"], "it asks for nothing, so it is no alarm");
         assert_eq!(Pump::new(&status, None).unwrap().set_mmhg, None);
         assert_eq!(Pump::new(&FluidStatus { deficit_ml: f64::NAN, ..status }, None), None);
     }

@@ -108,7 +108,7 @@ fn pump(look: &Look, registry: &mut Registry) {
     figure(registry, "pump_bled_milliliters", "Blood that has come into the cavity since the start", pump.bled_ml);
     let alarms = Figures::default();
     for (_, name) in PUMP_ALARMS {
-        let is_on = pump.alarms.iter().any(|alarm| alarm == name);
+        let is_on = pump.alarms.iter().chain(&pump.notices).any(|alarm| alarm == name);
         alarms.get_or_create(&vec![("alarm", name.to_string())]).set(f64::from(u8::from(is_on)));
     }
     register(registry, "pump_alarm", "Alarms of the pump", alarms);
@@ -164,7 +164,8 @@ mod tests {
         };
         let recording = Some(Recording::default());
         let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], recording, ..Status::default() };
-        let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms: vec!["deficit".into()], ..Pump::default() };
+        let (alarms, notices) = (vec!["deficit".into()], vec!["container change".into()]);
+        let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms, notices, ..Pump::default() };
         let pictures = Pictures {
             count: 9_000,
             age_s: 0.25,
@@ -186,6 +187,7 @@ mod tests {
             "hystation_pump_bled_milliliters 1.5",
             "hystation_pump_alarm{alarm=\"deficit\"} 1.0",
             "hystation_pump_alarm{alarm=\"pressure\"} 0.0",
+            "hystation_pump_alarm{alarm=\"container change\"} 1.0",
             "hystation_rendering_pictures_total 9000",
             "hystation_rendering_picture_age_seconds 0.25",
             "hystation_rendering_aim_hertz 25.0",
