@@ -153,6 +153,14 @@ fn switch_by_keys(display: &Display, station: &Station) -> f32 {
     set_pa()
 }
 
+/// Makes the window larger, and waits until that is known to whoever opens the next one.
+fn enlarge(display: &Display, station: &Station, window: &str) {
+    assert!(display.xdotool(&["windowsize", window, "800", "600"]).is_some(), "the window takes no size");
+    let file = station.place().root().join("window-size");
+    let kept = || std::fs::read_to_string(&file).ok().filter(|size| size.trim() == "800x600");
+    assert!(wait_for(RECOVERY_LIMIT, kept).is_some(), "{:?}\n{}", std::fs::read_to_string(&file), station.said());
+}
+
 #[test]
 fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor() {
     let Some(display) = Display::start() else { return };
@@ -194,9 +202,12 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     until_moved(&station, "left button", drag, || turned(before.orientation, pose().orientation));
 
     let set_pa = switch_by_keys(&display, &station);
+    enlarge(&display, &station, &window);
 
     station.kill("rendering", true);
     let next = display.window(&station);
+    let geometry = display.xdotool(&["getwindowgeometry", &next]).unwrap_or_default();
+    assert!(geometry.contains("800x600"), "a successor's window has another size: {geometry}");
     station.run_ticks(300);
     assert_eq!(station.sample().controls.set_pressure_pa, set_pa, "a successor's window sets the pump otherwise");
     let before = pose();

@@ -1,7 +1,10 @@
-//! The window, if there is one to be had: `--headless`, no DISPLAY, or a display that refuses all lead to the same headless station.
+//! The window, if there is one to be had: `--headless`, no DISPLAY, or a display that refuses all lead to the same headless station. It is as large as
+//! that of the process before.
 
+use crate::geometry::{Keeper, before_px, px_of};
 use hyst_engine::Life;
 use hyst_engine::settings::{SetError, Settings};
+use hyst_exchange::Station;
 use rendering::{PointerInput, RenderError, Status, Window};
 
 /// Size of the picture, and of the window at first, where a software driver draws, px: what the station is measured with.
@@ -34,9 +37,8 @@ fn asked_hz(settings: &Settings) -> Result<Option<u32>, SetError> {
 
 fn asked_px(settings: &Settings) -> Result<Option<[u32; 2]>, SetError> {
     let Some(value) = settings.set.get("picture_size").filter(|value| *value != "auto") else { return Ok(None) };
-    let size_px = value.split_once('x').and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
     let error = || SetError { key: "picture_size".into(), value: value.clone(), expected: "auto or WIDTHxHEIGHT" };
-    size_px.map(Some).ok_or_else(error)
+    px_of(value).map(Some).ok_or_else(error)
 }
 
 /// The size of the pictures, px.
@@ -45,28 +47,36 @@ pub fn size_px(asked_px: Option<[u32; 2]>, is_software: bool) -> [u32; 2] {
 }
 
 /// The window or its absence.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Display {
     window: Option<Window>,
+    /// It has the size of the window of the process before.
+    is_sized: bool,
+    keeper: Keeper,
 }
 
 impl Display {
     /// Opens the window, or says why the station goes on headless.
     pub fn open(life: &Life, asked_px: Option<[u32; 2]>) -> Display {
         if life.settings.headless {
-            return Display { window: None };
+            return Display::default();
         }
         if std::env::var_os("DISPLAY").is_none_or(|name| name.is_empty()) {
             life.say("DISPLAY is not set: headless");
-            return Display { window: None };
+            return Display::default();
         }
         let title = format!("hysteroscopy: {}", life.station.name());
         let [width, height] = asked_px.unwrap_or(SOFTWARE_PX);
-        match Window::open(&title, width, height) {
-            Ok(window) => Display { window: Some(window) },
+        let before_px = before_px(&life.station);
+        let opened = match before_px {
+            Some(size_px) => Window::open_again(&title, size_px),
+            None => Window::open(&title, width, height),
+        };
+        match opened {
+            Ok(window) => Display { window: Some(window), is_sized: before_px.is_some(), keeper: Keeper::default() },
             Err(error) => {
                 life.say(&format!("{error}; headless"));
-                Display { window: None }
+                Display::default()
             }
         }
     }
@@ -81,9 +91,17 @@ impl Display {
         }
     }
 
-    /// Makes the window as large as the pictures; a display that refuses that shows them smaller.
+    /// Makes the window as large as the pictures, unless its size is that of the process before; a display that refuses that shows them smaller.
     pub fn fit(&self, size_px: [u32; 2]) -> Result<(), RenderError> {
-        self.window.as_ref().map_or(Ok(()), |window| window.resize(size_px[0], size_px[1]))
+        let first = self.window.as_ref().filter(|_| !self.is_sized);
+        first.map_or(Ok(()), |window| window.resize(size_px[0], size_px[1]))
+    }
+
+    /// Keeps the window's size for the process that follows.
+    pub fn keep_size(&mut self, station: &Station, tick: u64) {
+        if let Some(window) = &self.window {
+            self.keeper.keep(station, tick, window.size_px());
+        }
     }
 
     /// The window.

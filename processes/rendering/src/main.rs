@@ -5,6 +5,7 @@
 
 mod album;
 mod display;
+mod geometry;
 mod hand;
 mod instrument;
 mod looks;

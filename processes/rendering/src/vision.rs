@@ -223,6 +223,7 @@ impl<'a> Vision<'a> {
                 }
                 Err(reason) => return Ok(End::NoWindow(reason)),
             }
+            display.keep_size(&life.station, tick);
             self.gather(sources).map_err(broken)?;
             self.aim(sample.as_ref(), sources.hold_m());
             let lens_m = sample.as_ref().filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));

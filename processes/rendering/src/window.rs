@@ -8,7 +8,7 @@ use std::{sync::Arc, time::Duration};
 
 use winit::{
     application::ApplicationHandler,
-    dpi::{LogicalSize, PhysicalPosition},
+    dpi::{LogicalSize, PhysicalPosition, PhysicalSize, Size},
     event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent},
     event_loop::{ActiveEventLoop, EventLoop},
     keyboard::{KeyCode, PhysicalKey},
@@ -60,15 +60,27 @@ impl std::fmt::Debug for Window {
 }
 
 impl Window {
-    /// Opens a window of `width_px` × `height_px`. One per process: the windowing library makes no second event loop.
+    /// Opens a window of `width_px` × `height_px`, each of which may be several of a fine display's. One per process: the windowing library makes no
+    /// second event loop.
     ///
     /// # Errors
     /// [`RenderError::NoDisplay`].
     pub fn open(title: &str, width_px: u32, height_px: u32) -> Result<Self, RenderError> {
+        Self::begin(App { title: title.into(), size: [width_px, height_px], ..App::default() })
+    }
+
+    /// Opens a window as large as one whose [`Window::size_px`] was this. One per process, too.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`].
+    pub fn open_again(title: &str, size_px: [u32; 2]) -> Result<Self, RenderError> {
+        Self::begin(App { title: title.into(), size: size_px, is_exact: true, ..App::default() })
+    }
+
+    fn begin(mut app: App) -> Result<Self, RenderError> {
         let mut event_loop = guarded(|| {
             EventLoop::builder().with_any_thread(true).build().map_err(|e| RenderError::NoDisplay(without_place(&e.to_string())))
         })??;
-        let mut app = App { title: title.into(), size: [width_px, height_px], ..App::default() };
         guarded(|| event_loop.pump_app_events(Some(Duration::from_millis(200)), &mut app))?;
         if let Some(reason) = app.failed.take() {
             return Err(RenderError::NoDisplay(reason));
@@ -142,6 +154,8 @@ fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, RenderError> {
 struct App {
     title: String,
     size: [u32; 2],
+    /// The size to begin with is one of the display's own pixels.
+    is_exact: bool,
     refresh_hz: Option<f32>,
     native: Option<Arc<Native>>,
     failed: Option<String>,
@@ -209,8 +223,11 @@ impl ApplicationHandler for App {
     fn resumed(&mut self, event_loop: &ActiveEventLoop) {
         if self.native.is_none() {
             let [width, height] = self.size;
-            let wanted =
-                Native::default_attributes().with_title(self.title.clone()).with_inner_size(LogicalSize::new(width, height));
+            let size = match self.is_exact {
+                true => Size::from(PhysicalSize::new(width, height)),
+                false => Size::from(LogicalSize::new(width, height)),
+            };
+            let wanted = Native::default_attributes().with_title(self.title.clone()).with_inner_size(size);
             match event_loop.create_window(wanted) {
                 Ok(window) => {
                     let refresh_mhz = window.current_monitor().and_then(|monitor| monitor.refresh_rate_millihertz());
