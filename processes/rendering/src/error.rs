@@ -68,9 +68,9 @@ pub enum RenderError {
         bound: usize,
     },
     /// A fluid field whose numbers contradict each other.
-    #[error("fluid field: {got} densities for {dims:?} cells: send x*y*z values, x fastest")]
+    #[error("fluid field: {got} values for {dims:?} cells: send x*y*z values, x fastest")]
     BadField {
-        /// densities received
+        /// values received of one kind
         got: usize,
         /// cells per axis
         dims: [u32; 3],

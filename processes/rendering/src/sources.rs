@@ -1,6 +1,7 @@
 //! What rendering reads of the others: the ushers' ports, the newest tissue state over all tissues, the pose and the pump.
 //!
-//! Messages are read in place, in the memory that their writer filled; they are held for one frame, a topology until the next one.
+//! Messages are read in place, in the memory that their writer filled; they are held for one frame, a topology and
+//! the fluid's state until the next one.
 
 use crate::looks::Looks;
 use hyst_engine::{Failure, Life};

@@ -15,7 +15,7 @@ use crate::strip::Strip;
 use crate::switches::Switches;
 use hyst_engine::settings::SetError;
 use hyst_engine::{Failure, Life, Pace, realtime};
-use hyst_exchange::{Links, system};
+use hyst_exchange::{Held, Links, system};
 use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
@@ -58,6 +58,8 @@ struct Vision<'a> {
     /// Epoch and tick of the tissue's and the fluid's state that is shown.
     shown: Option<(u32, u64)>,
     flowed: Option<(u32, u64)>,
+    /// That state of the fluid, or the last one that made sense: its velocities carry the flakes of each picture until the next one comes.
+    flow: Option<Held>,
     uploaded: u64,
     copied: u64,
     /// Of the tissue's messages and of the medium's states.
@@ -181,6 +183,7 @@ impl<'a> Vision<'a> {
             strip: Strip::of(&life.clock),
             shown: None,
             flowed: None,
+            flow: None,
             uploaded: 0,
             copied: 0,
             refused: Default::default(),
@@ -226,10 +229,7 @@ impl<'a> Vision<'a> {
             display.keep_size(&life.station, tick);
             self.gather(sources).map_err(broken)?;
             self.aim(sample.as_ref(), sources.hold_m());
-            let lens_m = sample.as_ref().filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));
-            let flow_ml_min = sources.pump().map_or(0.0, |pump| pump.inflow_ml_min);
-            // What they upload is no state of anybody.
-            self.motes.drift(self.renderer.stage(), lens_m, flow_ml_min, elapsed_s).map_err(broken)?;
+            self.drift(sources, sample.as_ref(), elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
             self.write(sources, tick, sample.as_ref(), display.window().is_some());
             let stats = self.renderer.render(&self.view).map_err(broken)?;

@@ -107,6 +107,32 @@ fn values_that_are_not_finite_are_refused_even_under_a_good_checksum() {
     assert!(scene::state(&solver) == before, "a refused state changes nothing");
 }
 
+#[test]
+fn a_view_of_the_form_alone_reads_the_same_and_refuses_what_is_of_another_form() {
+    let solver = after(12);
+    let mut block = scene::state(&solver);
+    let whole = block.clone();
+    let cells = CELLS.iter().product::<usize>();
+    let checked = StateView::new(bytemuck::cast_slice(&whole)).unwrap();
+    let framed = StateView::framed(bytemuck::cast_slice(&whole)).unwrap();
+    assert_eq!((framed.grid(), framed.mask()), (checked.grid(), checked.mask()));
+    for axis in 0..3 {
+        assert!(framed.velocity_m_s(axis).len() == cells && framed.velocity_m_s(axis) == checked.velocity_m_s(axis));
+    }
+    // What lies in the arrays is for the reader to judge; in the checked view it is not.
+    let words = block.len();
+    block[words / 4] = u64::from_ne_bytes([0xff; 8]);
+    assert!(StateView::new(bytemuck::cast_slice(&block)).is_err());
+    let framed = StateView::framed(bytemuck::cast_slice(&block)).unwrap();
+    assert!((0..3).any(|axis| framed.velocity_m_s(axis).iter().any(|value| value.is_nan())));
+    for word in [0, 2, 3, 4] {
+        let mut block = whole.clone();
+        block[word] ^= 0x0001_0001;
+        let found = StateView::framed(bytemuck::cast_slice(&block)).err();
+        assert!(found.is_some(), "word {word}: magic, length, version and capacity, cells");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]

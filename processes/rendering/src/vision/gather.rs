@@ -1,6 +1,6 @@
-//! What a picture takes from the others: surfaces, medium and bubbles, looks, and in the view from outside where the hand feels something.
+//! What a picture takes from the others: surfaces, medium, bubbles and flakes, looks, and in the view from outside where the hand feels something.
 
-use super::Vision;
+use super::{Vision, lens_m};
 use crate::medium;
 use crate::scenery::Refused;
 use crate::sources::Sources;
@@ -81,7 +81,9 @@ impl Vision<'_> {
             let key = (state.epoch, state.tick);
             if Some(key) > self.flowed {
                 self.flowed = Some(key);
-                self.take_field(held.bytes())?;
+                if self.take_field(held.bytes())? {
+                    self.flow = Some(held);
+                }
             } else {
                 self.life.page.add64(header::STALE, 1); // of a fluid that was replaced, and goes on
             }
@@ -104,8 +106,28 @@ impl Vision<'_> {
         Ok(true)
     }
 
-    /// The medium as the newest fluid state has it; a state that makes no sense leaves it as it was.
-    fn take_field(&mut self, state: &[u8]) -> Result<(), RenderError> {
+    /// Moves the flakes on with the medium: as the newest state says that it flows or, where that says nothing, as fast as the inflow.
+    pub(super) fn drift(
+        &mut self,
+        sources: &Sources,
+        sample: Option<&HardwareSample>,
+        elapsed_s: f32,
+    ) -> Result<(), RenderError> {
+        let lens_m = sample.filter(|_| !self.switches.external).map(|sample| lens_m(&sample.pose));
+        let flow = self.flow.as_ref().and_then(|held| medium::flow(held.bytes()));
+        let stage = self.renderer.stage();
+        let uploaded = match flow {
+            Some(flow) => self.motes.carry(stage, lens_m, &flow, elapsed_s),
+            None => {
+                let flow_ml_min = sources.pump().map_or(0.0, |pump| pump.inflow_ml_min);
+                self.motes.drift(stage, lens_m, flow_ml_min, elapsed_s)
+            }
+        };
+        uploaded.map(|_| ()) // it is no state of anybody
+    }
+
+    /// The medium as the newest fluid state has it; one that makes no sense leaves it as it was, and gives false.
+    fn take_field(&mut self, state: &[u8]) -> Result<bool, RenderError> {
         let field = medium::field(state);
         let news = self.refused[1].is_news(field.is_err());
         let field = match field {
@@ -115,7 +137,7 @@ impl Vision<'_> {
                 if news {
                     self.life.say(&format!("a state of the medium is left out: {error}"));
                 }
-                return Ok(());
+                return Ok(false);
             }
         };
         let bytes = field.as_ref().map_or(0, |field| size_of_val(field.density) as u64);
@@ -129,7 +151,7 @@ impl Vision<'_> {
             Err(error @ RenderError::DeviceLost(_)) => return Err(error),
             Err(_) => self.life.page.add64(header::INVALID, 1),
         }
-        Ok(())
+        Ok(true)
     }
 }
 
