@@ -13,7 +13,7 @@ use crate::view::Viewer;
 use arms::Arms;
 use hyst_exchange::Station;
 use hyst_messages::page::hardware::Total;
-use hyst_messages::page::{fluid, rendering, tissue};
+use hyst_messages::page::{device, fluid, rendering, tissue};
 use hyst_messages::{Role, Slot, percentile_ns};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
     let status = Statuses::read(viewer);
     json!({
         "processes": processes,
-        "device": device(faults),
+        "device": device(faults, withheld_ticks(viewer)),
         "faults": faults.all().map(|fault| serde_json::to_value(fault).unwrap_or_default()).collect::<Vec<_>>(),
         "faults_not_injected": not_injected(faults),
         "by_target": by_target(faults),
@@ -125,7 +125,12 @@ fn total(faults: &Faults, total: Total) -> u64 {
     faults.ledger.totals[total as usize]
 }
 
-fn device(faults: &Faults) -> Value {
+/// Ticks at which the present device has applied a share of the chosen force only, for the energy that it would have given.
+fn withheld_ticks(viewer: &mut Viewer) -> u64 {
+    viewer.slot_page(Slot::first(Role::Device)).map_or(0, |page| page.load64(device::WITHHELD_TICKS))
+}
+
+fn device(faults: &Faults, withheld_ticks: u64) -> Value {
     let arms = Arms::of(faults.closed.iter().filter(|fault| !fault.may_be_felt()));
     let own = Arms::of(faults.closed.iter().filter(|fault| fault.target == Role::Device.name()));
     json!({
@@ -135,6 +140,7 @@ fn device(faults: &Faults) -> Value {
         "ramped": total(faults, Total::Ramped),
         "zero": total(faults, Total::Zero),
         "voided": total(faults, Total::Void),
+        "withheld": withheld_ticks,
         "fault_window": arm(arms.fault),
         "control_window": arm(arms.control),
         "controls_shared": faults.closed.iter().filter(|fault| fault.control_shared).count(),

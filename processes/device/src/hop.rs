@@ -8,7 +8,7 @@ use crate::again::{Again, Given};
 use crate::models::Models;
 use crate::plugged::Plugged;
 use crate::replicas::{Chosen, Replicas};
-use hyst_coupling::{AppliedKind, HardwareParams, LastHopParams, LastHopState, last_hop_step};
+use hyst_coupling::{AppliedKind, EnergyParams, EnergyState, HardwareParams, LastHopParams, LastHopState, energy_step, last_hop_step};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};
@@ -23,6 +23,8 @@ const PATIENCE_NS: u64 = 5_000_000_000;
 
 /// Longest that it waits then for the pages of those who live, ns: nobody makes a force meanwhile.
 const SEATING_NS: u64 = 10_000_000;
+/// A tick, s.
+const TICK_S: f32 = 1e-3;
 /// Between two looks for them, ns.
 const LOOK_NS: u64 = 100_000;
 
@@ -34,6 +36,7 @@ struct Hop<'a> {
     replicas: Replicas,
     params: LastHopParams,
     state: LastHopState,
+    energy: EnergyState,
     lies: Lies,
     again: Option<Again>,
     gives: fn([f32; 3]) -> [f32; 3],
@@ -63,7 +66,8 @@ fn run_as(life: &Life, order: fn(u32, u64) -> (u32, u64), gives: fn([f32; 3]) ->
     let lies = Lies::new(life, size_of::<ForceCommand>());
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
-    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, lies, again, gives };
+    let energy = EnergyState::default();
+    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, energy, lies, again, gives };
     realtime::go(life)?;
     hop.resume();
     hop.run()
@@ -132,6 +136,7 @@ impl Hop<'_> {
     fn resume(&mut self) {
         let felt = self.hardware.page().cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
         self.state = if felt == [0.0; 3] { LastHopState::default() } else { LastHopState::resumed(felt) };
+        self.energy = EnergyState::default();
         self.life.page.set_state(ProcessState::Live);
     }
 
@@ -147,15 +152,30 @@ impl Hop<'_> {
                 continue;
             };
             if let Some(state) = given.newborn {
-                (self.state, next_tick) = (state, None);
+                (self.state, self.energy, next_tick) = (state, EnergyState::default(), None);
             }
             let silent_ticks = next_tick.map_or(0, |next| tick.saturating_sub(next)).min(u64::from(u32::MAX)) as u32;
             self.state = self.state.after_silence(&HardwareParams::default(), silent_ticks, sample.force_n);
             next_tick = Some(tick + 1);
-            self.tick(tick, sample, &given, pace.woken_ns());
+            let share = self.book(&sample, silent_ticks);
+            self.tick(tick, sample, &given, share, pace.woken_ns());
             pace.end();
         }
         Ok(())
+    }
+
+    /// Books what the force of the tick before has done to the hand, and says what share of a force may be applied. Of ticks at which this device was not let
+    /// run it does not know what the motors made of it.
+    fn book(&mut self, sample: &HardwareSample, silent_ticks: u32) -> f32 {
+        let applied_n = if silent_ticks == 0 { self.state.applied_n } else { [f32::NAN; 3] };
+        let dt_s = TICK_S * (silent_ticks as f32 + 1.0);
+        let (state, share) = energy_step(&EnergyParams::default(), &self.energy, sample.pose.position_m, applied_n, dt_s);
+        self.energy = state;
+        if share < 1.0 {
+            let page = &self.life.page;
+            page.store64(layout::WITHHELD_TICKS, page.load64(layout::WITHHELD_TICKS) + 1);
+        }
+        share
     }
 
     /// No more than the device on the desk can do: the smaller force of its and the station's.
@@ -206,7 +226,7 @@ impl Hop<'_> {
         }
     }
 
-    fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, woken_ns: u64) {
+    fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, share: f32, woken_ns: u64) {
         let page = &self.life.page;
         let Given { model, medium: Medium { pressure_pa, pieces }, limits, medium_key, lag: replayed_lag, .. } = *given;
         self.heed(&limits);
@@ -237,7 +257,8 @@ impl Hop<'_> {
             self.replicas.choose(self.life, &input, &self.params, deadline_ns)
         };
         let chosen = if given.is_mute || self.hardware.is_silent() { Chosen { force_n: None, lag: 0, ..chosen } } else { chosen };
-        let (state, force_n, kind) = last_hop_step(&self.params, &self.state, chosen.force_n.map(self.gives));
+        let wanted_n = chosen.force_n.map(self.gives).map(|force_n| force_n.map(|newton| newton * share));
+        let (state, force_n, kind) = last_hop_step(&self.params, &self.state, wanted_n);
         self.state = state;
         let kind = told_as(kind, chosen.force_n.is_some());
         let command = ForceCommand {

@@ -16,13 +16,14 @@
 //!
 //! The way of one tick, from hand to hand:
 //! `hand_pose` or `hand_along` → `hand_dynamics` → (input record) → `servo_step` × 2 replicas → `valid_force`, `watch_step` → `choose` →
-//! `last_hop_step` → `hardware_step` → `hand_dynamics`.
+//! `energy_step` → `last_hop_step` → `hardware_step` → `hand_dynamics`.
 //!
 //! Sources: Zilles and Salisbury 1995 (god-object), Colgate and Schenkel 1997 (passivity of the sampled wall), Hannaford
 //! and Ryu 2002 (passivity observer and controller), Moreau 1965 (the envelope that makes the proxy unique).
 
 pub mod choice;
 pub mod contact;
+pub mod energy;
 pub mod hand;
 pub mod hardware;
 pub mod lasthop;
@@ -35,6 +36,7 @@ mod vector;
 
 pub use choice::{Choice, choose};
 pub use contact::{ContactModel, MAX_PLANES, Plane};
+pub use energy::{EnergyParams, EnergyState, energy_step};
 pub use hand::{HandModel, HandState, hand_dynamics};
 pub use hardware::{HardwareParams, HardwareState, hardware_step};
 pub use lasthop::{AppliedKind, LastHopParams, LastHopState, last_hop_step};

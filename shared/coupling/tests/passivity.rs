@@ -18,6 +18,8 @@ struct Felt {
     damped_ticks: u32,
     /// Highest less lowest force, N.
     span_n: f32,
+    /// Least share of a force that the last hop would have applied.
+    least_share: f32,
 }
 
 /// A bench whose hand presses straight ahead, 3 mm behind the place of the wall, and stays there.
@@ -33,7 +35,7 @@ fn pressing(stiffness_n_m: f32, cadence_ticks: u64, has_controller: bool) -> Ben
 
 /// Two seconds of pressing on a wall that swings. It begins to after half a second, and after a whole one it is looked at.
 fn swung(mut bench: Bench, swing_m: f64, swing_hz: f64) -> Felt {
-    let mut felt = Felt { given_j: 0.0, damped_ticks: 0, span_n: 0.0 };
+    let mut felt = Felt { given_j: 0.0, damped_ticks: 0, span_n: 0.0, least_share: 1.0 };
     let (mut low_n, mut high_n) = (f32::MAX, f32::MIN);
     for tick in 0..3_000u32 {
         let swinging_s = f64::from(tick.saturating_sub(500)) * f64::from(DT_S);
@@ -47,6 +49,7 @@ fn swung(mut bench: Bench, swing_m: f64, swing_hz: f64) -> Felt {
         }
     }
     felt.span_n = high_n - low_n;
+    felt.least_share = bench.least_share;
     felt
 }
 
@@ -63,6 +66,7 @@ fn a_wall_that_swings_gives_the_hand_less_with_the_controller_which_says_that_it
             assert!(without.given_j > 2e-3, "nothing to be damped: {what}");
             assert!(with.given_j < 0.85 * without.given_j, "{what}");
             assert!(with.damped_ticks > 500 && without.damped_ticks == 0, "{what}");
+            assert_eq!(with.least_share, 1.0, "the last hop withholds nothing of what a wall gives that moves by itself: {what}");
         }
     }
 }
@@ -130,4 +134,32 @@ fn a_wall_beyond_the_passivity_bound_is_found_by_the_observer() {
     let [(with_j, damped_ticks), (without_j, never)] = told;
     assert!(with_j > 0.0 && without_j > 0.0, "no energy was given, so that there was nothing to be found");
     assert!(damped_ticks > 0 && never == 0, "{damped_ticks} and {never} ticks");
+}
+
+/// The same wall with the last hop's own account, which knows nothing of how a force was made: what is given stays within what it promises.
+#[test]
+fn a_wall_beyond_the_passivity_bound_is_stilled_by_the_last_hop() {
+    const SECONDS: f64 = 8.0;
+    let given_j = |is_heeded: bool| {
+        let mut bench = pressing(50_000.0, 1, true);
+        bench.servo_params.coupling_stiffness_n_m = 50_000.0;
+        bench.servo_params.device_damping_n_s_m = 1000.0; // a lie
+        (bench.script.rest.insertion_m, bench.script.into.insertion_m) = (0.065, 0.065);
+        bench.is_heeded = is_heeded;
+        let mut given_j = 0.0;
+        for _ in 0..(SECONDS * 1e3) as u32 {
+            let before = bench.force;
+            let (moved, _) = bench.tick([true; 2]);
+            given_j += before.as_dvec3().dot(moved.as_dvec3());
+        }
+        println!("heeded {is_heeded}: {given_j} J given in {SECONDS} s, share of at least {}", bench.least_share);
+        given_j
+    };
+    let params = EnergyParams::default();
+    let debt_j = f64::from(params.debt_j);
+    // Twice the debt, what leaks of it, and the way down of the largest force at a hand's largest speed.
+    let promised_j = 2.0 * debt_j + 2.0 * debt_j / f64::from(params.forgotten_s) * SECONDS + 0.02;
+    let [free_j, held_j] = [false, true].map(given_j);
+    assert!(free_j > 1.2 * promised_j, "{free_j} J: there is nothing to be stilled");
+    assert!(held_j <= promised_j, "{held_j} J of {promised_j}");
 }

@@ -146,6 +146,8 @@ pub mod device {
     /// lower; 0 if it never was.
     pub const DISTRUSTED: usize = SELECTED + 2;
     pub use crate::mischief::Distrust;
+    /// Ticks at which the device applied a share of the chosen force only, because the forces before had given the hand more energy than it put in.
+    pub const WITHHELD_TICKS: usize = SELECTED + 4;
     /// Words of the page.
     pub const WORDS: usize = SELECTED + 8;
 }

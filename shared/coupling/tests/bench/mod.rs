@@ -43,6 +43,10 @@ pub struct Bench {
     pub hop_params: LastHopParams,
     pub hop: LastHopState,
     pub hardware: HardwareState,
+    /// The last hop's energy account, the least share of a force that it would have applied, and whether it is heeded.
+    pub energy: EnergyState,
+    pub least_share: f32,
+    pub is_heeded: bool,
     /// Whether the input record holds the applied force.
     pub tells_applied: bool,
     pub tissue: Tissue,
@@ -73,6 +77,9 @@ impl Bench {
             hop_params: LastHopParams::default(),
             hop: LastHopState::default(),
             hardware: HardwareState::default(),
+            energy: EnergyState::default(),
+            least_share: 1.0,
+            is_heeded: false,
             tells_applied: true,
             tissue,
             stiffness_n_m,
@@ -116,7 +123,11 @@ impl Bench {
             }
         }
         let choice = choose(self.hop.applied_n, outputs[0], outputs[1], 0, self.hop_params.slew_n());
-        let (hop, applied, kind) = last_hop_step(&self.hop_params, &self.hop, choice.force_n);
+        let (energy, share) = energy_step(&EnergyParams::default(), &self.energy, self.hand.tip_m, self.hop.applied_n, DT_S);
+        (self.energy, self.least_share) = (energy, self.least_share.min(share));
+        let share = if self.is_heeded { share } else { 1.0 };
+        let wanted_n = choice.force_n.map(|force_n| force_n.map(|newton| newton * share));
+        let (hop, applied, kind) = last_hop_step(&self.hop_params, &self.hop, wanted_n);
         self.hop = hop;
         let (hardware, force) = hardware_step(&HardwareParams::default(), &self.hardware, Some(applied));
         self.hardware = hardware;
