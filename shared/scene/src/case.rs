@@ -11,6 +11,7 @@ mod checks;
 mod file;
 mod fits;
 mod metrics;
+mod reach;
 mod seat;
 mod vary;
 

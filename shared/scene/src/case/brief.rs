@@ -2,8 +2,9 @@
 //! a session needs neither the file nor a mesh.
 
 use super::file::{Alarm, Case, End, Energy, Goal, Rung, Score, Stop, Survey, Warning};
+use super::reach::reachable;
 use crate::error::{SceneError, SceneErrorKind as Kind};
-use crate::file::DeformableKind;
+use crate::file::{DeformableKind, View};
 use crate::fluid::Medium;
 use crate::loaded::{LoadedDeformable, LoadedScene};
 use serde::{Deserialize, Serialize};
@@ -174,6 +175,7 @@ fn mmhg(pa: f64) -> f64 {
 
 /// The case as it is judged in a scene that was drawn for it.
 pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
+    reachable(case, &scene.scene, |place| place.object.as_ref().map(|name| middle_m(scene, name)))?;
     let pathologies = scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
     let pathology_ml: f64 = pathologies.map(volume_ml).sum();
     let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
@@ -242,18 +244,20 @@ fn aim(case: &Case, index: usize, goal: &Goal, scene: &LoadedScene, pathology_ml
     Ok(Named { words: goal.words.clone().unwrap_or(words), is })
 }
 
-/// Landmarks that the checks have shown to have a middle. In the inner half of the picture is what is within half of the half angle of view: the lens draws
-/// that larger than half, if it distorts at all.
+/// What is seen in the inner half of the picture, no farther than so much, m. That is what is within half of the half angle of view: the lens draws that larger
+/// than half, if it distorts at all.
+pub(crate) fn sight(view: &View, within_m: f64) -> Sight {
+    let [optic_rad, within_rad] = [view.optic_angle_deg, 0.25 * view.field_of_view_deg].map(f64::to_radians);
+    Sight { optic_rad, within_rad, within_m }
+}
+
+/// Landmarks that the checks have shown to have a middle.
 fn look(case: &Case, survey: &Survey, scene: &LoadedScene) -> Aim {
     let middle = |name: &String| match region(case, name, scene) {
         Named { words, is: Region::Ball(centre_m, _) } => Named { words, is: centre_m },
         Named { words, is: Region::Insertion(_) } => Named { words, is: [f64::NAN; 3] },
     };
-    let sight = Sight {
-        optic_rad: scene.scene.view.optic_angle_deg.to_radians(),
-        within_rad: 0.25 * scene.scene.view.field_of_view_deg.to_radians(),
-        within_m: survey.within_m,
-    };
+    let sight = sight(&scene.scene.view, survey.within_m);
     Aim::Look { landmarks: survey.places.iter().map(middle).collect(), sight, ticks: ticks(survey.for_s) }
 }
 

@@ -3,6 +3,7 @@
 use super::brief::deficit_limit_ml;
 use super::checks::wrong;
 use super::file::{Case, Energy, Place};
+use super::reach::reachable;
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
@@ -16,8 +17,10 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
         if let Some(name) = &place.object {
             find(scene, format!("place[{index}].object"), name)?;
         }
-        reachable(place, index, scene)?;
+        inserted(place, index, scene)?;
     }
+    // Where objects are is known once they are drawn.
+    reachable(case, scene, |place| place.centre_m)?;
     goals(case, scene)?;
     case.hand.iter().try_for_each(|(name, script)| hand(script, &format!("hand.{name}"), scene))?;
     let limit_ml = deficit_limit_ml(case.rules.medium.unwrap_or(scene.fluid.medium));
@@ -112,20 +115,13 @@ fn cuttable(case: &Case, scene: &Scene, no_pathology: bool, key: &str) -> Checke
     Ok(())
 }
 
-fn reachable(place: &Place, index: usize, scene: &Scene) -> Checked {
+/// A range of the insertion that the tip comes into.
+fn inserted(place: &Place, index: usize, scene: &Scene) -> Checked {
     let [shortest_m, longest_m] = scene.workspace.insertion_m;
-    let cure = "move it, or widen the scene's workspace";
-    if let (Some(centre_m), Some(radius_m)) = (place.centre_m, place.radius_m) {
-        let pivot_m = scene.workspace.pivot_m;
-        let away_m = (0..3).map(|axis| (centre_m[axis] - pivot_m[axis]).powi(2)).sum::<f64>().sqrt();
-        if away_m - radius_m > longest_m || away_m + radius_m < shortest_m {
-            let what = format!("is {away_m:.3} m from the pivot, the tip reaches {shortest_m} to {longest_m} m");
-            return wrong(Kind::Contradiction, format!("place[{index}].centre_m"), what, cure);
-        }
-    }
     match place.insertion_m {
         Some([least_m, most_m]) if least_m > longest_m || most_m < shortest_m => {
             let what = format!("the insertion is {shortest_m} to {longest_m} m in this scene");
+            let cure = "move it, or widen the scene's workspace";
             wrong(Kind::Contradiction, format!("place[{index}].insertion_m"), what, cure)
         }
         _ => Ok(()),
