@@ -15,7 +15,7 @@ const LEAST_RATE_HZ: f64 = 4.0;
 /// Most changes of the pump in a scene.
 const MAX_CHANGES: usize = 1_000;
 
-/// What fills the cavity. Monopolar cutting in saline does not work: it conducts.
+/// What fills the cavity. Monopolar cutting does not work in saline, which conducts, and bipolar cutting in nothing else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Medium {

@@ -1,7 +1,7 @@
 //! Each fault of a case gives one error that says where, what and what to do; goals that the rest of the case rules out are faults.
 #![allow(missing_docs)]
 
-use hyst_scene::{Case, SceneError, SceneErrorKind as Kind, find_case};
+use hyst_scene::{Case, Cause, SceneError, SceneErrorKind as Kind, SettledCase, find_case};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::path::{Path, PathBuf};
@@ -47,12 +47,16 @@ fn good() -> String {
 }
 
 /// A file with this text for as long as it is looked at.
-fn find(name: &str, text: &str) -> Result<(), SceneError> {
+fn settled(name: &str, text: &str) -> Result<SettledCase, SceneError> {
     let path: PathBuf = std::env::temp_dir().join(format!("hyst-{}-{name}.toml", std::process::id()));
     std::fs::write(&path, text).unwrap();
     let found = find_case(&path, None);
     std::fs::remove_file(&path).unwrap();
-    found.map(|found| assert!(found.is_some()))
+    found.map(|found| found.unwrap())
+}
+
+fn find(name: &str, text: &str) -> Result<(), SceneError> {
+    settled(name, text).map(|_| ())
 }
 
 /// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
@@ -156,7 +160,7 @@ const BESIDE: &str = "[0.02, 0.0, 0.0]\nradius_m = 0.005\n[[goal]]\nremoved = { 
                       look = { places = [\"middle\"] }";
 
 /// The same, where the scene shows it.
-const TOGETHER: [(&str, &str, Kind, usize, &str); 18] = [
+const TOGETHER: [(&str, &str, Kind, usize, &str); 20] = [
     ("[score]", "[hand.mine]\nlike = \"polyp\"\nperiod_s = 2.0\n[score]", Kind::Contradiction, 28, "hand.mine"),
     ("SCENE", "nowhere.toml", Kind::Missing, 5, "scene"),
     ("object = \"polyp\"", "object = \"liver\"", Kind::Name, 8, "vary[0].object"),
@@ -177,6 +181,8 @@ const TOGETHER: [(&str, &str, Kind, usize, &str); 18] = [
     ),
     ("centre_m = [0.0, 0.0, 0.03]\nradius_m = 0.005", "object = \"x\"\nwithin_m = 0.01", Kind::Name, 16, "place[0].object"),
     ("medium = \"saline\"", "energy = \"monopolar\"", Kind::Contradiction, 19, "goal[0].removed"),
+    ("medium = \"saline\"", "medium = \"glycine\"", Kind::Contradiction, 19, "goal[0].removed"),
+    ("medium = \"saline\"", "medium = \"sorbitol\"\nenergy = \"bipolar\"", Kind::Contradiction, 20, "goal[0].removed"),
     (
         "removed = { percent = 50.0 }",
         "biopsy = { object = \"liver\", at_least_ml = 0.1 }",
@@ -227,6 +233,23 @@ fn places_that_can_just_be_reached_or_seen_are_good() {
     for (old, new) in [wide, (VISITED, beside.as_str())] {
         assert!(GOOD.contains(old), "{old}");
         find("just", &good().replacen(old, new, 1)).unwrap_or_else(|error| panic!("{new}: {error}"));
+    }
+}
+
+#[test]
+fn current_that_does_not_work_in_the_medium_is_warned_of_where_no_goal_needs_it() {
+    let warned = |rules: &str| {
+        let text = good().replace("removed = { percent = 50.0 }", "visit = { places = [\"middle\"] }");
+        let case = settled("energy", &text.replace("medium = \"saline\"", rules)).unwrap_or_else(|error| panic!("{error}"));
+        let warnings = case.brief.warnings.into_iter();
+        warnings.filter(|warning| warning.is == Cause::Current).map(|warning| warning.words).collect::<Vec<String>>()
+    };
+    let bipolar = "bipolar current in a medium without salt: it does not conduct";
+    assert_eq!(warned("energy = \"monopolar\""), ["monopolar current in saline: it conducts"]);
+    assert_eq!(warned("medium = \"glycine\""), [bipolar]);
+    assert_eq!(warned("medium = \"sorbitol\"\nenergy = \"bipolar\""), [bipolar]);
+    for fitting in ["medium = \"saline\"", "medium = \"glycine\"\nenergy = \"monopolar\""] {
+        assert!(warned(fitting).is_empty(), "{fitting}");
     }
 }
 

@@ -24,6 +24,23 @@ pub(crate) fn deficit_limit_ml(medium: Medium) -> f64 {
     }
 }
 
+/// Where a current does not work in a medium: what the trainee is warned of, what is wrong with a goal that needs the loop, and what to do.
+pub(crate) fn misfit(energy: Energy, medium: Medium) -> Option<[&'static str; 3]> {
+    match (energy, medium) {
+        (Energy::Bipolar, Medium::Saline) | (Energy::Monopolar, Medium::Glycine | Medium::Sorbitol) => None,
+        (Energy::Monopolar, Medium::Saline) => Some([
+            "monopolar current in saline: it conducts",
+            "needs another medium: saline conducts monopolar current away",
+            "set rules.energy = \"bipolar\", or rules.medium = \"glycine\"",
+        ]),
+        (Energy::Bipolar, Medium::Glycine | Medium::Sorbitol) => Some([
+            "bipolar current in a medium without salt: it does not conduct",
+            "needs another medium: bipolar current flows through saline alone",
+            "set rules.energy = \"monopolar\", or rules.medium = \"saline\"",
+        ]),
+    }
+}
+
 /// A case with the anatomy of one seed, ready to be judged by.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Brief {
@@ -188,8 +205,8 @@ pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneErro
         Named { words: format!("pressure above {:.0} mmHg", mmhg(pressure_pa)), is: Cause::PressureAbove(pressure_pa) },
         Named { words: format!("more than {deficit_ml} ml of medium are missing"), is: Cause::DeficitAbove(deficit_ml) },
     ];
-    if rules.energy == Energy::Monopolar && medium == Medium::Saline {
-        warnings.push(Named { words: "monopolar current in saline: it conducts".to_owned(), is: Cause::Current });
+    if let Some([words, ..]) = misfit(rules.energy, medium) {
+        warnings.push(Named { words: words.to_owned(), is: Cause::Current });
     }
     warnings.extend(case.warning.iter().filter_map(|one| warning(one, case, scene)));
     Ok(Brief {

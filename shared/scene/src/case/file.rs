@@ -105,7 +105,7 @@ pub struct Vary {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Energy {
-    /// Both poles in the loop: works in saline.
+    /// Both poles in the loop: the current flows through the medium between them, so it needs saline.
     #[default]
     Bipolar,
     /// The other pole is a plate on the skin: saline conducts it away, so it needs a medium without salt.
@@ -118,7 +118,7 @@ pub enum Energy {
 pub struct Rules {
     /// The medium. Default: the scene's.
     pub medium: Option<Medium>,
-    /// The current. Default: bipolar. Monopolar current in saline is wrong: it is warned of, and no goal may need it.
+    /// The current. Default: bipolar. Monopolar current in saline and bipolar current in any other medium are wrong: they are warned of, and no goal may need them.
     pub energy: Energy,
     /// Set pressure of the pump at the beginning, 0 to 20 kPa. Default: the scene's.
     pub set_pressure_pa: Option<f64>,

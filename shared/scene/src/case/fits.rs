@@ -1,13 +1,12 @@
 //! What a case and its scene together show to be wrong: objects that are not there, places out of reach, goals that need another medium.
 
-use super::brief::deficit_limit_ml;
+use super::brief::{deficit_limit_ml, misfit};
 use super::checks::wrong;
-use super::file::{Case, Energy, Place};
+use super::file::{Case, Place};
 use super::reach::reachable;
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
-use crate::fluid::Medium;
 use crate::validate::{Checked, hand, range};
 
 /// What the case and its scene show together.
@@ -107,12 +106,10 @@ fn cuttable(case: &Case, scene: &Scene, no_pathology: bool, key: &str) -> Checke
     if scene.rigid.first().and_then(electrode).is_none() {
         return wrong(Kind::Contradiction, key, "the instrument has no loop to cut with", "give the scene's [[rigid]] one");
     }
-    let medium = case.rules.medium.unwrap_or(scene.fluid.medium);
-    if case.rules.energy == Energy::Monopolar && medium == Medium::Saline {
-        let what = "needs another medium: saline conducts monopolar current away";
-        return wrong(Kind::Contradiction, key, what, "set rules.energy = \"bipolar\", or rules.medium = \"glycine\"");
+    match misfit(case.rules.energy, case.rules.medium.unwrap_or(scene.fluid.medium)) {
+        Some([_, what, cure]) => wrong(Kind::Contradiction, key, what, cure),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 /// A range of the insertion that the tip comes into.
