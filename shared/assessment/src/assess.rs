@@ -5,6 +5,7 @@ use crate::conduct::Conduct;
 use crate::curves::Curves;
 use crate::electrode::Electrode;
 use crate::force::{Force, TOUCH_N, length};
+use crate::in_view::InView;
 use crate::judge::Judge;
 use crate::medium::Medium;
 use crate::motion::{Motion, finite};
@@ -27,6 +28,8 @@ pub struct Measured {
     pub electrode: Electrode,
     /// Pressure, deficit, flow, valves, light.
     pub medium: Medium,
+    /// Whether the pathology was in view.
+    pub in_view: InView,
     /// The newest status of the tissue, of those before the end.
     pub tissue: Option<TissueStatus>,
     /// The judgement by the session's case, if it has one.
@@ -166,6 +169,7 @@ impl Measured {
         self.medium.tick(&sample.controls);
         self.electrode.tick(record.tick, &sample.controls, force_n.is_some_and(|force_n| force_n >= TOUCH_N));
         if let Some(judge) = &mut self.judge {
+            self.in_view.tick(&judge.brief, sample);
             judge.tick(record);
         }
         since_ticks

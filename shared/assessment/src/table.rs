@@ -12,7 +12,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 33] = [
+pub static METRICS: [Definition; 34] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -57,6 +57,15 @@ pub static METRICS: [Definition; 33] = [
         scale: scale(100.0, 0.0, 2.0),
         value: |m| m.judge.as_ref().and_then(Judge::landmarks_percent),
         source: ASSUMED,
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "in_view",
+        name: "time under current with pathology in view",
+        unit: "%",
+        scale: scale(90.0, 30.0, 2.0),
+        value: |m| share(m.in_view.counted().0, m.in_view.counted().1),
+        source: "in the picture, within 25 mm; without current of the whole time; shares assumed",
     },
     Definition {
         group: Group::Ergonomics,

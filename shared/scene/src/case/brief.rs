@@ -15,6 +15,8 @@ use std::fmt;
 const PA_PER_MMHG: f64 = 133.322;
 /// Highest pressure where a case says nothing, Pa: 100 mmHg, a mean arterial pressure, below which to stay (ACOG Committee Opinion 800).
 pub(crate) const MAX_PRESSURE_PA: f64 = 13_332.2;
+/// Pathology counts as in view from no farther than this, m: what rigid optics are designed for, as of a landmark where a case says nothing.
+const IN_VIEW_M: f64 = 0.025;
 
 /// What the pump allows to be missing of a medium, ml (ACOG Committee Opinion 800).
 pub(crate) fn deficit_limit_ml(medium: Medium) -> f64 {
@@ -56,6 +58,12 @@ pub struct Brief {
     pub drawn: Vec<String>,
     /// Volume of all pathology at the beginning, ml.
     pub pathology_ml: f64,
+    /// Middles of all pathology at the beginning, m; none in a recording of before they were noted.
+    #[serde(default)]
+    pub pathologies_m: Vec<[f64; 3]>,
+    /// What of it counts as in view.
+    #[serde(default)]
+    pub pathology_sight: Sight,
     /// Goals, in the file's order.
     pub goals: Vec<Named<Aim>>,
     /// What ends the session.
@@ -125,7 +133,7 @@ pub enum Aim {
 }
 
 /// What counts as seen through the scope.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sight {
     /// Angle between the scope's axis and the line of sight, towards the scope's +y, rad.
     pub optic_rad: f64,
@@ -193,8 +201,8 @@ fn mmhg(pa: f64) -> f64 {
 /// The case as it is judged in a scene that was drawn for it.
 pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
     reachable(case, &scene.scene, |place| place.object.as_ref().map(|name| middle_m(scene, name)))?;
-    let pathologies = scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
-    let pathology_ml: f64 = pathologies.map(volume_ml).sum();
+    let pathologies = || scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
+    let pathology_ml: f64 = pathologies().map(volume_ml).sum();
     let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
     let goals = case.goal.iter().enumerate().map(goal).collect::<Result<_, _>>()?;
     let medium = scene.fluid.medium;
@@ -216,6 +224,8 @@ pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneErro
         seed: case.seed,
         drawn: scene.drawn.clone(),
         pathology_ml,
+        pathologies_m: pathologies().map(mean_m).collect(),
+        pathology_sight: in_picture(&scene.scene.view),
         goals,
         end: case.end.clone(),
         warnings,
@@ -268,6 +278,11 @@ pub(crate) fn sight(view: &View, within_m: f64) -> Sight {
     Sight { optic_rad, within_rad, within_m }
 }
 
+/// What is seen in the whole picture, near enough to be worked on.
+fn in_picture(view: &View) -> Sight {
+    Sight { within_rad: (0.5 * view.field_of_view_deg).to_radians(), ..sight(view, IN_VIEW_M) }
+}
+
 /// Landmarks that the checks have shown to have a middle.
 fn look(case: &Case, survey: &Survey, scene: &LoadedScene) -> Aim {
     let middle = |name: &String| match region(case, name, scene) {
@@ -289,10 +304,14 @@ fn region(case: &Case, name: &str, scene: &LoadedScene) -> Named<Region> {
     Named { words: name.to_owned(), is }
 }
 
-/// Mean of an object's nodes.
+/// Where the middle of an object is.
 fn middle_m(scene: &LoadedScene, name: &str) -> [f64; 3] {
-    let found = scene.objects.iter().find(|object| object.name == name);
-    let nodes = found.map_or(&[][..], |object| &object.mesh.positions_m);
+    scene.objects.iter().find(|object| object.name == name).map_or([0.0; 3], mean_m)
+}
+
+/// Mean of an object's nodes.
+fn mean_m(object: &LoadedDeformable) -> [f64; 3] {
+    let nodes = &object.mesh.positions_m;
     let mut sum_m = [0.0; 3];
     for node in nodes {
         for (sum, coordinate) in sum_m.iter_mut().zip(node) {

@@ -2,12 +2,13 @@
 
 /// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
 /// A test of the report's keeps them in step.
-pub const METRIC_KEYS: [(&str, bool); 33] = [
+pub const METRIC_KEYS: [(&str, bool); 34] = [
     ("distended", true),
     ("dark", true),
     ("outflow_shut", true),
     ("bleeding", true),
     ("landmarks", true),
+    ("in_view", true),
     ("time", true),
     ("path", true),
     ("economy", true),
