@@ -320,7 +320,7 @@ pub struct RunArgs {
     /// The driver of a haptic device in the place of the simulated one (docs/driver.md).
     #[arg(long, conflicts_with = "hand")]
     pub driver: Option<PathBuf>,
-    /// Record the session (MCAP).
+    /// Record the session (MCAP): a file; or a folder, ending in / or there already, for a file named by moment (UTC), scene or case, and trainee.
     #[arg(long)]
     pub record: Option<PathBuf>,
     /// Write a report (JSON) at the end.

@@ -16,7 +16,7 @@ use crate::journal::{self, Verdict};
 use crate::name;
 use crate::notify::Notifier;
 use crate::plan::Plan;
-use crate::recording::{self, RecordingView};
+use crate::recording::{self, RecordingView, folder};
 use crate::remains;
 use crate::report;
 use crate::settings::{Refusal, prepare};
@@ -103,13 +103,17 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
     let order = Order { report, for_s: args.for_s, until_end: args.until_end, ..Order::default() };
     let name = take_name(&station)?;
-    let wanted = Wanted { settings: &settings, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
+    let in_folder = args.record.as_deref().is_some_and(folder::is_folder);
+    let wanted = Wanted { settings: &settings, in_folder, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
     let ground = settle(&station, &wanted, order)?;
     drop(case); // the root has it
     let draw = std::io::stdout().is_terminal() && !args.quiet;
     let mut guardian = Guardian::new(station, name, ground, draw)?;
     if settings.headless && !args.station.headless {
         guardian.tell("there is no display: the station runs headless; set DISPLAY to see a window");
+    }
+    if let Some(file) = recording::file_of(&guardian.station).filter(|_| in_folder) {
+        guardian.tell(&format!("recording into {}", file.display()));
     }
     guardian.keep(&plan, &signals);
     Ok(guardian.end(&plan))

@@ -1,6 +1,8 @@
 //! How the recording of a station is, by the page of its recorder: what is on disk, what is lost, and whether it stands still. It is shown where the processes
 //! are, and at the end of a station it decides over the exit code.
 
+pub mod folder;
+
 use hyst_engine::Settings;
 use hyst_exchange::{ReadPage, Station};
 use hyst_messages::page::{device, recorder as layout};

@@ -4,6 +4,7 @@ use crate::case::RunCase;
 use crate::cli::RunArgs;
 use crate::faultfile::{self, Injection};
 use crate::plan::{self, Plan};
+use crate::recording::folder;
 use hyst_engine::Settings;
 use hyst_engine::settings::SET_KEYS;
 use hyst_engine::verify::verify;
@@ -43,7 +44,7 @@ fn absolute(path: &Path) -> Result<PathBuf, Refusal> {
     std::path::absolute(path).map_err(|e| Refusal::input(format!("{}: {e}", path.display())))
 }
 
-/// The settings and the plan of a run, of a case if there is one.
+/// The settings and the plan of a run, of a case if there is one. Where the recording's folder was named they have that; its file is made with the station.
 pub fn prepare(args: &RunArgs, station: &Station, case: Option<&RunCase>) -> Result<(Settings, Plan), Refusal> {
     if !args.station.test_mode && std::env::var_os(crate::intent::DIES_AT).is_some() {
         return Err(Refusal::input(format!(
@@ -196,9 +197,10 @@ fn check_lockstep(settings: &mut Settings) -> Result<(), Refusal> {
 }
 
 fn check_outputs(args: &RunArgs, settings: &Settings) -> Result<(), Refusal> {
-    for (name, path) in [("--record", &settings.record), ("--report", &args.report)] {
-        let folder =
-            path.as_deref().map(|path| path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+    let (record, in_folder) = (settings.record.as_deref(), args.record.as_deref().is_some_and(folder::is_folder));
+    record.filter(|_| in_folder).map_or(Ok(()), folder::check)?;
+    for (name, path) in [("--record", record.filter(|_| !in_folder)), ("--report", args.report.as_deref())] {
+        let folder = path.map(|path| path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")));
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             return Err(Refusal::input(format!("{name}: folder {} does not exist; make it first", folder.display())));
         }

@@ -2,7 +2,7 @@
 
 mod place;
 
-use place::{HYSTATION, Place, kill, pid_of, text};
+use place::{HYSTATION, PROCESSES, Place, kill, pid_of, text};
 use std::process::Command;
 
 #[test]
@@ -133,12 +133,52 @@ fn what_a_dead_station_left_is_removed_and_its_living_engines_are_stopped() {
 }
 
 #[test]
+fn a_recording_named_by_its_folder_has_one_file_whoever_takes_the_station_over_and_each_station_has_its_own() {
+    let place = Place::new("folder");
+    let sessions = place.folder.join("sessions");
+    let folder = format!("{}/", sessions.display());
+    let words = ["--record", &folder, "--set", "trainee=Ana Müller"];
+    let is_whole = |rows: &[(String, u64, String)]| {
+        let well = |(_, _, state): &(String, u64, String)| state == "live" || state == "spare";
+        rows.len() == PROCESSES + 1 && rows.iter().all(well)
+    };
+    let files = || {
+        let names = std::fs::read_dir(&sessions).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.collect::<Vec<String>>()
+    };
+    let mut child = place.start(&words);
+    let rows = place.wait("ready", is_whole);
+    let keepers = ["guardian", "supervisor"].map(|keeper| pid_of(&rows, keeper));
+    keepers.iter().for_each(|pid| kill(*pid));
+    child.wait().unwrap();
+    keepers.iter().for_each(|pid| place::ended(*pid)); // until then they have the station's name
+    let child = place.start(&words);
+    let after = place.wait("others keep it", |rows| {
+        is_whole(rows) && rows.iter().all(|(name, pid, _)| name != "guardian" || !keepers.contains(pid))
+    });
+    assert_eq!(pid_of(&after, "recorder"), pid_of(&rows, "recorder"), "it was taken over");
+    assert!(place.call(&["stop"]).status.success());
+    let said = text(&child.wait_with_output().unwrap().stderr);
+    let first = files();
+    assert!(first.len() == 1 && first[0].ends_with("-default-ana-muller.mcap"), "{first:?}");
+    assert!(said.contains(&format!("recording into {}", sessions.join(&first[0]).display())), "{said}");
+
+    let child = place.start(&words);
+    place.wait("ready", is_whole);
+    assert!(place.call(&["stop"]).status.success());
+    child.wait_with_output().unwrap();
+    assert!(files().len() == 2 && files().contains(&first[0]), "{:?}", files());
+}
+
+#[test]
 fn bad_arguments_give_one_message_and_code_2_and_start_nothing() {
     let place = Place::new("bad");
     let binaries = place.folder.to_str().unwrap().to_string();
     let missing = place.folder.join("nowhere").to_str().unwrap().to_string();
-    let cases: [&[&str]; 17] = [
+    let cases: [&[&str]; 19] = [
         &["run", "--set", "colour=red"],
+        &["run", "--record", "/nowhere/at/all/"],
+        &["run", "--record", "/proc"],
         &["run", "--set", "tissue_step_ticks=3"],
         &["run", "--workers", "99"],
         &["run", "--hand", "juggle"],

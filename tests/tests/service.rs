@@ -1,11 +1,13 @@
 //! The unit under a real systemd, booted here in namespaces of its own and with no other unit than ours: it is ready when the station is, a guardian that is killed or stands still is
-//! replaced, together with its supervisor too, while the engines go on, and a stop leaves nothing.
+//! replaced, together with its supervisor too, while the engines go on, and a stop leaves nothing. One command runs a class, and one that is refused is not tried
+//! again.
 
 use hyst_messages::page;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use station_tests::{Folder, RECOVERY_LIMIT, binaries, run, wait_for};
+use station_tests::{Folder, RECOVERY_LIMIT, binaries, hystation, run, wait_for};
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
@@ -113,6 +115,16 @@ impl Manager {
         assert_eq!(hash, Some(built_in), "another scene than the default one");
     }
 
+    /// Has the service run another command, as `systemctl edit` does.
+    fn edit(&self, command: &str) {
+        let program = binaries().join("hystation").display().to_string();
+        let words = format!("[Service]\nExecStart=\nExecStart={program} --name {NAME} run --headless {command}\n");
+        let (file, place) = (self.folder.write("edited.conf", &words), "/run/systemd/system/hystation.service.d");
+        let copied = format!("mkdir -p {place} && cp '{file}' {place}/ && systemctl daemon-reload");
+        let (code, _, said) = self.inside(&format!("{copied} && {{ systemctl reset-failed hystation || true; }}"));
+        assert_eq!(code, Some(0), "{said}");
+    }
+
     /// A property of the service.
     fn show(&self, property: &str) -> String {
         self.inside(&format!("systemctl show -p {property} --value hystation")).1.trim().to_string()
@@ -168,6 +180,47 @@ impl Drop for Manager {
     }
 }
 
+/// The recordings in a folder, the oldest first, as they are named.
+fn recordings(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    files.sort();
+    files
+}
+
+/// One session follows the other, each in a file of its own.
+fn assert_class(manager: &Manager) {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).expect("a case");
+    let scene = assets.join("scenes/default.toml").display().to_string();
+    let text = text.replace("time_s = 240.0", "time_s = 4.0").replace("../scenes/default.toml", &scene);
+    let (case, folder) = (manager.folder.write("short.toml", &text), manager.folder.as_path().join("class"));
+    let record = format!("--until-end --set console_port=0 --set trainee=Anna --record {}/", folder.display());
+    manager.edit(&format!("{case} --hand idle {record}"));
+    let (code, _, said) = manager.inside("systemctl start hystation");
+    assert_eq!(code, Some(0), "{said}\n{}", manager.inside("systemctl status hystation").1);
+    // The third has begun: two are over.
+    let begun = wait_for(RECOVERY_LIMIT, || (recordings(&folder).len() >= 3).then_some(()));
+    assert!(begun.is_some(), "{:?}\n{}", recordings(&folder), manager.inside("systemctl status hystation").1);
+    let (code, _, said) = manager.inside("systemctl stop hystation");
+    assert_eq!(code, Some(0), "{said}");
+    for file in recordings(&folder).iter().take(2) {
+        assert!(file.to_string_lossy().ends_with("-short-anna.mcap"), "{}", file.display());
+        let (code, report, said) = run(hystation().args(["report", "--json", "-"]).arg(file));
+        let report: Value = serde_json::from_str(&report).unwrap_or_else(|error| panic!("{code:?} {error}: {said}"));
+        assert_eq!(report["case"]["ended"]["by"], "time", "{}: {said}", file.display());
+    }
+}
+
+/// What is refused once is refused again, and is not tried.
+fn assert_refusal_ends(manager: &Manager) {
+    manager.edit("--record /proc/");
+    let (code, ..) = manager.inside("systemctl start hystation");
+    assert_ne!(code, Some(0), "nobody can record into /proc");
+    let failed = wait_for(RECOVERY_LIMIT, || (manager.show("ActiveState") == "failed").then_some(()));
+    assert!(failed.is_some(), "{}", manager.inside("systemctl status hystation").1);
+    assert_eq!((manager.show("ExecMainStatus"), manager.show("NRestarts")), ("2".into(), "0".into()));
+}
+
 #[test]
 fn systemd_starts_watches_restarts_and_stops_the_station_and_no_engine_notices() {
     let Some(manager) = Manager::boot() else { return };
@@ -182,6 +235,14 @@ fn systemd_starts_watches_restarts_and_stops_the_station_and_no_engine_notices()
     // Nobody is left who could see that but systemd's watchdog.
     manager.hurt("STOP", &["guardian", "supervisor"]);
     assert_ne!(manager.show("NRestarts"), "0");
+    assert_stops(&manager);
+    assert_class(&manager);
+    assert_refusal_ends(&manager);
+    assert_eq!(manager.inside("ls /dev/shm").1, "", "shared memory is left");
+}
+
+/// A stop leaves nothing.
+fn assert_stops(manager: &Manager) {
     let (code, _, said) = manager.inside("systemctl stop hystation");
     assert_eq!(code, Some(0), "{said}");
     assert_eq!((manager.show("ActiveState"), manager.show("Result")), ("inactive".into(), "success".into()));

@@ -8,6 +8,7 @@ use crate::cli::Again;
 use crate::commands::check::Admitted;
 use crate::name;
 use crate::plan::Plan;
+use crate::recording::folder;
 use crate::remains;
 use crate::settings::Refusal;
 use crate::supervise::register;
@@ -16,6 +17,7 @@ use hyst_exchange::{OwnedPage, Station, StationError, checkpoint, system};
 use hyst_messages::Role;
 use hyst_messages::page::station as layout;
 use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
 
 /// How long a stand-in may take to make room: it looks every 20 ms.
 const ROOM_NS: u64 = 2_000_000_000;
@@ -50,10 +52,12 @@ pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
             return Err(Refusal::input(format!("the name {name:?} is taken by a process of user {user}; give another --name")));
         }
         if !stands_in && !knocked || system::now_ns() > deadline_ns {
-            return Err(Refusal::input(format!(
+            let message = format!(
                 "a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name",
                 station.name()
-            )));
+            );
+            // A stand-in that takes longer to make room is no bad input: a service tries again, which it does not after code 2.
+            return Err(if knocked { Refusal::failed(message) } else { Refusal::input(message) });
         }
         knocked |= name::knock(station).is_ok();
         system::sleep_ns(TRY_NS);
@@ -64,6 +68,8 @@ pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
 pub struct Wanted<'a> {
     /// Its settings.
     pub settings: &'a Settings,
+    /// Their recording is the folder of it: a station that is founded has a new file there, and one that lives goes on with its own.
+    pub in_folder: bool,
     /// Its processes.
     pub plan: &'a Plan,
     /// Its case, if it runs one.
@@ -122,8 +128,7 @@ fn same(station: &Station, wanted: &Wanted<'_>) -> Result<(), Refusal> {
     let (settings, plan) = (wanted.settings, wanted.plan);
     let text = std::fs::read_to_string(station.settings()).unwrap_or_default();
     let known: Option<Settings> = toml::from_str(&text).ok();
-    // It goes on from when it began.
-    let known = known.map(|known| Settings { begun_unix_s: settings.begun_unix_s, ..known });
+    let known = known.map(|known| as_wanted(known, wanted));
     // What was swapped meanwhile stays so, whoever keeps the station.
     let begun = Plan::read(station).ok().map(|known| Plan { swapped: plan.swapped.clone(), ..known });
     // A case that was edited since is another one.
@@ -137,6 +142,26 @@ fn same(station: &Station, wanted: &Wanted<'_>) -> Result<(), Refusal> {
          run with the same settings to take them over",
         station.name()
     )))
+}
+
+/// The settings of a station that lives, with what the command that takes it over does not name: it goes on from when it began, and with the file that was made
+/// for it then.
+fn as_wanted(known: Settings, wanted: &Wanted<'_>) -> Settings {
+    let Settings { begun_unix_s, record: named, .. } = wanted.settings;
+    let is_there = |folder: &PathBuf| known.record.as_deref().and_then(Path::parent) == Some(folder.as_path());
+    let record = named.clone().filter(|folder| wanted.in_folder && is_there(folder)).or_else(|| known.record.clone());
+    Settings { begun_unix_s: *begun_unix_s, record, ..known }
+}
+
+/// The settings of a station that begins now.
+fn begun(wanted: &Wanted<'_>) -> Result<Settings, Refusal> {
+    let begun_unix_s = hyst_exchange::machine::now_unix_s();
+    let settings = wanted.settings;
+    let record = match &settings.record {
+        Some(folder) if wanted.in_folder => Some(folder::make_file(folder, settings, begun_unix_s)?),
+        record => record.clone(),
+    };
+    Ok(Settings { begun_unix_s, record, ..settings.clone() })
 }
 
 fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<OwnedPage, Refusal> {
@@ -153,9 +178,13 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
              (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)"
         )));
     }
-    let made = make(station, wanted);
+    let begun = begun(wanted)?;
+    let made = make(station, wanted, &begun);
     if made.is_err() {
         station.wipe(); // nothing half-founded stays
+        if let Some(file) = begun.record.filter(|_| wanted.in_folder) {
+            let _ = std::fs::remove_file(file); // it is empty
+        }
     }
     let page = made?;
     copied.lay(station, scene.hash);
@@ -167,11 +196,10 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
     Ok(page)
 }
 
-fn make(station: &Station, wanted: &Wanted<'_>) -> Result<OwnedPage, Refusal> {
+fn make(station: &Station, wanted: &Wanted<'_>, settings: &Settings) -> Result<OwnedPage, Refusal> {
     let input = |e: StationError| Refusal::input(e.to_string());
     station.found().map_err(input)?;
-    let settings = Settings { begun_unix_s: hyst_exchange::machine::now_unix_s(), ..wanted.settings.clone() };
-    let text = toml::to_string(&settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
+    let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
     std::fs::write(station.settings(), text)
         .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
     wanted.plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
