@@ -4,6 +4,7 @@
 //! Guardian and supervisor keep each other: one whose guardian dies starts a stand-in, which keeps the station without a terminal and makes room
 //! for a `hystation run` of the same name and settings. If both die at once the engines run on, and that same command takes them over.
 
+mod bell;
 mod copied;
 mod found;
 mod kept;
@@ -23,6 +24,7 @@ use crate::settings::{Refusal, prepare};
 use crate::spawn::note_exit;
 use crate::supervise::register;
 use crate::view::{StationView, TEST_MODE, Viewer, table};
+use bell::Bell;
 use found::{Ground, Wanted, settle, take_name};
 use hyst_engine::{Address, Told};
 use hyst_exchange::{OwnedPage, Roster, Station, system};
@@ -75,6 +77,7 @@ struct Guardian {
     page_url: Option<String>,
     /// Since when the session of the case is known to be over.
     case_over_ns: Option<u64>,
+    bell: Bell,
     draw: bool,
     printer: Printer,
 }
@@ -108,7 +111,10 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let ground = settle(&station, &wanted, order)?;
     drop(case); // the root has it
     let draw = std::io::stdout().is_terminal() && !args.quiet;
-    let mut guardian = Guardian::new(station, name, ground, draw)?;
+    // On a virtual clock nobody's hand is to be warned.
+    let hears = !args.quiet && !settings.lockstep && settings.switch("sound", true).unwrap_or(true);
+    let bell = Bell::new(hears && std::io::stderr().is_terminal());
+    let mut guardian = Guardian::new(station, name, ground, draw, bell)?;
     if settings.headless && !args.station.headless {
         guardian.tell("there is no display: the station runs headless; set DISPLAY to see a window");
     }
@@ -131,7 +137,7 @@ pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     let order = Order { stand_in: true, ..Order::read(&station).unwrap_or_default() };
     order.write(&station);
     register(&page, Role::Guardian);
-    let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false)?;
+    let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false, Bell::new(false))?;
     guardian.notifier.say(&format!("MAINPID={}\n", std::process::id()));
     match guardian.keep(&plan, &signals) {
         End::Stop => Ok(guardian.end(&plan)),
@@ -165,7 +171,7 @@ impl Signals {
 }
 
 impl Guardian {
-    fn new(station: Station, name: UnixListener, ground: Ground, draw: bool) -> Result<Guardian, Refusal> {
+    fn new(station: Station, name: UnixListener, ground: Ground, draw: bool, bell: Bell) -> Result<Guardian, Refusal> {
         let printer = Printer::start().map_err(|e| Refusal::failed(format!("a thread: {e}; look at the limit of processes")))?;
         // Engines whose supervisor died become children of the guardian, so that somebody reaps them.
         let _ = rustix::process::set_child_subreaper(Some(rustix::process::getpid())); // refused: then init reaps them
@@ -185,6 +191,7 @@ impl Guardian {
             lines: Vec::new(),
             page_url: None,
             case_over_ns: None,
+            bell,
             draw,
             printer,
         })
@@ -291,6 +298,9 @@ impl Guardian {
         if let Some(over) = told.as_ref().and_then(|told| told.over.as_ref()).filter(|_| self.case_over_ns.is_none()) {
             self.case_over_ns = Some(system::now_ns());
             self.tell(&format!("the session is over {over}"));
+        }
+        if self.bell.look(told.as_ref(), viewer) {
+            self.printer.ring();
         }
         if self.draw {
             let view = viewer.look_all();

@@ -115,6 +115,7 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
     ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
+    ("sound", "on or off: the terminal's bell when a warning of the case or an alarm of the pump begins (default on)"),
     ("console", "on or off: the operator's page in a browser (default on)"),
     ("console_port", "0 to 65535: port of that page on 127.0.0.1, 0 for any (default 8642; if it is taken, any)"),
 ];

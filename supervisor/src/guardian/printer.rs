@@ -23,6 +23,8 @@ enum Text {
     Line(String),
     /// A whole screen, to the standard output.
     Screen(String),
+    /// The terminal's bell, by the standard error stream.
+    Bell,
 }
 
 /// The way to the thread.
@@ -57,6 +59,11 @@ impl Printer {
         self.send(Text::Screen(screen));
     }
 
+    /// Rings the terminal's bell.
+    pub fn ring(&self) {
+        self.send(Text::Bell);
+    }
+
     fn send(&self, text: Text) {
         // The thread has ended only if it panicked, which ends the process.
         if let Err(TrySendError::Full(Text::Line(_))) = self.texts.try_send(text) {
@@ -82,6 +89,9 @@ fn print(inbox: &Receiver<Text>, dropped: &AtomicU64, mut lines: impl Write, mut
         }
         Text::Screen(text) => {
             let _ = screen.write_all(text.as_bytes()).and_then(|()| screen.flush());
+        }
+        Text::Bell => {
+            let _ = lines.write_all(b"\x07").and_then(|()| lines.flush());
         }
     };
     while let Ok(text) = inbox.recv() {
