@@ -2,6 +2,9 @@
 
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, Pose};
 use hyst_recording::{Block, Session, Writer};
+use std::fs::File;
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -22,21 +25,28 @@ impl Folder {
     }
     /// A recording of so many ticks, the tip moving along z by 10 µm a tick.
     fn record(&self, name: &str, ticks: u64) -> PathBuf {
-        let record = |tick: u64| {
-            let position_m = [0.0, 0.0, 1e-5 * tick as f32];
-            let sample = HardwareSample { pose: Pose { position_m, ..Pose::default() }, ..HardwareSample::default() };
-            let command = ForceCommand { tick, force_n: [0.0, 0.5, 0.0], ..ForceCommand::default() };
-            AppliedRecord { tick, command, sample, ..AppliedRecord::default() }
-        };
-        let session = Session::from([("session".to_string(), name.to_string())]);
-        let mut writer = Writer::open(&self.file(name), &session).unwrap();
+        let mut writer = self.writer(name);
         for first in (0..ticks).step_by(200) {
-            let applied = (first..ticks.min(first + 200)).map(record).collect();
-            writer.append(&Block { applied, ..Block::default() }).unwrap();
+            writer.append(&block(first..ticks.min(first + 200))).unwrap();
         }
         writer.finish().unwrap();
         self.file(name)
     }
+    fn writer(&self, name: &str) -> Writer {
+        let session = Session::from([("session".to_string(), name.to_string())]);
+        Writer::open(&self.file(name), &session).unwrap()
+    }
+}
+
+/// These ticks, the tip moving along z by 10 µm in each.
+fn block(ticks: Range<u64>) -> Block {
+    let record = |tick: u64| {
+        let position_m = [0.0, 0.0, 1e-5 * tick as f32];
+        let sample = HardwareSample { pose: Pose { position_m, ..Pose::default() }, ..HardwareSample::default() };
+        let command = ForceCommand { tick, force_n: [0.0, 0.5, 0.0], ..ForceCommand::default() };
+        AppliedRecord { tick, command, sample, ..AppliedRecord::default() }
+    };
+    Block { applied: ticks.map(record).collect(), ..Block::default() }
 }
 
 impl Drop for Folder {
@@ -113,6 +123,45 @@ fn a_recording_that_was_cut_is_reported_as_far_as_it_goes_with_exit_code_3() {
     assert!(text(&output.stderr).contains("not everything is there"), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("Missing of the recording") && text(&output.stdout).contains("path of the tip"));
     assert!(folder.read("page.html").contains("Not everything of the recording is there"));
+}
+
+/// The file of `shared/recording/tests/long.rs`, with holes, so that it takes no room: what lies between its two blocks is 100 GB of what no recorder writes.
+#[test]
+fn a_recording_of_100_gb_is_reported_from_its_first_block_to_its_last_with_exit_code_3() {
+    const LENGTH_BYTES: u64 = 100_000_000_000;
+    const HOLE_BYTES: u64 = 60 << 20;
+    const ATTACHMENT: u8 = 9;
+    let folder = Folder::new("far");
+    let mut writer = folder.writer("session.mcap");
+    writer.append(&block(0..400)).unwrap();
+    let first_bytes = writer.bytes();
+    writer.append(&block(400..800)).unwrap();
+    drop(writer);
+    let session = folder.file("session.mcap");
+    let bytes = std::fs::read(&session).unwrap();
+    let (before, behind) = bytes.split_at(first_bytes as usize);
+    let file = File::create(&session).unwrap();
+    if let Err(error) = file.set_len(LENGTH_BYTES) {
+        println!("NOT TRIED: the report of a recording of 100 GB, for the file system takes no file with holes: {error}");
+        return;
+    }
+    file.write_all_at(before, 0).unwrap();
+    let mut at = first_bytes;
+    while at < LENGTH_BYTES {
+        file.write_all_at(&[ATTACHMENT], at).unwrap();
+        file.write_all_at(&HOLE_BYTES.to_le_bytes(), at + 1).unwrap();
+        at += 9 + HOLE_BYTES;
+    }
+    file.write_all_at(behind, at).unwrap();
+    // So that one that reads the holes, which takes minutes, ends; coreutils' own code is 124.
+    let mut command = Command::new("timeout");
+    command.args(["300", env!("CARGO_BIN_EXE_hystation"), "report"]).arg(&session).args(["--json", "-"]);
+    let output = command.output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert!(said.contains("not everything is there"), "{said}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((json["station"]["ticks"].as_u64(), json["length_s"].as_f64()), (Some(800), Some(0.8)));
 }
 
 #[test]

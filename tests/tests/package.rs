@@ -84,6 +84,55 @@ fn clean_root(folder: &Folder, more: &[&str]) -> Option<PathBuf> {
     Some(root)
 }
 
+/// What has a page of its own in the manual, and is named in the first one.
+const COMMANDS: [&str; 13] =
+    ["run", "status", "top", "logs", "stop", "fault", "check", "doctor", "bench", "swap", "conformance", "report", "replay"];
+
+/// Has bash complete the words that are its arguments, as it does on the key of the tabulator; its name is that of the completions.
+const COMPLETE: &str = r#"
+source "$0" && complete -p hystation | grep -q -- '-F _hystation ' || exit 1
+COMP_WORDS=("$@")
+COMP_CWORD=$(($# - 1))
+_hystation hystation "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD - 1]}"
+printf '%s\n' "${COMPREPLY[@]}"
+"#;
+
+/// The pages of the manual have a title and their sections, one for each command; bash completes what is begun.
+fn assert_papers(package: &Path, folder: &Folder) {
+    let root = folder.as_path().join("papers");
+    said(Command::new("dpkg-deb").arg("-x").arg(package).arg(&root));
+    let page = |name: &str| {
+        let file = root.join(format!("usr/share/man/man1/{name}.1.gz"));
+        said(Command::new("gzip").arg("-dc").arg(file)).replace("\\-", "-")
+    };
+    for name in std::iter::once("hystation".to_string()).chain(COMMANDS.map(|command| format!("hystation-{command}"))) {
+        let text = page(&name);
+        // Before the title it is only said how an apostrophe is written.
+        let title = text.lines().find(|line| !line.starts_with(".ie ") && !line.starts_with(".el "));
+        assert!(title.is_some_and(|title| title.starts_with(&format!(".TH {name} 1 "))), "{name}: {title:?}");
+        for section in ["NAME", "SYNOPSIS", "DESCRIPTION", "OPTIONS"] {
+            assert!(text.lines().any(|line| line == format!(".SH {section}")), "{name} has no {section}: {text}");
+        }
+    }
+    let first = page("hystation");
+    for command in COMMANDS {
+        assert!(first.lines().any(|line| line == format!("hystation-{command}(1)")), "{command} is not named: {first}");
+    }
+    if !has("bash") {
+        eprintln!("NOT TRIED: what bash completes, for there is none");
+        return;
+    }
+    let file = root.join("usr/share/bash-completion/completions/hystation");
+    let completed = |words: &[&str]| {
+        let found = said(Command::new("bash").args(["-c", COMPLETE]).arg(&file).args(words));
+        let mut found: Vec<String> = found.lines().map(str::to_string).collect();
+        found.sort();
+        found
+    };
+    assert_eq!(completed(&["hystation", "re"]), ["replay", "report"]);
+    assert_eq!(completed(&["hystation", "run", "--rec"]), ["--record"]);
+}
+
 #[test]
 fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
     let folder = Folder::new("package");
@@ -112,6 +161,7 @@ fn a_package_is_made_and_a_clean_root_with_its_dependencies_runs_a_station() {
         assert!(holds(&format!("usr/share/hystation/{file}")), "{file}\n{contents}");
     }
     assert!(contents.lines().all(|line| line.contains("root/root")), "{contents}");
+    assert_papers(&package, &folder);
     let field = |name: &str| said(Command::new("dpkg-deb").arg("-f").arg(&package).arg(name)).trim().to_string();
     let version = said(Command::new(binaries().join("hystation")).arg("--version"));
     assert_eq!(format!("hystation {}", field("Version")), version.trim());

@@ -2,12 +2,15 @@
 //! bit, against what our own reader finds.
 
 use hyst_messages::{Controls, FluidStatus, Pose, TissueStatus};
-use hyst_recording::{Block, Recording, SAID};
+use hyst_recording::{Block, Continuity, Recording, SAID};
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, binaries, hystation, run};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+
+/// The tick at which the recorder dies.
+const RECORDER_DIES: u64 = 2_000;
 
 /// Where `./station test` has put the package.
 fn packages() -> PathBuf {
@@ -23,7 +26,7 @@ fn python() -> Command {
 /// A session of three seconds on the virtual clock, in which the hand presses, and three processes die, of which the recorder is one.
 fn session(folder: &Folder) -> PathBuf {
     let fault = |target: &str, tick: u64| format!("[[fault]]\nkind = \"kill\"\ntarget = \"{target}\"\ntick = {tick}\n");
-    let faults = [("tissue:active", 1_800), ("recorder", 2_000), ("haptic:active", 2_200)];
+    let faults = [("tissue:active", 1_800), ("recorder", RECORDER_DIES), ("haptic:active", 2_200)];
     let faults: String = faults.into_iter().map(|(target, tick)| fault(target, tick)).collect();
     let faults = folder.write("faults.toml", &faults);
     let path = folder.path("session.mcap");
@@ -34,6 +37,16 @@ fn session(folder: &Folder) -> PathBuf {
     let (code, _, said) = run(&mut command);
     assert_eq!(code, Some(0), "{said}");
     path.into()
+}
+
+/// The recorder died on the way: no tick is missing about its death, and none comes twice.
+fn assert_continuous(ours: &Block) {
+    let continuity = Continuity::of(ours);
+    let (repeated, missing, lost) = (continuity.repeated, continuity.missing(), continuity.lost());
+    assert_eq!((repeated, missing, lost), (0, 0, 0), "repeated, missing and lost of {} ticks", continuity.ticks);
+    let about = RECORDER_DIES - 500..RECORDER_DIES + 500;
+    let there = ours.applied.iter().filter(|record| about.contains(&record.tick)).count() as u64;
+    assert!(there + continuity.unmade >= 1_000, "{there} of {about:?}, {} were never made", continuity.unmade);
 }
 
 fn bits(vector: &[f32]) -> Vec<u64> {
@@ -91,6 +104,7 @@ fn what_the_mcap_package_of_pypi_reads_is_what_was_recorded() {
     assert!(dumped.status.success(), "{}", String::from_utf8_lossy(&dumped.stderr));
     let dumped: Value = serde_json::from_slice(&dumped.stdout).unwrap();
     let ours = Recording::read(&path).unwrap().content;
+    assert_continuous(&ours);
     let topics = dumped["topics"].as_object().unwrap();
     for (topic, found) in topics {
         assert_eq!(found["misfit"], Value::Null, "{topic}");
