@@ -127,20 +127,23 @@ mod tests {
         }
     }
 
+    fn named(case: Option<&str>, scene: Option<&str>, trainee: Option<&str>) -> String {
+        stem(&settings(case, scene, trainee), MOMENT_UNIX_S)
+    }
+
     fn folder(name: &str) -> PathBuf {
         std::env::temp_dir().join(format!("hystation-folder-{}-{name}", std::process::id()))
     }
 
     #[test]
     fn a_session_is_named_by_its_moment_its_case_or_scene_and_its_trainee_in_plain_letters() {
-        let named = |case, scene, trainee| stem(&settings(case, scene, trainee), MOMENT_UNIX_S);
         assert_eq!(named(Some("/c/polyp.toml"), Some("/dev/shm/x/case.toml"), Some("Anna")), "2026-11-27-140312-polyp-anna");
         assert_eq!(named(None, Some("/m/My Liver.msh"), None), "2026-11-27-140312-my-liver");
         assert_eq!(named(None, None, Some("  Dr. Ana Müller-Ångström! ")), "2026-11-27-140312-default-dr-ana-muller-angstrom");
         assert_eq!(named(None, None, Some("../../Ω\u{7f}")), "2026-11-27-140312-default", "nothing of it is left");
         let long = "x".repeat(500);
-        let name = named(Some(&format!("/{long}.toml")), None, Some(&long[..60]));
-        assert!(name.len() < 200 && name.ends_with("x"), "{name}");
+        let name = named(Some(format!("/{long}.toml").as_str()), None, Some(&long[..60]));
+        assert!(name.len() < 200 && name.ends_with('x'), "{name}");
     }
 
     #[test]
