@@ -1,14 +1,14 @@
-//! `bench recording`: what a recording costs the Main Loop, how fast it grows, how fast one of an hour is reported and sought in, and how fast the virtual clock
-//! does one again. The Main Loop is measured as in `bench flow`: the default station with a recording and without, in turns, the median of the pairs, and
-//! between which of them it lies with 95 %: where that reaches beyond the limit, so many pairs do not show that it is held, and `--pairs` takes more. The hour
-//! is the session of those turns, again and again, so that each tick is a real one.
+//! `bench recording`: what a recording costs the Main Loop, how fast it grows, how fast one of an hour is reported and sought in, how fast the virtual clock does
+//! one again, and how soon it shows a time in it. The Main Loop is measured as in `bench flow`: the default station with a recording and without, in turns, the
+//! median of the pairs, and between which of them it lies with 95 %: where that reaches beyond the limit, so many pairs do not show that it is held, and
+//! `--pairs` takes more. The hour is the session of those turns, again and again, so that each tick is a real one.
 
 use super::arm::{Arm, Kind, WINDOW_NS};
 use super::targets::{Target, interval95, median, ratios, step_us};
 use super::{Folder, beside, not_started};
 use crate::cli::WindowArgs;
 use crate::settings::Refusal;
-use hyst_exchange::machine;
+use hyst_exchange::{Station, machine, system};
 use hyst_messages::Role;
 use hyst_recording::{Block, Playback, Reader, Session, Writer, checkpoints, outline};
 use serde_json::{Value, json};
@@ -34,6 +34,14 @@ const SOUGHT_TICK: u64 = 3_000_000;
 const LEAST_AGAIN: f64 = 1.0;
 /// Length of the session that is done again, s.
 const AGAIN_S: u64 = 10;
+/// Its file.
+const AGAIN: &str = "again.mcap";
+/// The time in it that is shown first, s: half way between two checkpoints, so that half of what can lie between is done again before.
+const SHOWN_S: f64 = 7.5;
+/// Between two looks whether it has come to that, ns.
+const LOOK_NS: u64 = 1_000_000;
+/// No start, with what is done again before, takes longer, s.
+const MOST_WAIT_S: f64 = 120.0;
 
 /// Measures, prints, and says whether every target is held.
 pub fn recording(mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result<u8, Refusal> {
@@ -51,6 +59,7 @@ pub fn recording(mesh: Option<&Path>, windows: WindowArgs, json: bool) -> Result
         rows.push(row);
         targets.push(target);
     }
+    rows.push(shown(&folder)?);
     let machine = machine::describe();
     if json {
         rows.extend(targets.iter().map(Target::json));
@@ -223,7 +232,7 @@ fn sought(hour: &Path) -> Result<(Value, Target), Refusal> {
 
 /// A session on the virtual clock, and the same done again and compared.
 fn again(mesh: Option<&Path>, folder: &Folder) -> Result<(Value, Target), Refusal> {
-    let file = folder.file("again.mcap");
+    let file = folder.file(AGAIN);
     let own = beside("hystation")?;
     let name = format!("bench-{}-a", std::process::id());
     let mut record = Command::new(&own);
@@ -244,6 +253,35 @@ fn again(mesh: Option<&Path>, folder: &Folder) -> Result<(Value, Target), Refusa
             true,
         ),
     ))
+}
+
+/// What a trainer waits for who asks for a time in that session: from the command until its first tick is shown. Nothing judges it.
+fn shown(folder: &Folder) -> Result<Value, Refusal> {
+    let name = format!("bench-{}-s", std::process::id());
+    let station = Station::named(&name).map_err(|e| failed(&e))?;
+    let own = beside("hystation")?;
+    let mut replay = Command::new(&own);
+    replay.args(["--name", &name, "replay", "--headless", "--set", "console_port=0", "--from", &format!("{SHOWN_S}s")]);
+    replay.arg(folder.file(AGAIN)).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let begun = Instant::now();
+    let mut child = replay.spawn().map_err(|e| not_started(&own, &e))?;
+    let has_come = || station.open().is_ok_and(|page| page.is_lockstep() && page.present_tick() as f64 >= SHOWN_S * 1e3);
+    let time_s = loop {
+        let time_s = begun.elapsed().as_secs_f64();
+        if has_come() {
+            break Some(time_s);
+        }
+        if time_s > MOST_WAIT_S || child.try_wait().is_ok_and(|ended| ended.is_some()) {
+            break None;
+        }
+        system::sleep_ns(LOOK_NS);
+    };
+    let mut stop = Command::new(&own);
+    let _ = stop.args(["--name", &name, "stop"]).stdout(Stdio::null()).stderr(Stdio::null()).status(); // it may have ended
+    let _ = child.kill(); // the same
+    child.wait().map_err(|e| failed(&e))?;
+    let what = "from the command `hystation replay FILE --from T` to the first shown tick, s";
+    Ok(json!({ "arm": "station", "name": what, "session_s": AGAIN_S, "from_s": SHOWN_S, "time_s": time_s }))
 }
 
 #[cfg(test)]
