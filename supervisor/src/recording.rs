@@ -18,13 +18,13 @@ pub struct RecordingView {
     pub file: String,
     /// Ticks on disk.
     pub ticks: u64,
-    /// Ticks that nobody has any more.
+    /// Ticks that nobody has any more, or that the disk may not have kept.
     pub lost: u64,
     /// Bytes on disk.
     pub bytes: u64,
     /// Ticks that the device has made since the newest on disk.
     pub behind_ticks: u64,
-    /// Why nothing is written; `None` while it goes on.
+    /// Why nothing is written or kept; `None` while it goes on. At the end, why the file has not the end that it should have.
     pub stands_still: Option<String>,
 }
 
@@ -86,11 +86,14 @@ impl RecordingView {
         // What helps while it runs helps no more.
         let why = self.stands_still.as_deref().map(|why| why.strip_prefix(&format!("recording {file}: ")).unwrap_or(why));
         let why = why.and_then(|why| why.split(';').next()).map_or(String::new(), |why| format!(" ({why})"));
-        if *lost == 0 && (*ticks > 0 || *behind_ticks == 0) {
+        // Who still complains when all is over could not close the file.
+        let is_closed = *ticks == 0 || self.stands_still.is_none();
+        if *lost == 0 && is_closed && (*ticks > 0 || *behind_ticks == 0) {
             return None;
         }
         match (*ticks > 0 || holds_ticks(), *lost) {
-            (true, 0) => None,
+            (true, 0) if is_closed => None,
+            (true, 0) => Some(format!("the recording {file} was not closed{why}; `hystation report` reads what is there")),
             (true, lost) => Some(format!(
                 "the recording {file} is not whole{why}: {lost} ticks are lost; `hystation report` reads what is there"
             )),
@@ -127,7 +130,10 @@ mod tests {
         let none = full(0, 900).loss_if(|| false).unwrap();
         assert!(none.contains("/x/a.mcap holds no tick (no room for 70 bytes more)"), "{none}");
         assert!(full(0, 900).loss_if(|| true).unwrap().contains("900 ticks are lost"), "its predecessor's ticks are there");
-        assert_eq!(full(5_000, 0).loss_if(|| false), None);
+        assert_eq!(RecordingView { stands_still: None, ..full(5_000, 0) }.loss_if(|| false), None);
+        // Ended with 0: nobody knew that the end had found no room.
+        let open = full(5_000, 0).loss_if(|| unreachable!("it is known")).unwrap();
+        assert!(open.contains("was not closed (no room for 70 bytes more)"), "{open}");
         // Of a recorder that was not let come to open its file nothing is known.
         let silent = RecordingView { file: "/x/a.mcap".into(), behind_ticks: 900, ..RecordingView::default() };
         assert!(silent.loss_if(|| false).unwrap().contains("holds no tick: the session is lost"));

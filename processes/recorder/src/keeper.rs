@@ -16,6 +16,8 @@ const INTERVAL_NS: u64 = 200_000_000;
 const RETRY_NS: u64 = 1_000_000_000;
 /// Between two looks whether the file is open, ns.
 const LOOK_NS: u64 = 1_000_000;
+/// Time after which the disk is asked to keep what it took, ns: what a power cut may cost. As often, a disk that fails behind the writes is found out.
+const SYNC_NS: u64 = 5_000_000_000;
 /// Pause while the file cannot be had, ns.
 const WAIT_NS: u64 = 50_000_000;
 /// How long a recorder waits for its predecessor to let go of the file, ns: longer than the supervisor takes to kill one that hangs.
@@ -45,6 +47,10 @@ pub struct Keeper {
     refused: bool,
     /// The first tick that was made while the disk let nobody open the file, if the device's ring no longer has it.
     missed_tick: Option<u64>,
+    /// Ticks that the disk took and may not have kept.
+    doubtful_ticks: u64,
+    /// It kept nothing when it was last asked.
+    is_doubtful: bool,
 }
 
 impl Keeper {
@@ -55,13 +61,13 @@ impl Keeper {
         while !life.clock.stop_requested() {
             let error = match open(life, path, session) {
                 Ok(writer) => {
-                    let scribe = Scribe::start(writer).map_err(|e| Failure::Broken(format!("a thread for the disk: {e}")))?;
+                    let scribe = Scribe::start(writer, SYNC_NS);
+                    let scribe = scribe.map_err(|e| Failure::Broken(format!("a thread for the disk: {e}")))?;
                     if missed.is_told {
                         life.say("there is room again, and the recording begins");
                         life.page.last_words("");
                     }
-                    let (queue, missed_tick) = (Block::default(), missed.first_gone(newest_tick(life)));
-                    return Ok(Some(Keeper { scribe, queue, next_write_ns: 0, given_ns: 0, refused: false, missed_tick }));
+                    return Ok(Some(Keeper::new(scribe, missed.first_gone(newest_tick(life)))));
                 }
                 Err(error) => error,
             };
@@ -74,7 +80,9 @@ impl Keeper {
                     return Err(Failure::Broken(error.to_string()));
                 }
                 WriteError::Locked { .. } => {}
-                WriteError::Full { .. } | WriteError::Write { .. } => missed.note(life, &error.to_string()),
+                WriteError::Full { .. } | WriteError::Write { .. } | WriteError::Unsynced { .. } => {
+                    missed.note(life, &error.to_string());
+                }
             }
             if !std::mem::replace(&mut said, true) {
                 life.say(&error.to_string());
@@ -85,6 +93,19 @@ impl Keeper {
         }
         missed.publish(life, 0); // nobody takes what the ring still has
         Ok(None)
+    }
+
+    fn new(scribe: Scribe, missed_tick: Option<u64>) -> Keeper {
+        Keeper {
+            scribe,
+            queue: Block::default(),
+            next_write_ns: 0,
+            given_ns: 0,
+            refused: false,
+            missed_tick,
+            doubtful_ticks: 0,
+            is_doubtful: false,
+        }
     }
 
     /// Newest tick on disk.
@@ -105,6 +126,7 @@ impl Keeper {
 
     /// Gives what waits to the disk if it is time, and the disk has done with what it was given before; publishes how far the recording has come.
     pub fn keep(&mut self, life: &Life) -> Result<(), Failure> {
+        self.heed_syncs(life);
         while let Some(written) = self.scribe.written(0) {
             self.take(life, written)?;
         }
@@ -124,6 +146,9 @@ impl Keeper {
     fn take(&mut self, life: &Life, written: Written) -> Result<(), Failure> {
         let Some((error, rest)) = written else {
             life.page.store64(header::VALUE_NS, system::now_ns());
+            if self.is_doubtful {
+                return Ok(()); // what it did not keep it had taken, too
+            }
             life.page.last_words(""); // whoever wrote there: it is read as a complaint
             if std::mem::replace(&mut self.refused, false) {
                 life.say("the recording goes on");
@@ -139,6 +164,17 @@ impl Keeper {
         Ok(())
     }
 
+    /// What the disk says when it is asked to keep what it took: of what it did not keep nobody knows what is there. The recording goes on once it keeps again.
+    fn heed_syncs(&mut self, life: &Life) {
+        while let Some(synced) = self.scribe.synced() {
+            let was_doubtful = std::mem::replace(&mut self.is_doubtful, synced.is_err());
+            let Err(error) = synced else { continue };
+            self.doubtful_ticks += error.doubtful_ticks();
+            self.refused &= was_doubtful; // whatever was said before, this is worse
+            self.complain(life, &error.to_string());
+        }
+    }
+
     /// Says why the recording does not go on, once: in the log, and in the page for whoever keeps the station.
     fn complain(&mut self, life: &Life, why: &str) {
         if !std::mem::replace(&mut self.refused, true) {
@@ -147,7 +183,8 @@ impl Keeper {
         }
     }
 
-    /// Gives the rest to the disk and closes the file; what the disk does not take in time is lost, and said.
+    /// Gives the rest to the disk and closes the file; what the disk does not take in time, or does not keep, is lost, and said. Why a file has not the end
+    /// that it should have stays in the page: at the end of a station it is read as a loss.
     pub fn close(mut self, life: &Life) -> Result<(), Failure> {
         let (end_ns, mut tries) = (system::now_ns() + CLOSE_NS, 0);
         loop {
@@ -167,9 +204,14 @@ impl Keeper {
             self.queue.applied.drain(..).for_each(|record| TickRange::extend(&mut self.queue.lost, record.tick));
             life.say(&format!("{left} ticks could not be written and are lost"));
         }
-        self.publish(life, self.scribe.away_ticks);
-        if let Err(error) = self.scribe.finish(end_ns) {
-            life.say(&format!("{error}; the recording has no summary, but is readable"));
+        self.heed_syncs(life);
+        let given_up = self.scribe.away_ticks;
+        self.publish(life, given_up);
+        if let Err(unfinished) = self.scribe.finish(end_ns) {
+            life.say(&format!("{}; the recording may have no end, but is readable", unfinished.why));
+            life.page.last_words(&unfinished.why);
+            self.doubtful_ticks += unfinished.doubtful_ticks;
+            self.publish(life, given_up);
         }
         Ok(())
     }
@@ -177,7 +219,7 @@ impl Keeper {
     /// Publishes how far the recording has come; `given_up`: ticks of which the disk never said that it has them, and which nobody has any more.
     fn publish(&self, life: &Life, given_up: u64) {
         let noted = self.scribe.away_lost + self.queue.lost.iter().map(TickRange::count).sum::<u64>();
-        let lost = self.scribe.file.lost + noted + given_up;
+        let lost = self.scribe.file.lost + noted + given_up + self.doubtful_ticks;
         life.page.write(layout::STATUS, &RecorderStatus { lost, ..self.scribe.file.status() });
     }
 }

@@ -1,6 +1,7 @@
 //! The thread that meets the disk: it has one thing to write at a time, and whoever gives it that never waits. A disk that stands still for longer than the
-//! device's ring lasts costs the recording nothing, because the ring is read on.
+//! device's ring lasts costs the recording nothing, because the ring is read on. Now and then the thread asks the disk to keep what it took, and says so if not.
 
+use hyst_exchange::system;
 use hyst_messages::RecorderStatus;
 use hyst_recording::{Block, TickRange, WriteError, Writer};
 use std::collections::VecDeque;
@@ -46,10 +47,27 @@ impl FileState {
     }
 }
 
+/// Why a file has not the end that it should have.
+#[derive(Debug, PartialEq)]
+pub struct Unfinished {
+    /// What the disk says.
+    pub why: String,
+    /// Ticks that it took and may not have.
+    pub doubtful_ticks: u64,
+}
+
+impl Unfinished {
+    fn of(error: &WriteError) -> Unfinished {
+        Unfinished { why: error.to_string(), doubtful_ticks: error.doubtful_ticks() }
+    }
+}
+
 /// The thread and the way to it.
 pub struct Scribe {
     blocks: Option<Sender<Block>>,
     done: Receiver<(Written, FileState)>,
+    synced: Receiver<Result<(), WriteError>>,
+    /// Of the summary first, then of the sync of all that is there.
     finished: Receiver<Result<(), WriteError>>,
     /// The file.
     pub file: FileState,
@@ -61,23 +79,19 @@ pub struct Scribe {
 }
 
 impl Scribe {
-    /// Starts the thread of a file.
-    pub fn start(writer: Writer) -> std::io::Result<Scribe> {
+    /// Starts the thread of a file. As often as `sync_ns` says it asks the disk to keep what was written since.
+    pub fn start(writer: Writer, sync_ns: u64) -> std::io::Result<Scribe> {
         let (blocks, given) = channel::<Block>();
         let (tell, done) = channel();
+        let (tell_sync, synced) = channel();
         let (tell_end, finished) = channel();
         let file = FileState::of(&writer);
-        let mut writer = writer;
         std::thread::Builder::new().name("scribe".into()).spawn(move || {
-            for block in given {
-                let written = append(&mut writer, block);
-                if tell.send((written, FileState::of(&writer))).is_err() {
-                    return;
-                }
+            if let Some(writer) = write_all(writer, sync_ns, &given, &tell, &tell_sync) {
+                end(writer, &tell_end);
             }
-            let _ = tell_end.send(writer.finish().map(|_| ())); // nobody waits for it any more
         })?;
-        Ok(Scribe { blocks: Some(blocks), done, finished, file, away_ticks: 0, away_lost: 0, busy: false })
+        Ok(Scribe { blocks: Some(blocks), done, synced, finished, file, away_ticks: 0, away_lost: 0, busy: false })
     }
 
     /// Whether it has something to write.
@@ -95,22 +109,78 @@ impl Scribe {
 
     /// What became of it, waiting until `end_ns` at most; `None` if it is still at it, or has nothing to do.
     pub fn written(&mut self, end_ns: u64) -> Option<Written> {
-        let patience_ns = end_ns.saturating_sub(hyst_exchange::system::now_ns());
-        let (written, file) = self.done.recv_timeout(Duration::from_nanos(patience_ns)).ok()?;
+        let (written, file) = self.done.recv_timeout(patience(end_ns)).ok()?;
         (self.file, self.busy, self.away_ticks, self.away_lost) = (file, false, 0, 0);
         Some(written)
     }
 
-    /// Closes the file with its summary.
-    pub fn finish(mut self, end_ns: u64) -> Result<(), String> {
+    /// Whether the disk has kept what it took, if it was asked since the last time.
+    pub fn synced(&self) -> Option<Result<(), WriteError>> {
+        self.synced.try_recv().ok()
+    }
+
+    /// Closes the file with its summary. A disk that took that by `end_ns` and keeps it later is not to blame: it has all of it, if the power holds.
+    pub fn finish(&mut self, end_ns: u64) -> Result<(), Unfinished> {
         drop(self.blocks.take());
-        let patience_ns = end_ns.saturating_sub(hyst_exchange::system::now_ns());
-        match self.finished.recv_timeout(Duration::from_nanos(patience_ns)) {
-            Ok(ended) => ended.map_err(|error| error.to_string()),
-            Err(RecvTimeoutError::Timeout) => Err("the disk stands still".into()),
-            Err(RecvTimeoutError::Disconnected) => Err("the thread that writes has died".into()),
+        let still = Unfinished { why: "the disk stands still".into(), doubtful_ticks: 0 };
+        let kept = self.ended(end_ns).unwrap_or(Err(still)).and_then(|()| self.ended(end_ns).unwrap_or(Ok(())));
+        // The system tells of a failure once: it may have been before the last time, and nobody has listened yet.
+        let before = std::iter::from_fn(|| self.synced()).filter_map(Result::err).map(|error| Unfinished::of(&error));
+        let both = |a: Unfinished, b: Unfinished| Unfinished { doubtful_ticks: a.doubtful_ticks + b.doubtful_ticks, ..b };
+        before.chain(kept.err()).reduce(both).map_or(Ok(()), Err)
+    }
+
+    /// What became of the next step of the end, waiting until `end_ns` at most; `None` if the disk is still at it.
+    fn ended(&self, end_ns: u64) -> Option<Result<(), Unfinished>> {
+        match self.finished.recv_timeout(patience(end_ns)) {
+            Ok(ended) => Some(ended.map_err(|error| Unfinished::of(&error))),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => {
+                Some(Err(Unfinished { why: "the thread that writes has died".into(), doubtful_ticks: 0 }))
+            }
         }
     }
+}
+
+/// The time until then.
+fn patience(end_ns: u64) -> Duration {
+    Duration::from_nanos(end_ns.saturating_sub(system::now_ns()))
+}
+
+/// Writes what is given until nothing more comes, and then hands the file back; `None` if nobody listens any more.
+fn write_all(
+    mut writer: Writer,
+    sync_ns: u64,
+    given: &Receiver<Block>,
+    tell: &Sender<(Written, FileState)>,
+    tell_sync: &Sender<Result<(), WriteError>>,
+) -> Option<Writer> {
+    let mut due_ns = system::now_ns() + sync_ns;
+    loop {
+        match given.recv_timeout(patience(due_ns)) {
+            Ok(block) => {
+                let written = append(&mut writer, block);
+                tell.send((written, FileState::of(&writer))).ok()?;
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Some(writer),
+        }
+        if system::now_ns() >= due_ns {
+            if writer.is_unsynced() {
+                tell_sync.send(writer.sync()).ok()?;
+            }
+            due_ns = system::now_ns() + sync_ns;
+        }
+    }
+}
+
+/// Writes the summary, says so, and has the disk keep it.
+fn end(writer: Writer, tell_end: &Sender<Result<(), WriteError>>) {
+    let ended = writer.close().and_then(|closed| {
+        let _ = tell_end.send(Ok(())); // nobody waits for it any more
+        closed.sync().map(|_| ())
+    });
+    let _ = tell_end.send(ended);
 }
 
 /// Appends a block in parts; of what is refused everything is given back that is not on disk.
@@ -149,9 +219,11 @@ fn parts(mut block: Block) -> VecDeque<Block> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_exchange::system;
     use hyst_messages::AppliedRecord;
     use hyst_recording::{Recording, Session};
+
+    /// The disk is asked at the end alone.
+    const NEVER_NS: u64 = 3_600_000_000_000;
 
     fn block(ticks: std::ops::Range<u64>) -> Block {
         Block { applied: ticks.map(|tick| AppliedRecord { tick, ..Default::default() }).collect(), ..Block::default() }
@@ -163,7 +235,7 @@ mod tests {
         let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
         let later_ns = || system::now_ns() + 60_000_000_000;
         writer.set_limit(writer.bytes() + 300_000);
-        let mut scribe = Scribe::start(writer).unwrap();
+        let mut scribe = Scribe::start(writer, NEVER_NS).unwrap();
         scribe.write(Block::default());
         assert!(!scribe.is_busy(), "nothing is written of nothing");
         scribe.write(block(1..2_500));
@@ -214,11 +286,47 @@ mod tests {
     fn a_file_is_closed_with_its_summary() {
         let path = std::env::temp_dir().join(format!("hyst-scribe-end-{}.mcap", std::process::id()));
         let writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
-        let mut scribe = Scribe::start(writer).unwrap();
+        let mut scribe = Scribe::start(writer, NEVER_NS).unwrap();
         scribe.write(block(1..10));
         assert_eq!(scribe.finish(system::now_ns() + 60_000_000_000), Ok(()), "what it was given is written first");
         let read = Recording::read(&path).unwrap();
         assert_eq!((read.applied().len(), read.ending), (9, hyst_recording::Ending::Complete));
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn a_disk_that_does_not_keep_what_it_took_is_told_while_it_is_written_and_at_the_end() {
+        const EIO: i32 = 5;
+        let path = std::env::temp_dir().join(format!("hyst-scribe-sync-{}.mcap", std::process::id()));
+        let started = |sync_ns| {
+            let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+            writer.set_sync(|_| Err(std::io::Error::from_raw_os_error(EIO)));
+            Scribe::start(writer, sync_ns).unwrap()
+        };
+        let later_ns = || system::now_ns() + 60_000_000_000;
+        let mut scribe = started(1_000_000);
+        scribe.write(block(1..10));
+        assert!(scribe.written(later_ns()).is_some_and(|written| written.is_none()), "it took all of it");
+        let mut told = std::iter::from_fn(|| scribe.synced.recv_timeout(Duration::from_secs(60)).ok());
+        let doubtful = told.find_map(|synced| Some(synced.unwrap_err().doubtful_ticks()).filter(|ticks| *ticks > 0));
+        assert_eq!(doubtful, Some(9), "the head of the file may have been asked for before");
+        let unfinished = scribe.finish(later_ns()).unwrap_err();
+        assert!(unfinished.why.contains("did not keep") && unfinished.doubtful_ticks == 0, "{unfinished:?}");
+        std::fs::remove_file(&path).unwrap();
+        let mut scribe = started(NEVER_NS);
+        scribe.write(block(1..10));
+        assert_eq!(scribe.finish(later_ns()).unwrap_err().doubtful_ticks, 9);
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn a_file_without_room_for_its_summary_is_told() {
+        let path = std::env::temp_dir().join(format!("hyst-scribe-room-{}.mcap", std::process::id()));
+        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        writer.set_limit(writer.bytes() + 10);
+        let mut scribe = Scribe::start(writer, NEVER_NS).unwrap();
+        let unfinished = scribe.finish(system::now_ns() + 60_000_000_000).unwrap_err();
+        assert!(unfinished.why.contains("no room for"), "{unfinished:?}");
         std::fs::remove_file(&path).unwrap();
     }
 }

@@ -41,7 +41,7 @@ pub use process::ProcessSpell;
 pub use reader::{Damage, Ending, Reader, Recording, open_file};
 pub use scene::{SceneFile, scene_files};
 pub use sequence::{Collector, History, Taken};
-pub use writer::{WriteError, Writer};
+pub use writer::{Closed, WriteError, Writer};
 
 /// Session facts by name: the metadata record `station` of a file. `session` must be there; it tells one session from another.
 pub type Session = std::collections::BTreeMap<String, String>;

@@ -1,6 +1,7 @@
 //! The writer: appends blocks to one file, goes on in a file that a predecessor left, and closes it with a summary over everything.
 //!
-//! Promise: whatever is refused (full disk, failed write), the file stays as long as its last whole block; the same block may be tried again.
+//! Promise: whatever is refused (full disk, failed write), the file stays as long as its last whole block; the same block may be tried again. What a sync has
+//! found kept outlives a power cut; what a disk took and did not keep is counted.
 //! One writer at a time: the file is locked while it is open, so that a recorder that was stopped and goes on later finds nothing changed
 //! under it, and its successor waits.
 
@@ -13,6 +14,9 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+
+/// Linux: a file system without this operation.
+const EOPNOTSUPP: i32 = 95;
 
 /// Why something cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +59,16 @@ pub enum WriteError {
         /// What the system said.
         source: io::Error,
     },
+    /// The disk took it and did not keep it: a stick that is gone, or a server that is full.
+    #[error("recording {path}: the disk did not keep what it had taken: {source}; {ticks} ticks may be lost, look at the disk")]
+    Unsynced {
+        /// The file.
+        path: PathBuf,
+        /// Ticks that were written since the disk last kept everything.
+        ticks: u64,
+        /// What the system said.
+        source: io::Error,
+    },
     /// A block cannot be put into bytes.
     #[error("a block of the recording cannot be encoded: {0}")]
     Encode(String),
@@ -63,6 +77,11 @@ pub enum WriteError {
 impl WriteError {
     pub(crate) fn encode(error: mcap::McapError) -> WriteError {
         WriteError::Encode(error.to_string())
+    }
+
+    /// Ticks that were written and may not be on the disk.
+    pub fn doubtful_ticks(&self) -> u64 {
+        if let WriteError::Unsynced { ticks, .. } = self { *ticks } else { 0 }
     }
 }
 
@@ -77,6 +96,23 @@ pub struct Writer {
     last_tick: Option<u64>,
     lost: u64,
     continued: bool,
+    /// Bytes about which the disk was asked.
+    synced_end: u64,
+    /// Ticks in what is behind them.
+    unsynced_ticks: u64,
+    sync_data: fn(&File) -> io::Result<()>,
+}
+
+/// A recording that has its summary: nothing is appended to it any more.
+#[derive(Debug)]
+pub struct Closed(Writer);
+
+impl Closed {
+    /// Has the disk keep it, as [`Writer::sync`], and unlocks the file; gives its length, bytes.
+    pub fn sync(mut self) -> Result<u64, WriteError> {
+        self.0.sync()?;
+        Ok(self.0.end)
+    }
 }
 
 impl Writer {
@@ -108,6 +144,9 @@ impl Writer {
             last_tick: found.last_tick,
             lost: found.lost,
             continued: found.session.is_some(),
+            synced_end: 0,
+            unsynced_ticks: 0,
+            sync_data: File::sync_data,
         };
         writer.file.set_len(writer.end).map_err(refused)?;
         if !writer.continued {
@@ -120,6 +159,11 @@ impl Writer {
     /// Lets the file grow to at most this many bytes; what would be longer is refused as [`WriteError::Full`].
     pub fn set_limit(&mut self, limit_bytes: u64) {
         self.limit_bytes = limit_bytes;
+    }
+
+    /// Lets this stand for the system's `fdatasync`: a disk that refuses it cannot be had in a test otherwise.
+    pub fn set_sync(&mut self, sync_data: fn(&File) -> io::Result<()>) {
+        self.sync_data = sync_data;
     }
 
     /// Appends a block; an empty one writes nothing. After an error the file is as before, and the block may be tried again.
@@ -138,15 +182,40 @@ impl Writer {
             *self.contents.counts.entry(id).or_insert(0) += count;
         }
         self.last_tick = block.applied.iter().map(|record| record.tick).max().max(self.last_tick);
+        self.unsynced_ticks += block.applied.len() as u64;
         self.lost += block.lost.iter().map(|range| range.count()).sum::<u64>();
         Ok(())
     }
 
-    /// Writes the summary over all blocks of all writers, and unlocks the file. Without it the file is readable too.
-    pub fn finish(mut self) -> Result<u64, WriteError> {
+    /// Whether something was written of which the disk has not said that it keeps it.
+    pub fn is_unsynced(&self) -> bool {
+        self.end != self.synced_end
+    }
+
+    /// Has the disk keep what was written; that takes as long as the disk does. A file system that cannot be asked for it is not to blame. After an error
+    /// ([`WriteError::Unsynced`]) it is not known what of it the disk has, and the system says so once: the next sync is of what is written later.
+    pub fn sync(&mut self) -> Result<(), WriteError> {
+        let ticks = std::mem::take(&mut self.unsynced_ticks);
+        self.synced_end = self.end;
+        match (self.sync_data)(&self.file) {
+            Err(source) if !cannot_sync(&source) => Err(WriteError::Unsynced { path: self.path.clone(), ticks, source }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes the summary over all blocks of all writers; without it the file is readable too. Where it is refused, the disk is asked to keep the rest.
+    pub fn close(mut self) -> Result<Closed, WriteError> {
         let bytes = summary::encode(&self.contents, self.end);
-        self.put(&bytes)?;
-        Ok(self.end)
+        if let Err(error) = self.put(&bytes) {
+            self.sync()?; // what is not kept is worse
+            return Err(error);
+        }
+        Ok(Closed(self))
+    }
+
+    /// Writes the summary, has the disk keep all of it, and unlocks the file; gives its length, bytes.
+    pub fn finish(self) -> Result<u64, WriteError> {
+        self.close()?.sync()
     }
 
     /// Newest tick on disk.
@@ -184,6 +253,11 @@ impl Writer {
         self.end += bytes.len() as u64;
         Ok(())
     }
+}
+
+/// Whether it is the file system that knows no such thing, and no failure of it.
+fn cannot_sync(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) || error.raw_os_error() == Some(EOPNOTSUPP)
 }
 
 /// What there is to go on from; nothing for a new file or one that a predecessor of the same kind was cut off in at once.

@@ -1,11 +1,13 @@
 //! Promises of the writer towards the disk and others: a full disk loses nothing that was written; one writer at a time; nobody else's
-//! file is touched; a second of recording is small.
+//! file is touched; what a disk took and did not keep is said; a second of recording is small.
 
 #[allow(dead_code)] // each test file uses its part
 mod fixture;
 
 use fixture::{Folder, block, session, ticks, write};
 use hyst_recording::{Ending, ReadError, Recording, Session, WriteError, Writer};
+use std::fs::File;
+use std::io;
 
 #[test]
 fn a_full_disk_is_said_keeps_what_was_written_and_the_same_block_goes_in_later() {
@@ -22,6 +24,50 @@ fn a_full_disk_is_said_keeps_what_was_written_and_the_same_block_goes_in_later()
     writer.finish().unwrap();
     let recording = Recording::read(&folder.file()).unwrap();
     assert_eq!((ticks(&recording), recording.ending), ((1..90).collect::<Vec<_>>(), Ending::Complete));
+}
+
+/// Error numbers of Linux.
+const EIO: i32 = 5;
+const EINVAL: i32 = 22;
+const ENOSYS: i32 = 38;
+const EOPNOTSUPP: i32 = 95;
+
+/// A disk that refuses to keep anything, for this reason.
+fn refuses<const ERRNO: i32>(_: &File) -> io::Result<()> {
+    Err(io::Error::from_raw_os_error(ERRNO))
+}
+
+/// Nobody asked the disk: a stick that was gone since, and a server that was full, ended a session with "nothing is lost".
+#[test]
+fn what_the_disk_took_and_did_not_keep_is_counted_once_and_a_file_system_that_cannot_be_asked_is_not_to_blame() {
+    let folder = Folder::new("sync");
+    let mut writer = write(&folder.file(), &[block(1..50)]);
+    assert!(writer.is_unsynced());
+    writer.set_sync(refuses::<EIO>);
+    let error = writer.sync().unwrap_err();
+    assert!(matches!(error, WriteError::Unsynced { ticks: 49, .. }) && error.doubtful_ticks() == 49, "{error}");
+    assert!(error.to_string().contains("did not keep what it had taken: ") && !writer.is_unsynced(), "{error}");
+    writer.append(&block(50..60)).unwrap();
+    assert!(writer.is_unsynced(), "the next time it is of what is new");
+    assert_eq!(writer.sync().unwrap_err().doubtful_ticks(), 10);
+    let unable: [fn(&File) -> io::Result<()>; 3] = [refuses::<EINVAL>, refuses::<ENOSYS>, refuses::<EOPNOTSUPP>];
+    for sync in unable {
+        writer.set_sync(sync);
+        assert!(writer.sync().is_ok());
+    }
+    writer.append(&block(60..70)).unwrap();
+    writer.set_sync(refuses::<EIO>);
+    assert_eq!(writer.finish().unwrap_err().doubtful_ticks(), 10, "at the end, too");
+    assert_eq!(Recording::read(&folder.file()).unwrap().ending, Ending::Complete, "as far as the system knows");
+}
+
+#[test]
+fn a_summary_without_room_is_refused_and_the_rest_is_there() {
+    let folder = Folder::new("end");
+    let mut writer = write(&folder.file(), &[block(1..50)]);
+    writer.set_limit(writer.bytes() + 10);
+    assert!(matches!(writer.close(), Err(WriteError::Full { .. })));
+    assert_eq!(ticks(&Recording::read(&folder.file()).unwrap()), (1..50).collect::<Vec<_>>());
 }
 
 #[test]
