@@ -14,7 +14,7 @@ use std::path::Path;
 const INTERVAL_NS: u64 = 200_000_000;
 /// Time between two tries on a full disk, ns.
 const RETRY_NS: u64 = 1_000_000_000;
-/// Between two looks whether the file is open, ns.
+/// Between two looks whether the file is open, or was looked through, ns.
 const LOOK_NS: u64 = 1_000_000;
 /// Time after which the disk is asked to keep what it took, ns: what a power cut may cost. As often, a disk that fails behind the writes is found out.
 const SYNC_NS: u64 = 5_000_000_000;
@@ -122,6 +122,11 @@ impl Keeper {
     /// Whether a predecessor began the file.
     pub fn is_continued(&self) -> bool {
         self.scribe.file.is_continued
+    }
+
+    /// Whether files of the scene are in the file, all of them or some.
+    pub fn has_scene(&self) -> bool {
+        self.scribe.file.has_scene
     }
 
     /// Gives what waits to the disk if it is time, and the disk has done with what it was given before; publishes how far the recording has come.
@@ -270,15 +275,20 @@ fn newest_tick(life: &Life) -> u64 {
     pages.map(|page| page.ring_end(device::APPLIED).saturating_sub(1)).max().unwrap_or(0)
 }
 
-/// Opens the file, or goes on in it: of a long one that takes a second, in which this process is seen to live.
+/// Opens the file, or goes on in it: of a long one that takes a second.
 fn open(life: &Life, path: &Path, session: &Session) -> Result<Writer, WriteError> {
+    while_alive(life, || Writer::open(path, session))
+}
+
+/// Does what takes a second, with files that are long or a disk that is slow, while this process is seen to live.
+pub fn while_alive<T: Send>(life: &Life, work: impl FnOnce() -> T + Send) -> T {
     std::thread::scope(|scope| {
-        let opens = scope.spawn(|| Writer::open(path, session));
-        while !opens.is_finished() {
+        let works = scope.spawn(work);
+        while !works.is_finished() {
             life.heartbeat();
             system::sleep_ns(LOOK_NS);
         }
-        opens.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        works.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }
 
@@ -301,7 +311,8 @@ fn drop_oldest(queue: &mut Block) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hyst_messages::AppliedRecord;
+    use hyst_exchange::Station;
+    use hyst_messages::{AppliedRecord, Slot};
 
     #[test]
     fn what_does_not_fit_into_memory_is_dropped_from_its_old_end_and_noted() {
@@ -311,6 +322,25 @@ mod tests {
         drop_oldest(&mut queue);
         assert_eq!((queue.applied.len(), queue.applied[0].tick), (MAX_TICKS, 8));
         assert_eq!(queue.lost, [TickRange { first: 1, last: 7 }]);
+    }
+
+    /// A long recording without its scene was walked through to its end without a sign of life, and its recorder was ended for it.
+    #[test]
+    fn a_recorder_that_looks_through_a_long_file_is_seen_to_live() {
+        let station = Station::named(&format!("t{}-alive", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let _page = station.open_for_keeping().unwrap();
+        std::fs::write(station.settings(), "").unwrap();
+        let slot = Slot::first(Role::Recorder);
+        station.create_slot(slot, 1).unwrap();
+        let life = Life::begin(station.name(), slot, 1).unwrap();
+        let beat = || station.read_slot(slot, 1).unwrap().load64(header::HEARTBEAT_NS);
+        let begun_ns = beat();
+        // Without a heartbeat it takes for ever, and is ended from outside.
+        let last_ns = while_alive(&life, || (0..).map(|_: u64| beat()).find(|ns| *ns > begun_ns));
+        assert!(last_ns > Some(begun_ns));
+        station.wipe();
     }
 
     /// The session of a disk that was full from its start was recorded from where there was room, and nobody said that what came before was lost.

@@ -28,6 +28,8 @@ pub struct FileState {
     pub bytes: u64,
     /// A predecessor began the file.
     pub is_continued: bool,
+    /// It holds files of the scene, all of them or some.
+    pub has_scene: bool,
 }
 
 impl FileState {
@@ -38,6 +40,7 @@ impl FileState {
             lost: writer.lost(),
             bytes: writer.bytes(),
             is_continued: writer.is_continued(),
+            has_scene: writer.scene_files() > 0,
         }
     }
 

@@ -3,7 +3,7 @@
 
 use crate::camera::Camera;
 use crate::gather::Gather;
-use crate::keeper::Keeper;
+use crate::keeper::{Keeper, while_alive};
 use crate::kept::{Kept, MOST_BYTES};
 use crate::moments::Mark;
 use crate::said::Said;
@@ -31,8 +31,9 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     };
     let mut gather = Gather::new(life, keeper.goes_on_after())?;
     let mut said = Said::new(&life.station, keeper.last_tick());
-    // A predecessor that died has begun with it, or not.
-    if !keeper.is_continued() || scene_files(path).is_ok_and(|files| files.is_empty()) {
+    // A predecessor that died has begun with it, or not, or with a part of it. Where nothing of it is there nobody looks through the file: it may be long, and
+    // the device's ring lasts for 4 s.
+    if !keeper.has_scene() || while_alive(life, || scene_files(path)).is_ok_and(|files| files.is_empty()) {
         keeper.queue.scene = scene(life);
     }
     let (mut kept, mut statistics) = (Kept::default(), Statistics::default());
@@ -118,7 +119,8 @@ fn with_last_words(life: &Life, mut event: Event) -> Event {
 
 /// The files of the scene, with which the session can be done again anywhere; none, and why is said, where they are larger than what any reader takes at once.
 fn scene(life: &Life) -> Vec<SceneFile> {
-    let files = hyst_scene::sources(life.scene().as_deref()).map_err(|error| error.to_string());
+    let entry = life.scene();
+    let files = while_alive(life, || hyst_scene::sources(entry.as_deref()).map_err(|error| error.to_string()));
     let is_large = |files: &[SourceFile]| files.iter().map(|file| file.bytes.len()).sum::<usize>() > MOST_BYTES;
     let files = files.and_then(|files| if is_large(&files) { Err("they are too large".into()) } else { Ok(files) });
     let files = files.unwrap_or_else(|why| {

@@ -7,7 +7,7 @@ mod cli;
 use hyst_exchange::{OwnedPage, ReadPage, Station, system};
 use hyst_messages::page::{ProcessState, device, recorder, station as layout};
 use hyst_messages::{AppliedRecord, ForceCommand, HardwareSample, RecorderStatus, Role, Slot};
-use hyst_recording::{Ending, Recording};
+use hyst_recording::{Ending, Recording, scene_files};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
@@ -145,6 +145,8 @@ fn every_tick_is_in_the_file_once_although_the_recorder_was_killed_half_way() {
     assert_eq!((recording.ending, recording.damage.len(), recording.content.lost.len()), (Ending::Complete, 0, 0));
     assert_eq!(recording.applied()[150].command.force_n, [0.0, 0.001 * 160.0, 0.1]);
     assert_eq!(recording.session["station"], stage.station.name());
+    let scene = scene_files(&stage.file()).unwrap();
+    assert!(!scene.is_empty() && recording.content.scene == scene, "the scene is there once: {}", recording.content.scene.len());
     let said = |kind: &str, process: &str| {
         recording.content.events.iter().filter(|event| event.kind == kind && event.process == process).count()
     };

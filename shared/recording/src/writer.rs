@@ -230,6 +230,10 @@ impl Writer {
     pub fn lost(&self) -> u64 {
         self.lost
     }
+    /// Files of the scene on disk; more than it has if several writers began with them.
+    pub fn scene_files(&self) -> u64 {
+        self.contents.counts.get(&(Channel::Scene as u16)).copied().unwrap_or(0)
+    }
     /// Bytes on disk.
     pub fn bytes(&self) -> u64 {
         self.end

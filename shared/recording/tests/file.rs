@@ -57,6 +57,13 @@ fn the_files_of_a_scene_are_found_wherever_they_are_and_none_of_one_that_is_not_
     assert_eq!(found(&[of(&files[1]), of(&files[2]), block(5..17)]), [], "the scene is");
     assert_eq!(found(&[block(5..17)]), []);
     assert_eq!(found(&[of(&SceneFile { index: 7, count: 1, ..files[0].clone() })]), [], "no such file");
+    // Who goes on in a file knows without a look through it whether anything is there.
+    let goes_on = |blocks: &[Block]| {
+        let _ = std::fs::remove_file(folder.file());
+        drop(write(&folder.file(), blocks));
+        Writer::open(&folder.file(), &session()).unwrap().scene_files()
+    };
+    assert_eq!([&[block(5..17)][..], &[of(&files[0]), block(5..17), of(&files[2])]].map(goes_on), [0, 2]);
 }
 
 #[test]
