@@ -3,6 +3,7 @@
 
 pub mod accounts;
 pub mod active;
+pub mod build;
 pub mod campaign;
 pub mod case;
 pub mod clean;

@@ -68,10 +68,15 @@ fn a_session_in_lock_step_is_done_again_also_while_engines_die_in_the_replay() {
 
     // Its force was another: found at that tick.
     let lie = folder.path("lie.mcap");
-    change_one_force(&file, &lie, 2_000);
+    change_one_force(&file, &lie, 2_000, None);
     let (code, said, complained) = verify("lie", &lie, &[]);
     assert_eq!(code, Some(1), "{said}{complained}");
-    assert!(said.contains("tick 2000: force"), "{said}");
+    assert!(said.contains("tick 2000: force") && !said.contains("recorded by build"), "{said}");
+    // By other programs: whoever reads that it differs is told that these do.
+    std::fs::remove_file(&lie).unwrap();
+    change_one_force(&file, &lie, 2_000, Some("another"));
+    let (code, said, complained) = verify("other", &lie, &[]);
+    assert!(code == Some(1) && said.contains("recorded by build 0.1.0 another, this is 0.1.0 "), "{code:?} {said}{complained}");
 
     // Half of it is done again as far as it goes, and that is said: with 0 whoever asked took it for all of the session.
     let bytes = std::fs::read(&file).unwrap();
@@ -119,9 +124,11 @@ fn block_in_the_middle(bytes: &[u8]) -> Range<usize> {
 }
 
 /// A copy of a recording in which the force of one tick is another.
-fn change_one_force(from: &str, to: &str, tick: u64) {
+fn change_one_force(from: &str, to: &str, tick: u64, build: Option<&str>) {
     let mut reader = hyst_recording::Reader::open(Path::new(from)).unwrap();
-    let mut writer = hyst_recording::Writer::open(Path::new(to), reader.session()).unwrap();
+    let mut session = reader.session().clone();
+    session.extend(build.map(|build| ("build".to_string(), build.to_string())));
+    let mut writer = hyst_recording::Writer::open(Path::new(to), &session).unwrap();
     while let Some(mut block) = reader.next_block().unwrap() {
         for record in block.applied.iter_mut().filter(|record| record.tick == tick) {
             record.command.force_n[0] += 1e-6;

@@ -75,6 +75,9 @@ fn a_report_shows_in_a_browser_what_was_seen_when_something_happened() {
         session["trainee"] == TRAINEE && session["begun_utc"].as_str().is_some_and(|begun| begun.starts_with("20")),
         "{session}"
     );
+    for fact in ["build", "cpu", "cores", "kernel"] {
+        assert!(session[fact].as_str().is_some_and(|fact| !fact.is_empty()), "{fact}: {session}");
+    }
     let steps = report["station"]["processes"]["rendering"]["steps"].as_u64().unwrap_or(0);
     let words: Vec<&str> = pictures.iter().filter_map(|picture| picture["words"].as_str()).collect();
     if std::env::var_os("HYSTATION_NO_GPU").is_some() {

@@ -8,7 +8,9 @@ use crate::again::{Again, Given};
 use crate::models::Models;
 use crate::plugged::Plugged;
 use crate::replicas::{Chosen, Replicas};
-use hyst_coupling::{AppliedKind, EnergyParams, EnergyState, HardwareParams, LastHopParams, LastHopState, energy_step, last_hop_step};
+use hyst_coupling::{
+    AppliedKind, EnergyParams, EnergyState, HardwareParams, LastHopParams, LastHopState, energy_step, last_hop_step,
+};
 use hyst_engine::{Failure, Lies, Life, Pace, lockstep, realtime};
 use hyst_exchange::usher::{PageArrival, PageInbox, page_usher};
 use hyst_exchange::{Horizon, ReadPage, system};

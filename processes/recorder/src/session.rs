@@ -149,12 +149,15 @@ fn facts(life: &Life) -> Result<Session, Failure> {
         ("layout", layout_name()),
         ("settings", settings),
     ];
-    // Of a case its text, from which its anatomy is drawn again, and what it is judged by.
-    let of_case = [("case_text", life.station.case()), ("case", life.station.brief())];
-    let of_case = of_case.into_iter().filter_map(|(name, path)| Some((name, std::fs::read_to_string(path).ok()?)));
+    let here = machine::describe();
+    let made_on = ["cpu", "kernel"].map(|key| (key, here[key].as_str().unwrap_or_default().to_string()));
+    let made_on = made_on.into_iter().chain([("cores", here["cores"].to_string())]);
+    // Of a case its text, from which its anatomy is drawn again, and what it is judged by; and which programs ran it.
+    let files = [("case_text", life.station.case()), ("case", life.station.brief()), ("build", life.station.build())];
+    let files = files.into_iter().filter_map(|(name, path)| Some((name, std::fs::read_to_string(path).ok()?)));
     let trainee = life.settings.trainee().map_err(|error| Failure::Input(error.to_string()))?;
     let begun = Some(life.settings.begun_unix_s).filter(|unix_s| *unix_s > 0).map(machine::utc_of);
     let who_and_when = [("trainee", trainee.map(str::to_string)), ("begun_utc", begun)];
     let said = who_and_when.into_iter().filter_map(|(name, value)| Some((name, value?)));
-    Ok(facts.into_iter().chain(of_case).chain(said).map(|(name, value)| (name.to_string(), value)).collect())
+    Ok(facts.into_iter().chain(made_on).chain(files).chain(said).map(|(name, value)| (name.to_string(), value)).collect())
 }

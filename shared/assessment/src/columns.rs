@@ -54,7 +54,12 @@ impl Column {
 
     /// A fact of the session, as the recorder noted it.
     pub(crate) fn fact(&self, name: &str) -> String {
-        self.assessment.session.get(name).map_or_else(|| NONE.to_string(), |value| plain(value))
+        self.noted(name).unwrap_or_else(|| NONE.to_string())
+    }
+
+    /// The same; `None` where it noted none.
+    fn noted(&self, name: &str) -> Option<String> {
+        self.assessment.session.get(name).map(|value| plain(value))
     }
 
     /// The case and what its anatomy was drawn from, to be said after its file; nothing of a session without one.
@@ -85,18 +90,31 @@ impl Column {
     pub(crate) fn session_facts(&self) -> Vec<(&'static str, String)> {
         let conduct = &self.assessment.measured.conduct;
         // A recording of before they were noted has neither.
-        let noted =
-            [("trainee", "trainee"), ("begun", "begun_utc")].map(|(name, fact)| (name, self.assessment.session.get(fact)));
-        let noted = noted.into_iter().filter_map(|(name, value)| Some((name, plain(value?))));
+        let noted = [("trainee", "trainee"), ("begun", "begun_utc")].map(|(name, fact)| (name, self.noted(fact)));
+        let noted = noted.into_iter().filter_map(|(name, value)| Some((name, value?)));
         let facts = vec![
             ("recording", self.file.clone()),
             ("session", self.fact("session")),
             ("scene or case", format!("{} ({}){}", self.fact("scene"), self.fact("scene_hash"), self.drawn())),
             ("hand", self.fact("hand")),
-            ("station's version", self.fact("version")),
+            ("station's version", self.version()),
             ("length", format!("{:.3} s from tick {}", seconds(conduct.length_ticks()), conduct.first_tick.unwrap_or(0))),
         ];
-        noted.chain(facts).collect()
+        noted.chain(facts).chain(self.machine_facts()).collect()
+    }
+
+    /// Of what version the station was, and of which build, if that was noted.
+    fn version(&self) -> String {
+        let build = self.noted("build").map_or_else(String::new, |build| format!(", build {build}"));
+        format!("{}{build}", self.fact("version"))
+    }
+
+    /// On what it ran; nothing of a recording of before that was noted.
+    fn machine_facts(&self) -> Vec<(&'static str, String)> {
+        let cores = self.noted("cores").map_or_else(String::new, |cores| format!(", {cores} cores"));
+        let processor = self.noted("cpu").map(|cpu| ("processor", format!("{cpu}{cores}")));
+        let kernel = self.noted("kernel").map(|kernel| ("kernel", format!("Linux {kernel}")));
+        processor.into_iter().chain(kernel).collect()
     }
 
     /// What the station itself did.

@@ -3,7 +3,7 @@
 #[allow(dead_code)] // each test file uses its part
 mod fixture;
 
-use fixture::{assessed, busy, bytes, event, eventful, fluid, of_blocks, outputs, record, square, tissue};
+use fixture::{assessed, busy, bytes, bytes_of, event, eventful, fluid, of_blocks, outputs, record, square, tissue};
 use hyst_assessment::{Assessment, Sessions, scores};
 use hyst_messages::Applied;
 use hyst_recording::{Block, Level, Reader, TickRange};
@@ -108,6 +108,25 @@ fn the_text_fits_100_columns_and_names_faults_and_takeovers() {
         assert_eq!(text.contains("weight"), compared == 0);
         sessions.compare("earlier.mcap", assessment.clone());
     }
+}
+
+#[test]
+fn a_report_says_which_build_made_the_recording_on_which_machine_and_nothing_of_an_older_one() {
+    let (cpu, kernel) = ("A <fast> CPU @ 2.00GHz", "6.1.0-44-amd64");
+    let noted = [("version", "0.1.0"), ("build", "00ff00ff00ff00ff"), ("cpu", cpu), ("cores", "2"), ("kernel", kernel)];
+    let [text, page, json, _] = outputs(&bytes_of("build", &[&[("session", "s")][..], &noted].concat(), &eventful()), 1);
+    for line in [
+        "station's version   0.1.0, build 00ff00ff00ff00ff\n",
+        "processor           A <fast> CPU @ 2.00GHz, 2 cores\n",
+        "kernel              Linux 6.1.0-44-amd64\n",
+    ] {
+        assert!(text.contains(line), "{line}{text}");
+    }
+    assert!(page.contains("<dd>A &lt;fast&gt; CPU @ 2.00GHz, 2 cores</dd>") && page.contains("build 00ff00ff00ff00ff"));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(noted.iter().all(|(name, value)| json["session"][name] == *value), "{}", json["session"]);
+    let [text, ..] = outputs(&bytes("older", &eventful()), 1);
+    assert!(text.contains("station's version   0.1.0\n") && !text.contains("processor "), "{text}");
 }
 
 #[test]

@@ -143,7 +143,8 @@ mod tests {
         let params = EnergyParams::default();
         let mut state = EnergyState::default();
         // 300 N/m: in to 11 mm, 18 mJ, held for ten seconds, and out again.
-        let depth_m = |tick: u32| 0.011 * (tick.min(100) as f32 / 100.0) * (1.0 - tick.saturating_sub(10_100).min(50) as f32 / 50.0);
+        let depth_m =
+            |tick: u32| 0.011 * (tick.min(100) as f32 / 100.0) * (1.0 - tick.saturating_sub(10_100).min(50) as f32 / 50.0);
         let mut applied_n = [0.0; 3];
         for tick in 0..10_200 {
             let (next, share) = energy_step(&params, &state, [0.0, 0.0, depth_m(tick)], applied_n, DT_S);
@@ -170,9 +171,12 @@ mod tests {
     fn nonsense_is_not_booked() {
         let params = EnergyParams::default();
         let state = EnergyState { energy_j: -0.001, tip_m: [0.0; 3], running: 1, reserved: 0 };
-        for (tip_m, applied_n) in
-            [([f32::NAN; 3], [1.0; 3]), ([0.001; 3], [f32::INFINITY; 3]), ([1.0, 0.0, 0.0], [3.0, 0.0, 0.0]), ([f32::MAX; 3], [1.0; 3])]
-        {
+        for (tip_m, applied_n) in [
+            ([f32::NAN; 3], [1.0; 3]),
+            ([0.001; 3], [f32::INFINITY; 3]),
+            ([1.0, 0.0, 0.0], [3.0, 0.0, 0.0]),
+            ([f32::MAX; 3], [1.0; 3]),
+        ] {
             let (next, share) = energy_step(&params, &state, tip_m, applied_n, DT_S);
             assert!(share == 1.0 && next.energy_j <= 0.0 && next.energy_j >= state.energy_j, "{tip_m:?}: {next:?}");
         }

@@ -115,6 +115,10 @@ impl Station {
     pub fn scene_entry(&self) -> PathBuf {
         self.root.join("scene.path")
     }
+    /// By which build it was founded, 16 hexadecimal digits, if it is recorded.
+    pub fn build(&self) -> PathBuf {
+        self.root.join("build")
+    }
     /// What the case is judged by, as JSON.
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")

@@ -2,6 +2,7 @@
 //! forces and the same states; `--verify` records it and compares tick by tick.
 
 mod look;
+mod origin;
 
 use crate::case::{RecordedCase, with_scene};
 use crate::cli::{Again, ReplayArgs, RunArgs, StationArgs};
@@ -309,5 +310,6 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64) -> Result<u8, Refusal> 
     }
     println!("{different} differ of all that was compared ({forces} forces, {states} states{pumps}):");
     told.iter().for_each(|line| println!("  {line}"));
+    origin::other_build(was.session(), is.session()).iter().for_each(|words| println!("{words}"));
     Ok(1)
 }

@@ -3,6 +3,7 @@
 use super::copied::Copied;
 use super::needed_bytes;
 use super::order::Order;
+use crate::build;
 use crate::case::RunCase;
 use crate::cli::Again;
 use crate::commands::check::Admitted;
@@ -16,6 +17,7 @@ use hyst_engine::Settings;
 use hyst_exchange::{OwnedPage, Station, StationError, checkpoint, system};
 use hyst_messages::Role;
 use hyst_messages::page::station as layout;
+use std::collections::BTreeSet;
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 
@@ -198,10 +200,16 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
 
 fn make(station: &Station, wanted: &Wanted<'_>, settings: &Settings) -> Result<OwnedPage, Refusal> {
     let input = |e: StationError| Refusal::input(e.to_string());
+    // Before the station's clock runs, for it takes a while. Of engines that cannot all be read the recording names no build.
+    let folders = BTreeSet::from([wanted.plan.binaries.as_path()]);
+    let build = wanted.settings.record.as_ref().and_then(|_| build::of(&folders).ok());
     station.found().map_err(input)?;
     let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
-    std::fs::write(station.settings(), text)
-        .map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", station.settings().display())))?;
+    let laid_down = |path: PathBuf, text: String| {
+        std::fs::write(&path, text).map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", path.display())))
+    };
+    laid_down(station.settings(), text)?;
+    build.map_or(Ok(()), |build| laid_down(station.build(), build))?;
     wanted.plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
     wanted.case.map_or(Ok(()), |case| case.keep(station))?;
     let page = station.open_for_keeping().map_err(input)?;
