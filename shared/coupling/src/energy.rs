@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn a_servo_that_shakes_the_hand_is_stilled() {
-        let shaking = |tick: u32, _: Vec3, _: Vec3| Vec3::X * if tick / 20 % 2 == 0 { 3.0 } else { -3.0 };
+        let shaking = |tick: u32, _: Vec3, _: Vec3| Vec3::X * if (tick / 20).is_multiple_of(2) { 3.0 } else { -3.0 };
         let (free_j, _) = driven(shaking, 8.0, 4_000, false);
         let (held_j, _) = driven(shaking, 8.0, 4_000, true);
         assert!(free_j > 0.4 && held_j < 0.02 + 0.04 * 4.0 + 0.02, "{free_j} J without, {held_j} J with");
