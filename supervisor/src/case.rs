@@ -3,8 +3,9 @@
 
 use crate::cli::RunArgs;
 use crate::settings::Refusal;
+use hyst_assessment::judge_until;
 use hyst_exchange::Station;
-use hyst_scene::{Case, SettledCase, find_case};
+use hyst_scene::{Brief, Case, SettledCase, find_case};
 use std::path::{Path, PathBuf};
 
 /// A case as a recording has it.
@@ -14,6 +15,8 @@ pub struct RecordedCase {
     pub text: String,
     /// The file that was named, absolute.
     pub file: Option<PathBuf>,
+    /// The recording, and the tick after which it is done again, where that is not from the beginning.
+    pub before: Option<(PathBuf, u64)>,
 }
 
 /// A case that can be run.
@@ -24,6 +27,8 @@ pub struct RunCase {
     pub settled: SettledCase,
     /// A file of its text for as long as this lives: who is asked about its scene before there is a root reads it.
     pub beside: PathBuf,
+    /// What a referee goes on from in a replay that begins later, as JSON: it has seen nothing of what was before.
+    judged: Option<String>,
 }
 
 impl RunCase {
@@ -51,15 +56,18 @@ impl RunCase {
                 None => Ok(None),
             };
         };
+        let before = recorded.and_then(|recorded| recorded.before.as_ref());
+        let judged = before.map(|(recording, tick)| judged_before(recording, &settled.brief, *tick)).transpose()?;
         write(&beside, &settled.text)?;
-        Ok(Some(RunCase { file, settled, beside }))
+        Ok(Some(RunCase { file, settled, beside, judged }))
     }
 
     /// Puts the case into the root of a station that was founded.
     pub fn keep(&self, station: &Station) -> Result<(), Refusal> {
         let brief = serde_json::to_string(&self.settled.brief).map_err(|error| Refusal::failed(format!("case: {error}")))?;
         write(&station.case(), &self.settled.text)?;
-        write(&station.brief(), &brief)
+        write(&station.brief(), &brief)?;
+        self.judged.as_ref().map_or(Ok(()), |judged| write(&station.judged(), judged))
     }
 }
 
@@ -74,6 +82,13 @@ pub fn with_scene(text: &str, scene: &Path) -> Option<String> {
     let mut case = Case::parse(text, "the case").ok()?;
     case.scene = scene.to_str()?.to_owned();
     toml::to_string(&case).ok()
+}
+
+/// What the referee of a recorded session had kept at a tick, as JSON. It is computed by the brief of this run, by which its referee judges, too.
+fn judged_before(recording: &Path, brief: &Brief, tick: u64) -> Result<String, Refusal> {
+    let reader = crate::commands::report::open(recording)?;
+    let judge = judge_until(reader, brief, tick).map_err(|error| Refusal::input(error.to_string()))?;
+    serde_json::to_string(&judge).map_err(|error| Refusal::failed(format!("what was judged before: {error}")))
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Refusal> {

@@ -181,6 +181,26 @@ fn a_session_in_real_time_is_shown_from_a_checkpoint_too() {
     assert_shown_from(&folder, "t", 10, 0.0, [0.3, 0.4, 0.4]);
 }
 
+/// The landmarks were looked at, and the first places visited, before what is shown: nobody does so again. A console that begins to judge there has goals that
+/// stay open, and a session that never ends.
+#[test]
+fn a_case_that_is_shown_from_a_time_on_is_judged_by_all_of_what_was_done_before_it() {
+    let folder = Folder::new("replay-judged");
+    let file = folder.path("session.mcap");
+    let case = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cases/navigation.toml").display().to_string();
+    record("judged", &file, &[&case, "--lockstep", "--for", "25s", "--hand", "script:visits", "--set", "spares=off"]);
+    let (code, report, said) = run(hystation().args(["report", &file, "--json", "-"]));
+    assert_eq!(code, Some(0), "{said}");
+    let report: Value = serde_json::from_str(&report).unwrap();
+    let ended_s = report["case"]["ended"]["at_s"].as_f64().unwrap_or_else(|| panic!("it does not end: {}", report["case"]));
+    let station = format!("j{}", std::process::id());
+    let mut command = hystation();
+    command.args(["--name", &station, "replay", &file, "--from", "16s", "--headless", "--set", "console_port=0"]);
+    let (code, _, said) = run(&mut command);
+    let over = format!("the session is over after {ended_s:.1} s: all goals were reached; 2 of 2 goals reached");
+    assert!(code == Some(0) && said.contains(&over), "not {over:?}: {code:?} {said}");
+}
+
 /// Shows the end of the session in a folder from a time on, and compares what came of it with what its report says: cuts, of which there are more than some, what
 /// is removed, and what the patient kept of the medium.
 fn assert_shown_from(folder: &Folder, name: &str, from_s: u64, few_cuts: f64, bounds: [f64; 3]) {

@@ -25,7 +25,7 @@ pub struct Referee {
 }
 
 impl Referee {
-    /// Of a station with a case; goes on from what a predecessor has kept.
+    /// Of a station with a case; goes on from what a predecessor has kept, or a replay that begins later has laid down.
     pub fn of(life: &Life) -> Option<Referee> {
         let brief = std::fs::read_to_string(life.station.brief()).ok()?;
         let kept = life.station.judged();

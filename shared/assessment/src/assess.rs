@@ -11,7 +11,8 @@ use crate::medium::Medium;
 use crate::motion::{Motion, finite};
 use crate::row::{Row, Rows, Statuses};
 use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, TissueStatus};
-use hyst_recording::{Block, Damage, Ending, Picture, Reader, Session};
+use hyst_recording::{Block, Damage, Ending, Picture, ReadError, Reader, Session};
+use hyst_scene::Brief;
 use std::io::{Read, Seek};
 
 /// Most pictures that are shown; a recorder takes as many.
@@ -80,6 +81,28 @@ pub fn assess<R: Read + Seek>(mut reader: Reader<R>, threads: usize, mut give: i
         unread,
         anatomy: None,
     }
+}
+
+/// What a referee that has seen a recording from its beginning up to a tick says of it: what one goes on from that sees it from there on alone. It stops
+/// reading there, or where the session is over.
+///
+/// # Errors
+/// Why the recording cannot be read up to there.
+pub fn judge_until<R: Read + Seek>(mut reader: Reader<R>, brief: &Brief, last_tick: u64) -> Result<Judge, ReadError> {
+    let mut measured = Measured { judge: Some(Judge::new(brief.clone())), ..Measured::default() };
+    let (mut rows, mut is_there) = (Rows::default(), false);
+    while !is_there
+        && !measured.is_over()
+        && let Some(mut block) = reader.next_block()?
+    {
+        is_there = block.applied.last().is_some_and(|record| record.tick >= last_tick);
+        block.applied.retain(|record| record.tick <= last_tick);
+        block.tissue.retain(|status| status.state_tick <= last_tick);
+        block.fluid.retain(|status| status.state_tick <= last_tick);
+        block.pictures.clear(); // nobody looks at them
+        measured.take(block, &mut rows, &mut |_: &Row| {});
+    }
+    Ok(measured.judge.unwrap_or_else(|| Judge::new(brief.clone())))
 }
 
 impl Assessment {

@@ -34,7 +34,7 @@ mod text;
 mod way;
 
 pub use anatomy::Anatomy;
-pub use assess::{Assessment, Measured, assess};
+pub use assess::{Assessment, Measured, assess, judge_until};
 pub use columns::{Column, Sessions};
 pub use conduct::{Conduct, Peak};
 pub use curves::{Curves, Series, Trace};

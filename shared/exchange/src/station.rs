@@ -123,7 +123,7 @@ impl Station {
     pub fn brief(&self) -> PathBuf {
         self.root.join("case.json")
     }
-    /// The referee's judgement so far, as JSON.
+    /// The referee's judgement so far, as JSON; of a replay that begins later at first that of what was before.
     pub fn judged(&self) -> PathBuf {
         self.root.join("judged.json")
     }

@@ -168,7 +168,9 @@ fn again(args: &ReplayArgs, whole: &Whole, replay: Replay, scene: Option<&Record
     let scene_hash = scene_hash(args, whole)?;
     let file = settings(args, whole)?.case;
     let laid = |text: &String| scene.and_then(|scene| with_scene(text, scene.path()));
-    let case = whole.session.get("case_text").map(|text| RecordedCase { text: laid(text).unwrap_or_else(|| text.clone()), file });
+    let before = (replay.begin_tick > 0).then(|| (args.file.clone(), replay.begin_tick));
+    let recorded = |text: &String| RecordedCase { text: laid(text).unwrap_or_else(|| text.clone()), file, before };
+    let case = whole.session.get("case_text").map(recorded);
     Ok(Again { replay, scene_hash, case, states: Vec::new(), end_tick: whole.end_tick })
 }
 
