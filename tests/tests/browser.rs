@@ -109,7 +109,7 @@ scene = "SCENE"
 removed = { percent = 100.0 }
 [[warning]]
 words = "you have rested for long"
-time_above_s = 30.0
+time_above_s = 1.0 # of a session that a resting hand begins after 30 s
 "#;
 
 /// Counts the oscillators that the page's sound is made of.

@@ -150,7 +150,7 @@ fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_loo
     assert!(metric(&bad, "deficit").0 > metric(&good, "deficit").0 + 20.0);
 }
 
-/// The navigation case, over after four seconds.
+/// The navigation case, over four seconds after the hand has moved.
 fn short_case(folder: &Folder) -> String {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
     let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).unwrap();
@@ -167,7 +167,7 @@ fn a_station_that_is_to_end_with_its_session_says_how_it_ended_and_does() {
     let report = folder.path("report.json");
     let roles = "hardware,device,haptic,tissue,fluid,collision-worker,console";
     let mut command = hystation();
-    command.args(["--name", &station, "run", &case, "--headless", "--hand", "idle", "--roles", roles, "--set", page]);
+    command.args(["--name", &station, "run", &case, "--headless", "--hand", "script:press", "--roles", roles, "--set", page]);
     command.args(["--until-end", "--for", "120s", "--report", &report]);
     let (code, _, said) = run(&mut command);
     assert_eq!(code, Some(0), "{said}");

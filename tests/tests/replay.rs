@@ -192,12 +192,12 @@ fn a_case_that_is_shown_from_a_time_on_is_judged_by_all_of_what_was_done_before_
     let (code, report, said) = run(hystation().args(["report", &file, "--json", "-"]));
     assert_eq!(code, Some(0), "{said}");
     let report: Value = serde_json::from_str(&report).unwrap();
-    let ended_s = report["case"]["ended"]["at_s"].as_f64().unwrap_or_else(|| panic!("it does not end: {}", report["case"]));
+    let lasted_s = report["case"]["ended"]["after_s"].as_f64().unwrap_or_else(|| panic!("it does not end: {}", report["case"]));
     let station = format!("j{}", std::process::id());
     let mut command = hystation();
     command.args(["--name", &station, "replay", &file, "--from", "16s", "--headless", "--set", "console_port=0"]);
     let (code, _, said) = run(&mut command);
-    let over = format!("the session is over after {ended_s:.1} s: all goals were reached; 2 of 2 goals reached");
+    let over = format!("the session is over after {lasted_s:.1} s: all goals were reached; 2 of 2 goals reached");
     assert!(code == Some(0) && said.contains(&over), "not {over:?}: {code:?} {said}");
 }
 

@@ -160,10 +160,25 @@ impl Measured {
         self.judge.as_ref().is_some_and(|judge| judge.ended.is_some())
     }
 
-    /// Time from the first tick to the end of the session, or of the recording, ticks.
+    /// Time from the begin of the session to its end, or to that of the recording, ticks. One without a case begins with the first tick; so does one that
+    /// has not begun when the recording ends.
     pub fn session_ticks(&self) -> u64 {
         let ended = self.judge.as_ref().and_then(|judge| judge.ended);
-        ended.map_or(self.conduct.length_ticks(), |(_, tick)| self.conduct.since_start(tick).saturating_add(1))
+        let ticks = ended.map_or(self.conduct.length_ticks(), |(_, tick)| self.conduct.since_start(tick).saturating_add(1));
+        ticks.saturating_sub(self.began_tick().map_or(0, |tick| self.conduct.since_start(tick)))
+    }
+
+    /// The tick with which the session of a case began, if it has.
+    fn began_tick(&self) -> Option<u64> {
+        self.judge.as_ref().and_then(Judge::began_tick)
+    }
+
+    /// The session begins with this tick: shares of the time, and how the scope was moved and pressed, are those of a trainee from here on alone. What was
+    /// used, lost or alarmed of before stays, as it stays in the patient.
+    fn begin(&mut self, tick: u64) {
+        (self.motion, self.force, self.in_view) = (Motion::default(), Force::default(), InView::default());
+        self.curves.peak_at_m = None;
+        self.medium.begin(tick);
     }
 
     /// Takes a tick; answers how long after the first it is.
@@ -182,6 +197,13 @@ impl Measured {
         if self.is_over() {
             return since_ticks;
         }
+        let had_begun = self.began_tick().is_some();
+        if let Some(judge) = &mut self.judge {
+            judge.tick(record);
+        }
+        if let Some(began_tick) = self.began_tick().filter(|_| !had_begun) {
+            self.begin(began_tick);
+        }
         if let Some(force_n) = force_n {
             if self.force.peak.is_none_or(|peak| force_n > peak.value) {
                 self.curves.peak_at_m = finite(sample.pose.position_m).map(|_| sample.pose.position_m);
@@ -191,9 +213,8 @@ impl Measured {
         self.motion.tick(sample);
         self.medium.tick(&sample.controls);
         self.electrode.tick(record.tick, &sample.controls, force_n.is_some_and(|force_n| force_n >= TOUCH_N));
-        if let Some(judge) = &mut self.judge {
+        if let Some(judge) = &self.judge {
             self.in_view.tick(&judge.brief, sample);
-            judge.tick(record);
         }
         since_ticks
     }

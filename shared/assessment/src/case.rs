@@ -17,9 +17,12 @@ const STRIP: usize = 46;
 const STRIP_HEAD: usize = 9;
 const STRIP_LINES: usize = 2;
 const STRIP_WARNINGS: usize = 2;
+/// From here on a begin of the session is told of, seconds after the first tick.
+const LATE_S: f64 = 1.0;
 
 impl Judge {
-    /// Case and judgement for programs. Times are seconds from the first tick.
+    /// Case and judgement for programs. Times `at_s` and `began_s` are seconds from the first tick, as those of curves and pictures; `after_s` is counted
+    /// from the begin of the session.
     pub fn json(&self) -> Value {
         let at_s = |tick: Option<u64>| tick.map(|tick| self.since_start_s(tick));
         let goals = self.brief.goals.iter().zip(&self.goals).enumerate().map(|(index, (goal, state))| {
@@ -51,7 +54,11 @@ impl Judge {
             "warnings": warnings.collect::<Value>(),
             "pathology_removed_percent": self.removed_percent(),
             "ends": self.brief.end.words(),
-            "ended": self.ended.map(|(by, tick)| json!({ "by": by, "words": by.words(), "at_s": self.since_start_s(tick) })),
+            "began_s": self.began_s(),
+            "ended": self.ended.map(|(by, tick)| {
+                let (at_s, after_s) = (self.since_start_s(tick), self.lasted_s(tick));
+                json!({ "by": by, "words": by.words(), "at_s": at_s, "after_s": after_s })
+            }),
         })
     }
 
@@ -61,16 +68,14 @@ impl Judge {
         // While it runs a stop that may never be counts, too; what it has taken the place of does not any more.
         let called_off = (0..self.goals.len()).filter(|index| self.is_called_off(*index)).count();
         let of = if self.ended.is_some() { called_for } else { self.goals.len() - called_off };
-        let left_s = self.brief.end.time_s.map(|time_s| (time_s - self.since_start_s(self.last_tick)).max(0.0).ceil() as u64);
+        let left_s = self.brief.end.time_s.map(|time_s| (time_s - self.elapsed_s(self.last_tick)).max(0.0).ceil() as u64);
         let left = left_s.filter(|_| self.ended.is_none());
         let left = left.map_or(String::new(), |left_s| format!("   {:02}:{:02} left", left_s / 60, left_s % 60));
         let mut lines = vec![format!("goals    {reached} of {of}{left}")];
         if let Some((by, tick)) = self.ended {
-            let at_s = self.since_start_s(tick);
-            lines.extend(beside(
-                "OVER",
-                &format!("after {:02.0}:{:02.0}: {}", (at_s / 60.0).floor(), (at_s % 60.0).floor(), by.words()),
-            ));
+            let lasted_s = self.lasted_s(tick);
+            let [minutes, seconds] = [lasted_s / 60.0, lasted_s % 60.0].map(f64::floor);
+            lines.extend(beside("OVER", &format!("after {minutes:02.0}:{seconds:02.0}: {}", by.words())));
             return lines;
         }
         let is_open = |goal: &crate::judge::GoalState| goal.reached_tick.is_none() && goal.missed_tick.is_none();
@@ -93,7 +98,7 @@ impl Judge {
         let (reached, of) = self.tally();
         let others = self.goals.len() - of;
         let others = if others > 0 { format!(", {others} not called for") } else { String::new() };
-        Some(format!("after {:.1} s: {}; {reached} of {of} goals reached{others}", self.since_start_s(tick), by.words()))
+        Some(format!("after {:.1} s: {}; {reached} of {of} goals reached{others}", self.lasted_s(tick), by.words()))
     }
 
     /// The task in one line.
@@ -133,10 +138,17 @@ impl Judge {
         fallen.map(line).collect()
     }
 
+    /// That the session began later than the recording; nothing where that was within a second.
+    fn began_line(&self) -> Option<String> {
+        let began_s = self.began_s().filter(|began_s| *began_s > LATE_S)?;
+        Some(format!("began at {began_s:.1} s: the trainee's time, and all shares of time, count from there"))
+    }
+
     fn ended_line(&self) -> String {
         match self.ended {
             Some((by, tick)) => {
-                format!("after {:.1} s: {}; what came later counts for nothing", self.since_start_s(tick), by.words())
+                let lasted_s = self.lasted_s(tick);
+                format!("after {lasted_s:.1} s: {}; what came later counts for nothing", by.words())
             }
             None => "not by the case: the recording ends before".to_owned(),
         }
@@ -160,6 +172,9 @@ pub(crate) fn text(out: &mut String, judge: &Judge) {
     }
     for (words, told, _) in judge.goal_lines() {
         let _ = writeln!(out, "  {:<60} {told}", cut_to(&words, 60));
+    }
+    if let Some(began) = judge.began_line() {
+        let _ = writeln!(out, "  {began}");
     }
     let _ = writeln!(out, "  ended {}", judge.ended_line());
     let warnings = judge.warning_lines();
@@ -188,7 +203,11 @@ pub(crate) fn html(page: &mut String, judge: &Judge) {
             escape(&told)
         );
     }
-    let _ = writeln!(page, "</table></div>\n<dl><dt>ended</dt><dd>{}</dd>", escape(&judge.ended_line()));
+    page.push_str("</table></div>\n<dl>\n");
+    if let Some(began) = judge.began_line() {
+        let _ = writeln!(page, "<dt>session</dt><dd>{}</dd>", escape(&began));
+    }
+    let _ = writeln!(page, "<dt>ended</dt><dd>{}</dd>", escape(&judge.ended_line()));
     let warnings = judge.warning_lines();
     if warnings.is_empty() {
         page.push_str("<dt>warnings</dt><dd>none</dd>\n");

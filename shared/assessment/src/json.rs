@@ -11,8 +11,9 @@ use hyst_recording::{Event, Picture};
 use serde_json::{Map, Value, json};
 
 /// Number of this form of a report: what is added leaves it, what is renamed or means something else raises it. In form 1 no score knew of the goals, the
-/// alarms of the pump stood under `station`, and what the loop burnt of the wall was `removed`, too.
-const FORMAT: u32 = 2;
+/// alarms of the pump stood under `station`, and what the loop burnt of the wall was `removed`, too. In form 2 the time of a case's session, and shares of
+/// it, counted from the first tick.
+const FORMAT: u32 = 3;
 
 /// The session that is reported, and under `compared` the earlier ones.
 pub fn json(sessions: &Sessions) -> Value {

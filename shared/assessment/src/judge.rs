@@ -4,9 +4,12 @@
 //! Who is told to stop is asked for nothing else any more: a `stop` that was called for takes the place of the goals that are still open, whatever comes of
 //! it, because a procedure is broken off there. So a session ends with its goals where all are reached that were called for, and there are some.
 //!
+//! Its time counts from when the hand first moves (`begin`); what was reached, and what fell, before that has been all the same.
+//!
 //! Promise: what is kept is bounded whatever comes; it is plain data, so a process that dies hands it to its successor; what comes after the end counts for
 //! nothing; a status holds for a second, then nothing is known of what it said.
 
+use crate::begin::Begin;
 use crate::bleeding::Bleeding;
 use crate::ended::EndedBy;
 use crate::force::length;
@@ -89,6 +92,8 @@ pub struct Judge {
     pub removed_ml: Option<f64>,
     #[serde(default)]
     pieces: Pieces,
+    #[serde(default)]
+    pub(crate) begin: Begin,
     cavity: Option<Cavity>,
     bled: Bleeding,
 }
@@ -107,7 +112,8 @@ impl Judge {
         Ok(Judge::new(brief))
     }
 
-    /// The same, going on from what a predecessor has kept of it, if that is of the same case.
+    /// The same, going on from what a predecessor has kept of it, if that is of the same case. One of an older build has kept no begin of the session: its
+    /// time counts from when the hand next moves.
     ///
     /// # Errors
     /// Those of [`Judge::read`].
@@ -129,6 +135,7 @@ impl Judge {
             last_tick: 0,
             removed_ml: None,
             pieces: Pieces::default(),
+            begin: Begin::default(),
             cavity: None,
             bled: Bleeding::default(),
         }
@@ -169,6 +176,7 @@ impl Judge {
         }
         self.first_tick.get_or_insert(record.tick);
         self.last_tick = record.tick;
+        self.begin.take(record);
         for index in 0..self.brief.warnings.len().min(self.warnings.len()) {
             let is_cause = self.holds(&self.brief.warnings[index].is, record);
             self.warn(index, is_cause, record.tick);
@@ -235,11 +243,6 @@ impl Judge {
         Some(all).filter(|all| *all > 0).map(|all| 100.0 * seen as f64 / all as f64)
     }
 
-    /// Seconds from the first tick to this one.
-    pub fn since_start_s(&self, tick: u64) -> f64 {
-        tick.saturating_sub(self.first_tick.unwrap_or(tick)) as f64 * 1e-3
-    }
-
     /// What is known of the cavity at a tick.
     fn known(&self, tick: u64) -> Cavity {
         self.cavity.filter(|cavity| tick.saturating_sub(cavity.tick) <= HOLD_TICKS).unwrap_or_default()
@@ -253,7 +256,7 @@ impl Judge {
             Cause::DeficitAbove(limit_ml) => known.deficit_ml.is_some_and(|ml| ml > limit_ml),
             Cause::BledAbove(limit_ml) => known.bled_ml.is_some_and(|ml| ml > limit_ml),
             Cause::ForceAbove(limit_n) => finite(record.command.force_n).map(length).is_some_and(|n| n > limit_n),
-            Cause::TimeAbove(ticks) => record.tick - self.first_tick.unwrap_or(record.tick) > ticks,
+            Cause::TimeAbove(ticks) => self.elapsed_ticks(record.tick) > ticks,
             Cause::Alarm(alarm) => known.alarms & bit(alarm) != 0,
             Cause::Current => is_energized(record),
             Cause::CurrentIn(region) => {
@@ -345,7 +348,7 @@ impl Judge {
             (EndedBy::Perforation, end.perforation && known.alarms & bit(Alarm::Perforation) != 0),
             (EndedBy::Deficit, reaches(known.deficit_ml, end.deficit_ml)),
             (EndedBy::Bleeding, reaches(known.bled_ml, end.bled_ml)),
-            (EndedBy::Time, reaches(Some(self.since_start_s(self.last_tick)), end.time_s)),
+            (EndedBy::Time, reaches(Some(self.elapsed_s(self.last_tick)), end.time_s)),
         ];
         ends.into_iter().find(|(_, is_over)| *is_over).map(|(by, _)| by)
     }

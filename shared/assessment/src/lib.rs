@@ -7,6 +7,7 @@
 
 mod anatomy;
 mod assess;
+mod begin;
 mod bleeding;
 mod case;
 mod columns;

@@ -70,6 +70,8 @@ pub struct Medium {
     pub dark_ticks: u64,
     points: VecDeque<(u64, f64)>,
     bled: Bleeding,
+    /// Ticks before this one are not counted.
+    began_tick: u64,
 }
 
 impl Medium {
@@ -80,6 +82,14 @@ impl Medium {
             self.shut_ticks += u64::from(controls.outflow_valve < SHUT);
             self.dark_ticks += u64::from(controls.light < SHUT);
         }
+    }
+
+    /// The session begins with this tick: what was counted of the ticks before it counts no more. Amounts, peaks and alarms stay.
+    pub(crate) fn begin(&mut self, tick: u64) {
+        (self.known_ticks, self.low_ticks, self.high_ticks, self.parted_ticks, self.alarm_ticks) = (0, 0, 0, 0, 0);
+        (self.bled_known_ticks, self.bleeding_ticks) = (0, 0);
+        (self.valve_ticks, self.shut_ticks, self.dark_ticks) = (0, 0, 0);
+        self.began_tick = tick;
     }
 
     /// How often an alarm came up that is no notice.
@@ -126,7 +136,11 @@ impl Medium {
     }
 
     /// A status was true for so many ticks.
-    fn hold(&mut self, status: &FluidStatus, ticks: u64) {
+    fn hold(&mut self, status: &FluidStatus, held_ticks: u64) {
+        if status.inflow_ml_min.is_finite() {
+            *self.inflow_ml.get_or_insert(0.0) += f64::from(status.inflow_ml_min) * held_ticks as f64 / 60_000.0;
+        }
+        let ticks = held_ticks.min((status.state_tick + held_ticks).saturating_sub(self.began_tick));
         let pressure_pa = f64::from(status.pressure_pa);
         if pressure_pa.is_finite() {
             self.known_ticks += ticks;
@@ -138,9 +152,6 @@ impl Medium {
         if let Some(rate_ml_min) = self.bled.rate_ml_min().filter(|_| status.bled_ml.is_finite()) {
             self.bled_known_ticks += ticks;
             self.bleeding_ticks += if rate_ml_min > BLEEDS_ML_MIN { ticks } else { 0 };
-        }
-        if status.inflow_ml_min.is_finite() {
-            *self.inflow_ml.get_or_insert(0.0) += f64::from(status.inflow_ml_min) * ticks as f64 / 60_000.0;
         }
     }
 

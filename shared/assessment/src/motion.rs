@@ -123,7 +123,7 @@ pub(crate) fn difference(to: [f64; 3], from: [f64; 3]) -> [f64; 3] {
 }
 
 /// The same angle between −π and π.
-fn wrapped(angle_rad: f64) -> f64 {
+pub(crate) fn wrapped(angle_rad: f64) -> f64 {
     (angle_rad + PI).rem_euclid(TAU) - PI
 }
 

@@ -38,9 +38,9 @@ fn at(tick: u64, place_m: [f32; 3]) -> AppliedRecord {
     record(tick, place_m, 0.0)
 }
 
-/// Ticks in which nothing happens.
+/// Ticks in which the hand goes to and fro by 1.2 mm, so that the session begins with the second, and nothing else happens.
 fn wait(judge: &mut Judge, ticks: std::ops::Range<u64>) {
-    ticks.for_each(|tick| judge.tick(&at(tick, [0.0, 0.0, 0.02])));
+    ticks.for_each(|tick| judge.tick(&at(tick, [0.0, 0.0, 0.02 + 0.0012 * (tick % 2) as f32])));
 }
 
 #[test]
@@ -230,7 +230,7 @@ fn a_bleeding_is_staunched_once_it_has_bled_and_does_so_slowly_for_long_enough()
 fn each_end_comes_at_its_tick_and_nothing_counts_after_it() {
     let goals = json!([{ "removed": 1.0 }]);
     for (end, by, tick) in [
-        (json!({ "time_s": 0.5 }), EndedBy::Time, 500),
+        (json!({ "time_s": 0.5 }), EndedBy::Time, 501), // it begins at 1
         (json!({ "deficit_ml": 30.0 }), EndedBy::Deficit, 300),
         (json!({ "bled_ml": 2.0 }), EndedBy::Bleeding, 200),
         (json!({ "perforation": true }), EndedBy::Perforation, 700),
@@ -285,15 +285,15 @@ fn what_stands_beside_a_picture_names_the_next_goal_the_time_and_the_end_in_plai
         judge.tissue(&tissue(tick, 1, removed_ml));
         wait(&mut judge, tick..tick + 250);
     }
-    judge.tick(&at(1_000, [0.0, 0.0, 0.02]));
+    judge.tick(&at(1_001, [0.0, 0.0, 0.02])); // a second after the begin
     let strip = judge.strip();
     assert_eq!(strip[0], "goals    1 of 2   01:39 left");
     assert!(strip[1].starts_with("next     80 %: take a chip of 5 mm3 for the"), "{strip:?}");
     assert!(strip.len() == 3 && strip.iter().all(|line| line.is_ascii() && line.len() <= 46), "{strip:?}");
     assert_eq!(judge.over(), None);
-    judge.tick(&record(1_001, [0.0, 0.0, 0.02], 2.0));
+    judge.tick(&record(1_002, [0.0, 0.0, 0.02], 2.0));
     assert!(judge.strip().iter().any(|line| line == "WARNING  number 0"), "{:?}", judge.strip());
-    wait(&mut judge, 1_002..100_002);
+    wait(&mut judge, 1_003..100_003);
     assert_eq!(judge.strip(), ["goals    1 of 2", "OVER     after 01:40: the time was over"]);
     assert_eq!(judge.over().unwrap(), "after 100.0 s: the time was over; 1 of 2 goals reached");
 }
@@ -367,9 +367,11 @@ fn a_recording_is_judged_by_its_case_alone_and_scored_with_its_weights() {
     assert_eq!(judge.ended, Some((EndedBy::Goals, 6_610)));
     let sessions = Sessions::new("a.mcap", assessment);
     let report = json(&sessions);
-    assert_eq!(report["case"]["ended"], json!({ "by": "goals", "words": "all goals were reached", "at_s": 1.61 }));
+    let ended = json!({ "by": "goals", "words": "all goals were reached", "at_s": 1.61, "after_s": 1_525.0 * 1e-3 });
+    assert_eq!(report["case"]["ended"], ended);
     let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
-    assert_eq!((metric("time")["value"].as_f64(), metric("time")["weight"].as_f64()), (Some(1.611), Some(0.0)), "up to the end");
+    // The hand has moved by a millimetre after 85 ms.
+    assert_eq!((metric("time")["value"].as_f64(), metric("time")["weight"].as_f64()), (Some(1.526), Some(0.0)), "up to the end");
     assert_eq!(metric("goals")["score"].as_f64(), Some(100.0));
     let near = |key: &str, field: &str, exact: f64| (metric(key)[field].as_f64().unwrap() - exact).abs() < 1e-9;
     assert!(near("removed", "value", 0.16) && near("pathology", "value", 8.0) && near("pathology", "score", 40.0), "{report}");
@@ -379,7 +381,7 @@ fn a_recording_is_judged_by_its_case_alone_and_scored_with_its_weights() {
 
     let told = text(&sessions);
     assert!(told.contains("Case: A case <b> (seed 3)") && told.contains("reached at 0.8 s"), "{told}");
-    assert!(told.contains("ended after 1.6 s: all goals were reached") && told.contains("warning: number 0"), "{told}");
+    assert!(told.contains("ended after 1.5 s: all goals were reached") && told.contains("warning: number 0"), "{told}");
     assert!(told.lines().all(|line| line.chars().count() <= 100), "{told}");
     assert!(!told.contains("no warnings") && !told.contains("Not everything"), "{told}");
     let page = html(&sessions);
