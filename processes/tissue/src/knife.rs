@@ -159,6 +159,11 @@ pub fn removed_m3(before: &World, after: &World) -> f64 {
     (held_pathology_m3(before) - held_pathology_m3(after)).max(0.0)
 }
 
+/// Whether something has come free by a cut: it has a number of its own then, which what leaves or is burnt away keeps.
+pub fn has_parted(before: &World, after: &World) -> bool {
+    after.body.origin.len() > before.body.origin.len()
+}
+
 fn held_pathology_m3(world: &World) -> f64 {
     let is_held = |object: &ObjectRecord| !object.is_free_piece();
     let is_counted: Vec<bool> = (0..)

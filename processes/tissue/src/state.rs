@@ -27,6 +27,8 @@ pub struct Core {
     pub force_n: [f32; 3],
     /// Removed so far, ml.
     pub removed_volume_ml: f64,
+    /// The largest piece of it that came free by one cut so far, ml.
+    pub largest_piece_ml: f64,
     /// What has left through the outflow so far, ml.
     pub washed_out_ml: f64,
     /// What was taken out in the jaws so far, ml.
@@ -59,8 +61,9 @@ impl Core {
     /// Whether what counts and what the next step uses of it are numbers that can be.
     pub fn is_sane(&self) -> bool {
         let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-        let numbers = [self.removed_volume_ml as f32, self.washed_out_ml as f32, self.pressure_pa, self.loop_m, self.hold_m];
-        numbers.iter().all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+        let volumes_ml = [self.removed_volume_ml, self.largest_piece_ml, self.washed_out_ml].map(|volume_ml| volume_ml as f32);
+        let numbers = [self.pressure_pa, self.loop_m, self.hold_m];
+        numbers.iter().chain(&volumes_ml).all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
     }
 }
 

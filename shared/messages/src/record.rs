@@ -326,6 +326,9 @@ pub struct TissueStatus {
     pub state_hash: u64,
     /// Volume of pathology removed so far, ml: what nothing holds any more, and what was burnt of it; nothing of other tissue.
     pub removed_volume_ml: f64,
+    /// Volume of the largest piece of it that has come free so far, ml; of those that the same cut parted the sum. No number in a recording of before it
+    /// was told.
+    pub largest_piece_ml: f64,
     /// Volume of the cavity's distension, Pa, as used in the step.
     pub cavity_pressure_pa: f32,
     /// Contacts found in the step.

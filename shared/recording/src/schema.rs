@@ -96,7 +96,7 @@ fn tissue_properties() -> Value {
     add(&mut fields, "integer", &["tick", "contact_count", "shares_missing", "objects", "step_ticks"]);
     add(&mut fields, "integer", &["cuts", "topology_version", "washed_out", "held", "taken_out"]);
     add(&mut fields, "number", &["removed_volume_ml", "washed_out_ml", "taken_out_ml"]);
-    add(&mut fields, "number", &["hold_m", "cavity_pressure_pa"]);
+    add(&mut fields, "number", &["hold_m", "cavity_pressure_pa", "largest_piece_ml"]);
     fields
 }
 
@@ -200,6 +200,7 @@ mod tests {
         };
         let tissue = TissueStatus {
             removed_volume_ml: wide,
+            largest_piece_ml: wide,
             cavity_pressure_pa: x,
             tool_force_n: [x; 3],
             phase_us: [x; 4],

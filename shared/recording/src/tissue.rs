@@ -25,6 +25,9 @@ pub(crate) struct Tissue {
     state_hash: String,
     #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
     removed_volume_ml: f64,
+    /// Older recordings do not have it: no number then.
+    #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
+    largest_piece_ml: f64,
     #[serde(default, skip_serializing_if = "Number::is_none")]
     cavity_pressure_pa: Number,
     contact_count: u32,
@@ -46,7 +49,7 @@ pub(crate) struct Tissue {
     topology_version: u32,
     #[serde(default)]
     washed_out: u32,
-    /// Older recordings do not have it: no number then.
+    /// Likewise.
     #[serde(default, skip_serializing_if = "Number::is_none")]
     washed_out_ml: Number,
     #[serde(default)]
@@ -68,6 +71,7 @@ impl Tissue {
             tick: status.state_tick,
             state_hash: format!("{:016x}", status.state_hash),
             removed_volume_ml: status.removed_volume_ml,
+            largest_piece_ml: status.largest_piece_ml,
             cavity_pressure_pa: Number(status.cavity_pressure_pa),
             contact_count: status.contact_count,
             tool_force_n: Xyz::of(status.tool_force_n),
@@ -93,6 +97,7 @@ impl Tissue {
             state_tick: self.tick,
             state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
             removed_volume_ml: self.removed_volume_ml,
+            largest_piece_ml: self.largest_piece_ml,
             cavity_pressure_pa: self.cavity_pressure_pa.0,
             contact_count: self.contact_count,
             tool_force_n: self.tool_force_n.array(),

@@ -4,7 +4,7 @@ use super::MainLoop;
 use super::hand::Hand;
 use crate::body::Body;
 use crate::contacts::Contacts;
-use crate::knife::{Stroke, removed_m3};
+use crate::knife::{Stroke, has_parted, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
@@ -30,6 +30,8 @@ pub(super) struct Change {
     pub(super) is_cut: bool,
     /// What that removed, ml.
     pub(super) removed_ml: f64,
+    /// The same of a cut by which something came free, ml; else 0.
+    pub(super) freed_ml: f64,
     /// Volume of a piece that has left through the outflow, ml.
     pub(super) washed_out_ml: Option<f64>,
     /// Volume of a piece that was taken out in the jaws, ml.
@@ -51,17 +53,17 @@ impl MainLoop<'_> {
         hand: &Hand,
         nodes: (&[[f32; 3]], &[[f32; 3]]),
     ) -> Result<Change, Failure> {
-        let (is_cut, mut removed_ml) = self.cut(message, hand.wire_m.as_deref(), nodes)?;
+        let cut = self.cut(message, hand.wire_m.as_deref(), nodes)?;
         // While the wire cuts nothing leaves: the stroke names the tets that it is in.
         let draw = hand.draw.filter(|_| hand.wire_m.is_none());
         let washed = draw.and_then(|draw| Some(draw.leaving(&self.world.drifters, nodes.0)?.object()));
         let taken = self.is_out(hand).then(|| self.in_the_jaws()).flatten();
         // One at most: the next leaves in the next step.
         let left = washed.or(taken).and_then(|object| self.let_go(object).map(|left| (object, left)));
-        removed_ml += left.map_or(0.0, |(_, left)| left.removed_ml);
+        let removed_ml = cut.removed_ml + left.map_or(0.0, |(_, left)| left.removed_ml);
         let volume_ml = |of: Option<u32>| left.filter(|(object, _)| of == Some(*object)).map(|(_, left)| left.volume_ml);
         let taken = taken.filter(|_| washed.is_none());
-        Ok(Change { is_cut, removed_ml, washed_out_ml: volume_ml(washed), taken_out_ml: volume_ml(taken) })
+        Ok(Change { removed_ml, washed_out_ml: volume_ml(washed), taken_out_ml: volume_ml(taken), ..cut })
     }
 
     /// Whether the tip has been drawn back so far that what is in the jaws is out of the cavity.
@@ -112,21 +114,22 @@ impl MainLoop<'_> {
         Ok(())
     }
 
-    /// Cuts with what the wire has swept; tells whether the mesh is another one now, and what that removed, ml.
+    /// Cuts with what the wire has swept; tells whether the mesh is another one now, what that removed, and what of it came free.
     fn cut(
         &mut self,
         message: &Message<'_>,
         wire_m: Option<&[[f32; 3]]>,
         nodes: (&[[f32; 3]], &[[f32; 3]]),
-    ) -> Result<(bool, f64), Failure> {
+    ) -> Result<Change, Failure> {
         let swept = self.knife.sweep(&self.world, wire_m, message.section(STROKE)?, nodes);
         let refused = match swept {
-            Ok(Stroke::None | Stroke::GoesOn) => return Ok((false, 0.0)),
+            Ok(Stroke::None | Stroke::GoesOn) => return Ok(Change::default()),
             Ok(Stroke::Cut(body)) => match self.workshop.make(*body) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
+                    let freed_ml = if has_parted(&self.world, &world) { removed_ml } else { 0.0 };
                     self.take_world(world);
-                    return Ok((true, removed_ml));
+                    return Ok(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() });
                 }
                 Err(error) => error.to_string(),
             },
@@ -137,6 +140,6 @@ impl MainLoop<'_> {
         if !std::mem::replace(&mut self.has_refused, true) {
             self.life.say(&format!("a cut is left out: {refused}"));
         }
-        Ok((false, 0.0))
+        Ok(Change::default())
     }
 }

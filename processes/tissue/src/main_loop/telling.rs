@@ -42,6 +42,7 @@ pub(super) fn status_of(
     let us = |part: usize| (times_ns[part + 1] - times_ns[part]) as f32 * 1e-3;
     TissueStatus {
         removed_volume_ml: core.removed_volume_ml,
+        largest_piece_ml: core.largest_piece_ml,
         cuts: core.cuts,
         is_cutting: core.is_cutting,
         washed_out: core.washed_out,

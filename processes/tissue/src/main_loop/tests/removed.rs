@@ -4,7 +4,7 @@
 use super::pieces::parted;
 use super::*;
 use crate::body::Body;
-use crate::knife::removed_m3;
+use crate::knife::{has_parted, removed_m3};
 
 /// How far the ring goes through the wall, m, and how deep in it its end begins.
 const THROUGH_M: f32 = 6e-3;
@@ -42,11 +42,34 @@ fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_co
     let (halved, piece, _) = parted(&world, 0.0);
     let freed = made(halved);
     let free_m3 = freed.body.volume_of_m3(piece);
+    assert!(has_parted(&world, &freed) && !has_parted(&world, &after), "what is burnt is no piece");
     assert!(is_near(removed_m3(&world, &freed), free_m3), "{} of {free_m3} m³", removed_m3(&world, &freed));
     let gone = made(freed.body.without(piece));
     assert_eq!(removed_m3(&freed, &gone), 0.0, "it has been counted when it came free");
+    assert!(!has_parted(&freed, &gone), "nor is one that leaves another one");
     assert!(is_near(removed_m3(&world, &gone), free_m3));
     assert!(!world.case.is_loose_in_scene(polyp) && !world.case.is_loose_in_scene(piece), "nor is it when it leaves");
+}
+
+/// A piece is told of by its state, so who looks less often, or takes over, knows of the same.
+#[test]
+fn the_largest_piece_stays_the_largest_whoever_goes_on_from_the_state() {
+    let (station, pages) = founded("largest", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
+    let mut now = first_state(&mut main);
+    let core = Core { largest_piece_ml: 0.25, ..core_of(&now) };
+    let section: &[u8] = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section(0).unwrap();
+    let at = section.as_ptr() as usize - now.as_ptr() as usize;
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut now);
+    bytes[at..at + size_of::<Core>()].copy_from_slice(bytemuck::bytes_of(&core));
+    let next = fed(&mut main, &pages[1], &now, &InputRecord { tick: 1, ..InputRecord::default() });
+    let after = fed(&mut successor, &pages[1], &next, &InputRecord { tick: 2, ..InputRecord::default() });
+    assert_eq!([&next, &after].map(|state| core_of(state).largest_piece_ml), [0.25; 2]);
+    assert_eq!([&main, &successor].map(|engine| engine.status.largest_piece_ml), [0.25; 2]);
+    assert!(!Core { largest_piece_ml: f64::NAN, ..core }.is_sane());
+    drop((main, successor));
 }
 
 #[test]
