@@ -142,6 +142,9 @@ mod tests {
     fn ticks(range: std::ops::Range<u64>) -> Vec<AppliedRecord> {
         let tick = |tick| {
             let mut record = AppliedRecord { tick, ..AppliedRecord::default() };
+            // The session begins with the light.
+            record.sample.pose.orientation = [0.0, 0.0, 0.0, 1.0];
+            record.sample.controls.light = if tick > 1 { 1.0 } else { 0.0 };
             record.command.force_n[0] = if (300..310).contains(&tick) { 1.5 } else { 0.0 };
             record
         };
@@ -189,7 +192,7 @@ mod tests {
         let mark = Mark::of(&first);
         first.applied.extend(second.applied);
         let judged = moments.take(&first, mark);
-        told(judged, &[(300, "warning: too hard"), (501, "the session is over: the time was over")]);
+        told(judged, &[(300, "warning: too hard"), (502, "the session is over: the time was over")]);
         told(moments.take(&Block { applied: ticks(700..900), ..Block::default() }, Mark::default()), &[]);
     }
 
@@ -212,7 +215,7 @@ mod tests {
         let mut moments = Moments::after(Some(before));
         told(
             moments.take(&second, Mark::default()),
-            &[(300, "warning: too hard"), (501, "the session is over: the time was over")],
+            &[(300, "warning: too hard"), (502, "the session is over: the time was over")],
         );
         let mut moments = Moments::after(None);
         told(moments.take(&first, Mark::default()), &[FIRST[0], FIRST[2], FIRST[3], FIRST[4]]);
