@@ -75,8 +75,10 @@ fn with_current_the_time_under_current_counts_and_without_any_the_whole_time() {
 fn who_is_turned_away_too_far_off_or_in_the_dark_has_nothing_in_view() {
     assert_eq!(value("away", &[POLYP_M], ticks(&[(CUTS_AWAY, 10)])), Some(0.0));
     assert_eq!(value("far", &[[0.0, 0.016, 0.065]], ticks(&[(CUTS, 10)])), Some(0.0));
-    let mut dark = ticks(&[(CUTS, 10)]);
-    dark.iter_mut().take(5).for_each(|record| record.sample.controls.light = 0.0);
+    // The session begins with the second tick, when the light is changed.
+    let mut dark = ticks(&[(SEEN, 1), (CUTS, 10)]);
+    dark[0].sample.controls.light = 0.5;
+    dark[1..6].iter_mut().for_each(|record| record.sample.controls.light = 0.0);
     assert_eq!(value("dark", &[POLYP_M], dark), Some(50.0));
 }
 

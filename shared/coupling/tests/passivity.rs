@@ -136,18 +136,20 @@ fn a_wall_beyond_the_passivity_bound_is_found_by_the_observer() {
     assert!(damped_ticks > 0 && never == 0, "{damped_ticks} and {never} ticks");
 }
 
-/// The same wall with the last hop's own account, which knows nothing of how a force was made: what is given stays within what it promises.
+/// A wall that swings by more than any organ does, with the last hop's own account, which knows nothing of how a force was made: what is given stays
+/// within what it promises.
 #[test]
-fn a_wall_beyond_the_passivity_bound_is_stilled_by_the_last_hop() {
-    const SECONDS: f64 = 8.0;
+fn a_wall_that_swings_widely_is_stilled_by_the_last_hop() {
+    const SECONDS: f64 = 4.0;
+    const SWING_M: f64 = 0.006;
+    const SWING_HZ: f64 = 9.0;
     let given_j = |is_heeded: bool| {
-        let mut bench = pressing(50_000.0, 1, true);
-        bench.servo_params.coupling_stiffness_n_m = 50_000.0;
-        bench.servo_params.device_damping_n_s_m = 1000.0; // a lie
-        (bench.script.rest.insertion_m, bench.script.into.insertion_m) = (0.065, 0.065);
+        let mut bench = pressing(1_000.0, 1, true);
         bench.is_heeded = is_heeded;
         let mut given_j = 0.0;
-        for _ in 0..(SECONDS * 1e3) as u32 {
+        for tick in 0..(SECONDS * 1e3) as u32 {
+            let swung = std::f64::consts::TAU * SWING_HZ * f64::from(tick) * f64::from(DT_S);
+            bench.moved_m.z = (SWING_M * swung.sin()) as f32;
             let before = bench.force;
             let (moved, _) = bench.tick([true; 2]);
             given_j += before.as_dvec3().dot(moved.as_dvec3());
@@ -160,6 +162,6 @@ fn a_wall_beyond_the_passivity_bound_is_stilled_by_the_last_hop() {
     // Twice the debt, what leaks of it, and the way down of the largest force at a hand's largest speed.
     let promised_j = 2.0 * debt_j + 2.0 * debt_j / f64::from(params.forgotten_s) * SECONDS + 0.02;
     let [free_j, held_j] = [false, true].map(given_j);
-    assert!(free_j > 1.2 * promised_j, "{free_j} J: there is nothing to be stilled");
+    assert!(free_j > 1.5 * promised_j, "{free_j} J: there is nothing to be stilled");
     assert!(held_j <= promised_j, "{held_j} J of {promised_j}");
 }
