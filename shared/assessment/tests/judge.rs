@@ -1,34 +1,13 @@
-//! The judgement of a session by its case: each kind of goal, end and warning, by hand; the same from a recording and live; and what a case says of scores.
+//! The judgement of a session by its case: each kind of goal, end and warning, by hand.
 #![allow(missing_docs)]
 
 #[allow(dead_code)] // each test file uses its part
 mod fixture;
 
-use fixture::{bytes_of, fluid, record, tissue};
-use hyst_assessment::{Assessment, EndedBy, Judge, Sessions, assess, html, json, text};
+use fixture::{brief, fluid, record, tissue};
+use hyst_assessment::{EndedBy, Judge};
 use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, TissueStatus};
-use hyst_recording::{Block, Reader};
-use hyst_scene::Brief;
 use serde_json::{Value, json};
-use std::io::Cursor;
-use std::path::Path;
-
-/// A case with these goals, ends, warnings and scores; 2 ml of pathology.
-fn brief(goals: Value, end: Value, warnings: Value, score: Value) -> Brief {
-    let named = |list: Value| -> Value {
-        let list = list.as_array().unwrap().iter().enumerate();
-        list.map(|(index, is)| json!({ "words": format!("number {index}"), "is": is })).collect()
-    };
-    let mut ends = json!({ "goals": true, "time_s": null, "deficit_ml": null, "bled_ml": null, "perforation": false });
-    for (key, value) in end.as_object().unwrap() {
-        ends[key] = value.clone();
-    }
-    let brief = json!({
-        "name": "A case <b>", "rung": "polyp", "task": "Do it & well.", "seed": 3, "drawn": ["polyp: larger"], "pathology_ml": 2.0,
-        "goals": named(goals), "end": ends, "warnings": named(warnings), "score": score,
-    });
-    serde_json::from_value(brief).unwrap()
-}
 
 fn judge(goals: Value, end: Value, warnings: Value) -> Judge {
     Judge::new(brief(goals, end, warnings, json!({})))
@@ -345,58 +324,4 @@ fn ticks_and_statuses_at_the_end_of_time_overflow_nothing() {
         judge.tick(&at(tick, [f32::INFINITY; 3]));
     }
     assert_eq!(judge.last_tick, u64::MAX);
-}
-
-/// Three seconds of recording whose pressure is held, with a case.
-fn recorded(name: &str, case: &str) -> Assessment {
-    let blocks: Vec<Block> = (0..15u64).map(|index| fixture::busy(5_000 + 200 * index, 200)).collect();
-    let facts = [("session", "test-1"), ("scene", "/a/case.toml"), ("scene_hash", "00ff"), ("case", case)];
-    let bytes = bytes_of(name, &facts, &blocks);
-    assess(Reader::new(Cursor::new(&bytes), Path::new("session.mcap")).unwrap(), 2, |_| {})
-}
-
-#[test]
-fn a_recording_is_judged_by_its_case_alone_and_scored_with_its_weights() {
-    let goals = json!([{ "pressure": { "band_pa": [6_000.0, 20_000.0], "ticks": 800 } }, { "removed": 0.15 }]);
-    let score = json!({ "time": { "weight": 0.0 }, "goals": { "weight": 1.0 }, "pathology": { "weight": 3.0, "full": 20.0, "none": 0.0 } });
-    let case = brief(goals, json!({}), json!([{ "bled_above": 0.1 }]), score);
-    let assessment = recorded("judged", &serde_json::to_string(&case).unwrap());
-    let judge = assessment.measured.judge.clone().unwrap();
-    // 60 mmHg from 5020 on; 0.16 ml are removed at 6610.
-    assert_eq!(judge.goals.iter().map(|goal| goal.reached_tick).collect::<Vec<_>>(), [Some(5_820), Some(6_610)]);
-    assert_eq!(judge.ended, Some((EndedBy::Goals, 6_610)));
-    let sessions = Sessions::new("a.mcap", assessment);
-    let report = json(&sessions);
-    let ended = json!({ "by": "goals", "words": "all goals were reached", "at_s": 1.61, "after_s": 1_525.0 * 1e-3 });
-    assert_eq!(report["case"]["ended"], ended);
-    let metric = |key: &str| report["metrics"].as_array().unwrap().iter().find(|metric| metric["key"] == key).unwrap();
-    // The hand has moved by a millimetre after 85 ms.
-    assert_eq!((metric("time")["value"].as_f64(), metric("time")["weight"].as_f64()), (Some(1.526), Some(0.0)), "up to the end");
-    assert_eq!(metric("goals")["score"].as_f64(), Some(100.0));
-    let near = |key: &str, field: &str, exact: f64| (metric(key)[field].as_f64().unwrap() - exact).abs() < 1e-9;
-    assert!(near("removed", "value", 0.16) && near("pathology", "value", 8.0) && near("pathology", "score", 40.0), "{report}");
-    let task = (100.0 + 3.0 * 40.0 + 80.0) / 5.0; // one warning of five
-    assert!((report["groups"]["Task"].as_f64().unwrap() - task).abs() < 1e-9, "{}", report["groups"]);
-    assert!(report["groups"]["Ergonomics"].as_f64().is_some());
-
-    let told = text(&sessions);
-    assert!(told.contains("Case: A case <b> (seed 3)") && told.contains("reached at 0.8 s"), "{told}");
-    assert!(told.contains("ended after 1.5 s: all goals were reached") && told.contains("warning: number 0"), "{told}");
-    assert!(told.lines().all(|line| line.chars().count() <= 100), "{told}");
-    assert!(!told.contains("no warnings") && !told.contains("Not everything"), "{told}");
-    let page = html(&sessions);
-    assert!(page.contains("<b>2 of 2</b><span>Goals reached</span>"), "{page}");
-    assert!(page.contains("<h2>Case: A case &lt;b&gt;</h2>") && page.contains("Do it &amp; well."), "{page}");
-    assert!(page.contains("class=\"text reached\">reached at 1.6 s") && !page.contains("<b>\""), "{page}");
-}
-
-#[test]
-fn a_case_that_cannot_be_read_is_missing_and_the_rest_is_told() {
-    for case in ["", "{}", "{\"name\":3}", &"[".repeat(10_000)] {
-        let assessment = recorded("unread", case);
-        assert!(assessment.measured.judge.is_none() && assessment.missing().iter().any(|line| line.contains("case")), "{case}");
-        assert_eq!(assessment.measured.conduct.ticks, 3_000);
-    }
-    let many = brief(json!(vec![json!({ "removed": 1.0 }); 65]), json!({}), json!([]), json!({}));
-    assert!(Judge::read(&serde_json::to_string(&many).unwrap()).unwrap_err().contains("65"));
 }
