@@ -9,7 +9,7 @@ use std::process::{Child, Stdio};
 
 /// Kills of each kind; `HYSTATION_KILLS=100` makes a hundred.
 fn kills() -> u64 {
-    std::env::var("HYSTATION_KILLS").ok().and_then(|count| count.parse().ok()).unwrap_or(20)
+    std::env::var("HYSTATION_KILLS").ok().and_then(|count| count.parse().ok()).unwrap_or(10)
 }
 
 type Rows = Vec<(String, u64, String)>;

@@ -106,12 +106,13 @@ const BAD: [(&str, &str, &[&str], &str); 36] = [
 ];
 
 /// Bad engines that end as another one of the list does, or take a minute to: shown in many rounds alone.
-const AS_THE_OTHERS: [(&str, &str); 16] = [
+const AS_THE_OTHERS: [(&str, &str); 19] = [
     ("tissue", "start"),
     ("tissue", "panic"),
     ("tissue", "exit"),
     ("tissue", "spin"),
     ("tissue", "off"),
+    ("fluid", "stop"),
     ("fluid", "slow"),
     ("haptic", "stop"),
     ("haptic", "slow"),
@@ -120,8 +121,10 @@ const AS_THE_OTHERS: [(&str, &str); 16] = [
     ("collision-worker", "stop"),
     ("collision-worker", "slow"),
     ("recorder", "exit"),
+    ("rendering", "slow"),
     ("rendering", "stop"),
     ("console", "stop"),
+    ("device", "stop"),
     ("device", "slow"),
 ];
 
