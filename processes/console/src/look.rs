@@ -2,8 +2,7 @@
 //! rendering of its pictures.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
-use hyst_assessment::NOTICES;
-use hyst_messages::{FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, RenderingStatus, Slot};
+use hyst_messages::{FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Slot};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
@@ -132,8 +131,8 @@ impl Pump {
             deficit_ml: status.deficit_ml,
             cavity_ml: status.cavity_volume_ml,
             bled_ml: status.bled_ml,
-            alarms: names(status.alarms & !NOTICES),
-            notices: names(status.alarms & NOTICES),
+            alarms: names(status.alarms & !PUMP_NOTICES),
+            notices: names(status.alarms & PUMP_NOTICES),
             step_ms: status.step_ticks,
             scene_step_ms: status.scene_step_ticks,
             halvings: status.halvings,

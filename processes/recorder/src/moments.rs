@@ -1,8 +1,8 @@
 //! What of a session is worth a picture: its end, goals that are reached or missed and warnings that fall, as its case has them; the electrode that begins to
 //! cut, a piece that comes out, an alarm or a notice of the pump. From the same ticks and statuses as are recorded.
 
-use hyst_assessment::{Judge, NOTICES};
-use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus};
+use hyst_assessment::Judge;
+use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, TissueStatus};
 use hyst_recording::Block;
 
 /// One cut after another is one as long as less than this lies between them, ticks.
@@ -113,7 +113,7 @@ impl Moments {
         let Some(before) = self.fluid.replace(*status) else { return };
         let new = status.alarms & !before.alarms;
         let named = PUMP_ALARMS.iter().filter(|(bit, _)| new & bit != 0);
-        let what = |bit: u32| if bit & NOTICES != 0 { "notice" } else { "alarm" };
+        let what = |bit: u32| if bit & PUMP_NOTICES != 0 { "notice" } else { "alarm" };
         moments.extend(named.map(|(bit, name)| (status.state_tick, format!("{} of the pump: {name}", what(*bit)))));
     }
 }

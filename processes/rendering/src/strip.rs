@@ -2,7 +2,7 @@
 
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
-use hyst_messages::{FluidStatus, PUMP_ALARMS, SLOTS, Slot};
+use hyst_messages::{FluidStatus, PUMP_ALARMS, PUMP_NOTICES, SLOTS, Slot};
 use rendering::{ALARM, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
@@ -90,8 +90,11 @@ impl Strip {
             lines.push(format!("pressure {:4.0} mmHg{set}", fluid.pressure_pa / MMHG_PA));
             lines.push(format!("flow     {:4.0} ml/min", fluid.inflow_ml_min));
             lines.push(format!("deficit  {:4.0} ml", fluid.deficit_ml.round() + 0.0)); // of a little less than nothing no minus is left
-            let sounding = PUMP_ALARMS.iter().filter(|(bit, _)| fluid.alarms & bit != 0);
-            lines.extend(sounding.map(|(_, name)| format!("{ALARM}    {name}")));
+            let said = PUMP_ALARMS.iter().filter(|(bit, _)| fluid.alarms & bit != 0);
+            lines.extend(said.map(|(bit, name)| match bit & PUMP_NOTICES {
+                0 => format!("{ALARM}    {name}"),
+                _ => format!("notice   {name}"),
+            }));
         }
         let sign = if tick < self.sign_until { self.sign.clone() } else { String::new() };
         Overlay { lines, sign }
@@ -150,5 +153,6 @@ mod tests {
         let of = |alarms: u32| Strip::default().overlay(0, Some(&FluidStatus { alarms, ..FluidStatus::default() }), None).lines;
         assert_eq!(of(0).len(), 4);
         assert_eq!(of(2 | 8)[4..], ["ALARM    deficit", "ALARM    perforation"]);
+        assert_eq!(of(16)[4..], ["notice   container change"], "it asks for nothing");
     }
 }

@@ -3,7 +3,7 @@
 
 use crate::bleeding::Bleeding;
 use crate::conduct::Peak;
-use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS};
+use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES};
 use std::collections::VecDeque;
 
 /// Pascal per millimetre of mercury.
@@ -19,8 +19,6 @@ const HOLD_TICKS: u64 = 1_000;
 /// Time over which the rate of the deficit is taken, and between two points of it, ticks: shorter ones show the filling of a cavity of 5 ml alone.
 const RATE_TICKS: u64 = 10_000;
 const RATE_POINT_TICKS: u64 = 1_000;
-/// What the pump says of a container that is to be changed: a notice. Another one hangs beside it, and nobody has done anything wrong (docs/handbook.md).
-pub const NOTICES: u32 = 16;
 /// It bleeds enough to see it from this rate on, ml/min: what the case of a bleeding asks to stay below.
 pub(crate) const BLEEDS_ML_MIN: f64 = 1.0;
 /// Most alarms and notices whose times are kept.
@@ -95,7 +93,7 @@ impl Medium {
     /// How often an alarm came up that is no notice.
     pub fn alarm_count(&self) -> u64 {
         let counts = PUMP_ALARMS.iter().zip(&self.alarms);
-        counts.filter(|((bit, _), _)| bit & NOTICES == 0).map(|(_, count)| count).sum()
+        counts.filter(|((bit, _), _)| bit & PUMP_NOTICES == 0).map(|(_, count)| count).sum()
     }
 
     /// The newest status.
@@ -147,7 +145,7 @@ impl Medium {
             self.low_ticks += if pressure_pa < LOW_PA { ticks } else { 0 };
             self.high_ticks += if pressure_pa > HIGH_PA { ticks } else { 0 };
             self.parted_ticks += if pressure_pa >= PARTED_PA { ticks } else { 0 };
-            self.alarm_ticks += if status.alarms & !NOTICES != 0 { ticks } else { 0 };
+            self.alarm_ticks += if status.alarms & !PUMP_NOTICES != 0 { ticks } else { 0 };
         }
         if let Some(rate_ml_min) = self.bled.rate_ml_min().filter(|_| status.bled_ml.is_finite()) {
             self.bled_known_ticks += ticks;
@@ -207,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_container_that_is_to_be_changed_is_no_alarm_by_itself() {
-        assert_eq!(PUMP_ALARMS.iter().find(|(_, name)| *name == "container change").map(|(bit, _)| *bit), Some(NOTICES));
+        assert_eq!(PUMP_ALARMS.iter().find(|(_, name)| *name == "container change").map(|(bit, _)| *bit), Some(PUMP_NOTICES));
         let mut medium = Medium::default();
         for (tick, alarms) in [(0, 16), (500, 16 | 4), (1_000, 16), (1_500, 0)] {
             medium.status(&status(tick, 70.0, 0.0, alarms));

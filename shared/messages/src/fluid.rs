@@ -7,6 +7,8 @@ use bytemuck::{Pod, Zeroable};
 /// should not, more than vessels and sheath take, the container is to be changed.
 pub const PUMP_ALARMS: [(u32, &str); 5] =
     [(1, "pressure"), (2, "deficit"), (4, "abnormal loss"), (8, "perforation"), (16, "container change")];
+/// Bits of [`PUMP_ALARMS`] that ask for nothing: of a container that is to be changed another one hangs beside it, and nobody has done anything wrong.
+pub const PUMP_NOTICES: u32 = 16;
 
 /// Bits of [`FluidStatus::flaws`] and what was done about them: walls or inputs that are no numbers or beyond any organ were replaced, speeds beyond any real
 /// one were set to 0, a flow too fast for the sweeps of a step was slowed in transport, the pressure was taken before it had converged.

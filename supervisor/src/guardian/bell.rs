@@ -7,15 +7,13 @@ use crate::view::Viewer;
 use hyst_engine::Told;
 use hyst_exchange::system;
 use hyst_messages::page::fluid;
-use hyst_messages::{Role, Slot};
+use hyst_messages::{PUMP_NOTICES, Role, Slot};
 use std::collections::BTreeSet;
 
 /// Between two rings, ns: what begins meanwhile is rung for then.
 const PAUSE_NS: u64 = 1_000_000_000;
 /// How a line that is told of the case begins, if it is a warning that stands.
 const WARNING: &str = "WARNING";
-/// The bit of the pump's alarm that asks for nothing: of two containers the next one flows by itself.
-const CONTAINER_CHANGE: u32 = 16;
 
 /// The bell.
 #[derive(Debug)]
@@ -48,7 +46,7 @@ impl Bell {
             self.warnings = warnings;
         }
         if let Some(alarms) = alarms {
-            self.is_due |= alarms & !self.alarms & !CONTAINER_CHANGE != 0;
+            self.is_due |= alarms & !self.alarms & !PUMP_NOTICES != 0;
             self.alarms = alarms;
         }
         let rings = self.is_due && now_ns >= self.again_ns;
@@ -90,11 +88,10 @@ mod tests {
 
     #[test]
     fn an_alarm_rings_unless_it_asks_for_nothing_and_what_is_not_known_stands_as_it_did() {
-        assert!(hyst_messages::PUMP_ALARMS.contains(&(CONTAINER_CHANGE, "container change")));
         let mut bell = Bell::new(true);
         let mut at = |ms: u64, alarms: Option<u32>| bell.hear(ms * MS, None, alarms);
-        assert!(!at(0, Some(0)) && !at(500, Some(CONTAINER_CHANGE)));
-        assert!(at(1_000, Some(CONTAINER_CHANGE | 1)) && !at(3_000, None) && !at(3_500, Some(1)));
+        assert!(!at(0, Some(0)) && !at(500, Some(PUMP_NOTICES)));
+        assert!(at(1_000, Some(PUMP_NOTICES | 1)) && !at(3_000, None) && !at(3_500, Some(1)));
         assert!(at(4_000, Some(1 | 8)), "a second one");
     }
 
