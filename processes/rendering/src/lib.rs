@@ -22,6 +22,7 @@ mod marks;
 mod motes;
 #[cfg(test)]
 mod noise;
+mod ostia;
 mod overlay;
 mod passes;
 mod pipelines;
@@ -48,6 +49,7 @@ pub use help::{help, help_hint};
 pub use input::{Key, PointerInput};
 pub use marks::{Arrow, Marks};
 pub use motes::Motes;
+pub use ostia::{MOUTH_RADIUS_M, ostia};
 pub use overlay::{ALARM, COLUMNS, Overlay, ROWS};
 pub use present::Shown;
 pub use quality::{MIN_SCALE, Quality, SCALE_STEP, next_scale};

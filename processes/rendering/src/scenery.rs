@@ -6,7 +6,7 @@ use crate::instrument::{Instrument, TOOL};
 use crate::looks;
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_messages::{Kind, Message, WireError};
-use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh};
+use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, ostia};
 use std::ops::Range;
 
 /// That of the bubbles.
@@ -17,6 +17,7 @@ pub const MOTES: u64 = TOOL + 4;
 pub const CONTACTS: u64 = TOOL + 7;
 /// That of the force on the hand.
 pub const FORCE: u64 = TOOL + 8;
+const ORGAN: u32 = ObjectKind::Organ as u32;
 const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
 const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
 const RIGID_TOOL: u32 = ObjectKind::Tool as u32;
@@ -146,6 +147,9 @@ impl Scenery {
             let (rest_m, raw) = (&rest_m[part.vertices.clone()], &raw[part.vertices.clone()]);
             let mesh = SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance: usual(part.kind) };
             stage.set_object(part.id, mesh)?;
+            if part.kind == ORGAN {
+                stage.set_mouths(part.id, ostia(rest_m, &part.triangles))?;
+            }
         }
         let gone: Vec<u64> = stage.ids().filter(|id| *id < TOOL && !parts.iter().any(|part| part.id == *id)).collect();
         for id in gone {

@@ -81,6 +81,7 @@ pub(crate) struct ObjectUniform {
     colour: [f32; 4],
     surface: [f32; 4],
     extra: [f32; 4],
+    mouths: [[f32; 4]; 2],
 }
 
 impl Object {
@@ -110,6 +111,7 @@ pub(crate) struct Object {
     pub moved: bool,
     pose: Mat4,
     char_level: f32,
+    mouths: [[f32; 4]; 2],
 }
 
 /// All objects, and the buffers that the passes read.
@@ -191,6 +193,16 @@ impl Stage {
         Ok(())
     }
 
+    /// Where dark mouths are drawn in an object's lining, as [`crate::ostia`] gives them. A number that is not finite draws none.
+    ///
+    /// # Errors
+    /// [`RenderError::UnknownObject`].
+    pub fn set_mouths(&mut self, id: u64, mouths_m: [[f32; 4]; 2]) -> Result<(), RenderError> {
+        let object = self.objects.get_mut(&id).ok_or(RenderError::UnknownObject(id))?;
+        object.mouths = mouths_m.map(|mouth| if mouth.iter().all(|number| number.is_finite()) { mouth } else { [0.0; 4] });
+        Ok(())
+    }
+
     /// Takes an object off the stage; says whether it was there.
     pub fn remove_object(&mut self, id: u64) -> bool {
         self.objects.remove(&id).is_some()
@@ -227,6 +239,7 @@ impl Stage {
             colour: [r, g, b, alpha],
             surface: [roughness, frequency, vessels, bump],
             extra: [whole, object.char_level, glow, glands],
+            mouths: object.mouths,
         };
         self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }
@@ -262,6 +275,7 @@ impl Stage {
             moved: true,
             pose,
             char_level: if mesh.appearance.material == Material::Coagulated { 0.55 } else { 0.0 },
+            mouths: [[0.0; 4]; 2],
         }
     }
 

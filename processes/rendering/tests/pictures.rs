@@ -159,6 +159,29 @@ fn a_wound_looks_otherwise_than_the_skin_about_it_and_only_where_it_is() {
 }
 
 #[test]
+fn the_mouth_of_a_tube_is_a_dark_pit_in_the_lining_where_it_lies_and_nowhere_else() {
+    let Some((mut r, cavity)) = in_cavity() else {
+        return;
+    };
+    let plain = picture(&mut r, &through_scope());
+    let ahead = cavity.positions_m.iter().max_by(|a, b| a[2].total_cmp(&b[2])).expect("a cavity");
+    let mut show = |mouths_m: [[f32; 4]; 2]| {
+        r.stage().set_mouths(CAVITY, mouths_m).expect("it is there");
+        picture(&mut r, &through_scope())
+    };
+    let none = [0.0; 4];
+    let pitted = show([none, [ahead[0], ahead[1], ahead[2], 0.002]]);
+    let light = |shot: &[u8], x: u32, y: u32| pixel(shot, x, y).iter().sum::<i32>();
+    let (middle, is_lit) = ((WIDTH / 2, HEIGHT / 2), light(&plain, WIDTH / 2, HEIGHT / 2));
+    assert!(3 * light(&pitted, middle.0, middle.1) < is_lit, "{} of {is_lit}", light(&pitted, middle.0, middle.1));
+    let other = changed(&plain, &pitted);
+    assert!((20..2_500).contains(&other), "{other} pixels");
+    assert_eq!(changed(&plain, &show([none, [f32::NAN, 0.0, 0.0, 0.002]])), 0);
+    assert_eq!(changed(&plain, &show([none; 2])), 0);
+    assert!(matches!(r.stage().set_mouths(99, [none; 2]), Err(RenderError::UnknownObject(99))));
+}
+
+#[test]
 fn blood_hides_the_view_and_a_clear_medium_does_not() {
     let Some((mut r, _)) = in_cavity() else {
         return;

@@ -23,6 +23,7 @@ struct Object {
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
     extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1 or, with metal, 1 of gas
+    mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
 };
 @group(0) @binding(0) var<uniform> g: Globals;
 @group(0) @binding(1) var noise: texture_3d<f32>;
@@ -106,6 +107,20 @@ fn lobe(n_dot_h: f32, power: f32) -> f32 {
     return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
 }
 
+// How much of a point is the mouth of a tube, and how much the rim about it: a pit whose ragged edge is drawn in, in a paler ring of muscle.
+fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> vec2<f32> {
+    var found = vec2<f32>(0.0);
+    for (var k = 0; k < 2; k++) {
+        let mouth = o.mouths[k];
+        if mouth.w <= 0.0 { continue; }
+        let d = distance(rest, mouth.xyz) / mouth.w * (1.0 + 0.25 * ragged);
+        let pit = 1.0 - smoothstep(0.55, 1.05, d);
+        let rim = smoothstep(0.7, 1.2, d) * (1.0 - smoothstep(1.5, 2.8, d));
+        found = max(found, vec2<f32>(pit, rim));
+    }
+    return found;
+}
+
 // `full` is the light that would reach it, `e` what of it does.
 fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32) -> vec3<f32> {
     let p = in.rest * o.surface.y;
@@ -128,6 +143,9 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
     let mouth = smoothstep(0.46, 0.80, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
     albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
+    let tube = mouth_of_tube(in.rest, fine.w);
+    albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.45 * tube.y * (1.0 - in.raw));
+    albedo = mix(albedo, vec3<f32>(0.035, 0.004, 0.004), 0.96 * tube.x * (1.0 - in.raw));
     // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
     let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
     var flesh = mix(vec3<f32>(0.66, 0.36, 0.29), vec3<f32>(0.82, 0.60, 0.50), strand * strand);
@@ -154,7 +172,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw);
+    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.x);
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens, and none of the walls behind.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's

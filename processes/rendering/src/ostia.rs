@@ -1,0 +1,81 @@
+//! Where the mouths of the tubes lie: the cavity's ends to the left and right, by which a surgeon knows where he is. An organ's mesh does not say it; its shape does.
+
+use glam::Vec3;
+
+/// Radius of a mouth, m: some 1.5 mm across, as a hysteroscope sees it under pressure.
+pub const MOUTH_RADIUS_M: f32 = 0.000_8;
+/// What is nearer to the middle than that is no horn, m.
+const LEAST_ASIDE_M: f32 = 0.004;
+
+/// The mouths of an organ's tubes, rest positions in m with the radius as fourth number, left and right; none, with zero as radius, where the surface has no
+/// cavity that is open to both sides. `rest_m` are places in the frame of the scene (+z towards the fundus, +x to the patient's left), triangles counter-clockwise
+/// seen from outside the tissue; a triangle with a vertex that is not there is left out.
+pub fn ostia(rest_m: &[[f32; 3]], triangles: &[[u32; 3]]) -> [[f32; 4]; 2] {
+    let mut normals = vec![Vec3::ZERO; rest_m.len()];
+    for corners in triangles {
+        let [Some(a), Some(b), Some(c)] = corners.map(|corner| rest_m.get(corner as usize).map(|at| Vec3::from(*at))) else {
+            continue;
+        };
+        let normal = (b - a).cross(c - a);
+        for corner in corners {
+            normals[*corner as usize] += normal;
+        }
+    }
+    // A wall of the cavity looks at its axis, and down it; the outside of the organ looks away.
+    let looks_in = |(at, normal): &(Vec3, Vec3)| normal.dot(-*at * Vec3::new(1.0, 1.0, 0.2)) > 0.0;
+    let inner = || rest_m.iter().map(|at| Vec3::from(*at)).zip(normals.iter().copied()).filter(looks_in);
+    // Far to the side, in the plane between the walls, and high: the tubes leave above.
+    let farthest = |side: f32| {
+        let reach = |at: Vec3| side * at.x - 2.0 * at.y.abs() + 0.3 * at.z;
+        inner()
+            .map(|(at, _)| at)
+            .filter(|at| side * at.x > LEAST_ASIDE_M && at.z > 0.0)
+            .max_by(|a, b| reach(*a).total_cmp(&reach(*b)))
+    };
+    match [1.0, -1.0].map(farthest) {
+        [Some(left), Some(right)] => [left, right].map(|at| at.extend(MOUTH_RADIUS_M).to_array()),
+        _ => [[0.0; 4]; 2],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A box of so many metres about a place, seen from outside, or from inside.
+    fn cuboid(middle_m: [f32; 3], half_m: [f32; 3], from_inside: bool) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let corner = |index: u32| {
+            std::array::from_fn(|axis| middle_m[axis] + if index >> axis & 1 == 1 { half_m[axis] } else { -half_m[axis] })
+        };
+        let mut triangles = Vec::new();
+        for (a, b, c, d) in [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)] {
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        if from_inside {
+            triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+        }
+        ((0..8).map(corner).collect(), triangles)
+    }
+
+    #[test]
+    fn the_mouths_are_the_ends_of_the_cavity_and_not_of_the_organ() {
+        let (mut rest_m, mut triangles) = cuboid([0.0, 0.0, 0.03], [0.024, 0.018, 0.035], false);
+        let (inside_m, inside) = cuboid([0.0, 0.0, 0.03], [0.013, 0.004, 0.015], true);
+        triangles.extend(inside.iter().map(|corners| corners.map(|corner| corner + rest_m.len() as u32)));
+        rest_m.extend(inside_m);
+        let [left, right] = ostia(&rest_m, &triangles);
+        assert!((left[0] - 0.013).abs() < 1e-6 && (right[0] + 0.013).abs() < 1e-6, "{left:?} {right:?}");
+        assert_eq!([left[3], right[3]], [MOUTH_RADIUS_M; 2]);
+        assert!(left[2] > 0.04, "above: {left:?}");
+    }
+
+    #[test]
+    fn what_has_no_cavity_and_what_is_narrow_or_broken_has_none() {
+        let (rest_m, triangles) = cuboid([0.0, 0.0, 0.03], [0.02; 3], false);
+        assert_eq!(ostia(&rest_m, &triangles), [[0.0; 4]; 2], "a block");
+        let (rest_m, triangles) = cuboid([0.0, 0.0, 0.03], [0.003; 3], true);
+        assert_eq!(ostia(&rest_m, &triangles), [[0.0; 4]; 2], "a canal");
+        assert_eq!(ostia(&[[0.0; 3]; 3], &[[0, 1, 9]]), [[0.0; 4]; 2]);
+        assert_eq!(ostia(&[[f32::NAN; 3]; 3], &[[0, 1, 2]]), [[0.0; 4]; 2]);
+    }
+}
