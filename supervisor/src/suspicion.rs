@@ -137,6 +137,23 @@ impl Gauge {
         }
     }
 
+    /// One in lock-step: nothing is real time there, and who waits for one that hangs waits for as long as it takes to find that out. Who is not let run, beside
+    /// a station in real time on full cores, is no more to blame than elsewhere, however long it lasts.
+    pub fn in_lockstep(role: Role) -> Gauge {
+        let usual = Gauge::new(role);
+        let period_ns = periods_ns(Role::Fluid).0;
+        let bound_ns = usual.bound_ns.max(GUILT_NS);
+        Gauge {
+            nominal_ns: period_ns,
+            idle_ns: period_ns,
+            period_ns,
+            real_time: false,
+            bound_ns,
+            stopped_bound_ns: GUILT_NS,
+            ..usual
+        }
+    }
+
     /// Time for which it has been silent, as far as it counts, ns.
     pub fn silent_ns(&self) -> u64 {
         self.silent_ns
@@ -252,6 +269,24 @@ mod tests {
             }
         }
         opinions
+    }
+
+    #[test]
+    fn in_lockstep_two_seconds_of_its_own_end_a_process_and_none_in_which_it_is_not_let_run() {
+        let ended_at = |role: Role, thread: fn(u64) -> Thread| {
+            let mut gauge = Gauge::in_lockstep(role);
+            assert_eq!(gauge.look(1, MS, || None), Opinion::Same);
+            (1..=19_000).find(|look| gauge.look(1, MS, || Some(thread(*look))) == Opinion::Guilty)
+        };
+        for role in [Role::Device, Role::Haptic, Role::Tissue, Role::Fluid, Role::Recorder] {
+            let stopped = ended_at(role, |_| Thread::Stopped);
+            assert!(stopped.is_some_and(|look| (2_000..2_200).contains(&look)), "{role:?}: {stopped:?}");
+            let spins = ended_at(role, |look| Thread::Running(look * MS));
+            assert!(spins.is_some_and(|look| (2_000..2_200).contains(&look)), "{role:?}: {spins:?}");
+            let sleeps = ended_at(role, |_| Thread::Sleeping);
+            assert!(sleeps.is_some_and(|look| (2_000..2_300).contains(&look)), "{role:?}: {sleeps:?}");
+            assert_eq!(ended_at(role, |_| Thread::Running(7)), None, "{role:?}: it is ready, and is not let");
+        }
     }
 
     #[test]

@@ -245,6 +245,9 @@ fn body(page: &OwnedPage, set: &OwnedFd, bell: &OwnedFd, arrivals: &Receiver<War
                 let data = epoll::EventData::new_u64(ward.incarnation as u64);
                 ward.apart = epoll::add(set, &ward.pidfd, data, epoll::EventFlags::IN).is_err(); // without memory
                 mark_suspect(page, &ward, false); // a supervisor that died may have left its opinion
+                if page.load32(layout::LOCKSTEP) != 0 {
+                    ward.gauge = Gauge::in_lockstep(ward.slot.role());
+                }
                 wards.push(ward);
             }
         }
@@ -285,7 +288,7 @@ struct Look {
     passed_ns: u64,
     /// For how long the host has stood still in all, as the hardware's canaries saw it, ns.
     stood_ns: u64,
-    /// Nothing of a lock-step station is real time: whoever waits for a hung one waits as long as its heartbeat may be late.
+    /// Nothing of a lock-step station is real time.
     is_lockstep: bool,
 }
 
@@ -352,7 +355,10 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
             late(ward.spawned_ns, if is_real_time(slot.role()) { LATE_START_NS } else { LATE_ORDINARY_START_NS })
         }
         (ProcessState::Stopping | ProcessState::Failed, None) => late(beat_ns, LATE_END_NS),
-        (ProcessState::Warm | ProcessState::Live, None) if look.is_lockstep => late(beat_ns, LATE_END_NS),
+        (ProcessState::Warm | ProcessState::Live, None) if look.is_lockstep => {
+            let thread = ward.thread.as_ref();
+            ward.gauge.look(beat_ns, counted_ns, || thread.and_then(ThreadFiles::state_of_process))
+        }
         (ProcessState::Warm | ProcessState::Live, None) => {
             let thread = ward.thread.as_ref();
             let ask = if is_real_time(slot.role()) { ThreadFiles::state } else { ThreadFiles::state_of_process };

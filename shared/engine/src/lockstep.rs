@@ -13,8 +13,9 @@ use hyst_messages::page::{header, station};
 use hyst_messages::{Role, Slot};
 use std::sync::Arc;
 
-/// Wall time without a sign of life after which a member counts as missing.
-pub const PATIENCE_NS: u64 = 2_000_000_000;
+/// Wall time without a sign of life after which a member counts as missing although nobody knows it to be dead. Who hangs is ended by the supervisor after two
+/// seconds that it is itself to blame for; beside a station in real time on full cores a member that is well may not be let run for much longer.
+pub const PATIENCE_NS: u64 = 30_000_000_000;
 /// Wall time between two looks at the station while waiting to be released: several wait while one of them steps, and each look takes the core from it.
 pub const LOOK_NS: u64 = 2_000_000;
 /// Wall time between two looks for something that is about to come.

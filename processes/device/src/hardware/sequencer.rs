@@ -6,7 +6,7 @@
 //!
 //! In a replay the recording says at which ticks the tissue stepped and the device made a tick.
 //!
-//! A member is missing when it is known to be dead or gave no sign of life for 2 s; a newcomer is a member from the first release after it
+//! A member is missing when it is known to be dead or gave no sign of life for 30 s; a newcomer is a member from the first release after it
 //! has said that it is warm. The sequencer holds at the tick that the supervisor says, and while the recorder is too far behind.
 
 use hyst_engine::lane::Lane;
@@ -20,8 +20,10 @@ use std::sync::Arc;
 
 /// Ticks that the recorder may be behind: half of what the device's ring keeps.
 const RECORDER_LAG_TICKS: u64 = 2_000;
+/// For how long a recorder that writes nothing is waited for, ns: its disk may be full to the end.
+const RECORDER_PATIENCE_NS: u64 = 10_000_000_000;
 /// Longest wait for a group, ns: a member that beats all the time and still does not end its step.
-const LONGEST_NS: u64 = 30_000_000_000;
+const LONGEST_NS: u64 = 60_000_000_000;
 
 /// How late a replay may be, ns, before it gives up the time that it lost.
 const MOST_LATE_NS: u64 = 50_000_000;
@@ -192,6 +194,6 @@ impl<'a> Sequencer<'a> {
         if on_disk > self.recorded.0 || self.recorded.1 == 0 {
             self.recorded = (on_disk.max(self.recorded.0), now_ns);
         }
-        self.tick >= self.recorded.0 + RECORDER_LAG_TICKS && now_ns - self.recorded.1 < lockstep::PATIENCE_NS
+        self.tick >= self.recorded.0 + RECORDER_LAG_TICKS && now_ns - self.recorded.1 < RECORDER_PATIENCE_NS
     }
 }
