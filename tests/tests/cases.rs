@@ -3,22 +3,34 @@
 
 use serde_json::Value;
 use station_tests::{Folder, both, hystation, run};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const ROLES: &str = "hardware,device,haptic,tissue,fluid,collision-worker,recorder";
 
-/// Two trainees at the same case, of whom the report thinks the better of the first.
-fn sessions(case: &str, [good, bad]: [&str; 2], time: &str) -> [Value; 2] {
-    let found = both(|| session(case, good, time), || session(case, bad, time));
+/// Two trainees at the same case, each for so long, of whom the report thinks the better of the first.
+fn sessions(case: &str, trainees: [(&str, &str); 2]) -> [Value; 2] {
+    sessions_of(&shipped(case), case, trainees)
+}
+
+fn sessions_of(file: &Path, case: &str, [(good, for_good), (bad, for_bad)]: [(&str, &str); 2]) -> [Value; 2] {
+    let found = both(|| session_of(file, case, good, for_good), || session_of(file, case, bad, for_bad));
     let [of_good, of_bad] = found.each_ref().map(|report| report["score"].as_f64());
     assert!(of_good > of_bad, "{case}: {good} has {of_good:?}, {bad} {of_bad:?}");
     found
 }
 
+/// The file of a case that comes with the station.
+fn shipped(case: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../assets/cases/{case}.toml"))
+}
+
 /// What the report says of a case that a hand does for so long.
 fn session(case: &str, hand: &str, time: &str) -> Value {
+    session_of(&shipped(case), case, hand, time)
+}
+
+fn session_of(file: &Path, case: &str, hand: &str, time: &str) -> Value {
     let folder = Folder::new(&format!("case-{case}-{hand}"));
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../assets/cases/{case}.toml"));
     let recording = folder.path("session.mcap");
     // A name has 24 letters.
     let station = format!("k{}-{}{}", std::process::id(), &case[..2], &hand[..2]);
@@ -74,10 +86,10 @@ fn assert_all_reached(report: &Value) {
 fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_current_at_the_fundus() {
     // Beside it the rungs on which nothing is cut.
     let [septum, others] = both(
-        || vec![session("septum", "divide", "70s")],
+        || vec![session("septum", "divide", "38s")],
         || {
             vec![
-                session("distension", "distends", "42s"),
+                session("distension", "distends", "36s"),
                 session("access", "looks", "18s"),
                 session("navigation", "visits", "24s"),
             ]
@@ -93,7 +105,7 @@ fn a_scripted_trainee_looks_into_both_horns_and_takes_the_septum_down_without_cu
 
 #[test]
 fn a_polyp_is_taken_off_at_its_base_after_a_chip_of_it_and_a_chip_alone_is_a_biopsy() {
-    let [polyp, biopsy] = both(|| session("polyp", "resects", "24s"), || session("biopsy", "polyp", "14s"));
+    let [polyp, biopsy] = both(|| session("polyp", "resects", "24s"), || session("biopsy", "polyp", "9s"));
     assert_all_reached(&polyp);
     assert!(metric(&polyp, "pathology").0 >= 80.0, "{}", polyp["case"]);
     let chip_s = polyp["case"]["goals"][1]["at_s"].as_f64();
@@ -104,7 +116,7 @@ fn a_polyp_is_taken_off_at_its_base_after_a_chip_of_it_and_a_chip_alone_is_a_bio
 
 #[test]
 fn a_loose_piece_is_brought_out_by_who_closes_the_jaws_on_it() {
-    let [good, bad] = sessions("retrieval", ["fetch", "misses"], "12s");
+    let [good, bad] = sessions("retrieval", [("fetch", "10s"), ("misses", "10s")]);
     assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
     assert_eq!((goal(&bad, 0), ended_by(&bad)), ("open", None));
     assert!(metric(&good, "pathology").0 > 12.0 && metric(&bad, "pathology").0 == 0.0, "{} {}", good["case"], bad["case"]);
@@ -112,7 +124,7 @@ fn a_loose_piece_is_brought_out_by_who_closes_the_jaws_on_it() {
 
 #[test]
 fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
-    let [good, bad] = sessions("perforation", ["stops", "goes-on"], "48s");
+    let [good, bad] = sessions("perforation", [("stops", "29s"), ("goes-on", "36s")]);
     for report in [&good, &bad] {
         assert!(warned(report, "the pump's alarm “perforation”") >= 1, "the wall is pierced");
         assert_nothing_else_is_asked(report);
@@ -126,7 +138,7 @@ fn a_perforation_is_made_and_who_stops_in_time_is_told_from_who_goes_on() {
 
 #[test]
 fn a_bleeding_is_staunched_by_who_raises_the_pressure_and_goes_on_under_who_looks_on() {
-    let [good, bad] = sessions("bleeding", ["staunches", "looks-on"], "24s");
+    let [good, bad] = sessions("bleeding", [("staunches", "23s"), ("looks-on", "23s")]);
     for report in [&good, &bad] {
         assert_eq!(goal(report, 0), "reached", "a chip is cut, and it bleeds");
         assert!(metric(report, "bled").0 > 0.2);
@@ -139,9 +151,14 @@ fn a_bleeding_is_staunched_by_who_raises_the_pressure_and_goes_on_under_who_look
 
 #[test]
 fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_looks_on() {
-    let [good, bad] = sessions("fluid-overload", ["watches", "looks-on"], "82s");
+    // 40 ml in place of 100, which take a minute.
+    let (folder, case) = (Folder::new("case-overload"), "fluid-overload");
+    let text = with_whole_paths(&std::fs::read_to_string(shipped(case)).unwrap());
+    let sooner = text.replace("100.0", "40.0").replace("50.0", "20.0").replace("50 ml", "20 ml");
+    let file = PathBuf::from(folder.write("sooner.toml", &sooner));
+    let [good, bad] = sessions_of(&file, case, [("watches", "36s"), ("looks-on", "54s")]);
     for report in [&good, &bad] {
-        assert!(warned(report, "50 ml of glycine are missing") == 1);
+        assert!(warned(report, "20 ml of glycine are missing") == 1);
         assert_nothing_else_is_asked(report);
     }
     assert_eq!((goal(&good, 0), ended_by(&good)), ("reached", Some("goals")));
@@ -150,12 +167,16 @@ fn medium_is_lost_into_the_vessels_and_who_shuts_the_inflow_is_told_from_who_loo
     assert!(metric(&bad, "deficit").0 > metric(&good, "deficit").0 + 20.0);
 }
 
+/// A shipped case's text, for a file that lies elsewhere.
+fn with_whole_paths(text: &str) -> String {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes");
+    text.replace("../scenes", &scenes.display().to_string())
+}
+
 /// The navigation case, over four seconds after the hand has moved.
 fn short_case(folder: &Folder) -> String {
-    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
-    let text = std::fs::read_to_string(assets.join("cases/navigation.toml")).unwrap();
-    let scene = assets.join("scenes/default.toml").display().to_string();
-    folder.write("short.toml", &text.replace("time_s = 240.0", "time_s = 4.0").replace("../scenes/default.toml", &scene))
+    let text = with_whole_paths(&std::fs::read_to_string(shipped("navigation")).unwrap());
+    folder.write("short.toml", &text.replace("time_s = 240.0", "time_s = 4.0"))
 }
 
 /// In real time, where the console judges. `--for` is what ends it if its session does not.
