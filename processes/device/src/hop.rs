@@ -39,6 +39,8 @@ struct Hop<'a> {
     params: LastHopParams,
     state: LastHopState,
     energy: EnergyState,
+    /// The share of a force that was applied in the tick before.
+    share: f32,
     lies: Lies,
     again: Option<Again>,
     gives: fn([f32; 3]) -> [f32; 3],
@@ -69,7 +71,7 @@ fn run_as(life: &Life, order: fn(u32, u64) -> (u32, u64), gives: fn([f32; 3]) ->
     let (params, state) = (LastHopParams::default(), LastHopState::default());
     let again = life.is_replay().then(Again::default);
     let energy = EnergyState::default();
-    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, energy, lies, again, gives };
+    let mut hop = Hop { life, inbox, hardware, models, replicas, params, state, energy, share: 1.0, lies, again, gives };
     realtime::go(life)?;
     hop.resume();
     hop.run()
@@ -138,7 +140,6 @@ impl Hop<'_> {
     fn resume(&mut self) {
         let felt = self.hardware.page().cell(hardware::SAMPLE).map_or([0.0; 3], |(_, sample)| sample.force_n);
         self.state = if felt == [0.0; 3] { LastHopState::default() } else { LastHopState::resumed(felt) };
-        self.energy = EnergyState::default();
         self.life.page.set_state(ProcessState::Live);
     }
 
@@ -166,13 +167,16 @@ impl Hop<'_> {
         Ok(())
     }
 
-    /// Books what the force of the tick before has done to the hand, and says what share of a force may be applied. Of ticks at which this device was not let
-    /// run it does not know what the motors made of it.
+    /// Books what the force of the tick before has done to the hand, and says what share of a force may be applied. A device that was not let run knows what the
+    /// motors made of it for as long as the hardware holds a force.
     fn book(&mut self, sample: &HardwareSample, silent_ticks: u32) -> f32 {
-        let applied_n = if silent_ticks == 0 { self.state.applied_n } else { [f32::NAN; 3] };
+        let is_held = silent_ticks < HardwareParams::default().watchdog_ticks;
+        let applied_n = if is_held { self.state.applied_n } else { [f32::NAN; 3] };
         let dt_s = TICK_S * (silent_ticks as f32 + 1.0);
         let (state, share) = energy_step(&EnergyParams::default(), &self.energy, sample.pose.position_m, applied_n, dt_s);
         self.energy = state;
+        let before = std::mem::replace(&mut self.share, share);
+        self.replicas.withhold(share.min(before) < 1.0);
         if share < 1.0 {
             let page = &self.life.page;
             page.store64(layout::WITHHELD_TICKS, page.load64(layout::WITHHELD_TICKS) + 1);

@@ -64,6 +64,8 @@ pub struct Replicas {
     seats: [Option<Replica>; REPLICAS],
     selected: usize,
     last: Chosen,
+    /// Whether less than the chosen force was applied in the tick before, or is in this one.
+    withholds: bool,
 }
 
 /// Hash of an input record; the servo sends it back, so that a force for another input is never applied.
@@ -91,6 +93,11 @@ impl Replicas {
             }
             None => Some(page),
         }
+    }
+
+    /// Says whether less than the chosen force is applied: then who is nearer to what was chosen last is followed, and not who is nearer to what was applied.
+    pub fn withhold(&mut self, withholds: bool) {
+        self.withholds = withholds;
     }
 
     /// Incarnation of the replica that is followed, 0 if it is not there.
@@ -150,7 +157,8 @@ impl Replicas {
             // No time is lost in lock-step, so a newborn may be alone before it was out of its shadow: one that has the other's state counts.
             records = said.map(|record| record.filter(|record| record.flags & FORCE_ASTRAY == 0));
         }
-        if let Some(standing) = self.standing(&records, input.applied_n, params.max_slew_n_per_tick) {
+        let before_n = self.last.force_n.filter(|_| self.withholds).unwrap_or(input.applied_n);
+        if let Some(standing) = self.standing(&records, before_n, params.max_slew_n_per_tick) {
             records[standing] = None;
             life.page.add64(header::FROZEN, 1);
         }
@@ -167,7 +175,7 @@ impl Replicas {
             self.selected = index; // it has the force of this tick as the other has: nothing else changes
         }
         let forces = records.map(|record| record.map(|record| record.force_n));
-        let choice = choose(input.applied_n, forces[0], forces[1], self.selected, params.max_slew_n_per_tick);
+        let choice = choose(before_n, forces[0], forces[1], self.selected, params.max_slew_n_per_tick);
         if let Some(other) = choice.disagreement {
             self.distrust(other, life, Distrust::Differs);
         }
@@ -204,12 +212,12 @@ impl Replicas {
 
     /// Of two that differ, the one whose force is that of its tick before although the other's has changed: its output stands still.
     /// Only if the other's can be followed without a kick.
-    fn standing(&self, records: &[Option<ForceRecord>; REPLICAS], applied_n: [f32; 3], slew_n: f32) -> Option<usize> {
+    fn standing(&self, records: &[Option<ForceRecord>; REPLICAS], before_n: [f32; 3], slew_n: f32) -> Option<usize> {
         let [Some(a), Some(b)] = records else { return None };
         let bits = |record: &ForceRecord| record.force_n.map(f32::to_bits);
         let stands = |index: usize| self.seats[index].as_ref().is_some_and(|seat| seat.same);
         let near = |record: &ForceRecord| {
-            record.force_n.iter().zip(applied_n).map(|(a, b)| (a - b) * (a - b)).sum::<f32>() <= slew_n * slew_n
+            record.force_n.iter().zip(before_n).map(|(a, b)| (a - b) * (a - b)).sum::<f32>() <= slew_n * slew_n
         };
         match (bits(a) == bits(b), stands(0), stands(1)) {
             (false, true, false) if near(b) => Some(0),

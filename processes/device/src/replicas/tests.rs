@@ -157,3 +157,19 @@ fn the_one_that_is_followed_stays_until_it_is_not_valid_and_a_newborn_counts_onl
     drop(replicas);
     station.wipe();
 }
+
+#[test]
+fn while_force_is_withheld_who_goes_on_from_what_was_chosen_is_followed_and_not_who_is_near_to_the_little_that_is_applied() {
+    let (station, life, pages, mut replicas) = seated("withheld");
+    for (tick, withholds, expected_n) in [(1, false, 0.1), (4, true, 1.03)] {
+        for (later, newton) in [(0, 1.01), (1, 1.02)] {
+            assert_eq!(taken(&life, &mut replicas, &pages, tick + later, [Some((newton, 0)); 2]), Some(newton));
+        }
+        replicas.withhold(withholds);
+        let chosen = taken(&life, &mut replicas, &pages, tick + 2, [Some((0.1, 0)), Some((1.03, 0))]);
+        assert_eq!(chosen, Some(expected_n), "withheld: {withholds}");
+        replicas.withhold(false);
+    }
+    drop(replicas);
+    station.wipe();
+}
