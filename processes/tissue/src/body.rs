@@ -84,6 +84,8 @@ pub struct Body {
 pub struct Piece {
     /// Its object.
     pub object: u32,
+    /// The object that it was a part of.
+    pub of: u32,
     /// Its volume at rest, m³.
     pub volume_m3: f64,
     /// Whether anything holds it.
@@ -170,10 +172,10 @@ impl Body {
     pub fn register_parts(&mut self, is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
         let part_of_tet = component_of_each_tet(&self.rest);
         let parts = part_of_tet.iter().max().map_or(0, |last| *last as usize + 1);
-        let mut of_part = vec![Piece { object: 0, volume_m3: 0.0, is_held: false }; parts];
+        let mut of_part = vec![Piece { object: 0, of: 0, volume_m3: 0.0, is_held: false }; parts];
         for ((nodes, region), part) in self.rest.tets.iter().zip(&self.rest.regions).zip(&part_of_tet) {
             let piece = &mut of_part[*part as usize];
-            piece.object = *region;
+            (piece.object, piece.of) = (*region, *region);
             piece.volume_m3 += self.volume_m3(*nodes);
             piece.is_held |= nodes.iter().any(|node| is_held(*node));
         }
@@ -326,7 +328,7 @@ mod tests {
         body.rest.tets[1] = [9, 10, 11, 8];
         body.skin.bindings[0].tet = 1;
         let new = body.register_parts(|node| node == 0, &room());
-        assert_eq!((new.len(), new[0].object, new[0].is_held), (1, 2, false));
+        assert_eq!((new.len(), new[0].object, new[0].of, new[0].is_held), (1, 2, 0, false));
         assert!((new[0].volume_m3 - 1.0 / 3.0).abs() < 1e-6, "{new:?}");
         assert_eq!((&body.rest.regions[..], &body.origin[..]), (&[0, 2, 1][..], &[0, 1, 0][..]));
         assert_eq!(body.skin.triangles, [[0, 1, 2], [3, 4, 5]], "the second object's triangle comes first now");

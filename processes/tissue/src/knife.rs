@@ -4,8 +4,8 @@
 //! killed in the middle of a cut is followed by one that goes on with it. A stroke that has swept less than [`STEP_M`] since its last cut waits:
 //! that decides by the state alone, too.
 
-use crate::body::{Body, Room};
-use crate::world::World;
+use crate::body::{Body, Piece, Room};
+use crate::world::{Case, World};
 use glam::{Quat, Vec3};
 use hyst_messages::stream::ObjectRecord;
 use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, Pose};
@@ -52,8 +52,8 @@ pub enum Stroke {
     None,
     /// It goes on, and the mesh is what it was.
     GoesOn,
-    /// The mesh is another one: the body.
-    Cut(Box<Body>),
+    /// The mesh is another one: the body, and the objects that the cut made in it.
+    Cut(Box<Body>, Vec<Piece>),
 }
 
 /// The tissue as it is cut, kept for its buffers.
@@ -135,10 +135,8 @@ impl Knife {
             skin: self.tissue.skin.clone(),
             origin: world.body.origin.clone(),
         };
-        let mut is_held = body.fixed.clone();
-        world.case.attachments(&body).iter().for_each(|held| is_held[held.node as usize] = true);
-        body.register_parts(|node| is_held[node as usize], &world.case.room);
-        Ok(Stroke::Cut(Box::new(body)))
+        let parted = register_parts(&world.case, &mut body);
+        Ok(Stroke::Cut(Box::new(body), parted))
     }
 }
 
@@ -152,23 +150,36 @@ fn options(room: &Room) -> CutOptions {
     }
 }
 
+/// Makes objects of the parts of a body that hang together no more.
+pub fn register_parts(case: &Case, body: &mut Body) -> Vec<Piece> {
+    let mut is_held = body.fixed.clone();
+    case.attachments(body).iter().for_each(|held| is_held[held.node as usize] = true);
+    body.register_parts(|node| is_held[node as usize], &case.room)
+}
+
 /// What a cut has removed, m³: how much less pathology is held than before, whether it has come free or is burnt. What is burnt of other tissue is none of
 /// it, and what had come free before has been counted then, so cutting or burning it again counts nothing. Not below 0: the volume of a mesh that is
 /// divided anew is the same but for its rounding.
 pub fn removed_m3(before: &World, after: &World) -> f64 {
-    (held_pathology_m3(before) - held_pathology_m3(after)).max(0.0)
+    let held_m3 = |world: &World| pathology_m3(world, |_, record| !record.is_free_piece());
+    (held_m3(before) - held_m3(after)).max(0.0)
 }
 
-/// Whether something has come free by a cut: it has a number of its own then, which what leaves or is burnt away keeps.
-pub fn has_parted(before: &World, after: &World) -> bool {
-    after.body.origin.len() > before.body.origin.len()
+/// What has come free by a cut, m³: the pathology that is free after it and was held before. What came free as a whole keeps its
+/// number, and so does the greatest part of what nothing holds any more; `parted` are the objects that the cut made. What is burnt
+/// is none of it, nor is what was free before.
+pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
+    let was = |object: u32| parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of);
+    let was_free = |object: u32| before.objects.get(was(object) as usize).is_some_and(ObjectRecord::is_free_piece);
+    // The sum of nothing is -0, of which and 0 the greater has no bits that are sure; it becomes part of the state.
+    0.0 + pathology_m3(after, |object, record| record.is_free_piece() && !was_free(object))
 }
 
-fn held_pathology_m3(world: &World) -> f64 {
-    let is_held = |object: &ObjectRecord| !object.is_free_piece();
+/// Volume of the pathology whose objects are counted, m³.
+fn pathology_m3(world: &World, is_counted: impl Fn(u32, &ObjectRecord) -> bool) -> f64 {
     let is_counted: Vec<bool> = (0..)
         .zip(&world.objects)
-        .map(|(object, record)| world.case.is_pathology(&world.body, object) && is_held(record))
+        .map(|(object, record)| world.case.is_pathology(&world.body, object) && is_counted(object, record))
         .collect();
     world.body.volume_where_m3(|object| is_counted.get(object as usize).is_some_and(|is_counted| *is_counted))
 }

@@ -4,7 +4,7 @@ use super::MainLoop;
 use super::hand::Hand;
 use crate::body::Body;
 use crate::contacts::Contacts;
-use crate::knife::{Stroke, has_parted, removed_m3};
+use crate::knife::{Stroke, freed_m3, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
@@ -30,7 +30,7 @@ pub(super) struct Change {
     pub(super) is_cut: bool,
     /// What that removed, ml.
     pub(super) removed_ml: f64,
-    /// The same of a cut by which something came free, ml; else 0.
+    /// What of that came free by the cut, ml, and is not burnt.
     pub(super) freed_ml: f64,
     /// Volume of a piece that has left through the outflow, ml.
     pub(super) washed_out_ml: Option<f64>,
@@ -124,10 +124,10 @@ impl MainLoop<'_> {
         let swept = self.knife.sweep(&self.world, wire_m, message.section(STROKE)?, nodes);
         let refused = match swept {
             Ok(Stroke::None | Stroke::GoesOn) => return Ok(Change::default()),
-            Ok(Stroke::Cut(body)) => match self.workshop.make(*body) {
+            Ok(Stroke::Cut(body, parted)) => match self.workshop.make(*body) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
-                    let freed_ml = if has_parted(&self.world, &world) { removed_ml } else { 0.0 };
+                    let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
                     self.take_world(world);
                     return Ok(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() });
                 }

@@ -1,7 +1,8 @@
 //! Promise of the Main Loop about what has come free: it sinks, the flow carries it, and other tissue is in its way.
 
 use super::*;
-use crate::body::Body;
+use crate::body::{Body, Piece};
+use crate::knife::register_parts;
 use glam::Vec3;
 
 /// Steps in which a piece is carried: two and a half times what the drag takes to bring it to the medium's speed.
@@ -63,6 +64,23 @@ pub(super) fn middle_m(body: &Body, tet: usize) -> Vec3 {
     body.rest.tets[tet].iter().map(|node| Vec3::from(body.rest.positions_m[*node as usize])).sum::<Vec3>() * 0.25
 }
 
+/// Parts some tets of a body from all others: they get nodes of their own. Gives the objects that this made.
+pub(super) fn part(world: &World, body: &mut Body, tets: &[usize]) -> Vec<Piece> {
+    let mut copy = std::collections::BTreeMap::new();
+    for tet in tets {
+        for corner in 0..4 {
+            let node = body.rest.tets[*tet][corner] as usize;
+            body.rest.tets[*tet][corner] = *copy.entry(node).or_insert_with(|| {
+                let (place, fixed) = (body.rest.positions_m[node], body.fixed[node]);
+                body.rest.positions_m.push(place);
+                body.fixed.push(fixed);
+                body.fixed.len() as u32 - 1
+            });
+        }
+    }
+    register_parts(&world.case, body)
+}
+
 /// The body with the outer half of its polyp parted from the rest, that half's object, and the way from the one to the other.
 fn halved(world: &World) -> (Body, u32, Vec3) {
     parted(world, 0.0)
@@ -78,22 +96,7 @@ pub(super) fn parted(world: &World, beyond_m: f32) -> (Body, u32, Vec3) {
         / world.attachments.len() as f32;
     let (centre, out) = (middle(&polyp), (middle(&polyp) - root).normalize());
     let outer: Vec<usize> = polyp.iter().copied().filter(|tet| (middle_m(&body, *tet) - centre).dot(out) > beyond_m).collect();
-    let mut copy = std::collections::BTreeMap::new();
-    for tet in &outer {
-        for corner in 0..4 {
-            let node = body.rest.tets[*tet][corner] as usize;
-            body.rest.tets[*tet][corner] = *copy.entry(node).or_insert_with(|| {
-                let (place, fixed) = (body.rest.positions_m[node], body.fixed[node]);
-                body.rest.positions_m.push(place);
-                body.fixed.push(fixed);
-                body.fixed.len() as u32 - 1
-            });
-        }
-    }
-    let is_held = |node: u32| {
-        world.body.fixed.get(node as usize).copied().unwrap_or(false) || world.attachments.iter().any(|held| held.node == node)
-    };
-    let pieces = body.register_parts(is_held, &world.case.room);
+    let pieces = part(world, &mut body, &outer);
     assert_eq!(pieces.len(), 1, "{pieces:?}");
     assert!(!pieces[0].is_held && pieces[0].volume_m3 > 1e-9, "{pieces:?}");
     (body, pieces[0].object, out)

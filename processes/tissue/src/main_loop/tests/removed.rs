@@ -1,14 +1,16 @@
 //! Promise of the Main Loop about what is removed: pathology that nothing holds any more, whether it is burnt or has come free, and that once. Of the wall
-//! nothing is.
+//! nothing is. A piece is what of it comes free, also as a whole, and nothing that is burnt.
 
-use super::pieces::parted;
+use super::pieces::{middle_m, part, parted};
 use super::*;
-use crate::body::Body;
-use crate::knife::{has_parted, removed_m3};
+use crate::body::{Body, Piece};
+use crate::knife::{freed_m3, register_parts, removed_m3};
 
 /// How far the ring goes through the wall, m, and how deep in it its end begins.
 const THROUGH_M: f32 = 6e-3;
 const DEEP_M: f32 = 1e-3;
+/// Half of a chip of the wall, m.
+const CHIP_M: f32 = 4e-3;
 
 /// The body with some of its tets alone: the rest is burnt. Nobody asks it for its surface.
 fn only(body: &Body, is_kept: impl Fn(usize) -> bool) -> Body {
@@ -16,6 +18,27 @@ fn only(body: &Body, is_kept: impl Fn(usize) -> bool) -> Body {
     left.rest.tets = tets.clone().filter(|tet| is_kept(*tet)).map(|tet| body.rest.tets[tet]).collect();
     left.rest.regions = tets.filter(|tet| is_kept(*tet)).map(|tet| body.rest.regions[tet]).collect();
     left
+}
+
+/// The body of which some tets are burnt, with its surface, and the objects that this made.
+fn burnt(world: &World, is_burnt: impl Fn(usize) -> bool) -> (Body, Vec<Piece>) {
+    const ASH: u32 = u32::MAX;
+    let mut marked = world.body.clone();
+    (0..).zip(&mut marked.rest.regions).filter(|(tet, _)| is_burnt(*tet)).for_each(|(_, region)| *region = ASH);
+    let mut left = marked.without(ASH);
+    let parted = register_parts(&world.case, &mut left);
+    (left, parted)
+}
+
+/// The object that is the polyp.
+fn polyp_of(world: &World) -> u32 {
+    let is_polyp = |object: &u32| world.case.is_pathology(&world.body, *object);
+    world.body.rest.regions.iter().copied().find(is_polyp).unwrap()
+}
+
+/// Whether a volume is another one, which is not nothing, but for rounding.
+fn is_near(found_m3: f64, exact_m3: f64) -> bool {
+    exact_m3 > 1e-10 && (found_m3 - exact_m3).abs() < 1e-6 * exact_m3
 }
 
 #[test]
@@ -27,9 +50,8 @@ fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_co
     let world = Arc::clone(&main.world);
     let body = &world.body;
     let is_polyp = |tet: usize| world.case.is_pathology(body, body.rest.regions[tet]);
-    let polyp = (0..body.rest.tets.len()).find(|tet| is_polyp(*tet)).map(|tet| body.rest.regions[tet]).unwrap();
+    let polyp = polyp_of(&world);
     let mut made = |body: Body| main.workshop.make(body).unwrap();
-    let is_near = |found_m3: f64, exact_m3: f64| exact_m3 > 1e-10 && (found_m3 - exact_m3).abs() < 1e-6 * exact_m3;
 
     let mut after = made(body.clone());
     after.body = only(body, |tet| is_polyp(tet) || tet % 3 > 0);
@@ -42,13 +64,92 @@ fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_co
     let (halved, piece, _) = parted(&world, 0.0);
     let freed = made(halved);
     let free_m3 = freed.body.volume_of_m3(piece);
-    assert!(has_parted(&world, &freed) && !has_parted(&world, &after), "what is burnt is no piece");
+    let chip = [Piece { object: piece, of: polyp, volume_m3: free_m3, is_held: false }];
+    assert!(is_near(freed_m3(&world, &freed, &chip), free_m3), "{} of {free_m3} m³", freed_m3(&world, &freed, &chip));
+    assert_eq!(freed_m3(&world, &after, &[]), 0.0, "what is burnt is no piece");
     assert!(is_near(removed_m3(&world, &freed), free_m3), "{} of {free_m3} m³", removed_m3(&world, &freed));
     let gone = made(freed.body.without(piece));
     assert_eq!(removed_m3(&freed, &gone), 0.0, "it has been counted when it came free");
-    assert!(!has_parted(&freed, &gone), "nor is one that leaves another one");
+    assert_eq!(freed_m3(&freed, &gone, &[]), 0.0, "nor is one that leaves another one");
     assert!(is_near(removed_m3(&world, &gone), free_m3));
     assert!(!world.case.is_loose_in_scene(polyp) && !world.case.is_loose_in_scene(piece), "nor is it when it leaves");
+}
+
+#[test]
+fn a_polyp_that_comes_free_as_a_whole_keeps_its_number_and_is_a_piece_once() {
+    let (station, _pages) = founded("whole", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let world = Arc::clone(&main.world);
+    let (body, polyp) = (&world.body, polyp_of(&world));
+    let volume_m3 = body.volume_of_m3(polyp);
+    let has = |tet: usize, nodes: &[u32]| body.rest.tets[tet].iter().any(|node| nodes.contains(node));
+    let mut made = |body: Body| main.workshop.make(body).unwrap();
+
+    // What held it is burnt: its own tets at the roots.
+    let roots: Vec<u32> = world.attachments.iter().map(|held| held.node).collect();
+    let (left, parted) = burnt(&world, |tet| has(tet, &roots));
+    let left_m3 = left.volume_where_m3(|object| world.case.is_pathology(&left, object));
+    let free = made(left);
+    assert!(free.objects[polyp as usize].is_free_piece() && free.body.volume_of_m3(polyp) > 0.0, "it keeps its number");
+    let freed = freed_m3(&world, &free, &parted);
+    assert!(is_near(freed, left_m3) && left_m3 < volume_m3, "{freed} of {left_m3} m³");
+    assert!(is_near(removed_m3(&world, &free), volume_m3), "{} of {volume_m3} m³", removed_m3(&world, &free));
+
+    // Or the wall that they are in.
+    let hosts: Vec<u32> = world.attachments.iter().flat_map(|held| held.tet).collect();
+    let (left, parted) = burnt(&world, |tet| body.rest.regions[tet] != polyp && has(tet, &hosts));
+    let free = made(left);
+    assert!(free.objects[polyp as usize].is_free_piece(), "nothing holds it");
+    assert!(is_near(freed_m3(&world, &free, &parted), volume_m3), "{} of {volume_m3} m³", freed_m3(&world, &free, &parted));
+    assert!(is_near(removed_m3(&world, &free), volume_m3));
+
+    // What is cut of it then was free before.
+    let mut body = free.body.clone();
+    let of_polyp: Vec<usize> = (0..body.rest.tets.len()).filter(|tet| body.rest.regions[*tet] == polyp).collect();
+    let parted = part(&free, &mut body, &of_polyp[..of_polyp.len() / 2]);
+    let again = made(body);
+    assert!(!parted.is_empty() && parted.iter().all(|piece| piece.of == polyp), "{parted:?}");
+    assert_eq!([freed_m3(&free, &again, &parted), removed_m3(&free, &again)], [0.0; 2], "it has been counted");
+}
+
+#[test]
+fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() {
+    let (station, _pages) = founded("kerf", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let world = Arc::clone(&main.world);
+    let (body, polyp, tets) = (&world.body, polyp_of(&world), 0..world.body.rest.tets.len());
+    let is_burnt = |tet: usize, of: &Body| of.rest.regions[tet] == polyp && tet.is_multiple_of(3);
+    let mut made = |body: Body| main.workshop.make(body).unwrap();
+
+    // A chip of the wall, where nothing is held.
+    let hosts: Vec<u32> = world.attachments.iter().flat_map(|held| held.tet).collect();
+    let is_loose = |node: &u32| !body.fixed[*node as usize] && !hosts.contains(node);
+    let is_wall = |tet: &usize| body.rest.regions[*tet] != polyp && body.rest.tets[*tet].iter().all(is_loose);
+    let wall: Vec<usize> = tets.filter(is_wall).collect();
+    let at = wall.iter().map(|tet| middle_m(body, *tet)).min_by(|one, other| one.x.total_cmp(&other.x)).unwrap();
+    let chip: Vec<usize> = wall.into_iter().filter(|tet| middle_m(body, *tet).distance(at) < CHIP_M).collect();
+    let mut chipped = body.clone();
+    let parts = part(&world, &mut chipped, &chip);
+    assert!(parts.iter().all(|piece| piece.of != polyp), "{parts:?}");
+    let mut after = made(chipped.clone());
+    assert!(parts.iter().any(|piece| after.objects[piece.object as usize].is_free_piece()), "{parts:?}");
+    after.body = only(&chipped, |tet| !is_burnt(tet, &chipped));
+    let burnt_m3 = body.volume_of_m3(polyp) - after.body.volume_of_m3(polyp);
+    assert!(is_near(removed_m3(&world, &after), burnt_m3), "{} of {burnt_m3} m³", removed_m3(&world, &after));
+    assert_eq!(freed_m3(&world, &after, &parts), 0.0, "a chip of the wall is no piece of the polyp, nor is what is burnt");
+
+    // A part of the polyp, and some of what stays is burnt.
+    let (halved, piece, _) = parted(&world, 0.0);
+    let free_m3 = halved.volume_of_m3(piece);
+    let parts = [Piece { object: piece, of: polyp, volume_m3: free_m3, is_held: false }];
+    let mut after = made(halved.clone());
+    after.body = only(&halved, |tet| !is_burnt(tet, &halved));
+    let (removed, freed) = (removed_m3(&world, &after), freed_m3(&world, &after, &parts));
+    assert!(is_near(freed, free_m3) && removed > 1.01 * free_m3, "{freed} of {free_m3} m³, {removed} m³ removed");
 }
 
 /// A piece is told of by its state, so who looks less often, or takes over, knows of the same.
