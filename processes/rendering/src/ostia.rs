@@ -9,13 +9,15 @@ const LEAST_ASIDE_M: f32 = 0.004;
 
 /// The mouths of an organ's tubes, rest positions in m with the radius as fourth number, left and right; none, with zero as radius, where the surface has no
 /// cavity that is open to both sides. `rest_m` are places in the frame of the scene (+z towards the fundus, +x to the patient's left), triangles counter-clockwise
-/// seen from outside the tissue; a triangle with a vertex that is not there is left out.
-pub fn ostia(rest_m: &[[f32; 3]], triangles: &[[u32; 3]]) -> [[f32; 4]; 2] {
+/// seen from outside the tissue; a triangle with a vertex that is not there is left out. So is one with a vertex on a wound, for
+/// which `raw` has another number than 0: the ground of a wound may lie deeper than the horn, and is none.
+pub fn ostia(rest_m: &[[f32; 3]], raw: &[u32], triangles: &[[u32; 3]]) -> [[f32; 4]; 2] {
+    let is_wound = |vertex: usize| raw.get(vertex).is_some_and(|raw| *raw != 0);
+    let place = |vertex: u32| rest_m.get(vertex as usize).filter(|_| !is_wound(vertex as usize)).map(|at| Vec3::from(*at));
+    // A vertex on a wound keeps a normal of zero, and looks nowhere.
     let mut normals = vec![Vec3::ZERO; rest_m.len()];
     for corners in triangles {
-        let [Some(a), Some(b), Some(c)] = corners.map(|corner| rest_m.get(corner as usize).map(|at| Vec3::from(*at))) else {
-            continue;
-        };
+        let [Some(a), Some(b), Some(c)] = corners.map(place) else { continue };
         let normal = (b - a).cross(c - a);
         for corner in corners {
             normals[*corner as usize] += normal;
@@ -57,25 +59,54 @@ mod tests {
         ((0..8).map(corner).collect(), triangles)
     }
 
+    /// One surface more.
+    fn add(surface: &mut (Vec<[f32; 3]>, Vec<[u32; 3]>), (more_m, more): (Vec<[f32; 3]>, Vec<[u32; 3]>)) {
+        let first = surface.0.len() as u32;
+        surface.0.extend(more_m);
+        surface.1.extend(more.iter().map(|corners| corners.map(|corner| corner + first)));
+    }
+
+    /// A box with a flat cavity.
+    fn organ() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let mut organ = cuboid([0.0, 0.0, 0.03], [0.024, 0.018, 0.035], false);
+        add(&mut organ, cuboid([0.0, 0.0, 0.03], [0.013, 0.004, 0.015], true));
+        organ
+    }
+
     #[test]
     fn the_mouths_are_the_ends_of_the_cavity_and_not_of_the_organ() {
-        let (mut rest_m, mut triangles) = cuboid([0.0, 0.0, 0.03], [0.024, 0.018, 0.035], false);
-        let (inside_m, inside) = cuboid([0.0, 0.0, 0.03], [0.013, 0.004, 0.015], true);
-        triangles.extend(inside.iter().map(|corners| corners.map(|corner| corner + rest_m.len() as u32)));
-        rest_m.extend(inside_m);
-        let [left, right] = ostia(&rest_m, &triangles);
+        let (rest_m, triangles) = organ();
+        let [left, right] = ostia(&rest_m, &[], &triangles);
         assert!((left[0] - 0.013).abs() < 1e-6 && (right[0] + 0.013).abs() < 1e-6, "{left:?} {right:?}");
         assert_eq!([left[3], right[3]], [MOUTH_RADIUS_M; 2]);
         assert!(left[2] > 0.04, "above: {left:?}");
     }
 
     #[test]
+    fn a_wound_that_is_deeper_than_the_horn_moves_no_mouth() {
+        let (rest_m, triangles) = organ();
+        let whole = ostia(&rest_m, &[], &triangles);
+        let mut cut = organ();
+        let lining = cut.0.len();
+        add(&mut cut, cuboid([0.016, 0.0, 0.038], [0.004, 0.001, 0.007], true));
+        let raw: Vec<u32> = (0..cut.0.len()).map(|vertex| u32::from(vertex >= lining)).collect();
+        let [deep, _] = ostia(&cut.0, &[], &cut.1);
+        assert!((deep[0] - 0.02).abs() < 1e-6, "the ground of the wound is farther out than the horn: {deep:?}");
+        assert_eq!(ostia(&cut.0, &raw, &cut.1), whole);
+        // At the rim of the wound a triangle turns no vertex of the lining.
+        let (rest_m, raw) = ([&cut.0[..], &[[f32::NAN; 3]]].concat(), [&raw[..], &[1]].concat());
+        let rim = (0..lining as u32).map(|vertex| [vertex, (vertex + 1) % lining as u32, rest_m.len() as u32 - 1]);
+        let triangles: Vec<[u32; 3]> = cut.1.iter().copied().chain(rim).collect();
+        assert_eq!(ostia(&rest_m, &raw, &triangles), whole);
+    }
+
+    #[test]
     fn what_has_no_cavity_and_what_is_narrow_or_broken_has_none() {
         let (rest_m, triangles) = cuboid([0.0, 0.0, 0.03], [0.02; 3], false);
-        assert_eq!(ostia(&rest_m, &triangles), [[0.0; 4]; 2], "a block");
+        assert_eq!(ostia(&rest_m, &[], &triangles), [[0.0; 4]; 2], "a block");
         let (rest_m, triangles) = cuboid([0.0, 0.0, 0.03], [0.003; 3], true);
-        assert_eq!(ostia(&rest_m, &triangles), [[0.0; 4]; 2], "a canal");
-        assert_eq!(ostia(&[[0.0; 3]; 3], &[[0, 1, 9]]), [[0.0; 4]; 2]);
-        assert_eq!(ostia(&[[f32::NAN; 3]; 3], &[[0, 1, 2]]), [[0.0; 4]; 2]);
+        assert_eq!(ostia(&rest_m, &[], &triangles), [[0.0; 4]; 2], "a canal");
+        assert_eq!(ostia(&[[0.0; 3]; 3], &[], &[[0, 1, 9]]), [[0.0; 4]; 2]);
+        assert_eq!(ostia(&[[f32::NAN; 3]; 3], &[], &[[0, 1, 2]]), [[0.0; 4]; 2]);
     }
 }

@@ -7,6 +7,7 @@ use crate::looks;
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_messages::{Kind, Message, WireError};
 use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, ostia};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// That of the bubbles.
@@ -87,6 +88,8 @@ pub struct Scenery {
     topology: Option<(u32, u32)>,
     surfaces: Vec<(u64, Range<usize>)>,
     tools: Vec<u64>,
+    /// Where the mouths of an organ were when it was first put on the stage: no cut moves them.
+    mouths: BTreeMap<u64, [[f32; 4]; 2]>,
     vertices: usize,
 }
 
@@ -124,7 +127,7 @@ impl Scenery {
     /// A stage with the tool alone.
     pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
         let (instrument, surfaces, tools) = (Instrument::new(stage)?, Vec::new(), Vec::new());
-        Ok(Scenery { instrument, topology: None, surfaces, tools, vertices: 0 })
+        Ok(Scenery { instrument, topology: None, surfaces, tools, mouths: BTreeMap::new(), vertices: 0 })
     }
 
     /// Whether the objects on the stage are those of this version, from this or any other writer.
@@ -148,7 +151,8 @@ impl Scenery {
             let mesh = SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance: usual(part.kind) };
             stage.set_object(part.id, mesh)?;
             if part.kind == ORGAN {
-                stage.set_mouths(part.id, ostia(rest_m, &part.triangles))?;
+                let mouths = self.mouths.entry(part.id).or_insert_with(|| ostia(rest_m, raw, &part.triangles));
+                stage.set_mouths(part.id, *mouths)?;
             }
         }
         let gone: Vec<u64> = stage.ids().filter(|id| *id < TOOL && !parts.iter().any(|part| part.id == *id)).collect();
