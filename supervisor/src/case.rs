@@ -5,7 +5,7 @@ use crate::cli::RunArgs;
 use crate::settings::Refusal;
 use hyst_assessment::judge_until;
 use hyst_exchange::Station;
-use hyst_scene::{Brief, Case, SettledCase, find_case};
+use hyst_scene::{Brief, Case, SettledCase, find_case, find_played_case};
 use std::path::{Path, PathBuf};
 
 /// A case as a recording has it.
@@ -37,15 +37,17 @@ impl RunCase {
         let seed = seed(&args.station.set)?;
         let input = |error: hyst_scene::SceneError| Refusal::input(error.to_string());
         let beside = std::env::temp_dir().join(format!("hystation-{}-{}-case.toml", station.name(), std::process::id()));
+        // In a replay the case was played, whoever names its file now.
+        let find = if args.again.is_some() { find_played_case } else { find_case };
         let recorded = args.again.as_ref().and_then(|again| again.case.as_ref()).filter(|_| args.scene.is_none());
         let (file, settled) = match (recorded, &args.scene) {
             (Some(recorded), _) => {
                 write(&beside, &recorded.text)?;
-                let settled = find_case(&beside, seed);
+                let settled = find(&beside, seed);
                 let _ = std::fs::remove_file(&beside); // written again below
                 (recorded.file.clone(), settled.map_err(input)?)
             }
-            (None, Some(path)) => (std::path::absolute(path).ok(), find_case(path, seed).map_err(input)?),
+            (None, Some(path)) => (std::path::absolute(path).ok(), find(path, seed).map_err(input)?),
             (None, None) => (None, None),
         };
         let Some(settled) = settled else {
@@ -98,4 +100,60 @@ fn write(path: &Path, text: &str) -> Result<(), Refusal> {
 fn seed(set: &[String]) -> Result<Option<u32>, Refusal> {
     let Some(given) = set.iter().rev().find_map(|pair| pair.strip_prefix("seed=")) else { return Ok(None) };
     given.parse().map(Some).map_err(|_| Refusal::input(format!("--set seed={given}: expected a whole number, 0 to {}", u32::MAX)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::Again;
+    use hyst_engine::settings::Replay;
+
+    /// A resection in glycine with the current that a case has where it names none, and a place 72° off the scope's axis at rest: both were accepted once.
+    const PLAYED: &str = r#"version = 1
+name = "older"
+rung = "polyp"
+task = "Do it."
+scene = "SCENE"
+seed = 7
+[rules]
+medium = "glycine"
+[[place]]
+name = "beside"
+centre_m = [0.0285, 0.0, 0.0093]
+radius_m = 0.005
+[[goal]]
+removed = { percent = 50.0 }
+[[goal]]
+visit = { places = ["beside"] }
+[end]
+time_s = 60.0
+"#;
+
+    #[test]
+    fn a_recorded_case_is_played_again_by_rules_that_refuse_it_of_who_names_it_anew() {
+        let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/scenes/default.toml");
+        let text = PLAYED.replace("SCENE", &scene.display().to_string());
+        let file = std::env::temp_dir().join(format!("hystation-played-{}.toml", std::process::id()));
+        std::fs::write(&file, &text).unwrap();
+        let station = Station::named(&format!("played{}", std::process::id())).unwrap();
+        let again = |case: Option<RecordedCase>| Again {
+            replay: Replay { begin_tick: 0, from_tick: 0, speed: 1.0 },
+            scene_hash: 0,
+            case,
+            states: Vec::new(),
+            end_tick: 1,
+        };
+        let named = RunArgs { scene: Some(file.clone()), ..RunArgs::default() };
+        let recorded = again(Some(RecordedCase { text, file: None, before: None }));
+        let found = [
+            RunArgs { again: Some(recorded), ..RunArgs::default() },
+            RunArgs { again: Some(again(None)), ..named.clone() },
+            named,
+        ]
+        .map(|args| RunCase::of(&station, &args).map(|case| case.map(|case| case.settled.brief.goals.len())));
+        std::fs::remove_file(&file).unwrap();
+        let [recorded, named_again, anew] = found;
+        assert_eq!([recorded, named_again], [Ok(Some(2)), Ok(Some(2))]);
+        assert!(anew.is_err_and(|refusal| refusal.code == 2 && refusal.message.contains("place[0].centre_m")));
+    }
 }

@@ -2,7 +2,7 @@
 
 use crate::case::with_scene;
 use hyst_recording::{SceneFile, Session, scene_files};
-use hyst_scene::{LoadedScene, SourceFile, find_case};
+use hyst_scene::{LoadedScene, SourceFile, find_played_case};
 use std::fs::DirBuilder;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ pub fn anatomy(recording: &Path, session: &Session) -> Option<LoadedScene> {
         let Some(text) = session.get("case_text") else { return hyst_scene::load(laid.path()).ok() };
         let case = folder.join("case.toml");
         std::fs::write(&case, with_scene(text, laid.path())?).ok()?;
-        Some(find_case(&case, None).ok()??.scene)
+        Some(find_played_case(&case, None).ok()??.scene)
     };
     let is_that = |scene: &LoadedScene| scene.hash == hash;
     recorded().filter(is_that).or_else(|| hyst_scene::load_embedded().ok().filter(is_that))

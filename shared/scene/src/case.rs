@@ -2,6 +2,7 @@
 //!
 //! [`find_case`] reads the case at a path and draws its scene. What comes of it is settled: a text that names its seed and its scene whole, from which every
 //! engine, its successors and a replay draw the same anatomy to the bit, and a [`Brief`], by which a session is judged without file or mesh.
+//! [`find_played_case`] reads one that was played: whether its goals are within reach is not asked again.
 //!
 //! Promise: no file makes anything here panic; an error says file, line, key, reason and cure; goals that cannot be reached together with the rest of the
 //! case are refused. The ladder of exercises is that of courses in hysteroscopy (Bajka et al. 2010), as shared as the station's meshes allow.
@@ -33,6 +34,16 @@ const CASE: Format = Format { name: "case", schema: "assets/schema/case.schema.j
 /// Keys that no scene has at its top: a file with one of them is a case.
 const KEYS: [&str; 7] = ["scene", "rung", "task", "goal", "end", "vary", "score"];
 
+/// Whether a case was played: then it is not asked any more whether the scope comes to its places and its current works in its medium. What was played once can
+/// be played again, whatever rules have come since.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Past {
+    /// It is about to be played for the first time, for all that is known.
+    New,
+    /// It was settled before: by who started the station, or whose recording it is.
+    Played,
+}
+
 /// A case with one anatomy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SettledCase {
@@ -61,9 +72,22 @@ impl Case {
 /// # Errors
 /// A [`SceneError`] about the case, its scene or a mesh.
 pub fn find_case(path: &Path, seed: Option<u32>) -> Result<Option<SettledCase>, SceneError> {
+    find(path, seed, Past::New)
+}
+
+/// The same of a case that was played, as a recording has it: one that a later build would refuse, because its scope does not come to a place or its current
+/// does not work in its medium, is settled all the same.
+///
+/// # Errors
+/// Those of [`find_case`], but for these.
+pub fn find_played_case(path: &Path, seed: Option<u32>) -> Result<Option<SettledCase>, SceneError> {
+    find(path, seed, Past::Played)
+}
+
+fn find(path: &Path, seed: Option<u32>, past: Past) -> Result<Option<SettledCase>, SceneError> {
     match read_file(path)? {
         Found::Scene(_) => Ok(None),
-        Found::Case(text) => settle(&text, path, seed).map(Some),
+        Found::Case(text) => settle(&text, path, seed, past).map(Some),
     }
 }
 
@@ -80,10 +104,10 @@ pub(crate) fn is_case(text: &str) -> bool {
 }
 
 /// Draws the anatomy of a case whose text lies at a path.
-pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>) -> Result<SettledCase, SceneError> {
+pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>, past: Past) -> Result<SettledCase, SceneError> {
     let origin = path.display().to_string();
     let located = |error: SceneError| error.located(&origin, text);
-    let (mut case, mut read) = read_case(text, path)?;
+    let (mut case, mut read) = read_case(text, path, past)?;
     case.seed = seed.unwrap_or(case.seed);
     let whole = std::path::absolute(path.parent().unwrap_or(Path::new("")).join(&case.scene));
     let whole = whole.ok().and_then(|whole| whole.into_os_string().into_string().ok());
@@ -96,6 +120,9 @@ pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>) -> Result<Settl
     validate(&read.scene).map_err(|error| located(SceneError { key: "vary".into(), ..error }))?;
     let mut scene = read.load(&seats)?;
     scene.drawn.extend(drawn);
+    if past == Past::New {
+        fits::playable_as_drawn(&case, &scene).map_err(located)?;
+    }
     let brief = brief::brief(&case, &scene).map_err(located)?;
     let text = toml::to_string(&case).map_err(|error| {
         located(SceneError::new(Kind::Syntax, "", format!("cannot be written again: {error}"), "write it simpler"))
@@ -104,7 +131,7 @@ pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>) -> Result<Settl
 }
 
 /// A case and its scene, which fit each other; nothing is drawn, and no mesh is read.
-pub(crate) fn read_case(text: &str, path: &Path) -> Result<(Case, ReadScene), SceneError> {
+pub(crate) fn read_case(text: &str, path: &Path, past: Past) -> Result<(Case, ReadScene), SceneError> {
     let origin = path.display().to_string();
     let case = Case::parse(text, &origin)?;
     let located = |error: SceneError| error.located(&origin, text);
@@ -119,6 +146,9 @@ pub(crate) fn read_case(text: &str, path: &Path) -> Result<(Case, ReadScene), Sc
         Err(error) => return Err(error),
     };
     fits::together(&case, &read.scene).map_err(located)?;
+    if past == Past::New {
+        fits::playable(&case, &read.scene).map_err(located)?;
+    }
     Ok((case, read))
 }
 

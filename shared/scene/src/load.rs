@@ -1,6 +1,6 @@
 //! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
 
-use crate::case::Seat;
+use crate::case::{Past, Seat};
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::Scene;
 use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
@@ -22,14 +22,15 @@ use std::path::Path;
 /// An object in its place: its tets, and its own surface with the name to speak of it by.
 pub(crate) type Placed = (TetMesh, Option<(TriangleMesh, String)>);
 
-/// Reads a scene, or wraps a mesh in one, or draws the scene of a case, and makes it ready to run.
+/// Reads a scene, or wraps a mesh in one, or draws the scene of a case, and makes it ready to run. Whether a case's goals are within reach is asked by who
+/// settles it ([`crate::find_case`]), and by nobody who goes on with it.
 ///
 /// # Errors
 /// A [`SceneError`] whose text says which file, which line and key, what is wrong and what to do.
 pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     match read_file(path)? {
         Found::Scene(read) => read.load(&[]),
-        Found::Case(text) => Ok(case::settle(&text, path, None)?.scene),
+        Found::Case(text) => Ok(case::settle(&text, path, None, Past::Played)?.scene),
     }
 }
 

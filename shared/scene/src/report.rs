@@ -1,6 +1,6 @@
 //! What `hystation check` says of a scene or a mesh: what was found, and what will be done about it. Nothing is started.
 
-use crate::case::{self, Brief};
+use crate::case::{self, Brief, Past};
 use crate::embedded;
 use crate::error::SceneError;
 use crate::file::Scene;
@@ -113,7 +113,7 @@ fn find(path: Option<&Path>, report: &mut CheckReport) -> Result<(), SceneError>
         None => embedded()?,
         Some(Found::Scene(read)) => *read,
         Some(Found::Case(text)) => {
-            let (found, read) = case::read_case(&text, path.unwrap_or(Path::new("")))?;
+            let (found, read) = case::read_case(&text, path.unwrap_or(Path::new("")), Past::New)?;
             case = Some(found);
             read
         }

@@ -3,7 +3,7 @@
 //! Promise: no name leads out of the folder that files are unpacked into, and one that would not be found there is refused when it is gathered: a whole path, and
 //! one that leads down and up again, or up too far.
 
-use crate::case::read_case;
+use crate::case::{Past, read_case};
 use crate::embedded;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::Scene;
@@ -39,7 +39,7 @@ pub fn sources(path: Option<&Path>) -> Result<Vec<SourceFile>, SceneError> {
         }
         Some(path) => match read_file(path)? {
             Found::Scene(read) => *read,
-            Found::Case(text) => read_case(&text, path)?.1,
+            Found::Case(text) => read_case(&text, path, Past::Played)?.1,
         },
     };
     let own = Path::new(&read.origin).file_name().and_then(|name| name.to_str()).unwrap_or_default().to_owned();

@@ -1,7 +1,7 @@
 //! Each fault of a case gives one error that says where, what and what to do; goals that the rest of the case rules out are faults.
 #![allow(missing_docs)]
 
-use hyst_scene::{Case, Cause, SceneError, SceneErrorKind as Kind, SettledCase, find_case};
+use hyst_scene::{Case, Cause, SceneError, SceneErrorKind as Kind, SettledCase, find_case, find_played_case, load, sources};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use std::path::{Path, PathBuf};
@@ -234,6 +234,24 @@ fn places_that_can_just_be_reached_or_seen_are_good() {
         assert!(GOOD.contains(old), "{old}");
         find("just", &good().replacen(old, new, 1)).unwrap_or_else(|error| panic!("{new}: {error}"));
     }
+}
+
+/// What was recorded before a rule came is shown after it, too: by who settles it again, by engines, and by who copies its scene.
+#[test]
+fn a_case_that_was_played_is_not_asked_again_whether_it_can_be() {
+    let path = std::env::temp_dir().join(format!("hyst-{}-played.toml", std::process::id()));
+    let far = ("[0.0, 0.0, 0.03]", "[0.0285, 0.0, 0.0093]");
+    for (old, new) in [("medium = \"saline\"", "medium = \"glycine\""), far, (VISITED, BESIDE)] {
+        std::fs::write(&path, good().replacen(old, new, 1)).unwrap();
+        assert_eq!(find_case(&path, None).map(|_| ()).unwrap_err().kind, Kind::Contradiction, "{new}");
+        let played = find_played_case(&path, None).unwrap_or_else(|error| panic!("{new}: {error}")).unwrap();
+        assert_eq!(load(&path).unwrap_or_else(|error| panic!("{new}: {error}")).hash, played.scene.hash, "{new}");
+        assert!(sources(Some(&path)).is_ok_and(|files| !files.is_empty()), "{new}");
+    }
+    std::fs::write(&path, good().replacen("object = \"polyp\"", "object = \"liver\"", 1)).unwrap();
+    let error = find_played_case(&path, None).map(|_| ()).unwrap_err();
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!((error.kind, error.key.as_str()), (Kind::Name, "vary[0].object"), "{error}");
 }
 
 #[test]

@@ -2,7 +2,6 @@
 //! a session needs neither the file nor a mesh.
 
 use super::file::{Alarm, Case, End, Energy, Goal, Rung, Score, Stop, Survey, Warning};
-use super::reach::reachable;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{DeformableKind, View};
 use crate::fluid::Medium;
@@ -200,7 +199,6 @@ fn mmhg(pa: f64) -> f64 {
 
 /// The case as it is judged in a scene that was drawn for it.
 pub(crate) fn brief(case: &Case, scene: &LoadedScene) -> Result<Brief, SceneError> {
-    reachable(case, &scene.scene, |place| place.object.as_ref().map(|name| middle_m(scene, name)))?;
     let pathologies = || scene.objects.iter().filter(|object| object.kind == DeformableKind::Pathology);
     let pathology_ml: f64 = pathologies().map(volume_ml).sum();
     let goal = |(index, goal): (usize, &Goal)| aim(case, index, goal, scene, pathology_ml);
@@ -305,7 +303,7 @@ fn region(case: &Case, name: &str, scene: &LoadedScene) -> Named<Region> {
 }
 
 /// Where the middle of an object is.
-fn middle_m(scene: &LoadedScene, name: &str) -> [f64; 3] {
+pub(crate) fn middle_m(scene: &LoadedScene, name: &str) -> [f64; 3] {
     scene.objects.iter().find(|object| object.name == name).map_or([0.0; 3], mean_m)
 }
 

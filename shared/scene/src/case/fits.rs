@@ -1,12 +1,13 @@
 //! What a case and its scene together show to be wrong: objects that are not there, places out of reach, goals that need another medium.
 
-use super::brief::{deficit_limit_ml, misfit};
+use super::brief::{deficit_limit_ml, middle_m, misfit};
 use super::checks::wrong;
-use super::file::{Case, Place};
+use super::file::{Case, Goal, Place};
 use super::reach::reachable;
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
+use crate::loaded::LoadedScene;
 use crate::validate::{Checked, hand, range};
 
 /// What the case and its scene show together.
@@ -18,12 +19,28 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
         }
         inserted(place, index, scene)?;
     }
-    // Where objects are is known once they are drawn.
-    reachable(case, scene, |place| place.centre_m)?;
     goals(case, scene)?;
     case.hand.iter().try_for_each(|(name, script)| hand(script, &format!("hand.{name}"), scene))?;
     let limit_ml = deficit_limit_ml(case.rules.medium.unwrap_or(scene.fluid.medium));
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
+}
+
+/// What a case that was never played has to show beyond that: the scope comes to its places, and its current works where a goal needs the loop.
+pub(crate) fn playable(case: &Case, scene: &Scene) -> Checked {
+    // Where objects are is known once they are drawn.
+    reachable(case, scene, |place| place.centre_m)?;
+    let Some([_, what, cure]) = misfit(case.rules.energy, case.rules.medium.unwrap_or(scene.fluid.medium)) else {
+        return Ok(());
+    };
+    match case.goal.iter().enumerate().find_map(|(index, goal)| Some((index, cutting(goal)?))) {
+        Some((index, name)) => wrong(Kind::Contradiction, format!("goal[{index}].{name}"), what, cure),
+        None => Ok(()),
+    }
+}
+
+/// The same of its places at objects, where the seed has drawn these.
+pub(crate) fn playable_as_drawn(case: &Case, scene: &LoadedScene) -> Checked {
+    reachable(case, &scene.scene, |place| place.object.as_ref().map(|name| middle_m(scene, name)))
 }
 
 fn find<'a>(scene: &'a Scene, key: String, name: &str) -> Result<&'a Deformable, SceneError> {
@@ -85,16 +102,21 @@ fn goals(case: &Case, scene: &Scene) -> Checked {
                 return wrong(Kind::Contradiction, key, what, "take a scene with this one pathology");
             }
         }
-        let cutting = [("removed", goal.removed.is_some()), ("biopsy", goal.biopsy.is_some())];
-        if let Some((name, _)) = cutting.iter().find(|(_, is)| *is) {
-            cuttable(case, scene, pathologies.is_empty(), &format!("goal[{index}].{name}"))?;
+        if let Some(name) = cutting(goal) {
+            cuttable(scene, pathologies.is_empty(), &format!("goal[{index}].{name}"))?;
         }
     }
     Ok(())
 }
 
+/// What a goal that needs the loop asks for.
+fn cutting(goal: &Goal) -> Option<&'static str> {
+    let cutting = [("removed", goal.removed.is_some()), ("biopsy", goal.biopsy.is_some())];
+    cutting.into_iter().find(|(_, is)| *is).map(|(name, _)| name)
+}
+
 /// Whether a goal that needs the loop can be reached.
-fn cuttable(case: &Case, scene: &Scene, no_pathology: bool, key: &str) -> Checked {
+fn cuttable(scene: &Scene, no_pathology: bool, key: &str) -> Checked {
     if no_pathology {
         return wrong(
             Kind::Contradiction,
@@ -106,10 +128,7 @@ fn cuttable(case: &Case, scene: &Scene, no_pathology: bool, key: &str) -> Checke
     if scene.rigid.first().and_then(electrode).is_none() {
         return wrong(Kind::Contradiction, key, "the instrument has no loop to cut with", "give the scene's [[rigid]] one");
     }
-    match misfit(case.rules.energy, case.rules.medium.unwrap_or(scene.fluid.medium)) {
-        Some([_, what, cure]) => wrong(Kind::Contradiction, key, what, cure),
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 /// A range of the insertion that the tip comes into.

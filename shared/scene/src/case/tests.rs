@@ -3,7 +3,7 @@
 
 use super::file::{Case, Vary};
 use super::seat::Seat;
-use super::{read_case, vary};
+use super::{Past, read_case, vary};
 use crate::file::{DeformableKind, Scene};
 use crate::load::{ReadScene, placed};
 use crate::locate::Locator;
@@ -26,7 +26,7 @@ fn shipped() -> Vec<(String, Case, ReadScene)> {
     assert!(paths.len() >= 11, "{paths:?}");
     let read = |path: PathBuf| {
         let text = std::fs::read_to_string(&path).unwrap();
-        let (case, read) = read_case(&text, &path).unwrap_or_else(|error| panic!("{error}"));
+        let (case, read) = read_case(&text, &path, Past::New).unwrap_or_else(|error| panic!("{error}"));
         (path.file_stem().unwrap().to_string_lossy().into_owned(), case, read)
     };
     paths.into_iter().map(read).collect()
