@@ -230,9 +230,18 @@ fn the_good_case_is_good() {
 fn places_that_can_just_be_reached_or_seen_are_good() {
     let beside = BESIDE.replace("[0.02, 0.0, 0.0]", "[0.0285, 0.0, 0.0093]");
     let wide = ("[0.0, 0.0, 0.03]\nradius_m = 0.005", "[0.0285, 0.0, 0.0093]\nradius_m = 0.02");
-    for (old, new) in [wide, (VISITED, beside.as_str())] {
+    // The wall behind the deepest insertion, of 70 mm, into which the loop is warned not to be pushed.
+    let warned = |place: &str| {
+        let (head, rest) = GOOD.split_once("[[goal]]").unwrap();
+        let rest = rest.replace("deficit_above_ml = 100.0", "current_in = \"wall\"");
+        format!("{head}[[place]]\nname = \"wall\"\n{place}\n[[goal]]{rest}")
+    };
+    let walls = ["centre_m = [0.0, 0.0, 0.08]\nradius_m = 0.004", "insertion_m = [0.075, 0.09]"].map(warned);
+    let walls = walls.each_ref().map(|wall| (GOOD, wall.as_str()));
+    for (old, new) in [wide, (VISITED, beside.as_str())].into_iter().chain(walls) {
         assert!(GOOD.contains(old), "{old}");
-        find("just", &good().replacen(old, new, 1)).unwrap_or_else(|error| panic!("{new}: {error}"));
+        let text = GOOD.replacen(old, new, 1).replace("SCENE", &scene("default.toml"));
+        find("just", &text).unwrap_or_else(|error| panic!("{new}: {error}"));
     }
 }
 

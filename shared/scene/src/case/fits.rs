@@ -3,7 +3,7 @@
 use super::brief::{deficit_limit_ml, middle_m, misfit};
 use super::checks::wrong;
 use super::file::{Case, Goal, Place};
-use super::reach::reachable;
+use super::reach::{is_visited, reachable};
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
@@ -17,7 +17,9 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
         if let Some(name) = &place.object {
             find(scene, format!("place[{index}].object"), name)?;
         }
-        inserted(place, index, scene)?;
+        if is_visited(case, &place.name) {
+            inserted(place, index, scene)?;
+        }
     }
     goals(case, scene)?;
     case.hand.iter().try_for_each(|(name, script)| hand(script, &format!("hand.{name}"), scene))?;

@@ -1,5 +1,8 @@
-//! Whether the scope can come to where a case wants it, within the limits of its scene's hand: the tip into a place, a landmark into the view. What else holds
-//! a hand back, the walls and how far it rolls, is not looked at: refused is only what can never be.
+//! Whether the scope can come to where a goal wants it, within the limits of its scene's hand: the tip into a place, a landmark into the view. What else holds
+//! a hand back, the walls and how far it rolls, is not looked at: refused is only what can never be. Where current is warned of is no goal: nobody has to come
+//! there, and the loop, which counts there, reaches farther than the tip.
+//!
+//! The simulated hand takes the largest of the four limits of pitch and yaw for each of them, to either side; so does this.
 
 use super::brief::sight;
 use super::checks::wrong;
@@ -14,17 +17,16 @@ use std::f64::consts::{FRAC_PI_2, PI};
 const SLACK_M: f64 = 1e-6;
 const SLACK_RAD: f64 = 0.02;
 
-/// Checks each place whose middle, m, is known: the tip can come into it, or, where the case has it looked at alone, its middle can be seen.
+/// Checks each place whose middle, m, is known: where a goal has it visited the tip can come into it, where one has it looked at its middle can be seen.
 pub(crate) fn reachable(case: &Case, scene: &Scene, middle_m: impl Fn(&Place) -> Option<[f64; 3]>) -> Checked {
     let limits = &scene.workspace;
     for (index, place) in case.place.iter().enumerate() {
         let Some(centre_m) = middle_m(place) else { continue };
         let away_m = DVec3::from(centre_m) - DVec3::from(limits.pivot_m);
-        let surveys = || case.goal.iter().filter_map(|goal| goal.look.as_ref()).filter(|look| look.places.contains(&place.name));
-        let unseen = surveys().find_map(|look| out_of_sight(limits, &scene.view, away_m, look.within_m));
-        let is_entered = surveys().next().is_none() || enters(case, &place.name);
+        let mut surveys = case.goal.iter().filter_map(|goal| goal.look.as_ref()).filter(|look| look.places.contains(&place.name));
+        let unseen = surveys.find_map(|look| out_of_sight(limits, &scene.view, away_m, look.within_m));
         let radius_m = place.radius_m.or(place.within_m).unwrap_or_default();
-        let unreached = || out_of_reach(limits, away_m, radius_m).filter(|_| is_entered);
+        let unreached = || out_of_reach(limits, away_m, radius_m).filter(|_| is_visited(case, &place.name));
         if let Some(what) = unseen.or_else(unreached) {
             let key = if place.object.is_some() { "object" } else { "centre_m" };
             return wrong(Kind::Contradiction, format!("place[{index}].{key}"), what, "move it, or widen the scene's workspace");
@@ -33,18 +35,22 @@ pub(crate) fn reachable(case: &Case, scene: &Scene, middle_m: impl Fn(&Place) ->
     Ok(())
 }
 
-/// Whether the case looks for the tip, or the loop, in a place.
-fn enters(case: &Case, name: &str) -> bool {
+/// Whether a goal has the tip come into a place.
+pub(crate) fn is_visited(case: &Case, name: &str) -> bool {
     let mut visits = case.goal.iter().filter_map(|goal| goal.visit.as_ref());
     visits.any(|visit| visit.places.iter().any(|place| place == name))
-        || case.warning.iter().any(|warning| warning.current_in.as_deref() == Some(name))
+}
+
+/// How far the hand turns the scope, °: pitch and yaw alike, to either side.
+fn tilt_deg(limits: &Workspace) -> f64 {
+    limits.pitch_deg.iter().chain(&limits.yaw_deg).fold(0.0_f64, |most, angle| most.max(angle.abs()))
 }
 
 /// Why the tip cannot come so near to a point, m from the pivot; `None` where it can.
 fn out_of_reach(limits: &Workspace, away_m: DVec3, radius_m: f64) -> Option<String> {
     let (_, gap_m) = nearest(limits, away_m);
-    let ([low, high], [right, left], [shortest_m, longest_m]) = (limits.pitch_deg, limits.yaw_deg, limits.insertion_m);
-    let reach = format!("it reaches {shortest_m} to {longest_m} m, its pitch {low} to {high}°, its yaw {right} to {left}°");
+    let (tilt_deg, [shortest_m, longest_m]) = (tilt_deg(limits), limits.insertion_m);
+    let reach = format!("it reaches {shortest_m} to {longest_m} m, and turns by {tilt_deg}° at most in pitch and yaw");
     (gap_m > radius_m + SLACK_M).then(|| format!("the tip comes no nearer to its middle than {gap_m:.4} m: {reach}"))
 }
 
@@ -74,15 +80,15 @@ fn out_of_sight(limits: &Workspace, view: &View, away_m: DVec3, within_m: f64) -
 
 /// The scope's axis, a unit vector, that brings the tip nearest to a point, m from the pivot, and how far they are apart then, m.
 fn nearest(limits: &Workspace, away_m: DVec3) -> (DVec3, f64) {
-    let [pitches_rad, yaws_rad] = [limits.pitch_deg, limits.yaw_deg].map(|range| range.map(f64::to_radians));
+    let tilt_rad = tilt_deg(limits).to_radians();
     // The nearest axis has the yaw of the point, or one of the outermost; of each yaw likewise.
-    let candidates = |best_rad: f64, [low_rad, high_rad]: [f64; 2]| [best_rad.clamp(low_rad, high_rad), low_rad, high_rad];
-    let axes = candidates(away_m.x.atan2(away_m.z), yaws_rad).into_iter().flat_map(|yaw_rad: f64| {
+    let candidates = |best_rad: f64| [best_rad.clamp(-tilt_rad, tilt_rad), -tilt_rad, tilt_rad];
+    let axes = candidates(away_m.x.atan2(away_m.z)).into_iter().flat_map(|yaw_rad: f64| {
         let (sin, cos) = yaw_rad.sin_cos();
         let pitch_rad = (-away_m.y).atan2(sin * away_m.x + cos * away_m.z);
         // R_y(yaw) · R_x(pitch) · z, as of a pose.
         let axis = |pitch_rad: f64| DVec3::new(sin * pitch_rad.cos(), -pitch_rad.sin(), cos * pitch_rad.cos());
-        candidates(pitch_rad, pitches_rad).map(axis)
+        candidates(pitch_rad).map(axis)
     });
     let axis = axes.max_by(|a, b| a.dot(away_m).total_cmp(&b.dot(away_m))).unwrap_or(DVec3::Z);
     let [shortest_m, longest_m] = limits.insertion_m;
@@ -95,14 +101,14 @@ mod tests {
     use crate::pose::Pose;
 
     fn limits() -> Workspace {
-        Workspace { pitch_deg: [-20.0, 35.0], yaw_deg: [-35.0, 10.0], insertion_m: [0.01, 0.06], ..Workspace::default() }
+        Workspace { pitch_deg: [-20.0, 15.0], yaw_deg: [-25.0, 10.0], insertion_m: [0.01, 0.06], ..Workspace::default() }
     }
 
-    /// Tips and axes of all poses within the limits, a degree and a millimetre apart.
+    /// Tips and axes of all poses that the hand comes to within the limits, a degree and a millimetre apart.
     fn poses() -> Vec<(DVec3, DVec3)> {
         let wide = |point: [f32; 3]| DVec3::from(point.map(f64::from));
         let mut all = Vec::new();
-        for (pitch_deg, yaw_deg) in (-20_i16..=35).flat_map(|pitch| (-35_i16..=10).map(move |yaw| (pitch, yaw))) {
+        for (pitch_deg, yaw_deg) in (-25_i16..=25).flat_map(|pitch| (-25_i16..=25).map(move |yaw| (pitch, yaw))) {
             for insertion_mm in 10_i16..=60 {
                 let [pitch_rad, yaw_rad] = [pitch_deg, yaw_deg].map(|deg| f32::from(deg).to_radians());
                 let pose = Pose { pitch_rad, yaw_rad, insertion_m: 0.001 * f32::from(insertion_mm), ..Pose::default() };
@@ -161,18 +167,43 @@ mod tests {
         assert_eq!([refused(ahead, &fore_oblique), refused(ahead, &sideways)], [false, true]);
     }
 
+    /// A case with a place at an object, and with what it does with that.
+    fn case(does: &str) -> Case {
+        let head = "version = 1\nname = \"x\"\nrung = \"polyp\"\ntask = \"x\"\nscene = \"x\"";
+        let place = "[[place]]\nname = \"there\"\nobject = \"polyp\"\nwithin_m = 0.01";
+        toml::from_str(&format!("{head}\n{place}\n{does}\n")).unwrap()
+    }
+
     #[test]
     fn an_object_is_looked_for_where_it_was_drawn() {
         let scene = Scene::embedded_default().unwrap();
-        let case = |goal: &str| -> Case {
-            let head = "version = 1\nname = \"x\"\nrung = \"polyp\"\ntask = \"x\"\nscene = \"x\"";
-            let place = "[[place]]\nname = \"there\"\nobject = \"polyp\"\nwithin_m = 0.01";
-            toml::from_str(&format!("{head}\n{place}\n[[goal]]\n{goal} = {{ places = [\"there\"] }}")).unwrap()
-        };
         let goals = [("visit", 0.075, true), ("visit", 0.09, false), ("look", 0.09, true), ("look", 0.1, false)];
         for (goal, far_m, is_good) in goals {
-            let found = reachable(&case(goal), &scene, |_| Some([0.0, 0.0, far_m])).map_err(|error| error.key);
+            let case = case(&format!("[[goal]]\n{goal} = {{ places = [\"there\"] }}"));
+            let found = reachable(&case, &scene, |_| Some([0.0, 0.0, far_m])).map_err(|error| error.key);
             assert_eq!(found, if is_good { Ok(()) } else { Err("place[0].object".to_owned()) }, "{goal} {far_m}");
+        }
+    }
+
+    #[test]
+    fn current_is_warned_of_also_where_the_loop_alone_comes_and_a_place_of_no_goal_is_anywhere() {
+        let scene = Scene::embedded_default().unwrap();
+        let removes = "[[goal]]\nremoved = { percent = 5.0 }";
+        for does in [format!("{removes}\n[[warning]]\ncurrent_in = \"there\""), removes.to_owned()] {
+            assert_eq!(reachable(&case(&does), &scene, |_| Some([0.0, 0.0, 0.085])), Ok(()), "{does}");
+        }
+    }
+
+    #[test]
+    fn the_hand_turns_to_either_side_as_far_as_to_the_farthest() {
+        let mut scene = Scene::embedded_default().unwrap();
+        let visit = case("[[goal]]\nvisit = { places = [\"there\"] }");
+        // 50 mm from the pivot, 30° to the patient's left, and posterior: 17 mm from where 10° lead to.
+        for middle_m in [[0.025, 0.0, 0.0433], [0.0, -0.025, 0.0433]] {
+            (scene.workspace.pitch_deg, scene.workspace.yaw_deg) = ([0.0, 5.0], [-35.0, 10.0]);
+            assert_eq!(reachable(&visit, &scene, |_| Some(middle_m)), Ok(()), "{middle_m:?}");
+            scene.workspace.yaw_deg = [-10.0, 10.0];
+            assert!(reachable(&visit, &scene, |_| Some(middle_m)).is_err(), "{middle_m:?}");
         }
     }
 }
