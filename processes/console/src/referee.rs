@@ -1,5 +1,6 @@
 //! The session that runs, judged by its case: by the same function as its report, from the same ticks and statuses, a few at each look. Promise: a console
-//! that follows a dead one goes on from its judgement, as long as it comes within the four seconds that the device's ring holds.
+//! that follows a dead one goes on from its judgement, as long as it comes within the four seconds that the device's ring holds. One that first comes later
+//! than that has the latest begin of the session all the same, which counts from the station's tick 0; from where the hand has moved it knows by what it sees.
 
 use crate::sources::Sources;
 use hyst_assessment::Judge;
@@ -46,6 +47,7 @@ impl Referee {
         // As in a report: a status comes before the ticks from its own on. One that is ahead of all ticks is read again, or its successor.
         let (mut tissue, mut fluid) = (sources.tissue(&self.roster), sources.fluid());
         let judge = &mut self.judge;
+        // The first look takes the oldest that the ring holds: by that is judged from where the hand moves.
         sources.ticks(judge.first_tick.map_or(0, |_| judge.last_tick + 1), |record| {
             if let Some(status) = tissue.take_if(|status| status.state_tick <= record.tick) {
                 judge.tissue(&status);

@@ -1,8 +1,9 @@
-//! When the session of a case begins: with the first tick at which the hand has moved something, and at the latest thirty seconds after the first tick, so
-//! that the session of a hand that rests ends, too. Before that engines start, shaders are compiled, and nobody holds the scope: what is counted over the
-//! time would tell how fast somebody sat down. One function of what a recording holds, by which a session is judged and its report is made.
+//! When the session of a case begins: with the first tick at which the hand has moved something, and at the latest thirty seconds after the station began, at
+//! its tick 0, so that the session of a hand that rests ends, too. Before that engines start, shaders are compiled, and nobody holds the scope: what is counted
+//! over the time would tell how fast somebody sat down. One function of what a recording holds, by which a session is judged and its report is made.
 //!
-//! Promise: what trembles, and what is no number, begins nothing; it is plain data, so a judge hands it on.
+//! Promise: who comes late has the same latest begin as who has seen all, for it hangs on no tick that was seen; what trembles, and what is no number, begins
+//! nothing; it is plain data, so a judge hands it on.
 
 use crate::force::length;
 use crate::judge::Judge;
@@ -11,8 +12,8 @@ use hyst_messages::{AppliedRecord, HardwareSample};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// So long after the first tick the session begins whatever the hand does, ticks.
-const LATEST_TICKS: u64 = 30_000;
+/// With this tick the session begins whatever the hand does: ticks count from when the station began.
+const LATEST_TICK: u64 = 30_000;
 /// From here on the tip has moved, m, or the loop or the jaws have: twenty times what the encoders of a common device tell apart (assumption).
 const MOVED_M: f64 = 1e-3;
 /// From here on an axis has turned, rad: 2 degrees (assumption).
@@ -26,7 +27,6 @@ const FOCUSED_M: f64 = 2e-4;
 /// What the hand held when it was first seen, and when it had changed that.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Begin {
-    first_tick: Option<u64>,
     tip_m: Option<[f64; 3]>,
     buttons: Option<u32>,
     /// Pitch, yaw, roll, camera head.
@@ -43,12 +43,11 @@ impl Begin {
         if self.tick.is_some() {
             return;
         }
-        let first_tick = *self.first_tick.get_or_insert(record.tick);
         // Before the hardware has spoken there is no orientation, and nothing to have been moved from.
         let has_spoken = record.sample.pose.orientation != [0.0; 4];
         let has_moved = has_spoken && self.has_moved(&record.sample);
-        if has_moved || record.tick.saturating_sub(first_tick) >= LATEST_TICKS {
-            self.tick = Some(record.tick);
+        if has_moved || record.tick >= LATEST_TICK {
+            self.tick = Some(record.tick.min(LATEST_TICK));
         }
     }
 

@@ -113,7 +113,7 @@ impl Judge {
     }
 
     /// The same, going on from what a predecessor has kept of it, if that is of the same case. One of an older build has kept no begin of the session: its
-    /// time counts from when the hand next moves.
+    /// time counts from when the hand next moves, and at the latest from the tick with which every session has begun.
     ///
     /// # Errors
     /// Those of [`Judge::read`].

@@ -110,10 +110,27 @@ fn the_session_of_a_hand_that_rests_begins_after_thirty_seconds_and_ends_too_als
             judge = Judge::resume(&case(1.0), Some(&serde_json::to_string(&judge).unwrap())).unwrap();
         }
     }
-    assert_eq!((judge.began_tick(), judge.began_s()), (Some(30_007), Some(30.0)));
-    assert_eq!((judge.ended, judge.told.as_slice()), (Some((EndedBy::Time, 31_007)), &[(0, 30_508)][..]));
+    assert_eq!((judge.began_tick(), judge.began_s()), (Some(30_000), Some(29_993.0 * 1e-3)));
+    assert_eq!((judge.ended, judge.told.as_slice()), (Some((EndedBy::Time, 31_000)), &[(0, 30_501)][..]));
     assert_eq!(judge.over().unwrap(), "after 1.0 s: the time was over; 0 of 1 goals reached");
-    assert_eq!(judge.json()["ended"]["at_s"], 31.0);
+    assert_eq!(judge.json()["ended"]["at_s"], 30_993.0 * 1e-3);
+}
+
+/// A console that is slow to start has missed what the device's ring holds no more; a recording has all of it. Both judge one session.
+#[test]
+fn who_comes_late_has_the_latest_begin_of_who_has_seen_all() {
+    let seen_from = |first: u64| {
+        let mut judge = judge(5.0);
+        (first..36_000).for_each(|tick| judge.tick(&record(tick, [0.0, 0.0, 0.02], 0.0)));
+        (judge.began_tick(), judge.ended, judge.told)
+    };
+    let whole = seen_from(1);
+    assert_eq!((whole.0, whole.1), (Some(30_000), Some((EndedBy::Time, 35_000))));
+    for first in [1_700, 9_000, 30_400] {
+        assert_eq!(seen_from(first), whole, "{first}");
+    }
+    let after = seen_from(31_000);
+    assert_eq!((after.0, after.1), (whole.0, whole.1), "after it has begun");
 }
 
 /// So many seconds in the dark, with the outflow shut, at 20 mmHg and with 1 N, while nobody holds the scope; then five in which somebody does.
