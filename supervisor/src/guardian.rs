@@ -6,6 +6,7 @@
 
 mod bell;
 mod copied;
+mod ended;
 mod found;
 mod kept;
 mod order;
@@ -25,6 +26,7 @@ use crate::spawn::note_exit;
 use crate::supervise::register;
 use crate::view::{StationView, TEST_MODE, Viewer, table};
 use bell::Bell;
+use ended::{count_leftovers, judge};
 use found::{Ground, Wanted, settle, take_name};
 use hyst_engine::{Address, Told};
 use hyst_exchange::{OwnedPage, Roster, Station, system};
@@ -132,13 +134,13 @@ pub fn stand_in(station: Station) -> Result<u8, Refusal> {
     let Some(name) = name::take(&station).map_err(|e| failed(e.to_string()))? else {
         return Ok(0); // the station has a guardian
     };
-    let plan = Plan::read(&station).map_err(|e| failed(e.to_string()))?;
-    let page = station.open_for_keeping().map_err(|e| failed(e.to_string()))?;
+    // At once: by it whoever comes for the name tells one that makes room from a guardian that stays.
     let order = Order { stand_in: true, ..Order::read(&station).unwrap_or_default() };
     order.write(&station);
+    let plan = Plan::read(&station).map_err(|e| failed(e.to_string()))?;
+    let page = station.open_for_keeping().map_err(|e| failed(e.to_string()))?;
     register(&page, Role::Guardian);
     let mut guardian = Guardian::new(station, name, Ground { page, order, adopted: true }, false, Bell::new(false))?;
-    guardian.notifier.say(&format!("MAINPID={}\n", std::process::id()));
     match guardian.keep(&plan, &signals) {
         End::Stop => Ok(guardian.end(&plan)),
         End::Relieved => {
@@ -210,6 +212,7 @@ impl Guardian {
         let begin_ns = system::now_ns();
         let mut told = false;
         let mut next_draw_ns = 0;
+        let mut is_main = !self.order.stand_in;
         loop {
             let now_ns = system::now_ns();
             self.reap();
@@ -224,6 +227,11 @@ impl Guardian {
             }
             if name::was_knocked(&self.name) && self.order.stand_in {
                 return End::Relieved;
+            }
+            if !is_main {
+                // Not sooner: a `run` of the service that has knocked meanwhile is to stay its main process, whose end is the service's.
+                is_main = true;
+                self.notifier.say(&format!("MAINPID={}\n", std::process::id()));
             }
             if !told {
                 let is_whole = all_ready(&mut viewer, plan);
@@ -360,22 +368,6 @@ impl Guardian {
         }
         self.printer.finish();
         code
-    }
-}
-
-fn count_leftovers(station: &Station) -> serde_json::Value {
-    let left = station.leftovers();
-    let files = left.iter().filter(|path| *path == station.root()).count();
-    serde_json::json!({ "processes": remains::living(station).len(), "shared_memory": left.len() - files, "files": files })
-}
-
-fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: &Plan, is_data_lost: bool) -> u8 {
-    let any_left = ["processes", "shared_memory", "files"].iter().any(|key| left[key].as_u64() != Some(0));
-    let unreported = !plan.slots.is_empty() && report.get("processes").is_none();
-    match () {
-        () if any_left || unreported || report::is_broken(report) => 1,
-        () if is_data_lost || report::has_lost(report) => 3,
-        () => 0,
     }
 }
 

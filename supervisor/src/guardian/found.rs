@@ -8,6 +8,7 @@ use crate::case::RunCase;
 use crate::cli::Again;
 use crate::commands::check::Admitted;
 use crate::name;
+use crate::notify::Notifier;
 use crate::plan::Plan;
 use crate::recording::folder;
 use crate::remains;
@@ -38,32 +39,37 @@ pub struct Ground {
     pub adopted: bool,
 }
 
-/// The station's name. A stand-in that holds it makes room.
+/// The station's name. A stand-in that holds it makes room; it may not have come to say that it is one, so that whoever of this user has the name is asked.
 pub fn take_name(station: &Station) -> Result<UnixListener, Refusal> {
     let deadline_ns = system::now_ns() + ROOM_NS;
-    let mut knocked = false;
+    let manager = Notifier::of_environment();
     loop {
         let taken = name::take(station).map_err(|e| Refusal::failed(format!("station name: {e}")))?;
         if let Some(listener) = taken {
             return Ok(listener);
         }
-        let stands_in = Order::read(station).is_some_and(|order| order.stand_in);
-        let stranger = if stands_in || knocked { None } else { name::stranger(station) };
-        if let Some(user) = stranger {
+        // Before each knock: the end of a stand-in that speaks for the service must not be the service's.
+        manager.say(&format!("MAINPID={}\n", std::process::id()));
+        if let Some(user) = name::stranger(station) {
             let name = station.name();
             return Err(Refusal::input(format!("the name {name:?} is taken by a process of user {user}; give another --name")));
         }
-        if !stands_in && !knocked || system::now_ns() > deadline_ns {
-            let message = format!(
-                "a station named {0:?} is running; stop it (`hystation --name {0} stop`) or give another --name",
-                station.name()
-            );
-            // A stand-in that takes longer to make room is no bad input: a service tries again, which it does not after code 2.
-            return Err(if knocked { Refusal::failed(message) } else { Refusal::input(message) });
+        if system::now_ns() > deadline_ns {
+            return Err(refused(station));
         }
-        knocked |= name::knock(station).is_ok();
+        let _ = name::knock(station); // who has gone meanwhile need not hear it
         system::sleep_ns(TRY_NS);
     }
+}
+
+/// The name is not to be had. Where a guardian stays that is bad input; one that ends, begins, or takes longer to make room is none: a service tries again, which
+/// it does not after code 2.
+fn refused(station: &Station) -> Refusal {
+    let name = station.name();
+    let words = format!("a station named {name:?} is running; stop it (`hystation --name {name} stop`) or give another --name");
+    let stands_in = Order::read(station).is_some_and(|order| order.stand_in);
+    let stops = station.open().is_ok_and(|page| page.stop_requested());
+    if remains::guardian(station).is_some() && !stands_in && !stops { Refusal::input(words) } else { Refusal::failed(words) }
 }
 
 /// What a station is to run.
