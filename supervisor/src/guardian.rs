@@ -26,7 +26,7 @@ use crate::spawn::note_exit;
 use crate::supervise::register;
 use crate::view::{StationView, TEST_MODE, Viewer, table};
 use bell::Bell;
-use ended::{count_leftovers, judge};
+use ended::{count_leftovers, judge, recorded, remove_unbegun};
 use found::{Ground, Wanted, settle, take_name};
 use hyst_engine::{Address, Told};
 use hyst_exchange::{OwnedPage, Roster, Station, system};
@@ -106,9 +106,9 @@ pub fn run(name: &str, args: &RunArgs) -> Result<u8, Refusal> {
     let signals = Signals::catch()?;
     let report =
         args.report.as_deref().map(std::path::absolute).transpose().map_err(|e| Refusal::input(format!("--report: {e}")))?;
-    let order = Order { report, for_s: args.for_s, until_end: args.until_end, ..Order::default() };
-    let name = take_name(&station)?;
     let in_folder = args.record.as_deref().is_some_and(folder::is_folder);
+    let order = Order { report, for_s: args.for_s, until_end: args.until_end, in_folder, ..Order::default() };
+    let name = take_name(&station)?;
     let wanted = Wanted { settings: &settings, in_folder, plan: &plan, case: case.as_ref(), again: args.again.as_ref() };
     let ground = settle(&station, &wanted, order)?;
     drop(case); // the root has it
@@ -344,17 +344,21 @@ impl Guardian {
         let verdict = Verdict::read(&station);
         let mut report = report::take(&station);
         let faults = report::summary(&report);
-        let recording = recording::at_end(&station);
+        let recording = recorded(&station, plan);
         let loss = recording.as_ref().and_then(RecordingView::loss);
         if let Some(recording) = &recording {
             report["recording"] = serde_json::json!(recording);
         }
+        let unbegun = remove_unbegun(&station, &self.order);
         crate::shortage::relieve_all(&station, |_| false);
         station.wipe();
         let left = count_leftovers(&station);
         report["leftovers"] = left.clone();
         self.printer.say(&faults);
         loss.iter().for_each(|loss| self.printer.say(loss));
+        if let Some(file) = unbegun {
+            self.printer.say(&format!("{} is removed: no recording was begun in it", file.display()));
+        }
         let mut code = judge(&report, &left, plan, loss.is_some());
         if let Some(verdict) = verdict {
             self.printer.say(&verdict.message);

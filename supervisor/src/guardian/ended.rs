@@ -1,8 +1,13 @@
-//! How a station has ended: what of it is left, and the exit code.
+//! How a station has ended: what of it is left, what its recording holds, and the exit code.
 
+use super::order::Order;
 use crate::plan::Plan;
+use crate::recording::{self, RecordingView};
 use crate::{remains, report};
-use hyst_exchange::Station;
+use hyst_exchange::{ReadPage, Station};
+use hyst_messages::page::header;
+use hyst_messages::{Role, Slot};
+use std::path::PathBuf;
 
 /// What of a station is still there.
 pub(super) fn count_leftovers(station: &Station) -> serde_json::Value {
@@ -19,5 +24,56 @@ pub(super) fn judge(report: &serde_json::Value, left: &serde_json::Value, plan: 
         () if any_left || unreported || report::is_broken(report) => 1,
         () if is_data_lost || report::has_lost(report) => 3,
         () => 0,
+    }
+}
+
+/// The recording of a station that has ended. One whose recorder never came up holds nothing of what the device made without it.
+pub(super) fn recorded(station: &Station, plan: &Plan) -> Option<RecordingView> {
+    recording::at_end(station).or_else(|| {
+        let is_recorded = plan.slots().iter().any(|slot| slot.role() == Role::Recorder);
+        let file = recording::file_of(station).filter(|_| is_recorded)?;
+        let device = page_of(station, Role::Device);
+        let view = RecordingView::of(&file, None, recording::newest_tick(device.as_ref()));
+        (view.behind_ticks > 0).then_some(view)
+    })
+}
+
+/// Removes the file that was made for the recording of a station that has ended, if it is empty and no recorder has worked on it: a service that is tried again and
+/// again would leave one each time. Gives the one that is gone.
+pub(super) fn remove_unbegun(station: &Station, order: &Order) -> Option<PathBuf> {
+    let file = recording::file_of(station).filter(|_| order.in_folder)?;
+    let has_worked = page_of(station, Role::Recorder).is_some_and(|page| page.load64(header::STEPS) > 0);
+    let is_empty = std::fs::symlink_metadata(&file).is_ok_and(|file| file.is_file() && file.len() == 0);
+    (is_empty && !has_worked && std::fs::remove_file(&file).is_ok()).then_some(file)
+}
+
+/// The page of the last one that did a role's work.
+fn page_of(station: &Station, role: Role) -> Option<ReadPage> {
+    let slot = Slot::first(role);
+    let incarnation = station.open().ok()?.incarnation(slot);
+    station.read_slot(slot, incarnation).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hyst_engine::Settings;
+
+    #[test]
+    fn an_empty_file_goes_with_its_station_where_only_the_folder_was_named() {
+        let station = Station::named(&format!("t{}-ended", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let file = std::env::temp_dir().join(format!("hystation-ended-{}.mcap", std::process::id()));
+        let settings = Settings { record: Some(file.clone()), ..Settings::default() };
+        std::fs::write(station.settings(), toml::to_string(&settings).unwrap()).unwrap();
+        let [named, in_folder] = [false, true].map(|in_folder| Order { in_folder, ..Order::default() });
+        std::fs::write(&file, "ticks").unwrap();
+        assert_eq!(remove_unbegun(&station, &in_folder), None, "something is in it");
+        std::fs::write(&file, "").unwrap();
+        assert_eq!(remove_unbegun(&station, &named), None, "its user named it");
+        assert_eq!(remove_unbegun(&station, &in_folder), Some(file.clone()));
+        assert!(!file.exists());
+        station.wipe();
     }
 }

@@ -1,6 +1,7 @@
 //! Where a station begins: in a place that is empty, or by taking over one that lives without its guardian.
 
 use super::copied::Copied;
+use super::ended::remove_unbegun;
 use super::needed_bytes;
 use super::order::Order;
 use crate::build;
@@ -99,6 +100,7 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
     }
     if !station.leftovers().is_empty() {
         eprintln!("hystation: removing what a dead station named {:?} left", station.name());
+        remove_unbegun(station, &Order::read(station).unwrap_or_default());
         station.wipe();
     }
     let admitted = crate::commands::check::admit(wanted.settings, wanted.plan, wanted.case)?;

@@ -15,6 +15,9 @@ pub struct Order {
     /// The station ends with the session of its case.
     #[serde(default)]
     pub until_end: bool,
+    /// Of its recording the folder was named: the file was made with the station, and goes with it if no recorder comes to it.
+    #[serde(default)]
+    pub in_folder: bool,
     /// When it was ready, CLOCK_MONOTONIC ns.
     pub ready_ns: Option<u64>,
     /// The guardian stands in for one that died, and makes room for a `run` of the same name and settings.
