@@ -74,7 +74,9 @@ impl Referee {
 
     /// Writes the judgement beside the one before, and puts it in its place; and what window and terminal show of it.
     fn keep(&self) {
-        let told = Told { tick: self.judge.last_tick, over: self.judge.over(), lines: self.judge.strip() };
+        let judge = &self.judge;
+        let fallen: u64 = judge.warnings.iter().map(|warning| warning.count).sum();
+        let told = Told { tick: judge.last_tick, over: judge.over(), lines: judge.strip(), fallen };
         let _ = told.write(&self.station); // they show what was before, then nothing
         let next = self.kept.with_extension("next");
         let Ok(text) = serde_json::to_string(&self.judge) else { return };

@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn the_case_stands_under_an_empty_line_and_its_end_is_known() {
         assert!(Strip::default().case().is_empty() && !Strip::default().is_over());
-        let told = Told { tick: 1, over: Some("all goals".into()), lines: vec!["goals    2 of 2".into()] };
+        let told = Told { tick: 1, over: Some("all goals".into()), lines: vec!["goals    2 of 2".into()], ..Told::default() };
         let strip = Strip { told: Some(told), ..Strip::default() };
         assert_eq!(strip.case(), ["", "goals    2 of 2"]);
         assert!(strip.is_over());

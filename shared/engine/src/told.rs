@@ -21,6 +21,9 @@ pub struct Told {
     pub over: Option<String>,
     /// Goals, time, what is next: ASCII.
     pub lines: Vec<String>,
+    /// How often a warning has fallen so far, all of them together: the lines show few, and those that stand.
+    #[serde(default)]
+    pub fallen: u64,
 }
 
 fn path(station: &Station) -> PathBuf {
@@ -54,7 +57,7 @@ mod tests {
         station.wipe();
         station.found().unwrap();
         assert_eq!(Told::read(&station, 0), None);
-        let running = Told { tick: 5_000, over: None, lines: vec!["goals 1 of 2".into()] };
+        let running = Told { tick: 5_000, over: None, lines: vec!["goals 1 of 2".into()], fallen: 3 };
         running.write(&station).unwrap();
         assert_eq!(Told::read(&station, 9_000).as_ref(), Some(&running));
         assert_eq!(Told::read(&station, 9_001), None, "too old");
