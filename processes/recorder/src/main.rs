@@ -9,6 +9,7 @@ mod said;
 mod scribe;
 mod session;
 mod statistics;
+mod syncer;
 mod watch;
 
 use hyst_messages::Role;

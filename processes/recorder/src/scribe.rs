@@ -1,9 +1,11 @@
 //! The thread that meets the disk: it has one thing to write at a time, and whoever gives it that never waits. A disk that stands still for longer than the
-//! device's ring lasts costs the recording nothing, because the ring is read on. Now and then the thread asks the disk to keep what it took, and says so if not.
+//! device's ring lasts costs the recording nothing, because the ring is read on. Now and then it has the disk asked, on another thread, to keep what it took,
+//! and says so if not; neither a block nor the end waits for that.
 
+use crate::syncer::{Answer, Syncer};
 use hyst_exchange::system;
 use hyst_messages::RecorderStatus;
-use hyst_recording::{Block, TickRange, WriteError, Writer};
+use hyst_recording::{Block, Closed, TickRange, WriteError, Writer};
 use std::collections::VecDeque;
 use std::mem::{replace, take};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -11,6 +13,8 @@ use std::time::Duration;
 
 /// Ticks in one block of the file.
 const BLOCK_TICKS: usize = 1_000;
+/// Between two looks whether the disk has answered, if nothing is given meanwhile, ns.
+const LOOK_NS: u64 = 50_000_000;
 
 /// What became of a block: nothing if it is on disk, else why not, and what is left of it.
 pub type Written = Option<(WriteError, Block)>;
@@ -69,8 +73,8 @@ impl Unfinished {
 pub struct Scribe {
     blocks: Option<Sender<Block>>,
     done: Receiver<(Written, FileState)>,
-    synced: Receiver<Result<(), WriteError>>,
-    /// Of the summary first, then of the sync of all that is there.
+    synced: Receiver<Answer>,
+    /// Of the summary first, then that the disk has answered for all that is there.
     finished: Receiver<Result<(), WriteError>>,
     /// The file.
     pub file: FileState,
@@ -89,9 +93,10 @@ impl Scribe {
         let (tell_sync, synced) = channel();
         let (tell_end, finished) = channel();
         let file = FileState::of(&writer);
+        let mut syncer = Syncer::start(&writer)?;
         std::thread::Builder::new().name("scribe".into()).spawn(move || {
-            if let Some(writer) = write_all(writer, sync_ns, &given, &tell, &tell_sync) {
-                end(writer, &tell_end);
+            if let Some(writer) = write_all(writer, &mut syncer, sync_ns, &given, &tell, &tell_sync) {
+                end(writer, syncer, &tell_sync, &tell_end);
             }
         })?;
         Ok(Scribe { blocks: Some(blocks), done, synced, finished, file, away_ticks: 0, away_lost: 0, busy: false })
@@ -118,7 +123,7 @@ impl Scribe {
     }
 
     /// Whether the disk has kept what it took, if it was asked since the last time.
-    pub fn synced(&self) -> Option<Result<(), WriteError>> {
+    pub fn synced(&self) -> Option<Answer> {
         self.synced.try_recv().ok()
     }
 
@@ -126,11 +131,12 @@ impl Scribe {
     pub fn finish(&mut self, end_ns: u64) -> Result<(), Unfinished> {
         drop(self.blocks.take());
         let still = Unfinished { why: "the disk stands still".into(), doubtful_ticks: 0 };
-        let kept = self.ended(end_ns).unwrap_or(Err(still)).and_then(|()| self.ended(end_ns).unwrap_or(Ok(())));
-        // The system tells of a failure once: it may have been before the last time, and nobody has listened yet.
-        let before = std::iter::from_fn(|| self.synced()).filter_map(Result::err).map(|error| Unfinished::of(&error));
+        let summary = self.ended(end_ns).unwrap_or(Err(still));
+        let last = self.ended(end_ns).unwrap_or(Ok(()));
+        // What is not kept is worse. The system tells of a failure once: it may have been before the last time, and nobody has listened yet.
+        let unkept = std::iter::from_fn(|| self.synced()).filter_map(Result::err).map(|error| Unfinished::of(&error));
         let both = |a: Unfinished, b: Unfinished| Unfinished { doubtful_ticks: a.doubtful_ticks + b.doubtful_ticks, ..b };
-        before.chain(kept.err()).reduce(both).map_or(Ok(()), Err)
+        summary.err().into_iter().chain(last.err()).chain(unkept).reduce(both).map_or(Ok(()), Err)
     }
 
     /// What became of the next step of the end, waiting until `end_ns` at most; `None` if the disk is still at it.
@@ -153,14 +159,16 @@ fn patience(end_ns: u64) -> Duration {
 /// Writes what is given until nothing more comes, and then hands the file back; `None` if nobody listens any more.
 fn write_all(
     mut writer: Writer,
+    syncer: &mut Syncer,
     sync_ns: u64,
     given: &Receiver<Block>,
     tell: &Sender<(Written, FileState)>,
-    tell_sync: &Sender<Result<(), WriteError>>,
+    tell_sync: &Sender<Answer>,
 ) -> Option<Writer> {
     let mut due_ns = system::now_ns() + sync_ns;
     loop {
-        match given.recv_timeout(patience(due_ns)) {
+        let until_ns = if syncer.is_busy() { system::now_ns() + LOOK_NS } else { due_ns };
+        match given.recv_timeout(patience(until_ns)) {
             Ok(block) => {
                 let written = append(&mut writer, block);
                 tell.send((written, FileState::of(&writer))).ok()?;
@@ -168,22 +176,36 @@ fn write_all(
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return Some(writer),
         }
-        if system::now_ns() >= due_ns {
+        if let Some(answer) = syncer.answered() {
+            tell_sync.send(writer.heed(answer)).ok()?;
+            let _ = writer.note(); // what is refused is tried again with the next block
+            due_ns = system::now_ns() + sync_ns;
+        }
+        if !syncer.is_busy() && system::now_ns() >= due_ns {
             if writer.is_unsynced() {
-                tell_sync.send(writer.sync()).ok()?;
+                syncer.ask(writer.ask());
             }
             due_ns = system::now_ns() + sync_ns;
         }
     }
 }
 
-/// Writes the summary, says so, and has the disk keep it.
-fn end(writer: Writer, tell_end: &Sender<Result<(), WriteError>>) {
-    let ended = writer.close().and_then(|closed| {
-        let _ = tell_end.send(Ok(())); // nobody waits for it any more
-        closed.sync().map(|_| ())
-    });
-    let _ = tell_end.send(ended);
+/// Writes the summary, says so, and has the disk keep all of it. What the disk answers is said before it is noted; when all is said, the file is unlocked.
+fn end(writer: Writer, mut syncer: Syncer, tell_sync: &Sender<Answer>, tell_end: &Sender<Result<(), WriteError>>) {
+    let heed = |closed: &mut Closed, answer: Option<Answer>| {
+        if let Some(answer) = answer {
+            let _ = tell_sync.send(closed.heed(answer));
+        }
+    };
+    let (mut closed, summary) = writer.close();
+    let _ = tell_end.send(summary); // here and below: nobody may wait for it any more
+    heed(&mut closed, syncer.wait());
+    syncer.ask(closed.ask());
+    heed(&mut closed, syncer.wait());
+    let _ = closed.note();
+    drop(closed);
+    syncer.end();
+    let _ = tell_end.send(Ok(()));
 }
 
 /// Appends a block in parts; of what is refused everything is given back that is not on disk.
@@ -224,6 +246,7 @@ mod tests {
     use super::*;
     use hyst_messages::AppliedRecord;
     use hyst_recording::{Recording, Session};
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     /// The disk is asked at the end alone.
     const NEVER_NS: u64 = 3_600_000_000_000;
@@ -301,8 +324,9 @@ mod tests {
     fn a_disk_that_does_not_keep_what_it_took_is_told_while_it_is_written_and_at_the_end() {
         const EIO: i32 = 5;
         let path = std::env::temp_dir().join(format!("hyst-scribe-sync-{}.mcap", std::process::id()));
+        let open = || Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
         let started = |sync_ns| {
-            let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+            let mut writer = open();
             writer.set_sync(|_| Err(std::io::Error::from_raw_os_error(EIO)));
             Scribe::start(writer, sync_ns).unwrap()
         };
@@ -315,10 +339,44 @@ mod tests {
         assert_eq!(doubtful, Some(9), "the head of the file may have been asked for before");
         let unfinished = scribe.finish(later_ns()).unwrap_err();
         assert!(unfinished.why.contains("did not keep") && unfinished.doubtful_ticks == 0, "{unfinished:?}");
+        assert_eq!(open().lost(), 9, "whoever goes on in it knows");
         std::fs::remove_file(&path).unwrap();
         let mut scribe = started(NEVER_NS);
         scribe.write(block(1..10));
         assert_eq!(scribe.finish(later_ns()).unwrap_err().doubtful_ticks, 9);
+        assert_eq!(open().lost(), 9, "of what was not kept at the end, too");
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    /// The last block was not written at the stop, and its ticks were lost: the disk was still at what it had been asked to keep before.
+    #[test]
+    fn a_disk_that_keeps_slowly_what_it_took_holds_up_neither_a_block_nor_the_end() {
+        static ASKED: AtomicBool = AtomicBool::new(false);
+        static LET: AtomicBool = AtomicBool::new(false);
+        fn slow(_: &std::fs::File) -> std::io::Result<()> {
+            ASKED.store(true, Ordering::Release);
+            while !LET.load(Ordering::Acquire) {
+                system::sleep_ns(1_000_000);
+            }
+            Ok(())
+        }
+        let path = std::env::temp_dir().join(format!("hyst-scribe-slow-{}.mcap", std::process::id()));
+        let mut writer = Writer::open(&path, &Session::from([("session".into(), "s".into())])).unwrap();
+        writer.set_sync(slow);
+        let later_ns = system::now_ns() + 60_000_000_000;
+        let mut scribe = Scribe::start(writer, 1_000_000).unwrap();
+        scribe.write(block(1..10));
+        assert!(scribe.written(later_ns).is_some_and(|written| written.is_none()));
+        while !ASKED.load(Ordering::Acquire) && system::now_ns() < later_ns {
+            system::sleep_ns(1_000_000);
+        }
+        scribe.write(block(10..20));
+        assert!(scribe.written(later_ns).is_some_and(|written| written.is_none()), "it takes what comes meanwhile");
+        assert_eq!(scribe.finish(system::now_ns() + 2_000_000_000), Ok(()), "what it keeps later is not lost");
+        assert!(ASKED.load(Ordering::Acquire) && scribe.synced().is_none(), "it is still at it");
+        let read = Recording::read(&path).unwrap();
+        assert_eq!((read.applied().len(), read.ending), (19, hyst_recording::Ending::Complete));
+        LET.store(true, Ordering::Release);
         std::fs::remove_file(&path).unwrap();
     }
 

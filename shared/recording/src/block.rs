@@ -22,6 +22,8 @@ use std::io::Cursor;
 pub(crate) const STATION: &str = "station";
 /// Name of the metadata records that say which ticks were lost.
 pub(crate) const LOST: &str = "lost";
+/// Name of the metadata records that say which ticks the disk took and may not have kept: they are in the file as long as nobody finds otherwise.
+pub(crate) const UNKEPT: &str = "unkept";
 /// The writer's name in the file's header.
 pub(crate) const LIBRARY: &str = "hysteroscopy-station";
 
@@ -245,8 +247,7 @@ pub(crate) fn encode(block: &Block) -> Result<Encoded, WriteError> {
     pen.put_all(block)?;
     let mut writer = pen.writer;
     for range in &block.lost {
-        let metadata = BTreeMap::from([("first".into(), range.first.to_string()), ("last".into(), range.last.to_string())]);
-        writer.write_metadata(&Metadata { name: LOST.into(), metadata }).map_err(WriteError::encode)?;
+        writer.write_metadata(&named(LOST, range)).map_err(WriteError::encode)?;
     }
     let summary = writer.finish().map_err(WriteError::encode)?;
     let mut chunk = summary.chunk_indexes.into_iter().next().ok_or(WriteError::Encode("no chunk".into()))?;
@@ -261,6 +262,28 @@ pub(crate) fn encode(block: &Block) -> Result<Encoded, WriteError> {
     metadata.iter_mut().for_each(|index| index.offset -= start);
     let counts = summary.stats.map(|stats| stats.channel_message_counts).unwrap_or_default();
     Ok(Encoded { bytes, chunk, metadata, counts })
+}
+
+/// The metadata record that names a range of ticks.
+fn named(name: &str, range: &TickRange) -> Metadata {
+    let metadata = BTreeMap::from([("first".into(), range.first.to_string()), ("last".into(), range.last.to_string())]);
+    Metadata { name: name.into(), metadata }
+}
+
+/// The bytes of what names ticks that the disk may not have kept, and its indexes with offsets from the first byte.
+pub(crate) fn unkept(ranges: &[TickRange]) -> Result<(Vec<u8>, Vec<MetadataIndex>), WriteError> {
+    let mut writer = memory()?;
+    for range in ranges {
+        writer.write_metadata(&named(UNKEPT, range)).map_err(WriteError::encode)?;
+    }
+    let mut indexes = writer.finish().map_err(WriteError::encode)?.metadata_indexes;
+    let start = indexes.first().map_or(0, |index| index.offset);
+    let end = indexes.last().map_or(0, |index| index.offset + index.length);
+    let mut bytes = writer.into_inner().into_inner();
+    bytes.truncate(end as usize);
+    bytes.drain(..start as usize);
+    indexes.iter_mut().for_each(|index| index.offset -= start);
+    Ok((bytes, indexes))
 }
 
 /// Changes every offset of a chunk's index.

@@ -27,6 +27,7 @@ mod scene;
 mod schema;
 pub mod sequence;
 mod summary;
+mod sync;
 mod tissue;
 mod writer;
 
@@ -41,6 +42,7 @@ pub use process::ProcessSpell;
 pub use reader::{Damage, Ending, Reader, Recording, open_file};
 pub use scene::{SceneFile, scene_files};
 pub use sequence::{Collector, History, Taken};
+pub use sync::Disk;
 pub use writer::{Closed, WriteError, Writer};
 
 /// Session facts by name: the metadata record `station` of a file. `session` must be there; it tells one session from another.

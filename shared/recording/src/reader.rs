@@ -3,7 +3,7 @@
 //! Promise: what is damaged is named with its byte and left out, what follows it is read; a record that is given is what was written.
 
 use crate::again::{Input, Step};
-use crate::block::{Block, LOST, STATION};
+use crate::block::{Block, LOST, STATION, UNKEPT};
 use crate::channels::Channel;
 use crate::checkpoint::CheckpointMessage;
 use crate::error::{ReadError, version};
@@ -240,7 +240,7 @@ impl<R: Read + Seek> Reader<R> {
     }
 }
 
-/// A record as it stands in the file: a chunk, or a range of ticks that were lost.
+/// A record as it stands in the file: a chunk, or a range of ticks that were lost, or may not have been kept.
 struct Raw {
     frame: Frame,
     body: Vec<u8>,
@@ -272,11 +272,16 @@ fn in_turn(batch: &[Raw]) -> Vec<Result<Block, String>> {
     batch.iter().map(Raw::decode).collect()
 }
 
-/// The block of a range of ticks that were lost, or what is wrong with it.
+/// The block of a range of ticks that were lost, or what is wrong with it. Of ticks that the disk may not have kept there is nothing in it: whoever reads sees
+/// whether they are there.
 pub(crate) fn lost(body: &[u8]) -> Result<Block, String> {
     let record = metadata(body)?;
-    let range = recover::range(&record.metadata).filter(|range| record.name == LOST && range.first <= range.last);
-    Ok(Block { lost: vec![range.ok_or("names no range of lost ticks")?], ..Block::default() })
+    let range = recover::range(&record.metadata).filter(|range| range.first <= range.last);
+    match (record.name.as_str(), range) {
+        (LOST, Some(range)) => Ok(Block { lost: vec![range], ..Block::default() }),
+        (UNKEPT, Some(_)) => Ok(Block::default()),
+        _ => Err("names no range of lost ticks".into()),
+    }
 }
 
 fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {

@@ -1,7 +1,7 @@
 //! What a file that somebody else began already holds: its session, its blocks, and the byte after the last whole one. Reads frames and
 //! message indexes; only the last chunk is decompressed.
 
-use crate::block::{LOST, STATION};
+use crate::block::{LOST, STATION, UNKEPT};
 use crate::channels::Channel;
 use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
 use crate::summary::Contents;
@@ -24,7 +24,10 @@ pub(crate) struct Found {
     /// The byte after the last whole block.
     pub(crate) end: u64,
     pub(crate) contents: Contents,
+    /// Ticks that are named as lost or not kept.
     pub(crate) lost: u64,
+    /// Where they are.
+    pub(crate) named: Vec<TickRange>,
     /// Newest tick in `/force`.
     pub(crate) last_tick: Option<u64>,
 }
@@ -133,13 +136,15 @@ fn facts<R: Read + Seek>(walk: &mut Walk<R>, frame: &Frame, found: &mut Found) -
     found.contents.metadata.push(MetadataIndex { offset: frame.at, length: frame.end() - frame.at, name: record.name.clone() });
     if record.name == STATION && found.session.is_none() {
         found.session = Some(record.metadata);
-    } else if record.name == LOST {
-        found.lost += range(&record.metadata).map_or(0, |range| range.count());
+    } else if record.name == LOST || record.name == UNKEPT {
+        let named = range(&record.metadata);
+        found.lost += named.map_or(0, |range| range.count());
+        found.named.extend(named);
     }
     Ok(())
 }
 
-/// The range that a metadata record of lost ticks names.
+/// The range that a metadata record of ticks that are lost, or not kept, names.
 pub(crate) fn range(facts: &Session) -> Option<TickRange> {
     let number = |key: &str| facts.get(key)?.parse().ok();
     Some(TickRange { first: number("first")?, last: number("last")? })

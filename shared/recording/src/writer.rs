@@ -1,22 +1,23 @@
 //! The writer: appends blocks to one file, goes on in a file that a predecessor left, and closes it with a summary over everything.
 //!
 //! Promise: whatever is refused (full disk, failed write), the file stays as long as its last whole block; the same block may be tried again. What a sync has
-//! found kept outlives a power cut; what a disk took and did not keep is counted.
+//! found kept outlives a power cut; what a disk took and did not keep is counted, and named in the file for whoever goes on in it.
 //! One writer at a time: the file is locked while it is open, so that a recorder that was stopped and goes on later finds nothing changed
 //! under it, and its successor waits.
 
-use crate::block::{self, Block};
+use crate::block::{self, Block, TickRange};
 use crate::channels::Channel;
 use crate::recover::{Found, recover};
 use crate::summary::{self, Contents};
+use crate::sync::Disk;
 use crate::{FORMAT, Session};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-/// Linux: a file system without this operation.
-const EOPNOTSUPP: i32 = 95;
+/// Ticks at the end of a predecessor's file about which it may not have asked the disk: as many as it writes between two times.
+const NEWEST_TICKS: u64 = 5_000;
 
 /// Why something cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -60,12 +61,15 @@ pub enum WriteError {
         source: io::Error,
     },
     /// The disk took it and did not keep it: a stick that is gone, or a server that is full.
-    #[error("recording {path}: the disk did not keep what it had taken: {source}; {ticks} ticks may be lost, look at the disk")]
+    #[error(
+        "recording {path}: the disk did not keep what it had taken: {source}; {ticks} ticks may be lost, look at the disk",
+        ticks = count(.ranges)
+    )]
     Unsynced {
         /// The file.
         path: PathBuf,
         /// Ticks that were written since the disk last kept everything.
-        ticks: u64,
+        ranges: Vec<TickRange>,
         /// What the system said.
         source: io::Error,
     },
@@ -81,15 +85,18 @@ impl WriteError {
 
     /// Ticks that were written and may not be on the disk.
     pub fn doubtful_ticks(&self) -> u64 {
-        if let WriteError::Unsynced { ticks, .. } = self { *ticks } else { 0 }
+        if let WriteError::Unsynced { ranges, .. } = self { count(ranges) } else { 0 }
     }
+}
+
+fn count(ranges: &[TickRange]) -> u64 {
+    ranges.iter().map(TickRange::count).sum()
 }
 
 /// A recording that is being written.
 #[derive(Debug)]
 pub struct Writer {
-    path: PathBuf,
-    file: File,
+    disk: Disk,
     end: u64,
     limit_bytes: u64,
     contents: Contents,
@@ -99,19 +106,48 @@ pub struct Writer {
     /// Bytes about which the disk was asked.
     synced_end: u64,
     /// Ticks in what is behind them.
-    unsynced_ticks: u64,
-    sync_data: fn(&File) -> io::Result<()>,
+    unsynced: Vec<TickRange>,
+    /// Ticks that the disk did not keep, which the file does not name yet.
+    unnoted: Vec<TickRange>,
 }
 
-/// A recording that has its summary: nothing is appended to it any more.
+/// A recording that has its summary, or was refused it: nothing is appended to it any more.
 #[derive(Debug)]
-pub struct Closed(Writer);
+pub struct Closed {
+    writer: Writer,
+    blocks_end: u64,
+}
 
 impl Closed {
+    /// As [`Writer::ask`].
+    pub fn ask(&mut self) -> Vec<TickRange> {
+        self.writer.ask()
+    }
+
+    /// As [`Writer::heed`].
+    pub fn heed(&mut self, answer: Result<(), WriteError>) -> Result<(), WriteError> {
+        self.writer.heed(answer)
+    }
+
+    /// Names in the file what the disk did not keep, as [`Writer::note`], and writes the summary again behind it.
+    pub fn note(&mut self) -> Result<(), WriteError> {
+        let Writer { disk, unnoted, end, .. } = &mut self.writer;
+        if unnoted.is_empty() {
+            return Ok(());
+        }
+        disk.file.set_len(self.blocks_end).map_err(|source| WriteError::Write { path: disk.path.clone(), source })?;
+        *end = self.blocks_end;
+        let noted = self.writer.note();
+        self.blocks_end = self.writer.end;
+        let summary = self.writer.summarize();
+        noted.and(summary)
+    }
+
     /// Has the disk keep it, as [`Writer::sync`], and unlocks the file; gives its length, bytes.
     pub fn sync(mut self) -> Result<u64, WriteError> {
-        self.0.sync()?;
-        Ok(self.0.end)
+        let kept = self.writer.sync();
+        let _ = self.note(); // what is told is worse
+        kept.map(|()| self.writer.end)
     }
 }
 
@@ -135,9 +171,9 @@ impl Writer {
         facts.insert("format".into(), FORMAT.into());
         let (head, index) = block::head(&facts)?;
         let found = inherit(path, &file, &facts, &head)?;
+        let unsynced = newest(&found);
         let mut writer = Writer {
-            path: path.to_path_buf(),
-            file,
+            disk: Disk { path: path.to_path_buf(), file, sync_data: File::sync_data },
             end: found.end,
             limit_bytes: u64::MAX,
             contents: found.contents,
@@ -145,10 +181,10 @@ impl Writer {
             lost: found.lost,
             continued: found.session.is_some(),
             synced_end: 0,
-            unsynced_ticks: 0,
-            sync_data: File::sync_data,
+            unsynced,
+            unnoted: Vec::new(),
         };
-        writer.file.set_len(writer.end).map_err(refused)?;
+        writer.disk.file.set_len(writer.end).map_err(refused)?;
         if !writer.continued {
             writer.put(&head)?;
             writer.contents.metadata.push(index);
@@ -161,16 +197,17 @@ impl Writer {
         self.limit_bytes = limit_bytes;
     }
 
-    /// Lets this stand for the system's `fdatasync`: a disk that refuses it cannot be had in a test otherwise.
+    /// Lets this stand for the system's `fdatasync`: a disk that refuses it, or takes its time, cannot be had in a test otherwise.
     pub fn set_sync(&mut self, sync_data: fn(&File) -> io::Result<()>) {
-        self.sync_data = sync_data;
+        self.disk.sync_data = sync_data;
     }
 
-    /// Appends a block; an empty one writes nothing. After an error the file is as before, and the block may be tried again.
+    /// Appends a block, behind what is to be noted; an empty one writes nothing. After an error nothing of it is in the file, and it may be tried again.
     pub fn append(&mut self, block: &Block) -> Result<(), WriteError> {
         if block.is_empty() {
             return Ok(());
         }
+        self.note()?;
         let mut encoded = block::encode(block)?;
         let base = self.end;
         self.put(&encoded.bytes)?;
@@ -182,7 +219,7 @@ impl Writer {
             *self.contents.counts.entry(id).or_insert(0) += count;
         }
         self.last_tick = block.applied.iter().map(|record| record.tick).max().max(self.last_tick);
-        self.unsynced_ticks += block.applied.len() as u64;
+        block.applied.iter().for_each(|record| TickRange::extend(&mut self.unsynced, record.tick));
         self.lost += block.lost.iter().map(|range| range.count()).sum::<u64>();
         Ok(())
     }
@@ -192,30 +229,62 @@ impl Writer {
         self.end != self.synced_end
     }
 
-    /// Has the disk keep what was written; that takes as long as the disk does. A file system that cannot be asked for it is not to blame. After an error
-    /// ([`WriteError::Unsynced`]) it is not known what of it the disk has, and the system says so once: the next sync is of what is written later.
-    pub fn sync(&mut self) -> Result<(), WriteError> {
-        let ticks = std::mem::take(&mut self.unsynced_ticks);
+    /// The file for a thread that asks the disk to keep what was written, while this one goes on: [`Writer::ask`] says of what, [`Disk::keep`] asks, and
+    /// [`Writer::heed`] takes the answer.
+    pub fn disk(&self) -> io::Result<Disk> {
+        self.disk.share()
+    }
+
+    /// The ticks in what was written since the disk was last asked; it counts as asked now.
+    pub fn ask(&mut self) -> Vec<TickRange> {
         self.synced_end = self.end;
-        match (self.sync_data)(&self.file) {
-            Err(source) if !cannot_sync(&source) => Err(WriteError::Unsynced { path: self.path.clone(), ticks, source }),
-            _ => Ok(()),
-        }
+        std::mem::take(&mut self.unsynced)
     }
 
-    /// Writes the summary over all blocks of all writers; without it the file is readable too. Where it is refused, the disk is asked to keep the rest.
-    pub fn close(mut self) -> Result<Closed, WriteError> {
-        let bytes = summary::encode(&self.contents, self.end);
-        if let Err(error) = self.put(&bytes) {
-            self.sync()?; // what is not kept is worse
-            return Err(error);
+    /// Takes what the disk answered and gives it back. The system tells of a failure once, which may be of what was written after it was asked: that counts as
+    /// not kept, too, and the next time is of what is written later.
+    pub fn heed(&mut self, mut answer: Result<(), WriteError>) -> Result<(), WriteError> {
+        if let Err(WriteError::Unsynced { ranges, .. }) = &mut answer {
+            ranges.append(&mut self.unsynced);
+            self.unnoted.extend_from_slice(ranges);
         }
-        Ok(Closed(self))
+        answer
     }
 
-    /// Writes the summary, has the disk keep all of it, and unlocks the file; gives its length, bytes.
+    /// Names in the file what the disk did not keep, so that whoever goes on in it knows; what is refused is tried again with the next block.
+    pub fn note(&mut self) -> Result<(), WriteError> {
+        if self.unnoted.is_empty() {
+            return Ok(());
+        }
+        let (bytes, mut indexes) = block::unkept(&self.unnoted)?;
+        let base = self.end;
+        self.put(&bytes)?;
+        indexes.iter_mut().for_each(|index| index.offset += base);
+        self.contents.metadata.append(&mut indexes);
+        self.unnoted.clear();
+        Ok(())
+    }
+
+    /// Has the disk keep what was written, as [`Disk::keep`]; that takes as long as the disk does.
+    pub fn sync(&mut self) -> Result<(), WriteError> {
+        let ranges = self.ask();
+        let answer = self.disk.keep(ranges);
+        self.heed(answer)
+    }
+
+    /// Writes the summary over all blocks of all writers, and says what became of that; without it the file is readable too.
+    pub fn close(mut self) -> (Closed, Result<(), WriteError>) {
+        let _ = self.note(); // whoever asked the disk knows it
+        let blocks_end = self.end;
+        let summary = self.summarize();
+        (Closed { writer: self, blocks_end }, summary)
+    }
+
+    /// Writes the summary, has the disk keep all of it, and unlocks the file; gives its length, bytes. Where the summary is refused, the rest is to be kept.
     pub fn finish(self) -> Result<u64, WriteError> {
-        self.close()?.sync()
+        let (closed, summary) = self.close();
+        let bytes = closed.sync()?; // what is not kept is worse
+        summary.map(|()| bytes)
     }
 
     /// Newest tick on disk.
@@ -226,7 +295,7 @@ impl Writer {
     pub fn ticks(&self) -> u64 {
         self.contents.counts.get(&(Channel::Force as u16)).copied().unwrap_or(0)
     }
-    /// Ticks that the file says are lost.
+    /// Ticks that the file says are lost, or that the disk did not keep of what a predecessor wrote; what it did not keep since is told with the answer.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -243,25 +312,25 @@ impl Writer {
         self.continued
     }
 
+    fn summarize(&mut self) -> Result<(), WriteError> {
+        let bytes = summary::encode(&self.contents, self.end);
+        self.put(&bytes)
+    }
+
     fn put(&mut self, bytes: &[u8]) -> Result<(), WriteError> {
-        let full = || WriteError::Full { path: self.path.clone(), bytes: bytes.len() };
+        let full = || WriteError::Full { path: self.disk.path.clone(), bytes: bytes.len() };
         if self.end.saturating_add(bytes.len() as u64) > self.limit_bytes {
             return Err(full());
         }
-        if let Err(source) = self.file.write_all_at(bytes, self.end) {
+        if let Err(source) = self.disk.file.write_all_at(bytes, self.end) {
             // The torn block goes. If even that fails, the next write begins at the same byte, and a reader stops before it.
-            let _ = self.file.set_len(self.end);
+            let _ = self.disk.file.set_len(self.end);
             let is_full = matches!(source.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge);
-            return Err(if is_full { full() } else { WriteError::Write { path: self.path.clone(), source } });
+            return Err(if is_full { full() } else { WriteError::Write { path: self.disk.path.clone(), source } });
         }
         self.end += bytes.len() as u64;
         Ok(())
     }
-}
-
-/// Whether it is the file system that knows no such thing, and no failure of it.
-fn cannot_sync(error: &io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) || error.raw_os_error() == Some(EOPNOTSUPP)
 }
 
 /// What there is to go on from; nothing for a new file or one that a predecessor of the same kind was cut off in at once.
@@ -283,6 +352,18 @@ fn inherit(path: &Path, file: &File, facts: &Session, head: &[u8]) -> Result<Fou
         return Err(foreign("holds another session"));
     }
     Ok(found)
+}
+
+/// The newest ticks of a file that somebody else began, but for those that it names itself: nobody knows whether the disk was asked for them.
+fn newest(found: &Found) -> Vec<TickRange> {
+    let ticks = found.contents.counts.get(&(Channel::Force as u16)).copied().unwrap_or(0).min(NEWEST_TICKS);
+    let (Some(last), true) = (found.last_tick, ticks > 0) else { return Vec::new() };
+    let first = last.saturating_sub(ticks - 1);
+    let named: Vec<&TickRange> = found.named.iter().filter(|range| range.last >= first).collect();
+    let is_named = |tick: &u64| named.iter().any(|range| (range.first..=range.last).contains(tick));
+    let mut newest = Vec::new();
+    (first..=last).filter(|tick| !is_named(tick)).for_each(|tick| TickRange::extend(&mut newest, tick));
+    newest
 }
 
 /// Whether a short file is the beginning of a head: the same bytes up to the facts, which another version may order otherwise.

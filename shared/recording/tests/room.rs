@@ -5,7 +5,7 @@
 mod fixture;
 
 use fixture::{Folder, block, session, ticks, write};
-use hyst_recording::{Ending, ReadError, Recording, Session, WriteError, Writer};
+use hyst_recording::{Ending, ReadError, Recording, Session, WriteError, Writer, outline};
 use std::fs::File;
 use std::io;
 
@@ -45,7 +45,7 @@ fn what_the_disk_took_and_did_not_keep_is_counted_once_and_a_file_system_that_ca
     assert!(writer.is_unsynced());
     writer.set_sync(refuses::<EIO>);
     let error = writer.sync().unwrap_err();
-    assert!(matches!(error, WriteError::Unsynced { ticks: 49, .. }) && error.doubtful_ticks() == 49, "{error}");
+    assert!(matches!(error, WriteError::Unsynced { .. }) && error.doubtful_ticks() == 49, "{error}");
     assert!(error.to_string().contains("did not keep what it had taken: ") && !writer.is_unsynced(), "{error}");
     writer.append(&block(50..60)).unwrap();
     assert!(writer.is_unsynced(), "the next time it is of what is new");
@@ -61,12 +61,46 @@ fn what_the_disk_took_and_did_not_keep_is_counted_once_and_a_file_system_that_ca
     assert_eq!(Recording::read(&folder.file()).unwrap().ending, Ending::Complete, "as far as the system knows");
 }
 
+/// Whoever went on in the file of a recorder that had told of it ended with 0 and nothing lost.
+#[test]
+fn what_the_disk_did_not_keep_is_known_to_a_successor_and_whoever_reads_finds_what_is_there() {
+    let folder = Folder::new("doubt");
+    let mut writer = write(&folder.file(), &[block(1..50)]);
+    writer.set_sync(refuses::<EIO>);
+    assert_eq!(writer.sync().unwrap_err().doubtful_ticks(), 49);
+    writer.append(&block(50..60)).unwrap();
+    assert_eq!(writer.lost(), 0, "it was told with the answer");
+    drop(writer); // as in a death
+    let mut next = write(&folder.file(), &[]);
+    assert_eq!((next.lost(), next.ticks(), next.is_unsynced()), (49, 59, true));
+    next.set_sync(refuses::<EIO>);
+    assert_eq!(next.sync().unwrap_err().doubtful_ticks(), 10, "the predecessor had not asked for them");
+    next.append(&block(60..70)).unwrap();
+    assert_eq!(next.finish().unwrap_err().doubtful_ticks(), 10);
+    let read = Recording::read(&folder.file()).unwrap();
+    assert_eq!((ticks(&read), read.ending), ((1..70).collect::<Vec<_>>(), Ending::Complete));
+    assert!(read.damage.is_empty() && read.content.lost.is_empty(), "{:?}", read.damage);
+    assert_eq!(outline(&folder.file()).unwrap().map(|outline| outline.last_tick), Some(69));
+    assert_eq!(write(&folder.file(), &[]).lost(), 69, "what was not kept at the end, too");
+}
+
+#[test]
+fn of_a_long_file_a_successor_answers_for_the_newest_five_seconds() {
+    let folder = Folder::new("newest");
+    drop(write(&folder.file(), &[block(1..3_001), block(3_001..6_001)]));
+    let mut next = write(&folder.file(), &[]);
+    next.set_sync(refuses::<EIO>);
+    let error = next.sync().unwrap_err();
+    assert!(matches!(&error, WriteError::Unsynced { ranges, .. } if ranges[0].first == 1_001), "{error:?}");
+    assert_eq!(error.doubtful_ticks(), 5_000);
+}
+
 #[test]
 fn a_summary_without_room_is_refused_and_the_rest_is_there() {
     let folder = Folder::new("end");
     let mut writer = write(&folder.file(), &[block(1..50)]);
     writer.set_limit(writer.bytes() + 10);
-    assert!(matches!(writer.close(), Err(WriteError::Full { .. })));
+    assert!(matches!(writer.close(), (_, Err(WriteError::Full { .. }))));
     assert_eq!(ticks(&Recording::read(&folder.file()).unwrap()), (1..50).collect::<Vec<_>>());
 }
 
