@@ -12,6 +12,9 @@ use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::Path;
 
+/// What is changed of a sample, and what it is called.
+type Change = (&'static str, fn(&mut HardwareSample));
+
 /// A case of so many seconds whose goal is a second of pressure.
 fn case(time_s: f64) -> String {
     let goals = json!([{ "words": "part the walls", "is": { "pressure": { "band_pa": [6_000.0, 10_000.0], "ticks": 1_000 } } }]);
@@ -49,7 +52,7 @@ fn began_tick(change: fn(&mut HardwareSample)) -> Option<u64> {
 
 #[test]
 fn it_begins_with_the_first_tick_that_shows_a_hand() {
-    let changes: [(&str, fn(&mut HardwareSample)); 12] = [
+    let changes: [Change; 12] = [
         ("tip", |sample| sample.pose.position_m[0] = 0.0011),
         ("pitch", |sample| sample.pose.pitch_rad = -0.036),
         ("yaw", |sample| sample.pose.yaw_rad = 0.036),
@@ -70,7 +73,7 @@ fn it_begins_with_the_first_tick_that_shows_a_hand() {
 
 #[test]
 fn what_trembles_and_what_is_no_number_begins_nothing() {
-    let changes: [(&str, fn(&mut HardwareSample)); 7] = [
+    let changes: [Change; 7] = [
         ("rest", |_| {}),
         ("tip", |sample| sample.pose.position_m[1] = 0.0009),
         ("axes", |sample| (sample.pose.pitch_rad, sample.pose.roll_rad) = (0.034, -0.034)),
