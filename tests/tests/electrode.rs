@@ -31,9 +31,9 @@ fn a_stroke_goes_on_when_whoever_makes_it_is_killed() {
         assert!(now.removed_volume_ml >= last.removed_volume_ml && now.cuts >= last.cuts, "{last:?} {now:?}");
         last = now;
     }
-    let free = wait_until(&station, "a piece free", |status| status.removed_volume_ml > 0.0 && status.is_cutting == 0);
-    // Uterus, polyp and scope, and the chip.
-    assert!(free.cuts >= last.cuts && free.objects >= 4, "{last:?} {free:?}");
+    // Uterus, polyp and scope, and the chip. That a volume is removed is not asked for it: a mesh that is divided anew is less by its rounding before.
+    let free = wait_until(&station, "a piece free", |status| status.objects >= 4 && status.is_cutting == 0);
+    assert!(free.cuts >= last.cuts && free.removed_volume_ml > 1e-4, "{last:?} {free:?}");
     // Incumbent and spare at once: the state comes from a checkpoint, with its mesh.
     station.recover();
     station.inject("kill tissue:both");

@@ -212,7 +212,8 @@ impl Stateful for MainLoop<'_> {
             self.step_ticks.set(page.load64(station::REPLAY_STEP_TICKS).clamp(1, LONGEST_STEP));
             wanted = page.load64(station::REPLAY_INPUT_TICK);
         }
-        if wanted == 0 {
+        // What the device made before a replay began is in no ring of this station.
+        if wanted <= self.life.settings.replay.map_or(0, |replay| replay.begin_tick) {
             return true;
         }
         let made = page.load64(station::INPUT_TICK);
