@@ -178,8 +178,7 @@ impl Hop<'_> {
         let before = std::mem::replace(&mut self.share, share);
         self.replicas.withhold(share.min(before) < 1.0);
         if share < 1.0 {
-            let page = &self.life.page;
-            page.store64(layout::WITHHELD_TICKS, page.load64(layout::WITHHELD_TICKS) + 1);
+            self.life.page.add64(layout::WITHHELD_TICKS, 1);
         }
         share
     }
