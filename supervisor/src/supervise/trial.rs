@@ -210,6 +210,7 @@ impl Supervisor {
         self.spawner.mortality.pass("swap-told");
         let in_place = !policy::is_replicated(role);
         if let Some(trial) = &mut self.trial {
+            trial.note_leader();
             (trial.stage, trial.since_ns, trial.record.incarnation, trial.felt) = (stage, system::now_ns(), incarnation, 0);
             if stage == if policy::is_stateful(role) { Stage::Shadow } else { Stage::Trial } && policy::is_judged(role) {
                 trial.judge = start_judge(&self.station, role, incarnation, trial.drew, self.tell_self.clone());

@@ -1,6 +1,8 @@
 //! What a newcomer on trial spends of the machine, from the kernel's books: who makes too few steps, or none in time, is slow only if it was let run. Nor is
 //! it to blame for steps that it missed, or for what could not be compared, while it was kept off its core.
 
+mod spent;
+
 use super::super::Supervisor;
 use super::Trial;
 use crate::policy::{self, Cause, Reason};
@@ -8,96 +10,19 @@ use crate::proc::{START_UNIT_NS, ThreadFiles};
 use hyst_exchange::system;
 use hyst_messages::page::{hardware, header};
 use hyst_messages::{Role, Slot, TICK_NS};
+pub(super) use spent::{KEPT_OFF_FOR_LATE, Spent, Tenures};
+use spent::{KEPT_OFF_FOR_SLOW, LEAST_RATE};
 use std::collections::VecDeque;
 
 /// Between two entries, ns.
 const ENTRY_NS: u64 = 10_000_000;
 /// Entries kept: more than a second of them.
 const MOST_ENTRIES: usize = 128;
-/// Parts of the time for which one is ready and not let run, beyond which it is not to blame: for answers that came late now and then, and for making
-/// half its steps.
-pub(super) const KEPT_OFF_FOR_LATE: f64 = 0.02;
-const KEPT_OFF_FOR_SLOW: f64 = 0.3;
-/// One that runs for this part of the time, at so many times what a step took the old engine, is slow by itself, whoever keeps it off.
-const BUSY: f64 = 0.1;
-const COSTLY: f64 = 3.0;
-/// One that slept for this part of the time, and yet made few steps, was not kept from them.
-const ASLEEP: f64 = 0.5;
-/// One that made so many steps in time whenever it had the role is not slow: it lost the role to a stall.
-const STEADY_STEPS: u64 = 100;
 
 /// Between two looks at the steps of a newcomer in place, ns.
 const RATE_NS: u64 = 900_000_000;
-/// Part of the old engine's rate that the newcomer must make: a busy host takes its share of both.
-const LEAST_RATE: f64 = 0.5;
 /// Looks in a row at which it is too slow.
 const MOST_SLOW: u32 = 2;
-
-/// What was spent within a time.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Spent {
-    passed_ns: u64,
-    /// Processor time, and time in which it was ready and not let run, ns.
-    ran_ns: u64,
-    waited_ns: u64,
-    steps: u64,
-    /// Time in which the host itself stood still, as the hardware's canaries say, ns: the kernel books it as time that somebody ran.
-    stalled_ns: u64,
-}
-
-impl Spent {
-    /// Processor time of a step, ns; 0 if there was none.
-    pub(super) fn step_ns(&self) -> f64 {
-        if self.steps == 0 { 0.0 } else { self.ran_ns as f64 / self.steps as f64 }
-    }
-
-    /// Steps a second.
-    fn rate_hz(&self) -> f64 {
-        self.steps as f64 * 1e9 / self.passed_ns.max(1) as f64
-    }
-
-    /// What was spent since another reading of the same books.
-    fn less(&self, from: &Spent) -> Spent {
-        Spent {
-            passed_ns: self.passed_ns.saturating_sub(from.passed_ns),
-            ran_ns: self.ran_ns.saturating_sub(from.ran_ns),
-            waited_ns: self.waited_ns.saturating_sub(from.waited_ns),
-            steps: self.steps.saturating_sub(from.steps),
-            stalled_ns: self.stalled_ns.saturating_sub(from.stalled_ns),
-        }
-    }
-
-    fn and(&self, more: &Spent) -> Spent {
-        Spent {
-            passed_ns: self.passed_ns + more.passed_ns,
-            ran_ns: self.ran_ns + more.ran_ns,
-            waited_ns: self.waited_ns + more.waited_ns,
-            steps: self.steps + more.steps,
-            stalled_ns: self.stalled_ns + more.stalled_ns,
-        }
-    }
-
-    fn part(&self, time_ns: u64) -> f64 {
-        time_ns as f64 / self.passed_ns.max(1) as f64
-    }
-
-    /// Whether its steps are dear; `old` is what the old engine spent, nothing if that is not known.
-    fn is_costly(&self, old: &Spent) -> bool {
-        let ran_ns = self.ran_ns.saturating_sub(self.stalled_ns);
-        self.part(ran_ns) > BUSY && ran_ns as f64 > COSTLY * old.step_ns() * self.steps as f64
-    }
-
-    /// Whether it is the machine that makes it slow: it kept the process off its core for more than this part of the time, or stood still.
-    fn is_excused(&self, old: &Spent, kept_off: f64) -> bool {
-        self.part(self.waited_ns.max(self.stalled_ns)) > kept_off && !self.is_costly(old)
-    }
-
-    /// Whether it slept while `old` made its steps.
-    fn is_asleep(&self, old: &Spent) -> bool {
-        let slept_ns = self.passed_ns.saturating_sub(self.ran_ns).saturating_sub(self.waited_ns);
-        self.rate_hz() < LEAST_RATE * old.rate_hz() && self.part(slept_ns) > ASLEEP
-    }
-}
 
 /// Reads the kernel's books of a process of a role: the thread that makes its steps tells how it does, but of a rendering most is done by the driver's.
 fn ran_and_waited_ns(files: &ThreadFiles, role: Role) -> Option<(u64, u64)> {
@@ -147,28 +72,13 @@ impl Effort {
         self.since(time_ns).or_else(|| self.from(self.entries.front()?))
     }
 
+    /// The entry of that time, or the first one.
+    fn before(&self, time_ns: u64) -> Option<Spent> {
+        self.entries.iter().rev().find(|entry| entry.passed_ns <= time_ns).or(self.entries.front()).copied()
+    }
+
     fn from(&self, from: &Spent) -> Option<Spent> {
         self.entries.back().map(|to| to.less(from))
-    }
-}
-
-/// The times for which a newcomer had the role.
-#[derive(Debug, Default)]
-pub(super) struct Tenures {
-    /// The books at the beginning of the present one.
-    since: Option<Spent>,
-    /// What was spent in those that are over, and how many there were.
-    over: Spent,
-    count: u64,
-}
-
-impl Tenures {
-    /// The newcomer has the role, or has lost it.
-    fn note(&mut self, holds: bool, read: Spent) {
-        match self.since.take() {
-            Some(since) if !holds => (self.over, self.count) = (self.over.and(&read.less(&since)), self.count + 1),
-            before => self.since = before.or(holds.then_some(read)),
-        }
     }
 }
 
@@ -179,18 +89,32 @@ impl Trial {
         spent.is_some_and(|spent| spent.is_excused(&self.old, kept_off))
     }
 
+    /// The newcomer is told how far it is. Before it may take the role the one beside it has that: what its steps cost can be read then.
+    pub(super) fn note_leader(&mut self) {
+        let led = self.beside.as_ref().and_then(|effort| effort.lately(self.since_ns));
+        self.tenures.led = self.tenures.led.or(led);
+    }
+
+    /// What steps cost the old engine. An elder that keeps no line wakes for each and computes none: the dearest reading counts.
+    fn old_engine(&self) -> Spent {
+        let lately = self.beside.as_ref().and_then(|effort| effort.lately(self.since_ns));
+        let read = [self.tenures.led, lately].into_iter().flatten();
+        read.max_by(|a, b| a.step_ns().total_cmp(&b.step_ns())).unwrap_or(self.old)
+    }
+
     /// A reason for its end, once the machine was heard: one that missed steps, or left too little to compare, got no time if it was kept off its core. What the
     /// one beside it spent tells what the steps cost anybody.
     pub(super) fn weighed(&self, reason: Reason) -> Reason {
-        let of = |effort: &Option<Effort>| effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
-        let old = of(&self.beside).unwrap_or(self.old);
-        let Tenures { over, count, .. } = &self.tenures;
-        let had_the_role = reason.cause == Cause::Missed && *count > 0;
-        let spent = if had_the_role { Some(*over) } else { of(&self.effort) };
-        let is_kept_off = |spent: Spent| spent.is_excused(&old, KEPT_OFF_FOR_SLOW) && !spent.is_asleep(&old);
-        let is_steady = had_the_role && over.steps >= STEADY_STEPS * count;
-        let may_be = matches!(reason.cause, Cause::Missed | Cause::NotCompared);
-        if may_be && (is_steady || spent.is_some_and(is_kept_off)) {
+        let old = self.old_engine();
+        let got_no_time = match reason.cause {
+            Cause::Missed if self.tenures.count > 0 => self.tenures.were_cut_short(&old),
+            Cause::Missed | Cause::NotCompared => {
+                let spent = self.effort.as_ref().and_then(|effort| effort.lately(self.since_ns));
+                spent.is_some_and(|spent| spent.is_kept_off(&old))
+            }
+            _ => false,
+        };
+        if got_no_time {
             return Reason::new(Cause::NoTime, format!("{}; the machine left it no time", reason.text));
         }
         reason
@@ -240,8 +164,10 @@ impl Supervisor {
         let Some(slot) = self.trial.as_ref().and_then(|trial| trial.record.slot()) else { return };
         let (steps, stalled_ns) = (self.steps_of(slot), self.stalled_ns());
         let Some(trial) = &mut self.trial else { return };
+        let loss_ns = trial.old_engine().loss_ns();
         if let Some(effort) = &trial.effort {
-            trial.tenures.note(holds, effort.read(system::now_ns(), steps, stalled_ns));
+            let read = effort.read(system::now_ns(), steps, stalled_ns);
+            trial.tenures.note(holds, read, effort.before(read.passed_ns.saturating_sub(loss_ns)));
         }
     }
 
@@ -282,41 +208,22 @@ mod tests {
         Spent { passed_ns: 200 * MS, ran_ns: ran_ms * MS, waited_ns: waited_ms * MS, steps, stalled_ns: 0 }
     }
 
-    #[test]
-    fn one_that_is_not_let_run_is_excused_and_one_whose_steps_cost_more_is_not() {
-        let old = spent(12, 0, 200);
-        assert!(!spent(12, 3, 200).is_excused(&old, KEPT_OFF_FOR_LATE), "it was let run");
-        assert!(!spent(1, 3, 0).is_excused(&old, KEPT_OFF_FOR_LATE), "it sleeps");
-        assert!(spent(6, 60, 100).is_excused(&old, KEPT_OFF_FOR_LATE), "kept off its core");
-        assert!(!spent(6, 40, 100).is_excused(&old, KEPT_OFF_FOR_SLOW), "that alone does not cost half its steps");
-        assert!(spent(0, 200, 0).is_excused(&old, KEPT_OFF_FOR_LATE), "not let run at all");
-        assert!(!spent(100, 60, 20).is_excused(&old, KEPT_OFF_FOR_LATE), "5 ms a step, on a core that others need");
-        assert!(!spent(60, 140, 12).is_excused(&Spent::default(), KEPT_OFF_FOR_LATE), "of the old one nothing is known");
-        assert_eq!((old.step_ns(), old.rate_hz()), (60e3, 1e3));
-    }
-
-    #[test]
-    fn one_whose_host_stood_still_is_excused_and_what_the_kernel_booked_meanwhile_makes_no_step_dear() {
-        let (old, stalled) = (spent(12, 0, 200), Spent { stalled_ns: 80 * MS, ..spent(86, 0, 100) });
-        assert!(stalled.is_excused(&old, KEPT_OFF_FOR_LATE));
-        assert!(!Spent { stalled_ns: 4 * MS, ..stalled }.is_excused(&old, KEPT_OFF_FOR_LATE), "it was let run");
-        assert!(!Spent { stalled_ns: 40 * MS, ..stalled }.is_excused(&old, KEPT_OFF_FOR_LATE), "its steps are dear beside that");
+    /// The books of a process that has spent this.
+    fn books(spent: Spent) -> Option<Effort> {
+        let mut effort = Effort::of(std::process::id(), Role::Fluid).unwrap();
+        effort.entries = [Spent::default(), spent].into();
+        Some(effort)
     }
 
     /// What is made of a cause if the newcomer spent this since it was told last how far it is, and this in each of three times that it had the role.
     fn weighed(cause: Cause, own: Spent, tenure: Option<Spent>) -> Cause {
-        let books = |spent: Spent| {
-            let mut effort = Effort::of(std::process::id(), Role::Fluid).unwrap();
-            effort.entries = [Spent::default(), spent].into();
-            Some(effort)
-        };
         let mut trial = Trial::begin(record(), Role::Fluid, Spent::default());
         (trial.since_ns, trial.effort, trial.beside) = (0, books(own), books(spent(12, 0, 200)));
         for read in (1..=3).filter_map(|_| tenure) {
-            trial.tenures.note(true, Spent::default());
-            trial.tenures.note(true, spent(1, 0, 1)); // told once more
-            trial.tenures.note(false, read);
-            trial.tenures.note(false, spent(1, 0, 1));
+            trial.tenures.note(true, Spent::default(), None);
+            trial.tenures.note(true, spent(1, 0, 1), None); // told once more
+            trial.tenures.note(false, read, None);
+            trial.tenures.note(false, spent(1, 0, 1), None);
         }
         trial.weighed(Reason::new(cause, "why")).cause
     }
@@ -349,6 +256,22 @@ mod tests {
         );
     }
 
+    /// A flow of which the one that stood beside it kept no line: its loops cost nothing, and beside that any step is dear.
+    #[test]
+    fn an_elder_that_computes_nothing_makes_the_newcomers_steps_no_dearer() {
+        let mut trial = Trial::begin(record(), Role::Fluid, Spent::default());
+        (trial.since_ns, trial.beside) = (0, books(spent(100, 0, 5)));
+        trial.note_leader();
+        trial.beside = books(spent(1, 0, 5));
+        trial.note_leader();
+        assert_eq!(trial.tenures.led, Some(spent(100, 0, 5)), "when it had the role first");
+        trial.tenures.note(true, Spent::default(), None);
+        trial.tenures.note(false, spent(60, 130, 3), None);
+        assert_eq!(trial.weighed(Reason::new(Cause::Missed, "why")).cause, Cause::NoTime);
+        trial.tenures.led = None;
+        assert_eq!(trial.weighed(Reason::new(Cause::Missed, "why")).cause, Cause::Missed, "nothing else is known");
+    }
+
     #[test]
     fn the_books_of_a_living_process_say_what_it_ran_between_two_entries() {
         let mut effort = Effort::of(std::process::id(), Role::Fluid).unwrap();
@@ -361,6 +284,8 @@ mod tests {
         assert_eq!((spent.passed_ns, spent.steps, spent.stalled_ns), (ENTRY_NS, 2, 2 * MS));
         assert_eq!(effort.since(begun_ns - 1), None, "before the first entry");
         assert_eq!(effort.lately(begun_ns - 1), Some(spent), "as far as they go");
+        assert_eq!(effort.before(begun_ns + 5).map(|entry| entry.steps), Some(7));
+        assert_eq!(effort.before(begun_ns - 1), effort.before(begun_ns), "the first");
         assert!(Effort::of(u32::MAX, Role::Fluid).is_none());
     }
 }
