@@ -2,7 +2,7 @@
 //! Kept in a file in the station's root, so that a supervisor that is restarted goes on from it.
 
 use crate::growth::Growth;
-use hyst_exchange::{ReadPage, Station};
+use hyst_exchange::{ReadPage, Station, whole};
 use hyst_messages::page::header;
 use hyst_messages::{LATENCY_BUCKETS, Slot};
 use serde::{Deserialize, Serialize};
@@ -157,7 +157,7 @@ impl Accounts {
     /// Keeps the accounts.
     pub fn write(&self, station: &Station) {
         if let Ok(text) = serde_json::to_string(self) {
-            let _ = crate::plan::write_whole(&Accounts::path(station), text.as_bytes()); // tried again in a second
+            let _ = whole::write(&Accounts::path(station), text.as_bytes()); // tried again in a second
         }
     }
 

@@ -17,7 +17,7 @@ use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
 use crate::policy::Exit;
 use crate::view::Viewer;
 use crate::{corrupt, mischief, shortage};
-use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system};
+use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system, whole};
 use hyst_messages::{Role, Slot, TICK_NS};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -151,7 +151,7 @@ impl Faults {
     pub fn keep_open(&mut self) {
         self.open.counted = self.ledger.counted();
         if let Ok(text) = serde_json::to_string(&self.open) {
-            let _ = crate::plan::write_whole(&path(&self.station, "open.json"), text.as_bytes()); // the fault itself goes on
+            let _ = whole::write(&path(&self.station, "open.json"), text.as_bytes()); // the fault itself goes on
         }
     }
 

@@ -1,8 +1,7 @@
 //! What happened, for people: one line for each event, appended to a file in the station's root; and the verdict, if the station has to
 //! end by itself.
 
-use crate::plan::write_whole;
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use hyst_messages::Slot;
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -141,7 +140,7 @@ impl Verdict {
     /// Leaves the verdict for the guardian.
     pub fn write(&self, station: &Station) {
         if let Ok(text) = serde_json::to_string(self) {
-            let _ = write_whole(&Verdict::path(station), text.as_bytes()); // the message is in the journal too
+            let _ = whole::write(&Verdict::path(station), text.as_bytes()); // the message is in the journal too
         }
     }
     /// The verdict, if there is one.

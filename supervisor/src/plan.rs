@@ -2,11 +2,11 @@
 //! the station's root, so that a supervisor that was restarted knows the same.
 
 use hyst_engine::Settings;
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use hyst_messages::{MAX_WORKERS, Role, Slot};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What the supervisor is started for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,7 +85,7 @@ impl Plan {
     pub fn write(&self, station: &Station) -> Result<(), PlanError> {
         let path = station.plan();
         let text = toml::to_string(self).map_err(|e| PlanError::Content { path: path.clone(), reason: e.to_string() })?;
-        write_whole(&path, text.as_bytes()).map_err(|source| PlanError::File { path, source })
+        whole::write(&path, text.as_bytes()).map_err(|source| PlanError::File { path, source })
     }
     /// Reads the plan from the station's root.
     pub fn read(station: &Station) -> Result<Plan, PlanError> {
@@ -93,13 +93,6 @@ impl Plan {
         let text = std::fs::read_to_string(&path).map_err(|source| PlanError::File { path: path.clone(), source })?;
         toml::from_str(&text).map_err(|e| PlanError::Content { path, reason: e.to_string() })
     }
-}
-
-/// Writes a file so that a reader sees the old content or the new, whoever dies when.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let next = path.with_extension("next");
-    std::fs::write(&next, bytes)?;
-    std::fs::rename(&next, path)
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use crate::faults::Faults;
 use crate::policy::State;
 use crate::view::Viewer;
 use arms::Arms;
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use hyst_messages::page::hardware::Total;
 use hyst_messages::page::{device, fluid, rendering, tissue};
 use hyst_messages::{Role, Slot, percentile_ns};
@@ -25,7 +25,7 @@ fn path(station: &Station) -> PathBuf {
 
 /// Leaves the report for the guardian.
 pub fn hand_over(station: &Station, report: &Value) {
-    let _ = crate::plan::write_whole(&path(station), report.to_string().as_bytes()); // tried again in a second
+    let _ = whole::write(&path(station), report.to_string().as_bytes()); // tried again in a second
 }
 
 /// The report that the supervisor handed over last, with the bounds of the excess; an empty object if there is none.

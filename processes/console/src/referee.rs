@@ -5,7 +5,7 @@
 use crate::sources::Sources;
 use hyst_assessment::Judge;
 use hyst_engine::{Life, Told};
-use hyst_exchange::{Roster, Station, system};
+use hyst_exchange::{Roster, Station, system, whole};
 use serde_json::Value;
 use std::path::PathBuf;
 
@@ -78,9 +78,8 @@ impl Referee {
         let fallen: u64 = judge.warnings.iter().map(|warning| warning.count).sum();
         let told = Told { tick: judge.last_tick, over: judge.over(), lines: judge.strip(), fallen };
         let _ = told.write(&self.station); // they show what was before, then nothing
-        let next = self.kept.with_extension("next");
         let Ok(text) = serde_json::to_string(&self.judge) else { return };
         // Refused, a successor goes on from an older one, or begins anew.
-        let _ = std::fs::write(&next, text).and_then(|()| std::fs::rename(&next, &self.kept));
+        let _ = whole::write(&self.kept, text.as_bytes());
     }
 }

@@ -3,7 +3,7 @@
 //! Promise: a size is written into the station's root once it has stood for a while, in one step; what is found there and is no size of a window is none.
 //! Nobody waits for it: what is not written or read costs the next window its size, and nothing else.
 
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
@@ -51,9 +51,8 @@ impl Keeper {
         }
         self.kept_px = size_px;
         let [width, height] = size_px;
-        let next = file(station).with_extension("next");
         // Refused, the next window has the size of before, or its first: no reason to stop drawing. It is tried again with the next size.
-        let _ = std::fs::write(&next, format!("{width}x{height}\n")).and_then(|()| std::fs::rename(&next, file(station)));
+        let _ = whole::write(&file(station), format!("{width}x{height}\n").as_bytes());
     }
 }
 

@@ -1,4 +1,5 @@
 //! Where a finished picture goes: into memory, into a PNG file, to the end of a film, or onto the window.
+use hyst_exchange::whole;
 use std::{fs::OpenOptions, io::Write, path::Path};
 
 use crate::{
@@ -69,8 +70,7 @@ impl Renderer {
         let mut writer = encoder.write_header().map_err(|e| failed(e.to_string()))?;
         writer.write_image_data(pixels).map_err(|e| failed(e.to_string()))?;
         writer.finish().map_err(|e| failed(e.to_string()))?;
-        let partial = path.with_extension("png.part");
-        std::fs::write(&partial, &bytes).and_then(|()| std::fs::rename(&partial, path)).map_err(|e| failed(e.to_string()))
+        whole::write(path, &bytes).map_err(|e| failed(e.to_string()))
     }
 
     /// Appends the last picture to a film: JPEG after JPEG, which is what players call MJPEG. A film whose end was cut goes on after the cut.

@@ -3,11 +3,8 @@
 //!
 //! Promise: a reader finds a whole address or none, whoever dies when; what is no address is none.
 
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use serde::{Deserialize, Serialize};
-use std::fs::OpenOptions;
-use std::io::Write;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
 /// Letters of a token: 128 bits, hexadecimal.
@@ -37,11 +34,7 @@ impl Address {
 
     /// Keeps the address.
     pub fn write(&self, station: &Station) -> std::io::Result<()> {
-        let (path, next) = (path(station), path(station).with_extension("next"));
-        let text = serde_json::to_string(self)?;
-        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&next)?;
-        file.write_all(text.as_bytes())?;
-        std::fs::rename(next, path)
+        whole::write_for_own_user(&path(station), serde_json::to_string(self)?.as_bytes())
     }
 
     /// What is opened in a browser.

@@ -1,7 +1,7 @@
 //! What is told of the case while it runs, some short lines in one file in the station's root: the console, which judges, writes it; the window and the
 //! guardian show it. Promise: a reader finds all lines of one moment or none; what is no such file is none; nobody waits for it.
 
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -41,9 +41,7 @@ impl Told {
 
     /// Puts it in the place of the one before.
     pub fn write(&self, station: &Station) -> std::io::Result<()> {
-        let next = path(station).with_extension("next");
-        std::fs::write(&next, serde_json::to_string(self)?)?;
-        std::fs::rename(next, path(station))
+        whole::write(&path(station), serde_json::to_string(self)?.as_bytes())
     }
 }
 

@@ -1,6 +1,6 @@
 //! How engines exchange data across process borders: station pages (cells, rings, waitable words), streams (iceoryx2, loaned in
-//! place), rendezvous, meeting point, and the usher that keeps connecting off the real-time threads. After Tuchschmid et al.,
-//! "A Flexible Framework for Highly-Modular Surgical Simulation Systems" (ISBMS 2006), carried across processes.
+//! place), rendezvous, meeting point, files that are replaced as a whole, and the usher that keeps connecting off the real-time
+//! threads. After Tuchschmid et al., "A Flexible Framework for Highly-Modular Surgical Simulation Systems" (ISBMS 2006), carried across processes.
 //!
 //! This is the only crate that names iceoryx2, and the only one with `unsafe`: in [`page`], [`system`], [`latch`],
 //! [`allocation`] and `loan`.
@@ -22,6 +22,7 @@ pub mod succession;
 pub mod synchronized;
 pub mod system;
 pub mod usher;
+pub mod whole;
 
 pub use loan::Loan;
 pub use page::{Access, OwnedPage, PageError, ReadPage};

@@ -5,8 +5,8 @@ use super::draw::Plan;
 use super::origin::Origin;
 use super::outcome::Outcome;
 use super::station::StationOutcome;
-use crate::plan::write_whole;
 use crate::settings::Refusal;
+use hyst_exchange::whole;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::Write;
@@ -48,7 +48,7 @@ impl Store {
                 return Err(refuse(&path, "it holds results without their plan.json; give another folder"));
             }
             // Nothing has come of the plan that lies there.
-            _ => write_whole(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
+            _ => whole::write(&plan_file, text.as_bytes()).map_err(|e| refuse(&path, &e.to_string()))?,
         }
         let mut store = Store {
             outcomes: lines(&path, "results.jsonl")?,
@@ -106,7 +106,7 @@ impl Store {
     /// Writes a file of the report.
     pub fn write(&self, name: &str, text: &str) -> Result<(), Refusal> {
         let path = self.folder.join(name);
-        write_whole(&path, text.as_bytes()).map_err(|e| Refusal::failed(format!("{}: {e}; is the disk full?", path.display())))
+        whole::write(&path, text.as_bytes()).map_err(|e| Refusal::failed(format!("{}: {e}; is the disk full?", path.display())))
     }
 }
 
@@ -122,12 +122,12 @@ impl Drop for Store {
 fn lines<T: DeserializeOwned>(folder: &Path, name: &str) -> Result<Vec<T>, Refusal> {
     let path = folder.join(name);
     let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
-    let whole = text.rfind('\n').map_or(0, |at| at + 1);
-    if whole < text.len() {
-        write_whole(&path, &text.as_bytes()[..whole]).map_err(|e| refuse(&path, &e.to_string()))?;
+    let length = text.rfind('\n').map_or(0, |at| at + 1);
+    if length < text.len() {
+        whole::write(&path, &text.as_bytes()[..length]).map_err(|e| refuse(&path, &e.to_string()))?;
     }
     let mut found = Vec::new();
-    for (index, line) in text[..whole].lines().enumerate() {
+    for (index, line) in text[..length].lines().enumerate() {
         let cure = "give another folder, or remove this one";
         found.push(serde_json::from_str(line).map_err(|e| refuse(folder, &format!("{name}, line {}: {e}; {cure}", index + 1)))?);
     }

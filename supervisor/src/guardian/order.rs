@@ -1,7 +1,6 @@
 //! What the guardian was asked for, in a file in the station's root, so that whoever takes its place goes on with it.
 
-use crate::plan::write_whole;
-use hyst_exchange::Station;
+use hyst_exchange::{Station, whole};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -35,7 +34,7 @@ impl Order {
     /// Keeps the order.
     pub fn write(&self, station: &Station) {
         if let Ok(text) = serde_json::to_string(self) {
-            let _ = write_whole(&Order::path(station), text.as_bytes()); // a stand-in then knows no report and no end
+            let _ = whole::write(&Order::path(station), text.as_bytes()); // a stand-in then knows no report and no end
         }
     }
 }

@@ -16,7 +16,7 @@ pub use visit::visit;
 pub use hyst_engine::{kept, verify};
 
 use crate::policy::Cause;
-use hyst_exchange::{Station, system};
+use hyst_exchange::{Station, system, whole};
 use hyst_messages::page::device;
 use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
@@ -74,7 +74,7 @@ impl Record {
     /// Writes it; false if that is refused.
     pub fn write(&self, station: &Station) -> bool {
         let text = serde_json::to_string(self).unwrap_or_default();
-        crate::plan::write_whole(&station.swap(), text.as_bytes()).is_ok()
+        whole::write(&station.swap(), text.as_bytes()).is_ok()
     }
     /// Notes what happened.
     pub fn note(&mut self, what: &str) {
