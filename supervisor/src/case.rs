@@ -94,7 +94,8 @@ fn judged_before(recording: &Path, brief: &Brief, tick: u64) -> Result<String, R
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Refusal> {
-    std::fs::write(path, text).map_err(|error| Refusal::input(format!("{}: {error}; look at `df`", path.display())))
+    std::fs::write(path, text)
+        .map_err(|error| Refusal::of_system(error.kind(), format!("{}: {error}; look at `df`", path.display())))
 }
 
 fn seed(set: &[String]) -> Result<Option<u32>, Refusal> {

@@ -11,6 +11,7 @@ mod found;
 mod kept;
 mod order;
 mod printer;
+mod room;
 
 use crate::case::RunCase;
 use crate::cli::RunArgs;

@@ -28,6 +28,11 @@ impl Notifier {
         Notifier { socket, every_ns, next_ns: 0 }
     }
 
+    /// Whether there is a manager: this is a service.
+    pub fn is_there(&self) -> bool {
+        self.socket.is_some()
+    }
+
     /// Says some lines.
     pub fn say(&self, lines: &str) {
         if let Some((socket, address)) = &self.socket {

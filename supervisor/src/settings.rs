@@ -11,6 +11,7 @@ use hyst_engine::verify::verify;
 use hyst_exchange::Station;
 use hyst_messages::{MAX_WORKERS, Role, TICK_NS};
 use hyst_recording::Reader;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Whether the processes of a station that was founded are to be real time, as far as its settings can be read.
@@ -33,6 +34,13 @@ impl Refusal {
     /// Bad arguments or bad input.
     pub fn input(message: impl Into<String>) -> Refusal {
         Refusal { code: 2, message: message.into() }
+    }
+    /// Something that the system refused: for want of room it failed, for that comes back; whatever else it was will be so the next time.
+    pub fn of_system(kind: ErrorKind, message: impl Into<String>) -> Refusal {
+        match kind {
+            ErrorKind::StorageFull | ErrorKind::QuotaExceeded => Refusal::failed(message),
+            _ => Refusal::input(message),
+        }
     }
     /// It failed.
     pub fn failed(message: impl Into<String>) -> Refusal {
@@ -248,6 +256,14 @@ pub fn check_set(key: &str, value: &str) -> Result<(), Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_the_system_refuses_for_want_of_room_is_no_bad_input() {
+        let code = |kind: ErrorKind| Refusal::of_system(kind, "no").code;
+        assert_eq!([ErrorKind::StorageFull, ErrorKind::QuotaExceeded].map(code), [1, 1]);
+        assert_eq!([ErrorKind::PermissionDenied, ErrorKind::NotFound, ErrorKind::ReadOnlyFilesystem].map(code), [2, 2, 2]);
+        assert_eq!(std::io::Error::from(rustix::io::Errno::NOSPC).kind(), ErrorKind::StorageFull);
+    }
 
     #[test]
     fn set_takes_what_the_keys_say_and_nothing_else() {

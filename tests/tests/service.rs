@@ -1,6 +1,6 @@
 //! The unit under a real systemd, booted here in namespaces of its own and with no other unit than ours: it is ready when the station is, a guardian that is killed or stands still is
-//! replaced, together with its supervisor too, while the engines go on, and a stop leaves nothing. One command runs a class, and one that is refused is not tried
-//! again.
+//! replaced, together with its supervisor too, while the engines go on, and a stop leaves nothing. One command runs a class; one that finds no room waits for it, and
+//! one that is refused is not tried again.
 
 use hyst_messages::page;
 use rustix::process::{Pid, Signal, kill_process};
@@ -213,6 +213,24 @@ fn assert_class(manager: &Manager) {
     }
 }
 
+/// A shared memory that others have filled ends no service: it waits, is tried again, and starts once there is room.
+fn assert_waits_for_room(manager: &Manager) {
+    manager.edit("--hand script:press");
+    let status = || manager.inside("systemctl status hystation").1;
+    let fill = "mount -o remount,size=512m /dev/shm && fallocate -l 256M /dev/shm/others";
+    let (code, _, said) = manager.inside(&format!("{fill} && systemctl start --no-block hystation"));
+    assert_eq!(code, Some(0), "{said}");
+    let waits = || manager.show("ActiveState") == "activating" && manager.show("NRestarts") == "0";
+    assert!(wait_for(RECOVERY_LIMIT, || waits().then_some(())).is_some(), "{}", status());
+    let tried_again = wait_for(RECOVERY_LIMIT, || (manager.show("NRestarts") != "0").then_some(()));
+    assert!(tried_again.is_some(), "{}", status());
+    let (code, _, said) = manager.inside("rm /dev/shm/others");
+    assert_eq!(code, Some(0), "{said}");
+    let started = wait_for(RECOVERY_LIMIT, || (manager.show("ActiveState") == "active").then_some(()));
+    assert!(started.is_some() && manager.processes().is_some(), "{}", status());
+    assert_stops(manager);
+}
+
 /// What is refused once is refused again, and is not tried.
 fn assert_refusal_ends(manager: &Manager) {
     manager.edit("--record /proc/");
@@ -239,6 +257,7 @@ fn systemd_starts_watches_restarts_and_stops_the_station_and_no_engine_notices()
     assert_ne!(manager.show("NRestarts"), "0");
     assert_stops(&manager);
     assert_class(&manager);
+    assert_waits_for_room(&manager);
     assert_refusal_ends(&manager);
     assert_eq!(manager.inside("ls /dev/shm").1, "", "shared memory is left");
 }

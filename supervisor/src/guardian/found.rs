@@ -4,22 +4,24 @@ use super::copied::Copied;
 use super::ended::remove_unbegun;
 use super::needed_bytes;
 use super::order::Order;
+use super::room;
 use crate::build;
 use crate::case::RunCase;
 use crate::cli::Again;
 use crate::commands::check::Admitted;
 use crate::name;
 use crate::notify::Notifier;
-use crate::plan::Plan;
+use crate::plan::{Plan, PlanError};
 use crate::recording::folder;
 use crate::remains;
 use crate::settings::Refusal;
 use crate::supervise::register;
 use hyst_engine::Settings;
-use hyst_exchange::{OwnedPage, Station, StationError, checkpoint, system};
+use hyst_exchange::{OwnedPage, PageError, Station, StationError, checkpoint, system};
 use hyst_messages::Role;
 use hyst_messages::page::station as layout;
 use std::collections::BTreeSet;
+use std::io::ErrorKind;
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 
@@ -178,16 +180,7 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
     let settings = wanted.settings;
     let copied = Copied::of(settings, wanted.case);
     let needed = needed_bytes(scene.state_bytes) + copied.bytes();
-    if let Ok(disk) = rustix::fs::statvfs("/dev/shm")
-        && disk.f_bavail * disk.f_frsize < needed
-    {
-        let free_mib = (disk.f_bavail * disk.f_frsize) >> 20;
-        let need_mib = needed >> 20;
-        return Err(Refusal::input(format!(
-            "/dev/shm has {free_mib} MiB free, a station needs {need_mib}; remove files there (`ls -l /dev/shm`) or enlarge it \
-             (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)"
-        )));
-    }
+    room::await_room(needed, &Notifier::of_environment())?;
     let begun = begun(wanted)?;
     let made = make(station, wanted, &begun);
     if made.is_err() {
@@ -207,29 +200,43 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
 }
 
 fn make(station: &Station, wanted: &Wanted<'_>, settings: &Settings) -> Result<OwnedPage, Refusal> {
-    let input = |e: StationError| Refusal::input(e.to_string());
     // Before the station's clock runs, for it takes a while. Of engines that cannot all be read the recording names no build.
     let folders = BTreeSet::from([wanted.plan.binaries.as_path()]);
     let build = wanted.settings.record.as_ref().and_then(|_| build::of(&folders).ok());
-    station.found().map_err(input)?;
+    station.found().map_err(unmade)?;
     let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
     let laid_down = |path: PathBuf, text: String| {
-        std::fs::write(&path, text).map_err(|e| Refusal::input(format!("{}: {e}; look at `df /dev/shm`", path.display())))
+        std::fs::write(&path, text)
+            .map_err(|e| Refusal::of_system(e.kind(), format!("{}: {e}; look at `df /dev/shm`", path.display())))
     };
     laid_down(station.settings(), text)?;
     build.map_or(Ok(()), |build| laid_down(station.build(), build))?;
-    wanted.plan.write(station).map_err(|e| Refusal::input(e.to_string()))?;
+    wanted.plan.write(station).map_err(|e| match &e {
+        PlanError::File { source, .. } => Refusal::of_system(source.kind(), e.to_string()),
+        PlanError::Content { .. } => Refusal::input(e.to_string()),
+    })?;
     wanted.case.map_or(Ok(()), |case| case.keep(station))?;
-    let page = station.open_for_keeping().map_err(input)?;
+    let page = station.open_for_keeping().map_err(unmade)?;
     wanted.again.map_or(Ok(()), |again| begin_later(station, &page, again))?;
     Ok(page)
+}
+
+/// A station that the system refused to make.
+fn unmade(error: StationError) -> Refusal {
+    let kind = match &error {
+        StationError::Root { source, .. } => source.kind(),
+        StationError::Page(PageError::Refused { reason, .. }) => std::io::Error::from(*reason).kind(),
+        StationError::Page(PageError::Foreign { .. }) | StationError::Name(_) => ErrorKind::InvalidInput,
+    };
+    Refusal::of_system(kind, error.to_string())
 }
 
 /// Lays down what a replay begins with that does not begin at the beginning, and sets its clock.
 fn begin_later(station: &Station, page: &OwnedPage, again: &Again) -> Result<(), Refusal> {
     for state in &again.states {
-        checkpoint::lay_first(station, state.role, &state.state)
-            .map_err(|e| Refusal::input(format!("a state of the {}: {e}; look at `df /dev/shm`", state.role.name())))?;
+        checkpoint::lay_first(station, state.role, &state.state).map_err(|e| {
+            Refusal::of_system(e.kind(), format!("a state of the {}: {e}; look at `df /dev/shm`", state.role.name()))
+        })?;
     }
     page.store64(layout::ENDED_TICK, again.replay.begin_tick);
     page.store64(layout::BEGUN_TICK, again.replay.begin_tick);

@@ -1,0 +1,75 @@
+//! Whether a station has room in /dev/shm. Where the whole of it is too small it is so at the next start, too, until somebody enlarges it: bad input, after which
+//! a service stays ended. Where others fill it, they may be gone the next moment: a start by hand fails at once, and a service waits a while and tries again.
+
+use crate::notify::Notifier;
+use crate::settings::Refusal;
+use hyst_exchange::system;
+
+/// How long a service waits before it fails, ns: so it is tried some seven times in a minute, and the unit gives up after ten.
+const SERVICE_WAITS_NS: u64 = 8_000_000_000;
+/// Between two looks, ns.
+const LOOK_NS: u64 = 100_000_000;
+
+/// What a file system has, bytes.
+#[derive(Clone, Copy, Debug)]
+struct Space {
+    free: u64,
+    all: u64,
+}
+
+impl Space {
+    /// That of /dev/shm; `None` if the system does not say.
+    fn now() -> Option<Space> {
+        let disk = rustix::fs::statvfs("/dev/shm").ok()?;
+        Some(Space { free: disk.f_bavail * disk.f_frsize, all: disk.f_blocks * disk.f_frsize })
+    }
+
+    /// Why a station that needs so many bytes does not start.
+    fn refuses(self, needed: u64) -> Option<Refusal> {
+        let [free_mib, all_mib, need_mib] = [self.free, self.all, needed].map(|bytes| bytes >> 20);
+        let has = format!("/dev/shm has {free_mib} MiB free of {all_mib}, a station needs {need_mib}");
+        let enlarge = "enlarge it (`mount -o remount,size=1g /dev/shm`, docker: --shm-size=1g)";
+        match () {
+            () if self.free >= needed => None,
+            () if self.all < needed => Some(Refusal::input(format!("{has}; {enlarge}"))),
+            () => Some(Refusal::failed(format!("{has}; remove files there (`ls -l /dev/shm`) or {enlarge}"))),
+        }
+    }
+}
+
+/// Waits for so many bytes if a service's manager is there, and else looks once.
+///
+/// # Errors
+/// There is no room.
+pub fn await_room(needed: u64, manager: &Notifier) -> Result<(), Refusal> {
+    let deadline_ns = system::now_ns() + if manager.is_there() { SERVICE_WAITS_NS } else { 0 };
+    loop {
+        match Space::now().and_then(|space| space.refuses(needed)) {
+            None => return Ok(()),
+            Some(refusal) if refusal.code == 2 || system::now_ns() >= deadline_ns => return Err(refusal),
+            Some(_) => {
+                manager.say("STATUS=waits for room in /dev/shm\n");
+                system::sleep_ns(LOOK_NS);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_too_small_as_a_whole_is_bad_input_and_what_others_fill_is_worth_another_try() {
+        let code = |free_mib: u64, all_mib: u64| {
+            let refusal = Space { free: free_mib << 20, all: all_mib << 20 }.refuses(344 << 20)?;
+            let words = format!("/dev/shm has {free_mib} MiB free of {all_mib}, a station needs 344; ");
+            assert!(refusal.message.starts_with(&words) && refusal.message.contains("remount"), "{}", refusal.message);
+            assert_eq!(refusal.message.contains("ls -l"), refusal.code == 1, "{}", refusal.message);
+            Some(refusal.code)
+        };
+        assert_eq!([code(344, 344), code(344, 1_024), code(1_024, 1_024)], [None; 3]);
+        assert_eq!([code(64, 64), code(343, 343), code(0, 100)], [Some(2); 3]);
+        assert_eq!([code(343, 344), code(0, 1_024)], [Some(1); 2]);
+    }
+}
