@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
 
 /// Bytes of a program that are hashed at once.
 const PART_BYTES: u64 = 1 << 20;
@@ -21,6 +22,32 @@ pub fn of(folders: &BTreeSet<&Path>) -> Result<String, Refusal> {
     let programs = programs(folders)?;
     let hash = hash(&programs).map_err(|(path, e)| Refusal::failed(format!("{}: {e}; it is to be run", path.display())))?;
     Ok(format!("{hash:016x}"))
+}
+
+/// A build that is found on a thread of its own, beside whatever else a start does until it is needed.
+#[derive(Debug)]
+pub struct Beside {
+    folder: PathBuf,
+    thread: Option<JoinHandle<Option<String>>>,
+}
+
+impl Beside {
+    /// Begins to read this program and the engines of a folder.
+    pub fn of(folder: &Path) -> Beside {
+        let own = folder.to_path_buf();
+        let read = move || of(&BTreeSet::from([own.as_path()])).ok();
+        // Refused, they are read when it is waited for.
+        let thread = std::thread::Builder::new().name("build".into()).spawn(read).ok();
+        Beside { folder: folder.to_path_buf(), thread }
+    }
+
+    /// Waits until it is found; `None` of engines that cannot all be read.
+    pub fn wait(self) -> Option<String> {
+        match self.thread {
+            Some(thread) => thread.join().ok().flatten(),
+            None => of(&BTreeSet::from([self.folder.as_path()])).ok(),
+        }
+    }
 }
 
 /// This program and the engines, each once.
@@ -58,6 +85,21 @@ fn hash_file(mut hash: u64, path: &Path) -> std::io::Result<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_found_beside_is_the_build_and_of_engines_that_cannot_all_be_read_there_is_none() {
+        let folder = std::env::temp_dir().join(format!("hystation-beside-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        assert_eq!(Beside::of(&folder).wait(), None);
+        let folders = BTreeSet::from([folder.as_path()]);
+        for engine in programs(&folders).unwrap().into_iter().skip(1) {
+            std::fs::write(engine, "an engine").unwrap();
+        }
+        let found = of(&folders).unwrap();
+        assert_eq!(Beside::of(&folder).wait().as_ref(), Some(&found));
+        assert_eq!(Beside { folder: folder.clone(), thread: None }.wait(), Some(found), "no thread was to be had");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     fn another_byte_in_any_program_is_another_build_and_the_same_bytes_are_the_same_one() {

@@ -5,7 +5,7 @@ use super::ended::remove_unbegun;
 use super::needed_bytes;
 use super::order::Order;
 use super::room;
-use crate::build;
+use crate::build::Beside;
 use crate::case::RunCase;
 use crate::cli::Again;
 use crate::commands::check::Admitted;
@@ -20,7 +20,6 @@ use hyst_engine::Settings;
 use hyst_exchange::{OwnedPage, PageError, Station, StationError, checkpoint, system};
 use hyst_messages::Role;
 use hyst_messages::page::station as layout;
-use std::collections::BTreeSet;
 use std::io::ErrorKind;
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -105,6 +104,8 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
         remove_unbegun(station, &Order::read(station).unwrap_or_default());
         station.wipe();
     }
+    // Beside the look at the scene: both take a while, and are done before the station's clock runs.
+    let build = wanted.settings.record.as_ref().map(|_| Beside::of(&wanted.plan.binaries));
     let admitted = crate::commands::check::admit(wanted.settings, wanted.plan, wanted.case)?;
     if let Some(hash) = wanted.again.map(|again| again.scene_hash).filter(|hash| *hash != admitted.hash) {
         let (was, is) = (format!("{hash:016x}"), format!("{:016x}", admitted.hash));
@@ -112,7 +113,7 @@ pub fn settle(station: &Station, wanted: &Wanted<'_>, order: Order) -> Result<Gr
             "the recording is of another scene ({was}, this one is {is}); give the one that was recorded with --scene"
         )));
     }
-    let page = found(station, wanted, &admitted)?;
+    let page = found(station, wanted, &admitted, build)?;
     order.write(station);
     Ok(Ground { page, order, adopted: false })
 }
@@ -176,13 +177,13 @@ fn begun(wanted: &Wanted<'_>) -> Result<Settings, Refusal> {
     Ok(Settings { begun_unix_s, record, ..settings.clone() })
 }
 
-fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<OwnedPage, Refusal> {
+fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted, build: Option<Beside>) -> Result<OwnedPage, Refusal> {
     let settings = wanted.settings;
     let copied = Copied::of(settings, wanted.case);
     let needed = needed_bytes(scene.state_bytes) + copied.bytes();
     room::await_room(needed, &Notifier::of_environment())?;
     let begun = begun(wanted)?;
-    let made = make(station, wanted, &begun);
+    let made = make(station, wanted, &begun, build);
     if made.is_err() {
         station.wipe(); // nothing half-founded stays
         if let Some(file) = begun.record.filter(|_| wanted.in_folder) {
@@ -199,10 +200,8 @@ fn found(station: &Station, wanted: &Wanted<'_>, scene: &Admitted) -> Result<Own
     Ok(page)
 }
 
-fn make(station: &Station, wanted: &Wanted<'_>, settings: &Settings) -> Result<OwnedPage, Refusal> {
-    // Before the station's clock runs, for it takes a while. Of engines that cannot all be read the recording names no build.
-    let folders = BTreeSet::from([wanted.plan.binaries.as_path()]);
-    let build = wanted.settings.record.as_ref().and_then(|_| build::of(&folders).ok());
+fn make(station: &Station, wanted: &Wanted<'_>, settings: &Settings, build: Option<Beside>) -> Result<OwnedPage, Refusal> {
+    let build = build.and_then(Beside::wait); // without one the recording names none
     station.found().map_err(unmade)?;
     let text = toml::to_string(settings).map_err(|e| Refusal::failed(format!("settings: {e}")))?;
     let laid_down = |path: PathBuf, text: String| {
