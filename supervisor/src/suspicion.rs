@@ -154,6 +154,11 @@ impl Gauge {
         }
     }
 
+    /// Whether it has deadlines of a millisecond, as nobody has in lock-step: then its first thread alone tells what it does, and a device may work too much.
+    pub fn is_real_time(&self) -> bool {
+        self.real_time
+    }
+
     /// Time for which it has been silent, as far as it counts, ns.
     pub fn silent_ns(&self) -> u64 {
         self.silent_ns
@@ -286,6 +291,8 @@ mod tests {
             let sleeps = ended_at(role, |_| Thread::Sleeping);
             assert!(sleeps.is_some_and(|look| (2_000..2_300).contains(&look)), "{role:?}: {sleeps:?}");
             assert_eq!(ended_at(role, |_| Thread::Running(7)), None, "{role:?}: it is ready, and is not let");
+            let [usual, here] = [Gauge::new(role), Gauge::in_lockstep(role)].map(|gauge| gauge.is_real_time());
+            assert_eq!((usual, here), (is_real_time(role), false), "{role:?}");
         }
     }
 

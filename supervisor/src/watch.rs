@@ -355,14 +355,11 @@ fn look_at(page: &OwnedPage, ward: &mut Ward, look: Look, counted_ns: u64, tell:
             late(ward.spawned_ns, if is_real_time(slot.role()) { LATE_START_NS } else { LATE_ORDINARY_START_NS })
         }
         (ProcessState::Stopping | ProcessState::Failed, None) => late(beat_ns, LATE_END_NS),
-        (ProcessState::Warm | ProcessState::Live, None) if look.is_lockstep => {
-            let thread = ward.thread.as_ref();
-            ward.gauge.look(beat_ns, counted_ns, || thread.and_then(ThreadFiles::state_of_process))
-        }
         (ProcessState::Warm | ProcessState::Live, None) => {
             let thread = ward.thread.as_ref();
-            let ask = if is_real_time(slot.role()) { ThreadFiles::state } else { ThreadFiles::state_of_process };
-            let is_device = slot.role() == Role::Device;
+            let has_deadlines = ward.gauge.is_real_time();
+            let ask = if has_deadlines { ThreadFiles::state } else { ThreadFiles::state_of_process };
+            let is_device = has_deadlines && slot.role() == Role::Device;
             let ran_ns = thread.filter(|_| is_device).and_then(ThreadFiles::ran_and_waited_ns).map(|(ran_ns, _)| ran_ns);
             match ward.toil.look(counted_ns, ran_ns, look.stood_ns) {
                 true => Opinion::Slow,
