@@ -22,10 +22,13 @@ impl<S: Stateful> Loop<'_, S> {
     pub(super) fn begin_epoch(&mut self, tick: u64, from: Tenure) -> Result<(), Failure> {
         let Some(tenure) = self.take_role(from) else { return Ok(()) };
         self.stepped_as = tenure;
-        if self.strain.is_lasting(tick, tenure.epoch) && !self.life.is_lockstep() {
+        let is_strained = self.strain.is_lasting(tick, tenure.epoch) && !self.life.is_lockstep();
+        let mut tick = self.catch_up(tick);
+        if is_strained {
+            // After that: a state that the spare made meanwhile has the old step, which is taken from whatever is accepted.
             self.engine.lengthen();
+            tick = tick / self.engine.step_ticks() * self.engine.step_ticks();
         }
-        let tick = self.catch_up(tick);
         match holder_turn(tick, self.chain.key(), tenure.epoch, self.engine.step_ticks()) {
             Turn::Step(next_tick) => self.make(next_tick, tenure),
             _ => Ok(()), // a state of a still higher epoch is there
