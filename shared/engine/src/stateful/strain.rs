@@ -1,9 +1,9 @@
 //! How strained a role is: a machine that has become too slow for its steps makes the holder leap over ticks, each time into a new epoch, and leaves pictures
 //! and flow next to nothing. Where that lasts the steps become longer, at the beginning of an epoch, whose first state may follow from any.
 //!
-//! Promise: faults and stalls, which bring single epochs, and a busy moment do not count; a step that was lengthened is not shortened again in a session. Nothing
-//! that is seen at long steps tells whether short ones would be in time: one of 1 ms takes 0.63 ms where that is well, so that one of 2 ms takes about 1 ms on a machine
-//! that has recovered, and hardly more on one that has not. To try it costs a trainee seconds without pictures each time, and a session lasts minutes.
+//! Promise: faults and stalls, which bring single epochs, and a busy moment do not count; a step that was lengthened is not shortened again in a session. How
+//! long it takes bounds what one of half the length would take by a factor of two, and a step of 1 ms takes 0.63 of that where all is well (docs/speed.md): what
+//! cannot be kept up with is nearer than that factor. Each try that fails costs a trainee seconds without pictures, and a session lasts minutes.
 
 /// New epochs in a second from which on it counts as strained: a fortieth of its steps at 1 kHz is lost.
 const MANY: u32 = 25;
