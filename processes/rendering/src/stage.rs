@@ -11,8 +11,8 @@ use wgpu::BufferUsages as Usage;
 
 use crate::{error::RenderError, gpu::Gpu, pipelines::Pipelines};
 
-/// Objects at one time: a cavity, its pathology, tools, and the pieces of a long session.
-pub const MAX_OBJECTS: usize = 256;
+/// Objects at one time: as many as a tissue registers (a cavity, its pathology, the pieces of a long session), and what is the picture's own.
+pub const MAX_OBJECTS: usize = 256 + 16;
 /// Triangles of one object: ten times the largest mesh that a station is asked to show.
 pub const MAX_TRIANGLES: usize = 10_000_000;
 
@@ -58,8 +58,8 @@ impl Appearance {
     /// The usual look of a material.
     pub fn of(material: Material) -> Self {
         let (base_colour, roughness) = match material {
-            Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.25),
-            Material::Polyp => ([0.76, 0.33, 0.28], 0.12),
+            Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.30),
+            Material::Polyp => ([0.76, 0.33, 0.28], 0.25),
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
             Material::Gas => ([0.90, 0.93, 0.95], 0.05),
