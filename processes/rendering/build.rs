@@ -12,6 +12,6 @@ fn main() -> std::io::Result<()> {
         println!("cargo:rerun-if-changed={source}");
     }
     let folder = std::env::var_os("OUT_DIR").ok_or(std::io::ErrorKind::NotFound)?;
-    std::fs::write(Path::new(&folder).join("fields"), noise::fields())?;
-    std::fs::write(Path::new(&folder).join("relief"), noise::relief())
+    std::fs::write(Path::new(&folder).join("fields"), noise::with_levels(noise::fields()))?;
+    std::fs::write(Path::new(&folder).join("relief"), noise::with_levels(noise::relief()))
 }

@@ -2,14 +2,26 @@
 //!
 //! Frame: the station's (metres, +z into the uterus, +y anterior, +x to the patient's left). The scope's pose is its tip and a unit
 //! quaternion whose +z is the axis. A fore-oblique optic looks along the axis turned by its angle towards the scope's +y. The lens is a
-//! radial polynomial of degree 4 in the picture's radius, r (1 + k1 r² + k2 r⁴) / (1 + k1 + k2); with the defaults the rim is drawn at
-//! 52 % of the centre's size (geometric mean of radial and tangential), as measured for rigid endoscopes.
+//! radial polynomial of degree 4 in the picture's radius, r (1 + k1 r² + k2 r⁴) / (1 + k1 + k2); with the defaults the rim is drawn,
+//! along the radius, at 52 % of the centre's size, as measured for rigid endoscopes.
 //!
 //! Focus is a thin lens: a point at distance z is seen as a disc of D |1/z - 1/s|, as an angle, if the lens of aperture D is set to s. A rigid
 //! 30 degree endoscope is designed at F/6 for objects at 25 mm and +-40 degrees (Zhang et al., Acta Optica Sinica 38, 0222002, 2018); the
 //! focal length of 1.2 mm, with which the field of 90 degrees is as wide as the rod lenses of a 4 mm optic, is assumed.
 use glam::{Mat4, Quat, Vec3};
 use hyst_messages::controls::{FOCUS_M, FOCUS_RANGE_M};
+
+/// The periphery's size over the middle's of the usual optic.
+pub const USUAL_PERIPHERY_RATIO: f32 = 0.52;
+
+/// Coefficients of the radial polynomial r·(1 + k₁r² + k₂r⁴) with which the rim stands at `periphery_ratio` of the middle's size: the slope at the rim
+/// is the inverse of the ratio times that in the middle.
+pub fn distortion(periphery_ratio: f32) -> [f32; 2] {
+    /// k₂ over k₁, as the usual optic has it.
+    const SECOND: f32 = 0.2857;
+    let first = (1.0 / periphery_ratio - 1.0) / (3.0 + 5.0 * SECOND);
+    [first, SECOND * first]
+}
 
 /// The optic and how it is held.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +50,7 @@ impl Default for Endoscope {
             oblique_rad: 30_f32.to_radians(),
             head_rad: 0.0,
             field_of_view_rad: 90_f32.to_radians(),
-            distortion: [0.35, 0.10],
+            distortion: distortion(USUAL_PERIPHERY_RATIO),
             focus_m: FOCUS_M,
         }
     }
@@ -293,13 +305,12 @@ mod tests {
     }
 
     #[test]
-    fn the_rim_is_drawn_at_52_percent_of_the_centre() {
-        let [k1, k2] = Endoscope::default().distortion;
-        let source = |r: f32| r * (1.0 + k1 * r * r + k2 * r.powi(4)) / (1.0 + k1 + k2);
-        let centre = 1e-3 / source(1e-3);
-        let radial = 1e-3 / (source(1.0) - source(0.999));
-        let rim = (radial * (1.0 / source(1.0))).sqrt();
-        assert!((rim / centre - 0.52).abs() < 0.01, "{}", rim / centre);
+    fn the_rim_stands_at_the_ratio_of_the_middle() {
+        for ratio in [0.3, 0.52, 1.0] {
+            let [first, second] = distortion(ratio);
+            let slope_at_rim = 1.0 + 3.0 * first + 5.0 * second;
+            assert!((1.0 / slope_at_rim - ratio).abs() < 1e-3, "{ratio}: {first} {second}");
+        }
     }
 
     #[test]

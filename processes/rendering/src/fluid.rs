@@ -70,7 +70,7 @@ impl Fluid {
 
     fn sized(gpu: &Gpu, pipelines: &Pipelines, dims: [u32; 3]) -> Self {
         let cells: u64 = dims.iter().map(|&n| u64::from(n)).product();
-        let texture = solid(&gpu.device, dims, LIGHT, wgpu::TextureUsages::STORAGE_BINDING);
+        let texture = solid(&gpu.device, dims, 1, LIGHT, wgpu::TextureUsages::STORAGE_BINDING);
         let view = view(&texture);
         let density = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("density"),

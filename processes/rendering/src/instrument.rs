@@ -25,7 +25,7 @@ const SHEATHED_M: f32 = 0.02;
 const USUAL: ScopeRecord = ScopeRecord {
     oblique_rad: std::f32::consts::FRAC_PI_6,
     field_of_view_rad: std::f32::consts::FRAC_PI_2,
-    periphery_ratio: 0.52,
+    periphery_ratio: rendering::USUAL_PERIPHERY_RATIO,
     light: 1.0,
     shaft_radius_m: 0.0025,
     shaft_length_m: 0.3,

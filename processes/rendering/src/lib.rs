@@ -38,7 +38,7 @@ mod uniforms;
 mod window;
 
 pub use bubbles::Bubbles;
-pub use camera::{Camera, Endoscope, External, View};
+pub use camera::{Camera, Endoscope, External, USUAL_PERIPHERY_RATIO, View, distortion};
 pub use caught::spare_caught_panics;
 pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
 pub use error::RenderError;

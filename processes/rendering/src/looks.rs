@@ -43,15 +43,6 @@ fn is_sound(scope: &ScopeRecord) -> bool {
         && within(scope.loop_wire_radius_m, 0.0, 0.001)
 }
 
-/// Coefficients of the radial polynomial r·(1 + k₁r² + k₂r⁴) with which the rim stands at `periphery_ratio` of the middle's size: the slope at the rim
-/// is the inverse of the ratio times that in the middle.
-pub fn distortion(periphery_ratio: f32) -> [f32; 2] {
-    /// k₂ over k₁, as the usual optic has it.
-    const SECOND: f32 = 0.2857;
-    let first = (1.0 / periphery_ratio - 1.0) / (3.0 + 5.0 * SECOND);
-    [first, SECOND * first]
-}
-
 /// A record as the stage takes it.
 pub fn appearance(record: &AppearanceRecord) -> Appearance {
     let material = match record.material {
@@ -133,15 +124,6 @@ mod tests {
         let blind = ScopeRecord { field_of_view_rad: f32::NAN, ..scope };
         let huge = ScopeRecord { loop_radius_m: 1.0, ..scope };
         assert_eq!([blind, huge].map(|scope| records(bytemuck::bytes_of(&scope))), [None, None]);
-    }
-
-    #[test]
-    fn the_rim_stands_at_the_ratio_of_the_middle() {
-        for ratio in [0.3, 0.52, 1.0] {
-            let [first, second] = distortion(ratio);
-            let slope_at_rim = 1.0 + 3.0 * first + 5.0 * second;
-            assert!((1.0 / slope_at_rim - ratio).abs() < 1e-3, "{ratio}: {first} {second}");
-        }
     }
 
     #[test]

@@ -128,7 +128,7 @@ impl Motes {
         let triangles: Vec<[u32; 3]> = (0..COUNT as u32).flat_map(faces).collect();
         let corners = |flake: &Flake| flake.corners_m.map(|corner| (flake.place_m + corner).to_array());
         let rest_m: Vec<[f32; 3]> = self.flakes.iter().flat_map(corners).collect();
-        let appearance = Appearance { base_colour: [0.95, 0.80, 0.74], roughness: 0.5, ..Appearance::of(Material::Polyp) };
+        let appearance = Appearance::of(Material::Flake);
         stage.set_object(self.id, SurfaceMesh { triangles: &triangles, rest_m: &rest_m, raw: &[], appearance })?;
         self.corners_m = rest_m;
         Ok(())

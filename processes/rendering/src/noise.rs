@@ -8,6 +8,34 @@ use crate::hash::hash;
 /// Texels per axis of a solid.
 pub(crate) const SIDE: usize = 64;
 
+/// Levels of a solid: each half as wide as the one before, down to a texel.
+pub(crate) const LEVELS: usize = SIDE.ilog2() as usize + 1;
+
+/// A solid and all its levels one after the other: each texel is the mean of eight of the level before, so that what is finer than a pixel is grey there and no
+/// grain.
+pub(crate) fn with_levels(texels: Vec<u8>) -> Vec<u8> {
+    let (mut out, mut side, mut begin) = (texels, SIDE, 0);
+    for _ in 1..LEVELS {
+        let half = side / 2;
+        let mut level = Vec::with_capacity(half * half * half * 4);
+        for texel in 0..half * half * half {
+            let at = [texel % half, texel / half % half, texel / (half * half)];
+            for channel in 0..4 {
+                let corner = |k: usize| {
+                    let [x, y, z] = [2 * at[0] + (k & 1), 2 * at[1] + (k >> 1 & 1), 2 * at[2] + (k >> 2)];
+                    i32::from(out[begin + 4 * ((z * side + y) * side + x) + channel] as i8)
+                };
+                let sum: i32 = (0..8).map(corner).sum();
+                level.push((sum as f32 / 8.0).round() as i8 as u8);
+            }
+        }
+        begin = out.len();
+        side = half;
+        out.extend(level);
+    }
+    out
+}
+
 /// Four fields per texel, each in -1..=1 as a signed byte: vessels, capillaries' spread, mottling, breaks.
 pub(crate) fn fields() -> Vec<u8> {
     let octaves: [&[(u32, f32)]; 4] =
@@ -127,6 +155,24 @@ mod tests {
             (alike + usize::from(is_alike), all + 1)
         });
         assert!(all > 10 && alike == all, "{alike} of {all}");
+    }
+
+    /// The last level is the mean of the whole, and the levels lie one after the other without a gap.
+    #[test]
+    fn each_level_holds_the_means_of_the_one_before() {
+        let solid = relief();
+        let mean = |channel: usize| {
+            let values = solid.iter().skip(channel).step_by(4).map(|byte| f64::from(*byte as i8));
+            values.sum::<f64>() / (solid.len() / 4) as f64
+        };
+        let means: Vec<f64> = (0..4).map(mean).collect();
+        let levels = with_levels(solid.clone());
+        assert_eq!(levels.len(), 4 * (0..LEVELS).map(|level| (SIDE >> level).pow(3)).sum::<usize>());
+        assert_eq!(levels[..solid.len()], solid[..]);
+        for (channel, mean) in means.iter().enumerate() {
+            let last = f64::from(levels[levels.len() - 4 + channel] as i8);
+            assert!((last - mean).abs() < 3.5, "channel {channel}: {last} for {mean}");
+        }
     }
 
     #[test]

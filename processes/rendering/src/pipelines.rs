@@ -193,7 +193,10 @@ fn scene_entries() -> [(At, Bind); 8] {
     let view_dimension = wgpu::TextureViewDimension::D2;
     let depth = Bind::Texture { sample_type: wgpu::TextureSampleType::Depth, view_dimension, multisampled: false };
     let compared = (At::FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Comparison));
-    [(At::VERTEX_FRAGMENT, uniform()), solid, solid, solid, sampler, sampler, (At::FRAGMENT, depth), compared]
+    // The relief shapes growths, too.
+    let relief = (At::VERTEX_FRAGMENT, texture(wgpu::TextureViewDimension::D3));
+    let tiled = (At::VERTEX_FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
+    [(At::VERTEX_FRAGMENT, uniform()), solid, relief, solid, tiled, sampler, (At::FRAGMENT, depth), compared]
 }
 
 fn shape_entries() -> [(At, Bind); 6] {

@@ -32,7 +32,10 @@ const SOLID_SIDE: usize = 64;
 /// The solids of noise that `build.rs` has made (`noise.rs`): four signed bytes per texel.
 const SOLIDS: [&[u8]; 2] =
     [include_bytes!(concat!(env!("OUT_DIR"), "/fields")), include_bytes!(concat!(env!("OUT_DIR"), "/relief"))];
-const _: () = assert!(SOLIDS[0].len() == 4 * SOLID_SIDE.pow(3) && SOLIDS[1].len() == SOLIDS[0].len());
+/// Levels of a solid, each half as wide as the one before.
+const SOLID_LEVELS: u32 = SOLID_SIDE.ilog2() + 1;
+// All levels together are 8/7 of the first, but for what is left at the last.
+const _: () = assert!(SOLIDS[0].len() == 4 * ((8 * SOLID_SIDE.pow(3) - 1) / 7) && SOLIDS[1].len() == SOLIDS[0].len());
 
 /// What a frame cost.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -93,7 +96,7 @@ impl Renderer {
         let targets = Targets::new(&gpu, &pipelines, &post, Sizes { inner: shown_px, shown: shown_px });
         let globals = buffer(d, size_of::<Globals>() as u64, wgpu::BufferUsages::UNIFORM);
         let solids = SOLIDS.map(|texels| upload_solid(&gpu, texels));
-        let samplers = [sampler(d, wgpu::AddressMode::Repeat), sampler(d, wgpu::AddressMode::ClampToEdge)];
+        let samplers = [tiled_sampler(&gpu), sampler(d, wgpu::AddressMode::ClampToEdge)];
         let fluid = Fluid::clear(&gpu, &pipelines);
         let shadow = Shadow::new(d);
         let scene_group = scene_bindings(&gpu, &pipelines, &globals, &solids, &fluid, &samplers, &shadow);
@@ -279,12 +282,32 @@ fn sampler(d: &wgpu::Device, mode: wgpu::AddressMode) -> wgpu::Sampler {
     })
 }
 
+/// For solids that tile: on a GPU between two of their levels, in software the nearer one, which costs half as many texels.
+fn tiled_sampler(gpu: &Gpu) -> wgpu::Sampler {
+    let mipmap_filter = if gpu.is_software() { wgpu::MipmapFilterMode::Nearest } else { wgpu::MipmapFilterMode::Linear };
+    gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+        address_mode_u: wgpu::AddressMode::Repeat,
+        address_mode_v: wgpu::AddressMode::Repeat,
+        address_mode_w: wgpu::AddressMode::Repeat,
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        mipmap_filter,
+        ..Default::default()
+    })
+}
+
 fn upload_solid(gpu: &Gpu, texels: &[u8]) -> wgpu::TextureView {
-    let side = SOLID_SIDE as u32;
-    let texture = solid(&gpu.device, [side; 3], wgpu::TextureFormat::Rgba8Snorm, wgpu::TextureUsages::COPY_DST);
-    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) };
-    let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: side };
-    gpu.queue.write_texture(texture.as_image_copy(), texels, layout, size);
+    let dims = [SOLID_SIDE as u32; 3];
+    let texture = solid(&gpu.device, dims, SOLID_LEVELS, wgpu::TextureFormat::Rgba8Snorm, wgpu::TextureUsages::COPY_DST);
+    let mut rest = texels;
+    for mip_level in 0..SOLID_LEVELS {
+        let side = dims[0] >> mip_level;
+        let (level, after) = rest.split_at(4 * (side as usize).pow(3));
+        let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) };
+        let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: side };
+        gpu.queue.write_texture(wgpu::TexelCopyTextureInfo { mip_level, ..texture.as_image_copy() }, level, layout, size);
+        rest = after;
+    }
     view(&texture)
 }
 

@@ -6,7 +6,7 @@ use crate::instrument::{Instrument, TOOL};
 use crate::looks;
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_messages::{Kind, Message, WireError};
-use rendering::{Appearance, Material, RenderError, Stage, SurfaceMesh, ostia};
+use rendering::{Appearance, MAX_OBJECTS, Material, RenderError, Stage, SurfaceMesh, ostia};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -90,6 +90,8 @@ pub struct Scenery {
     tools: Vec<u64>,
     /// Where the mouths of an organ were when it was first put on the stage: no cut moves them.
     mouths: BTreeMap<u64, [[f32; 4]; 2]>,
+    /// What the tissue last answered of each object's look: it stays when a cut makes the objects anew.
+    looks: BTreeMap<u64, Appearance>,
     vertices: usize,
 }
 
@@ -114,6 +116,22 @@ fn parts(records: &[ObjectRecord], triangles: &[[u32; 3]], vertices: usize) -> R
     Ok(parts)
 }
 
+/// That the stage will take all of it, before it is given any: an object that is refused in the middle would leave half a picture.
+fn check_parts(parts: &[Part], others: usize) -> Result<(), RenderError> {
+    if parts.len() + others > MAX_OBJECTS {
+        return Err(RenderError::TooLarge { what: "objects", got: parts.len() + others, bound: MAX_OBJECTS });
+    }
+    for part in parts {
+        let vertices = part.vertices.len();
+        let is_outside = |corners: &[u32; 3]| corners.iter().any(|corner| *corner as usize >= vertices);
+        if let Some(triangle) = part.triangles.iter().position(is_outside) {
+            let vertex = part.triangles[triangle].into_iter().max().unwrap_or(0);
+            return Err(RenderError::BadTriangle { object: part.id, triangle, vertex, vertices });
+        }
+    }
+    Ok(())
+}
+
 fn usual(kind: u32) -> Appearance {
     Appearance::of(if matches!(kind, PATHOLOGY | FREE_PIECE) { Material::Polyp } else { Material::MucosaTissue })
 }
@@ -127,7 +145,7 @@ impl Scenery {
     /// A stage with the tool alone.
     pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
         let (instrument, surfaces, tools) = (Instrument::new(stage)?, Vec::new(), Vec::new());
-        Ok(Scenery { instrument, topology: None, surfaces, tools, mouths: BTreeMap::new(), vertices: 0 })
+        Ok(Scenery { instrument, topology: None, surfaces, tools, mouths: BTreeMap::new(), looks: BTreeMap::new(), vertices: 0 })
     }
 
     /// Whether the objects on the stage are those of this version, from this or any other writer.
@@ -146,18 +164,20 @@ impl Scenery {
             return Err(Refused::Length { got: raw.len(), expected: rest_m.len() });
         }
         let parts = parts(records, message.section(3)?, rest_m.len())?;
+        check_parts(&parts, stage.ids().filter(|id| *id >= TOOL).count())?;
+        let gone: Vec<u64> = stage.ids().filter(|id| *id < TOOL && !parts.iter().any(|part| part.id == *id)).collect();
+        for id in gone {
+            stage.remove_object(id);
+        }
         for part in &parts {
             let (rest_m, raw) = (&rest_m[part.vertices.clone()], &raw[part.vertices.clone()]);
-            let mesh = SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance: usual(part.kind) };
+            let appearance = self.looks.get(&part.id).copied().unwrap_or_else(|| usual(part.kind));
+            let mesh = SurfaceMesh { triangles: &part.triangles, rest_m, raw, appearance };
             stage.set_object(part.id, mesh)?;
             if part.kind == ORGAN {
                 let mouths = self.mouths.entry(part.id).or_insert_with(|| ostia(rest_m, raw, &part.triangles));
                 stage.set_mouths(part.id, *mouths)?;
             }
-        }
-        let gone: Vec<u64> = stage.ids().filter(|id| *id < TOOL && !parts.iter().any(|part| part.id == *id)).collect();
-        for id in gone {
-            stage.remove_object(id);
         }
         self.instrument.rebuild(stage, &message)?;
         self.tools = records.iter().filter(|record| record.kind == RIGID_TOOL).map(|record| record.id as u64).collect();
@@ -189,6 +209,9 @@ impl Scenery {
         for record in records {
             let is_tool = self.tools.contains(&(record.id as u64));
             let look = Appearance { external_only: is_tool, ..looks::appearance(record) };
+            if !is_tool {
+                self.looks.insert(record.id as u64, look);
+            }
             let _ = stage.set_appearance(if is_tool { TOOL } else { record.id as u64 }, look);
         }
         Ok(())
@@ -220,6 +243,17 @@ mod tests {
         assert!(matches!(huge, Err(Refused::Range { what: "triangles", .. })));
         let foreign = parts(&[record(3, 0, [4, 3], [0, 1])], &[[0, 5, 6]], 7).unwrap();
         assert!(foreign[0].triangles[0][0] > 7, "a foreign corner must not be taken for an own one");
+    }
+
+    #[test]
+    fn a_corner_of_another_object_and_too_many_objects_are_found_before_anything_is_put_on_the_stage() {
+        let good = Part { id: 1, kind: 0, vertices: 0..3, triangles: vec![[0, 1, 2]] };
+        let bad = Part { id: 2, kind: 1, vertices: 3..6, triangles: vec![[0, 1, 2], [0, 1, 3]] };
+        let found = check_parts(&[good, bad], 4);
+        assert!(matches!(found, Err(RenderError::BadTriangle { object: 2, triangle: 1, vertex: 3, vertices: 3 })), "{found:?}");
+        let many: Vec<Part> = (0..250).map(|id| Part { id, kind: 1, vertices: 0..0, triangles: Vec::new() }).collect();
+        assert!(check_parts(&many, MAX_OBJECTS - 250).is_ok());
+        assert!(matches!(check_parts(&many, MAX_OBJECTS - 249), Err(RenderError::TooLarge { what: "objects", .. })));
     }
 
     #[test]

@@ -70,10 +70,10 @@ pub(crate) fn lamp_view(eye: &Eye) -> Mat4 {
     proj * glam::camera::rh::view::look_to_mat4(eye.light_m, eye.light_axis, up)
 }
 
-/// Whether an object throws a shadow through the lens. Gas lets the light through.
+/// Whether an object throws a shadow through the lens. Gas lets the light through, and what drifts is too small.
 fn is_solid(object: &Object) -> bool {
     let look = &object.appearance;
-    object.indices > 0 && !look.external_only && !matches!(look.material, Material::MucosaTissue | Material::Gas)
+    object.indices > 0 && !look.external_only && !matches!(look.material, Material::MucosaTissue | Material::Gas | Material::Flake)
 }
 
 impl Renderer {

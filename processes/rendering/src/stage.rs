@@ -11,10 +11,16 @@ use wgpu::BufferUsages as Usage;
 
 use crate::{error::RenderError, gpu::Gpu, pipelines::Pipelines};
 
-/// Objects at one time: a cavity, its pathology, tools, and the pieces of a long session.
-pub const MAX_OBJECTS: usize = 256;
+/// Objects at one time: as many as a tissue registers (a cavity, its pathology, the pieces of a long session), and what is the picture's own.
+pub const MAX_OBJECTS: usize = 256 + 16;
 /// Triangles of one object: ten times the largest mesh that a station is asked to show.
 pub const MAX_TRIANGLES: usize = 10_000_000;
+
+/// How far the lobes of a growth stand out in the picture, m, and tiles of the relief in a metre: lobes of some 4 mm. The collision knows nothing of them.
+const LOBES_M: f32 = 3.5e-4;
+const LOBES_PER_M: f32 = 30.0;
+/// Most light on what drifts: beside the lens it would be white.
+const MOST_LIGHT: f32 = 0.9;
 
 /// What a surface is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +35,8 @@ pub enum Material {
     Metal,
     /// bubbles
     Gas,
+    /// what drifts in the medium: it throws no shadow
+    Flake,
 }
 
 /// How an object looks.
@@ -50,11 +58,12 @@ impl Appearance {
     /// The usual look of a material.
     pub fn of(material: Material) -> Self {
         let (base_colour, roughness) = match material {
-            Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.25),
-            Material::Polyp => ([0.76, 0.33, 0.28], 0.12),
+            Material::MucosaTissue => ([0.78, 0.34, 0.285], 0.30),
+            Material::Polyp => ([0.76, 0.33, 0.28], 0.25),
             Material::Coagulated => ([0.60, 0.42, 0.25], 0.75),
             Material::Metal => ([0.78, 0.79, 0.81], 0.30),
             Material::Gas => ([0.90, 0.93, 0.95], 0.05),
+            Material::Flake => ([0.95, 0.80, 0.74], 0.5),
         };
         Self { base_colour, material, roughness, external_only: false, glow: 0.0 }
     }
@@ -82,6 +91,7 @@ pub(crate) struct ObjectUniform {
     surface: [f32; 4],
     extra: [f32; 4],
     mouths: [[f32; 4]; 2],
+    shape: [f32; 4],
 }
 
 impl Object {
@@ -229,6 +239,12 @@ impl Stage {
             Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
             Material::Metal => (0.0, 0.0, 60.0, 0.0),
             Material::Gas => (0.0, 0.0, 60.0, 1.0),
+            Material::Flake => (0.0, 0.24, 80.0, 0.0),
+        };
+        let shape = match look.material {
+            Material::Polyp => [LOBES_M, LOBES_PER_M, 0.0, 0.0],
+            Material::Flake => [0.0, 0.0, MOST_LIGHT, 0.0],
+            _ => [0.0; 4],
         };
         let [r, g, b] = look.base_colour.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.5 });
         let roughness = if look.roughness.is_finite() { look.roughness.clamp(0.0, 1.0) } else { 0.5 };
@@ -240,6 +256,7 @@ impl Stage {
             surface: [roughness, frequency, vessels, bump],
             extra: [whole, object.char_level, glow, glands],
             mouths: object.mouths,
+            shape,
         };
         self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }

@@ -101,11 +101,17 @@ pub(crate) fn view(texture: &wgpu::Texture) -> wgpu::TextureView {
 }
 
 /// A solid texture that tiles or holds a field.
-pub(crate) fn solid(d: &wgpu::Device, dims: [u32; 3], format: wgpu::TextureFormat, usage: wgpu::TextureUsages) -> wgpu::Texture {
+pub(crate) fn solid(
+    d: &wgpu::Device,
+    dims: [u32; 3],
+    levels: u32,
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> wgpu::Texture {
     d.create_texture(&wgpu::TextureDescriptor {
         label: None,
         size: wgpu::Extent3d { width: dims[0], height: dims[1], depth_or_array_layers: dims[2] },
-        mip_level_count: 1,
+        mip_level_count: levels,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
         format,

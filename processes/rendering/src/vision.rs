@@ -6,7 +6,6 @@ mod gather;
 use crate::album::Album;
 use crate::display::{self, Asked, Display};
 use crate::hand::Hand;
-use crate::looks::distortion;
 use crate::pulse::Pulse;
 use crate::relay::Relay;
 use crate::scenery::{BUBBLES, CONTACTS, FORCE, MOTES, Refusals, Scenery};
@@ -21,7 +20,7 @@ use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
     Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Prefer, RenderError, Renderer, Shown, View,
-    Window, fastest_ticks,
+    Window, distortion, fastest_ticks,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.

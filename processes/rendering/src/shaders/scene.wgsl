@@ -24,6 +24,7 @@ struct Object {
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
     extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1 or, with metal, 1 of gas
     mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
+    shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0
 };
 @group(0) @binding(0) var<uniform> g: Globals;
 @group(0) @binding(1) var noise: texture_3d<f32>;
@@ -52,9 +53,17 @@ fn vertex(@location(0) position: vec3<f32>, @location(1) normal: vec3<f32>, @loc
     var p = position;
     if !(sane(p.x) && sane(p.y) && sane(p.z)) { p = rest; }
     var v: Varying;
+    var n = normal;
+    if o.shape.x > 0.0 && raw == 0u {
+        // The lobes of a growth, and its normal with them: a texel's slope is that over two texels of the 64 in a tile.
+        let relief = textureSampleLevel(bump, tiled, rest * o.shape.y, 0.0);
+        let slope = relief.xyz * (32.0 * o.shape.x * o.shape.y);
+        p += n * relief.w * o.shape.x;
+        n = normalize(n - (slope - n * dot(slope, n)));
+    }
     let w = o.model * vec4<f32>(p, 1.0);
     v.world = w.xyz;
-    v.normal = (o.model * vec4<f32>(normal, 0.0)).xyz;
+    v.normal = (o.model * vec4<f32>(n, 0.0)).xyz;
     v.rest = rest;
     v.raw = f32(min(raw, 1u));
     v.clip = g.view_proj * w;
@@ -107,63 +116,79 @@ fn lobe(n_dot_h: f32, power: f32) -> f32 {
     return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
 }
 
-// How much of a point is the mouth of a tube, and how much the rim about it: a pit whose ragged edge is drawn in, in a paler ring of muscle.
-fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> vec2<f32> {
-    var found = vec2<f32>(0.0);
+// How much of a point is the mouth of a tube, how much the rim about it, and which way that falls: a funnel whose ragged edge is drawn in, in a paler ring.
+struct Mouth { pit: f32, rim: f32, fall: vec3<f32> };
+fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> Mouth {
+    var found = Mouth(0.0, 0.0, vec3<f32>(0.0));
     for (var k = 0; k < 2; k++) {
         let mouth = o.mouths[k];
         if mouth.w <= 0.0 { continue; }
-        let d = distance(rest, mouth.xyz) / mouth.w * (1.0 + 0.25 * ragged);
-        let pit = 1.0 - smoothstep(0.55, 1.05, d);
-        let rim = smoothstep(0.7, 1.2, d) * (1.0 - smoothstep(1.5, 2.8, d));
-        found = max(found, vec2<f32>(pit, rim));
+        let away = rest - mouth.xyz;
+        let far = length(away);
+        let d = far / mouth.w * (1.0 + 0.20 * ragged);
+        if d > 3.2 { continue; }
+        let pit = 1.0 - smoothstep(0.30, 1.15, d);
+        let rim = smoothstep(0.5, 1.2, d) * (1.0 - smoothstep(1.6, 3.2, d));
+        found = Mouth(max(found.pit, pit), max(found.rim, rim), found.fall - away / max(far, 1.0e-6) * rim);
     }
     return found;
 }
 
 // `full` is the light that would reach it, `e` what of it does.
-fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32) -> vec3<f32> {
+// `grain` is how much of the rest position a pixel covers, m: what is finer is looked up as its mean, or a wall far off would be of sand.
+fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32, grain: f32) -> vec3<f32> {
     let p = in.rest * o.surface.y;
-    let a = textureSampleLevel(noise, tiled, p, 0.0);
+    let level = log2(max(grain * o.surface.y * 64.0, 1.0e-3));
+    let a = textureSampleLevel(noise, tiled, p, max(level, 0.0));
     let warped = p + a.wzx * 0.035;
-    let fine = textureSampleLevel(noise, tiled, warped * 6.5, 0.0);
-    let b1 = textureSampleLevel(bump, tiled, warped, 0.0);
-    let b2 = textureSampleLevel(bump, tiled, warped * 3.7, 0.0);
+    // Each is by so much finer: log2 of 6.5 and of 3.7.
+    let level_fine = level + 2.7;
+    let fine = textureSampleLevel(noise, tiled, warped * 6.5, max(level_fine, 0.0));
+    let b1 = textureSampleLevel(bump, tiled, warped, max(level, 0.0));
+    let b2 = textureSampleLevel(bump, tiled, warped * 3.7, max(level + 1.9, 0.0));
     let slope = b1.xyz * 0.34 + b2.xyz * 0.26;
-    let n = normalize(n0 - (slope - n0 * dot(slope, n0)) * o.surface.w);
+    var n = normalize(n0 - (slope - n0 * dot(slope, n0)) * o.surface.w);
+    let tube = mouth_of_tube(in.rest, fine.w);
+    n = normalize(n + 0.8 * tube.fall);
 
     // colour: a velvet between cream and orange-red, the mouths of glands as pale dots, a few vessels and the net of the finest ones between
     let patchy = smoothstep(-0.55, 0.65, a.z + 0.25 * fine.x);
     var albedo = o.colour.rgb * mix(vec3<f32>(0.98, 0.80, 0.74), vec3<f32>(1.04, 1.16, 1.12), patchy);
     albedo *= 1.0 + 0.13 * vec3<f32>(0.4, 1.0, 1.0) * (b1.w + 0.7 * b2.w);
     let spread = smoothstep(-0.25, 0.35, a.y);
-    let trunk = 1.0 - smoothstep(0.006, 0.030 + 0.03 * max(fine.z, 0.0), abs(a.x));
-    let net = 1.0 - smoothstep(0.01, 0.13, abs(fine.y));
+    // What is a line near by is a share of each pixel far off: the mean of a field is no vessel, though it is as near to zero.
+    let blurred = smoothstep(0.8, 3.0, level);
+    let blurred_fine = smoothstep(0.8, 3.0, level_fine);
+    let trunk = mix(1.0 - smoothstep(0.006, 0.030 + 0.03 * max(fine.z, 0.0), abs(a.x)), 0.06, blurred);
+    let net = mix(1.0 - smoothstep(0.01, 0.13, abs(fine.y)), 0.20, blurred_fine);
     let vessel = clamp((0.55 * trunk * smoothstep(-0.30, 0.25, a.w) + 0.40 * net * spread) * o.surface.z, 0.0, 1.0);
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
     let mouth = smoothstep(0.46, 0.80, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
     albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
-    let tube = mouth_of_tube(in.rest, fine.w);
-    albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.45 * tube.y * (1.0 - in.raw));
-    albedo = mix(albedo, vec3<f32>(0.035, 0.004, 0.004), 0.96 * tube.x * (1.0 - in.raw));
+    albedo = mix(albedo, vec3<f32>(0.90, 0.60, 0.51), 0.35 * tube.rim * (1.0 - in.raw));
+    albedo = mix(albedo, vec3<f32>(0.06, 0.008, 0.008), 0.94 * tube.pit * (1.0 - in.raw));
     // laid open by the wire: pale, stringy, with a film of coagulum and the stumps of vessels that ooze
     let strand = 0.5 + 0.5 * sin(40.0 * (p.x + 0.6 * p.y) + 7.0 * a.x + 3.0 * fine.w);
-    var flesh = mix(vec3<f32>(0.66, 0.36, 0.29), vec3<f32>(0.82, 0.60, 0.50), strand * strand);
-    flesh = mix(flesh, vec3<f32>(0.78, 0.56, 0.42), 0.40 * smoothstep(0.0, 0.45, b1.w));
-    flesh = mix(flesh, vec3<f32>(0.42, 0.03, 0.03), 0.8 * smoothstep(0.22, 0.42, fine.z));
+    var flesh = mix(vec3<f32>(0.74, 0.40, 0.33), vec3<f32>(0.86, 0.62, 0.53), strand * strand);
+    flesh = mix(flesh, vec3<f32>(0.82, 0.58, 0.46), 0.30 * smoothstep(0.0, 0.45, b1.w));
+    flesh = mix(flesh, vec3<f32>(0.46, 0.04, 0.04), 0.7 * smoothstep(0.24, 0.44, fine.z));
     // where the wound begins the wire has scorched the lining; noise frays the edge, which lies along the mesh
     let raw = smoothstep(0.30, 0.70, in.raw + 0.22 * fine.w);
     albedo = mix(albedo, flesh, raw);
-    albedo = mix(albedo, vec3<f32>(0.30, 0.20, 0.12), 3.0 * raw * (1.0 - raw));
+    let seam = 4.0 * raw * (1.0 - raw);
+    albedo = mix(albedo, vec3<f32>(0.26, 0.16, 0.10), 0.8 * seam * seam * seam);
     // coagulated: dry, yellow-white rim to brown-black core
     let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
     albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
 
     // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
     let nl = dot(n, l);
-    let soft = max(vec3<f32>(nl) + vec3<f32>(0.32, 0.16, 0.13), vec3<f32>(0.0)) / vec3<f32>(1.32, 1.16, 1.13);
+    let soft = max(vec3<f32>(nl) + vec3<f32>(0.42, 0.18, 0.14), vec3<f32>(0.0)) / vec3<f32>(1.42, 1.18, 1.14);
     let mutual = albedo * albedo * (0.26 + 0.14 * n.y) * g.cone.y;
-    var c = albedo * soft * soft * (1.4 - 0.4 * soft) * e + mutual * (0.18 + 0.82 * min(full, 1.0));
+    var c = albedo * soft * (0.30 + 0.70 * soft) * e + mutual * (0.18 + 0.82 * min(full, 1.0));
+    // A growth is thin at its limb: light that went in beside comes out there, red.
+    let limb = 1.0 - max(dot(n0, v), 0.0);
+    c += albedo * vec3<f32>(0.20, 0.05, 0.035) * (o.extra.x * limb * limb * min(e, 1.0) * (1.0 - in.raw));
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
     // Far off a pixel holds many ripples, whose glints are one broad shine and no grains of salt.
     let calm = smoothstep(0.006, 0.024, distance(in.world, g.eye.xyz));
@@ -172,7 +197,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.x);
+    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens, and none of the walls behind.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
@@ -220,7 +245,8 @@ fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let far = min(min(high.x, high.y), min(high.z, 1.0));
     if near >= far { return c; }
     let size = g.fluid_max.xyz - g.fluid_min.xyz;
-    let jitter = fract(dot(pixel, vec2<f32>(0.7548777, 0.5698403)));
+    // Interleaved gradient noise (Jimenez 2014): neighbours differ as evenly as can be, and no lattice shows.
+    let jitter = fract(52.9829189 * fract(dot(pixel, vec2<f32>(0.06711056, 0.00583715))));
     let reach = g.fluid_min.w * length(ray) * (far - near) / f32(MURK_STEPS);
     var through = 1.0; // share of the light that comes so far
     var glow = 0.0;
@@ -241,6 +267,8 @@ fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
 
 @fragment
 fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec4<f32> {
+    // How much of the rest position a pixel covers: the mean of both ways, for the wall at a glance is to keep its lines. Before any discards.
+    let grain = sqrt(max(length(dpdx(in.rest)) * length(dpdy(in.rest)), 1.0e-16));
     let cut = OUTSIDE && any(g.clip.xyz != vec3<f32>(0.0));
     if cut && o.extra.x < 0.5 && dot(g.clip.xyz, in.world) > g.clip.w { discard; }
     let to_eye = g.eye.xyz - in.world;
@@ -250,7 +278,8 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
     let to_light = g.light.xyz - in.world;
     let distance = length(to_light);
     let l = to_light / max(distance, 1.0e-6);
-    let e = spot(l, distance);
+    var e = spot(l, distance);
+    if o.shape.z > 0.0 { e = min(e, o.shape.z); }
     var c: vec3<f32>;
     if METAL {
         // The middle of a bubble is clear: the wall behind is seen through it, but for the lamp's own image.
@@ -258,12 +287,12 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
         c = metal(in, n, v, l, e);
     } else if cut && !front && o.extra.x < 0.5 {
         // the inside of a wall that was cut open reads as its section: flat, matte
-        let grain = textureSampleLevel(noise, tiled, in.rest * 70.0, 0.0);
-        c = o.colour.rgb * vec3<f32>(0.62, 0.40, 0.40) * min(0.55 * e, 0.8) * (1.0 + 0.25 * grain.z + 0.15 * grain.x);
+        let speck = textureSampleLevel(noise, tiled, in.rest * 70.0, 0.0);
+        c = o.colour.rgb * vec3<f32>(0.62, 0.40, 0.40) * min(0.55 * e, 0.8) * (1.0 + 0.25 * speck.z + 0.15 * speck.x);
     } else {
         // Where the light grazes, a texel of the map is looked for off the surface, so that nothing shades itself.
         let off = n * (1.5 * g.cone.w * distance * (1.0 - max(dot(n, l), 0.0)));
-        c = tissue(in, n, v, l, e, e * unshaded(in.world + off));
+        c = tissue(in, n, v, l, e, e * unshaded(in.world + off), grain);
     }
     if FLUID { c = murk(c, in.world, in.clip.xy); }
     // Through the lens everything is opaque, and alpha is the nearest distance over this one, by which the focus blurs; 0 is where nothing is.
