@@ -160,6 +160,30 @@ const RECORDING: &str = r"(() => {
     return { said, stands, after: [banner.checkVisibility(), line.className, line.textContent] };
 })()";
 
+/// Of every text that the page may show the size of its letters, CSS pixels, the least first; and the least of the pump's figures.
+const SIZES: &str = r"(() => {
+    const size = element => parseFloat(getComputedStyle(element).fontSize);
+    const texts = [...document.querySelectorAll('body *')].filter(element => [...element.childNodes].some(node => node.nodeType === 3 && node.data.trim()));
+    const sizes = texts.filter(element => !element.closest('script, style, title, svg')).map(element => [size(element), element.id || element.tagName]);
+    sizes.sort((a, b) => a[0] - b[0]);
+    return [sizes[0], Math.min(...[...document.querySelectorAll('#pump-pressure, #pump-deficit')].map(size))];
+})()";
+
+/// What the page says of its pictures: of those that come, and of ones that are half as many as are aimed at. And how wide a plot of ten points is.
+const PICTURING: &str = r"(() => {
+    const line = document.getElementById('pictures');
+    const said = [line.checkVisibility(), line.textContent];
+    showPicturing({ period_s: 0.04, scale: 0.5, size_px: [640, 480] }, [{ name: 'rendering', rate_hz: 12.5 }]);
+    const short = [line.className, line.textContent];
+    const plot = makePlot('a plot');
+    drawPlot(plot, Array.from({ length: 10 }, (_, index) => [index, null, null]), 0, value => value / 10);
+    return { said, short, box: plot.getAttribute('viewBox'), points: plot.querySelector('polyline').getAttribute('points').split(' ').length, title: plot.querySelector('title').textContent };
+})()";
+/// Smallest letters, and smallest figures of the pump, CSS pixels: read at arm's length.
+const LEAST_LETTERS_PX: f64 = 16.0;
+/// See [`LEAST_LETTERS_PX`].
+const LEAST_FIGURES_PX: f64 = 30.0;
+
 /// What of the page is wider than its place, and where the live view ends, CSS pixels from the top.
 const FITS: &str = r"(() => {
     const parts = [document.documentElement, ...document.querySelectorAll('header, section')];
@@ -285,6 +309,17 @@ fn the_page_is_read_by_day_and_by_night_and_its_buttons_are_reached_and_pressed_
     browser.wait("the banner of the test mode", LOOK, |look| look["banner"].as_str()?.starts_with("Test mode: ").then_some(()));
     let [day, night] = ["light", "dark"].map(|scheme| browser.assert_readable("screen", scheme, TEXTS));
     assert!(day > 0.5 && night < 0.1, "the ground is {day:.2} bright by day and {night:.2} by night");
+    let sizes = browser.evaluate(SIZES).expect("the sizes of all letters");
+    let [least, figures] = [&sizes[0][0], &sizes[1]].map(|size| size.as_f64().unwrap_or(0.0));
+    assert!(least >= LEAST_LETTERS_PX && figures >= LEAST_FIGURES_PX, "not to be read at arm's length: {sizes}");
+    if std::env::var_os("HYSTATION_NO_GPU").is_none() {
+        let is_said = |it: &Value| it["said"][1].as_str()?.contains("pictures a second of").then(|| it.clone());
+        let picturing = browser.wait("how pictures are made", PICTURING, is_said);
+        let words = "12.5 pictures a second of 25 that it aims at, drawn at 0.50 of 640 × 480. The machine is too slow for more.";
+        assert_eq!(picturing["short"], json!(["bad", words]));
+        let plot = [&picturing["box"], &picturing["points"], &picturing["title"]];
+        assert_eq!(plot, [&json!("0 0 29 100"), &json!(10), &json!("0.0 to 9.0")]);
+    }
     assert_eq!(browser.evaluate(ALARMS), Some(json!(["assertive", true, ["two", "three"]])));
     let called_off = json!(["– resect – not called for any more", true]);
     let runs = json!([["○ look – 30 %", false], ["○ stop – not called for yet", false], called_off]);

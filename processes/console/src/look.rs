@@ -151,7 +151,7 @@ fn names(bits: u32) -> Vec<String> {
 }
 
 /// The pictures.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Pictures {
     /// Drawn in this life of rendering.
     pub count: u64,
@@ -199,8 +199,7 @@ pub struct Look {
     pub silence: Option<String>,
     /// The pump, as far as it is known.
     pub pump: Option<Pump>,
-    /// The pictures, likewise: for monitors, the page shows one.
-    #[serde(skip)]
+    /// How pictures are made, likewise.
     pub pictures: Option<Pictures>,
 }
 
