@@ -18,14 +18,16 @@ mod vary;
 
 pub use brief::{Aim, Brief, Cause, Named, Region, Sight};
 pub use file::{
-    Alarm, Biopsy, Case, End, Energy, Goal, Held, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey, Vary, Visit, Warning,
+    Alarm, Biopsy, Case, End, Energy, Goal, Held, Mirror, Place, Removed, Rules, Rung, Score, Staunch, Stop, Survey, Vary, Visit,
+    Warning,
 };
 pub use metrics::METRIC_KEYS;
-pub(crate) use seat::Seat;
+pub(crate) use seat::{Seat, Seats};
 
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::load::{Found, ReadScene, read_file};
 use crate::loaded::LoadedScene;
+use crate::mirror;
 use crate::parse::{Format, read, top_keys};
 use crate::validate::validate;
 use std::path::Path;
@@ -123,10 +125,12 @@ pub(crate) fn settle(text: &str, path: &Path, seed: Option<u32>, past: Past) -> 
     if past == Past::New {
         fits::playable_as_drawn(&case, &scene).map_err(located)?;
     }
-    let brief = brief::brief(&case, &scene).map_err(located)?;
     let text = toml::to_string(&case).map_err(|error| {
         located(SceneError::new(Kind::Syntax, "", format!("cannot be written again: {error}"), "write it simpler"))
     })?;
+    // What is settled draws its mirror image anew; what it is judged by is that image.
+    mirror::places(&mut case.place, scene.scene.workspace.pivot_m, seats.mirrored);
+    let brief = brief::brief(&case, &scene).map_err(located)?;
     Ok(SettledCase { text, brief, scene })
 }
 

@@ -27,6 +27,7 @@ mod jaws;
 mod load;
 mod loaded;
 mod locate;
+mod mirror;
 mod names;
 mod object;
 mod parse;
@@ -44,8 +45,8 @@ mod validate;
 mod wrap;
 
 pub use case::{
-    Aim, Alarm, Biopsy, Brief, Case, Cause, End, Energy, Goal, Held, METRIC_KEYS, Named, Place as CasePlace, Region, Removed,
-    Rules, Rung, Score, SettledCase, Sight, Staunch, Stop, Survey, Vary, Visit, Warning, case_schema_json, find_case,
+    Aim, Alarm, Biopsy, Brief, Case, Cause, End, Energy, Goal, Held, METRIC_KEYS, Mirror, Named, Place as CasePlace, Region,
+    Removed, Rules, Rung, Score, SettledCase, Sight, Staunch, Stop, Survey, Vary, Visit, Warning, case_schema_json, find_case,
     find_played_case,
 };
 pub use electrode::LoadedLoop;

@@ -1,6 +1,6 @@
 //! From a file to a scene that is ready to run: read, check, repair, place, bind, hold, and find the hands.
 
-use crate::case::{Past, Seat};
+use crate::case::{Past, Seat, Seats};
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::Scene;
 use crate::fixed::{default_shapes, depth_under_hull, fixed_nodes, hollow_nodes};
@@ -14,7 +14,7 @@ use crate::parse::MAX_SCENE_BYTES;
 use crate::place::{Transform, in_front, is_auto};
 use crate::rigid::{LoadedRigid, load_rigid};
 use crate::source::{Folder, read_bounded};
-use crate::{case, embedded, wrap};
+use crate::{case, embedded, mirror, wrap};
 use glam::Vec3;
 use hyst_mesh::{TetMesh, TriangleMesh};
 use std::path::Path;
@@ -29,7 +29,7 @@ pub(crate) type Placed = (TetMesh, Option<(TriangleMesh, String)>);
 /// A [`SceneError`] whose text says which file, which line and key, what is wrong and what to do.
 pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
     match read_file(path)? {
-        Found::Scene(read) => read.load(&[]),
+        Found::Scene(read) => read.load(&Seats::default()),
         Found::Case(text) => Ok(case::settle(&text, path, None, Past::Played)?.scene),
     }
 }
@@ -49,7 +49,7 @@ pub fn load_or_embedded(path: Option<&Path>) -> Result<LoadedScene, SceneError> 
 pub fn load_embedded() -> Result<LoadedScene, SceneError> {
     let origin = embedded::DEFAULT_ORIGIN;
     let (scene, text, origin) = (Scene::embedded_default()?, embedded::DEFAULT_SCENE.to_owned(), origin.to_owned());
-    ReadScene { scene, text, origin, folder: Folder::Embedded }.load(&[])
+    ReadScene { scene, text, origin, folder: Folder::Embedded }.load(&Seats::default())
 }
 
 impl Scene {
@@ -84,7 +84,7 @@ pub(crate) enum Found {
 
 impl ReadScene {
     /// Makes it ready to run, its objects seated as a case has drawn it.
-    pub(crate) fn load(self, seats: &[Option<Seat>]) -> Result<LoadedScene, SceneError> {
+    pub(crate) fn load(self, seats: &Seats) -> Result<LoadedScene, SceneError> {
         assemble(self.scene, &self.origin, &self.folder, seats).map_err(|error| error.located(&self.origin, &self.text))
     }
 }
@@ -109,7 +109,7 @@ pub(crate) fn read_file(path: &Path) -> Result<Found, SceneError> {
     Ok(Found::Scene(Box::new(ReadScene { scene: Scene::parse(&text, &origin)?, text, origin, folder })))
 }
 
-fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>]) -> Result<LoadedScene, SceneError> {
+fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &Seats) -> Result<LoadedScene, SceneError> {
     let mut notes = Vec::new();
     let workspace = workspace(&scene);
     let (placed, drawn) = placed(&scene, folder, seats, &mut notes)?;
@@ -148,11 +148,11 @@ fn assemble(scene: Scene, origin: &str, folder: &Folder, seats: &[Option<Seat>])
     Ok(loaded)
 }
 
-/// The objects of a scene in their places, those moved for which a seat was drawn, and how, in words.
+/// The objects of a scene in their places, those moved for which a seat was drawn, mirrored where that was drawn, and how they were moved, in words.
 pub(crate) fn placed(
     scene: &Scene,
     folder: &Folder,
-    seats: &[Option<Seat>],
+    seats: &Seats,
     notes: &mut Vec<String>,
 ) -> Result<(Vec<Placed>, Vec<String>), SceneError> {
     let raw = scene.deformable.iter().enumerate().map(|(index, one)| object::read(one, index, folder));
@@ -162,7 +162,14 @@ pub(crate) fn placed(
     for (index, (raw, transform)) in raw.into_iter().zip(&transforms).enumerate() {
         placed.push(raw.place(&scene.deformable[index], index, transform, notes)?);
     }
-    let drawn = seated(scene, seats, &mut placed);
+    let drawn = seated(scene, &seats.of, &mut placed);
+    let pivot_m = workspace(scene).pivot_m;
+    for (mesh, surface) in &mut placed {
+        mirror::tets(mesh, pivot_m, seats.mirrored);
+        if let Some((surface, _)) = surface {
+            mirror::surface(surface, pivot_m, seats.mirrored);
+        }
+    }
     Ok((placed, drawn))
 }
 

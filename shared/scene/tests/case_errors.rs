@@ -60,7 +60,7 @@ fn find(name: &str, text: &str) -> Result<(), SceneError> {
 }
 
 /// Replacement in the good case, and the kind, the line (0 for none) and the key of the error that it must give: of the text alone.
-const ALONE: [(&str, &str, Kind, usize, &str); 57] = [
+const ALONE: [(&str, &str, Kind, usize, &str); 65] = [
     ("version = 1", "version = 2", Kind::Version, 1, "version"),
     ("name = \"test\"", "nme = \"test\"", Kind::UnknownKey, 2, "nme"),
     ("name = \"test\"", "name = \"\"", Kind::Name, 2, "name"),
@@ -82,6 +82,14 @@ const ALONE: [(&str, &str, Kind, usize, &str); 57] = [
     ("vessel_spacing_m = [0.003, 0.004]", "vessel_pressure_pa = [0.0, 1e9]", Kind::Range, 11, "vary[1].vessel_pressure_pa"),
     ("vessel_spacing_m = [0.003, 0.004]", "size = [1.0, 1.0]", Kind::Range, 11, "vary[1].size"),
     ("[rules]", "[[vary]]\nvessel_pressure_pa = [1.0, 2.0]\n[rules]", Kind::Name, 12, "vary[2]"),
+    ("[rules]", "[[vary]]\nmirror = [\"side\"]\n[rules]", Kind::Name, 12, "vary[2]"),
+    ("size = [0.9, 1.1]", "shift_m = [0.003, 0.001]", Kind::Range, 9, "vary[0].shift_m"),
+    ("[0.003, 0.004]", "[nan, 0.004]", Kind::Range, 11, "vary[1].vessel_spacing_m[0]"),
+    ("size = [0.9, 1.1]", "mirror = [\"side\"]", Kind::Range, 9, "vary[0].mirror"),
+    ("\"polyp\"\nsize = [0.9, 1.1]", "\"liver\"\nmirror = [\"side\"]", Kind::Range, 9, "vary[0].mirror"),
+    ("vessel_spacing_m = [0.003, 0.004]", "mirror = []", Kind::Incomplete, 10, "vary[1]"),
+    ("vessel_spacing_m = [0.003, 0.004]", "mirror = true", Kind::Syntax, 11, "vary[1].mirror"),
+    ("vessel_spacing_m = [0.003, 0.004]", "mirror = [\"top\"]", Kind::UnknownKey, 11, "vary[1].mirror[0]"),
     ("medium = \"saline\"", "medium = \"milk\"", Kind::UnknownKey, 13, "rules.medium"),
     ("medium = \"saline\"", "max_pressure_pa = 0.0", Kind::Range, 13, "rules.max_pressure_pa"),
     ("medium = \"saline\"", "max_pressure_pa = 30000.0", Kind::Range, 13, "rules.max_pressure_pa"),
@@ -159,9 +167,14 @@ const TOO_FAR: &str = "[0.06, 0.0, 0.0]\nradius_m = 0.005\n[[goal]]\nremoved = {
 const BESIDE: &str = "[0.02, 0.0, 0.0]\nradius_m = 0.005\n[[goal]]\nremoved = { percent = 50.0 }\n[[goal]]\n\
                       look = { places = [\"middle\"] }";
 
+/// A hand that rolls to both sides would, mirrored anterior for posterior, roll past its limits.
+const ROLLS: &str = "mirror = [\"side\", \"wall\"]\n[hand.rolls]\nfrom = { roll_deg = 90.0, insertion_m = 0.02 }\n\
+                     into = { roll_deg = -90.0, insertion_m = 0.02 }\nperiod_s = 2.0\n";
+
 /// The same, where the scene shows it.
-const TOGETHER: [(&str, &str, Kind, usize, &str); 20] = [
+const TOGETHER: [(&str, &str, Kind, usize, &str); 21] = [
     ("[score]", "[hand.mine]\nlike = \"polyp\"\nperiod_s = 2.0\n[score]", Kind::Contradiction, 28, "hand.mine"),
+    ("vessel_spacing_m = [0.003, 0.004]\n", ROLLS, Kind::Contradiction, 11, "vary[1].mirror"),
     ("SCENE", "nowhere.toml", Kind::Missing, 5, "scene"),
     ("object = \"polyp\"", "object = \"liver\"", Kind::Name, 8, "vary[0].object"),
     ("object = \"polyp\"", "object = \"uterus\"", Kind::Contradiction, 8, "vary[0].object"),

@@ -43,7 +43,7 @@ pub(crate) fn alone(case: &Case) -> Checked {
     }
     case.vary.iter().enumerate().try_for_each(|(index, vary)| variation(vary, &format!("vary[{index}]")))?;
     if let Some((index, _)) = case.vary.iter().enumerate().filter(|(_, vary)| vary.object.is_none()).nth(1) {
-        return wrong(Kind::Name, format!("vary[{index}]"), "the vessels vary twice", "put both into one [[vary]] table");
+        return wrong(Kind::Name, format!("vary[{index}]"), "is the second without an object", "put both into one [[vary]] table");
     }
     rules(&case.rules)?;
     end(case)?;
@@ -75,13 +75,17 @@ fn variation(vary: &Vary, key: &str) -> Checked {
     ];
     let (mine, others, form) = match vary.object {
         Some(_) => (of_object, of_vessels, "size, shift_m and stiffness"),
-        None => (of_vessels, of_object, "vessel_pressure_pa, vessel_spacing_m and vessel_conductance_ml_s_pa"),
+        None => (of_vessels, of_object, "mirror, vessel_pressure_pa, vessel_spacing_m and vessel_conductance_ml_s_pa"),
     };
     let who = if vary.object.is_some() { "with an object" } else { "without an object" };
     if let Some((name, ..)) = others.iter().find(|(_, limits, ..)| limits.is_some()) {
         return wrong(Kind::Range, format!("{key}.{name}"), format!("does not vary {who}"), &format!("{who} there are {form}"));
     }
-    if mine.iter().all(|(_, limits, ..)| limits.is_none()) {
+    if vary.object.is_some() && !vary.mirror.is_empty() {
+        let what = "an object is not mirrored by itself, but with the whole anatomy";
+        return wrong(Kind::Range, format!("{key}.mirror"), what, "put it into the [[vary]] table without an object");
+    }
+    if mine.iter().all(|(_, limits, ..)| limits.is_none()) && vary.mirror.is_empty() {
         return wrong(Kind::Incomplete, key, "varies nothing", &format!("{who} give one of {form}"));
     }
     for (name, limits, low, high, unit) in mine {

@@ -81,7 +81,7 @@ pub enum Rung {
 }
 
 /// What is drawn from the seed: a lowest and a highest value each, between which all are as likely. With `object` its size, shift and stiffness, without
-/// it the vessels.
+/// it the vessels, and whether the whole anatomy is mirrored.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Vary {
@@ -99,6 +99,19 @@ pub struct Vary {
     pub vessel_spacing_m: Option<[f64; 2]>,
     /// Flow out of the widest vessel for each Pa, 0 to 1e-3 ml/(s·Pa).
     pub vessel_conductance_ml_s_pa: Option<[f64; 2]>,
+    /// Ways in which every second seed mirrors the scene, organ, pathology, places and scripted hands together. Default: none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mirror: Vec<Mirror>,
+}
+
+/// A way in which a scene is mirrored, about a plane through its pivot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Mirror {
+    /// Left for right: what hangs on one side of the patient hangs on the other.
+    Side,
+    /// Anterior for posterior. The scripted hands are rolled by half a turn, so none that moves by itself may roll to both sides.
+    Wall,
 }
 
 /// Current in the loop.

@@ -2,13 +2,14 @@
 
 use super::brief::{deficit_limit_ml, middle_m, misfit};
 use super::checks::wrong;
-use super::file::{Case, Goal, Place};
+use super::file::{Case, Goal, Mirror, Place};
 use super::reach::{is_visited, reachable};
 use crate::electrode::electrode;
 use crate::error::{SceneError, SceneErrorKind as Kind};
 use crate::file::{Deformable, DeformableKind, Scene};
 use crate::loaded::LoadedScene;
-use crate::validate::{Checked, hand, range};
+use crate::mirror;
+use crate::validate::{Checked, hand, range, validate};
 
 /// What the case and its scene show together.
 pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
@@ -23,6 +24,7 @@ pub(crate) fn together(case: &Case, scene: &Scene) -> Checked {
     }
     goals(case, scene)?;
     case.hand.iter().try_for_each(|(name, script)| hand(script, &format!("hand.{name}"), scene))?;
+    mirrored(case, scene)?;
     let limit_ml = deficit_limit_ml(case.rules.medium.unwrap_or(scene.fluid.medium));
     range("rules.max_deficit_ml", case.rules.max_deficit_ml.unwrap_or(limit_ml), 1.0, limit_ml, "ml")
 }
@@ -80,6 +82,26 @@ fn variations(case: &Case, scene: &Scene) -> Checked {
                 format!("“{name}” sits on no wall"),
                 "vary what is attached, or stiffness alone",
             );
+        }
+    }
+    Ok(())
+}
+
+/// What a seed may mirror keeps within its limits then, whatever the seed.
+fn mirrored(case: &Case, scene: &Scene) -> Checked {
+    let mut whole = scene.clone();
+    whole.hand.extend(case.hand.clone());
+    for (index, vary) in case.vary.iter().enumerate() {
+        let allowed = [Mirror::Side, Mirror::Wall].map(|side| vary.mirror.contains(&side));
+        let ways = [[true, false], [false, true], [true, true]];
+        for planes in ways.into_iter().filter(|planes| (0..2).all(|axis| allowed[axis] || !planes[axis])) {
+            let mut image = whole.clone();
+            mirror::scene(&mut image, planes);
+            validate(&image).map_err(|error| {
+                let what = format!("in the mirror {} {}", error.key, error.what);
+                let cure = "let it keep within its limits there, too, or take this way out of `mirror`";
+                SceneError::new(Kind::Contradiction, format!("vary[{index}].mirror"), what, cure)
+            })?;
         }
     }
     Ok(())

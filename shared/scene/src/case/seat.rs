@@ -2,6 +2,7 @@
 //! another wall, or off its own, is drawn back until it does not.
 
 use crate::locate::Locator;
+use crate::mirror::Planes;
 use glam::Vec3;
 use hyst_mesh::{TetMesh, TriangleMesh};
 
@@ -24,6 +25,15 @@ pub(crate) struct Seat {
     pub(crate) shift_m: f32,
     /// Where to, in the plane of the wall; of length 1.
     pub(crate) direction: [f32; 2],
+}
+
+/// How all objects of a scene sit.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Seats {
+    /// What is drawn of each object's place, in the scene's order; of a scene by itself nothing.
+    pub(crate) of: Vec<Option<Seat>>,
+    /// About which planes all is mirrored then.
+    pub(crate) mirrored: Planes,
 }
 
 /// The root of an object in its host.

@@ -3,17 +3,19 @@
 //! Promise: the same seed gives the same anatomy to the bit, on every machine: splitmix64 (Steele, Lea and Flood, OOPSLA 2014) over a hash of seed and names,
 //! and nothing but + − × ÷ √.
 
-use super::file::{Case, Vary};
-use super::seat::Seat;
+use super::file::{Case, Mirror, Vary};
+use super::seat::{Seat, Seats};
 use crate::file::Scene;
 use crate::hash::Fnv;
+use crate::mirror::{self, Planes};
 
 /// Tries to find a point within a circle: each fails one in five times.
 const MOST_TRIES: u64 = 64;
 
-/// Puts into the scene what the case sets and draws of materials, medium and vessels; answers how each object is to sit, and what was drawn beside that.
-pub(crate) fn draw(case: &Case, seed: u32, scene: &mut Scene) -> (Vec<Option<Seat>>, Vec<String>) {
-    let mut seats = vec![None; scene.deformable.len()];
+/// Puts into the scene what the case sets and draws of materials, medium and vessels, and its mirror image where that is drawn; answers how each object is to
+/// sit, and what was drawn beside that.
+pub(crate) fn draw(case: &Case, seed: u32, scene: &mut Scene) -> (Seats, Vec<String>) {
+    let mut seats = Seats { of: vec![None; scene.deformable.len()], mirrored: planes(case, seed) };
     let mut drawn = Vec::new();
     if let Some(medium) = case.rules.medium {
         scene.fluid.medium = medium;
@@ -37,15 +39,31 @@ pub(crate) fn draw(case: &Case, seed: u32, scene: &mut Scene) -> (Vec<Option<Sea
         if vary.size.is_some() || vary.shift_m.is_some() {
             let size = of("size", vary.size).unwrap_or(1.0) as f32;
             let shift_m = of("shift", vary.shift_m).unwrap_or(0.0) as f32;
-            seats[index] = Some(Seat { size, shift_m, direction: direction(seed, name) });
+            seats.of[index] = Some(Seat { size, shift_m, direction: direction(seed, name) });
         }
     }
+    mirror::scene(scene, seats.mirrored);
+    let words = ["what the scene has on the patient's left is on the right", "what the scene has anterior is posterior"];
+    let mirrored = words.into_iter().zip(seats.mirrored).filter(|(_, is)| *is);
+    drawn.extend(mirrored.map(|(words, _)| format!("mirrored: {words}")));
     (seats, drawn)
 }
 
-/// The vessels' figures; their calibres are drawn anew for each seed.
+/// About which planes a seed mirrors what may be mirrored.
+fn planes(case: &Case, seed: u32) -> Planes {
+    let is_drawn = |side: Mirror, what: &str| {
+        let mut allowed = case.vary.iter().flat_map(|vary| &vary.mirror);
+        allowed.any(|one| *one == side) && unit(seed, "", what, 0) < 0.5
+    };
+    [is_drawn(Mirror::Side, "mirrored"), is_drawn(Mirror::Wall, "posterior")]
+}
+
+/// The vessels' figures; their calibres are drawn anew for each seed of a case that varies them.
 fn vessels(vary: &Vary, seed: u32, scene: &mut Scene, drawn: &mut Vec<String>) {
     let of = |what: &str, limits: Option<[f64; 2]>| limits.map(|limits| between(seed, "", what, limits));
+    if [vary.vessel_pressure_pa, vary.vessel_spacing_m, vary.vessel_conductance_ml_s_pa].iter().all(Option::is_none) {
+        return; // it mirrors
+    }
     let vessels = &mut scene.vessels;
     vessels.seed = u64::from(seed);
     vessels.pressure_pa = of("pressure", vary.vessel_pressure_pa).unwrap_or(vessels.pressure_pa);
@@ -103,6 +121,30 @@ mod tests {
         let others = [between(8, "polyp", "size", [0.0, 1.0]), between(7, "myoma", "size", [0.0, 1.0])];
         assert!(others.iter().all(|other| *other != between(7, "polyp", "size", [0.0, 1.0])));
         assert_ne!(between(7, "polyp", "size", [0.0, 1.0]), between(7, "polyp", "shift", [0.0, 1.0]));
+    }
+
+    #[test]
+    fn half_of_the_seeds_are_mirrored_each_way_a_quarter_both_ways_and_the_first_none() {
+        let may = |mirror: &str| -> Case {
+            let text = "version = 1\nname = \"x\"\nrung = \"polyp\"\ntask = \"x\"\nscene = \"x\"\n[[vary]]\nmirror = ";
+            toml::from_str(&format!("{text}{mirror}\n")).unwrap()
+        };
+        let both = may("[\"wall\", \"side\"]");
+        let count = |is: fn(&Planes) -> bool| (1..=200).map(|seed| planes(&both, seed)).filter(is).count();
+        for (count, from, to) in [
+            (count(|[side, _]| *side), 79, 121), // 100 ± 7
+            (count(|[_, wall]| *wall), 79, 121),
+            (count(|[side, wall]| *side && *wall), 32, 68), // 50 ± 6
+            (count(|[side, wall]| !*side && !*wall), 32, 68),
+        ] {
+            assert!((from..=to).contains(&count), "{count} of 200");
+        }
+        assert_eq!(planes(&both, 1), [false, false], "hands and words are written for the first");
+        for seed in 1..=200 {
+            let [side, wall] = planes(&both, seed);
+            assert_eq!([planes(&may("[\"side\"]"), seed), planes(&may("[\"wall\"]"), seed)], [[side, false], [false, wall]]);
+            assert_eq!(planes(&may("[]"), seed), [false, false]);
+        }
     }
 
     #[test]
