@@ -103,7 +103,7 @@ fn tissue_properties() -> Value {
 fn fluid_properties() -> Value {
     let (alarms, flaws) = (coded("bits", PUMP_ALARMS), coded("bits", FLOW_FLAWS));
     let mut fields = json!({"state_hash": {"type": "string"}, "alarms": alarms, "flaws": flaws});
-    add(&mut fields, "integer", &["tick", "step_ticks", "scene_step_ticks", "halvings"]);
+    add(&mut fields, "integer", &["tick", "step_ticks", "scene_step_ticks", "halvings", "open_vessels", "sealed_vessels"]);
     add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa"]);
     add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min"]);
     fields
