@@ -94,12 +94,12 @@ impl Seals {
     /// The record of a vessel, a new one if there is none and room for it.
     fn seal_of(&mut self, vessel: &Vessel) -> Option<&mut SealRecord> {
         let known = self.records.iter().position(|seal| IVec3::from(seal.cube) == vessel.cube);
-        if known.is_none() && self.records.len() < MAX_SEALS {
+        let index = known.unwrap_or(self.records.len());
+        if known.is_none() && index < MAX_SEALS {
             let (cube, rest_m) = (vessel.cube.to_array(), vessel.rest_m.to_array());
             self.records.push(SealRecord { cube, share: 0.0, rest_m, area_m2: vessel.area_m2 });
-            return self.records.last_mut();
         }
-        known.and_then(|index| self.records.get_mut(index))
+        self.records.get_mut(index)
     }
 
     /// How far the vessel of a cube is shut, 0 to 1.
