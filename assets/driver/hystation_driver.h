@@ -48,8 +48,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 19u
-#define HYST_LAYOUT_HASH 0x47340ce295c84ed6u
+#define HYST_LAYOUT_VERSION 20u
+#define HYST_LAYOUT_HASH 0x22fcc34ff19ba60bu
 #define HYST_INTERFACE_VERSION 1u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3
@@ -98,17 +98,19 @@
 #define HYST_WINDOW_PRESSURE 64
 #define HYST_WINDOW_LIGHT 128
 #define HYST_WINDOW_FOCUS 256
+#define HYST_WINDOW_COAGULATION 512
 #define HYST_HARDWARE_SLOT 0u
 #define HYST_DEVICE_SLOT 1u
 #define HYST_RENDERING_SLOT 10u
 /* layout ends */
 
 #define HYST_STATEMENT_VERSION 1u
-#define HYST_ENERGIZED 1u /* hyst_controls.buttons: the hand wants current in the loop */
-#define HYST_EXTENDED 2u  /* ... and this: it wants the loop out */
+#define HYST_ENERGIZED 1u   /* hyst_controls.buttons: the hand wants the current that cuts in the loop */
+#define HYST_EXTENDED 2u    /* ... and this: it wants the loop out */
+#define HYST_COAGULATING 4u /* ... and this: it wants the current that coagulates; of both at once the loop cuts */
 /* All that the window's keys can set beside a device: of one that measures where the tip is, and nothing else. */
 #define HYST_WINDOW_CONTROLS (HYST_WINDOW_HEAD | HYST_WINDOW_LOOP | HYST_WINDOW_CURRENT | HYST_WINDOW_INFLOW | HYST_WINDOW_OUTFLOW | \
-                              HYST_WINDOW_PRESSURE | HYST_WINDOW_LIGHT | HYST_WINDOW_FOCUS)
+                              HYST_WINDOW_PRESSURE | HYST_WINDOW_LIGHT | HYST_WINDOW_FOCUS | HYST_WINDOW_COAGULATION)
 
 typedef struct {
     float position_m[3];    /* tip, in the world frame */
@@ -121,7 +123,7 @@ typedef struct {
 } hyst_pose;
 
 typedef struct {
-    uint32_t buttons;       /* HYST_ENERGIZED, HYST_EXTENDED */
+    uint32_t buttons;       /* HYST_ENERGIZED, HYST_EXTENDED, HYST_COAGULATING */
     float inflow_valve;     /* 0 shut to 1 open */
     float outflow_valve;
     float set_pressure_pa;
@@ -497,7 +499,8 @@ static inline void hyst_from_window(hyst_driver *driver, hyst_sample *sample, ui
     sample->from_window = lacks;
     if (driver->pointer.sequence > 0) {
         const hyst_controls *said = &driver->pointer.controls;
-        uint32_t buttons = (lacks & HYST_WINDOW_LOOP ? HYST_EXTENDED : 0u) | (lacks & HYST_WINDOW_CURRENT ? HYST_ENERGIZED : 0u);
+        uint32_t buttons = (lacks & HYST_WINDOW_LOOP ? HYST_EXTENDED : 0u) | (lacks & HYST_WINDOW_CURRENT ? HYST_ENERGIZED : 0u) |
+                           (lacks & HYST_WINDOW_COAGULATION ? HYST_COAGULATING : 0u);
         float head_rad = driver->pointer.target[4] - sample->pose.roll_rad;
         own->buttons = (own->buttons & ~buttons) | (said->buttons & buttons);
         if (lacks & HYST_WINDOW_INFLOW) own->inflow_valve = hyst_or(said->inflow_valve, 0.0f, 1.0f, own->inflow_valve);

@@ -92,6 +92,8 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "fluid_state_hash": hash(status.fluid_hash),
         "fluid_deficit_ml": status.deficit_ml,
         "fluid_bled_ml": status.bled_ml,
+        "fluid_open_vessels": status.open_vessels,
+        "fluid_sealed_vessels": status.sealed_vessels,
         "removed_volume_ml": status.removed_volume_ml,
         "washed_out": status.washed_out,
         "washed_out_ml": status.washed_out_ml,
@@ -243,6 +245,8 @@ struct Statuses {
     taken_out_ml: f32,
     deficit_ml: f64,
     bled_ml: f64,
+    open_vessels: u32,
+    sealed_vessels: u32,
     copied_per_frame: Option<u64>,
 }
 
@@ -264,6 +268,7 @@ impl Statuses {
             if let Some((_, status)) = status.filter(|(_, status)| (status.epoch, status.state_tick) >= fluid_key) {
                 fluid_key = (status.epoch, status.state_tick);
                 (found.deficit_ml, found.bled_ml) = (status.deficit_ml, status.bled_ml);
+                (found.open_vessels, found.sealed_vessels) = (status.open_vessels, status.sealed_vessels);
                 found.fluid_hash = status.state_hash;
             }
         }

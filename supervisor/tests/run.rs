@@ -41,6 +41,8 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
         "state_hash",
         "fluid_deficit_ml",
         "fluid_bled_ml",
+        "fluid_open_vessels",
+        "fluid_sealed_vessels",
         "removed_volume_ml",
         "cuts",
     ] {

@@ -89,6 +89,7 @@ fn layout() -> String {
         ("WINDOW_PRESSURE", WINDOW_PRESSURE as usize),
         ("WINDOW_LIGHT", WINDOW_LIGHT as usize),
         ("WINDOW_FOCUS", WINDOW_FOCUS as usize),
+        ("WINDOW_COAGULATION", WINDOW_COAGULATION as usize),
     ];
     let mut text = format!(
         "#define HYST_LAYOUT_VERSION {LAYOUT_VERSION}u\n#define HYST_LAYOUT_HASH 0x{:016x}u\n#define HYST_INTERFACE_VERSION {INTERFACE_VERSION}u\n",

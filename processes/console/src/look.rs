@@ -107,6 +107,10 @@ pub struct Pump {
     pub cavity_ml: f64,
     /// Blood that has come into it, ml.
     pub bled_ml: f64,
+    /// Vessels that bleed into it, or take medium in.
+    pub open_vessels: u32,
+    /// Vessels that are coagulated.
+    pub sealed_vessels: u32,
     /// Alarms.
     pub alarms: Vec<String>,
     /// What it says that asks for nothing.
@@ -131,6 +135,8 @@ impl Pump {
             deficit_ml: status.deficit_ml,
             cavity_ml: status.cavity_volume_ml,
             bled_ml: status.bled_ml,
+            open_vessels: status.open_vessels,
+            sealed_vessels: status.sealed_vessels,
             alarms: names(status.alarms & !PUMP_NOTICES),
             notices: names(status.alarms & PUMP_NOTICES),
             step_ms: status.step_ticks,

@@ -106,6 +106,8 @@ fn pump(look: &Look, registry: &mut Registry) {
     figure(registry, "pump_deficit_milliliters", "Volume in minus volume out since the start", pump.deficit_ml);
     figure(registry, "pump_cavity_milliliters", "Volume of the cavity", pump.cavity_ml);
     figure(registry, "pump_bled_milliliters", "Blood that has come into the cavity since the start", pump.bled_ml);
+    figure(registry, "pump_open_vessels", "Vessels that wounds have opened and nothing has shut", pump.open_vessels.into());
+    figure(registry, "pump_sealed_vessels", "Vessels that are coagulated", pump.sealed_vessels.into());
     let alarms = Figures::default();
     for (_, name) in PUMP_ALARMS {
         let is_on = pump.alarms.iter().chain(&pump.notices).any(|alarm| alarm == name);

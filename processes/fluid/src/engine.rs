@@ -12,8 +12,9 @@ use crate::crew::Crew;
 use crate::gas;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
+use crate::seals::{self, Seals};
 use crate::status::{Head, hash_of, is_of, status_of};
-use crate::tools::Instrument;
+use crate::tools::{Instrument, RING};
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
@@ -21,13 +22,13 @@ use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
 use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, hardware, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
+use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Role, SealRecord, StreamHeader};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
 
-/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas.
-const SECTIONS: usize = 4;
+/// Sections of a fluid state: head, the solver's block, optical density of each cell (x fastest), parcels of gas, vessels that are coagulated.
+const SECTIONS: usize = seals::SECTION + 1;
 /// No node of a patient's organ is farther from the pivot, m.
 const FARTHEST_M: f32 = 10.0;
 /// Tissues whose streams are read: holder, spare and a newcomer on trial.
@@ -48,6 +49,8 @@ pub struct FlowEngine<'a> {
     cavity: Cavity,
     pieces: Pieces,
     wounds: Wounds,
+    /// Of the state that a step goes on from, and then of the one that it makes.
+    seals: Seals,
     holes: Holes,
     instrument: Instrument,
     /// It was said that the tissue does not close the cavity.
@@ -122,6 +125,7 @@ impl<'a> FlowEngine<'a> {
             cavity: Cavity::new(grid),
             pieces: Pieces::new(grid.cell_count()),
             wounds: Wounds::new(&figures.vessels),
+            seals: Seals::new(),
             holes: Holes::new(scene),
             instrument: Instrument::of(scene),
             has_said_open: false,
@@ -142,7 +146,8 @@ impl<'a> FlowEngine<'a> {
     fn sections(&self) -> [usize; SECTIONS] {
         let solver = self.crew.solver();
         let gas = hyst_flow::MAX_BUBBLES * size_of::<hyst_flow::Particle>();
-        [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4, gas]
+        let seals = MAX_SEALS * size_of::<SealRecord>();
+        [size_of::<Head>(), solver.state_bytes(), solver.model().grid.cell_count() * 4, gas, seals]
     }
 
     /// Takes the tissue's newest state and topology.
@@ -198,14 +203,20 @@ impl<'a> FlowEngine<'a> {
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
         self.wounds.locate(state.section(3)?);
+        self.seals.settle(self.wounds.vessels());
         Ok(state.header().tick)
     }
 
-    fn inputs(&self, dt_s: f32) -> FlowInputs {
+    /// What the step is told; what the loop touches under the current that coagulates is shut by so much more.
+    fn inputs(&mut self, dt_s: f32) -> FlowInputs {
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let mut inputs =
             sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| self.instrument.inputs(&sample, dt_s));
         inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.instrument.electrode(), &sample));
+        if sample.is_some_and(|sample| sample.controls.coagulates()) {
+            self.seals.touch(self.wounds.vessels(), &inputs.wires[..RING], dt_s);
+        }
+        self.wounds.shut(|cube| self.seals.share(cube));
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
         inputs.pump.perforation = self.holes.size();
@@ -221,7 +232,7 @@ impl<'a> FlowEngine<'a> {
     fn write(&mut self, header: StreamHeader, status: FluidStatus, next: &mut [u8]) -> Result<(), Failure> {
         let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         let sections = self.sections();
-        let [head, block, density, gas, ..] = MessageMut::format(next, Kind::FluidState, header, &sections)?.split();
+        let [head, block, density, gas, seals, ..] = MessageMut::format(next, Kind::FluidState, header, &sections)?.split();
         let solver = self.crew.solver();
         solver.store(block).map_err(broken)?;
         let view = StateView::new(block).map_err(broken)?;
@@ -230,7 +241,9 @@ impl<'a> FlowEngine<'a> {
             *out = *value;
         }
         gas.copy_from_slice(bytemuck::cast_slice(view.bubbles()));
-        let status = FluidStatus { pieces: self.pieces.flows(&view), ..status };
+        self.seals.store(seals);
+        let (open_vessels, sealed_vessels) = (self.wounds.open_count(), self.seals.sealed());
+        let status = FluidStatus { pieces: self.pieces.flows(&view), open_vessels, sealed_vessels, ..status };
         head.copy_from_slice(bytemuck::bytes_of(&Head::of(status, &solver.model().grid)));
         self.status = status;
         Ok(())
@@ -284,6 +297,7 @@ impl Stateful for FlowEngine<'_> {
     }
 
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
+        self.seals.clear();
         self.write(header, self.told(self.step_ticks.get(), FluidStatus::default()), state)
     }
 
@@ -291,7 +305,9 @@ impl Stateful for FlowEngine<'_> {
         let Ok(message) = Message::parse(state, Kind::FluidState) else { return false };
         let sections = self.sections();
         let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sections[index]);
-        let is_sound = (0..SECTIONS).all(fits)
+        // An engine in this one's place may know of no vessels.
+        let is_sound = (0..seals::SECTION).all(fits)
+            && seals::are_sane(&message)
             && message.section::<u8>(1).is_ok_and(|block| StateView::new(block).is_ok())
             && message.record::<Head>(0).is_ok_and(|head| is_of(&head.status, message.header()))
             && message.section::<f32>(2).is_ok_and(|density| density.iter().fold(true, |all, value| all & value.is_finite()));
@@ -326,6 +342,7 @@ impl Stateful for FlowEngine<'_> {
         if self.holds != Some(key) {
             self.crew.solver().load(message.section(1)?).map_err(broken)?;
         }
+        self.seals.load(&message)?;
         self.holds = None; // until this step has ended
         let input_tick = self.update_walls(message.header().input_tick)?;
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);

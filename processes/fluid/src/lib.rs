@@ -9,6 +9,7 @@ mod engine;
 mod gas;
 mod holes;
 mod pieces;
+mod seals;
 mod status;
 mod tools;
 mod wounds;

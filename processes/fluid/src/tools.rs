@@ -81,8 +81,8 @@ pub fn out_m(electrode: &LoadedLoop, controls: &Controls) -> Option<f32> {
     is_out.then(|| out_m.min(electrode.reach_m))
 }
 
-/// Straight pieces of the half ring; with the two arms no more than a step takes.
-const RING: usize = 8;
+/// Straight pieces of the half ring, the first of the wires; with the two arms, which are insulated, no more than a step takes.
+pub const RING: usize = 8;
 const _: () = assert!(RING + 2 <= MAX_WIRES);
 
 /// Evenly spread points of the half ring.

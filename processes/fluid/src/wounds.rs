@@ -1,6 +1,6 @@
 //! What the electrode has laid open. The tissue is crossed by vessels, one in each cube of its shape at rest, of a calibre that is drawn by the cube's
 //! place; where a wound reaches into a cube its vessel is open, the more the larger the wound there. Below their pressure open vessels bleed, and
-//! above that of the veins they take medium in.
+//! above that of the veins they take medium in, but for those that are coagulated ([`crate::seals`]).
 //!
 //! Promise: the same topology opens the same vessels, whoever computes it; what floats does not bleed, for nothing supplies it.
 
@@ -21,6 +21,21 @@ struct Face {
     cube: IVec3,
     corners: [u32; 3],
     area_m2: f32,
+    /// Its middle at rest, m.
+    rest_m: Vec3,
+}
+
+/// A vessel that a wound has opened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vessel {
+    /// Its cube.
+    pub cube: IVec3,
+    /// Middle of the wound in the cube at rest, m.
+    pub rest_m: Vec3,
+    /// Area of the wound in the cube at rest, m².
+    pub area_m2: f32,
+    /// Where the middle of the wound is now, and how far the vessel is open if nothing has shut it.
+    pub mouth: BloodSource,
 }
 
 /// The wounds in the tissue's newest state.
@@ -30,13 +45,17 @@ pub struct Wounds {
     version: Option<u32>,
     /// By ascending cube.
     faces: Vec<Face>,
+    /// By ascending cube.
+    vessels: Vec<Vessel>,
+    /// What of them is not shut, the widest first.
     open: Vec<BloodSource>,
 }
 
 impl Wounds {
     /// None yet.
     pub fn new(vessels: &Vessels) -> Wounds {
-        Wounds { spacing_m: vessels.spacing_m as f32, seed: vessels.seed, version: None, faces: Vec::new(), open: Vec::new() }
+        let (spacing_m, seed) = (vessels.spacing_m as f32, vessels.seed);
+        Wounds { spacing_m, seed, version: None, faces: Vec::new(), vessels: Vec::new(), open: Vec::new() }
     }
 
     /// Takes a topology, if it is another one than that before.
@@ -61,30 +80,55 @@ impl Wounds {
                 let is_wound = corners.iter().all(|corner| is_raw.get(*corner as usize).is_some_and(|raw| *raw != 0));
                 let Some([a, b, c]) = corners_of(rest_m, corners).filter(|_| is_wound) else { continue };
                 let cube = ((a + b + c) / (3.0 * self.spacing_m)).floor().as_ivec3();
-                self.faces.push(Face { cube, corners: *corners, area_m2: 0.5 * (b - a).cross(c - a).length() });
+                let area_m2 = 0.5 * (b - a).cross(c - a).length();
+                self.faces.push(Face { cube, corners: *corners, area_m2, rest_m: (a + b + c) / 3.0 });
             }
         }
         self.faces.sort_by_key(|face| (face.cube.to_array(), face.corners));
     }
 
-    /// Finds where the open vessels are in a state, by its surface vertices.
+    /// Finds where the open vessels are in a state, by its surface vertices; none of them is shut.
     pub fn locate(&mut self, surface_m: &[[f32; 3]]) {
-        self.open.clear();
+        self.vessels.clear();
         let full_m2 = FULL_SHARE * self.spacing_m * self.spacing_m;
         for faces in self.faces.chunk_by(|a, b| a.cube == b.cube) {
-            let (mut area_m2, mut moment) = (0.0, Vec3::ZERO);
+            let (mut area_m2, mut moment, mut rest_moment) = (0.0, Vec3::ZERO, Vec3::ZERO);
             for face in faces {
                 if let Some([a, b, c]) = corners_of(surface_m, &face.corners) {
                     area_m2 += face.area_m2;
                     moment += face.area_m2 * (a + b + c) / 3.0;
+                    rest_moment += face.area_m2 * face.rest_m;
                 }
             }
             if area_m2 > 0.0 {
-                let opening = calibre(self.seed, faces[0].cube) * (area_m2 / full_m2).min(1.0);
-                self.open.push(BloodSource { position_m: (moment / area_m2).to_array(), opening });
+                let cube = faces[0].cube;
+                let opening = calibre(self.seed, cube) * (area_m2 / full_m2).min(1.0);
+                let mouth = BloodSource { position_m: (moment / area_m2).to_array(), opening };
+                self.vessels.push(Vessel { cube, rest_m: rest_moment / area_m2, area_m2, mouth });
             }
         }
+        self.shut(|_| 0.0);
+    }
+
+    /// The vessels that wounds have opened, shut or not.
+    pub fn vessels(&self) -> &[Vessel] {
+        &self.vessels
+    }
+
+    /// Shuts of the vessel of each cube such a share, 0 to 1.
+    pub fn shut(&mut self, share: impl Fn(IVec3) -> f32) {
+        let left = |vessel: &Vessel| {
+            let opening = vessel.mouth.opening * (1.0 - share(vessel.cube));
+            BloodSource { opening, ..vessel.mouth }
+        };
+        self.open.clear();
+        self.open.extend(self.vessels.iter().map(left).filter(|mouth| mouth.opening > 0.0));
         self.open.sort_by(|a, b| b.opening.total_cmp(&a.opening));
+    }
+
+    /// How many are open.
+    pub fn open_count(&self) -> u32 {
+        self.open.len() as u32
     }
 
     /// Where it bleeds: the widest vessels, each with the openings of those that lie nearest to it and find no place.
@@ -176,6 +220,31 @@ mod tests {
         wounds.find(&objects[..1], &triangles, &small, &[0, 0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0]);
         wounds.locate(&small);
         assert!((wounds.sources()[0].opening - 0.5 * full).abs() < 1e-4, "{:?}", wounds.sources()[0]);
+    }
+
+    #[test]
+    fn a_vessel_that_is_shut_neither_bleeds_nor_takes_medium_in_and_its_place_is_known() {
+        let (points, triangles) = squares(&[[0.0, 0.0], [0.012, 0.0]]);
+        let mut wounds = wounds();
+        wounds.find(&[object(ObjectKind::Organ, 0, 4)], &triangles, &points, &[1; 8]);
+        let moved: Vec<_> = points.iter().map(|[x, y, z]| [*x, y + 0.01, *z]).collect();
+        wounds.locate(&moved);
+        let (all, veins) = (wounds.vessels().to_vec(), wounds.open_veins());
+        assert_eq!((all.len(), wounds.open_count()), (2, 2));
+        for (vessel, x) in all.iter().zip([0.002, 0.014]) {
+            assert!(vessel.rest_m.distance(Vec3::new(x, 0.002, 1e-3)) < 1e-6, "{vessel:?}");
+            assert!(Vec3::from(vessel.mouth.position_m).distance(Vec3::new(x, 0.012, 1e-3)) < 1e-6, "{vessel:?}");
+            assert!((vessel.area_m2 - SPACING_M * SPACING_M).abs() < 1e-9, "{vessel:?}");
+        }
+        wounds.shut(|cube| if cube == all[0].cube { 1.0 } else { 0.5 });
+        let [first, rest @ ..] = wounds.sources();
+        assert_eq!((first.position_m, first.opening), (all[1].mouth.position_m, 0.5 * all[1].mouth.opening));
+        assert_eq!((wounds.open_count(), rest), (1, [BloodSource::default(); MAX_SOURCES - 1]));
+        assert!((wounds.open_veins() - 0.5 * all[1].mouth.opening / ALL_VEINS).abs() < 1e-6 && wounds.open_veins() < veins);
+        wounds.shut(|_| 1.0);
+        assert_eq!((wounds.open_veins(), wounds.sources()), (0.0, [BloodSource::default(); MAX_SOURCES]));
+        wounds.locate(&moved);
+        assert_eq!(wounds.vessels(), all, "nothing is shut for ever here: that is in the state");
     }
 
     #[test]

@@ -4,8 +4,8 @@
 //! Promise: the first record repeats where the scope is and how valves, pressure, light, focus and loop are set, so that a restarted window changes nothing;
 //! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
-use hyst_messages::controls::{WINDOW_CURRENT, WINDOW_HEAD, WINDOW_POSE};
-use hyst_messages::{BUTTON_ENERGIZED, HardwareSample, PointerRecord, Switch};
+use hyst_messages::controls::{WINDOW_COAGULATION, WINDOW_CURRENT, WINDOW_HEAD, WINDOW_POSE};
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, HardwareSample, PointerRecord, Switch};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
 
@@ -15,6 +15,9 @@ const REACH: [f32; 5] = [0.25, 0.25, 0.6, 0.012, 0.6];
 const BOUNDS: [(f32, f32); 5] = [(-1.2, 1.2), (-1.2, 1.2), (-PI, PI), (0.0, 0.2), (-PI, PI)];
 /// What the window gives of each.
 const GIVEN: [u32; 5] = [WINDOW_POSE, WINDOW_POSE, WINDOW_POSE, WINDOW_POSE, WINDOW_HEAD];
+/// What makes the current flow while it is held: the key, its button, and the bit under which the window has it.
+const PEDALS: [(Key, u32, u32); 2] =
+    [(Key::Energize, BUTTON_ENERGIZED, WINDOW_CURRENT), (Key::Coagulate, BUTTON_COAGULATING, WINDOW_COAGULATION)];
 /// What the keys of the hand turn.
 const TURNS: [(Key, Switch); 8] = [
     (Key::Inflow, Switch::Inflow),
@@ -61,9 +64,9 @@ impl Hand {
         let due = |key: Key| input.was_pressed(key) && !(both && matches!(key, Key::PressureUp | Key::PressureDown));
         let turned = TURNS.iter().filter(|(key, switch)| due(*key) && given & switch.window_bit() != 0);
         turned.for_each(|(_, switch)| controls.turn(*switch));
-        if given & WINDOW_CURRENT != 0 {
-            controls.buttons &= !BUTTON_ENERGIZED;
-            controls.buttons |= if input.is_held(Key::Energize) && !self.is_over { BUTTON_ENERGIZED } else { 0 };
+        for (key, button, _) in PEDALS.into_iter().filter(|(_, _, bit)| given & bit != 0) {
+            controls.buttons &= !button;
+            controls.buttons |= if input.is_held(key) && !self.is_over { button } else { 0 };
         }
         self.record.sequence += 1;
         self.record
@@ -91,11 +94,12 @@ mod tests {
     #[test]
     fn a_session_that_is_over_has_no_current_and_everything_else_goes_on() {
         let mut hand = Hand::default();
-        let keys = PointerInput { held: Key::Energize.bit(), insertion_m: 0.001, ..PointerInput::default() };
-        assert_eq!(hand.follow(&keys, &now()).controls.buttons & BUTTON_ENERGIZED, BUTTON_ENERGIZED);
+        let held = Key::Energize.bit() | Key::Coagulate.bit();
+        let keys = PointerInput { held, insertion_m: 0.001, ..PointerInput::default() };
+        assert_eq!(hand.follow(&keys, &now()).controls.buttons, BUTTON_ENERGIZED | BUTTON_COAGULATING);
         hand.is_over = true;
         let record = hand.follow(&keys, &now());
-        assert_eq!(record.controls.buttons & BUTTON_ENERGIZED, 0);
+        assert_eq!(record.controls.buttons, 0);
         assert!(record.target[3] > 0.041, "{:?}", record.target);
     }
 
@@ -180,6 +184,7 @@ mod tests {
         assert_eq!(hand.follow(&press(Key::Inflow), &now()).controls.inflow_valve, 1.0);
         assert_eq!(hand.follow(&press(Key::LoopOut), &now()).controls.buttons, BUTTON_EXTENDED);
         assert_eq!(hand.follow(&press(Key::Energize), &now()).controls.buttons, BUTTON_EXTENDED | BUTTON_ENERGIZED);
+        assert_eq!(hand.follow(&press(Key::Coagulate), &now()).controls.buttons, BUTTON_EXTENDED | BUTTON_COAGULATING);
         assert_eq!(hand.follow(&PointerInput::default(), &now()).controls.buttons, BUTTON_EXTENDED);
     }
 

@@ -3,8 +3,8 @@
 //! Promise: [`MOTIONS`] and [`SWITCHES`] are all that keys and mouse do. The window acts by them and the help is written from them, so that neither
 //! knows a key that the other does not.
 use hyst_messages::controls::{
-    WINDOW_CURRENT, WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_LOOP, WINDOW_OUTFLOW, WINDOW_POSE,
-    WINDOW_PRESSURE,
+    WINDOW_COAGULATION, WINDOW_CURRENT, WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_LOOP, WINDOW_OUTFLOW,
+    WINDOW_POSE, WINDOW_PRESSURE,
 };
 use winit::{event::MouseButton, keyboard::KeyCode};
 
@@ -67,8 +67,10 @@ pub enum Key {
     HeadRight,
     /// extend or retract the loop
     LoopOut,
-    /// current in the loop
+    /// the current that cuts
     Energize,
+    /// the current that coagulates
+    Coagulate,
     /// inflow valve
     Inflow,
     /// outflow valve
@@ -156,7 +158,7 @@ pub(crate) struct Motion {
 /// What a key does that does not move the scope.
 pub(crate) struct Switch {
     pub keys: &'static [(KeyCode, Key)],
-    /// the bit of `WINDOW_ALL` under which it turns something for the hand; 0 for the eye, at all times
+    /// the bit of `WINDOW_ALL` under which it turns something for the hand, or one for each of its keys; 0 for the eye, at all times
     pub bit: u32,
     /// what the help says of it
     pub does: &'static str,
@@ -219,7 +221,11 @@ pub(crate) static MOTIONS: [Motion; 5] = [
 /// The other keys.
 pub(crate) static SWITCHES: [Switch; 9] = [
     Switch { keys: &[(KeyCode::KeyL, Key::LoopOut)], bit: WINDOW_LOOP, does: "loop out, in; jaws open, close" },
-    Switch { keys: &[(KeyCode::Space, Key::Energize)], bit: WINDOW_CURRENT, does: "current, while held" },
+    Switch {
+        keys: &[(KeyCode::Space, Key::Energize), (KeyCode::KeyB, Key::Coagulate)],
+        bit: WINDOW_CURRENT | WINDOW_COAGULATION,
+        does: "cutting, coagulation, while held",
+    },
     Switch { keys: &[(KeyCode::KeyI, Key::Inflow)], bit: WINDOW_INFLOW, does: "inflow shut, open" },
     Switch { keys: &[(KeyCode::KeyO, Key::Outflow)], bit: WINDOW_OUTFLOW, does: "outflow shut, open" },
     Switch {

@@ -130,7 +130,7 @@ impl Instrument {
         put(stage, JAWS[1], &mirrored(&self.jaw), metal)
     }
 
-    /// Puts all of it where the hardware says that it is; a loop with current in it glows, and jaws that hold something are as far apart as when they took
+    /// Puts all of it where the hardware says that it is; a loop that cuts glows (one that coagulates keeps up no arc), and jaws that hold something are as far apart as when they took
     /// hold of it, `hold_m`.
     pub fn hold(&mut self, stage: &mut Stage, sample: &HardwareSample, hold_m: f32) -> Result<(), RenderError> {
         let (pose, controls) = (&sample.pose, &sample.controls);

@@ -1,11 +1,11 @@
 //! Blood and gas in the cavity, and how the medium flows, from the Flow Engine's state: its grid, the optical density of each cell, the parcels of gas,
-//! the solver's velocities, read in place.
+//! the solver's velocities, read in place; and the vessels that are coagulated.
 //!
 //! Promise: a clear medium costs no pass over the picture; a grid whose numbers contradict each other is refused.
 
 use bytemuck::{Pod, Zeroable};
 use hyst_flow::StateView;
-use hyst_messages::{FluidStatus, Kind, Message, WireError};
+use hyst_messages::{FluidStatus, Kind, Message, SealRecord, WireError};
 use rendering::{CLEAR, FlowField, FluidField};
 
 /// Section of the solver's block in a fluid state.
@@ -14,6 +14,8 @@ const BLOCK: usize = 1;
 const DENSITIES: usize = 2;
 /// Section of the parcels of gas.
 const GAS: usize = 3;
+/// Section of the vessels that are coagulated.
+const SEALS: usize = 4;
 /// Extinction of undiluted blood as drawn, 1/m: opaque over the width of a cavity, with what lies before it still to be seen.
 const EXTINCTION_PER_M: f32 = 320.0;
 
@@ -56,6 +58,12 @@ pub fn field(state: &[u8]) -> Result<Option<FluidField<'_>>, WireError> {
 pub fn gas(state: &[u8]) -> Result<&[[f32; 4]], WireError> {
     let message = Message::parse(state, Kind::FluidState)?;
     if message.header().sections as usize <= GAS { Ok(&[]) } else { message.section(GAS) }
+}
+
+/// The vessels that are coagulated in a fluid state; of a fluid that knows of none none.
+pub fn seals(state: &[u8]) -> Result<&[SealRecord], WireError> {
+    let message = Message::parse(state, Kind::FluidState)?;
+    if message.header().sections as usize <= SEALS { Ok(&[]) } else { message.section(SEALS) }
 }
 
 /// How the medium flows in a fluid state; `None` if its block is none of the station's own solver, as that of a swapped engine may be.
@@ -101,6 +109,7 @@ mod tests {
         let clear = state([2, 1, 3], &[0.0; 6]);
         assert!(field(bytemuck::cast_slice(&clear)).unwrap().is_none());
         assert!(gas(bytemuck::cast_slice(&clear)).unwrap().is_empty(), "a fluid that knows of no gas");
+        assert!(seals(bytemuck::cast_slice(&clear)).unwrap().is_empty(), "nor of vessels");
         let bloody = state([2, 1, 3], &[0.0, 0.0, 0.5, 0.0, f32::NAN, 0.0]);
         let seen = field(bytemuck::cast_slice(&bloody)).unwrap().unwrap();
         assert_eq!((seen.dims, seen.density.len()), ([2, 1, 3], 6));

@@ -5,7 +5,7 @@
 use crate::instrument::{Instrument, TOOL};
 use crate::looks;
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, ScopeRecord};
-use hyst_messages::{Kind, Message, WireError};
+use hyst_messages::{Kind, Message, SealRecord, WireError};
 use rendering::{Appearance, MAX_OBJECTS, Material, RenderError, Stage, SurfaceMesh, ostia};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,6 +18,8 @@ pub const MOTES: u64 = TOOL + 4;
 pub const CONTACTS: u64 = TOOL + 7;
 /// That of the force on the hand.
 pub const FORCE: u64 = TOOL + 8;
+/// Radius of the spot about a vessel that is sealed, m: as far from its mouth as the loop may have touched it, and half a millimetre more (assumed).
+const SPOT_M: f32 = 2e-3;
 const ORGAN: u32 = ObjectKind::Organ as u32;
 const PATHOLOGY: u32 = ObjectKind::Pathology as u32;
 const FREE_PIECE: u32 = ObjectKind::FreePiece as u32;
@@ -93,6 +95,9 @@ pub struct Scenery {
     /// What the tissue last answered of each object's look: it stays when a cut makes the objects anew.
     looks: BTreeMap<u64, Appearance>,
     vertices: usize,
+    /// Where what is held is coagulated, as [`Stage::set_spots`] takes it, and the objects that are held.
+    spots: Vec<[f32; 4]>,
+    held: Vec<u64>,
 }
 
 fn range(record: &ObjectRecord, what: &'static str, [first, count]: [u32; 2], have: usize) -> Result<Range<usize>, Refused> {
@@ -144,8 +149,17 @@ fn check_finite(points_m: &[[f32; 3]]) -> Result<(), Refused> {
 impl Scenery {
     /// A stage with the tool alone.
     pub fn new(stage: &mut Stage) -> Result<Scenery, RenderError> {
-        let (instrument, surfaces, tools) = (Instrument::new(stage)?, Vec::new(), Vec::new());
-        Ok(Scenery { instrument, topology: None, surfaces, tools, mouths: BTreeMap::new(), looks: BTreeMap::new(), vertices: 0 })
+        Ok(Scenery {
+            instrument: Instrument::new(stage)?,
+            topology: None,
+            surfaces: Vec::new(),
+            tools: Vec::new(),
+            mouths: BTreeMap::new(),
+            looks: BTreeMap::new(),
+            vertices: 0,
+            spots: Vec::new(),
+            held: Vec::new(),
+        })
     }
 
     /// Whether the objects on the stage are those of this version, from this or any other writer.
@@ -178,13 +192,34 @@ impl Scenery {
                 let mouths = self.mouths.entry(part.id).or_insert_with(|| ostia(rest_m, raw, &part.triangles));
                 stage.set_mouths(part.id, *mouths)?;
             }
+            if part.kind != FREE_PIECE {
+                stage.set_spots(part.id, &self.spots)?;
+            }
         }
         self.instrument.rebuild(stage, &message)?;
         self.tools = records.iter().filter(|record| record.kind == RIGID_TOOL).map(|record| record.id as u64).collect();
         self.topology = Some((message.header().incarnation, message.header().topology_version));
         self.vertices = rest_m.len();
+        self.held = parts.iter().filter(|part| part.kind != FREE_PIECE).map(|part| part.id).collect();
         self.surfaces = parts.iter().map(|part| (part.id, part.vertices.clone())).collect();
         Ok(parts.iter().map(|part| size_of_val(part.triangles.as_slice()) as u64).sum())
+    }
+
+    /// Blanches what is held where vessels are coagulated: at places of the shape at rest, so that the spots move with the tissue. What floats has none.
+    pub fn blanch(&mut self, stage: &mut Stage, seals: &[SealRecord]) {
+        let spot = |seal: &SealRecord| {
+            let [x, y, z] = seal.rest_m;
+            [x, y, z, SPOT_M * seal.share.clamp(0.0, 1.0).sqrt()]
+        };
+        let spots = || seals.iter().filter(|seal| seal.share > 0.0).map(spot);
+        if spots().eq(self.spots.iter().copied()) {
+            return;
+        }
+        self.spots.clear();
+        self.spots.extend(spots());
+        for id in &self.held {
+            let _ = stage.set_spots(*id, &self.spots); // what is not on the stage any more is left out
+        }
     }
 
     /// Moves all surfaces to a state's; gives the bytes that were uploaded.

@@ -21,6 +21,8 @@ const LOBES_M: f32 = 3.5e-4;
 const LOBES_PER_M: f32 = 30.0;
 /// Most light on what drifts: beside the lens it would be white.
 const MOST_LIGHT: f32 = 0.9;
+/// Coagulated spots of one object: what the shader has room for.
+pub const MAX_SPOTS: usize = 64;
 
 /// What a surface is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,6 +94,7 @@ pub(crate) struct ObjectUniform {
     extra: [f32; 4],
     mouths: [[f32; 4]; 2],
     shape: [f32; 4],
+    spots: [[f32; 4]; MAX_SPOTS],
 }
 
 impl Object {
@@ -122,6 +125,7 @@ pub(crate) struct Object {
     pose: Mat4,
     char_level: f32,
     mouths: [[f32; 4]; 2],
+    spots: [[f32; 4]; MAX_SPOTS],
 }
 
 /// All objects, and the buffers that the passes read.
@@ -213,6 +217,21 @@ impl Stage {
         Ok(())
     }
 
+    /// Where an object is blanched by coagulation: places at rest, m, and radii, m, the first [`MAX_SPOTS`] of them. One with a number that is not finite is
+    /// not drawn.
+    ///
+    /// # Errors
+    /// [`RenderError::UnknownObject`].
+    pub fn set_spots(&mut self, id: u64, spots_m: &[[f32; 4]]) -> Result<(), RenderError> {
+        let object = self.objects.get_mut(&id).ok_or(RenderError::UnknownObject(id))?;
+        object.spots = [[0.0; 4]; MAX_SPOTS];
+        let sound = spots_m.iter().filter(|spot| spot.iter().all(|number| number.is_finite()) && spot[3] > 0.0);
+        for (place, spot) in object.spots.iter_mut().zip(sound) {
+            *place = *spot;
+        }
+        Ok(())
+    }
+
     /// Takes an object off the stage; says whether it was there.
     pub fn remove_object(&mut self, id: u64) -> bool {
         self.objects.remove(&id).is_some()
@@ -257,6 +276,7 @@ impl Stage {
             extra: [whole, object.char_level, glow, glands],
             mouths: object.mouths,
             shape,
+            spots: object.spots,
         };
         self.queue.write_buffer(&object.uniform, 0, bytemuck::bytes_of(&uniform));
     }
@@ -293,6 +313,7 @@ impl Stage {
             pose,
             char_level: if mesh.appearance.material == Material::Coagulated { 0.55 } else { 0.0 },
             mouths: [[0.0; 4]; 2],
+            spots: [[0.0; 4]; MAX_SPOTS],
         }
     }
 

@@ -2,7 +2,8 @@
 mod stand;
 
 use rendering::{
-    Appearance, Bubbles, Camera, FluidField, Gpu, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes,
+    Appearance, Bubbles, Camera, FluidField, Gpu, MAX_SPOTS, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh,
+    shapes,
 };
 use stand::*;
 
@@ -179,6 +180,34 @@ fn the_mouth_of_a_tube_is_a_dark_pit_in_the_lining_where_it_lies_and_nowhere_els
     assert_eq!(changed(&plain, &show([none, [f32::NAN, 0.0, 0.0, 0.002]])), 0);
     assert_eq!(changed(&plain, &show([none; 2])), 0);
     assert!(matches!(r.stage().set_mouths(99, [none; 2]), Err(RenderError::UnknownObject(99))));
+}
+
+#[test]
+fn a_coagulated_spot_is_pale_where_it_lies_and_nowhere_else() {
+    let Some((mut r, cavity)) = in_cavity() else {
+        return;
+    };
+    let mut view = through_scope();
+    let plain = picture(&mut r, &view);
+    view.adaptation = 0.0; // the exposure of the first frame stays
+    let ahead = cavity.positions_m.iter().max_by(|a, b| a[2].total_cmp(&b[2])).expect("a cavity");
+    let mut show = |spots_m: &[[f32; 4]]| {
+        r.stage().set_spots(CAVITY, spots_m).expect("it is there");
+        picture(&mut r, &view)
+    };
+    let spot = [ahead[0], ahead[1], ahead[2], 0.002];
+    let marked = show(&[spot]);
+    let redness = |shot: &[u8]| {
+        let [red, _, blue] = pixel(shot, WIDTH / 2, HEIGHT / 2);
+        red - blue
+    };
+    assert!(4 * redness(&marked) < 3 * redness(&plain), "{} of {}", redness(&marked), redness(&plain));
+    let other = changed(&plain, &marked);
+    assert!((20..2_500).contains(&other), "{other} pixels");
+    assert_eq!(changed(&marked, &show(&[[f32::NAN; 4], spot])), 0, "one that cannot be hides no other");
+    assert_eq!(changed(&marked, &show(&[spot; 2 * MAX_SPOTS])), 0);
+    assert_eq!(changed(&plain, &show(&[])), 0);
+    assert!(matches!(r.stage().set_spots(99, &[spot]), Err(RenderError::UnknownObject(99))));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //!
 //! What a stroke needs to go on is in the state (its sixth section): the wire as the tissue saw it last, and the nodes on the sheet. So a tissue that is
 //! killed in the middle of a cut is followed by one that goes on with it. A stroke that has swept less than [`STEP_M`] since its last cut waits:
-//! that decides by the state alone, too.
+//! that decides by the state alone, too. Under the current that coagulates the wire cuts nothing, and is as solid as a cold one.
 
 use crate::body::{Body, Piece, Room};
 use crate::world::{Case, World};
@@ -18,7 +18,7 @@ const STEP_M: f64 = 0.5e-3;
 /// Below this the loop is in its sheath, m.
 const LEAST_EXTENSION_M: f32 = 1e-3;
 
-/// How far the loop is out, m, and whether there is current in it; `None` in its sheath.
+/// How far the loop is out, m, and whether it cuts; `None` in its sheath.
 fn out_m(electrode: &LoadedLoop, controls: &Controls) -> Option<(f32, bool)> {
     const CUTS: u32 = BUTTON_ENERGIZED | BUTTON_EXTENDED;
     let out_m = Some(controls.loop_extension_m).filter(|out_m| out_m.is_finite())?.min(electrode.reach_m);

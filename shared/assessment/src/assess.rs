@@ -10,7 +10,7 @@ use crate::judge::Judge;
 use crate::medium::Medium;
 use crate::motion::{Motion, finite};
 use crate::row::{Row, Rows, Statuses};
-use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, TissueStatus};
+use hyst_messages::{AppliedRecord, FluidStatus, TissueStatus};
 use hyst_recording::{Block, Damage, Ending, Picture, ReadError, Reader, Session};
 use hyst_scene::Brief;
 use std::io::{Read, Seek};
@@ -190,7 +190,7 @@ impl Measured {
             self.curves.force_n.add(since_ticks, force_n);
         }
         self.curves.insertion_m.add(since_ticks, f64::from(sample.pose.insertion_m));
-        if sample.controls.buttons & BUTTON_ENERGIZED != 0 {
+        if sample.controls.has_current() {
             self.curves.current.add(since_ticks, 1.0);
         }
         self.curves.trace.add(sample.pose.position_m);

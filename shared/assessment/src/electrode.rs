@@ -1,4 +1,4 @@
-//! The loop electrode: how long there was current in it, and how long of that it worked on nothing.
+//! The loop electrode: how long it was under each current, and how long of the one that cuts it worked on nothing.
 
 use hyst_messages::{BUTTON_ENERGIZED, Controls, TissueStatus};
 
@@ -8,12 +8,14 @@ const WORKING_TICKS: u64 = 500;
 /// The electrode so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Electrode {
-    /// Ticks with current.
+    /// Ticks with the current that cuts.
     pub energised_ticks: u64,
     /// Of them those in which the tool touched nothing and nothing was cut.
     pub free_ticks: u64,
-    /// How often the current was switched on.
+    /// How often that current was switched on.
     pub strokes: u64,
+    /// Ticks with the current that coagulates.
+    pub coagulating_ticks: u64,
     was_energised: bool,
     cuts: Option<u32>,
     works_until: u64,
@@ -26,6 +28,7 @@ impl Electrode {
         self.energised_ticks += u64::from(is_energised);
         self.free_ticks += u64::from(is_energised && !is_touching && tick >= self.works_until);
         self.strokes += u64::from(is_energised && !self.was_energised);
+        self.coagulating_ticks += u64::from(controls.coagulates());
         self.was_energised = is_energised;
     }
 
@@ -41,6 +44,17 @@ impl Electrode {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyst_messages::{BUTTON_COAGULATING, BUTTONS_CURRENT};
+
+    #[test]
+    fn the_current_that_coagulates_counts_for_itself() {
+        let mut electrode = Electrode::default();
+        let pressed = |buttons: u32| Controls { buttons, ..Controls::default() };
+        (0..100).for_each(|tick| electrode.tick(tick, &pressed(BUTTON_COAGULATING), false));
+        (100..150).for_each(|tick| electrode.tick(tick, &pressed(BUTTONS_CURRENT), true)); // it cuts
+        (150..200).for_each(|tick| electrode.tick(tick, &pressed(0), true));
+        assert_eq!((electrode.coagulating_ticks, electrode.energised_ticks, electrode.free_ticks), (100, 50, 0));
+    }
 
     #[test]
     fn current_without_contact_is_counted_until_the_loop_cuts() {

@@ -5,7 +5,7 @@
 use crate::force::length;
 use crate::motion::{difference, finite};
 use crate::sight::is_in_sight;
-use hyst_messages::{BUTTON_ENERGIZED, HardwareSample};
+use hyst_messages::HardwareSample;
 use hyst_scene::Brief;
 
 /// Most pathologies that are looked for in each tick: a scene has no more objects.
@@ -33,7 +33,7 @@ impl InView {
         let middles_m = brief.pathologies_m.iter().copied().take(MOST);
         let Some(nearest_m) = middles_m.min_by(|a, b| far_m(*a).total_cmp(&far_m(*b))) else { return };
         let is_seen = is_in_sight(&brief.pathology_sight, nearest_m, sample);
-        let is_energised = sample.controls.buttons & BUTTON_ENERGIZED != 0;
+        let is_energised = sample.controls.has_current();
         self.ticks += 1;
         self.seen_ticks += u64::from(is_seen);
         self.energised_ticks += u64::from(is_energised);

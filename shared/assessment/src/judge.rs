@@ -17,7 +17,7 @@ use crate::medium::{PARTED_PA, SHUT};
 use crate::motion::finite;
 use crate::pieces::Pieces;
 use crate::sight::{axis, is_in_sight};
-use hyst_messages::{AppliedRecord, BUTTON_ENERGIZED, FluidStatus, PUMP_ALARMS, TissueStatus};
+use hyst_messages::{AppliedRecord, FluidStatus, PUMP_ALARMS, TissueStatus};
 use hyst_scene::{Aim, Alarm, Brief, Cause, Region};
 use serde::{Deserialize, Serialize};
 
@@ -249,7 +249,7 @@ impl Judge {
     }
 
     fn holds(&self, cause: &Cause, record: &AppliedRecord) -> bool {
-        let known = self.known(record.tick);
+        let (known, controls) = (self.known(record.tick), &record.sample.controls);
         match *cause {
             Cause::PressureAbove(limit_pa) => known.pressure_pa.is_some_and(|pa| pa > limit_pa),
             Cause::PressureBelow(limit_pa) => known.pressure_pa.is_some_and(|pa| pa < limit_pa),
@@ -258,10 +258,8 @@ impl Judge {
             Cause::ForceAbove(limit_n) => finite(record.command.force_n).map(length).is_some_and(|n| n > limit_n),
             Cause::TimeAbove(ticks) => self.elapsed_ticks(record.tick) > ticks,
             Cause::Alarm(alarm) => known.alarms & bit(alarm) != 0,
-            Cause::Current => is_energized(record),
-            Cause::CurrentIn(region) => {
-                is_energized(record) && is_at(&region, record, f64::from(record.sample.controls.loop_extension_m))
-            }
+            Cause::Current => controls.has_current(),
+            Cause::CurrentIn(region) => controls.has_current() && is_at(&region, record, f64::from(controls.loop_extension_m)),
         }
     }
 
@@ -322,7 +320,7 @@ impl Judge {
                     goal.since_tick.get_or_insert(tick);
                 }
                 let controls = &record.sample.controls;
-                let is_stopped = controls.inflow_valve < SHUT && !is_energized(record);
+                let is_stopped = controls.inflow_valve < SHUT && !controls.has_current();
                 goal.missed_tick = goal.since_tick.filter(|since| !is_stopped && tick - since > *ticks).map(|_| tick);
                 goal.since_tick.is_some() && is_stopped
             }
@@ -362,10 +360,6 @@ impl GoalState {
         self.progress = held.map_or(0.0, |held| if ticks == 0 { 1.0 } else { (held as f64 / ticks as f64).min(1.0) });
         held.is_some_and(|held| held >= ticks)
     }
-}
-
-fn is_energized(record: &AppliedRecord) -> bool {
-    record.sample.controls.buttons & BUTTON_ENERGIZED != 0
 }
 
 /// Whether the point so far before the tip, on the scope's axis, is there.

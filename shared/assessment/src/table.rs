@@ -12,7 +12,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 34] = [
+pub static METRICS: [Definition; 36] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -178,7 +178,7 @@ pub static METRICS: [Definition; 34] = [
     Definition {
         group: Group::Safety,
         key: "energised",
-        name: "time with current in the loop",
+        name: "time with the current that cuts in the loop",
         unit: "s",
         scale: None,
         value: |m| (m.conduct.ticks > 0).then_some(m.electrode.energised_ticks as f64 * 1e-3),
@@ -192,6 +192,15 @@ pub static METRICS: [Definition; 34] = [
         scale: scale(20.0, 80.0, 2.0),
         value: |m| share(m.electrode.free_ticks, m.electrode.energised_ticks),
         source: ASSUMED,
+    },
+    Definition {
+        group: Group::Safety,
+        key: "coagulated",
+        name: "time with the current that coagulates in the loop",
+        unit: "s",
+        scale: None,
+        value: |m| (m.conduct.ticks > 0).then_some(m.electrode.coagulating_ticks as f64 * 1e-3),
+        source: SHOWN,
     },
     Definition {
         group: Group::Safety,
@@ -272,6 +281,15 @@ pub static METRICS: [Definition; 34] = [
         unit: "ml",
         scale: None,
         value: |m| m.medium.bled_ml,
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Fluid,
+        key: "sealed",
+        name: "vessels that were coagulated at the end",
+        unit: "",
+        scale: None,
+        value: |m| m.medium.newest().map(|status| f64::from(status.sealed_vessels)),
         source: SHOWN,
     },
     Definition {

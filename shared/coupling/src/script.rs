@@ -6,10 +6,12 @@
 
 use crate::pose::Pose4;
 
-/// Button bit of [`HandPose::buttons`]: the electrode is energized while it is set.
+/// Button bit of [`HandPose::buttons`]: the electrode cuts while it is set.
 pub const BUTTON_ENERGIZED: u32 = 1;
 /// Button bit of [`HandPose::buttons`]: the loop electrode is extended while it is set.
 pub const BUTTON_EXTENDED: u32 = 1 << 1;
+/// Button bit of [`HandPose::buttons`]: the electrode coagulates while it is set.
+pub const BUTTON_COAGULATING: u32 = 1 << 2;
 
 /// The scripts that always exist.
 #[repr(u32)]

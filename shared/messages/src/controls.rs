@@ -1,6 +1,6 @@
 //! What a hand sets with one press, whatever it presses: a key of the window or a button of a pad.
 
-use crate::record::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls};
+use crate::record::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, BUTTONS_CURRENT, Controls};
 
 /// Bit of [`HardwareSample::from_window`](crate::HardwareSample::from_window): the window moves the scope.
 pub const WINDOW_POSE: u32 = 1;
@@ -8,7 +8,7 @@ pub const WINDOW_POSE: u32 = 1;
 pub const WINDOW_HEAD: u32 = 1 << 1;
 /// It wants the loop out, or the jaws open.
 pub const WINDOW_LOOP: u32 = 1 << 2;
-/// It wants current.
+/// It wants the current that cuts.
 pub const WINDOW_CURRENT: u32 = 1 << 3;
 /// It sets the inflow valve.
 pub const WINDOW_INFLOW: u32 = 1 << 4;
@@ -20,8 +20,10 @@ pub const WINDOW_PRESSURE: u32 = 1 << 6;
 pub const WINDOW_LIGHT: u32 = 1 << 7;
 /// It sets the focus.
 pub const WINDOW_FOCUS: u32 = 1 << 8;
+/// It wants the current that coagulates.
+pub const WINDOW_COAGULATION: u32 = 1 << 9;
 /// All of them: the hand is the window's.
-pub const WINDOW_ALL: u32 = (1 << 9) - 1;
+pub const WINDOW_ALL: u32 = (1 << 10) - 1;
 /// No set pressure is higher, Pa: more than any pump can make.
 pub const MOST_SET_PRESSURE_PA: f32 = 100_000.0;
 
@@ -91,11 +93,24 @@ impl Controls {
                 *own = value; // not with a NaN
             }
         }
-        for (bit, button) in [(WINDOW_LOOP, BUTTON_EXTENDED), (WINDOW_CURRENT, BUTTON_ENERGIZED)] {
+        let pressed =
+            [(WINDOW_LOOP, BUTTON_EXTENDED), (WINDOW_CURRENT, BUTTON_ENERGIZED), (WINDOW_COAGULATION, BUTTON_COAGULATING)];
+        for (bit, button) in pressed {
             if bits & bit != 0 {
                 self.buttons = (self.buttons & !button) | (other.buttons & button);
             }
         }
+    }
+
+    /// Whether the hand wants current in the loop, of whichever kind.
+    pub fn has_current(&self) -> bool {
+        self.buttons & BUTTONS_CURRENT != 0
+    }
+
+    /// Whether the loop coagulates, if it is out: of both pedals at once the one that cuts wins (assumed; of generators some give no current at all
+    /// then, as Eschmann's TD 830, operator's manual, 5.57).
+    pub fn coagulates(&self) -> bool {
+        self.buttons & BUTTONS_CURRENT == BUTTON_COAGULATING
     }
 
     /// Turns what a press turns. A set pressure or a focus that is no number is not made one.
@@ -168,7 +183,7 @@ mod tests {
             focus_m: 0.020,
         };
         let other = Controls {
-            buttons: BUTTON_ENERGIZED,
+            buttons: BUTTONS_CURRENT,
             inflow_valve: 0.0,
             outflow_valve: 0.9,
             set_pressure_pa: 5_000.0,
@@ -187,6 +202,7 @@ mod tests {
         for (bit, expected) in [
             (WINDOW_LOOP, Controls { buttons: 0, ..before }),
             (WINDOW_CURRENT, Controls { buttons: BUTTON_EXTENDED | BUTTON_ENERGIZED, ..before }),
+            (WINDOW_COAGULATION, Controls { buttons: BUTTON_EXTENDED | BUTTON_COAGULATING, ..before }),
             (WINDOW_INFLOW, Controls { inflow_valve: 0.0, ..before }),
             (WINDOW_OUTFLOW, Controls { outflow_valve: 0.9, ..before }),
             (WINDOW_PRESSURE, Controls { set_pressure_pa: 5_000.0, ..before }),
@@ -203,6 +219,17 @@ mod tests {
             controls.take(&other, WINDOW_ALL);
             assert_eq!(controls, before, "{share}, {number}");
         }
+    }
+
+    #[test]
+    fn of_both_pedals_at_once_the_one_that_cuts_wins() {
+        let of = |buttons: u32| {
+            let controls = Controls { buttons, ..Controls::default() };
+            (controls.has_current(), controls.coagulates())
+        };
+        assert_eq!((of(BUTTON_EXTENDED), of(BUTTON_ENERGIZED)), ((false, false), (true, false)));
+        assert_eq!(of(BUTTON_COAGULATING | BUTTON_EXTENDED), (true, true));
+        assert_eq!(of(BUTTONS_CURRENT), (true, false));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What the fluid says of itself: pump, cavity, blood, and the flow at what floats.
+//! What the fluid says of itself: pump, cavity, blood, vessels that are sealed, and the flow at what floats.
 
 use crate::record::{MAX_PIECES, PieceFlow};
 use bytemuck::{Pod, Zeroable};
@@ -13,6 +13,24 @@ pub const PUMP_NOTICES: u32 = 16;
 /// Bits of [`FluidStatus::flaws`] and what was done about them: walls or inputs that are no numbers or beyond any organ were replaced, speeds beyond any real
 /// one were set to 0, a flow too fast for the sweeps of a step was slowed in transport, the pressure was taken before it had converged.
 pub const FLOW_FLAWS: [(u32, &str); 4] = [(1, "input replaced"), (2, "wild speed"), (4, "slowed"), (8, "not converged")];
+
+/// Most vessels that a state says to be coagulated, in whole or in part: one in each cube of 4 mm of 10 cm² of wounds.
+pub const MAX_SEALS: usize = 64;
+
+/// A vessel that the loop coagulates, or has coagulated, in a section of the fluid's state. It is known by the cube of the tissue's shape at rest that it
+/// lies in; a place that is free is zero.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct SealRecord {
+    /// The cube, in edges of a cube along x, y, z.
+    pub cube: [i32; 3],
+    /// How far it is shut: 0 not at all, 1 it neither bleeds nor takes medium in.
+    pub share: f32,
+    /// Middle of the wound that had opened it when the loop first touched it, in the tissue's shape at rest, m.
+    pub rest_m: [f32; 3],
+    /// Area of that wound within the cube, likewise, m².
+    pub area_m2: f32,
+}
 
 /// What fluid says of itself each step.
 #[repr(C)]
@@ -48,6 +66,10 @@ pub struct FluidStatus {
     pub halvings: u32,
     /// What was mended in the step, [`FLOW_FLAWS`].
     pub flaws: u32,
+    /// Vessels that wounds have opened and that are not sealed.
+    pub open_vessels: u32,
+    /// Vessels that are sealed.
+    pub sealed_vessels: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

@@ -20,7 +20,7 @@ pub mod stream;
 pub mod tolerance;
 
 pub use controls::Switch;
-pub use fluid::{FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES};
+pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SealRecord};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};
@@ -33,7 +33,7 @@ pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 19;
+pub const LAYOUT_VERSION: u32 = 20;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 1;
@@ -68,6 +68,7 @@ pub const fn layout_hash() -> u64 {
         size_of::<RecorderStatus>(),
         size_of::<RenderingStatus>(),
         size_of::<StreamHeader>(),
+        size_of::<SealRecord>(),
     ];
     let mut hash = 0xcbf2_9ce4_8422_2325u64 ^ LAYOUT_VERSION as u64;
     let mut i = 0;

@@ -39,12 +39,20 @@ impl Pose {
     }
 }
 
-/// Bit of [`Controls::buttons`]: the hand wants current in the loop electrode.
+/// Bit of [`Controls::buttons`]: the hand wants the current that cuts in the loop electrode.
 pub const BUTTON_ENERGIZED: u32 = 1;
 /// Bit of [`Controls::buttons`]: the hand wants the loop electrode out, or the jaws open; [`Controls::loop_extension_m`] says how far it is, or they are.
 pub const BUTTON_EXTENDED: u32 = 2;
+/// Bit of [`Controls::buttons`]: the hand wants the current that coagulates in the loop electrode, by the other pedal; see [`Controls::coagulates`].
+pub const BUTTON_COAGULATING: u32 = 4;
+/// Bits of [`Controls::buttons`] by which the hand wants current, of whichever kind.
+pub const BUTTONS_CURRENT: u32 = BUTTON_ENERGIZED | BUTTON_COAGULATING;
 /// Bits of [`Controls::buttons`] and what the hand wants by them.
-pub const BUTTONS: [(u32, &str); 2] = [(BUTTON_ENERGIZED, "current in the loop"), (BUTTON_EXTENDED, "loop out or jaws open")];
+pub const BUTTONS: [(u32, &str); 3] = [
+    (BUTTON_ENERGIZED, "current that cuts"),
+    (BUTTON_EXTENDED, "loop out or jaws open"),
+    (BUTTON_COAGULATING, "current that coagulates"),
+];
 
 /// What the hand sets beside the pose.
 #[repr(C)]

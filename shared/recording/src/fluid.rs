@@ -33,6 +33,11 @@ pub(crate) struct Fluid {
     state_hash: String,
     #[serde(default)]
     flaws: u32,
+    #[serde(default)]
+    open_vessels: u32,
+    /// In older recordings the loop could seal none.
+    #[serde(default)]
+    sealed_vessels: u32,
 }
 
 impl Fluid {
@@ -51,6 +56,8 @@ impl Fluid {
             halvings: status.halvings,
             state_hash: format!("{:016x}", status.state_hash),
             flaws: status.flaws,
+            open_vessels: status.open_vessels,
+            sealed_vessels: status.sealed_vessels,
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -68,6 +75,8 @@ impl Fluid {
             halvings: self.halvings,
             state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
             flaws: self.flaws,
+            open_vessels: self.open_vessels,
+            sealed_vessels: self.sealed_vessels,
             ..FluidStatus::default()
         }
     }
@@ -78,13 +87,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_blood_of_a_recording_from_before_it_was_recorded_is_no_number() {
-        let status = FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, ..FluidStatus::default() };
+    fn the_blood_of_a_recording_from_before_it_was_recorded_is_no_number_and_no_vessel_was_sealed_then() {
+        let (open_vessels, sealed_vessels) = (5, 2);
+        let status =
+            FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, open_vessels, sealed_vessels, ..Default::default() };
         let mut json = serde_json::to_value(Fluid::of(&status)).unwrap();
         let read = |json: &serde_json::Value| serde_json::from_value::<Fluid>(json.clone()).unwrap().status();
         assert_eq!(read(&json), status);
-        json.as_object_mut().unwrap().remove("bled_ml").unwrap();
+        for name in ["bled_ml", "open_vessels", "sealed_vessels"] {
+            json.as_object_mut().unwrap().remove(name).unwrap();
+        }
         let old = read(&json);
-        assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5, "{old:?}");
+        assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5 && old.sealed_vessels == 0, "{old:?}");
     }
 }

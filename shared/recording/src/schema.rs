@@ -103,7 +103,7 @@ fn tissue_properties() -> Value {
 fn fluid_properties() -> Value {
     let (alarms, flaws) = (coded("bits", PUMP_ALARMS), coded("bits", FLOW_FLAWS));
     let mut fields = json!({"state_hash": {"type": "string"}, "alarms": alarms, "flaws": flaws});
-    add(&mut fields, "integer", &["tick", "step_ticks", "scene_step_ticks", "halvings"]);
+    add(&mut fields, "integer", &["tick", "step_ticks", "scene_step_ticks", "halvings", "open_vessels", "sealed_vessels"]);
     add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa"]);
     add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min"]);
     fields
@@ -163,8 +163,8 @@ mod tests {
     use crate::process::Process;
     use crate::tissue::Tissue;
     use hyst_messages::{
-        AppliedRecord, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, DeviceLimits, FluidStatus, ForceCommand, HardwareSample,
-        PieceFlow, Pose, Role, TissueStatus,
+        AppliedRecord, BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, DeviceLimits, FluidStatus, ForceCommand,
+        HardwareSample, PieceFlow, Pose, Role, TissueStatus,
     };
     use std::collections::BTreeSet;
 
@@ -320,8 +320,9 @@ mod tests {
             let description = channel.schema()["properties"][field]["description"].as_str().map(str::to_string);
             description.unwrap_or_else(|| panic!("{field} says nothing"))
         };
-        assert_eq!(said(Channel::Controls, "buttons"), "bits: 1 current in the loop, 2 loop out or jaws open");
-        assert_eq!((BUTTON_ENERGIZED, BUTTON_EXTENDED), (1, 2));
+        let buttons = "bits: 1 current that cuts, 2 loop out or jaws open, 4 current that coagulates";
+        assert_eq!(said(Channel::Controls, "buttons"), buttons);
+        assert_eq!((BUTTON_ENERGIZED, BUTTON_EXTENDED, BUTTON_COAGULATING), (1, 2, 4));
         let alarms = said(Channel::Fluid, "alarms");
         assert!(alarms.starts_with("bits: 1 pressure, 2 deficit") && alarms.ends_with("16 container change"), "{alarms}");
         assert!(said(Channel::Fluid, "flaws").ends_with("8 not converged"));

@@ -285,6 +285,8 @@ pub enum LoopUse {
     In,
     /// It is out, or goes out, cold.
     Out,
-    /// It is out, with current.
+    /// It is out, with the current that cuts.
     Cut,
+    /// It is out, with the current that coagulates.
+    Coagulate,
 }

@@ -88,12 +88,12 @@ impl Pose {
 
 impl From<&ScriptLeg> for HandLeg {
     fn from(leg: &ScriptLeg) -> HandLeg {
-        let is_energized = leg.electrode == LoopUse::Cut;
         HandLeg {
             to: Pose::from(&leg.to),
             time_s: leg.time_s,
             is_extended: leg.electrode != LoopUse::In,
-            is_energized,
+            is_energized: leg.electrode == LoopUse::Cut,
+            is_coagulating: leg.electrode == LoopUse::Coagulate,
             is_rinsing: false,
         }
     }
@@ -119,8 +119,10 @@ pub struct HandLeg {
     pub time_s: f64,
     /// Whether the loop electrode is to be out.
     pub is_extended: bool,
-    /// Whether there is to be current in it.
+    /// Whether it is to cut.
     pub is_energized: bool,
+    /// Whether it is to coagulate.
+    pub is_coagulating: bool,
     /// Whether the outflow valve is to be wide open.
     pub is_rinsing: bool,
 }

@@ -290,7 +290,7 @@ impl<'a> Search<'a> {
                 true => RINSE_S,
                 false => rest_s,
             };
-            legs.push(HandLeg { to: *to, time_s, is_extended, is_energized, is_rinsing });
+            legs.push(HandLeg { to: *to, time_s, is_extended, is_energized, is_coagulating: false, is_rinsing });
             from = to;
         }
         LoadedHand {

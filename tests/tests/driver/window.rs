@@ -4,7 +4,7 @@ use super::compile;
 use hyst_exchange::Station;
 use hyst_messages::controls::*;
 use hyst_messages::page::{rendering, station};
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Role, Slot};
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, PointerRecord, Role, Slot};
 use station_tests::{Folder, run};
 use std::path::Path;
 use std::process::Command;
@@ -50,7 +50,7 @@ const ROLL_RAD: f32 = 0.3;
 /// How far the header moves a loop, m.
 const REACH_M: f32 = 0.012;
 /// Each of what can be lacked, all of it, and nothing.
-const LACKS: [u32; 10] = [
+const LACKS: [u32; 11] = [
     0,
     WINDOW_HEAD,
     WINDOW_LOOP,
@@ -60,6 +60,7 @@ const LACKS: [u32; 10] = [
     WINDOW_PRESSURE,
     WINDOW_LIGHT,
     WINDOW_FOCUS,
+    WINDOW_COAGULATION,
     WINDOW_ALL & !WINDOW_POSE,
 ];
 
@@ -133,7 +134,7 @@ fn a_driver_in_c_takes_from_the_windows_keys_what_its_device_lacks_and_nothing_e
     assert_eq!(empty.samples(&program), as_it_is, "the window has said nothing yet");
 
     let controls = Controls {
-        buttons: BUTTON_EXTENDED,
+        buttons: BUTTON_EXTENDED | BUTTON_COAGULATING,
         inflow_valve: 0.0,
         outflow_valve: 0.75,
         set_pressure_pa: 5_000.0,

@@ -9,7 +9,10 @@ use changes::Changes;
 use hyst_coupling::{DofLimits, HandModel, HandScript, HandState, Leg, Pose4, hand_along, hand_dynamics, hand_pose};
 use hyst_engine::{Failure, Life};
 use hyst_messages::controls::{FOCUS_M, WINDOW_ALL, WINDOW_HEAD};
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls, FluidStatus, HardwareSample, PointerRecord, Pose, StepRecord};
+use hyst_messages::{
+    BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, BUTTONS_CURRENT, Controls, FluidStatus, HardwareSample, PointerRecord,
+    Pose, StepRecord,
+};
 use hyst_recording::Moment;
 use hyst_scene::{HandLeg, LoadedHand, LoadedRigid, LoadedScene, PumpChange};
 use std::path::Path;
@@ -24,6 +27,7 @@ const LOOP_SPEED_M_S: f32 = 0.030;
 const HEAD_SPEED_RAD_S: f32 = 3.0;
 // The scripts' bits go into the records as they are.
 const _: () = assert!(hyst_coupling::BUTTON_ENERGIZED == BUTTON_ENERGIZED && hyst_coupling::BUTTON_EXTENDED == BUTTON_EXTENDED);
+const _: () = assert!(hyst_coupling::BUTTON_COAGULATING == BUTTON_COAGULATING);
 
 enum Will {
     Idle,
@@ -83,7 +87,8 @@ fn pose4(pose: &hyst_scene::Pose) -> Pose4 {
 
 fn leg(leg: &HandLeg) -> Leg {
     let button = |is_pressed: bool, bit: u32| if is_pressed { bit } else { 0 };
-    let buttons = button(leg.is_energized, BUTTON_ENERGIZED) | button(leg.is_extended, BUTTON_EXTENDED);
+    let current = button(leg.is_energized, BUTTON_ENERGIZED) | button(leg.is_coagulating, BUTTON_COAGULATING);
+    let buttons = current | button(leg.is_extended, BUTTON_EXTENDED);
     Leg { to: pose4(&leg.to), time_s: leg.time_s, buttons, is_rinsing: leg.is_rinsing }
 }
 
@@ -305,7 +310,7 @@ impl Hand {
         let most_m = LOOP_SPEED_M_S * TICK_S;
         self.loop_extension_m += (out_m - self.loop_extension_m).clamp(-most_m, most_m);
         self.turn_head();
-        let buttons = if self.has_loop { buttons } else { buttons & !BUTTON_ENERGIZED };
+        let buttons = if self.has_loop { buttons } else { buttons & !BUTTONS_CURRENT };
         self.controls = Controls { buttons, loop_extension_m: self.loop_extension_m, ..self.controls };
         let pose = &self.state.pose;
         Held {

@@ -8,7 +8,8 @@ mod make;
 use evdev::Device;
 use hyst_coupling::Pose4;
 use hyst_engine::Failure;
-use hyst_messages::{BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls};
+use hyst_messages::controls::WINDOW_COAGULATION;
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Controls};
 use make::{Deflections, Event, Ranges};
 use std::io;
 use std::path::PathBuf;
@@ -34,8 +35,8 @@ const LOOK: Duration = Duration::from_millis(500);
 struct Said {
     /// Deflections about pitch, yaw, roll and along the insertion, as bits of an `f32` from -1 to 1.
     along: [AtomicU32; 4],
-    /// Whether the finger is on the current.
-    energized: AtomicU32,
+    /// The buttons of the currents that the finger is on, as bits of [`Controls::buttons`].
+    current: AtomicU32,
     /// How often each of [`SWITCHES`] was pressed.
     presses: [AtomicU32; SWITCHES.len()],
     /// Which way the camera head is turned, -1, 0 or 1, as bits of an `f32`.
@@ -47,7 +48,7 @@ impl Said {
         for (to, value) in self.along.iter().zip(now.along()) {
             to.store(value.to_bits(), Ordering::Relaxed);
         }
-        self.energized.store(u32::from(now.is_energized()), Ordering::Relaxed);
+        self.current.store(now.current(), Ordering::Relaxed);
         self.head.store(now.head().to_bits(), Ordering::Relaxed);
         if let Some(count) = pressed.and_then(|index| self.presses.get(index)) {
             count.fetch_add(1, Ordering::Relaxed);
@@ -98,7 +99,9 @@ impl Pad {
                 target[axis] = wanted.clamp(at[axis] - REACH[axis], at[axis] + REACH[axis]);
             }
         }
-        controls.buttons &= BUTTON_EXTENDED;
+        // What it has no button for the window has pressed before.
+        let foreign = if self.lacks & WINDOW_COAGULATION != 0 { BUTTON_COAGULATING } else { 0 };
+        controls.buttons &= BUTTON_EXTENDED | foreign;
         for (index, (_, switch)) in SWITCHES.iter().enumerate() {
             let presses = self.said.presses[index].load(Ordering::Relaxed);
             for _ in 0..presses.wrapping_sub(self.seen[index]).min(8) {
@@ -106,7 +109,7 @@ impl Pad {
             }
             self.seen[index] = presses;
         }
-        let current = if self.said.energized.load(Ordering::Relaxed) != 0 { BUTTON_ENERGIZED } else { 0 };
+        let current = self.said.current.load(Ordering::Relaxed) & (BUTTON_ENERGIZED | BUTTON_COAGULATING);
         let [pitch_rad, yaw_rad, roll_rad, insertion_m] = *target;
         (Pose4 { pitch_rad, yaw_rad, roll_rad, insertion_m }, controls.buttons | current)
     }
@@ -247,7 +250,7 @@ mod tests {
 
     /// What is said: the deflection about yaw, and the current.
     fn look(said: &Said) -> (f32, u32) {
-        (f32::from_bits(said.along[1].load(Ordering::Relaxed)), said.energized.load(Ordering::Relaxed))
+        (f32::from_bits(said.along[1].load(Ordering::Relaxed)), said.current.load(Ordering::Relaxed))
     }
 
     /// One that says what it is given, and is pulled out then; it notes what is said before each word of its own.

@@ -4,9 +4,11 @@
 mod loans;
 
 use super::*;
+use crate::wounds::Vessel;
+use glam::{IVec3, Vec3};
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
-use hyst_flow::{Alarms, PumpState, StepReport};
+use hyst_flow::{Alarms, BloodSource, Capsule, PumpState, StepReport};
 use hyst_messages::{PUMP_ALARMS, Slot};
 use loans::written;
 
@@ -91,6 +93,30 @@ fn whoever_goes_on_from_a_state_takes_its_step_and_says_that_the_scene_asks_for_
         let wild = stepped(&mut engine, &long, 2 * scene_ticks + 1);
         engine.accepts(bytemuck::cast_slice(&wild));
         assert_eq!(Stateful::step_ticks(&engine), 2 * scene_ticks);
+    });
+}
+
+#[test]
+fn what_is_coagulated_is_in_the_state_and_whoever_goes_on_from_it_has_it() {
+    in_a_station("seals", |mut engine| {
+        let bytes = engine.message_bytes();
+        let mouth = BloodSource { position_m: [0.0; 3], opening: 1.0 };
+        let vessel = Vessel { cube: IVec3::ZERO, rest_m: Vec3::ZERO, area_m2: 1e-6, mouth };
+        let wire = Capsule { radius_m: 1e-4, ..Capsule::default() };
+        (0..40).for_each(|_| engine.seals.touch(&[vessel], &[wire], 0.033));
+        let (mut now, mut next) = (vec![0u64; bytes / 8], vec![0u64; bytes / 8]);
+        engine.write(StreamHeader::default(), FluidStatus::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+        engine.seals.clear(); // as a successor begins
+        engine.step(&context(33, 33), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+        let message = Message::parse(bytemuck::cast_slice(&next), Kind::FluidState).unwrap();
+        let head: Head = message.record(0).unwrap();
+        let seals: &[SealRecord] = message.section(seals::SECTION).unwrap();
+        assert_eq!((head.status.sealed_vessels, seals[0].share, seals.len()), (1, 1.0, MAX_SEALS));
+        assert!(seals[1..].iter().all(|seal| *seal == SealRecord::default()));
+        // The role founded anew has none.
+        engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut next)).unwrap();
+        let head: Head = Message::parse(bytemuck::cast_slice(&next), Kind::FluidState).unwrap().record(0).unwrap();
+        assert_eq!(head.status.sealed_vessels, 0);
     });
 }
 

@@ -25,6 +25,7 @@ struct Object {
     extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1 or, with metal, 1 of gas
     mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
     shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0
+    spots: array<vec4<f32>, 64>, // blanched by coagulation: rest position m, radius m, 0 behind the last
 };
 @group(0) @binding(0) var<uniform> g: Globals;
 @group(0) @binding(1) var noise: texture_3d<f32>;
@@ -134,6 +135,18 @@ fn mouth_of_tube(rest: vec3<f32>, ragged: f32) -> Mouth {
     return found;
 }
 
+// How much of a point contact coagulation has blanched: round spots with ragged edges.
+fn blanched(rest: vec3<f32>, ragged: f32) -> f32 {
+    var found = 0.0;
+    for (var k = 0; k < 64; k++) {
+        let mark = o.spots[k];
+        if mark.w <= 0.0 { break; }
+        let d = distance(rest, mark.xyz) / mark.w * (1.0 + 0.3 * ragged);
+        found = max(found, 1.0 - smoothstep(0.55, 1.1, d));
+    }
+    return found;
+}
+
 // `full` is the light that would reach it, `e` what of it does.
 // `grain` is how much of the rest position a pixel covers, m: what is finer is looked up as its mean, or a wall far off would be of sand.
 fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: f32, grain: f32) -> vec3<f32> {
@@ -180,6 +193,10 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     // coagulated: dry, yellow-white rim to brown-black core
     let burn = clamp(o.extra.y * (1.0 + 0.6 * a.z), 0.0, 1.0);
     albedo = mix(albedo, mix(vec3<f32>(0.62, 0.46, 0.28), vec3<f32>(0.05, 0.03, 0.02), burn), smoothstep(0.05, 0.5, o.extra.y));
+    // contact coagulation: the protein turns white, and tan in the middle, where it was hottest
+    let white = blanched(in.rest, fine.w);
+    let cooked = mix(vec3<f32>(0.86, 0.78, 0.66), vec3<f32>(0.42, 0.28, 0.16), 0.35 * smoothstep(0.6, 1.0, white));
+    albedo = mix(albedo, cooked * (1.0 + 0.10 * b1.w), 0.92 * white);
 
     // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
     let nl = dot(n, l);
@@ -197,7 +214,7 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
+    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens, and none of the walls behind.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's

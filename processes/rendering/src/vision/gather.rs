@@ -151,6 +151,7 @@ impl Vision<'_> {
             Err(error @ RenderError::DeviceLost(_)) => return Err(error),
             Err(_) => self.life.page.add64(header::INVALID, 1),
         }
+        self.scenery.blanch(self.renderer.stage(), medium::seals(state).unwrap_or_default());
         Ok(true)
     }
 }

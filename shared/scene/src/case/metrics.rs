@@ -2,7 +2,7 @@
 
 /// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
 /// A test of the report's keeps them in step.
-pub const METRIC_KEYS: [(&str, bool); 34] = [
+pub const METRIC_KEYS: [(&str, bool); 36] = [
     ("distended", true),
     ("dark", true),
     ("outflow_shut", true),
@@ -23,6 +23,7 @@ pub const METRIC_KEYS: [(&str, bool); 34] = [
     ("force_above_limit", true),
     ("energised", false),
     ("energised_free", true),
+    ("coagulated", false),
     ("cuts", false),
     ("removed", false),
     ("pressure_low", true),
@@ -32,6 +33,7 @@ pub const METRIC_KEYS: [(&str, bool); 34] = [
     ("deficit_rate", true),
     ("inflow", false),
     ("bled", false),
+    ("sealed", false),
     ("alarm", true),
     ("alarms", false),
     ("goals", true),

@@ -1,7 +1,7 @@
 //! The hand at one tick after another: what scripts, pointer and scene make it press, set and turn.
 
 use super::*;
-use hyst_messages::controls::{WINDOW_FOCUS, WINDOW_INFLOW, WINDOW_PRESSURE};
+use hyst_messages::controls::{WINDOW_COAGULATION, WINDOW_FOCUS, WINDOW_INFLOW, WINDOW_PRESSURE};
 use hyst_scene::Signal;
 
 #[test]
@@ -39,6 +39,25 @@ fn the_scripts_bits_are_not_taken_for_each_other() {
         }
         assert!(all.iter().any(|controls| controls.buttons == BUTTON_EXTENDED), "{what}: it goes out cold");
     }
+}
+
+#[test]
+fn a_leg_that_coagulates_presses_the_other_pedal_and_who_has_no_loop_presses_none() {
+    let mut scene = hyst_scene::load_embedded().unwrap();
+    let mut found = scene.hand("polyp").unwrap().clone();
+    for leg in &mut found.legs {
+        (leg.is_energized, leg.is_coagulating) = (false, leg.is_energized);
+    }
+    scene.hands.push(LoadedHand { name: "staunch".into(), ..found });
+    let pressed = |scene: &LoadedScene| {
+        let mut hand = Hand::in_scene(scene, "script:staunch", 0).unwrap();
+        let all = controls(&mut hand, 12_000, None);
+        [Controls::coagulates, Controls::has_current].map(|is| all.iter().filter(|controls| is(controls)).count())
+    };
+    let [coagulates, has_current] = pressed(&scene);
+    assert!(coagulates > 1_000 && has_current == coagulates, "{coagulates} of {has_current} ticks");
+    scene.rigid[0].electrode = None;
+    assert_eq!(pressed(&scene), [0; 2]);
 }
 
 #[test]
@@ -150,6 +169,9 @@ fn beside_a_pad_the_window_sets_what_the_pad_lacks_and_nothing_else() {
     let none = Controls { set_pressure_pa: f32::NAN, inflow_valve: -1.0, focus_m: 20.0, ..wanted };
     let nonsense = beside(lacks, Some(PointerRecord { target: [f32::NAN; 5], controls: none, ..pointer }));
     assert_eq!((nonsense.controls, nonsense.pose), (alone.controls, alone.pose));
+    let pedals = PointerRecord { controls: Controls { buttons: BUTTONS_CURRENT, ..wanted }, ..pointer };
+    let pressed = |lacks: u32| beside(lacks, Some(pedals)).controls.buttons;
+    assert_eq!((pressed(WINDOW_COAGULATION), pressed(WINDOW_FOCUS)), (BUTTON_COAGULATING, 0));
     let mut mouse = Hand::in_scene(&scene, "mouse", 0).unwrap();
     assert_eq!(mouse.step(0, [0.0; 3], None).from_window, WINDOW_ALL);
     let mut script = Hand::in_scene(&scene, "script:polyp", 0).unwrap();

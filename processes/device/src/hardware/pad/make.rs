@@ -2,8 +2,10 @@
 //! gamepad specification (`Documentation/input/gamepad.rst`). A 3D mouse says x to the right, y towards the user, z down, and turns about them.
 
 use evdev::{AbsoluteAxisCode, Device, KeyCode, RelativeAxisCode};
-use hyst_messages::Switch;
-use hyst_messages::controls::{WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_OUTFLOW, WINDOW_PRESSURE};
+use hyst_messages::controls::{
+    WINDOW_COAGULATION, WINDOW_FOCUS, WINDOW_HEAD, WINDOW_INFLOW, WINDOW_LIGHT, WINDOW_OUTFLOW, WINDOW_PRESSURE,
+};
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, Switch};
 
 /// Types of events.
 const KEY: u16 = 1;
@@ -43,8 +45,10 @@ pub const SWITCHES: [(u16, Switch); 9] = [
 /// What the cross turns to the left and to the right, up and down.
 const ACROSS: [Switch; 2] = [Switch::FocusNear, Switch::FocusFar];
 const UPRIGHT: [Switch; 2] = [Switch::PressureUp, Switch::PressureDown];
-/// The current while it is held: a gamepad's south button, a 3D mouse's first.
+/// The current that cuts while it is held: a gamepad's south button, a 3D mouse's first.
 const CURRENT: [u16; 2] = [0x130, 0x100];
+/// The current that coagulates while it is held: a gamepad's start, or its lower right shoulder button, where that is one.
+const COAGULATION: [u16; 2] = [0x13b, 0x139];
 
 impl Make {
     /// By the word of `--hand`.
@@ -60,11 +64,15 @@ impl Make {
         }
     }
 
-    /// What it has no button for, a bit of [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL) each: a 3D mouse has two, for loop and current.
+    /// What it has no button for, a bit of [`WINDOW_ALL`](hyst_messages::controls::WINDOW_ALL) each: a 3D mouse has two, for the loop and
+    /// the current that cuts.
     pub(super) fn lacks(self) -> u32 {
         match self {
             Make::Gamepad => 0,
-            Make::SpaceMouse => WINDOW_HEAD | WINDOW_INFLOW | WINDOW_OUTFLOW | WINDOW_PRESSURE | WINDOW_LIGHT | WINDOW_FOCUS,
+            Make::SpaceMouse => {
+                let valves = WINDOW_INFLOW | WINDOW_OUTFLOW | WINDOW_PRESSURE;
+                WINDOW_HEAD | WINDOW_COAGULATION | WINDOW_LIGHT | WINDOW_FOCUS | valves
+            }
         }
     }
 
@@ -117,12 +125,13 @@ impl Ranges {
     }
 }
 
-/// How far each axis is deflected, from -1 to 1, and whether the finger is on the current.
+/// How far each axis is deflected, from -1 to 1, and the currents that the finger is on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Deflections {
     axes: [f32; AXES],
     is_mouse: bool,
     is_energized: bool,
+    is_coagulating: bool,
     is_turned: [bool; 2],
 }
 
@@ -133,6 +142,7 @@ impl Deflections {
         let pressed = |wanted: Switch| SWITCHES.iter().position(|(code, switch)| (*code, *switch) == (event.code, wanted));
         match (event.kind, event.code) {
             (KEY, code) if CURRENT.contains(&code) => self.is_energized = event.value != 0,
+            (KEY, code) if COAGULATION.contains(&code) => self.is_coagulating = event.value != 0,
             (KEY, code) if HEAD.contains(&code) => self.is_turned[usize::from(code - HEAD[0])] = event.value != 0,
             // 2 is a key that repeats itself.
             (KEY, code) if event.value == 1 && !CROSS.contains(&code) => {
@@ -157,9 +167,10 @@ impl Deflections {
         }
     }
 
-    /// Whether current flows.
-    pub(super) fn is_energized(&self) -> bool {
-        self.is_energized
+    /// The currents that are wanted, as bits of [`Controls::buttons`](hyst_messages::Controls::buttons).
+    pub(super) fn current(&self) -> u32 {
+        let bit = |is_held: bool, bit: u32| if is_held { bit } else { 0 };
+        bit(self.is_energized, BUTTON_ENERGIZED) | bit(self.is_coagulating, BUTTON_COAGULATING)
     }
 
     /// Which way the camera head is turned: -1 to the left, 1 to the right.
@@ -222,12 +233,14 @@ mod tests {
     fn a_press_is_one_and_the_current_flows_while_it_is_held() {
         let held = |make: Make, code: u16| {
             let (down, up) = (after(make, &[(KEY, code, 1)]).0, after(make, &[(KEY, code, 1), (KEY, code, 0)]).0);
-            (down.is_energized(), up.is_energized())
+            (down.current(), up.current())
         };
         let head = |events: &[(u16, u16, i32)]| after(Make::Gamepad, events).0.head();
         let (left, right) = ((KEY, 0x136, 1), (KEY, 0x137, 1));
         assert_eq!([head(&[left]), head(&[right]), head(&[left, right]), head(&[left, (KEY, 0x136, 0)])], [-1.0, 1.0, 0.0, 0.0]);
-        assert_eq!((held(Make::Gamepad, 0x130), held(Make::SpaceMouse, 0x100)), ((true, false), (true, false)));
+        let [cuts, coagulates] = [(BUTTON_ENERGIZED, 0), (BUTTON_COAGULATING, 0)];
+        assert_eq!((held(Make::Gamepad, 0x130), held(Make::SpaceMouse, 0x100)), (cuts, cuts));
+        assert_eq!([0x13b, 0x139].map(|code| held(Make::Gamepad, code)), [coagulates; 2]);
         let (_, pressed) =
             after(Make::Gamepad, &[(KEY, 0x131, 1), (KEY, 0x131, 2), (KEY, 0x131, 0), (KEY, 0x133, 1), (KEY, 0x2ff, 1)]);
         assert_eq!(pressed, [Switch::Loop, Switch::Outflow]);
@@ -245,6 +258,7 @@ mod tests {
 
     #[test]
     fn what_a_pad_lacks_none_of_its_buttons_turns_and_all_else_one_does() {
+        const HELD: u32 = WINDOW_HEAD | WINDOW_COAGULATION;
         // The buttons that each is known to have: a gamepad's of its specification, a 3D mouse's first two.
         for (make, codes) in [(Make::Gamepad, 0x130..=0x13e), (Make::SpaceMouse, 0x100..=0x101)] {
             let presses = codes.flat_map(|code| after(make, &[(KEY, code, 1)]).1);
@@ -252,8 +266,8 @@ mod tests {
             let turned = cross.flat_map(|(axis, value)| after(make, &[(ABSOLUTE, axis, value)]).1);
             let bits = presses.chain(turned).fold(0, |bits, switch| bits | switch.window_bit());
             let all = SWITCHES.iter().fold(0, |bits, (_, switch)| bits | switch.window_bit());
-            assert_eq!(make.lacks() & !WINDOW_HEAD, all & !bits, "{make:?}");
+            assert_eq!(make.lacks() & !HELD, all & !bits, "{make:?}");
         }
-        assert_eq!([Make::Gamepad, Make::SpaceMouse].map(|make| make.lacks() & WINDOW_HEAD), [0, WINDOW_HEAD]);
+        assert_eq!([Make::Gamepad, Make::SpaceMouse].map(|make| make.lacks() & HELD), [0, HELD]);
     }
 }

@@ -1,9 +1,9 @@
 //! Promise of the Main Loop about the loop electrode: cold, it is as solid as the shaft, and the hand feels what it presses on; with current in it, it cuts, and
-//! in its sheath it is not there.
+//! in its sheath it is not there. Under the current that coagulates it is as solid as a cold one.
 
 use super::*;
 use crate::contacts;
-use hyst_messages::{BUTTON_EXTENDED, Controls};
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_EXTENDED, Controls};
 
 /// Ticks in which the ring comes to the fundus and presses on it, and in which it stays there.
 const WAY: u64 = 300;
@@ -91,6 +91,10 @@ fn a_cold_loop_is_solid_a_hot_one_cuts_and_one_in_its_sheath_is_not_there() {
     assert_eq!((cold.core.is_cutting, cold.core.cuts), (0, 0));
     // It drags: what it feels on the way there is against +x beside what it feels on the way back over the same places.
     assert!(cold.across_n[0] < cold.across_n[1] - 0.01, "{:?} N", cold.across_n);
+
+    let blunt = pressed("blunt", |reach_m| Controls { buttons: BUTTON_EXTENDED | BUTTON_COAGULATING, ..out(reach_m) });
+    assert_eq!((blunt.core.is_cutting, blunt.core.cuts), (0, 0), "it coagulates");
+    assert_eq!((blunt.force_n, blunt.displaced_m), (cold.force_n, cold.displaced_m));
 
     let hot = pressed("hot", |reach_m| Controls { buttons: BUTTON_EXTENDED | BUTTON_ENERGIZED, ..out(reach_m) });
     assert_eq!((hot.core.contact_count, hot.core.is_cutting, hot.core.loop_m), (0, 1, 0.0));
