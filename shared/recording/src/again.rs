@@ -1,6 +1,7 @@
 //! The JSON messages by which a session can be done again: what a tick's input says beside the sample, and what each step of the tissue was made from.
 
 use crate::messages::{Number, Xyz};
+use crate::scan::Scan;
 use hyst_messages::{AppliedRecord, DeviceLimits, MAX_PIECES, PieceFlow, StepRecord};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -123,6 +124,23 @@ impl Step {
             step_ticks: record.step_ticks,
         }
     }
+
+    /// The record of a message as [`Step::of`] makes it.
+    pub(crate) fn scan(data: &[u8]) -> Option<StepRecord> {
+        let mut scan = Scan::of(data);
+        let record = StepRecord {
+            tick: scan.count(br#"{"tick":"#)?,
+            state_hash: scan.hash(br#","state_hash":""#)?,
+            input_tick: scan.count(br#"","input_tick":"#)?,
+            from_tick: scan.count(br#","from_tick":"#)?,
+            from_incarnation: scan.small(br#","from_incarnation":"#)?,
+            epoch: scan.small(br#","epoch":"#)?,
+            incarnation: scan.small(br#","incarnation":"#)?,
+            step_ticks: scan.small(br#","step_ticks":"#)?,
+        };
+        scan.end(b"}").map(|()| record)
+    }
+
     pub(crate) fn record(&self) -> Result<StepRecord, String> {
         let hash = u64::from_str_radix(&self.state_hash, 16);
         Ok(StepRecord {

@@ -2,10 +2,12 @@
 //! newest ones before a tick are found without reading what lies before them: by the summary, or, where there is none, from record to record.
 
 use crate::channels::{Channel, time_of_ns};
+use crate::decode::{States, json};
 use crate::error::ReadError;
 use crate::frame::{DATA_END_BYTES, Frame};
 use crate::outline::{frame_of, has};
 use crate::reader::Reader;
+use crate::scan::Scan;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use hyst_messages::Role;
@@ -53,6 +55,43 @@ impl CheckpointMessage {
         let state = BASE64_STANDARD.decode(&self.state).map_err(|error| format!("has a state that is none: {error}"))?;
         Ok(Checkpoint { role, tick: self.tick, state })
     }
+
+    /// Role, tick and base64 of a message as [`CheckpointMessage::of`] makes it.
+    fn scan(data: &[u8]) -> Option<(Role, u64, &[u8])> {
+        let mut scan = Scan::of(data);
+        let tick = scan.count(br#"{"tick":"#)?;
+        scan.past(br#","role":""#)?;
+        let rest = scan.up_to(br#""}"#)?;
+        let (name, rest) = rest.split_at(memchr::memchr(b'"', rest)?);
+        let role = Role::ALL.into_iter().find(|role| role.name().as_bytes() == name)?;
+        Some((role, tick, rest.strip_prefix(br#"","state":""#)?))
+    }
+}
+
+/// The checkpoint of a message, if its state is asked for.
+pub(crate) fn read(data: &[u8], states: States) -> Result<Option<Checkpoint>, String> {
+    let scanned = CheckpointMessage::scan(data);
+    if states == States::Checked && scanned.is_some_and(|(_, _, state)| is_base64(state)) {
+        return Ok(None);
+    }
+    let decoded = scanned.and_then(|(role, tick, state)| Some((role, tick, BASE64_STANDARD.decode(state).ok()?)));
+    let checkpoint = match decoded {
+        Some((role, tick, state)) => Checkpoint { role, tick, state },
+        None => json::<CheckpointMessage>(data)?.checkpoint()?,
+    };
+    Ok(Some(checkpoint).filter(|_| states == States::Given))
+}
+
+/// Whether a text can be decoded: letter by letter, and its last four by who decodes, because padding is there alone.
+fn is_base64(text: &[u8]) -> bool {
+    let (most, last) = text.split_at(text.len().saturating_sub(4));
+    // Without a branch, so that many are looked at in one instruction.
+    let is_letter = |byte: u8| {
+        let (is_latin, is_digit) = ((byte | 0x20).wrapping_sub(b'a') < 26, byte.wrapping_sub(b'0') < 10);
+        is_latin | is_digit | (byte == b'+') | (byte == b'/')
+    };
+    let are_letters = most.iter().fold(true, |are, byte| are & is_letter(*byte));
+    text.len().is_multiple_of(4) && are_letters && BASE64_STANDARD.decode(last).is_ok()
 }
 
 /// The newest checkpoint of each role of a file up to a tick; none where none was recorded by then, or none is whole.
@@ -134,5 +173,33 @@ impl<R: Read + Seek> Reader<R> {
         let head = self.body(chunk, TIMES_BYTES)?;
         let word = |at: usize| head.get(at..at + 8).and_then(|bytes| bytes.try_into().ok()).map_or(0, u64::from_le_bytes);
         Ok((word(0), word(8)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_that_is_only_looked_at_is_refused_as_one_that_is_decoded() {
+        let message = |state: &str| format!("{{\"tick\":7,\"role\":\"fluid\",\"state\":\"{state}\"}}");
+        let bytes: Vec<u8> = (0..=255).collect();
+        for length in 0..70 {
+            let text = message(&BASE64_STANDARD.encode(&bytes[bytes.len() - length..]));
+            let given = read(text.as_bytes(), States::Given).unwrap().unwrap();
+            assert_eq!((given.role, given.tick, &given.state[..]), (Role::Fluid, 7, &bytes[bytes.len() - length..]));
+            assert_eq!(read(text.as_bytes(), States::Checked), Ok(None));
+        }
+        // Each byte at each place, escapes and broken UTF-8 among them.
+        let whole = message("QUJDREVGR0g=").into_bytes();
+        for (at, byte) in (0..whole.len()).flat_map(|at| (0..=255).map(move |byte| (at, byte))) {
+            let mut other = whole.clone();
+            other[at] = byte;
+            let [given, checked] = [States::Given, States::Checked].map(|states| read(&other, states));
+            assert_eq!(checked.as_ref().err(), given.as_ref().err(), "{byte} at {at}");
+            assert!(given.is_err() || checked == Ok(None), "{byte} at {at}");
+            let as_ever = json::<CheckpointMessage>(&other).and_then(|message| message.checkpoint());
+            assert_eq!(given, as_ever.map(Some), "{byte} at {at}");
+        }
     }
 }

@@ -3,7 +3,6 @@
 //! chunk, which is known by its compression's name and by the two lengths in it that agree.
 
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::{self, Read, Seek, SeekFrom};
 
 /// Longest record that is read, before and after decompression: a block of a second has less than 1 MB.
@@ -19,7 +18,7 @@ pub(crate) const INDEX_HEAD_BYTES: u64 = 6;
 pub(crate) const DATA_END_BYTES: u64 = 4;
 
 /// What stands in the head of every chunk that a recorder writes, and where: the compression's name with its length.
-const COMPRESSION: &[u8] = b"\x04\0\0\0zstd";
+pub(crate) const COMPRESSION: &[u8] = b"\x04\0\0\0zstd";
 const COMPRESSION_AT: usize = HEAD_BYTES as usize + 28;
 /// Bytes of a chunk's head, up to the blocks' messages: opcode and length, two times, size, checksum, compression, compressed size.
 const CHUNK_HEAD_BYTES: usize = COMPRESSION_AT + 16;
@@ -46,6 +45,11 @@ pub(crate) struct Walk<R> {
     inner: R,
     at: u64,
     length: u64,
+    /// Bytes that are read at once where fewer are asked for.
+    ahead_bytes: usize,
+    /// What was read of the file so, and where that begins.
+    held: Vec<u8>,
+    held_at: u64,
 }
 
 impl<R: Read + Seek> Walk<R> {
@@ -59,7 +63,13 @@ impl<R: Read + Seek> Walk<R> {
         let mut magic = [0; mcap::MAGIC.len()];
         inner.seek(SeekFrom::Start(0))?;
         inner.read_exact(&mut magic)?;
-        Ok((magic == mcap::MAGIC).then_some(Walk { inner, at, length }))
+        Ok((magic == mcap::MAGIC).then_some(Walk { inner, at, length, ahead_bytes: 0, held: Vec::new(), held_at: 0 }))
+    }
+
+    /// From now on so many bytes are read at once, as far as the file had them when the walk began: who goes from record to record asks the system for each
+    /// head otherwise, some nine times for a block. 0: no more than is asked for.
+    pub(crate) fn read_ahead(&mut self, bytes: usize) {
+        self.ahead_bytes = bytes;
     }
 
     /// The next record that lies in the file as a whole, here or behind what is none. Zeros are none: what a power cut or a hole left of a file is
@@ -79,8 +89,7 @@ impl<R: Read + Seek> Walk<R> {
             return Ok(None);
         }
         let mut head = [0; HEAD_BYTES as usize];
-        self.inner.seek(SeekFrom::Start(at))?;
-        self.inner.read_exact(&mut head)?;
+        self.read(at, &mut head)?;
         let [opcode, length @ ..] = head;
         let frame = Frame { at, opcode, length: u64::from_le_bytes(length) };
         let longest = MAX_RECORD_BYTES.min(self.length - at - HEAD_BYTES);
@@ -94,8 +103,7 @@ impl<R: Read + Seek> Walk<R> {
         let mut from = at + 1;
         while from + CHUNK_HEAD_BYTES as u64 <= end {
             window.resize(WINDOW_BYTES.min((end - from) as usize), 0);
-            self.inner.seek(SeekFrom::Start(from))?;
-            self.inner.read_exact(&mut window)?;
+            self.read(from, &mut window)?;
             for name in memchr::memmem::find_iter(&window, COMPRESSION) {
                 let head = name.checked_sub(COMPRESSION_AT).and_then(|first| window.get(first..first + CHUNK_HEAD_BYTES));
                 if let Some(length) = head.and_then(chunk_length)
@@ -129,9 +137,44 @@ impl<R: Read + Seek> Walk<R> {
     /// The first `most` bytes of a record's body.
     pub(crate) fn body(&mut self, frame: &Frame, most: u64) -> io::Result<Vec<u8>> {
         let mut body = vec![0; frame.length.min(most).min(MAX_RECORD_BYTES) as usize];
-        self.inner.seek(SeekFrom::Start(frame.at + HEAD_BYTES))?;
-        self.inner.read_exact(&mut body)?;
+        self.read(frame.at + HEAD_BYTES, &mut body)?;
         Ok(body)
+    }
+
+    /// The bytes at a place in the file, as far as they are held from there.
+    fn read(&mut self, at: u64, into: &mut [u8]) -> io::Result<()> {
+        let held = at.checked_sub(self.held_at).and_then(|from| self.held.get(from as usize..)).unwrap_or_default();
+        let known = held.len().min(into.len());
+        into[..known].copy_from_slice(&held[..known]);
+        let rest = &mut into[known..];
+        if rest.is_empty() {
+            return Ok(());
+        }
+        let from = at + known as u64;
+        self.inner.seek(SeekFrom::Start(from))?;
+        if rest.len() >= self.ahead_bytes {
+            return self.inner.read_exact(rest);
+        }
+        self.hold(from, rest.len())?;
+        rest.copy_from_slice(&self.held[..rest.len()]);
+        Ok(())
+    }
+
+    /// Reads at least so many bytes from where the file stands.
+    fn hold(&mut self, from: u64, least: usize) -> io::Result<()> {
+        let most = self.length.saturating_sub(from).min(self.ahead_bytes as u64) as usize;
+        let mut held = std::mem::take(&mut self.held); // nothing is held of what cannot be read
+        held.resize(most.max(least), 0);
+        let count = match self.inner.read(&mut held) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => 0,
+            read => read?,
+        };
+        if count < least {
+            self.inner.read_exact(&mut held[count..least])?;
+        }
+        held.truncate(count.max(least));
+        (self.held, self.held_at) = (held, from);
+        Ok(())
     }
 }
 
@@ -150,34 +193,4 @@ pub(crate) fn metadata(body: &[u8]) -> Result<mcap::records::Metadata, String> {
         Record::Metadata(metadata) => Ok(metadata),
         _ => Err("not a metadata record".into()),
     }
-}
-
-/// Gives every message of a chunk to `take` as (channel, log time ns, JSON), after the chunk's checksum was found right.
-pub(crate) fn messages(body: &[u8], mut take: impl FnMut(u16, u64, &[u8]) -> Result<(), String>) -> Result<(), String> {
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD_BYTES as usize);
-    let mut head = [mcap::records::op::CHUNK; HEAD_BYTES as usize];
-    head[1..].copy_from_slice(&(body.len() as u64).to_le_bytes());
-    let mut source = head.chain(body);
-    let mut reader = LinearReader::new_with_options(options);
-    while let Some(event) = reader.next_event() {
-        match event.map_err(|e| e.to_string())? {
-            LinearReadEvent::ReadRequest(need) => {
-                let need = need.min(MAX_RECORD_BYTES as usize);
-                let read = source.read(reader.insert(need)).map_err(|e| e.to_string())?;
-                reader.notify_read(read);
-            }
-            LinearReadEvent::Record { opcode: mcap::records::op::MESSAGE, data } => {
-                match mcap::parse_record(mcap::records::op::MESSAGE, data).map_err(|e| e.to_string())? {
-                    Record::Message { header, data } => take(header.channel_id, header.log_time, &data)?,
-                    _ => return Err("not a message".into()),
-                }
-            }
-            LinearReadEvent::Record { .. } => {} // schemas and channels: their ids are fixed
-        }
-    }
-    Ok(())
 }

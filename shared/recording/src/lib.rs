@@ -9,10 +9,12 @@
 //! Times in the file are station time: tick × 1 ms in ns, from the start of tick 0. Format: <https://mcap.dev/spec>.
 
 mod again;
+mod ahead;
 mod block;
 pub mod channels;
 mod checkpoint;
 mod continuity;
+mod decode;
 mod error;
 mod fluid;
 mod frame;
@@ -23,12 +25,14 @@ mod playback;
 mod process;
 mod reader;
 mod recover;
+mod scan;
 mod scene;
 mod schema;
 pub mod sequence;
 mod summary;
 mod sync;
 mod tissue;
+mod unpack;
 mod writer;
 
 pub use block::{Block, Event, Level, SAID, TickRange};

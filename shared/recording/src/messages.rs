@@ -3,10 +3,13 @@
 //! because of a channel whose schema allows both (`"type": ["number", "null"]`) Foxglove shows nothing: its reader refuses a field of two types
 //! (foxglove/studio `packages/mcap-support/src/parseJsonSchema.ts`).
 
+mod scanned;
+
 use crate::block::{Event, Level};
 use crate::channels::time_of_ns;
 use hyst_messages::{AppliedRecord, Controls, ForceCommand, HardwareSample, Pose};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::borrow::Cow;
 
 /// A number that may be NaN: not there in JSON, or `null` as older recorders wrote it.
 #[derive(Clone, Copy, Debug)]
@@ -88,11 +91,14 @@ struct PoseMessage {
     orientation: Xyzw,
 }
 
+/// The frame of what a tool's message says.
+const WORLD: Cow<'static, str> = Cow::Borrowed("world");
+
 /// Message of `/tool`.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Tool {
     timestamp: Time,
-    frame_id: String,
+    frame_id: Cow<'static, str>,
     pose: PoseMessage,
     pub(crate) tick: u64,
     hardware_tick: u64,
@@ -116,7 +122,7 @@ impl Tool {
         let [x, y, z, w] = pose.orientation.map(Number);
         Tool {
             timestamp: Time::of(record.tick),
-            frame_id: "world".into(),
+            frame_id: WORLD,
             pose: PoseMessage { position: Xyz::of(pose.position_m), orientation: Xyzw { x, y, z, w } },
             tick: record.tick,
             hardware_tick: sample.hardware_tick,

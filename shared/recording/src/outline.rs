@@ -5,9 +5,10 @@
 
 use crate::block::{LOST, STATION, TickRange};
 use crate::channels::Channel;
+use crate::decode;
 use crate::error::ReadError;
 use crate::frame::{DATA_END_BYTES, Frame, HEAD_BYTES, MAX_RECORD_BYTES};
-use crate::reader::{self, Reader};
+use crate::reader::Reader;
 use crate::summary::{CHECKSUM_BYTES, FOOTER_BYTES};
 use mcap::read::LinearReader;
 use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
@@ -86,7 +87,7 @@ impl<R: Read + Seek> Reader<R> {
         for metadata in index.metadata.iter().filter(|metadata| metadata.name == LOST) {
             let length = metadata.length.saturating_sub(HEAD_BYTES);
             let body = self.body(&Frame { at: metadata.offset, opcode: op::METADATA, length }, u64::MAX)?;
-            let Ok(block) = reader::lost(&body) else { return Ok(None) };
+            let Ok(block) = decode::lost(&body) else { return Ok(None) };
             lost.extend(block.lost);
         }
         Ok(Some(Outline { last_tick, lost }))

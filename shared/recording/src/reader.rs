@@ -2,31 +2,18 @@
 //!
 //! Promise: what is damaged is named with its byte and left out, what follows it is read; a record that is given is what was written.
 
-use crate::again::{Input, Step};
-use crate::block::{Block, LOST, STATION, UNKEPT};
-use crate::channels::Channel;
-use crate::checkpoint::CheckpointMessage;
+use crate::Session;
+use crate::block::{Block, STATION};
+use crate::decode::{Raw, States, chunk};
 use crate::error::{ReadError, version};
-use crate::fluid::Fluid;
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
-use crate::messages::{ControlsMessage, EventMessage, Force, Tool, applied};
-use crate::picture::PictureMessage;
-use crate::process::Process;
-use crate::scene::SceneMessage;
-use crate::tissue::Tissue;
-use crate::{Session, recover};
-use hyst_messages::{AppliedRecord, Controls};
+use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, metadata};
+use crate::unpack::Unpacker;
+use hyst_messages::AppliedRecord;
 use mcap::records::op;
-use serde::de::DeserializeOwned;
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Most blocks that are decoded at once, and bytes of them in the file, so that memory does not grow with it: a block of the recorder's
-/// has some 0.1 MB there and some 1 MB decoded.
-const BATCH_BLOCKS: usize = 16;
-const BATCH_BYTES: usize = 4 << 20;
 /// Most damaged records that are told one by one; a file that is all damage has no end of them.
 const MOST_DAMAGE: usize = 1_000;
 
@@ -58,6 +45,7 @@ pub struct Reader<R> {
     session: Session,
     damage: Vec<Damage>,
     ending: Option<Ending>,
+    unpacker: Unpacker,
 }
 
 /// Opens a file that is to be read as a recording. What is no file is refused: it may wait for a writer, or have no end.
@@ -97,7 +85,14 @@ impl<R: Read + Seek> Reader<R> {
             return Err(foreign(format!("is of something else than a station ({:?})", facts.name)));
         }
         version(path, &facts.metadata)?;
-        Ok(Reader { walk, path: path.to_path_buf(), session: facts.metadata, damage: Vec::new(), ending: None })
+        Ok(Reader {
+            walk,
+            path: path.to_path_buf(),
+            session: facts.metadata,
+            damage: Vec::new(),
+            ending: None,
+            unpacker: Unpacker::default(),
+        })
     }
 
     /// The session's facts: station, scene hash, versions, settings.
@@ -117,53 +112,32 @@ impl<R: Read + Seek> Reader<R> {
 
     /// The next block; `None` after the last.
     pub fn next_block(&mut self) -> Result<Option<Block>, ReadError> {
-        while let Some(raw) = self.next_raw()? {
-            match raw.decode() {
-                Ok(block) => return Ok(Some(block)),
-                Err(reason) => self.damaged(raw.frame.at, reason),
-            }
-        }
-        Ok(None)
+        self.next_with(States::Given)
     }
 
-    /// Gives every block to `take` in the file's order, whatever the number of threads that decode them. After an error everything before it was
-    /// given.
-    pub fn each_block(&mut self, threads: usize, mut take: impl FnMut(Block)) -> Result<(), ReadError> {
+    /// The next block, with what is made of the states in it.
+    pub(crate) fn next_with(&mut self, states: States) -> Result<Option<Block>, ReadError> {
         loop {
-            let (batch, more) = self.batch();
-            for (raw, decoded) in batch.iter().zip(decode(&batch, threads)) {
-                match decoded {
-                    Ok(block) => take(block),
-                    Err(reason) => self.damaged(raw.frame.at, reason),
-                }
-            }
-            self.damage.sort_by_key(|damage| damage.at);
-            if !more? {
-                return Ok(());
+            let mut before = Vec::new();
+            let raw = self.next_raw(&mut before);
+            self.note(before);
+            let Some(raw) = raw? else { return Ok(None) };
+            match raw.decode(&mut self.unpacker, states) {
+                Ok(block) => return Ok(Some(block)),
+                Err(reason) => self.note([Damage { at: raw.frame.at, reason }]),
             }
         }
     }
 
-    /// Some blocks as they stand in the file, and whether there may be more.
-    fn batch(&mut self) -> (Vec<Raw>, Result<bool, ReadError>) {
-        let (mut batch, mut bytes) = (Vec::new(), 0);
-        while batch.len() < BATCH_BLOCKS && bytes < BATCH_BYTES {
-            match self.next_raw() {
-                Ok(Some(raw)) => {
-                    bytes += raw.body.len();
-                    batch.push(raw);
-                }
-                Ok(None) => return (batch, Ok(false)),
-                Err(error) => return (batch, Err(error)),
-            }
-        }
-        (batch, Ok(true))
-    }
-
-    /// The next record that may hold a block; what cannot be one is noted as damage.
-    fn next_raw(&mut self) -> Result<Option<Raw>, ReadError> {
+    /// The next record that may hold a block; what cannot be one before it goes to `before`.
+    pub(crate) fn next_raw(&mut self, before: &mut Vec<Damage>) -> Result<Option<Raw>, ReadError> {
         let path = self.path.clone();
         let refused = move |source| ReadError::File { path: path.clone(), source };
+        let mut damaged = |at: u64, reason: String| {
+            if before.len() < MOST_DAMAGE {
+                before.push(Damage { at, reason });
+            }
+        };
         while self.ending.is_none() {
             let at = self.walk.at();
             let Some(frame) = self.walk.next().map_err(&refused)? else {
@@ -171,7 +145,7 @@ impl<R: Read + Seek> Reader<R> {
                 break;
             };
             if frame.at > at {
-                self.damaged(at, format!("is none; nothing can be read up to byte {}", frame.at));
+                damaged(at, format!("is none; nothing can be read up to byte {}", frame.at));
             }
             match frame.opcode {
                 op::MESSAGE_INDEX if self.is_index(&frame).map_err(&refused)? => {}
@@ -180,10 +154,21 @@ impl<R: Read + Seek> Reader<R> {
                     let body = self.walk.body(&frame, u64::MAX).map_err(&refused)?;
                     return Ok(Some(Raw { frame, body }));
                 }
-                _ => self.damaged(frame.at, "is of a kind that no recorder writes".into()),
+                _ => damaged(frame.at, "is of a kind that no recorder writes".into()),
             }
         }
         Ok(None)
+    }
+
+    /// Tells of damage, which comes in the file's order.
+    pub(crate) fn note(&mut self, found: impl IntoIterator<Item = Damage>) {
+        let room = MOST_DAMAGE.saturating_sub(self.damage.len());
+        self.damage.extend(found.into_iter().take(room));
+    }
+
+    /// From now on so many bytes are read at once, up to the end of the blocks.
+    pub(crate) fn read_ahead(&mut self, bytes: usize) {
+        self.walk.read_ahead(bytes);
     }
 
     fn refused(&self, source: io::Error) -> ReadError {
@@ -212,7 +197,8 @@ impl<R: Read + Seek> Reader<R> {
 
     /// The block of a chunk, or what is wrong with it.
     pub(crate) fn block_at(&mut self, frame: &Frame) -> Result<Result<Block, String>, ReadError> {
-        Ok(chunk(&self.body(frame, u64::MAX)?))
+        let body = self.body(frame, u64::MAX)?;
+        Ok(chunk(&mut self.unpacker, &body, States::Given))
     }
 
     /// Whether a message index says the length that it has; a chunk whose opcode was flipped does not.
@@ -222,14 +208,9 @@ impl<R: Read + Seek> Reader<R> {
         Ok(said.is_some_and(|said| said as u64 + INDEX_HEAD_BYTES == frame.length))
     }
 
-    fn damaged(&mut self, at: u64, reason: String) {
-        if self.damage.len() < MOST_DAMAGE {
-            self.damage.push(Damage { at, reason });
-        }
-    }
-
-    /// Goes through the summary to the footer.
+    /// Goes through the summary to the footer, of whose records the heads are enough.
     fn close(&mut self) -> io::Result<Ending> {
+        self.walk.read_ahead(0);
         while let Some(frame) = self.walk.next()? {
             if frame.opcode == op::FOOTER {
                 let is_end = self.walk.length() - self.walk.at() == mcap::MAGIC.len() as u64;
@@ -238,108 +219,6 @@ impl<R: Read + Seek> Reader<R> {
         }
         Ok(Ending::Cut { at: self.walk.at() })
     }
-}
-
-/// A record as it stands in the file: a chunk, or a range of ticks that were lost, or may not have been kept.
-struct Raw {
-    frame: Frame,
-    body: Vec<u8>,
-}
-
-impl Raw {
-    fn decode(&self) -> Result<Block, String> {
-        if self.frame.opcode == op::CHUNK { chunk(&self.body) } else { lost(&self.body) }
-    }
-}
-
-/// Decodes each of a batch, by up to so many threads with a share each; the results have the batch's order.
-fn decode(batch: &[Raw], threads: usize) -> Vec<Result<Block, String>> {
-    let share = batch.len().div_ceil(threads.max(1)).max(1);
-    if share >= batch.len() {
-        return in_turn(batch);
-    }
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = batch.chunks(share).map(|part| scope.spawn(move || in_turn(part))).collect();
-        let mut decoded = Vec::with_capacity(batch.len());
-        for worker in workers {
-            decoded.extend(worker.join().unwrap_or_else(|cause| std::panic::resume_unwind(cause)));
-        }
-        decoded
-    })
-}
-
-fn in_turn(batch: &[Raw]) -> Vec<Result<Block, String>> {
-    batch.iter().map(Raw::decode).collect()
-}
-
-/// The block of a range of ticks that were lost, or what is wrong with it. Of ticks that the disk may not have kept there is nothing in it: whoever reads sees
-/// whether they are there.
-pub(crate) fn lost(body: &[u8]) -> Result<Block, String> {
-    let record = metadata(body)?;
-    let range = recover::range(&record.metadata).filter(|range| range.first <= range.last);
-    match (record.name.as_str(), range) {
-        (LOST, Some(range)) => Ok(Block { lost: vec![range], ..Block::default() }),
-        (UNKEPT, Some(_)) => Ok(Block::default()),
-        _ => Err("names no range of lost ticks".into()),
-    }
-}
-
-fn json<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
-    serde_json::from_slice(data).map_err(|e| e.to_string())
-}
-
-/// The messages of one tick on their way to one record.
-#[derive(Default)]
-struct Tick {
-    tool: Option<Tool>,
-    force: Option<Force>,
-}
-
-fn chunk(body: &[u8]) -> Result<Block, String> {
-    let mut block = Block::default();
-    let mut ticks: BTreeMap<u64, Tick> = BTreeMap::new();
-    let mut controls: BTreeMap<u64, Controls> = BTreeMap::new();
-    let mut inputs: BTreeMap<u64, Input> = BTreeMap::new();
-    messages(body, |id, _, data| {
-        match Channel::from_id(id).ok_or_else(|| format!("has a message of an unknown channel {id}"))? {
-            Channel::Tool => {
-                let tool: Tool = json(data)?;
-                let tick = tool.tick;
-                ticks.entry(tick).or_default().tool = Some(tool);
-            }
-            Channel::Force => {
-                let force: Force = json(data)?;
-                let tick = force.tick;
-                ticks.entry(tick).or_default().force = Some(force);
-            }
-            Channel::Controls => {
-                let message: ControlsMessage = json(data)?;
-                controls.insert(message.tick, message.controls());
-            }
-            Channel::Events => block.events.push(json::<EventMessage>(data)?.event()),
-            Channel::Tissue => block.tissue.push(json::<Tissue>(data)?.status()),
-            Channel::Fluid => block.fluid.push(json::<Fluid>(data)?.status()),
-            Channel::Input => {
-                let input: Input = json(data)?;
-                inputs.insert(input.tick, input);
-            }
-            Channel::Steps => block.steps.push(json::<Step>(data)?.record()?),
-            Channel::Checkpoints => block.checkpoints.push(json::<CheckpointMessage>(data)?.checkpoint()?),
-            Channel::Processes => block.processes.push(json::<Process>(data)?.spell()),
-            Channel::Pictures => block.pictures.push(json::<PictureMessage>(data)?.picture()?),
-            Channel::Scene => block.scene.push(json::<SceneMessage>(data)?.file()?),
-        }
-        Ok(())
-    })?;
-    for (tick, messages) in &ticks {
-        let (Some(tool), Some(force)) = (&messages.tool, &messages.force) else {
-            return Err(format!("has half of tick {tick}"));
-        };
-        let controls = controls.range(..=tick).next_back().ok_or_else(|| format!("has no controls for tick {tick}"))?;
-        block.applied.push(applied(tool, force, *controls.1));
-    }
-    Input::complete(&mut block.applied, &inputs);
-    Ok(block)
 }
 
 /// A whole recording in memory: about 200 bytes for each tick.

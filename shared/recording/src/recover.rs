@@ -3,8 +3,9 @@
 
 use crate::block::{LOST, STATION, UNKEPT};
 use crate::channels::Channel;
-use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, messages, metadata};
+use crate::frame::{DATA_END_BYTES, Frame, INDEX_HEAD_BYTES, Walk, metadata};
 use crate::summary::Contents;
+use crate::unpack::Unpacker;
 use crate::{Session, TickRange};
 use hyst_messages::TICK_NS;
 use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
@@ -154,7 +155,7 @@ pub(crate) fn range(facts: &Session) -> Option<TickRange> {
 fn is_whole<R: Read + Seek>(walk: &mut Walk<R>, chunk: &Whole) -> io::Result<bool> {
     let body = walk.body(&chunk.frame, u64::MAX)?;
     let mut counts = BTreeMap::new();
-    let sound = messages(&body, |id, _, _| {
+    let sound = Unpacker::default().messages(&body, |id, _, _| {
         *counts.entry(id).or_insert(0u64) += 1;
         Ok(())
     });

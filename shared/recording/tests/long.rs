@@ -1,4 +1,4 @@
-//! Recordings that are longer than memory: they are read a batch of blocks at a time, and a place in a file needs more than 32 bits.
+//! Recordings that are longer than memory: no more than a batch of blocks is read ahead, and a place in a file needs more than 32 bits.
 
 #[allow(dead_code)] // each test file uses its part
 mod fixture;

@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Most threads that read a recording: a station may be running beside, and more gain little.
+/// Most threads that decode a recording ahead of the one that reads it and sums up: a station may be running beside, and more gain little.
 const MOST_THREADS: usize = 4;
 /// Most earlier sessions in one report: each is read from its beginning to its end.
 const MOST_COMPARED: usize = 8;
