@@ -1,6 +1,6 @@
 //! What a fluid says of itself as a message of its channel, and back.
 
-use crate::messages::{Number, is_unknown, number, unknown};
+use crate::messages::{Number, Xyz, is_unknown, number, unknown};
 use hyst_messages::FluidStatus;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +33,9 @@ pub(crate) struct Fluid {
     state_hash: String,
     #[serde(default)]
     flaws: u32,
+    /// Older recordings do not have it: no numbers then.
+    #[serde(default)]
+    on_scope_n: Xyz,
 }
 
 impl Fluid {
@@ -51,6 +54,7 @@ impl Fluid {
             halvings: status.halvings,
             state_hash: format!("{:016x}", status.state_hash),
             flaws: status.flaws,
+            on_scope_n: Xyz::of(status.on_scope_n),
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -68,6 +72,7 @@ impl Fluid {
             halvings: self.halvings,
             state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
             flaws: self.flaws,
+            on_scope_n: self.on_scope_n.array(),
             ..FluidStatus::default()
         }
     }
@@ -78,13 +83,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_blood_of_a_recording_from_before_it_was_recorded_is_no_number() {
-        let status = FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, ..FluidStatus::default() };
+    fn the_blood_and_the_force_on_the_scope_of_a_recording_from_before_they_were_recorded_are_no_numbers() {
+        let on_scope_n = [0.02, -0.0, 1.0 / 3.0];
+        let status = FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, on_scope_n, ..FluidStatus::default() };
         let mut json = serde_json::to_value(Fluid::of(&status)).unwrap();
         let read = |json: &serde_json::Value| serde_json::from_value::<Fluid>(json.clone()).unwrap().status();
         assert_eq!(read(&json), status);
-        json.as_object_mut().unwrap().remove("bled_ml").unwrap();
+        for name in ["bled_ml", "on_scope_n"] {
+            json.as_object_mut().unwrap().remove(name).unwrap();
+        }
         let old = read(&json);
         assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5, "{old:?}");
+        assert!(old.on_scope_n.iter().all(|force| force.is_nan()), "{old:?}");
     }
 }
