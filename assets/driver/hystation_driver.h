@@ -49,7 +49,7 @@
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
 #define HYST_LAYOUT_VERSION 20u
-#define HYST_LAYOUT_HASH 0x22fcc34ff19ba60bu
+#define HYST_LAYOUT_HASH 0x27652a7413796061u
 #define HYST_INTERFACE_VERSION 1u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3
@@ -73,10 +73,10 @@
 #define HYST_STALE_APPLIED 8
 #define HYST_FORCE_STEP_MAX 9
 #define HYST_TRIPS 10
-#define HYST_STATEMENT 148117
-#define HYST_HARDWARE_WORDS 148155
-#define HYST_COMMAND 5727
-#define HYST_DEVICE_WORDS 202358
+#define HYST_STATEMENT 148119
+#define HYST_HARDWARE_WORDS 148157
+#define HYST_COMMAND 5859
+#define HYST_DEVICE_WORDS 206586
 #define HYST_STATION_WORDS 288
 #define HYST_T0_NS 1
 #define HYST_STOP 1

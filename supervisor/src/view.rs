@@ -1,13 +1,19 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
+mod flow;
+
 use crate::recording::{self, RecordingView};
 use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
-use hyst_messages::page::{fluid, header, station as layout, tissue};
+use hyst_messages::page::{header, station as layout, tissue};
 use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, counted_since, percentile_ns};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+use flow::{on_scope_mn_of, steps_of};
+
+pub use flow::StepView;
 
 /// One process.
 #[derive(Clone, Debug, Serialize, Default)]
@@ -48,20 +54,12 @@ pub struct ProcessView {
     /// The steps of its flow; of a fluid only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps: Option<StepView>,
+    /// What the medium does to scope and loop, as a force at the tip, mN along x, y, z; of a fluid only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub on_scope_mn: Option<[f32; 3]>,
     /// Length of its steps, ms; of a tissue only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_ms: Option<u32>,
-}
-
-/// Steps of a Flow Engine.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct StepView {
-    /// Length, ms.
-    pub ms: u32,
-    /// What the scene asks for, ms: less, where the machine does not afford it.
-    pub scene_ms: u32,
-    /// How many times the scene's grid is halved along each axis, where the machine affords no step of it.
-    pub halvings: u32,
 }
 
 /// The register of a Site Manager.
@@ -95,12 +93,6 @@ fn register_of(page: &ReadPage) -> Option<RegisterView> {
     let (_, status) = page.cell(tissue::STATUS)?;
     let slots = (0..SLOTS).filter(|number| status.engines >> number & 1 == 1).filter_map(Slot::from_number);
     Some(RegisterView { objects: status.objects, engines: slots.map(|slot| slot.to_string()).collect() })
-}
-
-fn steps_of(page: &ReadPage) -> Option<StepView> {
-    let (_, status) = page.cell(fluid::STATUS)?;
-    let steps = StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks, halvings: status.halvings };
-    (steps.ms > 0).then_some(steps)
 }
 
 fn step_ms_of(page: &ReadPage) -> Option<u32> {
@@ -269,6 +261,7 @@ impl Viewer {
         view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
         view.step_ms = if slot.role() == Role::Tissue { step_ms_of(page) } else { None };
         view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
+        view.on_scope_mn = if slot.role() == Role::Fluid { on_scope_mn_of(page) } else { None };
         view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
         if alive {

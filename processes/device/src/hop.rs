@@ -233,9 +233,9 @@ impl Hop<'_> {
 
     fn tick(&mut self, tick: u64, sample: HardwareSample, given: &Given, share: f32, woken_ns: u64) {
         let page = &self.life.page;
-        let Given { model, medium: Medium { pressure_pa, pieces }, limits, medium_key, lag: replayed_lag, .. } = *given;
+        let Given { model, limits, medium_key: (medium_epoch, medium_tick), lag: replayed_lag, .. } = *given;
+        let Medium { pressure_pa, pieces, on_scope_n } = given.medium;
         self.heed(&limits);
-        let (medium_epoch, medium_tick) = medium_key;
         let (device_incarnation, applied_n) = (self.life.incarnation as u64, self.state.applied_n);
         let selected_incarnation = self.replicas.selected_incarnation() as u64;
         let input = InputRecord {
@@ -251,6 +251,8 @@ impl Hop<'_> {
             medium_tick,
             medium_epoch,
             limits,
+            on_scope_n,
+            reserved: 0,
         };
         page.write(layout::INPUT, &input);
         page.push(layout::INPUTS, tick, &input);
@@ -295,7 +297,7 @@ impl Hop<'_> {
             medium_epoch,
             medium_tick,
             limits,
-            reserved: 0,
+            on_scope_n,
         };
         page.push(layout::APPLIED, tick, &record);
     }

@@ -8,7 +8,7 @@ use hyst_exchange::{Horizon, OwnedPage, ReadPage, StationPage};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{device, fluid, header, tissue};
 use hyst_messages::tolerance::SHADOW_EPOCH;
-use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_FLOW_M_S, MAX_PLANES, Medium, Role};
+use hyst_messages::{ContactModel, FluidStatus, InputRecord, MAX_FLOW_M_S, MAX_ON_SCOPE_N, MAX_PLANES, Medium, Role};
 
 /// Stiffest plane that is believed, N/m: far above what any tissue or device can show.
 const MAX_STIFFNESS_N_M: f32 = 20_000.0;
@@ -18,6 +18,9 @@ const MAX_DISTANCE_M: f32 = 1.0;
 const MAX_PRESSURE_PA: f32 = 40_000.0;
 /// Most ticks by which a stamp may be ahead: two of the slowest steps (a fluid's), so that no stamp shuts out all that come after it.
 const MOST_AHEAD_TICKS: u64 = 512;
+/// Age up to which what the medium does to the scope is felt in full, ticks: two of a fluid's longest steps; and then it fades to nothing in as many. Of the
+/// cavity's pressure the last word holds, for a cavity that nobody computes stays as it was; a flow does not.
+const FULL_AGE_TICKS: u64 = 500;
 /// Difference of the flows in and out, ml/min, that must change the deficit from one state to the next.
 const TELLING_FLOW_ML_MIN: f32 = 0.01;
 /// Fluids whose pages are read: holder, spare and a newcomer on trial.
@@ -118,8 +121,8 @@ impl Models {
         self.newest.state_tick >= tissue_tick && self.medium_key.1 >= fluid_tick
     }
 
-    /// What the newest valid status of a fluid says, and its epoch and tick. It goes to the tissue in the input record, so that a substitute uses the
-    /// same.
+    /// What the newest valid status of a fluid says, and its epoch and tick. It goes to tissue and servos in the input record, so that a substitute uses
+    /// the same.
     pub fn medium(&mut self, life: &Life, tick: u64) -> (Medium, (u32, u64)) {
         for fluid in self.fluids.iter_mut().flatten() {
             let number = fluid.page.cell_number(fluid::STATUS);
@@ -140,11 +143,10 @@ impl Models {
             } else if status.epoch < self.medium_key.0 {
                 life.page.add64(header::STALE, 1);
             } else if key > self.medium_key {
-                let medium = Medium { pressure_pa: status.pressure_pa, pieces: status.pieces };
-                (self.medium_key, self.medium) = (key, medium);
+                (self.medium_key, self.medium) = (key, medium_of(&status));
             }
         }
-        (self.medium, self.medium_key)
+        (aged(&self.medium, tick.saturating_sub(self.medium_key.1)), self.medium_key)
     }
 
     /// The model to use in this tick.
@@ -206,16 +208,28 @@ fn is_valid(model: &ContactModel) -> bool {
         })
 }
 
-/// Whether pressure and flow are in their ranges.
+/// What a status says of the medium.
+fn medium_of(status: &FluidStatus) -> Medium {
+    Medium { pressure_pa: status.pressure_pa, pieces: status.pieces, on_scope_n: status.on_scope_n }
+}
+
+/// The same after so many ticks.
+fn aged(medium: &Medium, age_ticks: u64) -> Medium {
+    let faded = age_ticks.saturating_sub(FULL_AGE_TICKS).min(FULL_AGE_TICKS) as f32 / FULL_AGE_TICKS as f32;
+    Medium { on_scope_n: medium.on_scope_n.map(|newton| newton * (1.0 - faded)), ..*medium }
+}
+
+/// Whether pressure, flow and force are in their ranges.
 fn is_medium(medium: &Medium) -> bool {
     let mut speeds = medium.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-    (0.0..=MAX_PRESSURE_PA).contains(&medium.pressure_pa) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+    (0.0..=MAX_PRESSURE_PA).contains(&medium.pressure_pa)
+        && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+        && medium.on_scope_n.iter().all(|newton| newton.abs() <= MAX_ON_SCOPE_N)
 }
 
 /// Whether a status is in range and goes on from the one before it: a deficit that stands still while something flows is an old one.
 fn judge_status(status: &FluidStatus, before: Option<&FluidStatus>, tick: u64) -> Result<(), Distrust> {
-    let medium = Medium { pressure_pa: status.pressure_pa, pieces: status.pieces };
-    let in_range = is_medium(&medium) && status.deficit_ml.is_finite();
+    let in_range = is_medium(&medium_of(status)) && status.deficit_ml.is_finite();
     if !in_range || status.state_tick > tick + MOST_AHEAD_TICKS {
         return Err(Distrust::Invalid);
     }
@@ -348,9 +362,25 @@ mod tests {
             bad.pieces[hyst_messages::MAX_PIECES - 1].velocity_m_s[1] = speed;
             assert_eq!(judge(bad), Err(Distrust::Invalid), "{speed} m/s");
         }
+        for newton in [f32::NAN, f32::INFINITY, -0.51] {
+            assert_eq!(judge(FluidStatus { on_scope_n: [0.0, newton, 0.0], ..good }), Err(Distrust::Invalid), "{newton} N");
+        }
+        assert_eq!(judge(FluidStatus { on_scope_n: [0.5, 0.0, -0.5], ..good }), Ok(()));
         assert_eq!(judge(FluidStatus { state_tick: 66, ..good }), Err(Distrust::Still));
         assert_eq!(judge(FluidStatus { deficit_ml: 3.0, ..good }), Err(Distrust::Frozen));
         let shut = FluidStatus { deficit_ml: 3.0, inflow_ml_min: 0.0, ..good };
         assert_eq!(judge(shut), Ok(()), "nothing flows: nothing need change");
+    }
+
+    #[test]
+    fn what_a_medium_does_to_the_scope_fades_once_nobody_says_it_any_more_and_its_pressure_stays() {
+        let medium = Medium { pressure_pa: 9_000.0, on_scope_n: [0.02, -0.04, 0.1], ..Medium::default() };
+        for (age_ticks, share) in [(0, 1.0), (33, 1.0), (500, 1.0), (750, 0.5), (1_000, 0.0), (u64::MAX, 0.0)] {
+            let old = aged(&medium, age_ticks);
+            assert_eq!(old.on_scope_n, medium.on_scope_n.map(|newton| newton * share), "{age_ticks} ticks");
+            assert_eq!((old.pressure_pa, old.pieces), (medium.pressure_pa, medium.pieces));
+        }
+        let step_n = (501..=1_000).map(|age| aged(&medium, age - 1).on_scope_n[2] - aged(&medium, age).on_scope_n[2]);
+        assert!(step_n.fold(0.0, f32::max) < 0.000_3, "nothing that is felt in a tick");
     }
 }

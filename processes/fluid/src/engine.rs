@@ -349,8 +349,9 @@ impl Stateful for FlowEngine<'_> {
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
         let status = self.told(context.step_ticks, status_of(&report, &pump));
+        let on_scope_n = self.instrument.felt_n(&inputs, &report);
         let header = StreamHeader { input_tick, ..*message.header() };
-        self.write(header, FluidStatus { state_tick: context.next_tick, ..status }, next)
+        self.write(header, FluidStatus { state_tick: context.next_tick, on_scope_n, ..status }, next)
     }
 
     fn finished(&mut self, context: &StepContext, state: &[u8]) {

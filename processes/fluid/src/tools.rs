@@ -1,8 +1,8 @@
 //! The instrument in the medium: the scope as a solid, its loop as wires, its ports and the pump.
 
 use glam::{Quat, Vec3};
-use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput};
-use hyst_messages::{BUTTON_EXTENDED, Controls, HardwareSample};
+use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput, StepReport};
+use hyst_messages::{BUTTON_EXTENDED, Controls, HardwareSample, MAX_ON_SCOPE_N};
 use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
 
 /// Length of the scope behind its tip that displaces fluid, m.
@@ -13,6 +13,8 @@ const PORT_M: f32 = 0.003;
 const LEAST_EXTENSION_M: f32 = 1e-3;
 /// A tip this near to the pivot turns about nothing, m.
 const LEAST_LEVER_M: f32 = 1e-3;
+/// What turns the scope is felt at its tip as if that were at least so far from the pivot, m: a force on a shorter lever would be as large as one likes.
+const LEAST_FELT_LEVER_M: f32 = 0.01;
 
 /// What the scene says of the instrument.
 pub struct Instrument {
@@ -59,6 +61,21 @@ impl Instrument {
             ..PumpInput::default()
         };
         inputs
+    }
+
+    /// What the medium did in a step to scope and loop, as a force at the tip, N: all that goes along the axis, and across it what turns the scope about the
+    /// pivot as much, for beside it the cervix holds. What turns it about its own axis is not felt. Within [`MAX_ON_SCOPE_N`] along each axis.
+    pub fn felt_n(&self, inputs: &FlowInputs, report: &StepReport) -> [f32; 3] {
+        let (shaft, scope, wires) = (&inputs.tools[0], &report.tools[0], &report.wires);
+        let along_m = Vec3::from(shaft.a_m) - Vec3::from(shaft.b_m);
+        let axis = along_m.normalize_or_zero();
+        let tip_m = Vec3::from(shaft.a_m) + shaft.radius_m * axis - self.pivot_m;
+        let force_n = Vec3::from(scope.force_n) + Vec3::from(wires.force_n);
+        let torque_nm = Vec3::from(scope.torque_nm) + Vec3::from(wires.torque_nm) - self.pivot_m.cross(force_n);
+        let across_n = torque_nm.cross(axis) / tip_m.dot(axis).max(LEAST_FELT_LEVER_M);
+        let felt_n = force_n.dot(axis) * axis + across_n;
+        let most_n = Vec3::splat(MAX_ON_SCOPE_N);
+        if felt_n.is_finite() { felt_n.clamp(-most_n, most_n).to_array() } else { [0.0; 3] }
     }
 
     /// The loop's half ring and the two arms on which it stands, as far as they are out.
@@ -166,6 +183,40 @@ mod tests {
         let mut at_the_pivot = sample();
         at_the_pivot.pose.position_m = [0.0; 3];
         assert!(near(instrument.inputs(&at_the_pivot, 0.01).tools[0].velocity_b_m_s, sample().velocity_m_s));
+    }
+
+    /// A force at the tip is felt as it is, one half way to the pivot half as much across the axis, and one on the loop before the tip more.
+    #[test]
+    fn what_the_medium_does_is_felt_at_the_tip_by_the_levers() {
+        let pivot_m = Vec3::new(0.001, -0.002, 0.003);
+        let instrument = Instrument { pivot_m, ..instrument() };
+        let mut sample = sample();
+        sample.pose.position_m = (pivot_m + Vec3::new(0.0, 0.0, 0.04)).to_array();
+        let inputs = instrument.inputs(&sample, 0.01);
+        let at = |from_pivot_m: f32, force_n: [f32; 3]| {
+            let place_m = pivot_m + Vec3::new(0.0, 0.0, from_pivot_m);
+            let torque_nm = place_m.cross(Vec3::from(force_n)).to_array();
+            hyst_flow::Load { force_n, torque_nm, ..Default::default() }
+        };
+        let felt_n = |scope: hyst_flow::Load, wires: hyst_flow::Load| {
+            let mut report = StepReport { wires, ..StepReport::default() };
+            report.tools[0] = scope;
+            instrument.felt_n(&inputs, &report)
+        };
+        let near = |found: [f32; 3], wanted: [f32; 3]| found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6);
+        let (none, force_n) = (hyst_flow::Load::default(), [0.02, -0.01, 0.04]);
+        for (from_pivot_m, wanted_n) in
+            [(0.04, force_n), (0.02, [0.01, -0.005, 0.04]), (0.0, [0.0, 0.0, 0.04]), (-0.02, [-0.01, 0.005, 0.04])]
+        {
+            let found_n = felt_n(at(from_pivot_m, force_n), none);
+            assert!(near(found_n, wanted_n), "{from_pivot_m} m: {found_n:?} N");
+        }
+        let found_n = felt_n(at(0.02, force_n), at(0.05, [0.008, 0.0, 0.0]));
+        assert!(near(found_n, [0.02, -0.005, 0.04]), "{found_n:?} N");
+        assert_eq!(felt_n(at(0.04, [9.0, 0.0, -9.0]), none), [MAX_ON_SCOPE_N, 0.0, -MAX_ON_SCOPE_N]);
+        assert_eq!(felt_n(at(0.04, [f32::NAN, 0.0, 0.0]), none), [0.0; 3]);
+        let still = instrument.felt_n(&FlowInputs::default(), &StepReport::default());
+        assert_eq!(still, [0.0; 3], "before there is a scope");
     }
 
     #[test]

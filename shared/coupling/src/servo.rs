@@ -10,7 +10,7 @@
 //! 4. Proxy and push of the planes ([`crate::proxy`]), coupling limited by the passivity bound; damping that grows with
 //!    depth (no step on entry) and never pulls.
 //! 5. Passivity observer and controller (Hannaford and Ryu 2002), which meets what the bound cannot know: planes that move.
-//! 6. Force limit.
+//! 6. What the medium does to the scope (`servo/medium.rs`), with an account of its own; then the force limit.
 //! 7. Blend: the force changes by no more than the motion of the tip explains plus `model_step_n`; so a contact model that
 //!    jumps is felt as a ramp, while the motion of the hand is passed on undelayed. For `return_ticks` after a gap or a fade it is
 //!    `return_step_n`: a tissue that has begun anew about the scope settles, and its model jumps from tick to tick.
@@ -19,6 +19,7 @@
 //! device and hand, K and B the virtual stiffness and damping; a loop delay of d ticks adds K·d·T. `coupling_limit_n_m`
 //! solves this for K, and no surface is ever felt stiffer.
 
+mod medium;
 mod types;
 
 use glam::{DVec3, Vec3};
@@ -47,9 +48,13 @@ pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) 
     let old_ramp = next.ramp;
     let restored = fade(params, &mut next, input.model_age_ticks);
     let known = state.running == 1 && !bridged;
+    let moved = if known { Vec3::from_array(input.position_m) - Vec3::from_array(next.position_m) } else { Vec3::ZERO };
     let touch = touch(params, &mut next, input, velocity, known, restored);
+    let medium_n = medium::medium_step(&mut next, input.medium_n, moved);
+    // Nothing is added where there is none: a zero has a sign.
+    let wanted = if medium_n == Vec3::ZERO { touch.wanted_n } else { touch.wanted_n + medium_n };
 
-    let limited = clamp_length(touch.wanted_n, params.max_force_n);
+    let limited = clamp_length(wanted, params.max_force_n);
     // Only a fade explains a step: what comes back is shifted so that the force stays what it is.
     let faded = (smoothstep(old_ramp) - smoothstep(next.ramp)).max(0.0) * params.max_force_n;
     next.return_ticks = return_ticks(params, &state, old_ramp, restored, bridged);
@@ -64,7 +69,7 @@ pub fn servo_step(params: &ServoParams, state: &ServoState, input: &ServoInput) 
     next.force_n = force.to_array();
     next.running = 1;
     next.contact_ticks = if contact { next.contact_ticks.saturating_add(1) } else { 0 };
-    let flags = bit(SERVO_SATURATED, limited != touch.wanted_n)
+    let flags = bit(SERVO_SATURATED, limited != wanted)
         | bit(SERVO_FADING, next.ramp < 1.0)
         | bit(SERVO_BLENDING, force != limited)
         | bit(SERVO_GAP, bridged);
@@ -135,6 +140,7 @@ fn bridge_gap(params: &ServoParams, state: &ServoState, input: &ServoInput) -> (
     let left = 1.0 - (ramped as f32 / params.gap_ramp_ticks as f32).min(1.0);
     next.force_n = reported.unwrap_or(state.force_n.map(|force| force * left));
     next.energy_j = state.energy_j.min(0.0);
+    (next.medium_n, next.medium_j) = ([0.0; 3], state.medium_j.min(0.0));
     next.gaps = next.gaps.saturating_add(1);
     (next, true)
 }
@@ -159,6 +165,11 @@ fn return_ticks(params: &ServoParams, state: &ServoState, old_ramp: f32, restore
     begun.max(state.return_ticks.min(all).saturating_sub(1))
 }
 
+/// The force of the tick before without what the medium did, N.
+fn touch_n(next: &ServoState) -> Vec3 {
+    Vec3::from_array(next.force_n) - Vec3::from_array(next.medium_n)
+}
+
 /// Where the planes are felt less where they are, m.
 ///
 /// If force comes back at this tick (`returning`), the shift is chosen such that the force stays what it is. Otherwise the
@@ -177,7 +188,7 @@ fn surface_shift(
     }
     let freeing = -proxy::way_out(walls.used());
     if returning {
-        let felt = Vec3::from_array(next.force_n).as_dvec3().length();
+        let felt = touch_n(next).as_dvec3().length();
         let gain = f64::from(smoothstep(next.ramp));
         let full = proxy::rest(walls.used(), coupling_n_m).offset_m.length() * coupling_n_m * gain;
         let share = if full > felt { felt / full } else { 1.0 };
@@ -213,7 +224,7 @@ fn observe(params: &ServoParams, next: &mut ServoState, moved: Vec3, velocity: V
     let contact = offset_m > 0.0;
     let stored_j = rest.energy_j * f64::from(smoothstep(next.ramp));
     let reserve = f64::from(params.energy_reserve_j);
-    let taken = -Vec3::from_array(next.force_n).as_dvec3().dot(moved.as_dvec3());
+    let taken = -touch_n(next).as_dvec3().dot(moved.as_dvec3());
     let ceiling = (stored_j + reserve).min(f64::from(MAX_ENERGY_J));
     let floor = if contact { -reserve } else { 0.0 };
     let energy = (f64::from(next.energy_j) + taken).clamp(floor, ceiling);

@@ -60,13 +60,14 @@ pub fn valid_force(tick_now: u64, record_tick: u64, force_n: [f32; 3], limits: &
     }
 }
 
-/// A number that names the input of a servo step: tick, pose, speed, time step, and which contact model (by age and count).
+/// A number that names the input of a servo step: tick, pose, speed, time step, medium, and which contact model (by age and count).
 /// FNV-1a over the words; equal inputs give equal digests, and an input of another tick gives another one.
 pub fn input_digest(input: &ServoInput) -> u64 {
     let [px, py, pz] = input.position_m.map(f32::to_bits);
     let [vx, vy, vz] = input.velocity_m_s.map(f32::to_bits);
     let (high, low) = ((input.tick >> 32) as u32, input.tick as u32);
-    let words = [high, low, px, py, pz, vx, vy, vz, input.dt_s.to_bits(), input.model_age_ticks, input.model.count];
+    let [mx, my, mz] = input.medium_n.map(f32::to_bits);
+    let words = [high, low, px, py, pz, vx, vy, vz, mx, my, mz, input.dt_s.to_bits(), input.model_age_ticks, input.model.count];
     words
         .into_iter()
         .flat_map(u32::to_le_bytes)
@@ -242,6 +243,7 @@ mod tests {
             model: &model,
             model_age_ticks: 0,
             applied_n: None,
+            medium_n: [0.0; 3],
         };
         let old = input_digest(&input);
         let new = input_digest(&ServoInput { tick: 6, ..input });

@@ -71,6 +71,7 @@ proptest! {
                 model,
                 model_age_ticks: age % 300,
                 applied_n: (age % 2 == 0).then_some(*velocity_m_s),
+                medium_n: *position_m,
             };
             let (next, output) = servo_step(&params, &state, &input);
             prop_assert!(length(output.force_n) <= 3.3, "{output:?}");
@@ -80,14 +81,14 @@ proptest! {
 
     #[test]
     fn a_corrupt_state_or_corrupt_parameters_give_no_bad_force(
-        bytes in prop::collection::vec(any::<u8>(), 96),
+        bytes in prop::collection::vec(any::<u8>(), 112),
         model in any_model(),
         position_m in any_vector(),
         tick in any::<u64>(),
     ) {
         let mut state: ServoState = from_bytes(&bytes);
         state.running %= 2;
-        let input = ServoInput { tick, position_m, velocity_m_s: [0.1; 3], dt_s: 1e-3, model: &model, model_age_ticks: 0, applied_n: Some(position_m) };
+        let input = ServoInput { tick, position_m, velocity_m_s: [0.1; 3], dt_s: 1e-3, model: &model, model_age_ticks: 0, applied_n: Some(position_m), medium_n: position_m };
         let (_, output) = servo_step(&ServoParams::default(), &state, &input);
         prop_assert!(length(output.force_n) <= 3.3);
         let wild: ServoParams = from_bytes(&bytes);

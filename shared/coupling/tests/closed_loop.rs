@@ -215,6 +215,7 @@ fn held(state: &ServoState, tick: u64, model: &ContactModel, age: u32, depth_m: 
         model,
         model_age_ticks: age,
         applied_n: None,
+        medium_n: [0.0; 3],
     };
     servo_step(&ServoParams::default(), state, &input)
 }

@@ -96,6 +96,7 @@ fn planes_that_push_the_tip_out_are_damped_by_as_much_as_the_controller_may() {
                 model: &model,
                 model_age_ticks: 1,
                 applied_n: None,
+                medium_n: [0.0; 3],
             };
             let (next, output) = servo_step(&params, &state, &input);
             state = next;

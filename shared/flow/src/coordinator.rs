@@ -5,10 +5,11 @@ use crate::bubbles::{BubbleState, MAX_BUBBLES};
 use crate::components::Components;
 use crate::error::FlowError;
 use crate::grid::Layout;
-use crate::inputs::FlowInputs;
+use crate::inputs::{FlowInputs, MAX_TOOLS};
 use crate::plan::{LayerSums, MAX_COMPONENTS, Plan, Roles};
 use crate::pump::{PumpReport, PumpState};
 use crate::solver::{Phase, Solver};
+use crate::traction::Load;
 
 /// Transport sweeps per step at most: 16 cells per step is 0.6 m/s at 40 Hz and 1 mm; faster flow is slowed and counted.
 pub const MAX_SWEEPS: u32 = 16;
@@ -40,8 +41,10 @@ pub struct StepReport {
     pub unconverged: bool,
     /// Largest speed along an axis, m/s.
     pub speed_m_s: f32,
-    /// Force of the medium on the wires, N.
-    pub wires_n: [f32; 3],
+    /// What the medium does to each tool.
+    pub tools: [Load; MAX_TOOLS],
+    /// What it does to all wires.
+    pub wires: Load,
     /// Pump and cavity.
     pub pump: PumpReport,
 }
@@ -192,7 +195,10 @@ impl Solver {
             Phase::Coarsen(l) => Phase::CoarsenDiagonal(l),
             Phase::CoarsenDiagonal(l) => coarsen(l + 1),
             Phase::CoarsenRest => Phase::Diffuse,
-            Phase::Diffuse => after_diffuse(c, plan),
+            Phase::Diffuse => {
+                self.take_wires(c, plan)?;
+                after_diffuse(c, plan)
+            }
             Phase::AdvectForward => Phase::AdvectBack,
             Phase::AdvectBack => after_advect(c, plan),
             Phase::Centre => self.after_centre(c, plan)?,
@@ -208,6 +214,7 @@ impl Solver {
             Phase::Particles => {
                 self.settle_blood(&plan.inputs, plan.dye, &mut c.blood)?;
                 self.settle_bubbles(c, plan)?;
+                c.report.tools = self.loads(plan)?;
                 c.report.step += 1;
                 c.report.time_s += f64::from(plan.inputs.dt_s);
                 return Ok(None);
@@ -274,6 +281,7 @@ impl Solver {
                 for (t, l) in total.by_component.iter_mut().zip(&layer.by_component) {
                     *t += l;
                 }
+                total.given.join(&layer.given);
             }
         }
         Ok(total)

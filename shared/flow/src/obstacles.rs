@@ -66,10 +66,10 @@ impl Walls {
 }
 
 /// A capsule in the grid: its box in cells, and the test of a point.
-struct Tool<'a> {
+pub(crate) struct Tool<'a> {
     capsule: &'a Capsule,
-    low: [usize; 3],
-    high: [usize; 3],
+    pub low: [usize; 3],
+    pub high: [usize; 3],
 }
 
 impl<'a> Tool<'a> {
@@ -88,12 +88,12 @@ impl<'a> Tool<'a> {
         (0..3).all(|axis| low[axis] < high[axis]).then_some(Self { capsule, low, high })
     }
 
-    fn all(grid: &Grid, capsules: &'a [Capsule; MAX_TOOLS]) -> [Option<Self>; MAX_TOOLS] {
+    pub fn all(grid: &Grid, capsules: &'a [Capsule; MAX_TOOLS]) -> [Option<Self>; MAX_TOOLS] {
         capsules.each_ref().map(|capsule| Tool::new(grid, capsule))
     }
 
     /// Velocity of the capsule at a point inside it, m/s.
-    fn velocity_at(&self, p: [f32; 3]) -> Option<[f32; 3]> {
+    pub fn velocity_at(&self, p: [f32; 3]) -> Option<[f32; 3]> {
         let c = self.capsule;
         let axis: [f32; 3] = std::array::from_fn(|n| c.b_m[n] - c.a_m[n]);
         let from: [f32; 3] = std::array::from_fn(|n| p[n] - c.a_m[n]);
@@ -106,7 +106,7 @@ impl<'a> Tool<'a> {
     }
 
     /// Calls `found(i, velocity)` for each cell of row (j, k) inside the tool.
-    fn carve(&self, grid: &Grid, j: usize, k: usize, mut found: impl FnMut(usize, [f32; 3])) {
+    pub fn carve(&self, grid: &Grid, j: usize, k: usize, mut found: impl FnMut(usize, [f32; 3])) {
         if !(self.low[1]..self.high[1]).contains(&j) || !(self.low[2]..self.high[2]).contains(&k) {
             return;
         }

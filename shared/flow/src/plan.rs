@@ -4,6 +4,7 @@ use crate::blood::Particle;
 use crate::grid::Layout;
 use crate::inputs::FlowInputs;
 use crate::pump::PumpReport;
+use crate::traction::Pull;
 use crate::wires::Drag;
 
 /// Parts of the fluid that do not touch each other: each has its own pressure level. Smaller parts beyond these become solid.
@@ -77,6 +78,8 @@ pub(crate) struct LayerSums {
     pub top: f32,
     pub count: u32,
     pub by_component: [f64; MAX_COMPONENTS],
+    /// Momentum that the wires gave the medium, N·s.
+    pub given: Pull,
 }
 
 impl Plan {

@@ -20,12 +20,14 @@ impl Solver {
         let fluid = self.fluid.read()?;
         let weights = plan.diffusion;
         let keep = 1.0 - 2.0 * (weights[0] + weights[1] + weights[2]);
+        let mut sums = self.sums(band)?;
+        sums.iter_mut().for_each(|sum| sum.given = Default::default());
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
             let held = self.held[component].read()?;
             let mut to = self.velocity[plan.roles.next][component].write(band)?;
             let push = plan.impulse_m_s[component];
-            for kk in layout.own(band) {
+            for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
                 let out = to.layer(kk);
                 wide(
                     #[inline(always)]
@@ -38,7 +40,9 @@ impl Solver {
                 );
                 jets(&plan, component, kk, layout.stride, out);
                 for drag in plan.drags.iter().filter(|drag| drag.component == component && drag.kk == kk) {
+                    let before_m_s = out[drag.at];
                     drag.pull(&mut out[drag.at]);
+                    self.give(&mut sum.given, drag, out[drag.at] - before_m_s, &fluid);
                 }
                 for (o, n) in layout.runs() {
                     hold_solid(&fluid, &held, component, kk, o, layout.stride, &mut out[o..o + n]);

@@ -43,10 +43,10 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 }
 
 impl Solver {
-    /// Finds what the wires do to the medium in this step, and gives the force of the medium on them, N.
-    pub(crate) fn place_wires(&self, plan: &mut Plan) -> Result<[f32; 3], FlowError> {
+    /// Finds what the wires do to the medium in this step; what it does to them is known once it is done ([`crate::traction`]).
+    pub(crate) fn place_wires(&self, plan: &mut Plan) -> Result<(), FlowError> {
         plan.drags.clear();
-        let (grid, mut force_n, mut pieces) = (&self.model.grid, [0.0; 3], 0);
+        let (grid, mut pieces) = (&self.model.grid, 0);
         let least_m = grid.spacing_m().into_iter().fold(f32::INFINITY, f32::min);
         let wires: [Capsule; MAX_WIRES] = plan.inputs.wires;
         for wire in wires.iter().filter(|wire| wire.radius_m > 0.0) {
@@ -69,28 +69,26 @@ impl Solver {
                         wire.velocity_a_m_s[axis] + t * (wire.velocity_b_m_s[axis] - wire.velocity_a_m_s[axis])
                     }),
                 };
-                let drag_n = self.place_piece(&own, plan)?;
-                force_n = std::array::from_fn(|axis| force_n[axis] + drag_n[axis]);
+                self.place_piece(&own, plan)?;
             }
         }
-        Ok(force_n)
+        Ok(())
     }
 
-    /// What a piece does, and the force on it, N; nothing outside of the grid.
-    fn place_piece(&self, piece: &Piece, plan: &mut Plan) -> Result<[f32; 3], FlowError> {
+    /// What a piece does; nothing outside of the grid.
+    fn place_piece(&self, piece: &Piece, plan: &mut Plan) -> Result<(), FlowError> {
         let (grid, layout) = (&self.model.grid, &*self.layout);
         let place = grid.to_cells(piece.place_m);
         if !(0..3).all(|axis| place[axis] >= 0.0 && place[axis] < layout.n[axis] as f32) {
-            return Ok([0.0; 3]);
+            return Ok(());
         }
         let flow = velocity_at(&self.read_velocity(plan.roles.now)?, layout, place);
         let across = piece.across(flow);
         let speed = dot(across, across).sqrt();
         if !(speed.is_finite() && speed > REST_M_S) {
-            return Ok([0.0; 3]);
+            return Ok(());
         }
-        let medium = &self.model.medium;
-        let reynolds = speed * piece.diameter_m / medium.viscosity_m2_s.max(f32::MIN_POSITIVE);
+        let reynolds = speed * piece.diameter_m / self.model.medium.viscosity_m2_s.max(f32::MIN_POSITIVE);
         let drag = 0.5 * (1.0 + 10.0 * reynolds.powf(-2.0 / 3.0)) * piece.diameter_m * piece.length_m * speed; // m³/s
         let rate = drag / grid.cell_volume_m3() as f32 * plan.inputs.dt_s;
         for component in 0..3 {
@@ -107,7 +105,7 @@ impl Solver {
                 }
             }
         }
-        Ok(across.map(|v| medium.density_kg_m3 * drag * v))
+        Ok(())
     }
 }
 

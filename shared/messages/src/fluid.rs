@@ -72,4 +72,9 @@ pub struct FluidStatus {
     pub sealed_vessels: u32,
     /// The flow at the largest free pieces, in the order of the objects.
     pub pieces: [PieceFlow; MAX_PIECES],
+    /// What the medium does to scope and loop beyond the cavity's mean pressure, as a force at the tip, N, within
+    /// [`MAX_ON_SCOPE_N`](crate::record::MAX_ON_SCOPE_N) along each axis.
+    pub on_scope_n: [f32; 3],
+    /// Zero.
+    pub reserved: u32,
 }

@@ -134,6 +134,9 @@ pub struct ContactModel {
 /// No medium is said to flow faster, m/s: far above any jet, which the pump's 800 ml/min make 2 m/s fast.
 pub const MAX_FLOW_M_S: f32 = 40.0;
 
+/// No medium is said to push the scope along an axis with more, N: the flow of a scope that is thrust in, and the jet of 800 ml/min, make some 0.03 N.
+pub const MAX_ON_SCOPE_N: f32 = 0.5;
+
 /// How the medium moves where a piece floats that nothing holds.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -144,13 +147,15 @@ pub struct PieceFlow {
     pub velocity_m_s: [f32; 3],
 }
 
-/// What the tissue is to know of the medium; all zero before a fluid has said anything.
+/// What tissue and servo are to know of the medium; all zero before a fluid has said anything.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Medium {
     /// Pressure in the cavity, Pa.
     pub pressure_pa: f32,
     /// The flow at free pieces.
     pub pieces: [PieceFlow; MAX_PIECES],
+    /// What it does to scope and loop, as a force at the tip, N.
+    pub on_scope_n: [f32; 3],
 }
 
 /// What both replicas of the servo compute from, once a tick.
@@ -181,12 +186,16 @@ pub struct InputRecord {
     pub medium_epoch: u32,
     /// What the device on the desk can do at most, as it states it, and as its damping carries it.
     pub limits: DeviceLimits,
+    /// What the medium does to scope and loop, as a force at the tip, N, from the status that the pressure is from; it fades with the age of that.
+    pub on_scope_n: [f32; 3],
+    /// Zero.
+    pub reserved: u32,
 }
 
 impl InputRecord {
     /// What it says of the medium.
     pub fn medium(&self) -> Medium {
-        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces }
+        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces, on_scope_n: self.on_scope_n }
     }
 }
 
@@ -291,14 +300,14 @@ pub struct AppliedRecord {
     pub medium_tick: u64,
     /// What the device on the desk could do at most, likewise.
     pub limits: DeviceLimits,
-    /// Zero.
-    pub reserved: u32,
+    /// What the medium does to scope and loop, N, likewise.
+    pub on_scope_n: [f32; 3],
 }
 
 impl AppliedRecord {
     /// What the tick's input says of the medium.
     pub fn medium(&self) -> Medium {
-        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces }
+        Medium { pressure_pa: self.pressure_pa, pieces: self.pieces, on_scope_n: self.on_scope_n }
     }
 }
 

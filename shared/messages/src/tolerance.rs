@@ -80,6 +80,7 @@ pub fn stated(kind: Kind) -> Vec<String> {
         format!("pressure within {MOST_PRESSURE_PA} Pa"),
         format!("deficit, blood and volume within {MOST_VOLUME_ML} ml"),
         format!("flows within {MOST_FLOW_ML_MIN} ml/min"),
+        format!("force on the scope within {MOST_FORCE_N} N (largest difference)"),
     ];
     let model = format!(
         "force of the contact model {} mm deep within {MOST_FORCE_N} N and {} %",
@@ -123,6 +124,7 @@ pub fn compare(kind: Kind, a: &[u8], b: &[u8]) -> Result<Deviation, WireError> {
         note("volume", "ml", (x.cavity_volume_ml - y.cavity_volume_ml).abs(), MOST_VOLUME_ML);
         note("inflow", "ml/min", f64::from(x.inflow_ml_min - y.inflow_ml_min).abs(), MOST_FLOW_ML_MIN);
         note("outflow", "ml/min", f64::from(x.outflow_ml_min - y.outflow_ml_min).abs(), MOST_FLOW_ML_MIN);
+        note("force on the scope", "N", distance(&x.on_scope_n, &y.on_scope_n, false), MOST_FORCE_N);
     }
     Ok(worst)
 }
@@ -266,6 +268,9 @@ mod tests {
         // One of four cells differs by 0.2: the root of the mean square is 0.1.
         let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(good, 0.2));
         assert!((found.ratio() - 2.0).abs() < 1e-6, "{found:?}");
+        let pushed = FluidStatus { on_scope_n: [0.0, -0.075, 0.0], ..good };
+        let found = of(Kind::FluidState, &fluid(good, 0.0), &fluid(pushed, 0.0));
+        assert!((found.ratio() - 1.5).abs() < 1e-6 && found.what == "force on the scope", "{found:?}");
         let none = FluidStatus { outflow_ml_min: f32::NAN, ..good };
         assert_eq!(of(Kind::FluidState, &fluid(good, 0.0), &fluid(none, 0.0)).ratio(), f64::INFINITY);
     }
@@ -276,6 +281,6 @@ mod tests {
         assert!(compare(Kind::FluidState, bytemuck::cast_slice(&short), bytemuck::cast_slice(&good)).is_err());
         assert!(compare(Kind::TissueState, &[0; 5], bytemuck::cast_slice(&short)).is_err());
         assert_eq!(stated(Kind::TissueState).len(), 4);
-        assert_eq!(stated(Kind::FluidState).len(), 4);
+        assert_eq!(stated(Kind::FluidState).len(), 5);
     }
 }

@@ -19,6 +19,9 @@ pub(crate) struct Input {
     #[serde(default, skip_serializing_if = "Number::is_none")]
     pressure_pa: Number,
     pieces: Vec<Piece>,
+    /// What the medium did to the scope; not there if that is nothing, and in older recordings, whose servos were not told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    on_scope_n: Option<Xyz>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     before_n: Option<Xyz>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -61,7 +64,7 @@ impl Input {
         let bits = |force_n: [f32; 3]| force_n.map(f32::to_bits);
         let is_usual = before.is_some_and(|before| bits(before.command.force_n) == bits(record.before_n));
         let lag = Some(record.lag).filter(|lag| *lag != USUAL_LAG);
-        let given = |record: &AppliedRecord| (record.pressure_pa.to_bits(), record.pieces, record.limits);
+        let given = |it: &AppliedRecord| (it.pressure_pa.to_bits(), it.pieces, it.limits, bits(it.on_scope_n));
         let is_told = before.is_some_and(|before| given(before) == given(record));
         if is_usual && is_told && lag.is_none() {
             return None;
@@ -71,6 +74,7 @@ impl Input {
             tick: record.tick,
             pressure_pa: Number(record.pressure_pa),
             pieces: pieces.map(|piece| Piece { object: piece.object, velocity_m_s: Xyz::of(piece.velocity_m_s) }).collect(),
+            on_scope_n: (bits(record.on_scope_n) != [0; 3]).then(|| Xyz::of(record.on_scope_n)),
             before_n: (!is_usual).then(|| Xyz::of(record.before_n)),
             lag,
             device_limits: Limits::of(&record.limits),
@@ -83,6 +87,7 @@ impl Input {
         for record in records {
             if let Some((tick, input)) = inputs.range(..=record.tick).next_back() {
                 record.pressure_pa = input.pressure_pa.0;
+                record.on_scope_n = input.on_scope_n.as_ref().map(Xyz::array).unwrap_or_default();
                 record.limits = input.device_limits.as_ref().map(Limits::limits).unwrap_or_default();
                 for (to, piece) in record.pieces.iter_mut().zip(input.pieces.iter().take(MAX_PIECES)) {
                     *to = PieceFlow { object: piece.object, velocity_m_s: piece.velocity_m_s.array() };

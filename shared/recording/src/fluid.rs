@@ -1,6 +1,6 @@
 //! What a fluid says of itself as a message of its channel, and back.
 
-use crate::messages::{Number, is_unknown, number, unknown};
+use crate::messages::{Number, Xyz, is_unknown, number, unknown};
 use hyst_messages::FluidStatus;
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +38,9 @@ pub(crate) struct Fluid {
     /// In older recordings the loop could seal none.
     #[serde(default)]
     sealed_vessels: u32,
+    /// Older recordings do not have it: no numbers then.
+    #[serde(default)]
+    on_scope_n: Xyz,
 }
 
 impl Fluid {
@@ -58,6 +61,7 @@ impl Fluid {
             flaws: status.flaws,
             open_vessels: status.open_vessels,
             sealed_vessels: status.sealed_vessels,
+            on_scope_n: Xyz::of(status.on_scope_n),
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -77,6 +81,7 @@ impl Fluid {
             flaws: self.flaws,
             open_vessels: self.open_vessels,
             sealed_vessels: self.sealed_vessels,
+            on_scope_n: self.on_scope_n.array(),
             ..FluidStatus::default()
         }
     }
@@ -87,17 +92,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_blood_of_a_recording_from_before_it_was_recorded_is_no_number_and_no_vessel_was_sealed_then() {
-        let (open_vessels, sealed_vessels) = (5, 2);
-        let status =
-            FluidStatus { state_tick: 33, deficit_ml: 12.5, bled_ml: 0.75, open_vessels, sealed_vessels, ..Default::default() };
+    fn the_blood_and_the_force_on_the_scope_of_a_recording_from_before_they_were_recorded_are_no_numbers_and_no_vessel_was_sealed_then() {
+        let status = FluidStatus {
+            state_tick: 33,
+            deficit_ml: 12.5,
+            bled_ml: 0.75,
+            open_vessels: 5,
+            sealed_vessels: 2,
+            on_scope_n: [0.02, -0.0, 1.0 / 3.0],
+            ..FluidStatus::default()
+        };
         let mut json = serde_json::to_value(Fluid::of(&status)).unwrap();
         let read = |json: &serde_json::Value| serde_json::from_value::<Fluid>(json.clone()).unwrap().status();
         assert_eq!(read(&json), status);
-        for name in ["bled_ml", "open_vessels", "sealed_vessels"] {
+        for name in ["bled_ml", "open_vessels", "sealed_vessels", "on_scope_n"] {
             json.as_object_mut().unwrap().remove(name).unwrap();
         }
         let old = read(&json);
         assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5 && old.sealed_vessels == 0, "{old:?}");
+        assert!(old.on_scope_n.iter().all(|force| force.is_nan()), "{old:?}");
     }
 }

@@ -50,6 +50,7 @@ impl Channel {
                 let piece = json!({"type": "object", "properties": {"object": {"type": "integer"}, "velocity_m_s": xyz}});
                 let limits = vector_schema(&["max_force_n", "max_stiffness_n_m", "max_damping_n_s_m"]);
                 let mut fields = json!({"before_n": xyz, "device_limits": limits, "pieces": {"type": "array", "items": piece}});
+                fields["on_scope_n"] = xyz;
                 add(&mut fields, "integer", &["tick", "lag"]);
                 add(&mut fields, "number", &["pressure_pa"]);
                 fields
@@ -103,6 +104,7 @@ fn tissue_properties() -> Value {
 fn fluid_properties() -> Value {
     let (alarms, flaws) = (coded("bits", PUMP_ALARMS), coded("bits", FLOW_FLAWS));
     let mut fields = json!({"state_hash": {"type": "string"}, "alarms": alarms, "flaws": flaws});
+    fields["on_scope_n"] = vector_schema(&["x", "y", "z"]);
     add(&mut fields, "integer", &["tick", "step_ticks", "scene_step_ticks", "halvings", "open_vessels", "sealed_vessels"]);
     add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa"]);
     add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min"]);
@@ -196,6 +198,7 @@ mod tests {
             pieces: [PieceFlow { object: 3, velocity_m_s: [x; 3] }; hyst_messages::MAX_PIECES],
             pressure_pa: x,
             limits: DeviceLimits { max_force_n: x, max_stiffness_n_m: x, max_damping_n_s_m: x },
+            on_scope_n: [x; 3],
             ..AppliedRecord::default()
         };
         let tissue = TissueStatus {
@@ -216,6 +219,7 @@ mod tests {
             pressure_pa: x,
             inflow_ml_min: x,
             outflow_ml_min: x,
+            on_scope_n: [x; 3],
             ..FluidStatus::default()
         };
         let spell = ProcessSpell {

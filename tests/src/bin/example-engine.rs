@@ -67,10 +67,10 @@ impl Stateful for Still<'_> {
         let dt_s = context.step_ticks as f32 * 1e-3;
         let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
         let still = FlowInputs { dt_s, ..FlowInputs::default() };
-        let report = self.solver.step_serial(&sample.map_or(still, |sample| self.instrument.inputs(&sample, dt_s)));
-        let (report, (pump, _)) = (report.map_err(broken)?, self.solver.counters().map_err(broken)?);
-        self.status = fluid::status_of(&report, &pump);
-        self.status.state_tick = context.next_tick;
+        let inputs = sample.map_or(still, |sample| self.instrument.inputs(&sample, dt_s));
+        let report = self.solver.step_serial(&inputs).map_err(broken)?;
+        self.status = fluid::status_of(&report, &self.solver.counters().map_err(broken)?.0);
+        (self.status.state_tick, self.status.on_scope_n) = (context.next_tick, self.instrument.felt_n(&inputs, &report));
         self.write(*message.header(), next)
     }
     fn finished(&mut self, _context: &StepContext, _state: &[u8]) {

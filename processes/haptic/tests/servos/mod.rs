@@ -102,6 +102,7 @@ pub fn input(tick: u64, selected: u32) -> InputRecord {
     record.sample.hardware_tick = tick;
     record.sample.pose.position_m = [0.0, 0.0, depth_m(tick)];
     record.sample.velocity_m_s = [0.0, 0.0, 1_000.0 * (depth_m(tick) - depth_m(tick - 1))];
+    record.on_scope_n = [0.01, -0.02, if (tick / 33).is_multiple_of(2) { 0.03 } else { 0.0 }];
     record
 }
 

@@ -82,7 +82,7 @@ impl MainLoop<'_> {
     /// What the hand does in the step from `tick`; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of
     /// the medium is part of this state, so that a substitute for it uses the same.
     pub(super) fn hand(&self, tick: u64, before: &Core) -> Hand {
-        let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces };
+        let medium = Medium { pressure_pa: before.pressure_pa, pieces: before.pieces, ..Medium::default() };
         let Some(input) = self.input(tick) else {
             let (pose, loop_m) = (before.pose, before.loop_m);
             return Hand { input_tick: 0, pose, velocity_m_s: [0.0; 3], wire_m: None, loop_m, draw: None, next_medium: medium };
@@ -98,11 +98,7 @@ impl MainLoop<'_> {
                 None => solid_m(self.world.case.electrode.as_ref(), &sample.controls),
             },
             draw: self.world.case.outlet.draw(&input),
-            next_medium: if input.pressure_pa > 0.0 {
-                Medium { pressure_pa: input.pressure_pa, pieces: input.pieces }
-            } else {
-                medium
-            },
+            next_medium: if input.pressure_pa > 0.0 { input.medium() } else { medium },
         }
     }
 

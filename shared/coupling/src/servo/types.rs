@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
+use super::medium::{MAX_MEDIUM_N, RESERVE_J};
 use crate::contact::ContactModel;
 use crate::vector::{is_finite, sane};
 
@@ -152,7 +153,7 @@ fn least(own: f32, stated: f32) -> f32 {
     if stated > 0.0 { own.min(stated) } else { own }
 }
 
-/// State of the servo: 96 bytes, a message like any other state. All zero is a servo that never ran.
+/// State of the servo: 112 bytes, a message like any other state. All zero is a servo that never ran.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct ServoState {
@@ -182,6 +183,10 @@ pub struct ServoState {
     pub damper_n_s_m: f32,
     /// Ticks for which force is still on its way back after a gap or a fade.
     pub return_ticks: u32,
+    /// What of the force is the medium's, N.
+    pub medium_n: [f32; 3],
+    /// Energy that the medium has taken from the hand, less what it gave, J; negative is a debt.
+    pub medium_j: f32,
 }
 
 impl ServoState {
@@ -195,13 +200,14 @@ impl ServoState {
         if self.running == 0 {
             return (Self::default(), 0);
         }
-        let vectors = [self.position_m, self.velocity_m_s, self.proxy_m, self.force_n, self.shift_m];
+        let vectors = [self.position_m, self.velocity_m_s, self.proxy_m, self.force_n, self.shift_m, self.medium_n];
         let finite = vectors.into_iter().all(is_finite) && self.shift_m.iter().all(|c| c.abs() <= 2.0);
         let ramp = (0.0..=1.0).contains(&self.ramp);
         let damper = (0.0..=params.controller_damping_n_s_m).contains(&self.damper_n_s_m);
         let energy = self.energy_j.abs() <= MAX_ENERGY_J;
         let force = Vec3::from_array(self.force_n).as_dvec3().length() <= f64::from(params.max_force_n);
-        if finite && ramp && damper && energy && force && self.running == 1 && self.tick < tick {
+        let medium = self.medium_n.iter().all(|newton| newton.abs() <= 2.0 * MAX_MEDIUM_N) && self.medium_j.abs() <= RESERVE_J;
+        if finite && ramp && damper && energy && force && medium && self.running == 1 && self.tick < tick {
             return (*self, 0);
         }
         (Self::default(), SERVO_STATE_RESET)
@@ -226,6 +232,8 @@ pub struct ServoInput<'a> {
     /// The force that the device applied at the tick before, N, if its input record says so. It is used only where the servo's
     /// own last force is not what the hand feels: without a state and after missing ticks.
     pub applied_n: Option<[f32; 3]>,
+    /// What the medium does to the scope, as a force at the tip, N; what is no number counts as 0, and what is more than 0.5 along an axis as that.
+    pub medium_n: [f32; 3],
 }
 
 impl ServoInput<'_> {
@@ -249,7 +257,7 @@ pub struct ServoOutput {
 }
 
 /// What other processes map must not change size unnoticed.
-const _: () = assert!(size_of::<ServoState>() == 96 && size_of::<ContactModel>() == 272);
+const _: () = assert!(size_of::<ServoState>() == 112 && size_of::<ContactModel>() == 272);
 
 #[cfg(test)]
 mod tests {
@@ -297,6 +305,7 @@ mod tests {
                     model: &model,
                     model_age_ticks: 1,
                     applied_n: None,
+                    medium_n: [0.0; 3],
                 };
                 let (next, output) = servo_step(params, &state, &input);
                 (state, force_n) = (next, Vec3::from_array(output.force_n).length());

@@ -111,6 +111,7 @@ impl Bench {
             model: &model,
             model_age_ticks,
             applied_n: self.tells_applied.then_some(self.hop.applied_n),
+            medium_n: [0.0; 3],
         };
         let mut outputs = [None; 2];
         for replica in 0..2 {

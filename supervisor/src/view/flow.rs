@@ -1,0 +1,33 @@
+//! What a fluid's page says for the look at a station: the steps of its flow, and what the medium does to the scope.
+
+use hyst_exchange::ReadPage;
+use hyst_messages::FluidStatus;
+use hyst_messages::page::fluid;
+use serde::Serialize;
+
+/// Steps of a Flow Engine.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StepView {
+    /// Length, ms.
+    pub ms: u32,
+    /// What the scene asks for, ms: less, where the machine does not afford it.
+    pub scene_ms: u32,
+    /// How many times the scene's grid is halved along each axis, where the machine affords no step of it.
+    pub halvings: u32,
+}
+
+/// The status of one that has made a step.
+fn status_of(page: &ReadPage) -> Option<FluidStatus> {
+    page.cell(fluid::STATUS).map(|(_, status)| status).filter(|status| status.step_ticks > 0)
+}
+
+/// Its steps.
+pub(super) fn steps_of(page: &ReadPage) -> Option<StepView> {
+    let status = status_of(page)?;
+    Some(StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks, halvings: status.halvings })
+}
+
+/// What the medium does to scope and loop, mN.
+pub(super) fn on_scope_mn_of(page: &ReadPage) -> Option<[f32; 3]> {
+    status_of(page).map(|status| status.on_scope_n.map(|force_n| force_n * 1e3))
+}
