@@ -221,6 +221,9 @@ impl<S: Stateful> Loop<'_, S> {
             } else {
                 self.follow(tick, holder, leaves)?;
             }
+            if let Some(room) = &mut self.room {
+                room.rests(system::now_ns());
+            }
             pace.end();
         }
     }

@@ -24,6 +24,7 @@ impl Session {
             found.tissue_tick = status.state_tick;
             (found.contacts, found.removed_volume_ml) = (status.contact_count, status.removed_volume_ml);
             (found.cuts, found.is_cutting) = (status.cuts, status.is_cutting != 0);
+            found.left = status.washed_out.saturating_add(status.taken_out);
             found.topology_version = status.topology_version;
         }
         // The last one is a guest's, who has the role in the midst of a swap.
