@@ -98,8 +98,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
                 return without_pictures(life);
             }
             Err(error @ (RenderError::NoDisplay(_) | RenderError::NoSurface { .. })) if display.window().is_some() => {
-                life.say(&format!("{error}; headless"));
-                display.close();
+                leave(life, &mut display, &mut hand, &error.to_string());
                 continue;
             }
             Err(error) => return Err(Failure::Broken(error.to_string())),
@@ -109,12 +108,18 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         drop(vision);
         match end {
             End::Stopped => return Ok(()),
-            End::NoWindow(reason) => {
-                life.say(&format!("{reason}; headless"));
-                display.close();
-            }
+            End::NoWindow(reason) => leave(life, &mut display, &mut hand, &reason),
         }
     }
+}
+
+/// Goes on without the window, and without the finger that was on the current in it.
+fn leave(life: &Life, display: &mut Display, hand: &mut Hand, reason: &str) {
+    if let Some(record) = hand.let_go() {
+        life.page.write(page::POINTER, &record);
+    }
+    life.say(&format!("{reason}; headless"));
+    display.close();
 }
 
 /// The process lives, so that nobody waits for it or restarts it; its status says that it has drawn nothing.

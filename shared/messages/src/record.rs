@@ -43,6 +43,8 @@ impl Pose {
 pub const BUTTON_ENERGIZED: u32 = 1;
 /// Bit of [`Controls::buttons`]: the hand wants the loop electrode out, or the jaws open; [`Controls::loop_extension_m`] says how far it is, or they are.
 pub const BUTTON_EXTENDED: u32 = 2;
+/// Bits of [`Controls::buttons`] by which the hand wants current, of whichever kind.
+pub const BUTTONS_CURRENT: u32 = BUTTON_ENERGIZED;
 /// Bits of [`Controls::buttons`] and what the hand wants by them.
 pub const BUTTONS: [(u32, &str); 2] = [(BUTTON_ENERGIZED, "current in the loop"), (BUTTON_EXTENDED, "loop out or jaws open")];
 
