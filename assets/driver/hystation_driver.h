@@ -141,7 +141,7 @@ typedef struct {
 } hyst_sample;
 
 typedef struct {
-    uint64_t sequence;      /* counts changes */
+    uint64_t sequence;      /* counts records: a window that lives says one a hundred times a second */
     float target[5];        /* pitch, yaw, roll, insertion, and the horizon: how far the camera head is turned on the scope and the scope itself, rad */
     hyst_controls controls;
 } hyst_pointer;             /* what the window's keys say */

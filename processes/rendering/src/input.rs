@@ -31,6 +31,19 @@ pub struct PointerInput {
 }
 
 impl PointerInput {
+    /// This, and what the hand did after it.
+    pub fn then(&self, next: &PointerInput) -> PointerInput {
+        PointerInput {
+            pitch_rad: self.pitch_rad + next.pitch_rad,
+            yaw_rad: self.yaw_rad + next.yaw_rad,
+            insertion_m: self.insertion_m + next.insertion_m,
+            roll_rad: self.roll_rad + next.roll_rad,
+            head_rad: self.head_rad + next.head_rad,
+            pressed: self.pressed | next.pressed,
+            ..*next
+        }
+    }
+
     /// Whether a key is held.
     pub fn is_held(&self, key: Key) -> bool {
         self.held & key.bit() != 0
@@ -264,6 +277,14 @@ pub(crate) fn button_bit(button: MouseButton) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_two_looks_movements_add_up_presses_are_all_there_and_what_is_held_is_held_now() {
+        let first = PointerInput { pitch_rad: 0.25, head_rad: 1.0, buttons: 1, held: 3, pressed: 1, ..PointerInput::default() };
+        let then = PointerInput { pitch_rad: 0.5, yaw_rad: 0.25, held: 2, pressed: 2, ..PointerInput::default() };
+        let both = PointerInput { pitch_rad: 0.75, head_rad: 1.0, buttons: 0, pressed: 3, ..then };
+        assert_eq!((first.then(&then), PointerInput::default().then(&then)), (both, then));
+    }
 
     #[test]
     fn a_key_has_one_place_and_one_bit() {

@@ -56,4 +56,4 @@ pub use quality::{MIN_SCALE, Quality, SCALE_STEP, next_scale};
 pub use renderer::{FRAME_LIMIT, FrameStats, MAX_SIDE_PX, Renderer};
 pub use stage::{Appearance, MAX_OBJECTS, MAX_TRIANGLES, Material, Stage, SurfaceMesh};
 pub use timing::PASS_NAMES;
-pub use window::{Status, Window};
+pub use window::{Pane, Status, Window};

@@ -16,6 +16,7 @@ mod scenery;
 mod sources;
 mod strip;
 mod switches;
+mod touch;
 mod vision;
 
 fn main() -> std::process::ExitCode {

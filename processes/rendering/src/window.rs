@@ -1,7 +1,7 @@
 //! The window: shows pictures, and turns mouse and keyboard into movements of the hand.
 //!
-//! Promise: it is pumped from the process's own loop and never blocks it; no display, or a display that goes away, is an error, never a panic
-//! that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
+//! Promise: the thread that opens it pumps it, and is never blocked by that; another one may draw into its [`Pane`] meanwhile. No display, or a display that
+//! goes away, is an error, never a panic that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
 //! line; the restarted process finds no display and goes on headless, which is the same path as a start without one.
 //! What keys and mouse do is the table in `input`; keys that move the scope do so at a fixed speed while they are held.
 use std::{sync::Arc, time::Duration};
@@ -36,6 +36,38 @@ pub enum Status {
     Open(PointerInput),
     /// the user closed it
     Closed,
+}
+
+/// What is drawn into, on whichever thread; to be dropped before the window, whose own it is.
+#[derive(Clone)]
+pub struct Pane {
+    native: Arc<Native>,
+    refresh_hz: Option<f32>,
+}
+
+impl std::fmt::Debug for Pane {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Pane").field("refresh_hz", &self.refresh_hz).finish_non_exhaustive()
+    }
+}
+
+impl Pane {
+    /// Pictures in a second that the display it was opened on shows, if the display says it.
+    pub fn refresh_hz(&self) -> Option<f32> {
+        self.refresh_hz
+    }
+
+    /// Asks for another size of what is inside, px; the user's display has the last word.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`] if the display went away.
+    pub fn resize(&self, width_px: u32, height_px: u32) -> Result<(), RenderError> {
+        guarded(|| self.native.request_inner_size(LogicalSize::new(width_px, height_px))).map(|_| ())
+    }
+
+    pub(crate) fn handle(&self) -> Arc<Native> {
+        Arc::clone(&self.native)
+    }
 }
 
 /// A window on the display.
@@ -113,9 +145,13 @@ impl Window {
         self.app.size // as last reported; asking a display that went away would end the process
     }
 
-    /// Pictures in a second that the display it was opened on shows, if the display says it.
-    pub fn refresh_hz(&self) -> Option<f32> {
-        self.app.refresh_hz
+    /// What is drawn into.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`] if the window is closed.
+    pub fn pane(&self) -> Result<Pane, RenderError> {
+        let native = self.app.native.clone().ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
+        Ok(Pane { native, refresh_hz: self.app.refresh_hz })
     }
 
     /// Another title: the name of the station, and what it does.
@@ -124,19 +160,6 @@ impl Window {
     /// [`RenderError::NoDisplay`] if the display went away.
     pub fn set_title(&self, title: &str) -> Result<(), RenderError> {
         self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.set_title(title)))
-    }
-
-    /// Asks for another size of what is inside, px; the user's display has the last word.
-    ///
-    /// # Errors
-    /// [`RenderError::NoDisplay`] if the display went away.
-    pub fn resize(&self, width_px: u32, height_px: u32) -> Result<(), RenderError> {
-        let size = LogicalSize::new(width_px, height_px);
-        self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.request_inner_size(size)).map(|_| ()))
-    }
-
-    pub(crate) fn handle(&self) -> Option<Arc<Native>> {
-        self.app.native.clone()
     }
 }
 
