@@ -3,6 +3,7 @@
 //!
 //! Promise: without a display it goes on headless, without Vulkan without pictures; a stream that makes no sense is left out and counted.
 
+mod adapter;
 mod album;
 mod display;
 mod geometry;

@@ -3,6 +3,7 @@
 
 mod gather;
 
+use crate::adapter;
 use crate::album::Album;
 use crate::display::{self, Asked, Display};
 use crate::looks::distortion;
@@ -90,7 +91,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     loop {
         let started = {
             let _pulse = Pulse::start(life)?;
-            Vision::start(life, &display, asked, switches)
+            device(life, &display).and_then(|gpu| Vision::start(life, gpu, &display, asked, switches))
         };
         let mut vision = match started {
             Ok(vision) => vision,
@@ -102,7 +103,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
                 leave(life, &mut display, &error.to_string());
                 continue;
             }
-            Err(error) => return Err(Failure::Broken(error.to_string())),
+            Err(error) => return Err(adapter::broken(life, &error)),
         };
         let end = vision.show(&mut sources, &mut display, &mut album, &mut relay)?;
         switches = vision.switches;
@@ -112,6 +113,16 @@ pub fn run(life: &Life) -> Result<(), Failure> {
             End::NoWindow(reason) => leave(life, &mut display, &reason),
         }
     }
+}
+
+/// Opens the device that draws.
+fn device(life: &Life, display: &Display) -> Result<Gpu, RenderError> {
+    let order = adapter::order(&adapter::lost_ns(&life.station));
+    if order[0] == Prefer::Software {
+        life.say("two graphics devices were lost within a minute: the adapter in software is tried first");
+    }
+    let open = |prefer| display.pane().map_or_else(|| Gpu::new(prefer), |pane| Gpu::with_window(prefer, pane));
+    adapter::first_of(order, open, |text| life.say(text))
 }
 
 /// Goes on without the window.
@@ -156,12 +167,8 @@ fn held(optic: &ScopeRecord, sample: Option<&HardwareSample>, usual_focus_m: f32
 }
 
 impl<'a> Vision<'a> {
-    /// Opens the device and draws a first picture, which compiles what drivers compile late.
-    fn start(life: &'a Life, display: &Display, asked: Asked, switches: Switches) -> Result<Vision<'a>, RenderError> {
-        let gpu = match display.pane() {
-            Some(pane) => Gpu::with_window(Prefer::Fastest, pane)?,
-            None => Gpu::new(Prefer::Fastest)?,
-        };
+    /// Draws a first picture, which compiles what drivers compile late.
+    fn start(life: &'a Life, gpu: Gpu, display: &Display, asked: Asked, switches: Switches) -> Result<Vision<'a>, RenderError> {
         let name = gpu.name();
         let [width, height] = display::size_px(asked.size_px, gpu.is_software());
         let refresh_hz = display.pane().and_then(Pane::refresh_hz);
@@ -206,7 +213,7 @@ impl<'a> Vision<'a> {
         relay: &mut Relay,
     ) -> Result<End, Failure> {
         let life = self.life;
-        let broken = |error: RenderError| Failure::Broken(error.to_string());
+        let broken = |error: RenderError| adapter::broken(life, &error);
         sources.looks.want();
         let mut pace = Pace::new(life, self.effort.period_ticks, 0).with_backlog(BACKLOG);
         let (mut last_ns, mut is_under_way) = (system::now_ns(), false);
