@@ -51,7 +51,7 @@ pub use marks::{Arrow, Marks};
 pub use motes::Motes;
 pub use ostia::{MOUTH_RADIUS_M, ostia};
 pub use overlay::{ALARM, COLUMNS, Overlay, ROWS};
-pub use present::Shown;
+pub use present::{Shown, append_jpeg, save_png};
 pub use quality::{MIN_SCALE, Quality, SCALE_STEP, next_scale};
 pub use renderer::{FRAME_LIMIT, FrameStats, MAX_SIDE_PX, Renderer};
 pub use stage::{Appearance, MAX_OBJECTS, MAX_TRIANGLES, Material, Stage, SurfaceMesh};

@@ -80,6 +80,13 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut switches = Switches::new(wants_external(life)?);
     let asked = display::asked(&life.settings)?;
     let mut album = Album::open(life)?;
+    let ended = draw(life, asked, &mut switches, &mut album);
+    album.close(life);
+    ended
+}
+
+/// Draws until the station stops or something breaks.
+fn draw(life: &Life, asked: Asked, switches: &mut Switches, album: &mut Album) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let mut relay = Relay::open(life, &links)?;
     let mut sources = Sources::open(life, links)?;
@@ -91,7 +98,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     loop {
         let started = {
             let _pulse = Pulse::start(life)?;
-            device(life, &display).and_then(|gpu| Vision::start(life, gpu, &display, asked, switches))
+            device(life, &display).and_then(|gpu| Vision::start(life, gpu, &display, asked, *switches))
         };
         let mut vision = match started {
             Ok(vision) => vision,
@@ -105,8 +112,8 @@ pub fn run(life: &Life) -> Result<(), Failure> {
             }
             Err(error) => return Err(adapter::broken(life, &error)),
         };
-        let end = vision.show(&mut sources, &mut display, &mut album, &mut relay)?;
-        switches = vision.switches;
+        let end = vision.show(&mut sources, &mut display, album, &mut relay)?;
+        *switches = vision.switches;
         drop(vision);
         match end {
             End::Stopped => return Ok(()),
