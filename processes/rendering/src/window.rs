@@ -4,6 +4,8 @@
 //! goes away, is an error, never a panic that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
 //! line; the restarted process finds no display and goes on headless, which is the same path as a start without one.
 //! What keys and mouse do is the table in `input`; keys that move the scope do so at a fixed speed while they are held.
+mod pane;
+
 use std::{sync::Arc, time::Duration};
 
 use winit::{
@@ -11,8 +13,9 @@ use winit::{
     dpi::{LogicalSize, PhysicalPosition, PhysicalSize, Size},
     event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent},
     event_loop::{ActiveEventLoop, EventLoop},
-    keyboard::{KeyCode, PhysicalKey},
+    keyboard::{Key as Logical, KeyCode, PhysicalKey},
     platform::{
+        modifier_supplement::KeyEventExtModifierSupplement,
         pump_events::{EventLoopExtPumpEvents, PumpStatus},
         x11::EventLoopBuilderExtX11,
     },
@@ -23,8 +26,10 @@ use crate::{
     caught::caught,
     error::RenderError,
     gpu::one_line,
-    input::{MOTIONS, Mouse, PointerInput, button_bit, key_at},
+    input::{MOTIONS, Mouse, PointerInput, button_bit, key_at, meant},
 };
+
+pub use pane::Pane;
 
 /// Pixels of a touch pad's scroll that count as a notch.
 const PX_PER_NOTCH: f64 = 40.0;
@@ -36,38 +41,6 @@ pub enum Status {
     Open(PointerInput),
     /// the user closed it
     Closed,
-}
-
-/// What is drawn into, on whichever thread; to be dropped before the window, whose own it is.
-#[derive(Clone)]
-pub struct Pane {
-    native: Arc<Native>,
-    refresh_hz: Option<f32>,
-}
-
-impl std::fmt::Debug for Pane {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Pane").field("refresh_hz", &self.refresh_hz).finish_non_exhaustive()
-    }
-}
-
-impl Pane {
-    /// Pictures in a second that the display it was opened on shows, if the display says it.
-    pub fn refresh_hz(&self) -> Option<f32> {
-        self.refresh_hz
-    }
-
-    /// Asks for another size of what is inside, px; the user's display has the last word.
-    ///
-    /// # Errors
-    /// [`RenderError::NoDisplay`] if the display went away.
-    pub fn resize(&self, width_px: u32, height_px: u32) -> Result<(), RenderError> {
-        guarded(|| self.native.request_inner_size(LogicalSize::new(width_px, height_px))).map(|_| ())
-    }
-
-    pub(crate) fn handle(&self) -> Arc<Native> {
-        Arc::clone(&self.native)
-    }
 }
 
 /// A window on the display.
@@ -185,6 +158,8 @@ struct App {
     closed: bool,
     at: Option<PhysicalPosition<f64>>,
     input: PointerInput,
+    /// What is held: the places, and what was meant when each went down.
+    down: Vec<(KeyCode, KeyCode)>,
 }
 
 impl App {
@@ -226,9 +201,24 @@ impl App {
     }
 
     fn key(&mut self, event: &KeyEvent) {
-        if let PhysicalKey::Code(code) = event.physical_key {
-            self.press(code, event.state, event.repeat);
+        let PhysicalKey::Code(place) = event.physical_key else { return };
+        let bears = match event.key_without_modifiers() {
+            Logical::Character(text) => Some(text),
+            _ => None,
+        };
+        self.stroke(place, bears.as_deref(), event.state, event.repeat);
+    }
+
+    /// A key is let go as what it was pressed as, also where the layout is another one by then.
+    fn stroke(&mut self, place: KeyCode, bears: Option<&str>, state: ElementState, is_repeat: bool) {
+        let before = self.down.iter().position(|(down, _)| *down == place);
+        let code = before.map_or_else(|| meant(place, bears), |at| self.down[at].1);
+        match before {
+            None if state.is_pressed() => self.down.push((place, code)),
+            Some(_) if !state.is_pressed() => self.down.retain(|(down, _)| *down != place),
+            _ => {}
         }
+        self.press(code, state, is_repeat);
     }
 
     fn press(&mut self, code: KeyCode, state: ElementState, is_repeat: bool) {
@@ -272,7 +262,10 @@ impl ApplicationHandler for App {
             WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => self.wheel(y),
             WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(p), .. } => self.wheel((p.y / PX_PER_NOTCH) as f32),
             WindowEvent::KeyboardInput { event, .. } => self.key(&event),
-            WindowEvent::Focused(false) => (self.input.held, self.input.buttons) = (0, 0),
+            WindowEvent::Focused(false) => {
+                (self.input.held, self.input.buttons) = (0, 0);
+                self.down.clear();
+            }
             _ => {}
         }
     }
@@ -326,6 +319,21 @@ mod tests {
         assert!(app.take_input(0.0).was_pressed(Key::Help));
         app.press(KeyCode::F1, ElementState::Pressed, true);
         assert!(!app.take_input(0.0).was_pressed(Key::Help));
+    }
+
+    #[test]
+    fn a_key_does_what_stands_on_it_and_is_let_go_as_it_was_pressed_though_the_layout_changes_meanwhile() {
+        let mut app = App::default();
+        let mut held = |place: KeyCode, bears: &str, state: ElementState| {
+            app.stroke(place, Some(bears), state, false);
+            app.take_input(0.0).held
+        };
+        let (left, roll) = (Key::HeadLeft.bit(), Key::TurnLeft.bit());
+        assert_eq!(held(KeyCode::KeyY, "z", ElementState::Pressed), left, "on a German keyboard");
+        assert_eq!(held(KeyCode::KeyA, "q", ElementState::Pressed), left | roll, "on a French one");
+        assert_eq!(held(KeyCode::KeyY, "y", ElementState::Released), roll, "on an American one by now");
+        assert_eq!(held(KeyCode::KeyA, "a", ElementState::Released), 0);
+        assert_eq!(held(KeyCode::KeyY, "y", ElementState::Pressed), 0);
     }
 
     #[test]
