@@ -197,7 +197,7 @@ impl<'a> Vision<'a> {
             focus_m: asked.focus_m,
             effort,
             fastest_ticks,
-            strip: Strip::of(&life.clock),
+            strip: Strip::of(life),
             shown: None,
             flowed: None,
             flow: None,
