@@ -1,7 +1,7 @@
 //! The window, if there is one to be had: `--headless`, no DISPLAY, or a display that refuses all lead to the same headless station. It is as large as
 //! that of the process before.
 
-use crate::geometry::{Keeper, before_px, px_of};
+use crate::geometry::{Extent, Keeper, before, px_of};
 use crate::touch::Touch;
 use hyst_engine::Life;
 use hyst_engine::settings::{SetError, Settings};
@@ -68,13 +68,17 @@ impl Display {
         }
         let title = format!("hysteroscopy: {}", life.station.name());
         let [width, height] = asked_px.unwrap_or(SOFTWARE_PX);
-        let before_px = before_px(&life.station);
-        let open = move || match before_px {
-            Some(size_px) => Window::open_again(&title, size_px),
-            None => Window::open(&title, width, height),
+        let before = before(&life.station);
+        let open = move || {
+            let Some(Extent { size_px, is_full }) = before else { return Window::open(&title, width, height) };
+            let mut window = Window::open_again(&title, size_px)?;
+            if is_full {
+                window.fill(true);
+            }
+            Ok(window)
         };
         match Touch::open(life, open) {
-            Ok(touch) => Display { touch: Some(touch), is_sized: before_px.is_some(), keeper: Keeper::default() },
+            Ok(touch) => Display { touch: Some(touch), is_sized: before.is_some(), keeper: Keeper::after(before) },
             Err(reason) => {
                 life.say(&format!("{reason}; headless"));
                 Display::default()
@@ -102,8 +106,8 @@ impl Display {
 
     /// Keeps the window's size for the process that follows.
     pub fn keep_size(&mut self, station: &Station, tick: u64) {
-        if let Some(size_px) = self.size_px() {
-            self.keeper.keep(station, tick, size_px);
+        if let Some(extent) = self.touch.as_ref().and_then(Touch::extent) {
+            self.keeper.keep(station, tick, extent);
         }
     }
 
@@ -114,7 +118,7 @@ impl Display {
 
     /// Inner size of the window, px, as long as there is one.
     pub fn size_px(&self) -> Option<[u32; 2]> {
-        self.touch.as_ref().and_then(Touch::size_px)
+        self.touch.as_ref().and_then(Touch::extent).map(|extent| extent.size_px)
     }
 
     /// Goes on without; whatever drew into the window must be gone.

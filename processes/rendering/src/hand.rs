@@ -250,7 +250,7 @@ mod tests {
             let mut hand = Hand::default();
             let before = hand.follow(&PointerInput::default(), &now());
             let after = hand.follow(&press(key), &now());
-            let is_of_picture = matches!(key, Key::External | Key::Meshes | Key::Help);
+            let is_of_picture = matches!(key, Key::External | Key::Meshes | Key::FullScreen | Key::Framed | Key::Help);
             assert_eq!(after.controls != before.controls, !is_of_picture && !moves.contains(&key), "{key:?}");
         }
     }

@@ -100,6 +100,10 @@ pub enum Key {
     External,
     /// the lines of the meshes in it
     Meshes,
+    /// the window fills the screen, or no more
+    FullScreen,
+    /// the window fills the screen no more
+    Framed,
     /// help
     Help,
 }
@@ -251,7 +255,11 @@ pub(crate) static SWITCHES: [Switch; 9] = [
         bit: 0,
         does: "view from outside; its meshes",
     },
-    Switch { keys: &[(KeyCode::F1, Key::Help)], bit: 0, does: "this help, and away" },
+    Switch {
+        keys: &[(KeyCode::F1, Key::Help), (KeyCode::F11, Key::FullScreen), (KeyCode::Escape, Key::Framed)],
+        bit: 0,
+        does: "this help; full screen, and back",
+    },
 ];
 
 /// All keys, with their places on an American keyboard, after which the help names them.
@@ -352,6 +360,6 @@ mod tests {
             bits |= key.bit();
         }
         assert_eq!(all.len() as u32, Key::Help as u32 + 1, "a key that means something is at no place");
-        assert_eq!(key_at(KeyCode::Escape), None);
+        assert_eq!(key_at(KeyCode::Tab), None);
     }
 }

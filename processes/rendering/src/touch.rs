@@ -3,6 +3,7 @@
 //! Promise: a key that is let go of counts within two looks, and one that is held moves as far in a second as it is to, with one picture in a second as with
 //! thirty. Nothing is told before the first picture is there. Whoever draws waits for nothing here but that the window opens, and that it goes.
 
+use crate::geometry::Extent;
 use crate::hand::Hand;
 use crate::sources::sound;
 use hyst_engine::Life;
@@ -37,7 +38,7 @@ struct Shared {
 struct Seen {
     /// What the hand did since it was last asked for.
     input: PointerInput,
-    size_px: [u32; 2],
+    extent: Extent,
     /// Why there is no window any more.
     gone: Option<String>,
 }
@@ -89,10 +90,10 @@ impl Touch {
         self.shared.is_shown.store(true, Ordering::Release);
     }
 
-    /// Inner size, px, as long as there is a window.
-    pub fn size_px(&self) -> Option<[u32; 2]> {
+    /// How large it is, as long as there is a window.
+    pub fn extent(&self) -> Option<Extent> {
         let seen = self.shared.seen();
-        seen.gone.is_none().then_some(seen.size_px)
+        seen.gone.is_none().then_some(seen.extent)
     }
 
     /// What is drawn into.
@@ -125,7 +126,7 @@ fn live(
             return;
         }
     };
-    shared.seen().size_px = window.size_px();
+    shared.seen().extent = extent(&window);
     if opened.send(window.pane()).is_err() {
         return;
     }
@@ -155,8 +156,12 @@ fn look(window: &mut Window, elapsed_s: f32, shared: &Shared, teller: &mut Telle
         teller.tell(&input, shared.is_over.load(Ordering::Acquire));
     }
     let mut seen = shared.seen();
-    (seen.input, seen.size_px) = (seen.input.then(&input), window.size_px());
+    (seen.input, seen.extent) = (seen.input.then(&input), extent(window));
     Ok(())
+}
+
+fn extent(window: &Window) -> Extent {
+    Extent { size_px: window.size_px(), is_full: window.is_full() }
 }
 
 /// Tells the hardware what the hand wants, in the page's pointer cell, which nobody else writes.
