@@ -143,7 +143,7 @@ typedef struct {
 } hyst_sample;
 
 typedef struct {
-    uint64_t sequence;      /* counts changes */
+    uint64_t sequence;      /* counts records: a window that lives says one a hundred times a second */
     float target[5];        /* pitch, yaw, roll, insertion, and the horizon: how far the camera head is turned on the scope and the scope itself, rad */
     hyst_controls controls;
 } hyst_pointer;             /* what the window's keys say */
@@ -208,6 +208,8 @@ typedef struct {
     hyst_page window;            /* rendering's, once hyst_from_window has looked */
     uint32_t window_incarnation;
     hyst_pointer pointer;        /* what the window said last */
+    uint64_t looked_ns;          /* when hyst_from_window looked last */
+    uint64_t silent_ns;          /* for how long the window has said nothing new */
     float loop_reach_m;          /* how far the loop goes out, or jaws open, under the window's key: 0.012 unless the driver sets it after hyst_begin */
     float loop_extension_m;      /* how far it is */
 } hyst_driver;
@@ -486,16 +488,21 @@ static inline void hyst_take(hyst_driver *driver, float force_n[3]) {
 static inline float hyst_or(float value, float least, float most, float otherwise) { return value >= least && value <= most ? value : otherwise; }
 
 /* Sets in a sample what the device has nothing for, HYST_WINDOW_... each, as the window's keys say it, and says so in the sample. Once for each sample, when
- * pose and controls are filled in: they stay as they are while there is no window, or it has said nothing yet. The loop goes out and in at 30 mm/s. */
+ * pose and controls are filled in: they stay as they are while there is no window, or it has said nothing yet. Of a window that has said nothing new for
+ * 0.2 s no current is wanted any more; a pause of the whole machine does not count. The loop goes out and in at 30 mm/s. */
 static inline void hyst_from_window(hyst_driver *driver, hyst_sample *sample, uint32_t lacks) {
     hyst_pointer pointer;
     uint64_t record[sizeof pointer / 8];
     hyst_controls *own = &sample->controls;
+    uint64_t now_ns = hyst_now_ns(), passed_ns = now_ns - driver->looked_ns, before = driver->pointer.sequence;
+    driver->looked_ns = now_ns;
     hyst_look_for(driver, HYST_RENDERING_SLOT, HYST_RENDERING_WORDS, HYST_POINTER + 2 * (2 + sizeof pointer / 8), &driver->window, &driver->window_incarnation);
     if (driver->window.words64 != NULL && hyst_read_cell(driver->window.words64 + HYST_POINTER, record, sizeof record / 8) != 0) {
         memcpy(&pointer, record, sizeof pointer);
         if (pointer.sequence > 0) driver->pointer = pointer;
     }
+    driver->silent_ns = driver->pointer.sequence != before ? 0 : driver->silent_ns + (passed_ns < 5000000u ? passed_ns : 5000000u);
+    if (driver->silent_ns >= 200000000u) driver->pointer.controls.buttons &= ~(HYST_ENERGIZED | HYST_COAGULATING);
     sample->from_window = lacks;
     if (driver->pointer.sequence > 0) {
         const hyst_controls *said = &driver->pointer.controls;

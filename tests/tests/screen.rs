@@ -1,5 +1,6 @@
 //! What the person at the station sees: the live table in a terminal, and the window under a display of its own.
 
+use hyst_messages::BUTTON_ENERGIZED;
 use station_tests::display::Display;
 use station_tests::{Folder, RECOVERY_LIMIT, START_LIMIT, STOP_LIMIT, Station, binaries, hystation, run, wait_for};
 use std::collections::BTreeSet;
@@ -223,6 +224,52 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     station.run_ticks(300);
     station.recover();
     station.stop().assert_clean();
+}
+
+/// Whether the hand wants current in the loop.
+fn is_energized(station: &Station) -> bool {
+    station.sample().controls.buttons & BUTTON_ENERGIZED != 0
+}
+
+/// Holds the space bar down in the station's window, and waits until there is current.
+fn hold_space(display: &Display, station: &Station) -> String {
+    let window = display.window(station);
+    assert!(display.xdotool(&["keydown", "space"]).is_some());
+    let flows = wait_for(RECOVERY_LIMIT, || is_energized(station).then_some(()));
+    assert!(flows.is_some(), "no current under the key\n{}", station.said());
+    window
+}
+
+/// Waits until there is no current, lets go of the space bar, which nobody hears any more, and looks whether it stays so.
+fn assert_let_go(display: &Display, station: &Station, what: &str) {
+    let ends = wait_for(RECOVERY_LIMIT, || (!is_energized(station)).then_some(()));
+    assert!(ends.is_some(), "{what}: the current stays\n{}", station.said());
+    assert!(display.xdotool(&["keyup", "space"]).is_some());
+    station.recover();
+    station.run_ticks(300);
+    assert!(!is_energized(station), "{what}: the current comes again\n{}", station.said());
+}
+
+/// Current stayed on to the end of the session when the window went while its key was held, and until a successor's window spoke when the process died.
+#[test]
+fn current_ends_with_the_window_that_wants_it_whether_its_process_hangs_or_dies_or_it_is_closed() {
+    let Some(display) = Display::start() else { return };
+    let station = Station::start_shown(&display.name, "pedal", &[]);
+    hold_space(&display, &station);
+    station.run_ticks(1_000);
+    assert!(is_energized(&station), "a key that is held for a second is held\n{}", station.said());
+    let rendering = station.pid("rendering", true);
+    station.signal(rendering, rustix::process::Signal::STOP);
+    let ends = wait_for(RECOVERY_LIMIT, || (!is_energized(&station)).then_some(()));
+    assert!(ends.is_some(), "who hangs has its finger on the current\n{}", station.said());
+    station.signal_if_alive(rendering, rustix::process::Signal::KILL);
+    station.wait_until_gone(rendering);
+    assert_let_go(&display, &station, "its process died");
+
+    let window = hold_space(&display, &station);
+    assert!(display.xdotool(&["windowclose", &window]).is_some());
+    assert_let_go(&display, &station, "it was closed");
+    station.stop();
 }
 
 /// The example of a driver measures where its tip is, 45 mm deep, and nothing else: what there is besides the keys set, and the keys that move a scope move nothing.

@@ -3,6 +3,7 @@
 
 mod canary;
 mod commands;
+mod finger;
 mod firmware;
 mod hand;
 mod ledger;

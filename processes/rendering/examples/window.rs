@@ -41,7 +41,7 @@ fn camera(at: &PointerInput) -> Camera {
 fn main() -> Result<(), Box<dyn Error>> {
     let frames: u32 = std::env::args().nth(1).map_or(Ok(u32::MAX), |n| n.parse())?;
     let mut window = Window::open("hysteroscopy", 640, 480).inspect_err(|e| eprintln!("{e}; going on headless")).ok();
-    let gpu = window.as_ref().map_or_else(|| Gpu::new(Prefer::Fastest), |w| Gpu::with_window(Prefer::Fastest, w))?;
+    let gpu = window.as_ref().map_or_else(|| Gpu::new(Prefer::Fastest), |w| Gpu::with_window(Prefer::Fastest, &w.pane()?))?;
     println!("{}", gpu.name());
     let mut renderer = stocked(gpu)?;
     let mut at = PointerInput { insertion_m: 0.015, ..PointerInput::default() };

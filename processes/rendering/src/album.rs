@@ -1,28 +1,43 @@
-//! Pictures on disk: one every so often, as PNG files numbered on from what the folder holds, or at the end of a film. A folder that takes no more is
-//! said once.
+//! Pictures on disk: one every so often, as PNG files numbered on from what the folder holds, or at the end of a film. A folder that takes no more, or too
+//! slowly, is said once.
+//!
+//! Promise: on the station's clock nobody waits for the folder: what it is too slow for is left out and counted. On a virtual clock, where each picture is
+//! wanted and no hand waits, none is left out of a folder that goes on within seconds. At the end what was put there is written.
+
+mod writer;
 
 use hyst_engine::Life;
 use hyst_engine::settings::SetError;
-use rendering::Renderer;
-use std::path::PathBuf;
+use rendering::{RenderError, Renderer};
+use std::time::Duration;
+use writer::{Shot, Writer};
 
 /// Writes pictures into a folder, if there is one.
 #[derive(Debug)]
 pub struct Album {
-    folder: Option<PathBuf>,
+    writer: Option<Writer>,
     every_ticks: u64,
     due_tick: u64,
-    next: u32,
-    is_film: bool,
+    /// For how long a picture waits for its room in the folder.
+    patience: Duration,
+    left_out: u64,
     said: bool,
 }
 
 /// The film's name in its folder.
 const FILM: &str = "pictures.mjpeg";
+/// For how long a picture waits on a virtual clock: half the time that a process which draws is given to show a sign of life.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// What is not written in this time at the end never will be; the supervisor gives two seconds for a stop.
+const ENDING: Duration = Duration::from_secs(1);
 
 /// The number in `picture-NNNNN.png`.
 fn number_of(name: &str) -> Option<u32> {
     name.strip_prefix("picture-")?.strip_suffix(".png")?.parse().ok()
+}
+
+fn name_of(number: u32) -> String {
+    format!("picture-{number:05}.png")
 }
 
 impl Album {
@@ -30,37 +45,75 @@ impl Album {
     pub fn open(life: &Life) -> Result<Album, SetError> {
         let every_s = life.settings.number("picture_every_s", 1.0, 0.02..=3600.0, "0.02 to 3600")?;
         let is_film = life.settings.word("picture_format", ["png", "mjpeg"], "png or mjpeg")? == "mjpeg";
-        let folder = life.settings.pictures.clone();
-        let mut album = Album { folder, every_ticks: (every_s * 1e3) as u64, due_tick: 0, next: 0, is_film, said: false };
-        let Some(folder) = &album.folder else { return Ok(album) };
-        if let Err(error) = std::fs::create_dir_all(folder) {
-            life.say(&format!("--pictures {}: {error}; no pictures are written", folder.display()));
-            album.folder = None;
-            return Ok(album);
+        let patience = if life.is_lockstep() { PATIENCE } else { Duration::ZERO };
+        let every_ticks = (every_s * 1e3) as u64;
+        let mut album = Album { writer: None, every_ticks, due_tick: 0, patience, left_out: 0, said: false };
+        let Some(folder) = &life.settings.pictures else { return Ok(album) };
+        let next = || {
+            let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
+            names.filter_map(|name| number_of(name.to_str()?)).max().map_or(0, |last| last.saturating_add(1))
+        };
+        match std::fs::create_dir_all(folder).and_then(|()| Writer::start(folder.clone(), is_film, next())) {
+            Ok(writer) => album.writer = Some(writer),
+            Err(error) => life.say(&format!("--pictures {}: {error}; no pictures are written", folder.display())),
         }
-        let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
-        album.next = names.filter_map(|name| number_of(name.to_str()?)).max().map_or(0, |last| last.saturating_add(1));
         Ok(album)
     }
 
     /// Writes the present picture if it is time.
     pub fn keep(&mut self, life: &Life, tick: u64, renderer: &mut Renderer) {
-        let Some(folder) = self.folder.as_ref().filter(|_| tick >= self.due_tick) else { return };
+        if self.writer.is_none() || tick < self.due_tick {
+            return;
+        }
         self.due_tick = tick + self.every_ticks;
-        let kept = match self.is_film {
-            true => renderer.append_jpeg(&folder.join(FILM)),
-            false => renderer.save_png(&folder.join(format!("picture-{:05}.png", self.next))),
-        };
-        match kept {
-            Ok(()) => {
-                self.next = self.next.saturating_add(1);
-                self.said = false;
+        if !self.make_room(life) {
+            self.left_out += 1;
+            if self.left_out == 1 {
+                life.say("the folder takes pictures more slowly than they come: what it has no time for is left out");
             }
+            return;
+        }
+        let size_px = renderer.size_px();
+        match renderer.read_rgba() {
+            Ok(rgba) => {
+                let rgba = rgba.to_vec();
+                if let Some(writer) = &mut self.writer {
+                    writer.put(Shot { size_px, rgba });
+                }
+            }
+            Err(error) => self.hear(life, Err(error)),
+        }
+    }
+
+    /// Hears what has come of the pictures before; whether there is room for another one.
+    fn make_room(&mut self, life: &Life) -> bool {
+        while let Some(writer) = &mut self.writer {
+            let within = if writer.has_room() { Duration::ZERO } else { self.patience };
+            let Some(kept) = writer.heard(within) else { return writer.has_room() };
+            self.hear(life, kept);
+        }
+        false
+    }
+
+    fn hear(&mut self, life: &Life, kept: Result<(), RenderError>) {
+        match kept {
             Err(error) if !self.said => {
                 life.say(&format!("{error}; the station goes on, and the next picture is tried"));
                 self.said = true;
             }
             Err(_) => {}
+            Ok(()) => self.said = false,
+        }
+    }
+
+    /// Waits until what was put there is written.
+    pub fn close(&mut self, life: &Life) {
+        let Some(writer) = self.writer.take() else { return };
+        let (all, unwritten) = writer.end(ENDING);
+        all.into_iter().for_each(|kept| self.hear(life, kept));
+        let left_out = self.left_out + unwritten as u64;
+        if left_out > 0 {
+            life.say(&format!("{left_out} pictures were left out: the folder did not take them in time"));
         }
     }
 }
@@ -71,7 +124,7 @@ mod tests {
 
     #[test]
     fn only_pictures_of_an_album_count() {
-        assert_eq!(number_of("picture-00041.png"), Some(41));
+        assert_eq!((number_of("picture-00041.png"), number_of(&name_of(41))), (Some(41), Some(41)));
         for other in ["picture-.png", "picture-00041.png.part", "xpicture-1.png", "picture-99999999999.png", "holiday.png"] {
             assert_eq!(number_of(other), None, "{other}");
         }

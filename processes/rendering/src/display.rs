@@ -1,11 +1,12 @@
 //! The window, if there is one to be had: `--headless`, no DISPLAY, or a display that refuses all lead to the same headless station. It is as large as
 //! that of the process before.
 
-use crate::geometry::{Keeper, before_px, px_of};
+use crate::geometry::{Extent, Keeper, before, px_of};
+use crate::touch::Touch;
 use hyst_engine::Life;
 use hyst_engine::settings::{SetError, Settings};
 use hyst_exchange::Station;
-use rendering::{PointerInput, RenderError, Status, Window};
+use rendering::{Pane, PointerInput, RenderError, Window};
 
 /// Size of the picture, and of the window at first, where a software driver draws, px: what the station is measured with.
 const SOFTWARE_PX: [u32; 2] = [640, 480];
@@ -49,7 +50,7 @@ pub fn size_px(asked_px: Option<[u32; 2]>, is_software: bool) -> [u32; 2] {
 /// The window or its absence.
 #[derive(Debug, Default)]
 pub struct Display {
-    window: Option<Window>,
+    touch: Option<Touch>,
     /// It has the size of the window of the process before.
     is_sized: bool,
     keeper: Keeper,
@@ -67,51 +68,62 @@ impl Display {
         }
         let title = format!("hysteroscopy: {}", life.station.name());
         let [width, height] = asked_px.unwrap_or(SOFTWARE_PX);
-        let before_px = before_px(&life.station);
-        let opened = match before_px {
-            Some(size_px) => Window::open_again(&title, size_px),
-            None => Window::open(&title, width, height),
+        let before = before(&life.station);
+        let open = move || {
+            let Some(Extent { size_px, is_full }) = before else { return Window::open(&title, width, height) };
+            let mut window = Window::open_again(&title, size_px)?;
+            if is_full {
+                window.fill(true);
+            }
+            Ok(window)
         };
-        match opened {
-            Ok(window) => Display { window: Some(window), is_sized: before_px.is_some(), keeper: Keeper::default() },
-            Err(error) => {
-                life.say(&format!("{error}; headless"));
+        match Touch::open(life, open) {
+            Ok(touch) => Display { touch: Some(touch), is_sized: before.is_some(), keeper: Keeper::after(before) },
+            Err(reason) => {
+                life.say(&format!("{reason}; headless"));
                 Display::default()
             }
         }
     }
 
     /// What the hand did since the last call; `Err` with the reason if the window has just gone, `Ok(None)` without one.
-    pub fn pump(&mut self, elapsed_s: f32) -> Result<Option<PointerInput>, String> {
-        let Some(window) = &mut self.window else { return Ok(None) };
-        match window.pump(elapsed_s) {
-            Ok(Status::Open(input)) => Ok(Some(input)),
-            Ok(Status::Closed) => Err("the window was closed".into()),
-            Err(error) => Err(error.to_string()),
+    pub fn input(&self) -> Result<Option<PointerInput>, String> {
+        self.touch.as_ref().map(Touch::input).transpose()
+    }
+
+    /// Says that there are pictures, so that the hand counts, and whether the session is over.
+    pub fn go_on(&self, is_over: bool) {
+        if let Some(touch) = &self.touch {
+            touch.go_on(is_over);
         }
     }
 
     /// Makes the window as large as the pictures, unless its size is that of the process before; a display that refuses that shows them smaller.
     pub fn fit(&self, size_px: [u32; 2]) -> Result<(), RenderError> {
-        let first = self.window.as_ref().filter(|_| !self.is_sized);
-        first.map_or(Ok(()), |window| window.resize(size_px[0], size_px[1]))
+        let first = self.pane().filter(|_| !self.is_sized);
+        first.map_or(Ok(()), |pane| pane.resize(size_px[0], size_px[1]))
     }
 
     /// Keeps the window's size for the process that follows.
     pub fn keep_size(&mut self, station: &Station, tick: u64) {
-        if let Some(window) = &self.window {
-            self.keeper.keep(station, tick, window.size_px());
+        if let Some(extent) = self.touch.as_ref().and_then(Touch::extent) {
+            self.keeper.keep(station, tick, extent);
         }
     }
 
-    /// The window.
-    pub fn window(&self) -> Option<&Window> {
-        self.window.as_ref()
+    /// What of the window is drawn into.
+    pub fn pane(&self) -> Option<&Pane> {
+        self.touch.as_ref().and_then(Touch::pane)
+    }
+
+    /// Inner size of the window, px, as long as there is one.
+    pub fn size_px(&self) -> Option<[u32; 2]> {
+        self.touch.as_ref().and_then(Touch::extent).map(|extent| extent.size_px)
     }
 
     /// Goes on without; whatever drew into the window must be gone.
     pub fn close(&mut self) {
-        self.window = None;
+        self.touch = None;
     }
 }
 

@@ -9,7 +9,7 @@ pub enum RenderError {
     )]
     NoVulkan(String),
     /// The adapter refused a device.
-    #[error("the Vulkan adapter {adapter} gave no device ({reason}): try the software adapter (Prefer::Software)")]
+    #[error("the Vulkan adapter {adapter} gave no device ({reason}): update its driver, or install mesa-vulkan-drivers")]
     NoDevice {
         /// name of the adapter
         adapter: String,

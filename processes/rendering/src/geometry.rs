@@ -1,4 +1,5 @@
-//! The size of the window, from one process to the next: a window goes with the process that draws, and who has made it larger finds the next one as large.
+//! The size of the window, from one process to the next: a window goes with the process that draws, and who has made it larger, or had it fill the screen,
+//! finds the next one so.
 //!
 //! Promise: a size is written into the station's root once it has stood for a while, in one step; what is found there and is no size of a window is none.
 //! Nobody waits for it: what is not written or read costs the next window its size, and nothing else.
@@ -26,33 +27,54 @@ fn file(station: &Station) -> PathBuf {
     station.root().join("window-size")
 }
 
-/// The size that the window of the process before had, px.
-pub fn before_px(station: &Station) -> Option<[u32; 2]> {
+/// How large a window is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Extent {
+    /// Its inner size, px; as it is kept, of one that fills the screen, that to which it goes back.
+    pub size_px: [u32; 2],
+    /// It fills the screen.
+    pub is_full: bool,
+}
+
+/// What is written behind the size of a window that fills the screen.
+const FULL: &str = " full";
+
+/// How large the window of the process before was.
+pub fn before(station: &Station) -> Option<Extent> {
     let text = std::fs::read_to_string(file(station)).ok()?;
-    px_of(text.trim()).filter(|size_px| is_of_a_window(*size_px))
+    let (size, is_full) = text.trim().strip_suffix(FULL).map_or((text.trim(), false), |size| (size, true));
+    px_of(size).filter(|size_px| is_of_a_window(*size_px)).map(|size_px| Extent { size_px, is_full })
 }
 
 /// Keeps the size of a window for the process that follows.
 #[derive(Debug, Default)]
 pub struct Keeper {
-    kept_px: [u32; 2],
-    seen_px: [u32; 2],
+    kept: Extent,
+    seen: Extent,
     since_tick: u64,
 }
 
 impl Keeper {
-    /// Takes the size that the window has, px.
-    pub fn keep(&mut self, station: &Station, tick: u64, size_px: [u32; 2]) {
-        if size_px != self.seen_px {
-            (self.seen_px, self.since_tick) = (size_px, tick);
+    /// Goes on from the size that the process before has kept, if there was one.
+    pub fn after(before: Option<Extent>) -> Keeper {
+        Keeper { kept: before.unwrap_or_default(), ..Keeper::default() }
+    }
+
+    /// Takes how large the window is; of one that fills the screen the size that it has there.
+    pub fn keep(&mut self, station: &Station, tick: u64, now: Extent) {
+        let stays = now.is_full && is_of_a_window(self.kept.size_px);
+        let now = Extent { size_px: if stays { self.kept.size_px } else { now.size_px }, ..now };
+        if now != self.seen {
+            (self.seen, self.since_tick) = (now, tick);
         }
-        if size_px == self.kept_px || !is_of_a_window(size_px) || tick < self.since_tick + STANDS_TICKS {
+        if now == self.kept || !is_of_a_window(now.size_px) || tick < self.since_tick + STANDS_TICKS {
             return;
         }
-        self.kept_px = size_px;
-        let [width, height] = size_px;
+        self.kept = now;
+        let [width, height] = now.size_px;
+        let text = format!("{width}x{height}{}\n", if now.is_full { FULL } else { "" });
         // Refused, the next window has the size of before, or its first: no reason to stop drawing. It is tried again with the next size.
-        let _ = whole::write(&file(station), format!("{width}x{height}\n").as_bytes());
+        let _ = whole::write(&file(station), text.as_bytes());
     }
 }
 
@@ -67,6 +89,37 @@ mod tests {
         station
     }
 
+    fn framed(size_px: [u32; 2]) -> Extent {
+        Extent { size_px, is_full: false }
+    }
+
+    fn before_px(station: &Station) -> Option<[u32; 2]> {
+        before(station).map(|extent| extent.size_px)
+    }
+
+    #[test]
+    fn a_window_that_fills_the_screen_is_followed_by_one_that_does_and_goes_back_to_the_size_it_had() {
+        let station = founded("size-full");
+        let (small, screen) = (framed([800, 600]), Extent { size_px: [1_920, 1_080], is_full: true });
+        let mut keeper = Keeper::after(None);
+        for (tick, extent) in [(0, small), (500, small), (600, screen), (1_100, screen)] {
+            keeper.keep(&station, tick, extent);
+        }
+        let full = Extent { is_full: true, ..small };
+        assert_eq!(before(&station), Some(full));
+        let mut keeper = Keeper::after(before(&station));
+        for tick in [0, 600] {
+            keeper.keep(&station, tick, screen);
+        }
+        assert_eq!(before(&station), Some(full));
+        // Back again; it has the size of the screen for a moment.
+        for (tick, extent) in [(700, framed([1_920, 1_080])), (750, small), (1_250, small)] {
+            keeper.keep(&station, tick, extent);
+        }
+        assert_eq!(before(&station), Some(small));
+        station.wipe();
+    }
+
     #[test]
     fn a_size_that_has_stood_for_a_while_is_the_successors_and_one_on_the_way_there_is_not() {
         let station = founded("size-kept");
@@ -74,15 +127,15 @@ mod tests {
         assert_eq!(before_px(&station), None, "nobody was before the first");
         let mut seen = Vec::new();
         for (tick, size_px) in [(0, [640, 480]), (499, [640, 480]), (500, [640, 480]), (900, [700, 500]), (1_399, [800, 600])] {
-            keeper.keep(&station, tick, size_px);
+            keeper.keep(&station, tick, framed(size_px));
             seen.push(before_px(&station));
         }
         let first = Some([640, 480]);
         assert_eq!(seen, [None, None, first, first, first]);
-        keeper.keep(&station, 1_899, [800, 600]);
+        keeper.keep(&station, 1_899, framed([800, 600]));
         assert_eq!(before_px(&station), Some([800, 600]));
-        keeper.keep(&station, 2_000, [3, 2]);
-        keeper.keep(&station, 9_000, [3, 2]);
+        keeper.keep(&station, 2_000, framed([3, 2]));
+        keeper.keep(&station, 9_000, framed([3, 2]));
         assert_eq!(before_px(&station), Some([800, 600]), "nothing would be seen in one of 3 x 2");
         station.wipe();
     }
@@ -107,7 +160,7 @@ mod tests {
         station.wipe();
         let mut keeper = Keeper::default();
         for tick in [0, 500, 1_000] {
-            keeper.keep(&station, tick, [800, 600]);
+            keeper.keep(&station, tick, framed([800, 600]));
         }
         assert_eq!(before_px(&station), None);
     }

@@ -47,15 +47,14 @@ impl Gpu {
         Self::open(&instance, prefer, None)
     }
 
-    /// Opens a device that can draw into `window`.
+    /// Opens a device that can draw into a window; to be dropped before that.
     ///
     /// # Errors
     /// As [`Gpu::new`], and [`RenderError::NoSurface`].
-    pub fn with_window(prefer: Prefer, window: &crate::window::Window) -> Result<Self, RenderError> {
+    pub fn with_window(prefer: Prefer, pane: &crate::window::Pane) -> Result<Self, RenderError> {
         let instance = instance();
-        let handle = window.handle().ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
         let surface = instance
-            .create_surface(handle)
+            .create_surface(pane.handle())
             .map_err(|e| RenderError::NoSurface { adapter: "Vulkan".into(), reason: one_line(&e.to_string()) })?;
         Self::open(&instance, prefer, Some(surface))
     }

@@ -5,7 +5,7 @@
 //! a target stays within reach of the scope, so that nothing is wound up while the tissue or the workspace holds it.
 
 use hyst_messages::controls::{WINDOW_COAGULATION, WINDOW_CURRENT, WINDOW_HEAD, WINDOW_POSE};
-use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, HardwareSample, PointerRecord, Switch};
+use hyst_messages::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTONS_CURRENT, HardwareSample, PointerRecord, Switch};
 use rendering::{Key, PointerInput};
 use std::f32::consts::PI;
 
@@ -71,6 +71,13 @@ impl Hand {
         self.record.sequence += 1;
         self.record
     }
+
+    /// The last record, of a window that goes: everything stays as it is, and no finger is on the current. `None` if there was none before.
+    pub fn let_go(&mut self) -> Option<PointerRecord> {
+        self.record.controls.buttons &= !BUTTONS_CURRENT;
+        self.record.sequence += u64::from(self.record.sequence > 0);
+        (self.record.sequence > 0).then_some(self.record)
+    }
 }
 
 #[cfg(test)]
@@ -101,6 +108,17 @@ mod tests {
         let record = hand.follow(&keys, &now());
         assert_eq!(record.controls.buttons, 0);
         assert!(record.target[3] > 0.041, "{:?}", record.target);
+    }
+
+    #[test]
+    fn a_window_that_goes_takes_its_finger_off_the_current_and_leaves_the_rest() {
+        let mut hand = Hand::default();
+        assert_eq!(hand.let_go(), None, "it has said nothing yet");
+        hand.follow(&press(Key::LoopOut), &now());
+        let held = hand.follow(&PointerInput { insertion_m: 0.002, ..press(Key::Energize) }, &now());
+        assert_eq!(held.controls.buttons, BUTTON_ENERGIZED | BUTTON_EXTENDED);
+        let controls = Controls { buttons: BUTTON_EXTENDED, ..held.controls };
+        assert_eq!(hand.let_go(), Some(PointerRecord { sequence: held.sequence + 1, controls, ..held }));
     }
 
     #[test]
@@ -237,7 +255,7 @@ mod tests {
             let mut hand = Hand::default();
             let before = hand.follow(&PointerInput::default(), &now());
             let after = hand.follow(&press(key), &now());
-            let is_of_picture = matches!(key, Key::External | Key::Meshes | Key::Help);
+            let is_of_picture = matches!(key, Key::External | Key::Meshes | Key::FullScreen | Key::Framed | Key::Help);
             assert_eq!(after.controls != before.controls, !is_of_picture && !moves.contains(&key), "{key:?}");
         }
     }

@@ -40,6 +40,7 @@ fn name(code: KeyCode) -> String {
     match code {
         KeyCode::PageUp => "PgUp".into(),
         KeyCode::PageDown => "PgDn".into(),
+        KeyCode::Escape => "Esc".into(),
         _ => {
             let text = format!("{code:?}");
             ["Key", "Arrow"].iter().find_map(|front| text.strip_prefix(front)).map_or(text.clone(), String::from)
@@ -83,7 +84,7 @@ mod tests {
 
     #[test]
     fn where_the_hand_is_not_the_windows_the_help_has_only_what_changes_the_picture() {
-        let left = ["V M  view from outside; its meshes", "F1   this help, and away          "];
+        let left = ["V M         view from outside; its meshes   ", "F1 F11 Esc  this help; full screen, and back"];
         assert_eq!(help(0), left);
         assert_eq!(help_hint(), "F1 help");
     }
@@ -92,6 +93,6 @@ mod tests {
     fn beside_a_device_the_help_has_what_the_device_lacks() {
         let lines = help(WINDOW_HEAD | WINDOW_LIGHT);
         let keys: Vec<&str> = lines.iter().filter_map(|line| line.split("  ").next()).collect();
-        assert_eq!(keys, ["Z C", "T", "V M", "F1"], "{lines:?}");
+        assert_eq!(keys, ["Z C", "T", "V M", "F1 F11 Esc"], "{lines:?}");
     }
 }

@@ -31,6 +31,19 @@ pub struct PointerInput {
 }
 
 impl PointerInput {
+    /// This, and what the hand did after it.
+    pub fn then(&self, next: &PointerInput) -> PointerInput {
+        PointerInput {
+            pitch_rad: self.pitch_rad + next.pitch_rad,
+            yaw_rad: self.yaw_rad + next.yaw_rad,
+            insertion_m: self.insertion_m + next.insertion_m,
+            roll_rad: self.roll_rad + next.roll_rad,
+            head_rad: self.head_rad + next.head_rad,
+            pressed: self.pressed | next.pressed,
+            ..*next
+        }
+    }
+
     /// Whether a key is held.
     pub fn is_held(&self, key: Key) -> bool {
         self.held & key.bit() != 0
@@ -42,7 +55,7 @@ impl PointerInput {
     }
 }
 
-/// Keys with a meaning, by place on the keyboard.
+/// Keys with a meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Key {
     /// view up
@@ -89,6 +102,10 @@ pub enum Key {
     External,
     /// the lines of the meshes in it
     Meshes,
+    /// the window fills the screen, or no more
+    FullScreen,
+    /// the window fills the screen no more
+    Framed,
     /// help
     Help,
 }
@@ -244,15 +261,58 @@ pub(crate) static SWITCHES: [Switch; 9] = [
         bit: 0,
         does: "view from outside; its meshes",
     },
-    Switch { keys: &[(KeyCode::F1, Key::Help)], bit: 0, does: "this help, and away" },
+    Switch {
+        keys: &[(KeyCode::F1, Key::Help), (KeyCode::F11, Key::FullScreen), (KeyCode::Escape, Key::Framed)],
+        bit: 0,
+        does: "this help; full screen, and back",
+    },
 ];
 
-/// All keys, with their places on the keyboard.
+/// All keys, with their places on an American keyboard, after which the help names them.
 pub(crate) fn bindings() -> impl Iterator<Item = (KeyCode, Key)> {
     MOTIONS.iter().flat_map(|motion| motion.keys).chain(SWITCHES.iter().flat_map(|switch| switch.keys.iter().copied()))
 }
 
-/// What a place on the keyboard means.
+/// The places of the letters on an American keyboard.
+const LETTERS: [KeyCode; 26] = [
+    KeyCode::KeyA,
+    KeyCode::KeyB,
+    KeyCode::KeyC,
+    KeyCode::KeyD,
+    KeyCode::KeyE,
+    KeyCode::KeyF,
+    KeyCode::KeyG,
+    KeyCode::KeyH,
+    KeyCode::KeyI,
+    KeyCode::KeyJ,
+    KeyCode::KeyK,
+    KeyCode::KeyL,
+    KeyCode::KeyM,
+    KeyCode::KeyN,
+    KeyCode::KeyO,
+    KeyCode::KeyP,
+    KeyCode::KeyQ,
+    KeyCode::KeyR,
+    KeyCode::KeyS,
+    KeyCode::KeyT,
+    KeyCode::KeyU,
+    KeyCode::KeyV,
+    KeyCode::KeyW,
+    KeyCode::KeyX,
+    KeyCode::KeyY,
+    KeyCode::KeyZ,
+];
+
+/// The place on an American keyboard of what is meant by a key that bears such a text: a Latin letter is meant wherever the layout has it, so that a key does
+/// what the help says of its name. Any other key is meant by its place: what bears no text, and what a layout without Latin letters has there.
+pub(crate) fn meant(place: KeyCode, bears: Option<&str>) -> KeyCode {
+    match bears.unwrap_or_default().as_bytes() {
+        [letter] if letter.is_ascii_alphabetic() => LETTERS[usize::from(letter.to_ascii_lowercase() - b'a')],
+        _ => place,
+    }
+}
+
+/// What a place on an American keyboard means.
 pub(crate) fn key_at(code: KeyCode) -> Option<Key> {
     bindings().find(|(known, _)| *known == code).map(|(_, key)| key)
 }
@@ -271,6 +331,31 @@ pub(crate) fn button_bit(button: MouseButton) -> u32 {
 mod tests {
     use super::*;
 
+    /// By their places, Z and C would have been where Y and C stand in Germany, and Q and M where A and a comma do in France.
+    #[test]
+    fn a_letter_is_meant_wherever_the_layout_has_it_and_everything_else_by_its_place() {
+        let key = |place: KeyCode, bears: Option<&str>| key_at(meant(place, bears));
+        let german = [(KeyCode::KeyY, "z"), (KeyCode::KeyZ, "y")].map(|(place, bears)| key(place, Some(bears)));
+        assert_eq!(german, [Some(Key::HeadLeft), None]);
+        let french = [(KeyCode::KeyA, "q"), (KeyCode::KeyQ, "a"), (KeyCode::KeyW, "z"), (KeyCode::Semicolon, "m")];
+        let meant_by = french.map(|(place, bears)| key(place, Some(bears)));
+        assert_eq!(meant_by, [Some(Key::TurnLeft), None, Some(Key::HeadLeft), Some(Key::Meshes)]);
+        assert_eq!(key(KeyCode::KeyZ, Some("я")), Some(Key::HeadLeft), "no Latin letter");
+        assert_eq!([None, Some("Q"), Some("qu"), Some("")].map(|bears| key(KeyCode::KeyQ, bears)), [Some(Key::TurnLeft); 4]);
+        assert_eq!((key(KeyCode::Space, None), key(KeyCode::F1, None)), (Some(Key::Energize), Some(Key::Help)));
+        for (at, code) in LETTERS.iter().enumerate() {
+            assert_eq!(format!("{code:?}"), format!("Key{}", char::from(b'A' + at as u8)));
+        }
+    }
+
+    #[test]
+    fn of_two_looks_movements_add_up_presses_are_all_there_and_what_is_held_is_held_now() {
+        let first = PointerInput { pitch_rad: 0.25, head_rad: 1.0, buttons: 1, held: 3, pressed: 1, ..PointerInput::default() };
+        let then = PointerInput { pitch_rad: 0.5, yaw_rad: 0.25, held: 2, pressed: 2, ..PointerInput::default() };
+        let both = PointerInput { pitch_rad: 0.75, head_rad: 1.0, buttons: 0, pressed: 3, ..then };
+        assert_eq!((first.then(&then), PointerInput::default().then(&then)), (both, then));
+    }
+
     #[test]
     fn a_key_has_one_place_and_one_bit() {
         let all: Vec<(KeyCode, Key)> = bindings().collect();
@@ -281,6 +366,6 @@ mod tests {
             bits |= key.bit();
         }
         assert_eq!(all.len() as u32, Key::Help as u32 + 1, "a key that means something is at no place");
-        assert_eq!(key_at(KeyCode::Escape), None);
+        assert_eq!(key_at(KeyCode::Tab), None);
     }
 }

@@ -3,6 +3,7 @@
 //!
 //! Promise: without a display it goes on headless, without Vulkan without pictures; a stream that makes no sense is left out and counted.
 
+mod adapter;
 mod album;
 mod display;
 mod geometry;
@@ -16,6 +17,7 @@ mod scenery;
 mod sources;
 mod strip;
 mod switches;
+mod touch;
 mod vision;
 
 fn main() -> std::process::ExitCode {

@@ -1,4 +1,4 @@
-//! Where a finished picture goes: into memory, into a PNG file, to the end of a film, or onto the window.
+//! Where a finished picture goes: into memory, or onto the window; and from memory into a PNG file or to the end of a film.
 use hyst_exchange::whole;
 use std::{fs::OpenOptions, io::Write, path::Path};
 
@@ -55,37 +55,13 @@ impl Renderer {
         Ok(&self.rgba)
     }
 
-    /// Writes the last picture as PNG. The file appears whole or not at all.
+    /// Writes the last picture as [`save_png`] does.
     ///
     /// # Errors
     /// [`RenderError::Picture`], [`RenderError::DeviceLost`].
     pub fn save_png(&mut self, path: &Path) -> Result<(), RenderError> {
-        let [width, height] = self.targets.sizes.shown;
-        let pixels = self.read_rgba()?;
-        let failed = |reason: String| RenderError::Picture { path: path.display().to_string(), reason: one_line(&reason) };
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, width, height);
-        encoder.set_color(png::ColorType::Rgba);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header().map_err(|e| failed(e.to_string()))?;
-        writer.write_image_data(pixels).map_err(|e| failed(e.to_string()))?;
-        writer.finish().map_err(|e| failed(e.to_string()))?;
-        whole::write(path, &bytes).map_err(|e| failed(e.to_string()))
-    }
-
-    /// Appends the last picture to a film: JPEG after JPEG, which is what players call MJPEG. A film whose end was cut goes on after the cut.
-    ///
-    /// # Errors
-    /// [`RenderError::Picture`], [`RenderError::DeviceLost`].
-    pub fn append_jpeg(&mut self, path: &Path) -> Result<(), RenderError> {
-        let [width, height] = self.targets.sizes.shown.map(|side| side as u16); // `MAX_SIDE_PX` at most
-        let pixels = self.read_rgba()?;
-        let failed = |reason: String| RenderError::Picture { path: path.display().to_string(), reason: one_line(&reason) };
-        let mut bytes = Vec::new();
-        let encoder = jpeg_encoder::Encoder::new(&mut bytes, FILM_QUALITY);
-        encoder.encode(pixels, width, height, jpeg_encoder::ColorType::Rgba).map_err(|e| failed(e.to_string()))?;
-        let film = OpenOptions::new().create(true).append(true).open(path);
-        film.and_then(|mut film| film.write_all(&bytes)).map_err(|e| failed(e.to_string()))
+        let size_px = self.targets.sizes.shown;
+        save_png(path, size_px, self.read_rgba()?)
     }
 
     /// Shows the last picture on the window that the device was opened with, as large as fits `width_px` × `height_px`.
@@ -151,6 +127,39 @@ impl Renderer {
             surface.configure(&self.gpu.device, &wanted);
         }
     }
+}
+
+fn unwritten(path: &Path, reason: &str) -> RenderError {
+    RenderError::Picture { path: path.display().to_string(), reason: one_line(reason) }
+}
+
+/// Writes a picture as [`Renderer::read_rgba`] gives it as PNG. The file appears whole or not at all.
+///
+/// # Errors
+/// [`RenderError::Picture`].
+pub fn save_png(path: &Path, [width, height]: [u32; 2], rgba: &[u8]) -> Result<(), RenderError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(|e| unwritten(path, &e.to_string()))?;
+    writer.write_image_data(rgba).map_err(|e| unwritten(path, &e.to_string()))?;
+    writer.finish().map_err(|e| unwritten(path, &e.to_string()))?;
+    whole::write(path, &bytes).map_err(|e| unwritten(path, &e.to_string()))
+}
+
+/// Appends a picture to a film: JPEG after JPEG, which is what players call MJPEG. A film whose end was cut goes on after the cut.
+///
+/// # Errors
+/// [`RenderError::Picture`].
+pub fn append_jpeg(path: &Path, size_px: [u32; 2], rgba: &[u8]) -> Result<(), RenderError> {
+    let [width, height] = size_px.map(|side| side as u16); // `MAX_SIDE_PX` at most
+    let mut bytes = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut bytes, FILM_QUALITY);
+    let encoded = encoder.encode(rgba, width, height, jpeg_encoder::ColorType::Rgba);
+    encoded.map_err(|e| unwritten(path, &e.to_string()))?;
+    let film = OpenOptions::new().create(true).append(true).open(path);
+    film.and_then(|mut film| film.write_all(&bytes)).map_err(|e| unwritten(path, &e.to_string()))
 }
 
 /// A format of the surface that takes the finished picture as it is; gamma is in it already.

@@ -37,6 +37,12 @@ pub struct Sources {
     pub looks: Looks,
 }
 
+/// A sample, if it says where the scope is.
+pub fn sound(sample: HardwareSample) -> Option<HardwareSample> {
+    let pose = &sample.pose;
+    pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite()).then_some(sample)
+}
+
 /// The newest unread message over several streams, by epoch and tick; what `is_ahead` is no state of the role.
 fn newest_of(streams: &[Option<Subscriber>], kind: Kind, is_ahead: impl Fn((u32, u64)) -> bool) -> Option<(StreamHeader, Held)> {
     let mut newest: Option<(StreamHeader, Held)> = None;
@@ -151,10 +157,7 @@ impl Sources {
 
     /// Where the scope is and what the hand sets, as the hardware measures it.
     pub fn sample(&self) -> Option<HardwareSample> {
-        let (_, sample) = self.hardware.as_ref()?.cell(hardware::SAMPLE)?;
-        let pose = &sample.pose;
-        let finite = pose.position_m.iter().chain(&pose.orientation).all(|value| value.is_finite());
-        finite.then_some(sample)
+        self.hardware.as_ref()?.cell(hardware::SAMPLE).and_then(|(_, sample)| sound(sample))
     }
 
     /// What the servos are asked: the planes near the tip, and the force that is applied; nothing that is not finite.

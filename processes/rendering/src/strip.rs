@@ -2,8 +2,9 @@
 
 use hyst_engine::{Life, Told};
 use hyst_exchange::StationPage;
+use hyst_messages::page::{header, station as layout};
 use hyst_messages::{FluidStatus, PUMP_ALARMS, PUMP_NOTICES, SLOTS, Slot};
-use rendering::{ALARM, Overlay};
+use rendering::{ALARM, COLUMNS, Overlay};
 
 /// How long the sign of a replaced process stays, ticks.
 const SIGN_TICKS: u64 = 3_000;
@@ -21,6 +22,8 @@ const MMHG_PA: f32 = 133.322;
 pub struct Strip {
     test_mode: bool,
     lives: [u32; SLOTS],
+    /// Who was replaced within the time of a sign.
+    signed: Vec<Slot>,
     sign: String,
     sign_until: u64,
     counted_from: u64,
@@ -31,9 +34,19 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// The strip of a station.
-    pub fn of(clock: &StationPage) -> Strip {
-        Strip { test_mode: clock.test_mode(), ..Strip::default() }
+    /// The strip of a station. Before the first picture of a process that follows one that died, that death is still to be signed.
+    pub fn of(life: &Life) -> Strip {
+        let mut strip = Strip { test_mode: life.clock.test_mode(), ..Strip::default() };
+        let restarts = life.clock.page().load64(layout::SLOT_RESTARTS + life.slot.number());
+        if restarts > 0 && life.page.load64(header::STEPS) == 0 {
+            strip.follow_another(life.slot, life.incarnation);
+        }
+        strip
+    }
+
+    /// As if another life had been seen in a slot.
+    fn follow_another(&mut self, slot: Slot, life: u32) {
+        self.lives[slot.number()] = if life == 1 { 2 } else { 1 };
     }
 
     /// Counts a picture.
@@ -75,7 +88,15 @@ impl Strip {
     fn note(&mut self, slot: Slot, life: u32, tick: u64) {
         let before = std::mem::replace(&mut self.lives[slot.number()], life);
         if before != 0 && life != before && life != 0 {
-            self.sign = format!("{slot} replaced");
+            if tick >= self.sign_until {
+                self.signed.clear();
+            }
+            if !self.signed.contains(&slot) {
+                self.signed.push(slot);
+            }
+            let names: Vec<String> = self.signed.iter().map(Slot::to_string).collect();
+            let sign = format!("{} replaced", names.join(", "));
+            self.sign = if sign.len() <= COLUMNS { sign } else { format!("{} processes replaced", names.len()) };
             self.sign_until = tick + SIGN_TICKS;
         }
     }
@@ -125,6 +146,29 @@ mod tests {
         strip.note(haptic, 9, 2_000);
         assert_eq!(strip.overlay(4_999, None, None).sign, "haptic:1 replaced");
         assert_eq!(strip.overlay(5_000, None, None).sign, "");
+    }
+
+    /// Of two that were replaced at once the picture named the one with the higher number, and never itself.
+    #[test]
+    fn those_that_are_replaced_at_once_are_signed_together_as_far_as_there_is_room_and_a_new_rendering_signs_itself() {
+        let mut strip = Strip::default();
+        let sign = |strip: &Strip, tick: u64| strip.overlay(tick, None, None).sign;
+        let slots = [(Role::Haptic, 0), (Role::Tissue, 1), (Role::Fluid, 0), (Role::Recorder, 0), (Role::Console, 0)];
+        let slots = slots.map(|(role, index)| Slot::new(role, index).unwrap());
+        slots.iter().for_each(|slot| strip.note(*slot, 3, 0));
+        for (slot, life, tick) in [(slots[0], 4, 1_000), (slots[1], 5, 3_999), (slots[1], 6, 4_000)] {
+            strip.note(slot, life, tick);
+        }
+        assert_eq!(sign(&strip, 6_999), "haptic:0, tissue:1 replaced");
+        strip.note(slots[2], 7, 7_000);
+        assert_eq!(sign(&strip, 7_000), "fluid:0 replaced", "the signs of before are over");
+        slots.iter().for_each(|slot| strip.note(*slot, 8, 7_001));
+        assert_eq!(sign(&strip, 7_002), "5 processes replaced");
+        let mut strip = Strip::default();
+        let rendering = Slot::first(Role::Rendering);
+        strip.follow_another(rendering, 1);
+        strip.note(rendering, 1, 50);
+        assert_eq!(sign(&strip, 60), "rendering replaced");
     }
 
     #[test]

@@ -3,9 +3,9 @@
 
 mod gather;
 
+use crate::adapter;
 use crate::album::Album;
 use crate::display::{self, Asked, Display};
-use crate::hand::Hand;
 use crate::pulse::Pulse;
 use crate::relay::Relay;
 use crate::scenery::{BUBBLES, CONTACTS, FORCE, MOTES, Refusals, Scenery};
@@ -19,8 +19,8 @@ use hyst_messages::page::{ProcessState, header, rendering as page};
 use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
-    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Prefer, RenderError, Renderer, Shown, View,
-    Window, distortion, fastest_ticks,
+    Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown,
+    View, distortion, fastest_ticks,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.
@@ -79,16 +79,25 @@ pub fn run(life: &Life) -> Result<(), Failure> {
     let mut switches = Switches::new(wants_external(life)?);
     let asked = display::asked(&life.settings)?;
     let mut album = Album::open(life)?;
+    let ended = draw(life, asked, &mut switches, &mut album);
+    album.close(life);
+    ended
+}
+
+/// Draws until the station stops or something breaks.
+fn draw(life: &Life, asked: Asked, switches: &mut Switches, album: &mut Album) -> Result<(), Failure> {
     let links = Links::join(&life.station, &life.slot.to_string())?;
     let mut relay = Relay::open(life, &links)?;
     let mut sources = Sources::open(life, links)?;
     life.ports_are_open();
-    let mut display = Display::open(life, asked.size_px);
-    let mut hand = Hand::default();
+    let mut display = {
+        let _pulse = Pulse::start(life)?;
+        Display::open(life, asked.size_px)
+    };
     loop {
         let started = {
             let _pulse = Pulse::start(life)?;
-            Vision::start(life, &display, asked, switches)
+            device(life, &display).and_then(|gpu| Vision::start(life, gpu, &display, asked, *switches))
         };
         let mut vision = match started {
             Ok(vision) => vision,
@@ -96,24 +105,36 @@ pub fn run(life: &Life) -> Result<(), Failure> {
                 life.say(&format!("{error}; the station goes on without pictures"));
                 return without_pictures(life);
             }
-            Err(error @ (RenderError::NoDisplay(_) | RenderError::NoSurface { .. })) if display.window().is_some() => {
-                life.say(&format!("{error}; headless"));
-                display.close();
+            Err(error @ (RenderError::NoDisplay(_) | RenderError::NoSurface { .. })) if display.pane().is_some() => {
+                leave(life, &mut display, &error.to_string());
                 continue;
             }
-            Err(error) => return Err(Failure::Broken(error.to_string())),
+            Err(error) => return Err(adapter::broken(life, &error)),
         };
-        let end = vision.show(&mut sources, &mut display, &mut album, &mut relay, &mut hand)?;
-        switches = vision.switches;
+        let end = vision.show(&mut sources, &mut display, album, &mut relay)?;
+        *switches = vision.switches;
         drop(vision);
         match end {
             End::Stopped => return Ok(()),
-            End::NoWindow(reason) => {
-                life.say(&format!("{reason}; headless"));
-                display.close();
-            }
+            End::NoWindow(reason) => leave(life, &mut display, &reason),
         }
     }
+}
+
+/// Opens the device that draws.
+fn device(life: &Life, display: &Display) -> Result<Gpu, RenderError> {
+    let order = adapter::order(&adapter::lost_ns(&life.station));
+    if order[0] == Prefer::Software {
+        life.say("two graphics devices were lost within a minute: the adapter in software is tried first");
+    }
+    let open = |prefer| display.pane().map_or_else(|| Gpu::new(prefer), |pane| Gpu::with_window(prefer, pane));
+    adapter::first_of(order, open, |text| life.say(text))
+}
+
+/// Goes on without the window.
+fn leave(life: &Life, display: &mut Display, reason: &str) {
+    life.say(&format!("{reason}; headless"));
+    display.close();
 }
 
 /// The process lives, so that nobody waits for it or restarts it; its status says that it has drawn nothing.
@@ -152,15 +173,11 @@ fn held(optic: &ScopeRecord, sample: Option<&HardwareSample>, usual_focus_m: f32
 }
 
 impl<'a> Vision<'a> {
-    /// Opens the device and draws a first picture, which compiles what drivers compile late.
-    fn start(life: &'a Life, display: &Display, asked: Asked, switches: Switches) -> Result<Vision<'a>, RenderError> {
-        let gpu = match display.window() {
-            Some(window) => Gpu::with_window(Prefer::Fastest, window)?,
-            None => Gpu::new(Prefer::Fastest)?,
-        };
+    /// Draws a first picture, which compiles what drivers compile late.
+    fn start(life: &'a Life, gpu: Gpu, display: &Display, asked: Asked, switches: Switches) -> Result<Vision<'a>, RenderError> {
         let name = gpu.name();
         let [width, height] = display::size_px(asked.size_px, gpu.is_software());
-        let refresh_hz = display.window().and_then(Window::refresh_hz);
+        let refresh_hz = display.pane().and_then(Pane::refresh_hz);
         let fastest_ticks = fastest_ticks(asked.hz, gpu.is_software(), system::cores(), refresh_hz);
         display.fit([width, height])?;
         let mut renderer = Renderer::new(gpu, width, height)?;
@@ -179,7 +196,7 @@ impl<'a> Vision<'a> {
             focus_m: asked.focus_m,
             effort,
             fastest_ticks,
-            strip: Strip::of(&life.clock),
+            strip: Strip::of(life),
             shown: None,
             flowed: None,
             flow: None,
@@ -200,10 +217,9 @@ impl<'a> Vision<'a> {
         display: &mut Display,
         album: &mut Album,
         relay: &mut Relay,
-        hand: &mut Hand,
     ) -> Result<End, Failure> {
         let life = self.life;
-        let broken = |error: RenderError| Failure::Broken(error.to_string());
+        let broken = |error: RenderError| adapter::broken(life, &error);
         sources.looks.want();
         let mut pace = Pace::new(life, self.effort.period_ticks, 0).with_backlog(BACKLOG);
         let (mut last_ns, mut is_under_way) = (system::now_ns(), false);
@@ -214,29 +230,23 @@ impl<'a> Vision<'a> {
             sources.welcome();
             let sample = sources.sample();
             let given = sample.as_ref().map_or(0, |sample| sample.from_window);
-            match display.pump(elapsed_s) {
+            match display.input() {
                 Ok(None) => {}
-                Ok(Some(input)) => {
-                    self.switches.press(&input, given);
-                    if let Some(sample) = sample.as_ref().filter(|_| given != 0) {
-                        hand.is_over = self.strip.is_over();
-                        life.page.write(page::POINTER, &hand.follow(&input, sample));
-                    }
-                }
+                Ok(Some(input)) => self.switches.press(&input, given),
                 Err(reason) => return Ok(End::NoWindow(reason)),
             }
+            display.go_on(self.strip.is_over());
             display.keep_size(&life.station, tick);
             self.gather(sources).map_err(broken)?;
             self.aim(sample.as_ref(), sources.hold_m());
             self.drift(sources, sample.as_ref(), elapsed_s).map_err(broken)?;
             self.view.adaptation = 1.0 - (-elapsed_s / ADAPTATION_S).exp();
-            self.write(sources, tick, sample.as_ref(), display.window().is_some());
+            self.write(sources, tick, sample.as_ref(), display.pane().is_some());
             let stats = self.renderer.render(&self.view).map_err(broken)?;
             self.strip.count(tick);
             life.drag(last_ns);
             self.report(&stats);
-            if let Some(window) = display.window() {
-                let [width, height] = window.size_px();
+            if let Some([width, height]) = display.size_px() {
                 match self.renderer.present(width, height) {
                     Ok(Shown::Yes | Shown::Skipped) => {}
                     Err(error @ RenderError::DeviceLost(_)) => return Err(broken(error)),

@@ -1,9 +1,11 @@
 //! The window: shows pictures, and turns mouse and keyboard into movements of the hand.
 //!
-//! Promise: it is pumped from the process's own loop and never blocks it; no display, or a display that goes away, is an error, never a panic
-//! that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
+//! Promise: the thread that opens it pumps it, and is never blocked by that; another one may draw into its [`Pane`] meanwhile. No display, or a display that
+//! goes away, is an error, never a panic that leaves this module. One case is out of its hands: if Xlib itself finds the connection broken, it ends the process with code 1 and one
 //! line; the restarted process finds no display and goes on headless, which is the same path as a start without one.
 //! What keys and mouse do is the table in `input`; keys that move the scope do so at a fixed speed while they are held.
+mod pane;
+
 use std::{sync::Arc, time::Duration};
 
 use winit::{
@@ -11,20 +13,23 @@ use winit::{
     dpi::{LogicalSize, PhysicalPosition, PhysicalSize, Size},
     event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent},
     event_loop::{ActiveEventLoop, EventLoop},
-    keyboard::{KeyCode, PhysicalKey},
+    keyboard::{Key as Logical, KeyCode, PhysicalKey},
     platform::{
+        modifier_supplement::KeyEventExtModifierSupplement,
         pump_events::{EventLoopExtPumpEvents, PumpStatus},
         x11::EventLoopBuilderExtX11,
     },
-    window::{Window as Native, WindowId},
+    window::{Fullscreen, Window as Native, WindowId},
 };
 
 use crate::{
     caught::caught,
     error::RenderError,
     gpu::one_line,
-    input::{MOTIONS, Mouse, PointerInput, button_bit, key_at},
+    input::{Key, MOTIONS, Mouse, PointerInput, button_bit, key_at, meant},
 };
+
+pub use pane::Pane;
 
 /// Pixels of a touch pad's scroll that count as a notch.
 const PX_PER_NOTCH: f64 = 40.0;
@@ -104,8 +109,28 @@ impl Window {
         match status {
             PumpStatus::Exit(code) if !app.closed => Err(RenderError::NoDisplay(format!("the display went away, code {code}"))),
             _ if app.closed => Ok(Status::Closed),
-            _ => Ok(Status::Open(app.take_input(elapsed_s))),
+            _ => {
+                let input = app.take_input(elapsed_s);
+                if app.is_to_be_full(&input) != app.is_full {
+                    self.fill(!self.app.is_full);
+                }
+                Ok(Status::Open(input))
+            }
         }
+    }
+
+    /// Fills the screen, or no more. A display that refuses leaves the window as it is.
+    pub fn fill(&mut self, is_full: bool) {
+        self.app.is_full = is_full;
+        let wanted = is_full.then_some(Fullscreen::Borderless(None));
+        if let Some(window) = &self.app.native {
+            let _ = guarded(|| window.set_fullscreen(wanted)); // of one that is gone pump speaks
+        }
+    }
+
+    /// Whether it is to fill the screen.
+    pub fn is_full(&self) -> bool {
+        self.app.is_full
     }
 
     /// Inner size, px.
@@ -113,9 +138,13 @@ impl Window {
         self.app.size // as last reported; asking a display that went away would end the process
     }
 
-    /// Pictures in a second that the display it was opened on shows, if the display says it.
-    pub fn refresh_hz(&self) -> Option<f32> {
-        self.app.refresh_hz
+    /// What is drawn into.
+    ///
+    /// # Errors
+    /// [`RenderError::NoDisplay`] if the window is closed.
+    pub fn pane(&self) -> Result<Pane, RenderError> {
+        let native = self.app.native.clone().ok_or_else(|| RenderError::NoDisplay("the window is closed".into()))?;
+        Ok(Pane { native, refresh_hz: self.app.refresh_hz })
     }
 
     /// Another title: the name of the station, and what it does.
@@ -124,19 +153,6 @@ impl Window {
     /// [`RenderError::NoDisplay`] if the display went away.
     pub fn set_title(&self, title: &str) -> Result<(), RenderError> {
         self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.set_title(title)))
-    }
-
-    /// Asks for another size of what is inside, px; the user's display has the last word.
-    ///
-    /// # Errors
-    /// [`RenderError::NoDisplay`] if the display went away.
-    pub fn resize(&self, width_px: u32, height_px: u32) -> Result<(), RenderError> {
-        let size = LogicalSize::new(width_px, height_px);
-        self.app.native.as_ref().map_or(Ok(()), |window| guarded(|| window.request_inner_size(size)).map(|_| ()))
-    }
-
-    pub(crate) fn handle(&self) -> Option<Arc<Native>> {
-        self.app.native.clone()
     }
 }
 
@@ -156,12 +172,15 @@ struct App {
     size: [u32; 2],
     /// The size to begin with is one of the display's own pixels.
     is_exact: bool,
+    is_full: bool,
     refresh_hz: Option<f32>,
     native: Option<Arc<Native>>,
     failed: Option<String>,
     closed: bool,
     at: Option<PhysicalPosition<f64>>,
     input: PointerInput,
+    /// What is held: the places, and what was meant when each went down.
+    down: Vec<(KeyCode, KeyCode)>,
 }
 
 impl App {
@@ -174,6 +193,10 @@ impl App {
             *input.along(motion.axis) += (forth - back) * seconds * motion.per_s;
         }
         input
+    }
+
+    fn is_to_be_full(&self, input: &PointerInput) -> bool {
+        (self.is_full ^ input.was_pressed(Key::FullScreen)) && !input.was_pressed(Key::Framed)
     }
 
     fn moved(&mut self, to: PhysicalPosition<f64>) {
@@ -203,9 +226,24 @@ impl App {
     }
 
     fn key(&mut self, event: &KeyEvent) {
-        if let PhysicalKey::Code(code) = event.physical_key {
-            self.press(code, event.state, event.repeat);
+        let PhysicalKey::Code(place) = event.physical_key else { return };
+        let bears = match event.key_without_modifiers() {
+            Logical::Character(text) => Some(text),
+            _ => None,
+        };
+        self.stroke(place, bears.as_deref(), event.state, event.repeat);
+    }
+
+    /// A key is let go as what it was pressed as, also where the layout is another one by then.
+    fn stroke(&mut self, place: KeyCode, bears: Option<&str>, state: ElementState, is_repeat: bool) {
+        let before = self.down.iter().position(|(down, _)| *down == place);
+        let code = before.map_or_else(|| meant(place, bears), |at| self.down[at].1);
+        match before {
+            None if state.is_pressed() => self.down.push((place, code)),
+            Some(_) if !state.is_pressed() => self.down.retain(|(down, _)| *down != place),
+            _ => {}
         }
+        self.press(code, state, is_repeat);
     }
 
     fn press(&mut self, code: KeyCode, state: ElementState, is_repeat: bool) {
@@ -249,81 +287,14 @@ impl ApplicationHandler for App {
             WindowEvent::MouseWheel { delta: MouseScrollDelta::LineDelta(_, y), .. } => self.wheel(y),
             WindowEvent::MouseWheel { delta: MouseScrollDelta::PixelDelta(p), .. } => self.wheel((p.y / PX_PER_NOTCH) as f32),
             WindowEvent::KeyboardInput { event, .. } => self.key(&event),
-            WindowEvent::Focused(false) => (self.input.held, self.input.buttons) = (0, 0),
+            WindowEvent::Focused(false) => {
+                (self.input.held, self.input.buttons) = (0, 0);
+                self.down.clear();
+            }
             _ => {}
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::input::{Axis, Key, RAD_PER_PX};
-
-    /// The axes that a movement goes along, each with its sign.
-    fn moved(mut input: PointerInput) -> Vec<(Axis, bool)> {
-        let axes = [Axis::Pitch, Axis::Yaw, Axis::Roll, Axis::Insertion, Axis::Head];
-        let far = axes.into_iter().map(|axis| (axis, *input.along(axis))).filter(|(_, far)| *far != 0.0);
-        far.map(|(axis, far)| (axis, far > 0.0)).collect()
-    }
-
-    #[test]
-    fn each_motion_of_the_table_is_made_by_its_keys_and_by_its_mouse() {
-        for motion in &MOTIONS {
-            for ((code, key), is_forth) in motion.keys.into_iter().zip([false, true]) {
-                let mut app = App::default();
-                app.press(code, ElementState::Pressed, false);
-                let input = app.take_input(0.01);
-                assert!(input.was_pressed(key) && moved(input) == [(motion.axis, is_forth)], "{key:?}: {input:?}");
-                app.press(code, ElementState::Released, false);
-                assert_eq!(app.take_input(0.01), PointerInput::default(), "{key:?} was let go");
-            }
-            let mut app = App::default();
-            app.moved(PhysicalPosition::new(50.0, 50.0));
-            let to = match motion.mouse {
-                Mouse::DragUp(button) => (button, PhysicalPosition::new(50.0, 40.0)),
-                Mouse::DragRight(button) => (button, PhysicalPosition::new(60.0, 50.0)),
-                Mouse::Wheel => {
-                    app.wheel(1.0);
-                    (MouseButton::Middle, PhysicalPosition::new(50.0, 50.0))
-                }
-            };
-            app.button(to.0, ElementState::Pressed);
-            app.moved(to.1);
-            assert_eq!(moved(app.take_input(0.0)), [(motion.axis, true)]);
-        }
-    }
-
-    #[test]
-    fn a_key_that_repeats_itself_is_pressed_once() {
-        let mut app = App::default();
-        for is_repeat in [false, true, true] {
-            app.press(KeyCode::F1, ElementState::Pressed, is_repeat);
-        }
-        assert!(app.take_input(0.0).was_pressed(Key::Help));
-        app.press(KeyCode::F1, ElementState::Pressed, true);
-        assert!(!app.take_input(0.0).was_pressed(Key::Help));
-    }
-
-    #[test]
-    fn the_mouse_moves_the_scope_only_while_a_button_is_held() {
-        let mut app = App::default();
-        app.moved(PhysicalPosition::new(10.0, 10.0));
-        app.moved(PhysicalPosition::new(30.0, 10.0));
-        assert_eq!(app.take_input(0.0), PointerInput::default());
-        app.button(MouseButton::Left, ElementState::Pressed);
-        app.moved(PhysicalPosition::new(40.0, 5.0));
-        let input = app.take_input(0.0);
-        assert!((input.yaw_rad - 10.0 * RAD_PER_PX).abs() < 1e-6 && (input.pitch_rad - 5.0 * RAD_PER_PX).abs() < 1e-6);
-        assert_eq!(app.take_input(0.0), PointerInput { buttons: 1, ..PointerInput::default() }, "a movement counts once");
-    }
-
-    #[test]
-    fn a_held_key_moves_with_time_and_a_stall_does_not_make_it_leap() {
-        let mut app = App::default();
-        app.input.held = Key::In.bit();
-        assert!((app.take_input(0.05).insertion_m - 0.001).abs() < 1e-7);
-        assert!(app.take_input(1000.0).insertion_m <= 0.0021);
-        assert_eq!(app.take_input(f32::NAN).insertion_m, 0.0);
-    }
-}
+mod tests;

@@ -386,7 +386,7 @@ pub struct TissueStatus {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct PointerRecord {
-    /// Counts changes.
+    /// Counts records; a window that lives writes a hundred in a second, however slowly it draws.
     pub sequence: u64,
     /// Target of pitch, yaw, roll (rad), insertion (m), and of the horizon: how far the camera head is turned on the scope and the scope itself, rad.
     pub target: [f32; 5],

@@ -36,6 +36,27 @@ int main(int argc, char **argv) {
     return hyst_end(&driver);
 }
 "#;
+/// A driver that says what is in its sample under the key of the current at first, and once that is off or 20 s have passed.
+const SILENT: &str = r#"#define _GNU_SOURCE
+#include "hystation_driver.h"
+int main(int argc, char **argv) {
+    static hyst_driver driver;
+    int code = hyst_begin(&driver, argc, argv);
+    if (code >= 0) return code;
+    hyst_statement statement = {.version = HYST_STATEMENT_VERSION, .rate_hz = 1000.0f, .max_force_n = 1.0f};
+    hyst_state(&driver, &statement);
+    uint64_t end_ns = hyst_now_ns() + 20000000000u;
+    hyst_sample sample = {.pose = hyst_pose_of(0.1f, 0.2f, 0.3f, 0.04f)};
+    hyst_from_window(&driver, &sample, HYST_WINDOW_CURRENT);
+    uint32_t first = sample.controls.buttons;
+    while (sample.controls.buttons != 0 && hyst_now_ns() < end_ns) {
+        hyst_wait(&driver, 1000000);
+        hyst_from_window(&driver, &sample, HYST_WINDOW_CURRENT);
+    }
+    printf("%u %u\n", first, sample.controls.buttons);
+    return hyst_end(&driver);
+}
+"#;
 /// What the driver of [`SOURCE`] has itself, and how its scope is turned, rad.
 const OWN: Controls = Controls {
     buttons: BUTTON_ENERGIZED,
@@ -71,8 +92,8 @@ struct Empty {
 }
 
 impl Empty {
-    fn new() -> Empty {
-        let station = Station::named(&format!("keys-{}", std::process::id())).expect("a name");
+    fn new(name: &str) -> Empty {
+        let station = Station::named(&format!("{name}-{}", std::process::id())).expect("a name");
         station.wipe();
         station.found().expect("a station");
         Empty { station, next: 3 }
@@ -93,13 +114,19 @@ impl Empty {
             .store32(station::SLOT_INCARNATION + slot.number(), incarnation);
     }
 
-    /// What another life of the driver has in its samples, for each of [`LACKS`]: what it lacks, its controls, and how the head is turned, rad.
-    fn samples(&mut self, program: &Path) -> Vec<(u32, Controls, f32)> {
+    /// What another life of a driver writes on stdout.
+    fn live(&mut self, program: &Path) -> String {
         let (slot, incarnation) = (Slot::first(Role::Hardware), self.incarnation());
         self.station.create_slot(slot, incarnation).expect("its page");
         let words = ["--station", self.station.name(), "--slot", "hardware", "--incarnation", &incarnation.to_string()];
         let (code, out, said) = run(Command::new(program).args(words));
         assert_eq!(code, Some(0), "{said}");
+        out
+    }
+
+    /// What another life of the driver has in its samples, for each of [`LACKS`]: what it lacks, its controls, and how the head is turned, rad.
+    fn samples(&mut self, program: &Path) -> Vec<(u32, Controls, f32)> {
+        let out = self.live(program);
         let read = |line: &str| {
             let word: Vec<f32> = line.split(' ').map(|word| word.parse().expect("a number")).collect();
             let [from, buttons, inflow_valve, outflow_valve, set_pressure_pa, light, loop_extension_m, focus_m, head_rad] =
@@ -127,7 +154,7 @@ fn a_driver_in_c_takes_from_the_windows_keys_what_its_device_lacks_and_nothing_e
     let lacks = LACKS.map(|bits| bits.to_string()).join(", ");
     let source = folder.write("window.c", &SOURCE.replace("{LACKS}", &format!("{{{lacks}}}")));
     let program = compile(&folder, "window", Path::new(&source), &[]);
-    let mut empty = Empty::new();
+    let mut empty = Empty::new("keys");
     let as_it_is: Vec<_> = LACKS.iter().map(|bits| (*bits, OWN, 0.0)).collect();
     assert_eq!(empty.samples(&program), as_it_is, "there is no window");
     empty.say(&PointerRecord::default());
@@ -170,4 +197,15 @@ fn a_driver_in_c_takes_from_the_windows_keys_what_its_device_lacks_and_nothing_e
     };
     empty.say(&PointerRecord { target: [none; 5], controls: nonsense, ..said });
     assert_eq!(empty.samples(&program), as_it_is, "what cannot be set stays as it is");
+}
+
+/// A window that died while its key was held had the current of a driver on until another one spoke.
+#[test]
+fn a_driver_in_c_takes_no_current_from_a_window_that_has_fallen_silent() {
+    let folder = Folder::new("driver-silent");
+    let program = compile(&folder, "silent", Path::new(&folder.write("silent.c", SILENT)), &[]);
+    let mut empty = Empty::new("silent");
+    let controls = Controls { buttons: BUTTON_ENERGIZED, ..Controls::default() };
+    empty.say(&PointerRecord { sequence: 1, controls, ..PointerRecord::default() });
+    assert_eq!(empty.live(&program), format!("{BUTTON_ENERGIZED} 0\n"));
 }

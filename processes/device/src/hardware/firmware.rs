@@ -3,6 +3,7 @@
 
 use super::canary::Canaries;
 use super::commands::Commands;
+use super::finger::Finger;
 use super::hand::Hand;
 use super::ledger::{Judged, Ledger};
 use super::pump::Pump;
@@ -24,6 +25,7 @@ struct Firmware<'a> {
     inbox: PageInbox,
     device: Option<ReadPage>,
     window: Option<ReadPage>,
+    finger: Finger,
     pump: Pump,
     commands: Commands,
     tip_m: [f32; 3],
@@ -48,6 +50,7 @@ pub fn run(life: &Life) -> Result<(), Failure> {
         inbox,
         device: None,
         window: None,
+        finger: Finger::new(system::now_ns()),
         pump: Pump::default(),
         commands: Commands::default(),
         tip_m: [0.0; 3],
@@ -168,7 +171,9 @@ impl Firmware<'_> {
         let trips = self.state.trips;
         let (state, force_n) = hardware_step(&self.params, &self.state, command.map(|command| command.force_n));
         self.state = state;
-        let pointer = self.window.as_ref().and_then(|page| page.cell(rendering::POINTER)).map(|(_, pointer)| pointer);
+        let said = self.window.as_ref().and_then(|page| page.cell(rendering::POINTER));
+        // By the wall's time, as the window lives by it in lock-step, too.
+        let pointer = said.map(|(_, said)| self.finger.heed(system::now_ns(), said));
         if self.hand.is_waiting()
             && let Some(status) = self.pump.says(station_tick)
         {

@@ -1,6 +1,8 @@
 //! The hand at one tick after another: what scripts, pointer and scene make it press, set and turn.
 
+use super::super::finger::Finger;
 use super::*;
+use hyst_messages::TICK_NS;
 use hyst_messages::controls::{WINDOW_COAGULATION, WINDOW_FOCUS, WINDOW_INFLOW, WINDOW_PRESSURE};
 use hyst_scene::Signal;
 
@@ -94,6 +96,25 @@ fn the_loop_goes_out_and_in_as_fast_as_a_thumb_and_no_farther_than_it_reaches() 
         }
         assert!((before_m - end_m).abs() < 1e-6, "{before_m}");
     }
+}
+
+/// Who held the key when the window went had current in the loop to the end of the session.
+#[test]
+fn a_window_that_falls_silent_has_no_finger_on_the_current_and_the_rest_stays_as_it_said() {
+    let scene = hyst_scene::load_embedded().unwrap();
+    let mut hand = Hand::in_scene(&scene, "mouse", 0).unwrap();
+    let mut finger = Finger::new(0);
+    let buttons = BUTTON_ENERGIZED | BUTTON_EXTENDED;
+    let controls = Controls { buttons, set_pressure_pa: 5_000.0, ..Controls::default() };
+    let mut at = |tick: u64, sequence: u64| {
+        let said = PointerRecord { sequence, target: [0.0, 0.0, 0.0, 0.04, 0.0], controls };
+        hand.step(tick, [0.0; 3], Some(&finger.heed(tick * TICK_NS, said))).controls
+    };
+    assert!((0..2_000).all(|tick| at(tick, 1 + tick / 10).buttons == buttons), "the key is held, and a record comes every 10 ms");
+    let silent: Vec<Controls> = (2_000..2_500).map(|tick| at(tick, 200)).collect();
+    assert_eq!(silent.iter().position(|controls| controls.buttons != buttons), Some(190), "200 ms after the last one");
+    assert!(silent[190..].iter().all(|controls| (controls.buttons, controls.set_pressure_pa) == (BUTTON_EXTENDED, 5_000.0)));
+    assert_eq!(at(2_500, 201).buttons, buttons);
 }
 
 #[test]
