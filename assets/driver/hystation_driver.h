@@ -48,8 +48,8 @@
 
 /* Where things lie. tests/tests/driver.rs compares these lines with the station's own layouts (HYSTATION_HEADER=write writes them). */
 /* layout begins */
-#define HYST_LAYOUT_VERSION 19u
-#define HYST_LAYOUT_HASH 0x47340ce295c84ed6u
+#define HYST_LAYOUT_VERSION 20u
+#define HYST_LAYOUT_HASH 0x034c9021d9417a69u
 #define HYST_INTERFACE_VERSION 1u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3

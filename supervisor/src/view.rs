@@ -1,5 +1,7 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
+mod told;
+
 use crate::recording::{self, RecordingView};
 use hyst_engine::Address;
 use hyst_exchange::{ReadPage, Roster, Station, StationError, StationPage, Tenure, system};
@@ -8,6 +10,8 @@ use hyst_messages::{LATENCY_BUCKETS, Role, SLOTS, Slot, TissueStatus, counted_si
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+pub use told::{CuttingView, RegisterView};
 
 /// One process.
 #[derive(Clone, Debug, Serialize, Default)]
@@ -51,6 +55,9 @@ pub struct ProcessView {
     /// Length of its steps, ms; of a tissue only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_ms: Option<u32>,
+    /// What it says of cutting; of a tissue only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cutting: Option<CuttingView>,
 }
 
 /// Steps of a Flow Engine.
@@ -62,15 +69,6 @@ pub struct StepView {
     pub scene_ms: u32,
     /// How many times the scene's grid is halved along each axis, where the machine affords no step of it.
     pub halvings: u32,
-}
-
-/// The register of a Site Manager.
-#[derive(Clone, Debug, Serialize)]
-pub struct RegisterView {
-    /// Objects.
-    pub objects: u32,
-    /// Engines, by the names of their slots.
-    pub engines: Vec<String>,
 }
 
 type Histogram = [u64; LATENCY_BUCKETS];
@@ -91,21 +89,10 @@ fn p99_us(counts: &Histogram) -> Option<f64> {
     (p99_ns != 0).then_some(p99_ns as f64 * 1e-3)
 }
 
-fn register_of(page: &ReadPage) -> Option<RegisterView> {
-    let (_, status) = page.cell(tissue::STATUS)?;
-    let slots = (0..SLOTS).filter(|number| status.engines >> number & 1 == 1).filter_map(Slot::from_number);
-    Some(RegisterView { objects: status.objects, engines: slots.map(|slot| slot.to_string()).collect() })
-}
-
 fn steps_of(page: &ReadPage) -> Option<StepView> {
     let (_, status) = page.cell(fluid::STATUS)?;
     let steps = StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks, halvings: status.halvings };
     (steps.ms > 0).then_some(steps)
-}
-
-fn step_ms_of(page: &ReadPage) -> Option<u32> {
-    let (_, status) = page.cell(tissue::STATUS)?;
-    (status.step_ticks > 0).then_some(status.step_ticks)
 }
 
 /// The station.
@@ -266,8 +253,9 @@ impl Viewer {
             return view;
         };
         let now_ns = system::now_ns();
-        view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
-        view.step_ms = if slot.role() == Role::Tissue { step_ms_of(page) } else { None };
+        if slot.role() == Role::Tissue {
+            told::of_tissue(page, &mut view);
+        }
         view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
         view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
@@ -338,6 +326,8 @@ pub fn table(view: &StationView) -> String {
     if let Some(ms) = step_ms.filter(|ms| *ms > 1) {
         text.push_str(&format!("the tissue is computed every {ms} ms: for every millisecond this machine is too slow\n"));
     }
+    let cutting = view.processes.iter().filter(|process| process.active).find_map(|process| process.cutting.as_ref());
+    text.extend(cutting.and_then(CuttingView::line));
     text.extend(view.recording.iter().map(RecordingView::line));
     text
 }

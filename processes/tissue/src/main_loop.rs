@@ -48,6 +48,8 @@ pub struct MainLoop<'a> {
     grasp: Grasp,
     /// Whether a cut was refused, which is said once.
     has_refused: bool,
+    /// Whether a cut met a limit of the mesh, likewise.
+    has_met_limit: bool,
     scratch: Scratch,
     contacts: Contacts,
     collision: Collision,
@@ -82,6 +84,7 @@ impl<'a> MainLoop<'a> {
             knife: Knife::default(),
             grasp: Grasp::default(),
             has_refused: false,
+            has_met_limit: false,
             scratch: Scratch::new(&world.model),
             collision: Collision::new(life, &world),
             contacts,
@@ -278,7 +281,8 @@ impl Stateful for MainLoop<'_> {
             ..StepInput::default()
         };
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
-        step(&world.model, &mut self.scratch, from, &input, to).map_err(|error| Failure::Broken(error.to_string()))?;
+        let report = step(&world.model, &mut self.scratch, from, &input, to);
+        let report = report.map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
         surface_update(&world.body.skin.bindings, world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
 
@@ -289,7 +293,8 @@ impl Stateful for MainLoop<'_> {
         let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), &change);
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
-        self.status = status_of(self.status, &core_now, before.pressure_pa, self.collision.missing(), times_ns);
+        let figures = (self.collision.missing(), report.substeps);
+        self.status = status_of(self.status, &core_now, before.pressure_pa, figures, times_ns);
         Ok(())
     }
 

@@ -51,8 +51,8 @@ pub struct Core {
     pub taken_out: u32,
     /// How far the jaws were apart when they took hold, m; not solid until they are that again. 0 for solid ones.
     pub hold_m: f32,
-    /// Zero.
-    pub reserved: u32,
+    /// Sweeps of the electrode that met a limit of the mesh or were refused, so far.
+    pub cut_limits: u32,
     /// The flow at free pieces to be used by the next step.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

@@ -316,6 +316,9 @@ pub struct LedgerEntry {
     pub void: u32,
 }
 
+/// What is said of [`TissueStatus::cut_limits`].
+pub const CUT_LIMIT: &str = "the loop cuts no finer here: the mesh has reached its limit";
+
 /// What tissue says of itself each step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -363,6 +366,10 @@ pub struct TissueStatus {
     pub taken_out: u32,
     /// Their volume, ml, likewise.
     pub taken_out_ml: f32,
+    /// Sweeps of the electrode that cut coarser than was asked for, because the mesh has reached its limit, or that were refused, so far.
+    pub cut_limits: u32,
+    /// Substeps of the last step.
+    pub substeps: u32,
 }
 
 /// The hand that comes from a window: targets for the hardware, of which it takes what [`HardwareSample::from_window`] says.

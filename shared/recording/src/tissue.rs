@@ -62,6 +62,10 @@ pub(crate) struct Tissue {
     /// Likewise.
     #[serde(default, skip_serializing_if = "Number::is_none")]
     taken_out_ml: Number,
+    #[serde(default)]
+    cut_limits: u32,
+    #[serde(default)]
+    substeps: u32,
 }
 
 impl Tissue {
@@ -89,6 +93,8 @@ impl Tissue {
             hold_m: Number(status.hold_m),
             taken_out: status.taken_out,
             taken_out_ml: Number(status.taken_out_ml),
+            cut_limits: status.cut_limits,
+            substeps: status.substeps,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -115,6 +121,8 @@ impl Tissue {
             hold_m: self.hold_m.0,
             taken_out: self.taken_out,
             taken_out_ml: self.taken_out_ml.0,
+            cut_limits: self.cut_limits,
+            substeps: self.substeps,
         }
     }
 }

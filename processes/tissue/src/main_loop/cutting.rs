@@ -8,7 +8,7 @@ use crate::knife::{Stroke, freed_m3, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
-use hyst_messages::Message;
+use hyst_messages::{CUT_LIMIT, Message};
 use hyst_tissue::Scratch;
 use std::sync::Arc;
 
@@ -36,6 +36,8 @@ pub(super) struct Change {
     pub(super) washed_out_ml: Option<f64>,
     /// Volume of a piece that was taken out in the jaws, ml.
     pub(super) taken_out_ml: Option<f64>,
+    /// A sweep of the wire cut coarser than was asked for, or nothing, because the mesh has reached its limit.
+    pub(super) is_limited: bool,
 }
 
 impl Change {
@@ -123,13 +125,14 @@ impl MainLoop<'_> {
     ) -> Result<Change, Failure> {
         let swept = self.knife.sweep(&self.world, wire_m, message.section(STROKE)?, nodes);
         let refused = match swept {
-            Ok(Stroke::None | Stroke::GoesOn) => return Ok(Change::default()),
-            Ok(Stroke::Cut(body, parted)) => match self.workshop.make(*body) {
+            Ok(Stroke::None) => return Ok(Change::default()),
+            Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
+            Ok(Stroke::Cut { body, parted, is_limited }) => match self.workshop.make(*body) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
                     let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
                     self.take_world(world);
-                    return Ok(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() });
+                    return Ok(self.limited(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() }, is_limited));
                 }
                 Err(error) => error.to_string(),
             },
@@ -140,6 +143,16 @@ impl MainLoop<'_> {
         if !std::mem::replace(&mut self.has_refused, true) {
             self.life.say(&format!("a cut is left out: {refused}"));
         }
-        Ok(Change::default())
+        Ok(Change { is_limited: true, ..Change::default() })
+    }
+
+    /// A change by a sweep that may have met a limit, which is said once.
+    fn limited(&mut self, change: Change, is_limited: bool) -> Change {
+        if is_limited && !std::mem::replace(&mut self.has_met_limit, true) {
+            let (room, rest) = (&self.world.case.room, &self.world.body.rest);
+            let [tets, nodes] = [rest.tets.len(), rest.positions_m.len()];
+            self.life.say(&format!("{CUT_LIMIT} ({tets} of {} tets, {nodes} of {} nodes)", room.tets, room.nodes));
+        }
+        Change { is_limited, ..change }
     }
 }

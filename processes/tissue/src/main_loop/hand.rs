@@ -60,7 +60,7 @@ impl Hand {
             washed_out: before.washed_out + u32::from(change.washed_out_ml.is_some()),
             held: held as u32,
             hold_m,
-            reserved: 0,
+            cut_limits: before.cut_limits.saturating_add(u32::from(change.is_limited)),
             taken_out: before.taken_out + u32::from(change.taken_out_ml.is_some()),
             taken_out_ml: before.taken_out_ml + change.taken_out_ml.unwrap_or(0.0),
             pieces: self.next_medium.pieces,

@@ -5,6 +5,7 @@ mod fold;
 mod grasp;
 mod held;
 mod lattice;
+mod limits;
 mod medium;
 mod outflow;
 mod pieces;
