@@ -147,7 +147,10 @@ impl Knife {
             skin: self.tissue.skin.clone(),
             origin: world.body.origin.clone(),
         };
+        let tets = body.rest.tets.len();
         let parted = register_parts(&world.case, &mut body);
+        // For want of a number something was burnt.
+        let is_limited = is_limited || body.rest.tets.len() < tets;
         Ok(Stroke::Cut { body: Box::new(body), parted, is_limited })
     }
 }
