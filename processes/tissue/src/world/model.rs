@@ -6,8 +6,9 @@ use hyst_engine::Failure;
 use hyst_mesh::TetMesh;
 use hyst_tissue::{Model, ModelError, ModelReport};
 
-/// Most substeps in a step of 1 ms, tried in this order: fine meshes of stiff tissue need more than what an organ of the size that the station
-/// is made for does. The first is taken with which little enough mass has to be added.
+/// Most substeps in a step of 1 ms: fine meshes of stiff tissue need more than what an organ of the size that the station is made for does. The first is
+/// taken with which little enough mass has to be added. One that is too few says how many would be enough, so that those between are not tried: a cut
+/// that is refused costs no more than one that is made.
 const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 
 impl Workshop {
@@ -20,14 +21,17 @@ impl Workshop {
             self.maker.make(&mesh, &body.fixed)
         };
         let mut last = with(MAX_SUBSTEPS[0]);
-        for max_substeps in &MAX_SUBSTEPS[1..] {
-            if !matches!(last, Err(ModelError::TooStiff { .. })) {
-                break;
-            }
-            last = with(*max_substeps);
+        while let Err(ModelError::TooStiff { substeps, enough_substeps, .. }) = last {
+            let Some(next) = next_after(substeps, enough_substeps) else { break };
+            last = with(next);
         }
         last.map_err(|error| Failure::Input(error.to_string()))
     }
+}
+
+/// The least of [`MAX_SUBSTEPS`] beyond one that was too few that may be enough.
+fn next_after(too_few: u32, enough: u32) -> Option<u32> {
+    MAX_SUBSTEPS.into_iter().find(|substeps| *substeps > too_few && *substeps >= enough)
 }
 
 /// What making a model took, one sentence each.
@@ -57,5 +61,17 @@ impl Workshop {
         let case = std::sync::Arc::get_mut(&mut self.case).expect("nobody else has the case");
         case.room.tets = body.rest.tets.len() + tets;
         self.make(body).unwrap()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn substeps_that_are_too_few_are_not_tried_and_what_none_is_enough_for_is_refused_at_once() {
+        assert_eq!([9, 12, 13, 20, 32].map(|enough| next_after(8, enough)), [12, 12, 16, 24, 32].map(Some));
+        assert_eq!((next_after(8, 33), next_after(32, 9)), (None, None));
+        assert_eq!(next_after(16, 9), Some(24), "each is tried once");
     }
 }
