@@ -50,6 +50,8 @@ pub struct MainLoop<'a> {
     has_refused: bool,
     /// Whether a cut met a limit of the mesh, likewise.
     has_met_limit: bool,
+    /// Most substeps of 1 ms that a world of this life asked for.
+    most_substeps: u32,
     scratch: Scratch,
     contacts: Contacts,
     collision: Collision,
@@ -85,6 +87,7 @@ impl<'a> MainLoop<'a> {
             grasp: Grasp::default(),
             has_refused: false,
             has_met_limit: false,
+            most_substeps: world.model.substeps(1e-3),
             scratch: Scratch::new(&world.model),
             collision: Collision::new(life, &world),
             contacts,

@@ -91,6 +91,11 @@ impl MainLoop<'_> {
 
     /// Goes on with another world; what was made for the one before is made anew.
     pub(super) fn take_world(&mut self, world: World) {
+        let substeps = world.model.substeps(1e-3);
+        if let Some(longer) = longer_steps(self.most_substeps, substeps, self.status.phase_us[0]) {
+            self.life.say(&longer);
+            self.most_substeps = substeps;
+        }
         self.scratch = Scratch::new(&world.model);
         self.contacts = Contacts::new(&world);
         self.collision.take_world(&world);
@@ -154,5 +159,28 @@ impl MainLoop<'_> {
             self.life.say(&format!("{CUT_LIMIT} ({tets} of {} tets, {nodes} of {} nodes)", room.tets, room.nodes));
         }
         Change { is_limited, ..change }
+    }
+}
+
+/// What is said of a mesh that asks for more substeps than all before it, of which the deformation took so long at last, µs.
+fn longer_steps(most: u32, substeps: u32, deformation_us: f32) -> Option<String> {
+    let longer_us = deformation_us * substeps as f32 / most.max(1) as f32;
+    (substeps > most).then(|| {
+        format!(
+            "the mesh is finer where it was cut: 1 ms takes {substeps} substeps from here on and not {most}, \
+             and the deformation some {longer_us:.0} µs and not {deformation_us:.0}"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_that_makes_every_later_step_longer_is_said_with_figures_and_another_one_is_not() {
+        let said = longer_steps(8, 32, 200.0).expect("four times as long");
+        assert!(said.contains("32 substeps from here on and not 8") && said.contains("800 µs and not 200"), "{said}");
+        assert_eq!((longer_steps(8, 8, 200.0), longer_steps(32, 8, 200.0)), (None, None));
     }
 }
