@@ -58,6 +58,9 @@ pub struct ProcessView {
     /// What it says of cutting; of a tissue only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cutting: Option<CuttingView>,
+    /// What its steps had to mend, 0 in a healthy session; of a tissue only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<u32>,
 }
 
 /// Steps of a Flow Engine.

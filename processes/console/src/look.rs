@@ -159,6 +159,10 @@ pub struct Tissue {
     pub cut_limits: u32,
     /// Substeps of its last step.
     pub substeps: u32,
+    /// What its steps had to mend.
+    pub corrections: u32,
+    /// Hits of its intersection test that found no room.
+    pub hits_dropped: u32,
     /// What it says that asks for nothing.
     pub notices: Vec<String>,
 }
@@ -167,7 +171,8 @@ impl Tissue {
     /// From what it says.
     pub fn new(status: &TissueStatus) -> Tissue {
         let notices = if status.cut_limits > 0 { vec![CUT_LIMIT.to_string()] } else { Vec::new() };
-        Tissue { cut_limits: status.cut_limits, substeps: status.substeps, notices }
+        let TissueStatus { cut_limits, substeps, corrections, hits_dropped, .. } = *status;
+        Tissue { cut_limits, substeps, corrections, hits_dropped, notices }
     }
 }
 
@@ -308,7 +313,7 @@ mod tests {
     #[test]
     fn a_loop_that_cuts_no_finer_is_said_in_words_and_one_that_does_is_not() {
         let of = |cut_limits| Tissue::new(&TissueStatus { cut_limits, substeps: 8, ..TissueStatus::default() });
-        assert_eq!(of(0), Tissue { cut_limits: 0, substeps: 8, notices: Vec::new() });
+        assert_eq!(of(0), Tissue { substeps: 8, ..Tissue::default() });
         assert_eq!(of(3).notices, ["the loop cuts no finer here: the mesh has reached its limit"]);
         let look = Look { tissue: Some(of(3)), ..Look::default() };
         assert_eq!(serde_json::to_value(look).unwrap()["tissue"]["cut_limits"], json!(3));

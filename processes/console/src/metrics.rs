@@ -118,7 +118,11 @@ fn pump(look: &Look, registry: &mut Registry) {
 fn tissue(look: &Look, registry: &mut Registry) {
     let Some(tissue) = &look.tissue else { return };
     figure(registry, "tissue_substeps", "Substeps of the last step", f64::from(tissue.substeps));
-    let counts = [("tissue_cut_limits", "Sweeps of the loop that met a limit of the mesh, or were refused", tissue.cut_limits)];
+    let counts = [
+        ("tissue_cut_limits", "Sweeps of the loop that met a limit of the mesh, or were refused", tissue.cut_limits),
+        ("tissue_corrections", "What the steps had to mend: nothing in a healthy session", tissue.corrections),
+        ("tissue_hits_dropped", "Hits of the intersection test that found no room", tissue.hits_dropped),
+    ];
     for (name, help, value) in counts {
         let count = Counter::<u64, AtomicU64>::default();
         count.inc_by(u64::from(value));
@@ -234,9 +238,14 @@ mod tests {
 
     #[test]
     fn a_tissue_has_what_it_counts() {
-        let tissue = Tissue { cut_limits: 3, substeps: 8, ..Tissue::default() };
+        let tissue = Tissue { cut_limits: 3, substeps: 8, corrections: 5, ..Tissue::default() };
         let text = text(&Look { tissue: Some(tissue), ..Look::default() });
-        for line in ["hystation_tissue_cut_limits_total 3", "hystation_tissue_substeps 8.0"] {
+        for line in [
+            "hystation_tissue_cut_limits_total 3",
+            "hystation_tissue_corrections_total 5",
+            "hystation_tissue_hits_dropped_total 0",
+            "hystation_tissue_substeps 8.0",
+        ] {
             assert!(text.lines().any(|found| found == line), "{line}\n{text}");
         }
     }

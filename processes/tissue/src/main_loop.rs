@@ -293,7 +293,7 @@ impl Stateful for MainLoop<'_> {
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
         let (planes, force_n) = self.contacts.planes(world, &table, (&tool, self.grasp.holds()), &after, &self.scratch)?;
         self.planes = planes;
-        let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), &change);
+        let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), (&change, &report));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
         let figures = (self.collision.missing(), report.substeps);

@@ -53,6 +53,10 @@ pub struct Core {
     pub hold_m: f32,
     /// Sweeps of the electrode that met a limit of the mesh or were refused, so far.
     pub cut_limits: u32,
+    /// What the steps had to mend so far.
+    pub corrections: u32,
+    /// Zero.
+    pub reserved: u32,
     /// The flow at free pieces to be used by the next step.
     pub pieces: [PieceFlow; MAX_PIECES],
 }

@@ -370,6 +370,10 @@ pub struct TissueStatus {
     pub cut_limits: u32,
     /// Substeps of the last step.
     pub substeps: u32,
+    /// What the steps had to mend so far: nodes that were put back, stood at the greatest speed or came with a number that is none. 0 in a healthy session.
+    pub corrections: u32,
+    /// Hits of the intersection test that found no room, so far.
+    pub hits_dropped: u32,
 }
 
 /// The hand that comes from a window: targets for the hardware, of which it takes what [`HardwareSample::from_window`] says.

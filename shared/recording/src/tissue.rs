@@ -66,6 +66,10 @@ pub(crate) struct Tissue {
     cut_limits: u32,
     #[serde(default)]
     substeps: u32,
+    #[serde(default)]
+    corrections: u32,
+    #[serde(default)]
+    hits_dropped: u32,
 }
 
 impl Tissue {
@@ -95,6 +99,8 @@ impl Tissue {
             taken_out_ml: Number(status.taken_out_ml),
             cut_limits: status.cut_limits,
             substeps: status.substeps,
+            corrections: status.corrections,
+            hits_dropped: status.hits_dropped,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -123,6 +129,8 @@ impl Tissue {
             taken_out_ml: self.taken_out_ml.0,
             cut_limits: self.cut_limits,
             substeps: self.substeps,
+            corrections: self.corrections,
+            hits_dropped: self.hits_dropped,
         }
     }
 }

@@ -43,6 +43,7 @@ pub(super) fn of_tissue(page: &ReadPage, view: &mut ProcessView) {
     let slots = (0..SLOTS).filter(|number| status.engines >> number & 1 == 1).filter_map(Slot::from_number);
     view.registered = Some(RegisterView { objects: status.objects, engines: slots.map(|slot| slot.to_string()).collect() });
     view.step_ms = (status.step_ticks > 0).then_some(status.step_ticks);
+    view.corrections = Some(status.corrections);
     view.cutting = Some(CuttingView {
         cuts: status.cuts,
         limits: status.cut_limits,

@@ -9,6 +9,7 @@ use crate::outlet::Draw;
 use crate::state::Core;
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
+use hyst_tissue::StepReport;
 
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
@@ -36,14 +37,14 @@ impl Hand {
         ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
     }
 
-    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts and points that are held, and what became of
-    /// the mesh.
+    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts and points that are held, what became of
+    /// the mesh, and what the deformation says of itself.
     pub(super) fn core(
         &self,
         before: &Core,
         force_n: [f32; 3],
         (contacts, (held, hold_m)): (usize, (usize, f32)),
-        change: &Change,
+        (change, report): (&Change, &StepReport),
     ) -> Core {
         Core {
             pose: self.pose,
@@ -61,6 +62,8 @@ impl Hand {
             held: held as u32,
             hold_m,
             cut_limits: before.cut_limits.saturating_add(u32::from(change.is_limited)),
+            corrections: before.corrections.saturating_add(report.corrections()),
+            reserved: 0,
             taken_out: before.taken_out + u32::from(change.taken_out_ml.is_some()),
             taken_out_ml: before.taken_out_ml + change.taken_out_ml.unwrap_or(0.0),
             pieces: self.next_medium.pieces,

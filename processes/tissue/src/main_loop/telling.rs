@@ -53,6 +53,7 @@ pub(super) fn status_of(
         taken_out_ml: core.taken_out_ml as f32,
         cut_limits: core.cut_limits,
         substeps,
+        corrections: core.corrections,
         cavity_pressure_pa,
         contact_count: core.contact_count,
         tool_force_n: core.force_n,
