@@ -32,6 +32,11 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// Whether all its numbers are.
+    pub fn is_finite(&self) -> bool {
+        bytemuck::cast_slice::<Pose, f32>(std::slice::from_ref(self)).iter().all(|number| number.is_finite())
+    }
+
     /// A number that names the pose.
     pub fn hash(&self) -> u64 {
         let words: &[u32] = bytemuck::cast_slice(std::slice::from_ref(self));
