@@ -116,7 +116,8 @@ impl<'a> MainLoop<'a> {
     /// the device's ring cannot be known.
     fn is_of_its_input(&self, message: &Message<'_>) -> bool {
         let Ok(core) = message.record::<Core>(0) else { return false };
-        let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, message.header().input_tick));
+        let tick = Some(message.header().input_tick).filter(|tick| *tick > 0); // 0 names none
+        let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, tick?)).filter(hand::is_fit);
         core.is_sane() && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
     }
 

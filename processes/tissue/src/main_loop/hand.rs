@@ -14,6 +14,9 @@ use hyst_tissue::StepReport;
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
 
+/// The square of a unit quaternion's length, as it comes of single precision and of a driver that is not careful.
+const UNIT: std::ops::RangeInclusive<f32> = 0.9..=1.1;
+
 /// What a step takes from its input.
 pub(super) struct Hand {
     pub(super) input_tick: u64,
@@ -71,15 +74,24 @@ impl Hand {
     }
 }
 
+/// Whether a record says where the tool is, and how it moves. Of a device that has measured nothing yet the orientation is 0.
+pub(super) fn is_fit(record: &InputRecord) -> bool {
+    let sample = &record.sample;
+    let turned = sample.pose.orientation.iter().map(|part| part * part).sum::<f32>();
+    sample.pose.is_finite()
+        && (turned == 0.0 || UNIT.contains(&turned))
+        && sample.velocity_m_s.iter().chain([&sample.controls.loop_extension_m]).all(|number| number.is_finite())
+}
+
 impl MainLoop<'_> {
     /// The input for the step from `tick`: the record of the tick before, or the newest one within reach; in a replay the one that was recorded.
     pub(super) fn input(&self, tick: u64) -> Option<InputRecord> {
         let page = self.device.as_ref()?;
         if self.life.is_replay() {
             let named = self.life.clock.page().load64(station::REPLAY_INPUT_TICK);
-            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten();
+            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten().filter(is_fit);
         }
-        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
+        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?).filter(is_fit))
     }
 
     /// What the hand does in the step from `tick`; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of

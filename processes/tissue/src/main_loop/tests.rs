@@ -13,6 +13,7 @@ mod pieces;
 mod removed;
 mod sheet;
 mod thrust;
+mod unfit;
 
 #[path = "../../../../shared/engine/tests/support/loans.rs"]
 mod loans;
