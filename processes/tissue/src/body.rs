@@ -1,7 +1,7 @@
 //! What of a state names the mesh: the shape at rest, the tets and whose they are, the surface for the eye. It changes when something is cut, and so
 //! it is part of the state: whoever holds a state makes his model of it, and goes on where the cut was.
 //!
-//! Promise: a body that is unpacked has indices in range and finite numbers, whatever the words were; equal bodies have equal words, equal words the
+//! Promise: a body that is unpacked has indices in range, finite numbers and tets with a volume, whatever the words were; equal bodies have equal words, equal words the
 //! same version.
 
 mod parts;
@@ -133,13 +133,19 @@ impl Body {
         let is_finite = |points: &[[f32; 3]]| points.as_flattened().iter().all(|value| value.is_finite());
         let is_bound =
             |binding: &Binding| (binding.tet as usize) < tets && binding.weights.iter().all(|weight| weight.is_finite());
+        // What a cut and a model refuse, and what a bit that flips in a place or a name can make of a tet.
+        let is_tet = |tet: &[u32; 4]| {
+            let is_once = (1..4).all(|place| !tet[..place].contains(&tet[place]));
+            is_once && signed_volume(tet.map(|node| positions_m[node as usize].map(f64::from).into())) > 0.0
+        };
         let is_sound = in_range(corners.as_flattened(), nodes)
             && in_range(regions, objects)
             && in_range(faces.as_flattened(), vertices)
             && in_range(origin, objects)
             && is_finite(positions_m)
             && is_finite(skin_m)
-            && bindings.iter().all(is_bound);
+            && bindings.iter().all(is_bound)
+            && corners.iter().all(is_tet);
         is_sound.then(|| Body {
             rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions: regions.to_vec() },
             fixed,
@@ -254,6 +260,9 @@ mod tests {
         assert!(refused(0, 8) && refused(4, u32::MAX), "counts");
         assert!(refused(COUNTS, f32::NAN.to_bits()), "a place");
         assert!(refused(nodes, 9), "a tet's node");
+        assert!(refused(nodes, 1), "a node twice");
+        assert!(refused(nodes, 8), "an inverted tet: node 8 is beyond the face of the other three");
+        assert!(refused(COUNTS + 2, 1.0f32.to_bits()), "a flat tet: node 0 lies where node 3 does");
         assert!(refused(nodes + 12, 2), "a tet's object");
         assert!(refused(words.len() - 1, 2), "an object's origin");
         assert!(refused(words.len() - 2 - 6 - 1, 0b111_0001), "a flag of a vertex that is not there");
