@@ -1,8 +1,8 @@
 //! What of a state names the mesh: the shape at rest, the tets and whose they are, the surface for the eye. It changes when something is cut, and so
 //! it is part of the state: whoever holds a state makes his model of it, and goes on where the cut was.
 //!
-//! Promise: a body that is unpacked has indices in range, finite numbers and tets with a volume, whatever the words were; equal bodies have equal words, equal words the
-//! same version.
+//! Promise: a body that is unpacked has indices in range, finite numbers and tets with a volume, whatever the words were; equal bodies have equal
+//! words, equal words the same version.
 
 mod parts;
 

@@ -31,6 +31,7 @@ fn a_press_needs_no_correction_and_what_a_state_that_bursts_takes_is_counted_and
     }
     assert!(main.status.contact_count > 0, "the tip touches nothing");
     assert_eq!((core_of(&now).corrections, main.status.corrections), (0, 0), "a press is healthy");
+    assert_eq!(main.status.hits_dropped, 0, "and all that it meets is known");
 
     let node = main.world.body.rest.tets[0].into_iter().find(|node| !main.world.model.is_held(*node as usize)).unwrap();
     let first = (positions(&now).as_ptr() as usize - now.as_ptr() as usize) / 4;
@@ -42,4 +43,22 @@ fn a_press_needs_no_correction_and_what_a_state_that_bursts_takes_is_counted_and
     let after = stepped(&mut successor, &pages[1], &burst, WAY + 2, at(WAY), PieceFlow::default());
     assert!(core_of(&after).corrections >= corrections, "who goes on knows of it");
     drop((main, successor));
+}
+
+#[test]
+fn hits_that_find_no_room_are_counted() {
+    let (station, pages) = founded("dropped", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let mut now = first_state(&mut main);
+    let pose = Pose { position_m: main.world.body.skin.rest_m[0], ..main.first_core().pose };
+    for (tick, is_cramped) in [(1, false), (2, true)] {
+        if is_cramped {
+            main.collision.cramp(1);
+        }
+        now = stepped(&mut main, &pages[1], &now, tick, pose, PieceFlow::default());
+        assert_eq!(main.status.hits_dropped > 0, is_cramped, "{} contacts", main.status.contact_count);
+    }
+    drop(main);
 }
