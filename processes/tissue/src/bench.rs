@@ -3,10 +3,11 @@
 //! `tissue` gives a row for each instruction set and one for a cut, `contact` one for the scene's tool and one for a tool of 1 000 points. Without a mesh
 //! the paper's three scenes follow ([`paper`]), and for `tissue` blocks from 1 080 to 50 400 tets ([`linear`]). Targets are rows too, and a missed one is exit code 1. `limit_ratio` is
 //! the time over that of reading every tet's corners once for each time that the method has to (once for a test, once a substep for the
-//! deformation). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
+//! deformation); of the deformation `arithmetic` has the same for its operations ([`limit`]). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
 mod felt;
 mod knife;
+mod limit;
 mod linear;
 mod paper;
 mod peer;
@@ -33,7 +34,9 @@ const LEAST_RATIO: f64 = 3.0;
 /// How many times as fine the converged solution is, and ticks of the hand in it.
 const FINER: u32 = 4;
 const TRUTH_TICKS: usize = 1_000;
-const NO_PEERS: &str = "no other library is installed here";
+/// Where other libraries are timed beside this one, and what is said where none does the same.
+const PEERS: &str = "see tests/peers/beside.py";
+const NO_PEERS: &str = "none is measured";
 
 /// Runs the benchmark that the arguments name.
 pub fn run(arguments: impl Iterator<Item = String>) -> ExitCode {
@@ -80,6 +83,7 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
             "limit_ratio": deformation_ns / (substeps * press.pass_ns() as f64),
             "speedup": { "1": 1.0 },
         });
+        row["arithmetic"] = limit::arithmetic(isa, substeps, deformation_ns / tets / substeps);
         complete(&mut row, scene, &press, &record, |_| true);
         if isa == Isa::detect() {
             row["speedup"] = speedup(scene, |_| true)?;
@@ -210,7 +214,7 @@ fn complete(row: &mut Value, scene: &LoadedScene, press: &Press, record: &Record
     row["step_us"] = spread(&mut steps_ns, US);
     row["share"] = Value::Object(share);
     row["peers"] = json!({});
-    row["peers_note"] = json!(NO_PEERS);
+    row["peers_note"] = json!(PEERS);
 }
 
 /// How many times as much the chosen phases get done: with the test on several threads, and by as many independent copies. One thread

@@ -31,7 +31,8 @@ impl MainLoop<'_> {
     }
 }
 
-/// The status of a step after the one before, with shares that were missing, hits that were dropped and substeps; `times_ns`: when it began, and when test, response, deformation and all had ended.
+/// The status of a step after the one before, with shares that were missing, hits that were dropped and substeps; `times_ns`: when it began, and when
+/// test, response, deformation and all had ended.
 pub(super) fn status_of(
     before: TissueStatus,
     core: &Core,
