@@ -14,8 +14,8 @@ use hyst_tissue::StepReport;
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
 
-/// The square of a unit quaternion's length, as it comes of single precision and of a driver that is not careful.
-const UNIT: std::ops::RangeInclusive<f32> = 0.9..=1.1;
+/// The square of the length of what may be a unit quaternion of a driver that is not careful.
+const UNIT: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 
 /// What a step takes from its input.
 pub(super) struct Hand {
