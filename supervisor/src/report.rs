@@ -100,6 +100,8 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "taken_out": status.taken_out,
         "taken_out_ml": status.taken_out_ml,
         "cuts": status.cuts,
+        "cut_limits": status.cut_limits,
+        "corrections": status.corrections,
         "rss_mib": accounts.slots.values().map(|account| account.resident_mib).sum::<f64>(),
         "pss_mib": accounts.slots.values().map(|account| account.proportional_mib).sum::<f64>(),
         "copies": copies(accounts, &status),
@@ -239,6 +241,8 @@ struct Statuses {
     fluid_hash: u64,
     removed_volume_ml: f64,
     cuts: u32,
+    cut_limits: u32,
+    corrections: u32,
     washed_out: u32,
     washed_out_ml: f32,
     taken_out: u32,
@@ -261,6 +265,7 @@ impl Statuses {
                 tissue_tick = status.state_tick;
                 found.state_hash = status.state_hash;
                 (found.removed_volume_ml, found.cuts) = (status.removed_volume_ml, status.cuts);
+                (found.cut_limits, found.corrections) = (status.cut_limits, status.corrections);
                 (found.washed_out, found.washed_out_ml) = (status.washed_out, status.washed_out_ml);
                 (found.taken_out, found.taken_out_ml) = (status.taken_out, status.taken_out_ml);
             }

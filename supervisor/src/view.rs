@@ -1,6 +1,7 @@
 //! What a station looks like from outside, read from its pages alone: it needs no supervisor, and works while that is dead.
 
 mod flow;
+mod told;
 
 use crate::recording::{self, RecordingView};
 use hyst_engine::Address;
@@ -14,6 +15,7 @@ use std::path::{Path, PathBuf};
 use flow::{on_scope_mn_of, steps_of};
 
 pub use flow::StepView;
+pub use told::{CuttingView, RegisterView};
 
 /// One process.
 #[derive(Clone, Debug, Serialize, Default)]
@@ -60,15 +62,12 @@ pub struct ProcessView {
     /// Length of its steps, ms; of a tissue only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_ms: Option<u32>,
-}
-
-/// The register of a Site Manager.
-#[derive(Clone, Debug, Serialize)]
-pub struct RegisterView {
-    /// Objects.
-    pub objects: u32,
-    /// Engines, by the names of their slots.
-    pub engines: Vec<String>,
+    /// What it says of cutting; of a tissue only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cutting: Option<CuttingView>,
+    /// What its steps had to mend, 0 in a healthy session; of a tissue only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub corrections: Option<u32>,
 }
 
 type Histogram = [u64; LATENCY_BUCKETS];
@@ -87,17 +86,6 @@ struct Before {
 fn p99_us(counts: &Histogram) -> Option<f64> {
     let p99_ns = percentile_ns(counts, 0.99);
     (p99_ns != 0).then_some(p99_ns as f64 * 1e-3)
-}
-
-fn register_of(page: &ReadPage) -> Option<RegisterView> {
-    let (_, status) = page.cell(tissue::STATUS)?;
-    let slots = (0..SLOTS).filter(|number| status.engines >> number & 1 == 1).filter_map(Slot::from_number);
-    Some(RegisterView { objects: status.objects, engines: slots.map(|slot| slot.to_string()).collect() })
-}
-
-fn step_ms_of(page: &ReadPage) -> Option<u32> {
-    let (_, status) = page.cell(tissue::STATUS)?;
-    (status.step_ticks > 0).then_some(status.step_ticks)
 }
 
 /// The station.
@@ -258,8 +246,9 @@ impl Viewer {
             return view;
         };
         let now_ns = system::now_ns();
-        view.registered = if slot.role() == Role::Tissue { register_of(page) } else { None };
-        view.step_ms = if slot.role() == Role::Tissue { step_ms_of(page) } else { None };
+        if slot.role() == Role::Tissue {
+            told::of_tissue(page, &mut view);
+        }
         view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
         view.on_scope_mn = if slot.role() == Role::Fluid { on_scope_mn_of(page) } else { None };
         view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
@@ -331,6 +320,8 @@ pub fn table(view: &StationView) -> String {
     if let Some(ms) = step_ms.filter(|ms| *ms > 1) {
         text.push_str(&format!("the tissue is computed every {ms} ms: for every millisecond this machine is too slow\n"));
     }
+    let cutting = view.processes.iter().filter(|process| process.active).find_map(|process| process.cutting.as_ref());
+    text.extend(cutting.and_then(CuttingView::line));
     text.extend(view.recording.iter().map(RecordingView::line));
     text
 }

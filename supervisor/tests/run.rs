@@ -45,6 +45,8 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
         "fluid_sealed_vessels",
         "removed_volume_ml",
         "cuts",
+        "cut_limits",
+        "corrections",
     ] {
         assert!(!report[key].is_null(), "{key}");
     }

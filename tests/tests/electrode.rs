@@ -73,7 +73,16 @@ fn kills_in_the_middle_of_a_cut_leave_no_trace() {
     let cuts = quiet["cuts"].as_u64().unwrap();
     assert!(cuts >= 10 && quiet["removed_volume_ml"].as_f64().unwrap() > 0.0, "{cuts} cuts");
     assert_eq!(hurt["faults"].as_array().unwrap().len(), 36);
-    for key in ["cuts", "removed_volume_ml", "state_hash", "force_trace_hash", "fluid_state_hash", "fluid_deficit_ml"] {
+    for key in [
+        "cuts",
+        "cut_limits",
+        "corrections",
+        "removed_volume_ml",
+        "state_hash",
+        "force_trace_hash",
+        "fluid_state_hash",
+        "fluid_deficit_ml",
+    ] {
         assert_eq!(quiet[key], hurt[key], "{key}");
     }
 }

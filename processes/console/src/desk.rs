@@ -1,7 +1,7 @@
 //! What lies between those who find things out and those who show them to browsers. Promise: nobody waits at it, what lies there is bounded, and a
 //! browser that does not keep up is left behind.
 
-use crate::look::{History, Look, Pictures, Pump, Status};
+use crate::look::{History, Look, Pictures, Pump, Status, Tissue};
 use crate::picture::Picture;
 use axum::body::Bytes;
 use hyst_engine::Address;
@@ -92,6 +92,11 @@ impl Desk {
     /// What the pump does.
     pub fn note_pump(&self, pump: Option<Pump>) {
         self.known().look.pump = pump;
+    }
+
+    /// What the tissue says.
+    pub fn note_tissue(&self, tissue: Option<Tissue>) {
+        self.known().look.tissue = tissue;
     }
 
     /// What rendering draws.

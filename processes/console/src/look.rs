@@ -2,7 +2,9 @@
 //! rendering of its pictures.
 //! Promise: whatever an answer or a page holds, what is kept of it is bounded.
 
-use hyst_messages::{FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Slot};
+use hyst_messages::{
+    CUT_LIMIT, FluidStatus, HardwareSample, PICTURE_PASSES, PUMP_ALARMS, PUMP_NOTICES, RenderingStatus, Slot, TissueStatus,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
@@ -156,6 +158,30 @@ fn names(bits: u32) -> Vec<String> {
     set.map(|bit| said(&bit).unwrap_or_else(|| format!("unknown ({bit:#x})"))).collect()
 }
 
+/// The tissue.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Tissue {
+    /// Sweeps of the loop that met a limit of the mesh, or were refused.
+    pub cut_limits: u32,
+    /// Substeps of its last step.
+    pub substeps: u32,
+    /// What its steps had to mend.
+    pub corrections: u32,
+    /// Hits of its intersection test that found no room.
+    pub hits_dropped: u32,
+    /// What it says that asks for nothing.
+    pub notices: Vec<String>,
+}
+
+impl Tissue {
+    /// From what it says.
+    pub fn new(status: &TissueStatus) -> Tissue {
+        let notices = if status.cut_limits > 0 { vec![CUT_LIMIT.to_string()] } else { Vec::new() };
+        let TissueStatus { cut_limits, substeps, corrections, hits_dropped, .. } = *status;
+        Tissue { cut_limits, substeps, corrections, hits_dropped, notices }
+    }
+}
+
 /// The pictures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Pictures {
@@ -205,6 +231,8 @@ pub struct Look {
     pub silence: Option<String>,
     /// The pump, as far as it is known.
     pub pump: Option<Pump>,
+    /// The tissue, likewise.
+    pub tissue: Option<Tissue>,
     /// How pictures are made, likewise.
     pub pictures: Option<Pictures>,
 }
@@ -285,6 +313,15 @@ mod tests {
         assert_eq!(Pictures::new(&RenderingStatus { frames: 0, ..status }, 1, 2), None, "it draws nothing");
         assert_eq!(Pictures::new(&status, 0, 2), None);
         assert_eq!(Pictures::new(&RenderingStatus { scale: f32::NAN, ..status }, 1, 2), None);
+    }
+
+    #[test]
+    fn a_loop_that_cuts_no_finer_is_said_in_words_and_one_that_does_is_not() {
+        let of = |cut_limits| Tissue::new(&TissueStatus { cut_limits, substeps: 8, ..TissueStatus::default() });
+        assert_eq!(of(0), Tissue { substeps: 8, ..Tissue::default() });
+        assert_eq!(of(3).notices, ["the loop cuts no finer here: the mesh has reached its limit"]);
+        let look = Look { tissue: Some(of(3)), ..Look::default() };
+        assert_eq!(serde_json::to_value(look).unwrap()["tissue"]["cut_limits"], json!(3));
     }
 
     #[test]

@@ -27,6 +27,7 @@ pub fn text(look: &Look) -> String {
     station(look, &mut registry);
     processes(look, &mut registry);
     pump(look, &mut registry);
+    tissue(look, &mut registry);
     pictures(look, &mut registry);
     recording(look, &mut registry);
     let mut text = String::new();
@@ -116,6 +117,21 @@ fn pump(look: &Look, registry: &mut Registry) {
     register(registry, "pump_alarm", "Alarms of the pump", alarms);
 }
 
+fn tissue(look: &Look, registry: &mut Registry) {
+    let Some(tissue) = &look.tissue else { return };
+    figure(registry, "tissue_substeps", "Substeps of the last step", f64::from(tissue.substeps));
+    let counts = [
+        ("tissue_cut_limits", "Sweeps of the loop that met a limit of the mesh, or were refused", tissue.cut_limits),
+        ("tissue_corrections", "What the steps had to mend: nothing in a healthy session", tissue.corrections),
+        ("tissue_hits_dropped", "Hits of the intersection test that found no room", tissue.hits_dropped),
+    ];
+    for (name, help, value) in counts {
+        let count = Counter::<u64, AtomicU64>::default();
+        count.inc_by(u64::from(value));
+        register(registry, name, help, count);
+    }
+}
+
 fn pictures(look: &Look, registry: &mut Registry) {
     let Some(pictures) = &look.pictures else { return };
     let count = Counter::<u64, AtomicU64>::default();
@@ -151,7 +167,7 @@ fn recording(look: &Look, registry: &mut Registry) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::look::{Pictures, Process, Pump, Recording, Status};
+    use crate::look::{Pictures, Process, Pump, Recording, Status, Tissue};
 
     #[test]
     fn the_text_has_each_figure_that_is_known_and_ends_once() {
@@ -177,7 +193,7 @@ mod tests {
             passes_s: [0.0, 0.5, 0.0, 0.0, 0.0],
             ..Pictures::default()
         };
-        let text = text(&Look { status, silence: None, pump: Some(pump), pictures: Some(pictures) });
+        let text = text(&Look { status, silence: None, pump: Some(pump), tissue: None, pictures: Some(pictures) });
         for line in [
             "hystation_tick 1234.0",
             "hystation_supervisor_answers 1.0",
@@ -223,6 +239,20 @@ mod tests {
     }
 
     #[test]
+    fn a_tissue_has_what_it_counts() {
+        let tissue = Tissue { cut_limits: 3, substeps: 8, corrections: 5, ..Tissue::default() };
+        let text = text(&Look { tissue: Some(tissue), ..Look::default() });
+        for line in [
+            "hystation_tissue_cut_limits_total 3",
+            "hystation_tissue_corrections_total 5",
+            "hystation_tissue_hits_dropped_total 0",
+            "hystation_tissue_substeps 8.0",
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line}\n{text}");
+        }
+    }
+
+    #[test]
     fn a_recording_that_stands_still_has_what_it_holds_and_what_is_lost() {
         let stands_still = Some("no room".to_string());
         let recording = Recording { ticks: 900, lost: 70, bytes: 5_000, behind_ticks: 334, stands_still, ..Recording::default() };
@@ -249,5 +279,6 @@ mod tests {
         assert!(text.contains("hystation_supervisor_answers 0.0\n") && text.ends_with("# EOF\n"), "{text}");
         assert!(!text.contains("rendering_"), "nobody draws\n{text}");
         assert!(!text.contains("recorder_"), "nobody records\n{text}");
+        assert!(!text.contains("tissue_"), "nobody computes\n{text}");
     }
 }

@@ -45,6 +45,7 @@ async fn live(life: &Life, door: Door) -> Result<(), Failure> {
         desk.tell(journal.news());
         sources.welcome();
         desk.note_pump(sources.pump());
+        desk.note_tissue(sources.cutting());
         desk.note_pictures(sources.drawn());
         if let Some(told) = referee.as_mut().and_then(|referee| referee.look(&sources)) {
             desk.note_case(&told);

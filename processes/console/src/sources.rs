@@ -1,7 +1,7 @@
-//! What the console reads of the engines, in place: rendering's pictures while somebody looks, the pages of rendering, fluid and hardware, and of a station with a
-//! case those of device and tissue. Its usher opens them.
+//! What the console reads of the engines, in place: rendering's pictures while somebody looks, the pages of rendering, tissue, fluid and hardware, and of a station
+//! with a case that of the device. Its usher opens them.
 
-use crate::look::{Pictures, Pump};
+use crate::look::{Pictures, Pump, Tissue};
 use crate::picture::Picture;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
@@ -36,9 +36,10 @@ impl Sources {
             (Role::Rendering, Wanted::Page),
             (Role::Fluid, Wanted::Page),
             (Role::Hardware, Wanted::Page),
+            (Role::Tissue, Wanted::Page),
         ];
         if is_judged {
-            interests.extend([(Role::Device, Wanted::Page), (Role::Tissue, Wanted::Page)]);
+            interests.push((Role::Device, Wanted::Page));
         }
         let inbox = usher(&life.station, Some(links), life.incarnation, interests)?;
         Ok(Sources {
@@ -91,6 +92,12 @@ impl Sources {
         let holder = roster.holder(Role::Tissue).incarnation;
         let (_, page) = self.tissues.iter().flatten().find(|(incarnation, _)| *incarnation == holder)?;
         page.cell(tissue::STATUS).map(|(_, status)| status)
+    }
+
+    /// What the newest of the tissues says.
+    pub fn cutting(&self) -> Option<Tissue> {
+        let says = self.tissues.iter().flatten().filter_map(|(_, page)| page.cell(tissue::STATUS)).map(|(_, status)| status);
+        says.filter(|status| status.state_tick > 0).max_by_key(|status| status.state_tick).map(|status| Tissue::new(&status))
     }
 
     /// Gives the device's ticks from this one on, as far as its rings hold them.

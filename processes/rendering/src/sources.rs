@@ -8,7 +8,7 @@ use hyst_engine::{Failure, Life};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Horizon, Links, ReadPage, StationPage, Subscriber};
 use hyst_messages::page::{console, device, fluid, hardware, recorder, tissue};
-use hyst_messages::{FluidStatus, HardwareSample, InputRecord, Kind, Message, Role, StreamHeader};
+use hyst_messages::{FluidStatus, HardwareSample, InputRecord, Kind, Message, Role, StreamHeader, TissueStatus};
 
 /// Tissues, and fluids, whose streams are read: holder, spare and a newcomer on trial.
 pub const REPLICAS: usize = 3;
@@ -169,9 +169,17 @@ impl Sources {
 
     /// How far the jaws were apart when they took hold of what they hold, m, as the newest of the tissues says; 0 for none.
     pub fn hold_m(&self) -> f32 {
+        self.tissue().map(|status| status.hold_m).filter(|hold_m| hold_m.is_finite()).unwrap_or(0.0)
+    }
+
+    /// Sweeps of the loop that met a limit of the mesh so far, likewise.
+    pub fn cut_limits(&self) -> u32 {
+        self.tissue().map_or(0, |status| status.cut_limits)
+    }
+
+    fn tissue(&self) -> Option<TissueStatus> {
         let says = self.tissues.iter().flatten().filter_map(|page| page.cell(tissue::STATUS)).map(|(_, status)| status);
-        let newest = says.max_by_key(|status| status.state_tick);
-        newest.map(|status| status.hold_m).filter(|hold_m| hold_m.is_finite()).unwrap_or(0.0)
+        says.max_by_key(|status| status.state_tick)
     }
 
     /// What the newest of the fluids says of the pump.

@@ -14,6 +14,8 @@ const COUNT_TICKS: u64 = 1_000;
 const HEAR_TICKS: u64 = 400;
 /// The first line in a station in test mode, for as long as it runs.
 const TEST_MODE: &str = "*** TEST MODE: faults may be injected ***";
+/// What stands there while the loop cuts no finer, for some seconds after each sweep that met a limit.
+const CUT_LIMIT: &str = "notice   no finer cut here: mesh at its limit";
 /// 1 mmHg, Pa.
 const MMHG_PA: f32 = 133.322;
 
@@ -31,6 +33,9 @@ pub struct Strip {
     rate_hz: f32,
     told: Option<Told>,
     heard_at: u64,
+    /// Sweeps of the loop that met a limit so far.
+    cut_limits: u32,
+    limit_until: u64,
 }
 
 impl Strip {
@@ -72,6 +77,14 @@ impl Strip {
         if tick >= self.heard_at + HEAR_TICKS {
             (self.told, self.heard_at) = (Told::read(&life.station, tick), tick);
         }
+    }
+
+    /// Takes how many sweeps of the loop met a limit so far.
+    pub fn heed(&mut self, cut_limits: u32, tick: u64) {
+        if cut_limits > self.cut_limits {
+            self.limit_until = tick + SIGN_TICKS;
+        }
+        self.cut_limits = cut_limits;
     }
 
     /// Whether the session is over: then there is no current.
@@ -116,6 +129,9 @@ impl Strip {
                 0 => format!("{ALARM}    {name}"),
                 _ => format!("notice   {name}"),
             }));
+        }
+        if tick < self.limit_until {
+            lines.push(CUT_LIMIT.to_string());
         }
         let sign = if tick < self.sign_until { self.sign.clone() } else { String::new() };
         Overlay { lines, sign }
@@ -169,6 +185,20 @@ mod tests {
         strip.follow_another(rendering, 1);
         strip.note(rendering, 1, 50);
         assert_eq!(sign(&strip, 60), "rendering replaced");
+    }
+
+    #[test]
+    fn a_loop_that_cuts_no_finer_is_said_for_three_seconds_after_each_sweep_that_met_a_limit() {
+        let mut strip = Strip::default();
+        let is_said = |strip: &Strip, tick| strip.overlay(tick, None, None).lines.iter().any(|line| line == CUT_LIMIT);
+        strip.heed(0, 10);
+        assert!(!is_said(&strip, 10));
+        for (cut_limits, tick) in [(1, 1_000), (3, 9_000)] {
+            strip.heed(cut_limits, tick);
+            strip.heed(cut_limits, tick + 500);
+            assert!(is_said(&strip, tick + 2_999) && !is_said(&strip, tick + 3_000), "{cut_limits}");
+        }
+        assert!(CUT_LIMIT.len() <= rendering::COLUMNS);
     }
 
     #[test]

@@ -1,13 +1,16 @@
 //! What of a state names the mesh: the shape at rest, the tets and whose they are, the surface for the eye. It changes when something is cut, and so
 //! it is part of the state: whoever holds a state makes his model of it, and goes on where the cut was.
 //!
-//! Promise: a body that is unpacked has indices in range and finite numbers, whatever the words were; equal bodies have equal words, equal words the
-//! same version.
+//! Promise: a body that is unpacked has indices in range, finite numbers and tets with a volume, whatever the words were; equal bodies have equal
+//! words, equal words the same version.
 
-use hyst_mesh::{Binding, TetMesh, component_of_each_tet, signed_volume};
+mod parts;
+
+use hyst_mesh::{Binding, TetMesh, signed_volume};
 use hyst_messages::fnv_words;
 use hyst_tissue::Skin;
-use std::collections::BTreeMap;
+
+pub use parts::Piece;
 
 /// What there is room for: a state has a greatest size, said before the first one is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,19 +82,6 @@ pub struct Body {
     pub origin: Vec<u32>,
 }
 
-/// A part that became an object of its own.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Piece {
-    /// Its object.
-    pub object: u32,
-    /// The object that it was a part of.
-    pub of: u32,
-    /// Its volume at rest, m³.
-    pub volume_m3: f64,
-    /// Whether anything holds it.
-    pub is_held: bool,
-}
-
 impl Body {
     /// As words, which are what a state carries.
     pub fn pack(&self) -> Vec<u32> {
@@ -143,13 +133,19 @@ impl Body {
         let is_finite = |points: &[[f32; 3]]| points.as_flattened().iter().all(|value| value.is_finite());
         let is_bound =
             |binding: &Binding| (binding.tet as usize) < tets && binding.weights.iter().all(|weight| weight.is_finite());
+        // What a cut and a model refuse, and what a bit that flips in a place or a name can make of a tet.
+        let is_tet = |tet: &[u32; 4]| {
+            let is_once = (1..4).all(|place| !tet[..place].contains(&tet[place]));
+            is_once && signed_volume(tet.map(|node| positions_m[node as usize].map(f64::from).into())) > 0.0
+        };
         let is_sound = in_range(corners.as_flattened(), nodes)
             && in_range(regions, objects)
             && in_range(faces.as_flattened(), vertices)
             && in_range(origin, objects)
             && is_finite(positions_m)
             && is_finite(skin_m)
-            && bindings.iter().all(is_bound);
+            && bindings.iter().all(is_bound)
+            && corners.iter().all(is_tet);
         is_sound.then(|| Body {
             rest: TetMesh { positions_m: positions_m.to_vec(), tets: corners.to_vec(), regions: regions.to_vec() },
             fixed,
@@ -167,43 +163,7 @@ impl Body {
         owner
     }
 
-    /// Makes an object of each part that has come free: the greatest part that something holds stays what it was, or the greatest of all. Without room
-    /// for another object a part stays with its own.
-    pub fn register_parts(&mut self, is_held: impl Fn(u32) -> bool, room: &Room) -> Vec<Piece> {
-        let part_of_tet = component_of_each_tet(&self.rest);
-        let parts = part_of_tet.iter().max().map_or(0, |last| *last as usize + 1);
-        let mut of_part = vec![Piece { object: 0, of: 0, volume_m3: 0.0, is_held: false }; parts];
-        for ((nodes, region), part) in self.rest.tets.iter().zip(&self.rest.regions).zip(&part_of_tet) {
-            let piece = &mut of_part[*part as usize];
-            (piece.object, piece.of) = (*region, *region);
-            piece.volume_m3 += self.volume_m3(*nodes);
-            piece.is_held |= nodes.iter().any(|node| is_held(*node));
-        }
-        let mut greatest: BTreeMap<u32, usize> = BTreeMap::new();
-        for (part, piece) in of_part.iter().enumerate() {
-            let place = greatest.entry(piece.object).or_insert(part);
-            let before = &of_part[*place];
-            if (piece.is_held, piece.volume_m3) > (before.is_held, before.volume_m3) {
-                *place = part;
-            }
-        }
-        let mut new = Vec::new();
-        for (part, piece) in of_part.iter_mut().enumerate() {
-            if greatest.get(&piece.object) == Some(&part) || self.origin.len() >= room.objects {
-                continue;
-            }
-            self.origin.push(self.origin[piece.object as usize]);
-            piece.object = self.origin.len() as u32 - 1;
-            new.push(*piece);
-        }
-        for (region, part) in self.rest.regions.iter_mut().zip(&part_of_tet) {
-            *region = of_part[*part as usize].object;
-        }
-        self.sort_skin();
-        new
-    }
-
-    /// The body without an object: its tets and its surface are gone. The object keeps its number, which none that comes after it has, and the nodes keep
+    /// The body without an object: its tets and its surface are gone. The object keeps its number until others run out, and the nodes keep
     /// theirs, so that states before and after have the same ones.
     pub fn without(&self, object: u32) -> Body {
         let mut next = 0..;
@@ -263,7 +223,7 @@ mod tests {
     use super::*;
 
     /// Two tets of object 0 that share a face, one of object 1; a triangle on each object.
-    fn body() -> Body {
+    pub(super) fn body() -> Body {
         let corner = |x: f32| [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0], [x, 0.0, 1.0]];
         let positions_m = [corner(0.0), corner(5.0)].concat().into_iter().chain([[1.0, 1.0, 1.0]]).collect();
         let rest = TetMesh { positions_m, tets: vec![[0, 1, 2, 3], [1, 2, 3, 8], [4, 5, 6, 7]], regions: vec![0, 0, 1] };
@@ -277,7 +237,7 @@ mod tests {
         Body { rest, fixed: vec![false; 9], skin, origin: vec![0, 1] }
     }
 
-    fn room() -> Room {
+    pub(super) fn room() -> Room {
         Room { nodes: 20, tets: 10, vertices: 20, triangles: 10, objects: 4 }
     }
 
@@ -300,6 +260,9 @@ mod tests {
         assert!(refused(0, 8) && refused(4, u32::MAX), "counts");
         assert!(refused(COUNTS, f32::NAN.to_bits()), "a place");
         assert!(refused(nodes, 9), "a tet's node");
+        assert!(refused(nodes, 1), "a node twice");
+        assert!(refused(nodes, 8), "an inverted tet: node 8 is beyond the face of the other three");
+        assert!(refused(COUNTS + 2, 1.0f32.to_bits()), "a flat tet: node 0 lies where node 3 does");
         assert!(refused(nodes + 12, 2), "a tet's object");
         assert!(refused(words.len() - 1, 2), "an object's origin");
         assert!(refused(words.len() - 2 - 6 - 1, 0b111_0001), "a flag of a vertex that is not there");
@@ -315,29 +278,5 @@ mod tests {
         assert!(body.skin.bindings.iter().all(|binding| binding.tet == 0), "{:?}", body.skin.bindings);
         assert!((whole.volume_of_m3(1) - 1.0 / 6.0).abs() < 1e-6 && body.volume_of_m3(0) == 0.0);
         assert_eq!(Body::unpack(&body.pack(), &room()), Some(body));
-    }
-
-    #[test]
-    fn a_part_that_comes_free_is_an_object_and_takes_its_surface_along() {
-        let mut body = body();
-        assert!(body.register_parts(|_| false, &room()).is_empty(), "nothing is cut");
-        assert_eq!(body, self::body());
-        // The second tet gets nodes of its own; the first is held.
-        body.rest.positions_m.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
-        body.fixed.extend([false; 3]);
-        body.rest.tets[1] = [9, 10, 11, 8];
-        body.skin.bindings[0].tet = 1;
-        let new = body.register_parts(|node| node == 0, &room());
-        assert_eq!((new.len(), new[0].object, new[0].of, new[0].is_held), (1, 2, 0, false));
-        assert!((new[0].volume_m3 - 1.0 / 3.0).abs() < 1e-6, "{new:?}");
-        assert_eq!((&body.rest.regions[..], &body.origin[..]), (&[0, 2, 1][..], &[0, 1, 0][..]));
-        assert_eq!(body.skin.triangles, [[0, 1, 2], [3, 4, 5]], "the second object's triangle comes first now");
-        assert_eq!(body.skin.bindings.iter().map(|binding| binding.tet).collect::<Vec<_>>(), [2, 2, 2, 1, 1, 1]);
-        assert_eq!(body.skin.raw, [false, true, false, true, false, false], "and so do the flags of its vertices");
-        let full = Room { objects: 2, ..room() };
-        let mut body = self::body();
-        body.rest.tets[1] = [9, 10, 11, 8];
-        body.rest.positions_m.extend([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
-        assert!(body.register_parts(|_| false, &full).is_empty() && body.origin.len() == 2, "no room for another object");
     }
 }

@@ -43,6 +43,7 @@ pub struct Collision {
     parts: u32,
     part: Vec<Hit>,
     missing: u32,
+    dropped: u32,
     copied_bytes: u64,
 }
 
@@ -61,6 +62,11 @@ impl Job {
 
 #[cfg(test)]
 impl Collision {
+    /// Leaves room for so many hits.
+    pub fn cramp(&mut self, hits: usize) {
+        self.hits.truncate(hits);
+    }
+
     /// Fills every block that the next job can be lent, and makes sure of it.
     pub fn fill_loans(&self, points: usize, fill: impl Fn(&mut [u8])) {
         let jobs = self.jobs.as_ref().expect("the stream of the jobs is open");
@@ -93,6 +99,7 @@ impl Collision {
             parts: 0,
             part: Vec::new(),
             missing: 0,
+            dropped: 0,
             copied_bytes: 0,
         };
         collision.take_world(world);
@@ -142,6 +149,11 @@ impl Collision {
     /// Shares that the coordinator had to compute because a worker was missing, so far.
     pub fn missing(&self) -> u32 {
         self.missing
+    }
+
+    /// Hits that found no room in a share or in the whole, so far: more than two for each point, which only tissue that lies in itself all over has.
+    pub fn dropped(&self) -> u32 {
+        self.dropped
     }
 
     /// Bytes copied in the last step beyond the one write into the loan.
@@ -252,13 +264,16 @@ impl Collision {
                 let share = Share { index: index as u32, count: count as u32, split: Split::Tets };
                 let found = intersect(share, &hash, points, &tissue, &mut self.shares[index]).map_err(broken)?;
                 self.counts[index] = found.count;
+                self.dropped = self.dropped.saturating_add(found.dropped as u32);
             }
         }
         let mut parts: [&[Hit]; MAX_WORKERS] = [&[]; MAX_WORKERS];
         for (part, (share, count)) in parts.iter_mut().zip(self.shares.iter().zip(&self.counts)) {
             *part = &share[..*count];
         }
-        self.found = merge(&parts[..count], &tissue, &mut self.hits).count;
+        let merged = merge(&parts[..count], &tissue, &mut self.hits);
+        self.found = merged.count;
+        self.dropped = self.dropped.saturating_add(merged.dropped as u32);
         Ok(())
     }
 

@@ -51,9 +51,19 @@ pub enum Stroke {
     /// There is none.
     None,
     /// It goes on, and the mesh is what it was.
-    GoesOn,
-    /// The mesh is another one: the body, and the objects that the cut made in it.
-    Cut(Box<Body>, Vec<Piece>),
+    GoesOn {
+        /// Something was left out of a cut because there was no room for it.
+        is_limited: bool,
+    },
+    /// The mesh is another one.
+    Cut {
+        /// What it is now.
+        body: Box<Body>,
+        /// The objects that the cut made in it.
+        parted: Vec<Piece>,
+        /// As above.
+        is_limited: bool,
+    },
 }
 
 /// The tissue as it is cut, kept for its buffers.
@@ -117,7 +127,7 @@ impl Knife {
         self.tissue.position_m.clear();
         self.tissue.position_m.extend_from_slice(position_m);
         if self.tissue.swept_m(wire_m) < STEP_M {
-            return Ok(Stroke::GoesOn);
+            return Ok(Stroke::GoesOn { is_limited: false });
         }
         self.tissue.rest.positions_m.clone_from(&world.body.rest.positions_m);
         self.tissue.rest.regions.clone_from(&world.body.rest.regions);
@@ -126,8 +136,10 @@ impl Knife {
         self.tissue.velocity_m_s.extend_from_slice(velocity_m_s);
         self.tissue.skin.clone_from(&world.body.skin);
         let report = cut(&mut self.tissue, wire_m, &options(&world.case.room)).inspect_err(|_| self.tissue.wire.clear())?;
+        // Faces that stay closed are no limit: at the front of every cut there are some.
+        let is_limited = report.out_of_room > 0;
         if !report.has_changed_mesh() {
-            return Ok(Stroke::GoesOn);
+            return Ok(Stroke::GoesOn { is_limited });
         }
         let mut body = Body {
             rest: self.tissue.rest.clone(),
@@ -135,8 +147,11 @@ impl Knife {
             skin: self.tissue.skin.clone(),
             origin: world.body.origin.clone(),
         };
+        let tets = body.rest.tets.len();
         let parted = register_parts(&world.case, &mut body);
-        Ok(Stroke::Cut(Box::new(body), parted))
+        // For want of a number something was burnt.
+        let is_limited = is_limited || body.rest.tets.len() < tets;
+        Ok(Stroke::Cut { body: Box::new(body), parted, is_limited })
     }
 }
 

@@ -48,6 +48,10 @@ pub struct MainLoop<'a> {
     grasp: Grasp,
     /// Whether a cut was refused, which is said once.
     has_refused: bool,
+    /// Whether a cut met a limit of the mesh, likewise.
+    has_met_limit: bool,
+    /// Most substeps of 1 ms that a world of this life asked for.
+    most_substeps: u32,
     scratch: Scratch,
     contacts: Contacts,
     collision: Collision,
@@ -82,6 +86,8 @@ impl<'a> MainLoop<'a> {
             knife: Knife::default(),
             grasp: Grasp::default(),
             has_refused: false,
+            has_met_limit: false,
+            most_substeps: world.model.substeps(1e-3),
             scratch: Scratch::new(&world.model),
             collision: Collision::new(life, &world),
             contacts,
@@ -110,7 +116,8 @@ impl<'a> MainLoop<'a> {
     /// the device's ring cannot be known.
     fn is_of_its_input(&self, message: &Message<'_>) -> bool {
         let Ok(core) = message.record::<Core>(0) else { return false };
-        let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, message.header().input_tick));
+        let tick = Some(message.header().input_tick).filter(|tick| *tick > 0); // 0 names none
+        let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, tick?)).filter(hand::is_fit);
         core.is_sane() && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
     }
 
@@ -278,7 +285,8 @@ impl Stateful for MainLoop<'_> {
             ..StepInput::default()
         };
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
-        step(&world.model, &mut self.scratch, from, &input, to).map_err(|error| Failure::Broken(error.to_string()))?;
+        let report = step(&world.model, &mut self.scratch, from, &input, to);
+        let report = report.map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
         surface_update(&world.body.skin.bindings, world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
 
@@ -286,10 +294,11 @@ impl Stateful for MainLoop<'_> {
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };
         let (planes, force_n) = self.contacts.planes(world, &table, (&tool, self.grasp.holds()), &after, &self.scratch)?;
         self.planes = planes;
-        let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), &change);
+        let core_now = hand.core(&before, force_n, (self.contacts.count(), self.grasp.held()), (&change, &report));
         core.copy_from_slice(bytemuck::bytes_of(&core_now));
         let times_ns = [begun_ns, tested_ns, answered_ns, deformed_ns, system::now_ns()];
-        self.status = status_of(self.status, &core_now, before.pressure_pa, self.collision.missing(), times_ns);
+        let figures = (self.collision.missing(), self.collision.dropped(), report.substeps);
+        self.status = status_of(self.status, &core_now, before.pressure_pa, figures, times_ns);
         Ok(())
     }
 

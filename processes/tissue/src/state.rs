@@ -51,6 +51,10 @@ pub struct Core {
     pub taken_out: u32,
     /// How far the jaws were apart when they took hold, m; not solid until they are that again. 0 for solid ones.
     pub hold_m: f32,
+    /// Sweeps of the electrode that met a limit of the mesh or were refused, so far.
+    pub cut_limits: u32,
+    /// What the steps had to mend so far.
+    pub corrections: u32,
     /// Zero.
     pub reserved: u32,
     /// The flow at free pieces to be used by the next step.
@@ -61,9 +65,11 @@ impl Core {
     /// Whether what counts and what the next step uses of it are numbers that can be.
     pub fn is_sane(&self) -> bool {
         let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-        let volumes_ml = [self.removed_volume_ml, self.largest_piece_ml, self.washed_out_ml].map(|volume_ml| volume_ml as f32);
+        let volumes_ml = [self.removed_volume_ml, self.largest_piece_ml, self.washed_out_ml, self.taken_out_ml];
+        let volumes_ml = volumes_ml.map(|volume_ml| volume_ml as f32);
         let numbers = [self.pressure_pa, self.loop_m, self.hold_m];
-        numbers.iter().chain(&volumes_ml).all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
+        let mut all = self.velocity_m_s.iter().chain(&self.force_n).chain(&numbers).chain(&volumes_ml);
+        self.pose.is_finite() && all.all(|number| number.is_finite()) && speeds.all(|speed| speed.abs() <= MAX_FLOW_M_S)
     }
 }
 
@@ -121,4 +127,36 @@ pub fn hash(message: &Message<'_>) -> u64 {
     let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
     let version = u64::from(message.header().topology_version);
     fnv_words(message.header().tick, words(1).chain(words(2)).chain([version]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_core_with_a_number_that_is_none_is_not_sane_wherever_it_is() {
+        assert!(Core::default().is_sane());
+        let spoilt: [(&str, fn(&mut Core)); 15] = [
+            ("position", |core| core.pose.position_m[2] = f32::NAN),
+            ("orientation", |core| core.pose.orientation[3] = f32::INFINITY),
+            ("insertion", |core| core.pose.insertion_m = f32::NAN),
+            ("camera", |core| core.pose.camera_roll_rad = f32::NAN),
+            ("velocity", |core| core.velocity_m_s[0] = f32::NAN),
+            ("force", |core| core.force_n[1] = f32::NEG_INFINITY),
+            ("removed", |core| core.removed_volume_ml = f64::NAN),
+            ("largest", |core| core.largest_piece_ml = f64::NAN),
+            ("washed out", |core| core.washed_out_ml = f64::NAN),
+            ("taken out", |core| core.taken_out_ml = f64::INFINITY),
+            ("pressure", |core| core.pressure_pa = f32::NAN),
+            ("loop", |core| core.loop_m = f32::NAN),
+            ("hold", |core| core.hold_m = f32::NAN),
+            ("flow", |core| core.pieces[7].velocity_m_s[2] = f32::NAN),
+            ("wild flow", |core| core.pieces[0].velocity_m_s[0] = 2.0 * MAX_FLOW_M_S),
+        ];
+        for (what, spoil) in spoilt {
+            let mut core = Core::default();
+            spoil(&mut core);
+            assert!(!core.is_sane(), "{what}");
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! The model of everything that the Main Loop computes: made of a body, and what the scene says beside.
 
+mod model;
+
 use crate::body::{Body, Room, version_of};
 use crate::drift::{Bath, Drifter};
 use crate::materials::{lowered, materials};
@@ -13,7 +15,8 @@ use hyst_engine::{Failure, Life, Settings};
 use hyst_mesh::{Binding, TetMesh};
 use hyst_messages::stream::{ObjectKind, ObjectRecord, ScopeRecord};
 use hyst_scene::{DeformableKind, LoadedLoop, LoadedRigid, LoadedScene, Look};
-use hyst_tissue::{Attachment, Isa, Model, ModelError, ModelMaker, ModelReport, Options, Skin, join};
+use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
+use model::notes;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -24,9 +27,6 @@ pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
 const ATTACHMENT_N_M: f32 = 200.0;
 /// The tool's number in the contact test: one that no tet has, also when pieces come free.
 pub const TOOL_ID: u32 = MAX_OBJECTS as u32;
-/// Most substeps in a step of 1 ms, tried in this order: fine meshes of stiff tissue need more than what an organ of the size that the station
-/// is made for does. The first is taken with which little enough mass has to be added.
-const MAX_SUBSTEPS: [u32; 5] = [8, 12, 16, 24, 32];
 /// Most mass that may be added, as a share of the tissue's own: a swing takes at most √2 times as long, what the hand feels at rest is the same.
 const MAX_ADDED_MASS_RATIO: f64 = 1.0;
 
@@ -161,24 +161,6 @@ impl Workshop {
     pub fn make(&mut self, body: Body) -> Result<World, Failure> {
         let (model, _) = self.model(&body)?;
         World::with(&self.case, body, model)
-    }
-
-    /// The model of a body: it is made of what the scene's objects are made of, whatever its parts are now.
-    fn model(&mut self, body: &Body) -> Result<(Model, ModelReport), Failure> {
-        let regions = body.rest.regions.iter().map(|region| self.case.origin(body, *region) as u32).collect();
-        let mesh = TetMesh { regions, ..body.rest.clone() };
-        let mut with = |max_substeps| {
-            self.maker.options.max_substeps = max_substeps;
-            self.maker.make(&mesh, &body.fixed)
-        };
-        let mut last = with(MAX_SUBSTEPS[0]);
-        for max_substeps in &MAX_SUBSTEPS[1..] {
-            if !matches!(last, Err(ModelError::TooStiff { .. })) {
-                break;
-            }
-            last = with(*max_substeps);
-        }
-        last.map_err(|error| Failure::Input(error.to_string()))
     }
 }
 
@@ -351,23 +333,6 @@ fn scope(scene: &LoadedScene, rigid: &LoadedRigid) -> ScopeRecord {
         loop_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.radius_m),
         loop_wire_radius_m: rigid.electrode.as_ref().map_or(0.0, |electrode| electrode.wire_radius_m),
     }
-}
-
-fn notes(report: &ModelReport) -> Vec<String> {
-    let mut notes =
-        vec![format!("a step of 1 ms takes {} substep{}", report.substeps, if report.substeps == 1 { "" } else { "s" })];
-    if report.scaled_nodes > 0 {
-        let share = 100.0 * report.added_mass_kg / report.mass_kg;
-        notes.push(format!("{share:.2} % of the mass is added, at {} nodes, so that the substeps suffice", report.scaled_nodes));
-    }
-    if report.softened_tets > 0 {
-        let share = 1e6 * report.softened_volume_m3 / report.volume_m3;
-        notes.push(format!(
-            "{} flat tets are made softer so that the substeps suffice; they fill {share:.1} millionths of the volume",
-            report.softened_tets
-        ));
-    }
-    notes
 }
 
 fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [u32; 3]), Attachment> {

@@ -32,6 +32,11 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// Whether all its numbers are.
+    pub fn is_finite(&self) -> bool {
+        bytemuck::cast_slice::<Pose, f32>(std::slice::from_ref(self)).iter().all(|number| number.is_finite())
+    }
+
     /// A number that names the pose.
     pub fn hash(&self) -> u64 {
         let words: &[u32] = bytemuck::cast_slice(std::slice::from_ref(self));
@@ -333,6 +338,9 @@ pub struct LedgerEntry {
     pub void: u32,
 }
 
+/// What is said of [`TissueStatus::cut_limits`].
+pub const CUT_LIMIT: &str = "the loop cuts no finer here: the mesh has reached its limit";
+
 /// What tissue says of itself each step.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -380,6 +388,14 @@ pub struct TissueStatus {
     pub taken_out: u32,
     /// Their volume, ml, likewise.
     pub taken_out_ml: f32,
+    /// Sweeps of the electrode that cut coarser than was asked for, because the mesh has reached its limit, or that were refused, so far.
+    pub cut_limits: u32,
+    /// Substeps of the last step.
+    pub substeps: u32,
+    /// What the steps had to mend so far: nodes that were put back, stood at the greatest speed or came with a number that is none. 0 in a healthy session.
+    pub corrections: u32,
+    /// Hits of the intersection test that found no room, so far.
+    pub hits_dropped: u32,
 }
 
 /// The hand that comes from a window: targets for the hardware, of which it takes what [`HardwareSample::from_window`] says.

@@ -113,11 +113,13 @@ pub(crate) fn chunk(unpacker: &mut Unpacker, body: &[u8], states: States) -> Res
         match Channel::from_id(id).ok_or_else(|| format!("has a message of an unknown channel {id}"))? {
             Channel::Tool => {
                 let tool = Tool::scan(data).map_or_else(|| json(data), Ok)?;
-                ticks.at(tool.tick).tool = Some(tool);
+                let tick = tool.tick;
+                ticks.at(tick).tool = Some(tool);
             }
             Channel::Force => {
                 let force = Force::scan(data).map_or_else(|| json(data), Ok)?;
-                ticks.at(force.tick).force = Some(force);
+                let tick = force.tick;
+                ticks.at(tick).force = Some(force);
             }
             Channel::Controls => {
                 let message: ControlsMessage = json(data)?;

@@ -95,7 +95,8 @@ fn tissue_properties() -> Value {
     let mut fields = json!({"tool_force_n": force, "phase_us": phases, "engines": engines, "is_cutting": cutting});
     add(&mut fields, "string", &["state_hash"]);
     add(&mut fields, "integer", &["tick", "contact_count", "shares_missing", "objects", "step_ticks"]);
-    add(&mut fields, "integer", &["cuts", "topology_version", "washed_out", "held", "taken_out"]);
+    add(&mut fields, "integer", &["cuts", "topology_version", "washed_out", "held", "taken_out", "cut_limits", "substeps"]);
+    add(&mut fields, "integer", &["corrections", "hits_dropped"]);
     add(&mut fields, "number", &["removed_volume_ml", "washed_out_ml", "taken_out_ml"]);
     add(&mut fields, "number", &["hold_m", "cavity_pressure_pa", "largest_piece_ml"]);
     fields

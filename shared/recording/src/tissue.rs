@@ -62,6 +62,14 @@ pub(crate) struct Tissue {
     /// Likewise.
     #[serde(default, skip_serializing_if = "Number::is_none")]
     taken_out_ml: Number,
+    #[serde(default)]
+    cut_limits: u32,
+    #[serde(default)]
+    substeps: u32,
+    #[serde(default)]
+    corrections: u32,
+    #[serde(default)]
+    hits_dropped: u32,
 }
 
 impl Tissue {
@@ -89,6 +97,10 @@ impl Tissue {
             hold_m: Number(status.hold_m),
             taken_out: status.taken_out,
             taken_out_ml: Number(status.taken_out_ml),
+            cut_limits: status.cut_limits,
+            substeps: status.substeps,
+            corrections: status.corrections,
+            hits_dropped: status.hits_dropped,
         }
     }
     pub(crate) fn status(&self) -> TissueStatus {
@@ -115,6 +127,28 @@ impl Tissue {
             hold_m: self.hold_m.0,
             taken_out: self.taken_out,
             taken_out_ml: self.taken_out_ml.0,
+            cut_limits: self.cut_limits,
+            substeps: self.substeps,
+            corrections: self.corrections,
+            hits_dropped: self.hits_dropped,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_older_recorder_did_not_count_is_none_and_what_this_one_counts_comes_back() {
+        let known = TissueStatus { cuts: 5, ..TissueStatus::default() };
+        let counts = TissueStatus { cut_limits: 2, substeps: 8, corrections: 3, hits_dropped: 1, ..known };
+        let mut message = serde_json::to_value(Tissue::of(&counts)).unwrap();
+        let read = |message: &serde_json::Value| serde_json::from_value::<Tissue>(message.clone()).unwrap().status();
+        assert_eq!(read(&message), counts);
+        for key in ["cut_limits", "substeps", "corrections", "hits_dropped"] {
+            assert!(message.as_object_mut().unwrap().remove(key).is_some(), "{key}");
+        }
+        assert_eq!(read(&message), known);
     }
 }

@@ -185,9 +185,28 @@ fn fit_step(mass: &mut [f64], stiffness: &[f64], own_mass_kg: f64, options: &Opt
     let added_kg = bound::scale_mass(mass, stiffness, allowed);
     let ratio = added_kg / own_mass_kg;
     if ratio > options.max_added_mass_ratio {
-        return Err(ModelError::TooStiff { substeps: options.max_substeps, ratio, unscaled_substeps });
+        let enough = |substeps: u32| {
+            let allowed = omega_allowed_per_s(options.step_s, substeps);
+            bound::scale_mass(&mut before.clone(), stiffness, allowed) / own_mass_kg <= options.max_added_mass_ratio
+        };
+        let enough_substeps = least(options.max_substeps, unscaled_substeps, enough);
+        return Err(ModelError::TooStiff { substeps: options.max_substeps, ratio, unscaled_substeps, enough_substeps });
     }
     Ok((added_kg, before.iter().zip(mass.iter()).filter(|(before, after)| before != after).count()))
+}
+
+/// The least number above one that is too low, up to one that is high enough, that is: by halving what is between them, 32 times at most.
+fn least(mut low: u32, high: u32, is_enough: impl Fn(u32) -> bool) -> u32 {
+    let mut high = high.max(low.saturating_add(1));
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        if is_enough(middle) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    high
 }
 
 fn omega_rest_per_s(mesh: &TetMesh, rest: &[Rest], mass: &[f64], held: &[bool], options: &Options) -> Result<f64, ModelError> {

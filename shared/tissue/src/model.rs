@@ -165,6 +165,9 @@ pub enum ModelError {
         ratio: f64,
         /// Substeps without adding mass.
         unscaled_substeps: u32,
+        /// The least [`Options::max_substeps`] with which little enough mass has to be added; no less will do, and more only where flat tets, which are softened
+        /// less then, ask for it.
+        enough_substeps: u32,
     },
 }
 

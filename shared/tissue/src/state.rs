@@ -80,6 +80,13 @@ pub struct StepReport {
     pub ignored_springs: u32,
 }
 
+impl StepReport {
+    /// What the watchdog mended: 0 in a healthy step.
+    pub fn corrections(&self) -> u32 {
+        self.neutralised_inputs.saturating_add(self.capped_nodes).saturating_add(self.recovered_nodes)
+    }
+}
+
 /// Why a step could not be taken; nothing was written.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum StepError {

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Body, block, noise, options};
-use hyst_tissue::{ContactLaw, Isa, Material, Model, Options, PlaneSpring, Push, StateRef, StepInput};
+use hyst_tissue::{ContactLaw, Isa, Material, Model, ModelError, Options, PlaneSpring, Push, StateRef, StepInput};
 
 fn free_body(damping_per_s: f64) -> Body {
     let mesh = block([4, 3, 3], 0.003);
@@ -150,8 +150,14 @@ fn mass_is_added_only_where_the_step_needs_it_and_is_reported() {
     let (_, squeezed) = Model::new(&mesh, &fixed, &material, narrow).unwrap();
     assert!(squeezed.scaled_nodes > 0 && squeezed.scaled_nodes < 20, "{squeezed:?}");
     assert!(squeezed.added_mass_kg < 0.2 * squeezed.mass_kg && squeezed.substeps == even.substeps, "{squeezed:?}");
-    let refused = Model::new(&mesh, &fixed, &material, Options { max_added_mass_ratio: 1e-6, ..narrow });
-    assert!(refused.is_err());
+    let made = |max_substeps| {
+        let options = Options { max_added_mass_ratio: 1e-6, max_substeps, ..narrow };
+        Model::new(&mesh, &fixed, &material, options).map(|(_, report)| report)
+    };
+    let refused = made(narrow.max_substeps);
+    let Err(ModelError::TooStiff { unscaled_substeps, enough_substeps, .. }) = refused else { panic!("{refused:?}") };
+    assert!(enough_substeps > narrow.max_substeps && enough_substeps <= unscaled_substeps, "{refused:?}");
+    assert!(made(enough_substeps).is_ok() && made(enough_substeps - 1).is_err(), "{refused:?}");
 }
 
 /// A block that stands on its lower side, and two contacts at a node of the upper side, together five times as stiff as was stated.

@@ -36,6 +36,7 @@ impl Vision<'_> {
         let set_pa = sample.filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.set_pressure_pa);
         self.strip.look(&self.life.clock, tick);
         self.strip.hear(self.life, tick);
+        self.strip.heed(sources.cut_limits(), tick);
         let mut overlay = self.strip.overlay(tick, sources.pump().as_ref(), set_pa);
         if has_window {
             overlay.lines.extend(self.switches.lines(given, self.focus_m));

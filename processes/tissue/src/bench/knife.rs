@@ -1,14 +1,17 @@
 //! What a cut costs: a wire is drawn through the middle of the scene's first pathology (without one, of its organ), and the model of what it leaves is
-//! made anew after each tick in which the mesh changed.
+//! made anew after each tick in which the mesh changed. The same wire is drawn as the Main Loop does it, with the scene's surface and all that is made anew.
 
 use super::press::text;
+use crate::contacts::Contacts;
+use crate::knife::{Knife as Electrode, Stroke, freed_m3, removed_m3};
 use crate::materials::materials;
 use crate::world::{Workshop, World};
 use hyst_contact::Topology;
 use hyst_exchange::system;
 use hyst_mesh::{TetMesh, check};
 use hyst_scene::{DeformableKind, LoadedScene};
-use hyst_tissue::{CutOptions, Cuttable, Isa, ModelMaker, Options, cut};
+use hyst_tissue::{CutOptions, Cuttable, Isa, ModelMaker, Options, Scratch, cut};
+use std::hint::black_box;
 
 /// Way of the wire in a tick of 1 ms, m: 0.2 m/s, faster than a hand cuts.
 const WAY_M: f32 = 2e-4;
@@ -48,16 +51,55 @@ fn cuttable(world: &World) -> Cuttable {
     Cuttable { fixed, ..Cuttable::at_rest(rest) }
 }
 
-/// Draws the wire.
-pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
-    let (_, world) = Workshop::open(scene, isa).map_err(text)?;
-    let mut tissue = cuttable(&world);
+/// Where the wire is in each tick, m.
+fn wires(scene: &LoadedScene) -> Result<impl Iterator<Item = [[f32; 3]; 3]>, String> {
     let first = scene.objects.iter().position(|object| object.kind == DeformableKind::Pathology).unwrap_or(0);
     let object = scene.objects.get(first).ok_or("the scene has no deformable object")?;
     let found = check(&object.mesh);
     let (low, high) = (found.min_m, found.max_m);
     let x = 0.5 * (low[0] + high[0]);
     let margin = 0.5 * (high[1] - low[1]);
+    let ways = (0..MAX_TICKS).map(move |tick| low[2] - WAY_M + tick as f32 * WAY_M).take_while(move |z| *z <= high[2] + WAY_M);
+    Ok(ways.map(move |z| [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]]))
+}
+
+/// Times of the ticks in which the Main Loop cuts, ns: the sweep, the world that it leaves, and what is made anew for that; and how many cuts were refused.
+pub fn whole(scene: &LoadedScene, isa: Isa) -> Result<(Vec<u64>, usize), String> {
+    let (mut workshop, mut world) = Workshop::open(scene, isa).map_err(text)?;
+    let (mut electrode, mut stroke) = (Electrode::default(), Vec::<u32>::new());
+    let mut positions_m = world.model.rest_m().to_vec();
+    let mut velocities_m_s = vec![[0.0; 3]; positions_m.len()];
+    let (mut times_ns, mut refused) = (Vec::new(), 0);
+    for wire_m in wires(scene)? {
+        let begun_ns = system::now_ns();
+        let nodes = (&positions_m[..], &velocities_m_s[..]);
+        let swept = electrode.sweep(&world, Some(&wire_m[..]), bytemuck::cast_slice(&stroke), nodes).map_err(text)?;
+        if let Stroke::Cut { body, parted, .. } = swept {
+            match workshop.make(*body) {
+                Ok(next) => {
+                    black_box((removed_m3(&world, &next), freed_m3(&world, &next, &parted)));
+                    black_box((Scratch::new(&next.model), Contacts::new(&next)));
+                    world = next;
+                    let (moved_m, moved_m_s) = electrode.moved();
+                    (positions_m, velocities_m_s) = (moved_m.to_vec(), moved_m_s.to_vec());
+                    times_ns.push(system::now_ns() - begun_ns);
+                }
+                Err(_) => {
+                    refused += 1;
+                    electrode.end();
+                }
+            }
+        }
+        stroke.resize(electrode.stroke_bytes() / size_of::<u32>(), 0);
+        electrode.write_stroke(bytemuck::cast_slice_mut(&mut stroke));
+    }
+    Ok((times_ns, refused))
+}
+
+/// Draws the wire.
+pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
+    let (_, world) = Workshop::open(scene, isa).map_err(text)?;
+    let mut tissue = cuttable(&world);
     let materials = materials(scene).map_err(text)?;
     // What it takes to make a model is measured, not whether it is fast enough.
     let options = Options { max_substeps: 256, max_added_mass_ratio: 1e6, isa, ..Options::default() };
@@ -65,12 +107,7 @@ pub fn draw(scene: &LoadedScene, isa: Isa) -> Result<Knife, String> {
     let (_, whole) = maker.make(&tissue.rest, &tissue.fixed).map_err(text)?;
     maker.options.omega_rest_per_s = Some(whole.omega_rest_per_s);
     let mut knife = Knife { tets: [tissue.rest.tets.len(); 2], parts: [check(&tissue.rest).components; 2], ..Knife::default() };
-    for tick in 0..MAX_TICKS {
-        let z = low[2] - WAY_M + tick as f32 * WAY_M;
-        if z > high[2] + WAY_M {
-            break;
-        }
-        let wire = [[x, low[1] - margin, z], [x, 0.5 * (low[1] + high[1]), z], [x, high[1] + margin, z]];
+    for wire in wires(scene)? {
         let report = timed(&mut knife.cut_ns, || cut(&mut tissue, &wire, &CutOptions::default())).map_err(text)?;
         if report.has_changed_mesh() {
             timed(&mut knife.model_ns, || maker.make(&tissue.rest, &tissue.fixed)).map_err(text)?;
@@ -93,5 +130,13 @@ mod tests {
         let knife = draw(&scene, Isa::detect()).unwrap();
         assert_eq!(knife.parts[1], knife.parts[0] + 1);
         assert!(knife.tets[1] > knife.tets[0] && knife.model_ns.len() > 5 && knife.cut_ns.len() > knife.model_ns.len());
+    }
+
+    #[test]
+    fn the_main_loops_cuts_are_timed_one_by_one() {
+        let scene = crate::world::load_scene(None).unwrap();
+        let (times_ns, refused) = whole(&scene, Isa::detect()).unwrap();
+        println!("{} cuts, {refused} refused", times_ns.len());
+        assert!(times_ns.len() > 2 && refused < times_ns.len(), "{} cuts, {refused} refused", times_ns.len());
     }
 }

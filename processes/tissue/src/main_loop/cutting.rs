@@ -8,7 +8,7 @@ use crate::knife::{Stroke, freed_m3, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
-use hyst_messages::Message;
+use hyst_messages::{CUT_LIMIT, Message};
 use hyst_tissue::Scratch;
 use std::sync::Arc;
 
@@ -36,6 +36,8 @@ pub(super) struct Change {
     pub(super) washed_out_ml: Option<f64>,
     /// Volume of a piece that was taken out in the jaws, ml.
     pub(super) taken_out_ml: Option<f64>,
+    /// A sweep of the wire cut coarser than was asked for, or nothing, because the mesh has reached its limit.
+    pub(super) is_limited: bool,
 }
 
 impl Change {
@@ -89,6 +91,11 @@ impl MainLoop<'_> {
 
     /// Goes on with another world; what was made for the one before is made anew.
     pub(super) fn take_world(&mut self, world: World) {
+        let substeps = world.model.substeps(1e-3);
+        if let Some(longer) = longer_steps(self.most_substeps, substeps, self.status.phase_us[0]) {
+            self.life.say(&longer);
+            self.most_substeps = substeps;
+        }
         self.scratch = Scratch::new(&world.model);
         self.contacts = Contacts::new(&world);
         self.collision.take_world(&world);
@@ -123,13 +130,14 @@ impl MainLoop<'_> {
     ) -> Result<Change, Failure> {
         let swept = self.knife.sweep(&self.world, wire_m, message.section(STROKE)?, nodes);
         let refused = match swept {
-            Ok(Stroke::None | Stroke::GoesOn) => return Ok(Change::default()),
-            Ok(Stroke::Cut(body, parted)) => match self.workshop.make(*body) {
+            Ok(Stroke::None) => return Ok(Change::default()),
+            Ok(Stroke::GoesOn { is_limited }) => return Ok(self.limited(Change::default(), is_limited)),
+            Ok(Stroke::Cut { body, parted, is_limited }) => match self.workshop.make(*body) {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
                     let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
                     self.take_world(world);
-                    return Ok(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() });
+                    return Ok(self.limited(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() }, is_limited));
                 }
                 Err(error) => error.to_string(),
             },
@@ -140,6 +148,39 @@ impl MainLoop<'_> {
         if !std::mem::replace(&mut self.has_refused, true) {
             self.life.say(&format!("a cut is left out: {refused}"));
         }
-        Ok(Change::default())
+        Ok(Change { is_limited: true, ..Change::default() })
+    }
+
+    /// A change by a sweep that may have met a limit, which is said once.
+    fn limited(&mut self, change: Change, is_limited: bool) -> Change {
+        if is_limited && !std::mem::replace(&mut self.has_met_limit, true) {
+            let (room, rest) = (&self.world.case.room, &self.world.body.rest);
+            let [tets, nodes] = [rest.tets.len(), rest.positions_m.len()];
+            self.life.say(&format!("{CUT_LIMIT} ({tets} of {} tets, {nodes} of {} nodes)", room.tets, room.nodes));
+        }
+        Change { is_limited, ..change }
+    }
+}
+
+/// What is said of a mesh that asks for more substeps than all before it, of which the deformation took so long at last, µs.
+fn longer_steps(most: u32, substeps: u32, deformation_us: f32) -> Option<String> {
+    let longer_us = deformation_us * substeps as f32 / most.max(1) as f32;
+    (substeps > most).then(|| {
+        format!(
+            "the mesh is finer where it was cut: 1 ms takes {substeps} substeps from here on and not {most}, \
+             and the deformation some {longer_us:.0} µs and not {deformation_us:.0}"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_that_makes_every_later_step_longer_is_said_with_figures_and_another_one_is_not() {
+        let said = longer_steps(8, 32, 200.0).expect("four times as long");
+        assert!(said.contains("32 substeps from here on and not 8") && said.contains("800 µs and not 200"), "{said}");
+        assert_eq!((longer_steps(8, 8, 200.0), longer_steps(32, 8, 200.0)), (None, None));
     }
 }

@@ -9,9 +9,13 @@ use crate::outlet::Draw;
 use crate::state::Core;
 use hyst_messages::page::{device, station};
 use hyst_messages::{InputRecord, Kind, Medium, Message, Pose};
+use hyst_tissue::StepReport;
 
 /// How far back an input record is looked for when the one for the tick is missing, ticks: as long as the device's own hold and ramp.
 const INPUT_REACH: u64 = 22;
+
+/// The square of the length of what may be a unit quaternion of a driver that is not careful.
+const UNIT: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 
 /// What a step takes from its input.
 pub(super) struct Hand {
@@ -36,14 +40,14 @@ impl Hand {
         ToolMotion { points_m, velocity_m_s: self.velocity_m_s, tip_m, back, orientation: self.pose.orientation }
     }
 
-    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts and points that are held, and what became of
-    /// the mesh.
+    /// What a state says beside its nodes: after a step from a core, with a force on the tool, so many contacts and points that are held, what became of
+    /// the mesh, and what the deformation says of itself.
     pub(super) fn core(
         &self,
         before: &Core,
         force_n: [f32; 3],
         (contacts, (held, hold_m)): (usize, (usize, f32)),
-        change: &Change,
+        (change, report): (&Change, &StepReport),
     ) -> Core {
         Core {
             pose: self.pose,
@@ -60,6 +64,8 @@ impl Hand {
             washed_out: before.washed_out + u32::from(change.washed_out_ml.is_some()),
             held: held as u32,
             hold_m,
+            cut_limits: before.cut_limits.saturating_add(u32::from(change.is_limited)),
+            corrections: before.corrections.saturating_add(report.corrections()),
             reserved: 0,
             taken_out: before.taken_out + u32::from(change.taken_out_ml.is_some()),
             taken_out_ml: before.taken_out_ml + change.taken_out_ml.unwrap_or(0.0),
@@ -68,15 +74,24 @@ impl Hand {
     }
 }
 
+/// Whether a record says where the tool is, and how it moves. Of a device that has measured nothing yet the orientation is 0.
+pub(super) fn is_fit(record: &InputRecord) -> bool {
+    let sample = &record.sample;
+    let turned = sample.pose.orientation.iter().map(|part| part * part).sum::<f32>();
+    sample.pose.is_finite()
+        && (turned == 0.0 || UNIT.contains(&turned))
+        && sample.velocity_m_s.iter().chain([&sample.controls.loop_extension_m]).all(|number| number.is_finite())
+}
+
 impl MainLoop<'_> {
     /// The input for the step from `tick`: the record of the tick before, or the newest one within reach; in a replay the one that was recorded.
     pub(super) fn input(&self, tick: u64) -> Option<InputRecord> {
         let page = self.device.as_ref()?;
         if self.life.is_replay() {
             let named = self.life.clock.page().load64(station::REPLAY_INPUT_TICK);
-            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten();
+            return (named > 0).then(|| page.ring(device::INPUTS, named)).flatten().filter(is_fit);
         }
-        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?))
+        (1..=INPUT_REACH).find_map(|back| page.ring(device::INPUTS, tick.checked_sub(back)?).filter(is_fit))
     }
 
     /// What the hand does in the step from `tick`; without an input it stays where it was, the loop too, and the wire cuts nothing. What the next step uses of

@@ -31,12 +31,13 @@ impl MainLoop<'_> {
     }
 }
 
-/// The status of a step after the one before; `times_ns`: when it began, and when test, response, deformation and all had ended.
+/// The status of a step after the one before, with shares that were missing, hits that were dropped and substeps; `times_ns`: when it began, and when
+/// test, response, deformation and all had ended.
 pub(super) fn status_of(
     before: TissueStatus,
     core: &Core,
     cavity_pressure_pa: f32,
-    shares_missing: u32,
+    (shares_missing, hits_dropped, substeps): (u32, u32, u32),
     times_ns: [u64; 5],
 ) -> TissueStatus {
     let us = |part: usize| (times_ns[part + 1] - times_ns[part]) as f32 * 1e-3;
@@ -51,6 +52,10 @@ pub(super) fn status_of(
         hold_m: core.hold_m,
         taken_out: core.taken_out,
         taken_out_ml: core.taken_out_ml as f32,
+        cut_limits: core.cut_limits,
+        substeps,
+        corrections: core.corrections,
+        hits_dropped,
         cavity_pressure_pa,
         contact_count: core.contact_count,
         tool_force_n: core.force_n,

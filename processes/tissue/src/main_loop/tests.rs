@@ -1,16 +1,19 @@
 //! Promise of the Main Loop: a state and a job are written in full, so that what an older message left in the loan is nowhere in them.
 
 mod cold;
+mod corrections;
 mod fold;
 mod grasp;
 mod held;
 mod lattice;
+mod limits;
 mod medium;
 mod outflow;
 mod pieces;
 mod removed;
 mod sheet;
 mod thrust;
+mod unfit;
 
 #[path = "../../../../shared/engine/tests/support/loans.rs"]
 mod loans;

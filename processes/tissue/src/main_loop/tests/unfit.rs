@@ -1,0 +1,37 @@
+//! Promise of the Main Loop about its input: a record that is none, because a number of the hand is none or its orientation is no rotation, is a missing one.
+
+use super::*;
+use hyst_messages::{BUTTON_EXTENDED, Controls};
+
+#[test]
+fn a_tool_that_is_nowhere_stays_where_it_was_and_its_state_is_gone_on_from() {
+    let (station, pages) = founded("unfit", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let mut fit = InputRecord { tick: 1, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
+    fit.sample.pose = Pose { position_m: [0.0, 0.001, 0.01], ..main.first_core().pose };
+    fit.sample.velocity_m_s = [0.0, 0.0, 0.01];
+    fit.sample.controls = Controls { buttons: BUTTON_EXTENDED, loop_extension_m: 0.004, ..Controls::default() };
+    let mut now = first_state(&mut main);
+    now = fed(&mut main, &pages[1], &now, &fit);
+    assert_eq!(core_of(&now).pose, fit.sample.pose);
+    let spoilt: [(&str, fn(&mut InputRecord)); 6] = [
+        ("a place", |record| record.sample.pose.position_m[1] = f32::NAN),
+        ("an angle", |record| record.sample.pose.roll_rad = f32::INFINITY),
+        ("no rotation", |record| record.sample.pose.orientation = [0.0, 3.0, 0.0, 3.0]),
+        ("a little rotation", |record| record.sample.pose.orientation = [0.0, 0.0, 0.0, 1e-3]),
+        ("a speed", |record| record.sample.velocity_m_s[2] = f32::NAN),
+        ("a loop", |record| record.sample.controls.loop_extension_m = f32::NAN),
+    ];
+    for (tick, (what, spoil)) in (2..).zip(spoilt) {
+        let mut record = InputRecord { tick, ..fit };
+        spoil(&mut record);
+        now = fed(&mut main, &pages[1], &now, &record);
+        let core = core_of(&now);
+        assert_eq!((core.pose, core.velocity_m_s, core.loop_m), (fit.sample.pose, fit.sample.velocity_m_s, 0.004), "{what}");
+        assert_eq!(parts_of(&now).0.input_tick, 1, "{what}: the one before is named");
+        assert!(main.accepts(bytemuck::cast_slice(&now)), "{what}");
+    }
+    drop(main);
+}
