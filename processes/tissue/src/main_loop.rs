@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, hash, is_sound, most_bytes, sections};
+use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
@@ -114,6 +114,17 @@ impl<'a> MainLoop<'a> {
         core.is_sane() && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
     }
 
+    /// Takes a sound state for one to go on from, and its step with it, if it is of its input.
+    fn takes(&self, message: &Message<'_>) -> bool {
+        if !self.is_of_its_input(message) {
+            return false;
+        }
+        if let step @ (1 | 2 | 4) = message.header().step_ticks {
+            self.step_ticks.set(step as u64);
+        }
+        true
+    }
+
     fn first_core(&self) -> Core {
         let (rest, case) = (&self.world.case.rest, &self.world.case);
         Core {
@@ -195,13 +206,12 @@ impl Stateful for MainLoop<'_> {
 
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
-        if !is_sound(&message, &self.world) || !self.is_of_its_input(&message) {
-            return false;
-        }
-        if let step @ (1 | 2 | 4) = message.header().step_ticks {
-            self.step_ticks.set(step as u64);
-        }
-        true
+        is_sound(&message, &self.world) && self.takes(&message)
+    }
+
+    fn accepts_own(&self, state: &[u8]) -> bool {
+        let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
+        is_sound_own(&message, &self.world) && self.takes(&message)
     }
 
     /// The input record of the tick before, or the one that a replay names, if the device made it.

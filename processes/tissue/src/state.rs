@@ -1,6 +1,6 @@
 //! What a tissue state holds, and what a sound one is.
 
-use crate::body::{Body, version_of};
+use crate::body::{Body, COUNTS, version_of};
 use crate::grasp;
 use crate::knife::most_stroke_bytes;
 use crate::world::World;
@@ -101,9 +101,21 @@ pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
     let version = message.header().topology_version;
     let is_known = version == world.version && words == &world.words[..];
     let is_other = || version != world.version && version_of(words) == version && Body::unpack(words, &world.case.room).is_some();
-    if !is_known && !is_other() {
-        return false;
-    }
+    (is_known || is_other()) && has_sound_parts(message, world, words, stroke)
+}
+
+/// The same for a state of the world that this thread has just written itself. Of the body only the counts are looked at: the rest, most of the state, was
+/// copied from the world, and by that alone this thread goes on.
+pub fn is_sound_own(message: &Message<'_>, world: &World) -> bool {
+    let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else { return false };
+    let is_of_world = message.header().topology_version == world.version
+        && words.len() == world.words.len()
+        && words.get(..COUNTS) == world.words.get(..COUNTS);
+    is_of_world && has_sound_parts(message, world, words, stroke)
+}
+
+/// Whether all sections fit a body of these words, and the numbers are those of an organ.
+fn has_sound_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[u8]) -> bool {
     let (nodes, vertices) = (words[0] as usize, words[2] as usize);
     let sizes = of_counts(world, nodes, vertices, words.len(), stroke.len());
     let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sizes[index]);
