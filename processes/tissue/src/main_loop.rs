@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections};
+use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
@@ -252,7 +252,7 @@ impl Stateful for MainLoop<'_> {
         let sections = sections(world, self.knife.stroke_bytes());
         let [core, next_positions, next_velocities, surface, memory, body, next_stroke, next_grasp, ..] =
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
-        body.copy_from_slice(bytemuck::cast_slice(&world.words));
+        write_body(&world.words, body);
         self.knife.write_stroke(next_stroke);
         memory.copy_from_slice(message.section::<u8>(4)?);
 

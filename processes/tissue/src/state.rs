@@ -94,6 +94,24 @@ pub fn most_bytes(world: &World) -> usize {
     message_bytes(&of_counts(world, room.nodes, room.vertices, room.words(), most_stroke_bytes(room)))
 }
 
+/// Bytes that are compared at once before they are written.
+const PIECE: usize = 4096;
+
+/// Writes the words of a body into its section. The few blocks that are lent by turns hold it from some steps before, at the same place unless something was
+/// cut: what is there already is compared, which writes no memory. Whatever lay there, it is the body then.
+///
+/// # Panics
+/// If the section has another length.
+pub fn write_body(words: &[u32], section: &mut [u8]) {
+    let bytes: &[u8] = bytemuck::cast_slice(words);
+    assert_eq!(bytes.len(), section.len(), "the section of a body");
+    for (to, from) in section.chunks_mut(PIECE).zip(bytes.chunks(PIECE)) {
+        if to != from {
+            to.copy_from_slice(from);
+        }
+    }
+}
+
 /// Whether all sections are there and fit each other, the body is that of the world or else one that a world can be made of, and the numbers are
 /// those of an organ.
 pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
@@ -133,4 +151,24 @@ pub fn hash(message: &Message<'_>) -> u64 {
     let words = |index: usize| message.section::<u32>(index).unwrap_or(&[]).iter().map(|word| *word as u64);
     let version = u64::from(message.header().topology_version);
     fnv_words(message.header().tick, words(1).chain(words(2)).chain([version]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_body_is_written_as_it_is_whatever_lay_in_its_place() {
+        let words: Vec<u32> = (0..2_500).map(|word: u32| word.wrapping_mul(2_654_435_761)).collect();
+        let body: Vec<u8> = bytemuck::cast_slice(&words).to_vec();
+        let mut last_piece = body.clone();
+        last_piece[9_999] ^= 1;
+        let shifted = [&body[64..], &body[..64]].concat();
+        let corrupt: Vec<u8> = body.iter().enumerate().map(|(at, byte)| byte ^ u8::from(at % 3_000 == 17)).collect();
+        for mut lies in [vec![0; body.len()], vec![0xAA; body.len()], body.clone(), last_piece, shifted, corrupt] {
+            write_body(&words, &mut lies);
+            assert!(lies == body);
+        }
+        write_body(&[], &mut []);
+    }
 }
