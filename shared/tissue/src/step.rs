@@ -7,7 +7,7 @@ use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
 use crate::layout::{self, LANES, Row};
-use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push};
+use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push, READY_MAX, Ready, of_hold, of_plane};
 use crate::model::{Model, SUBSTEPS_MAX};
 use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
 
@@ -26,6 +26,8 @@ pub struct Scratch {
     frames: Vec<Frame>,
     /// Sum of spring stiffness per node, N/m.
     load_n_m: Vec<f32>,
+    /// What was weighed of the springs of the last step, of as many as there is room for.
+    ready: Vec<Option<Ready>>,
     /// Substep of the last step, s.
     substep_s: f32,
 }
@@ -41,6 +43,7 @@ impl Scratch {
             external: rows(),
             frames: vec![Frame::ZERO; model.blocks.len()],
             load_n_m: vec![0.0; model.node_count()],
+            ready: vec![None; READY_MAX],
             substep_s: 0.0,
         }
     }
@@ -48,14 +51,14 @@ impl Scratch {
     /// What a contact that was in the last step does at the state that the step wrote: what the tissue feels of it there, and so what the other side
     /// is to feel. Nothing if the step ignored it.
     pub fn push(&self, model: &Model, law: &ContactLaw, spring: &PlaneSpring, at: &StateRef<'_>) -> Push {
-        let grip = self.grip(model, at).filter(|_| spring.usable(self.load_n_m.len()));
-        grip.map_or(Push::default(), |grip| grip.of_plane(&law.sane(), spring, at.position_m, at.velocity_m_s))
+        let ready = self.grip(model, at).and_then(|grip| spring.ready(&grip));
+        ready.map_or(Push::default(), |ready| of_plane(&law.sane(), spring, &ready, at.position_m, at.velocity_m_s))
     }
 
     /// The same for what was held in the last step.
     pub fn pull(&self, model: &Model, law: &ContactLaw, hold: &Hold, at: &StateRef<'_>) -> Push {
-        let grip = self.grip(model, at).filter(|_| hold.usable(self.load_n_m.len()));
-        grip.map_or(Push::default(), |grip| grip.of_hold(&law.sane(), hold, at.position_m, at.velocity_m_s))
+        let ready = self.grip(model, at).and_then(|grip| hold.ready(&grip));
+        ready.map_or(Push::default(), |ready| of_hold(&law.sane(), hold, &ready, at.position_m, at.velocity_m_s))
     }
 
     /// How the springs of the last step held on to a model; `None` if this is not its scratch, or the state is of another one.
@@ -86,7 +89,7 @@ pub fn step(
     scratch.substep_s = substep_s;
     let StepInput { springs, pairs, holds, attachments, law, .. } = *input;
     let links = Links { springs, pairs, holds, attachments, law: law.sane(), substep_s };
-    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
+    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m, &mut scratch.ready);
     let job = Job { model, scratch, links, substep_s, substeps };
     let sums = match model.options.isa {
         Isa::Baseline => run(pulp::Scalar::new(), job),
@@ -212,14 +215,15 @@ impl<S: Lanes> pulp::NullaryFnOnce for Run<'_, S> {
 #[inline(always)]
 fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
     let Job { model, scratch, links, substep_s, substeps } = job;
-    let Scratch { position, velocity, force, external, frames, load_n_m, .. } = scratch;
+    let Scratch { position, velocity, force, external, frames, load_n_m, ready, .. } = scratch;
+    let grip = Grip { model, load_n_m, substep_s };
     let seen: &[[f32; 4]] = bytemuck::cast_slice(position);
     let sums = kernel::rotations(simd, &model.blocks, &model.rest_blocks, seen, frames);
     for substep in 0..=substeps {
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
         kernel::element_forces(simd, &model.blocks, frames, at, sum);
-        links.add_forces(model, load_n_m, (at, rate), sum);
+        links.add_forces(&grip, ready, (at, rate), sum);
         let constants = Constants {
             kick_s: if substep == 0 || substep == substeps { 0.5 * substep_s } else { substep_s },
             drift_s: if substep == substeps { 0.0 } else { substep_s },
@@ -261,3 +265,6 @@ fn write(
         next.velocity_m_s[node] = v;
     }
 }
+
+#[cfg(test)]
+mod tests;
