@@ -13,7 +13,7 @@
 use pulp::Simd;
 
 use crate::lanes::{F, Lanes, V3};
-use crate::layout::{Block, LANES, RestBlock, Row};
+use crate::layout::{Block, LANES, Nodes, RestBlock, Row};
 
 /// A velocity below this is zero: keeps denormal numbers, which are slow, out of a tissue that has come to rest. m/s.
 const VELOCITY_FLUSH_M_S: f32 = 1e-20;
@@ -64,7 +64,7 @@ impl Frame {
 
 /// The three edges from corner 0: `edges[i]` is the edge to corner i + 1.
 #[inline(always)]
-fn edges<S: Lanes>(simd: S, nodes: &[[f32; 4]], corners: &[[u32; LANES]; 4], half: usize) -> [V3<S>; 3] {
+fn edges<S: Lanes, N: Nodes + ?Sized>(simd: S, nodes: &N, corners: &[[N::Number; LANES]; 4], half: usize) -> [V3<S>; 3] {
     let origin = simd.gather(nodes, &corners[0], half);
     let one = simd.gather(nodes, &corners[1], half);
     let two = simd.gather(nodes, &corners[2], half);
@@ -74,17 +74,17 @@ fn edges<S: Lanes>(simd: S, nodes: &[[f32; 4]], corners: &[[u32; LANES]; 4], hal
 
 /// Finds the rotation and β of each element at `position` and stores what the substeps need of them.
 #[inline(always)]
-pub(crate) fn rotations<S: Lanes>(
+pub(crate) fn rotations<S: Lanes, N: Nodes + ?Sized>(
     simd: S,
-    blocks: &[Block],
-    rest: &[RestBlock],
-    position: &[[f32; 4]],
+    corners: &[[[N::Number; LANES]; 4]],
+    (blocks, rest): (&[Block], &[RestBlock]),
+    position: &N,
     frames: &mut [Frame],
 ) -> TetSums {
     let mut sums = TetSums { energy_j: Row::ZERO, inverted: Row::ZERO };
-    for ((block, rest), frame) in blocks.iter().zip(rest).zip(frames) {
+    for ((corners, frame), (block, rest)) in corners.iter().zip(frames).zip(blocks.iter().zip(rest)) {
         for half in 0..LANES / S::F32_LANES {
-            let edges = edges(simd, position, &block.nodes, half);
+            let edges = edges(simd, position, corners, half);
             let mut inv_edges = [[F::splat(simd, 0.0); 3]; 3];
             for (index, row) in rest.inv_edges.iter().enumerate() {
                 inv_edges[index / 3][index % 3] = F::load(simd, row, half);
@@ -159,17 +159,17 @@ fn add_sums<S: Lanes>(
 
 /// Adds the elastic forces at `position` to `force`.
 #[inline(always)]
-pub(crate) fn element_forces<S: Lanes>(
+pub(crate) fn element_forces<S: Lanes, N: Nodes + ?Sized>(
     simd: S,
-    blocks: &[Block],
-    frames: &[Frame],
-    position: &[[f32; 4]],
-    force: &mut [[f32; 4]],
+    corners: &[[[N::Number; LANES]; 4]],
+    (blocks, frames): (&[Block], &[Frame]),
+    position: &N,
+    force: &mut N,
 ) {
     let three = F::splat(simd, 3.0);
-    for (block, frame) in blocks.iter().zip(frames) {
+    for (corners, (block, frame)) in corners.iter().zip(blocks.iter().zip(frames)) {
         for half in 0..LANES / S::F32_LANES {
-            let edges = edges(simd, position, &block.nodes, half);
+            let edges = edges(simd, position, corners, half);
             let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
             let mut q = [[lambda; 3]; 3];
             for (index, row) in frame.q.iter().enumerate() {
@@ -204,7 +204,7 @@ pub(crate) fn element_forces<S: Lanes>(
                 }
                 forces[0][k] = -(forces[1][k] + forces[2][k] + forces[3][k]);
             }
-            simd.scatter(force, &block.nodes, half, &forces);
+            simd.scatter(force, corners, half, &forces);
         }
     }
 }

@@ -6,7 +6,7 @@
 use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
-use crate::layout::{self, LANES, Row};
+use crate::layout::{self, Corners, LANES, Nodes, Row, ShortNodes};
 use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push, READY_MAX, Ready, of_hold, of_plane};
 use crate::model::{Model, SUBSTEPS_MAX};
 use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
@@ -35,17 +35,35 @@ pub struct Scratch {
 impl Scratch {
     /// Working memory for `model`.
     pub fn new(model: &Model) -> Self {
-        let rows = || vec![Row::ZERO; layout::node_rows(model.node_count())];
-        Scratch {
-            position: rows(),
-            velocity: rows(),
-            force: rows(),
-            external: rows(),
-            frames: vec![Frame::ZERO; model.blocks.len()],
-            load_n_m: vec![0.0; model.node_count()],
+        let mut scratch = Scratch {
+            position: Vec::new(),
+            velocity: Vec::new(),
+            force: Vec::new(),
+            external: Vec::new(),
+            frames: Vec::new(),
+            load_n_m: Vec::new(),
             ready: vec![None; READY_MAX],
             substep_s: 0.0,
+        };
+        scratch.fit(model);
+        scratch
+    }
+
+    /// Goes on as working memory for another model, with what memory there is: what tets are looked up in is 1 MiB twice, whatever of it a model uses.
+    pub fn fit(&mut self, model: &Model) {
+        let nodes = model.node_count();
+        let (rows, looked_up) = (layout::node_rows(nodes), layout::looked_up_rows(nodes, &model.corners));
+        let Scratch { position, velocity, force, external, .. } = self;
+        for (part, length) in [(position, looked_up), (velocity, rows), (force, looked_up), (external, rows)] {
+            part.resize(length, Row::ZERO);
+            part[..rows].fill(Row::ZERO);
         }
+        self.frames.clear();
+        self.frames.resize(model.blocks.len(), Frame::ZERO);
+        self.load_n_m.clear();
+        self.load_n_m.resize(nodes, 0.0);
+        self.ready.fill(None);
+        self.substep_s = 0.0;
     }
 
     /// What a contact that was in the last step does at the state that the step wrote: what the tissue feels of it there, and so what the other side
@@ -184,7 +202,8 @@ fn read(model: &Model, scratch: &mut Scratch, now: &StateRef<'_>, input: &StepIn
         external[node] = [force[0], force[1], force[2], 0.0];
         report.neutralised_inputs += u32::from(!good);
     }
-    scratch.force.copy_from_slice(&scratch.external);
+    let rows = scratch.external.len();
+    scratch.force[..rows].copy_from_slice(&scratch.external);
 }
 
 /// The part of a step that runs in the chosen instruction set.
@@ -209,20 +228,30 @@ impl<S: Lanes> pulp::NullaryFnOnce for Run<'_, S> {
     }
 }
 
+/// The step with the numbers that the model's blocks name nodes by.
+#[inline(always)]
+fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
+    let model = job.model;
+    match &model.corners {
+        Corners::Short(corners) => integrate::<S, ShortNodes>(simd, job, corners),
+        Corners::Long(corners) => integrate::<S, [[f32; 4]]>(simd, job, corners),
+    }
+}
+
 /// Velocity Verlet with the rotations of the start: half a kick, then drifts and kicks in turn, and half a kick with the same
 /// rotations at the end. So positions and velocities belong to one time when the rotations change, and the change cannot feed
 /// the fast modes; one more evaluation of the forces per step is its price.
 #[inline(always)]
-fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
+fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N::Number; LANES]; 4]]) -> TetSums {
     let Job { model, scratch, links, substep_s, substeps } = job;
     let Scratch { position, velocity, force, external, frames, load_n_m, ready, .. } = scratch;
-    let grip = Grip { model, load_n_m, substep_s };
-    let seen: &[[f32; 4]] = bytemuck::cast_slice(position);
-    let sums = kernel::rotations(simd, &model.blocks, &model.rest_blocks, seen, frames);
+    let (grip, rows) = (Grip { model, load_n_m, substep_s }, external.len());
+    let (blocks, rest) = (&model.blocks[..], &model.rest_blocks[..]);
+    let sums = kernel::rotations(simd, corners, (blocks, rest), N::of(position), frames);
     for substep in 0..=substeps {
+        kernel::element_forces(simd, corners, (blocks, &frames[..]), N::of(position), N::of_mut(force));
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
-        kernel::element_forces(simd, &model.blocks, frames, at, sum);
         links.add_forces(&grip, ready, (at, rate), sum);
         let constants = Constants {
             kick_s: if substep == 0 || substep == substeps { 0.5 * substep_s } else { substep_s },
@@ -230,8 +259,9 @@ fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
             velocity_cap_m_s: model.options.velocity_cap_m_s as f32,
         };
         let (inv_mass, damping_per_s) = (&model.inv_mass, &model.damping_per_s);
-        let mut rows = NodeRows { inv_mass, damping_per_s, external, position, velocity, force };
-        kernel::move_nodes(simd, &constants, &mut rows);
+        let (position, force) = (&mut position[..rows], &mut force[..rows]);
+        let mut moving = NodeRows { inv_mass, damping_per_s, external, position, velocity, force };
+        kernel::move_nodes(simd, &constants, &mut moving);
     }
     sums
 }

@@ -9,7 +9,6 @@ use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
 use hyst_messages::Message;
-use hyst_tissue::Scratch;
 use std::sync::Arc;
 
 /// Up to so far from the pivot the tip is in the cervix, and what the jaws hold is drawn out with it, m.
@@ -89,7 +88,7 @@ impl MainLoop<'_> {
 
     /// Goes on with another world; what was made for the one before is made anew.
     pub(super) fn take_world(&mut self, world: World) {
-        self.scratch = Scratch::new(&world.model);
+        self.scratch.fit(&world.model);
         self.contacts = Contacts::new(&world);
         self.collision.take_world(&world);
         self.points_m.resize(world.points.len(), [0.0; 3]);

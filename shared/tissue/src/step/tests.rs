@@ -129,3 +129,34 @@ fn springs_that_are_weighed_once_a_step_do_what_those_do_that_are_weighed_in_eve
         }
     }
 }
+
+#[test]
+fn nodes_that_16_bits_name_are_those_that_32_bits_name() {
+    for isa in sets() {
+        let short = model(isa);
+        let Corners::Short(corners) = &short.corners else { panic!("a small model") };
+        let wide = |block: &[[u16; LANES]; 4]| block.map(|lanes| lanes.map(u32::from));
+        let long = Model { corners: Corners::Long(corners.iter().map(wide).collect()), ..short.clone() };
+        let [by_short, by_long] = [&short, &long].map(|model| stepped(model, &mut Scratch::new(model), |_| {}));
+        assert!(by_short == by_long, "{isa:?}");
+    }
+}
+
+#[test]
+fn a_scratch_that_was_another_models_is_as_good_as_a_new_one() {
+    let mut mesh = block();
+    mesh.tets.truncate(48);
+    mesh.regions.truncate(48);
+    let material = Material::new(5_000.0, 0.4, 1000.0, 5.0).unwrap();
+    let options = Options { contact_stiffness_n_m: 200.0, max_substeps: 32, ..Options::default() };
+    let fixed = vec![false; mesh.positions_m.len()];
+    let (part, _) = Model::new(&mesh, &fixed, &material, options).unwrap();
+    let (whole, mut used) = (model(options.isa), Scratch::new(&part));
+    let new = [&part, &whole].map(|model| stepped(model, &mut Scratch::new(model), |_| {}));
+    for round in 0..2 {
+        for (model, new) in [&part, &whole].into_iter().zip(&new) {
+            used.fit(model);
+            assert!(stepped(model, &mut used, |_| {}) == *new, "round {round}");
+        }
+    }
+}
