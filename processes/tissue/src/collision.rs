@@ -12,7 +12,7 @@ use hyst_exchange::{Held, Links, Loan, Publisher, ReadPage, Subscriber, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::header;
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader, fnv_words};
+use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader, job_hash};
 use std::sync::Arc;
 
 /// What a step waits for its workers at most, ns: several times what a share takes, a third of a tick.
@@ -215,7 +215,7 @@ impl Collision {
             let group = (1u32 << self.workers) - 1;
             let resting = self.coordinator.resting();
             let outcome = release(&mut self.coordinator, life, group);
-            let job_hash = fnv_words(0, points_m.as_flattened().iter().map(|value| value.to_bits() as u64));
+            let job_hash = job_hash(bytemuck::cast_slice(points_m));
             self.parts = self.parts.wrapping_add(1);
             let (looked_at, number) = (self.parts as usize % count, self.parts / count as u32);
             for index in members(outcome.joined) {
