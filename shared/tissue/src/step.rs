@@ -247,9 +247,12 @@ fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N:
     let Scratch { position, velocity, force, external, frames, load_n_m, ready, .. } = scratch;
     let (grip, rows) = (Grip { model, load_n_m, substep_s }, external.len());
     let (blocks, rest) = (&model.blocks[..], &model.rest_blocks[..]);
-    let sums = kernel::rotations(simd, corners, (blocks, rest), N::of(position), frames);
+    let sums = kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
     for substep in 0..=substeps {
-        kernel::element_forces(simd, corners, (blocks, &frames[..]), N::of(position), N::of_mut(force));
+        // Those of the first came with the rotations.
+        if substep > 0 {
+            kernel::element_forces(simd, corners, (blocks, &frames[..]), N::of(position), N::of_mut(force));
+        }
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
         links.add_forces(&grip, ready, (at, rate), sum);

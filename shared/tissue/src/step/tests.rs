@@ -160,3 +160,38 @@ fn a_scratch_that_was_another_models_is_as_good_as_a_new_one() {
         }
     }
 }
+
+/// What is added to forces that are there, with the rotations and by itself, where the mesh is sheared, turned and torn about.
+fn added<S: Lanes>(simd: S, model: &Model) -> [Vec<Row>; 2] {
+    let Corners::Short(corners) = &model.corners else { panic!("a small model") };
+    let Scratch { mut position, mut frames, .. } = Scratch::new(model);
+    let nodes: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut position);
+    for (node, (place, [x, y, z])) in nodes.iter_mut().zip(model.rest_m()).enumerate() {
+        let apart = 2e-3 * (node * node % 7) as f32;
+        *place = [1.2 * x - 0.6 * y + apart, 0.6 * x + 0.9 * y, z - 0.3 * x - apart, 0.0];
+    }
+    let [mut together, mut apart] = [(); 2].map(|()| vec![Row([-1.5e-3; LANES]); position.len()]);
+    let (corners, blocks, rest, seen) = (&corners[..], &model.blocks[..], &model.rest_blocks[..], ShortNodes::of(&position));
+    let written = (&mut frames[..], ShortNodes::of_mut(&mut together));
+    let sums = kernel::rotations_and_forces(simd, corners, (blocks, rest), seen, written);
+    kernel::element_forces(simd, corners, (blocks, &frames[..]), seen, ShortNodes::of_mut(&mut apart));
+    assert!(sums.energy_j.0.iter().sum::<f32>() > 0.0 && sums.inverted.0.iter().sum::<f32>() > 0.0, "{sums:?}");
+    assert!(together[..16] != vec![Row([-1.5e-3; LANES]); 16]);
+    [together, apart]
+}
+
+#[test]
+fn forces_that_come_with_the_rotations_are_those_that_are_added_by_themselves() {
+    for isa in sets() {
+        let model = model(isa);
+        let [together, apart] = match isa {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => added(pulp::x86::V3::try_new().unwrap(), &model),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => added(pulp::x86::V4::try_new().unwrap(), &model),
+            _ => added(pulp::Scalar::new(), &model),
+        };
+        let bits = |rows: &[Row]| bytemuck::cast_slice::<Row, u32>(rows).to_vec();
+        assert!(bits(&together) == bits(&apart), "{isa:?}");
+    }
+}
