@@ -2,6 +2,7 @@
 
 use crate::ContactError;
 use crate::hash::{HEADER_WORDS, HashSizes, Header, LANES, MAGIC, cell_of, hash_cell};
+use crate::tet::{max, min};
 
 /// A filled table, for reading where it lies.
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +66,19 @@ impl<'a> HashRef<'a> {
     /// Whether slots come from the hash function.
     pub fn is_hashed(&self) -> bool {
         self.header.hashed != 0
+    }
+
+    /// Lowest and highest corner of the box around the points in the table; the lowest is above the highest where there are none.
+    #[inline(always)]
+    pub(crate) fn around(&self) -> ([f32; 3], [f32; 3]) {
+        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for axis in 0..3 {
+            for &v in &self.xyz[axis][..self.kept()] {
+                lo[axis] = min(lo[axis], v);
+                hi[axis] = max(hi[axis], v);
+            }
+        }
+        (lo, hi)
     }
 
     /// Index of the point at a sorted place.
