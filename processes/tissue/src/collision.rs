@@ -191,7 +191,7 @@ impl Collision {
 
     /// The table of this step.
     pub fn table(&self) -> Result<HashRef<'_>, Failure> {
-        HashRef::in_words(&self.own_hash).map_err(|error| Failure::Broken(error.to_string()))
+        HashRef::in_own_words(&self.own_hash).map_err(|error| Failure::Broken(error.to_string()))
     }
 
     /// Runs the test; the hits are the same whoever computed them. What a worker says is checked: it is true to the last bit and leaves out nothing that is
@@ -207,7 +207,7 @@ impl Collision {
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
-        let hash = HashRef::in_words(&self.own_hash).map_err(broken)?;
+        let hash = HashRef::in_own_words(&self.own_hash).map_err(broken)?;
         let count = self.shares.len();
         let mut done = 0u32;
         if let Some(loan) = job.loan {
