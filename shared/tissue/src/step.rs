@@ -292,8 +292,6 @@ fn write(
         } else if model.held[node] && in_reach(model, node, input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3])) {
             at = input.targets_m[node]; // free of the rounding of the substeps
         }
-        let squared: f64 = v.iter().map(|&v| f64::from(v) * f64::from(v)).sum();
-        report.kinetic_energy_j += 0.5 * f64::from(model.mass_kg[node]) * squared;
         next.position_m[node] = at;
         next.velocity_m_s[node] = v;
     }
