@@ -32,7 +32,7 @@ use hyst_messages::stream::message_bytes;
 use hyst_messages::{
     BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
 };
-use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, step, surface_update};
+use hyst_tissue::{BoundSurface, Scratch, StateMut, StateRef, StepInput, step, surface_update};
 use medium::medium_forces;
 use std::cell::Cell;
 use std::sync::Arc;
@@ -49,6 +49,7 @@ pub struct MainLoop<'a> {
     /// Whether a cut was refused, which is said once.
     has_refused: bool,
     scratch: Scratch,
+    surface: BoundSurface,
     contacts: Contacts,
     collision: Collision,
     clerk: Option<Clerk>,
@@ -83,6 +84,7 @@ impl<'a> MainLoop<'a> {
             grasp: Grasp::default(),
             has_refused: false,
             scratch: Scratch::new(&world.model),
+            surface: BoundSurface::new(&world.body.skin.bindings, world.model.tets()),
             collision: Collision::new(life, &world),
             contacts,
             clerk: None,
@@ -290,7 +292,7 @@ impl Stateful for MainLoop<'_> {
         let to = StateMut { position_m: next_positions, velocity_m_s: bytemuck::cast_slice_mut(next_velocities) };
         step(&world.model, &mut self.scratch, from, &input, to).map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
-        surface_update(&world.body.skin.bindings, world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
+        self.scratch.move_surface(&self.surface, bytemuck::cast_slice_mut(surface));
 
         // Forces to the device.
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };

@@ -3,6 +3,7 @@
 //! Promises: no allocation, no panic, no NaN in the output whatever the input holds; every correction is counted.
 //! Rotations are sought once, at the positions of t, and kept for all substeps.
 
+use crate::forces::BoundSurface;
 use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
@@ -77,6 +78,13 @@ impl Scratch {
     pub fn pull(&self, model: &Model, law: &ContactLaw, hold: &Hold, at: &StateRef<'_>) -> Push {
         let ready = self.grip(model, at).and_then(|grip| hold.ready(&grip));
         ready.map_or(Push::default(), |ready| of_hold(&law.sane(), hold, &ready, at.position_m, at.velocity_m_s))
+    }
+
+    /// Moves a surface that is bound to the model to where the last step has put the nodes, as [`surface_update`](crate::surface_update) does with the state
+    /// that it wrote. Returns how many vertices were left as they are.
+    pub fn move_surface(&self, surface: &BoundSurface, out_m: &mut [[f32; 3]]) -> usize {
+        let nodes: &[[f32; 4]] = bytemuck::cast_slice(&self.position);
+        surface.update(&nodes[..self.load_n_m.len()], out_m)
     }
 
     /// How the springs of the last step held on to a model; `None` if this is not its scratch, or the state is of another one.
@@ -269,17 +277,17 @@ fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N:
     sums
 }
 
-/// Writes the next state; what is not finite or out of reach goes back to where it was, at rest.
+/// Writes the next state, and its positions into the rows too; what is not finite or out of reach goes back to where it was, at rest.
 fn write(
     model: &Model,
-    scratch: &Scratch,
+    scratch: &mut Scratch,
     now: &StateRef<'_>,
     input: &StepInput<'_>,
     next: StateMut<'_>,
     report: &mut StepReport,
 ) {
     let cap = model.options.velocity_cap_m_s as f32;
-    let position: &[[f32; 4]] = bytemuck::cast_slice(&scratch.position);
+    let position: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.position);
     let velocity: &[[f32; 4]] = bytemuck::cast_slice(&scratch.velocity);
     for node in 0..model.node_count() {
         let ([x, y, z, _], [vx, vy, vz, _]) = (position[node], velocity[node]);
@@ -292,6 +300,7 @@ fn write(
         } else if model.held[node] && in_reach(model, node, input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3])) {
             at = input.targets_m[node]; // free of the rounding of the substeps
         }
+        position[node] = [at[0], at[1], at[2], 0.0];
         next.position_m[node] = at;
         next.velocity_m_s[node] = v;
     }

@@ -9,6 +9,7 @@ use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
 use hyst_messages::Message;
+use hyst_tissue::BoundSurface;
 use std::sync::Arc;
 
 /// Up to so far from the pivot the tip is in the cervix, and what the jaws hold is drawn out with it, m.
@@ -89,6 +90,7 @@ impl MainLoop<'_> {
     /// Goes on with another world; what was made for the one before is made anew.
     pub(super) fn take_world(&mut self, world: World) {
         self.scratch.fit(&world.model);
+        self.surface = BoundSurface::new(&world.body.skin.bindings, world.model.tets());
         self.contacts = Contacts::new(&world);
         self.collision.take_world(&world);
         self.points_m.resize(world.points.len(), [0.0; 3]);

@@ -4,7 +4,7 @@ use super::*;
 use crate::links::{Attachment, PairSpring};
 use crate::material::Material;
 use crate::model::Options;
-use hyst_mesh::TetMesh;
+use hyst_mesh::{Binding, TetMesh};
 
 /// Cubes along each axis.
 const CELLS: u32 = 3;
@@ -194,4 +194,28 @@ fn forces_that_come_with_the_rotations_are_those_that_are_added_by_themselves() 
         let bits = |rows: &[Row]| bytemuck::cast_slice::<Row, u32>(rows).to_vec();
         assert!(bits(&together) == bits(&apart), "{isa:?}");
     }
+}
+
+#[test]
+fn a_surface_that_is_moved_by_the_rows_of_a_step_is_that_of_the_state_which_it_wrote() {
+    let model = model(Isa::detect());
+    let (rest_m, mut scratch) = (model.rest_m(), Scratch::new(&model));
+    let bound = |at: u32| Binding { tet: at % 170, weights: [0.7 - 0.01 * at as f32, 0.01 * at as f32, 0.5, -0.2] };
+    let bindings: Vec<Binding> = (0..300).map(bound).collect();
+    let surface = BoundSurface::new(&bindings, model.tets());
+    // A held node comes from where it must not be, and one goes where it is told.
+    let mut position_m = rest_m.to_vec();
+    (position_m[0], position_m[20][1]) = ([f32::NAN; 3], position_m[20][1] + 0.001);
+    let targets_m: Vec<[f32; 3]> = rest_m.iter().map(|[x, y, z]| [x + 1e-4, y - 1e-5, *z]).collect();
+    let velocity_m_s = vec![[0.1, 0.0, -0.2]; rest_m.len()];
+    let (mut next_m, mut next_m_s) = (vec![[0.0; 3]; rest_m.len()], vec![[0.0; 3]; rest_m.len()]);
+    let now = StateRef { position_m: &position_m, velocity_m_s: &velocity_m_s };
+    let next = StateMut { position_m: &mut next_m, velocity_m_s: &mut next_m_s };
+    step(&model, &mut scratch, now, &StepInput { targets_m: &targets_m, ..StepInput::default() }, next).unwrap();
+    let [mut by_rows, mut by_state] = [(); 2].map(|()| vec![[9.0f32; 3]; bindings.len() + 1]);
+    let left = crate::surface_update(&bindings, model.tets(), &next_m, &mut by_state);
+    assert_eq!(scratch.move_surface(&surface, &mut by_rows), left);
+    assert!(left > 1 && left < 50, "{left} vertices are left");
+    let bits = |points: &[[f32; 3]]| bytemuck::cast_slice::<[f32; 3], u32>(points).to_vec();
+    assert!(bits(&by_rows) == bits(&by_state));
 }
