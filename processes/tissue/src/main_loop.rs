@@ -85,7 +85,7 @@ impl<'a> MainLoop<'a> {
             has_refused: false,
             scratch: Scratch::new(&world.model),
             surface: BoundSurface::new(&world.body.skin.bindings, world.model.tets()),
-            collision: Collision::new(life, &world),
+            collision: Collision::new(life, &world)?,
             contacts,
             clerk: None,
             device: None,
