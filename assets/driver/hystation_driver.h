@@ -50,7 +50,7 @@
 /* layout begins */
 #define HYST_LAYOUT_VERSION 20u
 #define HYST_LAYOUT_HASH 0xa3f3537c7afcd151u
-#define HYST_INTERFACE_VERSION 1u
+#define HYST_INTERFACE_VERSION 2u
 #define HYST_MAGIC_WORD 0
 #define HYST_PID 3
 #define HYST_HEARTBEAT_NS 4

@@ -130,6 +130,7 @@ impl Station {
             .chain([binaries().join("hystation").into_os_string()])
             .chain(own)
             .chain(["--report".into(), report, "--record".into(), record])
+            .chain(["--set", "workers=always"].map(std::ffi::OsString::from))
             .chain(arguments.iter().map(std::ffi::OsString::from))
             .collect();
         let child = keepers::guardian(&words, log);

@@ -14,7 +14,7 @@ use hyst_exchange::usher::{Arrival, Departure, Inbox, Port, Wanted, usher};
 use hyst_exchange::{Held, Links, Publisher, ReadPage, Subscriber, allocation, system};
 use hyst_messages::page::{ProcessState, header};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, fnv_words};
+use hyst_messages::{Kind, Message, MessageMut, Role, StreamHeader, TICK_NS, job_hash};
 use std::sync::Arc;
 
 /// Most hits of one share; what is beyond is not sent, and the coordinator sees that from the count.
@@ -213,8 +213,8 @@ impl Worker<'_> {
         if found.dropped > 0 {
             return None;
         }
-        let job_hash = fnv_words(0, job.section::<u32>(0).ok()?.iter().map(|word| *word as u64));
-        self.answer(*job.header(), share, (self.tells)(found.count).min(found.count), job_hash)
+        let about = job_hash(job.section(0).ok()?);
+        self.answer(*job.header(), share, (self.tells)(found.count).min(found.count), about)
     }
 
     /// The hits, and which points they are of: hits that stand still while the tool moves are not taken for new ones.

@@ -47,7 +47,7 @@ impl Room {
 }
 
 /// Counts at the beginning of the words.
-const COUNTS: usize = 5;
+pub(crate) const COUNTS: usize = 5;
 
 fn words_of(&[nodes, tets, vertices, triangles, objects]: &[usize; COUNTS]) -> usize {
     COUNTS + 4 * nodes + 5 * tets + 8 * vertices + bits_of(vertices) + 3 * triangles + objects

@@ -1,6 +1,7 @@
 //! The intersection test, shared among the collision workers through the Meeting Point: the hash is built once, in place in shared memory,
 //! and read in place; a share that is missing is computed here in the same step.
 
+use crate::asking::Asking;
 use crate::contacts;
 use crate::points::ContactPoints;
 use crate::world::World;
@@ -12,7 +13,7 @@ use hyst_exchange::{Held, Links, Loan, Publisher, ReadPage, Subscriber, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::header;
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader, fnv_words};
+use hyst_messages::{Kind, MAX_WORKERS, Message, MessageMut, Role, StreamHeader, job_hash};
 use std::sync::Arc;
 
 /// What a step waits for its workers at most, ns: several times what a share takes, a third of a tick.
@@ -28,6 +29,7 @@ const PARTS: u32 = 16;
 /// The coordinator's side.
 pub struct Collision {
     workers: usize,
+    asking: Asking,
     coordinator: ProcessCoordinator,
     jobs: Option<Publisher>,
     contacts: [Option<Subscriber>; MAX_WORKERS],
@@ -50,6 +52,7 @@ pub struct Collision {
 /// A job that has been written and not yet been tested.
 pub struct Job {
     loan: Option<Loan>,
+    begun_ns: u64,
 }
 
 #[cfg(test)]
@@ -82,10 +85,11 @@ impl Collision {
 
 impl Collision {
     /// For the workers of the station.
-    pub fn new(life: &Life, world: &World) -> Collision {
+    pub fn new(life: &Life, world: &World) -> Result<Collision, Failure> {
         let workers = life.settings.workers.min(MAX_WORKERS);
         let mut collision = Collision {
             workers,
+            asking: Asking::new(life)?,
             coordinator: ProcessCoordinator::new(Arc::clone(&life.page)),
             jobs: None,
             contacts: Default::default(),
@@ -103,7 +107,7 @@ impl Collision {
             copied_bytes: 0,
         };
         collision.take_world(world);
-        collision
+        Ok(collision)
     }
 
     /// Makes room for the points of another world.
@@ -133,6 +137,7 @@ impl Collision {
         let index = arrival.slot.index();
         match arrival.port {
             Port::Page(page) if index < self.workers => {
+                self.asking.welcome();
                 if let Some(before) = self.coordinator.seat(index, page) {
                     inbox.retire(Departure::Page(before));
                 }
@@ -170,14 +175,15 @@ impl Collision {
         cell_m: f32,
     ) -> Result<Job, Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
-        let sections = sections(points_m.len(), self.sizes);
+        let (begun_ns, sections) = (system::now_ns(), sections(points_m.len(), self.sizes));
         self.coordinator.readmit();
-        let jobs = self.jobs.as_ref().filter(|_| context.holding && self.coordinator.present() != 0);
+        let is_shared = context.holding && self.asking.asks() && self.coordinator.present() != 0;
+        let jobs = self.jobs.as_ref().filter(|_| is_shared);
         let Some(jobs) = jobs else {
             self.copied_bytes = 0;
             let mut hash = HashMut::in_words(&mut self.own_hash, self.sizes).map_err(broken)?;
             hash.build(points_m, cell_m, Layout::Auto).map_err(broken)?;
-            return Ok(Job { loan: None });
+            return Ok(Job { loan: None, begun_ns });
         };
         let mut loan = jobs.loan(message_bytes(&sections))?;
         let header = StreamHeader {
@@ -198,12 +204,12 @@ impl Collision {
         // The coordinator keeps a copy of the table: it needs it after the job was sent, for missing shares and for the gaps.
         self.own_hash.copy_from_slice(message.section::<u32>(1)?);
         self.copied_bytes = 4 * self.own_hash.len() as u64;
-        Ok(Job { loan: Some(loan) })
+        Ok(Job { loan: Some(loan), begun_ns })
     }
 
     /// The table of this step.
     pub fn table(&self) -> Result<HashRef<'_>, Failure> {
-        HashRef::in_words(&self.own_hash).map_err(|error| Failure::Broken(error.to_string()))
+        HashRef::in_own_words(&self.own_hash).map_err(|error| Failure::Broken(error.to_string()))
     }
 
     /// Runs the test; the hits are the same whoever computed them. What a worker says is checked: it is true to the last bit and leaves out nothing that is
@@ -219,15 +225,15 @@ impl Collision {
     ) -> Result<(), Failure> {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
-        let hash = HashRef::in_words(&self.own_hash).map_err(broken)?;
+        let hash = HashRef::in_own_words(&self.own_hash).map_err(broken)?;
         let count = self.shares.len();
-        let mut done = 0u32;
+        let (mut done, was_shared, begun_ns) = (0u32, job.loan.is_some(), job.begun_ns);
         if let Some(loan) = job.loan {
             loan.send()?;
             let group = (1u32 << self.workers) - 1;
             let resting = self.coordinator.resting();
             let outcome = release(&mut self.coordinator, life, group);
-            let job_hash = fnv_words(0, points_m.as_flattened().iter().map(|value| value.to_bits() as u64));
+            let job_hash = job_hash(bytemuck::cast_slice(points_m));
             self.parts = self.parts.wrapping_add(1);
             let (looked_at, number) = (self.parts as usize % count, self.parts / count as u32);
             for index in members(outcome.joined) {
@@ -274,6 +280,9 @@ impl Collision {
         let merged = merge(&parts[..count], &tissue, &mut self.hits);
         self.found = merged.count;
         self.dropped = self.dropped.saturating_add(merged.dropped as u32);
+        if context.holding {
+            self.asking.note(was_shared, system::now_ns().saturating_sub(begun_ns));
+        }
         Ok(())
     }
 

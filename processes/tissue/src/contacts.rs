@@ -236,8 +236,7 @@ impl Contacts {
         } else {
             let mut table = HashMut::in_words(&mut self.tool_table, HashSizes::for_points(count)).map_err(broken)?;
             table.build(&tool.points_m[..count], world.case.cell_m, Layout::Auto).map_err(broken)?;
-            let table = HashRef::in_words(&self.tool_table).map_err(broken)?;
-            find_gaps(&table, &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
+            find_gaps(&table.as_ref(), &points, &tissue, &world.topology, ANTICIPATION_M, &mut self.gaps).map_err(broken)?;
         }
         // The face that is nearest to a point that is held is the wrong one.
         self.through.held().iter().for_each(|point| self.gaps[*point as usize] = Gap::FAR);

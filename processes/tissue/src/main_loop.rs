@@ -20,7 +20,7 @@ use crate::contacts::{Contacts, LAW};
 use crate::grasp::Grasp;
 use crate::knife::Knife;
 use crate::site::SiteManager;
-use crate::state::{Core, hash, is_sound, most_bytes, sections};
+use crate::state::{Core, hash, is_sound, is_sound_own, most_bytes, sections, write_body};
 use crate::through::Passage;
 use crate::world::{Workshop, World};
 use hyst_contact::PlaneSet;
@@ -32,7 +32,7 @@ use hyst_messages::stream::message_bytes;
 use hyst_messages::{
     BUTTON_ENERGIZED, ContactModel, Kind, Message, MessageMut, Pose, Role, StepRecord, StreamHeader, TissueStatus,
 };
-use hyst_tissue::{Scratch, StateMut, StateRef, StepInput, step, surface_update};
+use hyst_tissue::{BoundSurface, Scratch, StateMut, StateRef, StepInput, step, surface_update};
 use medium::medium_forces;
 use std::cell::Cell;
 use std::sync::Arc;
@@ -53,6 +53,7 @@ pub struct MainLoop<'a> {
     /// Most substeps of 1 ms that a world of this life asked for.
     most_substeps: u32,
     scratch: Scratch,
+    surface: BoundSurface,
     contacts: Contacts,
     collision: Collision,
     clerk: Option<Clerk>,
@@ -89,7 +90,8 @@ impl<'a> MainLoop<'a> {
             has_met_limit: false,
             most_substeps: world.model.substeps(1e-3),
             scratch: Scratch::new(&world.model),
-            collision: Collision::new(life, &world),
+            surface: BoundSurface::new(&world.body.skin.bindings, world.model.tets()),
+            collision: Collision::new(life, &world)?,
             contacts,
             clerk: None,
             device: None,
@@ -119,6 +121,17 @@ impl<'a> MainLoop<'a> {
         let tick = Some(message.header().input_tick).filter(|tick| *tick > 0); // 0 names none
         let named = self.device.as_ref().and_then(|page| page.ring(device::INPUTS, tick?)).filter(hand::is_fit);
         core.is_sane() && named.is_none_or(|input| input.sample.pose.hash() == core.pose.hash())
+    }
+
+    /// Takes a sound state for one to go on from, and its step with it, if it is of its input.
+    fn takes(&self, message: &Message<'_>) -> bool {
+        if !self.is_of_its_input(message) {
+            return false;
+        }
+        if let step @ (1 | 2 | 4) = message.header().step_ticks {
+            self.step_ticks.set(step as u64);
+        }
+        true
     }
 
     fn first_core(&self) -> Core {
@@ -202,13 +215,12 @@ impl Stateful for MainLoop<'_> {
 
     fn accepts(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
-        if !is_sound(&message, &self.world) || !self.is_of_its_input(&message) {
-            return false;
-        }
-        if let step @ (1 | 2 | 4) = message.header().step_ticks {
-            self.step_ticks.set(step as u64);
-        }
-        true
+        is_sound(&message, &self.world) && self.takes(&message)
+    }
+
+    fn accepts_own(&self, state: &[u8]) -> bool {
+        let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
+        is_sound_own(&message, &self.world) && self.takes(&message)
     }
 
     /// The input record of the tick before, or the one that a replay names, if the device made it.
@@ -249,7 +261,7 @@ impl Stateful for MainLoop<'_> {
         let sections = sections(world, self.knife.stroke_bytes());
         let [core, next_positions, next_velocities, surface, memory, body, next_stroke, next_grasp, ..] =
             MessageMut::format(next, Kind::TissueState, header, &sections)?.split();
-        body.copy_from_slice(bytemuck::cast_slice(&world.words));
+        write_body(&world.words, body);
         self.knife.write_stroke(next_stroke);
         memory.copy_from_slice(message.section::<u8>(4)?);
 
@@ -288,7 +300,7 @@ impl Stateful for MainLoop<'_> {
         let report = step(&world.model, &mut self.scratch, from, &input, to);
         let report = report.map_err(|error| Failure::Broken(error.to_string()))?;
         let deformed_ns = system::now_ns();
-        surface_update(&world.body.skin.bindings, world.model.tets(), next_positions, bytemuck::cast_slice_mut(surface));
+        self.scratch.move_surface(&self.surface, bytemuck::cast_slice_mut(surface));
 
         // Forces to the device.
         let after = StateRef { position_m: next_positions, velocity_m_s: bytemuck::cast_slice(next_velocities) };

@@ -1,6 +1,6 @@
 //! What a tissue state holds, and what a sound one is.
 
-use crate::body::{Body, version_of};
+use crate::body::{Body, COUNTS, version_of};
 use crate::grasp;
 use crate::knife::most_stroke_bytes;
 use crate::world::World;
@@ -100,6 +100,24 @@ pub fn most_bytes(world: &World) -> usize {
     message_bytes(&of_counts(world, room.nodes, room.vertices, room.words(), most_stroke_bytes(room)))
 }
 
+/// Bytes that are compared at once before they are written.
+const PIECE: usize = 4096;
+
+/// Writes the words of a body into its section. The few blocks that are lent by turns hold it from some steps before, at the same place unless something was
+/// cut: what is there already is compared, which writes no memory. Whatever lay there, it is the body then.
+///
+/// # Panics
+/// If the section has another length.
+pub fn write_body(words: &[u32], section: &mut [u8]) {
+    let bytes: &[u8] = bytemuck::cast_slice(words);
+    assert_eq!(bytes.len(), section.len(), "the section of a body");
+    for (to, from) in section.chunks_mut(PIECE).zip(bytes.chunks(PIECE)) {
+        if to != from {
+            to.copy_from_slice(from);
+        }
+    }
+}
+
 /// Whether all sections are there and fit each other, the body is that of the world or else one that a world can be made of, and the numbers are
 /// those of an organ.
 pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
@@ -107,9 +125,21 @@ pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
     let version = message.header().topology_version;
     let is_known = version == world.version && words == &world.words[..];
     let is_other = || version != world.version && version_of(words) == version && Body::unpack(words, &world.case.room).is_some();
-    if !is_known && !is_other() {
-        return false;
-    }
+    (is_known || is_other()) && has_sound_parts(message, world, words, stroke)
+}
+
+/// The same for a state of the world that this thread has just written itself. Of the body only the counts are looked at: the rest, most of the state, was
+/// copied from the world, and by that alone this thread goes on.
+pub fn is_sound_own(message: &Message<'_>, world: &World) -> bool {
+    let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else { return false };
+    let is_of_world = message.header().topology_version == world.version
+        && words.len() == world.words.len()
+        && words.get(..COUNTS) == world.words.get(..COUNTS);
+    is_of_world && has_sound_parts(message, world, words, stroke)
+}
+
+/// Whether all sections fit a body of these words, and the numbers are those of an organ.
+fn has_sound_parts(message: &Message<'_>, world: &World, words: &[u32], stroke: &[u8]) -> bool {
     let (nodes, vertices) = (words[0] as usize, words[2] as usize);
     let sizes = of_counts(world, nodes, vertices, words.len(), stroke.len());
     let fits = |index: usize| message.section::<u8>(index).is_ok_and(|bytes| bytes.len() == sizes[index]);
@@ -158,5 +188,20 @@ mod tests {
             spoil(&mut core);
             assert!(!core.is_sane(), "{what}");
         }
+    }
+
+    #[test]
+    fn a_body_is_written_as_it_is_whatever_lay_in_its_place() {
+        let words: Vec<u32> = (0..2_500).map(|word: u32| word.wrapping_mul(2_654_435_761)).collect();
+        let body: Vec<u8> = bytemuck::cast_slice(&words).to_vec();
+        let mut last_piece = body.clone();
+        last_piece[9_999] ^= 1;
+        let shifted = [&body[64..], &body[..64]].concat();
+        let corrupt: Vec<u8> = body.iter().enumerate().map(|(at, byte)| byte ^ u8::from(at % 3_000 == 17)).collect();
+        for mut lies in [vec![0; body.len()], vec![0xAA; body.len()], body.clone(), last_piece, shifted, corrupt] {
+            write_body(&words, &mut lies);
+            assert!(lies == body);
+        }
+        write_body(&[], &mut []);
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::ContactError;
 use crate::hash::{HEADER_WORDS, HashSizes, Header, LANES, MAGIC, cell_of, hash_cell};
+use crate::tet::{max, min};
 
 /// A filled table, for reading where it lies.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +19,16 @@ impl<'a> HashRef<'a> {
     /// # Errors
     /// [`ContactError::Words`] or [`ContactError::Corrupt`] if they do not hold one.
     pub fn in_words(words: &'a [u32]) -> Result<HashRef<'a>, ContactError> {
+        let table = HashRef::in_own_words(words)?;
+        table.check()?;
+        Ok(table)
+    }
+
+    /// Reads a table that this process built itself, in words that no other can write: its places are found, and what stands there is not read through first.
+    ///
+    /// # Errors
+    /// [`ContactError::Words`] or [`ContactError::Corrupt`] if there is none in these words.
+    pub fn in_own_words(words: &'a [u32]) -> Result<HashRef<'a>, ContactError> {
         let have = words.len();
         let head = words.get(..HEADER_WORDS).ok_or(ContactError::Words { have, need: HEADER_WORDS })?;
         let header: Header = *bytemuck::from_bytes(bytemuck::cast_slice(head));
@@ -35,10 +46,17 @@ impl<'a> HashRef<'a> {
         let (x, rest) = rest.split_at(sizes.padded());
         let (y, rest) = rest.split_at(sizes.padded());
         let z = &rest[..sizes.padded()];
-        if starts[0] != 0 || starts[sizes.slots] != header.kept || starts.windows(2).any(|w| w[0] > w[1]) {
+        Ok(HashRef { header, starts, ids, xyz: [x, y, z].map(bytemuck::cast_slice) })
+    }
+
+    /// Whether nothing in it leads out of it.
+    fn check(&self) -> Result<(), ContactError> {
+        let (header, starts) = (&self.header, self.starts);
+        let bad = |what| Err(ContactError::Corrupt { what });
+        if starts[0] != 0 || starts[header.slots as usize] != header.kept || starts.windows(2).any(|w| w[0] > w[1]) {
             return bad("slots out of order");
         }
-        if ids[..header.kept as usize].iter().any(|&id| id >= header.points) {
+        if self.ids[..header.kept as usize].iter().any(|&id| id >= header.points) {
             return bad("a point that does not exist");
         }
         let cells = header.dims.iter().fold(1u128, |n, &d| n * u128::from(d));
@@ -49,7 +67,7 @@ impl<'a> HashRef<'a> {
         if (0..3).any(|a| header.origin[a].unsigned_abs() > 500_000_000 || ends(a) > 500_000_001) {
             return bad("a box outside of the space of cells");
         }
-        Ok(HashRef { header, starts, ids, xyz: [x, y, z].map(bytemuck::cast_slice) })
+        Ok(())
     }
 
     /// Points that were given, finite or not.
@@ -65,6 +83,19 @@ impl<'a> HashRef<'a> {
     /// Whether slots come from the hash function.
     pub fn is_hashed(&self) -> bool {
         self.header.hashed != 0
+    }
+
+    /// Lowest and highest corner of the box around the points in the table; the lowest is above the highest where there are none.
+    #[inline(always)]
+    pub(crate) fn around(&self) -> ([f32; 3], [f32; 3]) {
+        let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for axis in 0..3 {
+            for &v in &self.xyz[axis][..self.kept()] {
+                lo[axis] = min(lo[axis], v);
+                hi[axis] = max(hi[axis], v);
+            }
+        }
+        (lo, hi)
     }
 
     /// Index of the point at a sorted place.
@@ -139,6 +170,32 @@ impl<'a> HashRef<'a> {
                     }
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hash::{HashMut, Layout};
+
+    #[test]
+    fn a_table_is_the_same_however_it_is_read_in_the_process_that_built_it() {
+        let points_m: Vec<[f32; 3]> = (0..57u8).map(|at| [f32::from(at % 7), f32::from(at % 5), f32::from(at) * 0.3]).collect();
+        for layout in [Layout::Auto, Layout::Hashed] {
+            let sizes = HashSizes::for_points(60);
+            let mut words = vec![7; sizes.words() + 3];
+            let mut table = HashMut::in_words(&mut words, sizes).unwrap();
+            table.build(&points_m, 1.0, layout).unwrap();
+            let all = |table: HashRef<'_>| {
+                let places: Vec<u32> = table.xyz.concat().iter().map(|v| v.to_bits()).collect();
+                (bytemuck::bytes_of(&table.header).to_vec(), [table.starts, table.ids].concat(), places)
+            };
+            let built = all(table.as_ref());
+            assert!(all(HashRef::in_own_words(&words).unwrap()) == built && all(HashRef::in_words(&words).unwrap()) == built);
+            words[HEADER_WORDS + 1] = u32::MAX;
+            assert!(HashRef::in_words(&words).is_err(), "what another process wrote is looked at");
+            assert!(HashRef::in_own_words(&words[..sizes.words() - 1]).is_err());
         }
     }
 }

@@ -50,4 +50,4 @@ pub use tet::TetTest;
 pub use topology::{NONE, PointGraph, Topology};
 pub use types::{Found, Hit, OwnContact, Points, Share, Split, Tissue};
 pub use verify::{are_true, has_all_of};
-pub use walk::{Exit, exit_along};
+pub use walk::Exit;

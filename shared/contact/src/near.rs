@@ -65,6 +65,7 @@ impl pulp::WithSimd for Search<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(mut self, _: S) {
         let topology = self.topology;
+        let (lowest, highest) = self.hash.around();
         let groups = topology.boundary.chunks(GROUP).zip(topology.boundary_owner.chunks(GROUP));
         for (group, (triangles, owners)) in groups.enumerate() {
             let corners = |l: usize| triangles[l].map(|n| self.tissue.node(n));
@@ -74,6 +75,9 @@ impl pulp::WithSimd for Search<'_> {
                 for axis in 0..3 {
                     (lo[axis][l], hi[axis][l]) = (low[axis], high[axis]);
                 }
+            }
+            if are_beyond(&lo, &hi, &lowest, &highest) {
+                continue;
             }
             // Most triangles are far from all points: what their cells say costs less than a normal.
             let (first, last) = self.hash.cells(&lo, &hi);
@@ -93,6 +97,18 @@ impl pulp::WithSimd for Search<'_> {
 
 /// Triangles whose boxes are looked up at once.
 const GROUP: usize = 16;
+
+/// Whether none of these boxes meets the one around the points; one with a corner that is no number may.
+#[inline(always)]
+fn are_beyond(lo: &[[f32; GROUP]; 3], hi: &[[f32; GROUP]; 3], lowest: &[f32; 3], highest: &[f32; 3]) -> bool {
+    let mut beyond = [0u32; GROUP];
+    for axis in 0..3 {
+        for (l, beyond) in beyond.iter_mut().enumerate() {
+            *beyond |= u32::from((lo[axis][l] > highest[axis]) | (hi[axis][l] < lowest[axis]));
+        }
+    }
+    beyond.iter().fold(1, |all, &b| all & b) != 0
+}
 
 /// The box of a triangle, grown by the range.
 #[inline(always)]
@@ -199,4 +215,60 @@ pub(crate) fn closest_on_triangle(p: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Vec3 {
         }
     }
     best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hash::{HashMut, HashSizes, Layout};
+
+    const RANGE_M: f32 = 0.002;
+
+    /// Numbers from 0 to 1.
+    fn noise(state: &mut u64) -> f32 {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    /// The definition: each triangle looks at all points.
+    fn plain(hash: &HashRef<'_>, points: &Points<'_>, tissue: &Tissue<'_>, topology: &Topology) -> Vec<Gap> {
+        let mut gaps = vec![Gap::FAR; hash.points()];
+        let mut search = Search { hash, points, tissue, topology, range_m: RANGE_M, gaps: &mut gaps };
+        let (first, last) = hash.cells(&[[f32::NEG_INFINITY; 1]; 3], &[[f32::INFINITY; 1]; 3]);
+        for (triangle, (nodes, owner)) in topology.boundary.iter().zip(&topology.boundary_owner).enumerate() {
+            if let Some(near) = Near::new(nodes.map(|node| tissue.node(node)), RANGE_M) {
+                search.triangle(triangle as u32, *owner, &near, (first.map(|cell| cell[0]), last.map(|cell| cell[0])));
+            }
+        }
+        gaps
+    }
+
+    #[test]
+    fn groups_that_are_left_out_hold_no_nearest_triangle() {
+        let (mut state, mut found, mut far) = (5, 0, 0);
+        for round in 0..30 {
+            // Tets one after the other along x, so that most groups are far from a tool of some millimetres.
+            let place_m = |node: u32| [node as f32 * 1e-4, 0.0, 0.0].map(|v| v + 0.01 * noise(&mut state));
+            let mut positions_m: Vec<[f32; 3]> = (0..800).map(place_m).collect();
+            let tets: Vec<[u32; 4]> = (0..780).map(|at| [at, at + 3, at + 7, at + 12]).collect();
+            let topology = Topology::new(&tets, &vec![0; tets.len()], &positions_m).unwrap();
+            positions_m[round * 20][round % 3] = if round % 2 == 0 { f32::NAN } else { f32::INFINITY };
+            let at_m = noise(&mut state) * 0.09 - 0.005;
+            let points_m: Vec<[f32; 3]> =
+                (0..round * 4).map(|_| [at_m, 0.0, 0.0].map(|v| v + 0.024 * noise(&mut state) - 0.006)).collect();
+            let sizes = HashSizes::for_points(points_m.len());
+            let mut words = vec![0; sizes.words()];
+            let mut table = HashMut::in_words(&mut words, sizes).unwrap();
+            table.build(&points_m, 0.003, if round % 5 == 0 { Layout::Hashed } else { Layout::Auto }).unwrap();
+            let (hash, owner) = (table.as_ref(), vec![1; points_m.len()]);
+            let points = Points { owner: &owner, node: &[], own: None };
+            let tissue = Tissue { positions_m: &positions_m, tets: &tets, tet_owner: &vec![0; tets.len()] };
+            let mut gaps = vec![Gap::FAR; points_m.len()];
+            find_gaps(&hash, &points, &tissue, &topology, RANGE_M, &mut gaps).unwrap();
+            assert_eq!(gaps, plain(&hash, &points, &tissue, &topology), "round {round}");
+            found += gaps.iter().filter(|gap| gap.triangle != NONE).count();
+            far += gaps.iter().filter(|gap| gap.triangle == NONE).count();
+        }
+        assert!(found > 50 && far > 50, "{found} points near a surface, {far} far from it");
+    }
 }

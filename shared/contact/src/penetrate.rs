@@ -11,7 +11,7 @@
 
 use crate::error::same_length;
 use crate::penetrate_data::{Memory, Penetration, PenetrationInput, PenetrationParams, Source};
-use crate::topology::NONE;
+use crate::topology::{NONE, Normals};
 use crate::types::{Found, Hit};
 use crate::walk::exit_along;
 use crate::{ContactError, Exit};
@@ -21,7 +21,7 @@ use glam::Vec3;
 #[derive(Debug, Clone)]
 pub struct Workspace {
     first_hit: Vec<u32>,
-    normals: Vec<Vec3>,
+    normals: Normals,
     found: Vec<Way>,
     wave: Vec<u32>,
     front: Vec<u32>,
@@ -41,7 +41,7 @@ impl Workspace {
     pub fn new(points: usize, hits: usize, nodes: usize) -> Workspace {
         Workspace {
             first_hit: vec![NONE; points],
-            normals: vec![Vec3::ZERO; nodes],
+            normals: Normals::new(nodes),
             found: vec![Way::default(); hits],
             wave: vec![NONE; hits],
             front: Vec::with_capacity(hits),
@@ -69,7 +69,7 @@ pub fn penetration(
     same_length("memories of points", points, memory.len())?;
     same_length("points of the graph", points, input.graph.points())?;
     same_length("points of the workspace", points, work.first_hit.len())?;
-    same_length("nodes of the workspace", input.tissue.positions_m.len(), work.normals.len())?;
+    same_length("nodes of the workspace", input.tissue.positions_m.len(), work.normals.nodes())?;
     let room = input.hits.len().min(work.found.len()).min(out.len());
     let mut step = Step { input, params, hits: &input.hits[..room], memory, work };
     if room > 0 {
@@ -102,7 +102,7 @@ struct Step<'a> {
 
 impl Step<'_> {
     fn prepare(&mut self) {
-        self.input.topology.node_normals(self.input.tissue.positions_m, &mut self.work.normals);
+        self.work.normals.forget();
         self.work.first_hit.fill(NONE);
         for (i, hit) in self.hits.iter().enumerate().rev() {
             if let Some(first) = self.work.first_hit.get_mut(hit.point as usize) {
@@ -132,19 +132,21 @@ impl Step<'_> {
             .and_then(Vec3::try_normalize)
     }
 
-    fn exit(&self, hit: &Hit, to: Vec3) -> Option<Exit> {
-        let (tissue, topology) = (&self.input.tissue, self.input.topology);
-        exit_along(tissue, topology, &self.work.normals, hit.tet, self.at(hit.point), to)
+    fn exit(&mut self, hit: &Hit, to: Vec3) -> Option<Exit> {
+        let (tissue, topology, from) = (self.input.tissue, self.input.topology, self.at(hit.point));
+        let normals = &mut self.work.normals;
+        exit_along(&tissue, topology, |node| normals.of(topology, tissue.positions_m, node), hit.tet, (from, to))
     }
 
     /// Border points: those with an edge to a point outside. Depth and direction are means over the crossings of these edges,
     /// weighted by 1/distance².
     fn border(&mut self) {
         self.work.front.clear();
-        for (i, hit) in self.hits.iter().enumerate() {
+        let (hits, graph) = (self.hits, self.input.graph);
+        for (i, hit) in hits.iter().enumerate() {
             let (p, owner, before) = (self.at(hit.point), self.input.tissue.owner(hit.tet), self.remembered(hit));
             let (mut weight, mut depth, mut direction) = (0f32, 0f32, Vec3::ZERO);
-            for &q in self.input.graph.joined(hit.point) {
+            for &q in graph.joined(hit.point) {
                 let to = self.at(q);
                 if !to.is_finite() || self.hit_of(q, owner).is_some() {
                     continue;
@@ -222,12 +224,14 @@ impl Step<'_> {
     fn stranded(&mut self) {
         for i in 0..self.hits.len() {
             if self.work.wave[i] == NONE {
-                self.work.found[i] = self.fallback(&self.hits[i]);
+                let hit = self.hits[i];
+                let way = self.fallback(&hit);
+                self.work.found[i] = way;
             }
         }
     }
 
-    fn fallback(&self, hit: &Hit) -> Way {
+    fn fallback(&mut self, hit: &Hit) -> Way {
         let owner = self.input.points.owner.get(hit.point as usize);
         let retreat = self.params.retreats.iter().find(|r| Some(&r.owner) == owner);
         let back = retreat.and_then(|r| Vec3::from_array(r.direction).try_normalize());
@@ -252,7 +256,7 @@ impl Step<'_> {
     }
 
     /// Way to the surface along a unit vector, as far as four times the deepest depth.
-    fn depth_along(&self, hit: &Hit, way: Vec3) -> Option<f32> {
+    fn depth_along(&mut self, hit: &Hit, way: Vec3) -> Option<f32> {
         let p = self.at(hit.point);
         self.exit(hit, p + way * (4.0 * self.params.max_depth_m)).map(|exit| (exit.point_m - p).dot(way))
     }

@@ -22,7 +22,67 @@ pub struct Topology {
     pub boundary_owner: Vec<u32>,
     /// The tet behind each boundary triangle.
     pub boundary_tet: Vec<u32>,
+    about: About,
     nodes: usize,
+}
+
+/// For each node its boundary triangles, ascending; one that has it twice stands twice.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct About {
+    starts: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl About {
+    fn of(boundary: &[[u32; 3]], nodes: usize) -> About {
+        let mut starts = vec![0u32; nodes + 1];
+        boundary.as_flattened().iter().for_each(|node| starts[*node as usize + 1] += 1);
+        for node in 0..nodes {
+            starts[node + 1] += starts[node];
+        }
+        let (mut next, mut triangles) = (starts.clone(), vec![0; 3 * boundary.len()]);
+        for (triangle, corners) in boundary.iter().enumerate() {
+            for node in corners {
+                let place = &mut next[*node as usize];
+                triangles[*place as usize] = triangle as u32;
+                *place += 1;
+            }
+        }
+        About { starts, triangles }
+    }
+
+    fn node(&self, node: u32) -> &[u32] {
+        let at = |node: usize| self.starts.get(node).map_or(0, |start| *start as usize);
+        self.triangles.get(at(node as usize)..at(node as usize + 1)).unwrap_or(&[])
+    }
+}
+
+/// Outward normals of the boundary nodes at some positions, each found when it is asked for first: a contact asks for those about it, a small part of all.
+#[derive(Debug, Clone)]
+pub(crate) struct Normals {
+    known: Vec<Option<Vec3>>,
+}
+
+impl Normals {
+    /// For so many nodes.
+    pub fn new(nodes: usize) -> Normals {
+        Normals { known: vec![None; nodes] }
+    }
+
+    pub fn nodes(&self) -> usize {
+        self.known.len()
+    }
+
+    /// The nodes are somewhere else now.
+    pub fn forget(&mut self) {
+        self.known.fill(None);
+    }
+
+    /// Area-weighted, not of unit length; zero inside and for a node that there is not.
+    pub fn of(&mut self, topology: &Topology, positions_m: &[[f32; 3]], node: u32) -> Vec3 {
+        let Some(known) = self.known.get_mut(node as usize) else { return Vec3::ZERO };
+        *known.get_or_insert_with(|| topology.normal(positions_m, node))
+    }
 }
 
 impl Topology {
@@ -43,7 +103,8 @@ impl Topology {
                 boundary_tet.push(t as u32);
             }
         }
-        Ok(Topology { neighbours, boundary, boundary_owner, boundary_tet, nodes: rest_m.len() })
+        let about = About::of(&boundary, rest_m.len());
+        Ok(Topology { neighbours, boundary, boundary_owner, boundary_tet, about, nodes: rest_m.len() })
     }
 
     /// Number of nodes of the mesh.
@@ -51,21 +112,18 @@ impl Topology {
         self.nodes
     }
 
-    /// Area-weighted outward normals of the boundary nodes (not of unit length; zero inside), for the positions as they are.
-    pub(crate) fn node_normals(&self, positions_m: &[[f32; 3]], normals: &mut [Vec3]) {
-        normals.fill(Vec3::ZERO);
-        for tri in &self.boundary {
-            let at = |n: u32| positions_m.get(n as usize).map_or(Vec3::NAN, |p| Vec3::from_array(*p));
-            let [a, b, c] = tri.map(at);
+    /// Area-weighted outward normal of a node (not of unit length; zero inside), for the positions as they are.
+    fn normal(&self, positions_m: &[[f32; 3]], node: u32) -> Vec3 {
+        let at = |n: u32| positions_m.get(n as usize).map_or(Vec3::NAN, |p| Vec3::from_array(*p));
+        let mut normal = Vec3::ZERO;
+        for triangle in self.about.node(node).iter().filter_map(|triangle| self.boundary.get(*triangle as usize)) {
+            let [a, b, c] = triangle.map(at);
             let area = (b - a).cross(c - a);
             if area.is_finite() {
-                for &n in tri {
-                    if let Some(normal) = normals.get_mut(n as usize) {
-                        *normal += area;
-                    }
-                }
+                normal += area;
             }
         }
+        normal
     }
 }
 
@@ -243,10 +301,25 @@ mod tests {
             }
         }
         faces.retain(|face| neighbours[face.2][face.3] == NONE);
-        let boundary = faces.iter().map(|face| outward(&tets[face.2], face.3, rest_m)).collect();
+        let boundary: Vec<_> = faces.iter().map(|face| outward(&tets[face.2], face.3, rest_m)).collect();
         let boundary_owner = faces.iter().map(|face| face.0).collect();
         let boundary_tet = faces.iter().map(|face| face.2 as u32).collect();
-        Topology { neighbours, boundary, boundary_owner, boundary_tet, nodes: rest_m.len() }
+        let about = About::of(&boundary, rest_m.len());
+        Topology { neighbours, boundary, boundary_owner, boundary_tet, about, nodes: rest_m.len() }
+    }
+
+    /// The definition: each triangle gives its area to its corners.
+    fn plain_normals(topology: &Topology, positions_m: &[[f32; 3]], nodes: usize) -> Vec<Vec3> {
+        let mut normals = vec![Vec3::ZERO; nodes];
+        for triangle in &topology.boundary {
+            let at = |n: u32| positions_m.get(n as usize).map_or(Vec3::NAN, |p| Vec3::from_array(*p));
+            let [a, b, c] = triangle.map(at);
+            let area = (b - a).cross(c - a);
+            if area.is_finite() {
+                triangle.iter().for_each(|n| normals[*n as usize] += area);
+            }
+        }
+        normals
     }
 
     proptest! {
@@ -267,6 +340,27 @@ mod tests {
             let rest_m: Vec<[f32; 3]> = (0..nodes).map(|node| [node as f32, (node * node) as f32, (node % 3) as f32]).collect();
             let tet_owner: Vec<u32> = (0..tets.len() as u32).map(|tet| tet / 7 % owners).collect();
             prop_assert_eq!(Topology::new(&tets, &tet_owner, &rest_m), Ok(plain(&tets, &tet_owner, &rest_m)));
+        }
+
+        /// A node that is nowhere, and positions of fewer nodes than the mesh has.
+        #[test]
+        fn a_normal_that_is_asked_for_is_the_one_that_all_triangles_give(
+            tets in vec([0..12u32, 0..12u32, 0..12u32, 0..12u32], 0..60),
+            places in vec([-1.0..1.0f32, -1.0..1.0f32, -1.0..1.0f32], 10..13),
+            nowhere in 0..20usize,
+        ) {
+            let mut places = places;
+            let rest_m: Vec<[f32; 3]> = (0..12).map(|node| [node as f32, (node * node) as f32, (node % 3) as f32]).collect();
+            let topology = Topology::new(&tets, &vec![0; tets.len()], &rest_m).unwrap();
+            if let Some(place) = places.get_mut(nowhere) {
+                place[1] = f32::NAN;
+            }
+            let (plain, mut normals) = (plain_normals(&topology, &places, 12), Normals::new(12));
+            for node in (0..12).chain([3, 7, 7]) {
+                let normal = normals.of(&topology, &places, node);
+                prop_assert_eq!(normal.to_array().map(f32::to_bits), plain[node as usize].to_array().map(f32::to_bits));
+            }
+            prop_assert_eq!(normals.of(&topology, &places, 12), Vec3::ZERO);
         }
     }
 }

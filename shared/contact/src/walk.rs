@@ -23,8 +23,14 @@ pub struct Exit {
 
 /// Walks from `from`, inside tet `start`, towards `to`, and gives the first crossing of the surface on the way.
 ///
-/// `None` if the way ends inside, or is lost in a flat tet. `normals` are the nodes' outward normals, of any length.
-pub fn exit_along(tissue: &Tissue<'_>, topology: &Topology, normals: &[Vec3], start: u32, from: Vec3, to: Vec3) -> Option<Exit> {
+/// `None` if the way ends inside, or is lost in a flat tet. `normal` is the outward normal of a node, of any length.
+pub(crate) fn exit_along(
+    tissue: &Tissue<'_>,
+    topology: &Topology,
+    normal: impl FnMut(u32) -> Vec3,
+    start: u32,
+    (from, to): (Vec3, Vec3),
+) -> Option<Exit> {
     let (mut tet, mut entry, mut reached) = (start, NONE, 0f32);
     for _ in 0..MAX_STEPS {
         let test = TetTest::new(&tissue.corners(tet))?;
@@ -45,7 +51,7 @@ pub fn exit_along(tissue: &Tissue<'_>, topology: &Topology, normals: &[Vec3], st
             return None;
         }
         if neighbours[face] == NONE {
-            return crossing(tissue, normals, &test, tet, face, from.lerp(to, reached));
+            return crossing(tissue, normal, &test, (tet, face), from.lerp(to, reached));
         }
         (entry, tet) = (tet, neighbours[face]);
     }
@@ -53,11 +59,17 @@ pub fn exit_along(tissue: &Tissue<'_>, topology: &Topology, normals: &[Vec3], st
 }
 
 /// The normal at a crossing.
-fn crossing(tissue: &Tissue<'_>, normals: &[Vec3], test: &TetTest, tet: u32, face: usize, point_m: Vec3) -> Option<Exit> {
+fn crossing(
+    tissue: &Tissue<'_>,
+    mut normal: impl FnMut(u32) -> Vec3,
+    test: &TetTest,
+    (tet, face): (u32, usize),
+    point_m: Vec3,
+) -> Option<Exit> {
     let flat = (-Vec3::from_array(test.gradient(face))).try_normalize()?;
     let weights = test.weights_at(point_m.to_array());
     let nodes = tissue.tets.get(tet as usize)?;
-    let of_node = |c: usize| normals.get(nodes[c] as usize).map_or(Vec3::ZERO, |n| n.normalize_or_zero());
+    let mut of_node = |c: usize| normal(nodes[c]).normalize_or_zero();
     let smooth: Vec3 = FACES[face].iter().map(|&c| of_node(c) * weights[c].clamp(0.0, 1.0)).sum();
     let smooth = smooth.normalize_or_zero();
     /// Cosine below which the nodes' normals say nothing about this face.

@@ -114,6 +114,10 @@ pub const SET_KEYS: &[(&str, &str)] = &[
     ("view", "endoscope or external: camera of the pictures (default endoscope)"),
     ("seed", "0 to 4294967295: what the anatomy of a case is drawn from (default: the case's own)"),
     ("spares", "on or off: a second haptic, tissue and fluid, which take over (default on)"),
+    (
+        "workers",
+        "auto or always: ask the collision workers only where that takes less time than to test alone, which is tried again and again, or in each step (default auto; in lock-step and in test mode always)",
+    ),
     ("fluid_threads", "1 to 16: Synchronized Threads of the Flow Engine (default half of the cores, at most 4)"),
     ("sound", "on or off: the terminal's bell when a warning of the case or an alarm of the pump begins (default on)"),
     ("console", "on or off: the operator's page in a browser (default on)"),

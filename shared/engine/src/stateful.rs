@@ -163,7 +163,7 @@ impl<S: Stateful> Loop<'_, S> {
             engine.kind(),
             &mut self.inbox,
             Fence { holder: self.roster.holder(self.role), is_ahead: &is_ahead },
-            |state| engine.accepts(state),
+            |state, is_own| if is_own { engine.accepts_own(state) } else { engine.accepts(state) },
             blame,
             lives,
         );

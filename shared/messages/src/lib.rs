@@ -36,12 +36,32 @@ pub const TICK_NS: u64 = 1_000_000;
 pub const LAYOUT_VERSION: u32 = 20;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
-pub const INTERFACE_VERSION: u32 = 1;
+pub const INTERFACE_VERSION: u32 = 2;
 
 /// FNV-1a over 64-bit words: the checksum of cells and the hash of traces. Not cryptographic; it finds torn and foreign data.
 pub fn fnv_words(seed: u64, words: impl IntoIterator<Item = u64>) -> u64 {
+    words.into_iter().fold(seed ^ FNV_START, fnv_next)
+}
+
+const FNV_START: u64 = 0xcbf2_9ce4_8422_2325;
+
+fn fnv_next(hash: u64, word: u64) -> u64 {
     const PRIME: u64 = 0x0000_0100_0000_01b3;
-    words.into_iter().fold(seed ^ 0xcbf2_9ce4_8422_2325, |hash, word| (hash ^ word).wrapping_mul(PRIME).rotate_left(23))
+    (hash ^ word).wrapping_mul(PRIME).rotate_left(23)
+}
+
+/// Which points a collision job is about, as its answers name it: the hash of their coordinates, as bits. Four chains of two coordinates at a time, which do
+/// not wait for each other, and [`fnv_words`] of their ends, of what is left over and of the number of words: it is made beside each share and again when the
+/// share is there.
+pub fn job_hash(words: &[u32]) -> u64 {
+    let (blocks, rest) = words.as_chunks::<8>();
+    let mut chains = [0, 1, 2, 3].map(|chain: u64| chain ^ FNV_START);
+    for block in blocks {
+        for (lane, chain) in chains.iter_mut().enumerate() {
+            *chain = fnv_next(*chain, u64::from(block[2 * lane]) | u64::from(block[2 * lane + 1]) << 32);
+        }
+    }
+    fnv_words(words.len() as u64, chains.into_iter().chain(rest.iter().map(|word| u64::from(*word))))
 }
 
 /// Version and hash of the layout in one word, as a recording has it: states of one name can be read by who is built with the same.
@@ -77,4 +97,44 @@ pub const fn layout_hash() -> u64 {
         i += 1;
     }
     hash
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_is_known_by_each_bit_of_each_word_and_by_their_order_and_number() {
+        for length in [0, 1, 7, 8, 9, 16, 23, 300] {
+            let words: Vec<u32> = (0..length).map(|word: u32| word.wrapping_mul(2_654_435_761)).collect();
+            let hash = job_hash(&words);
+            assert_eq!(job_hash(&words), hash);
+            for at in 0..words.len() {
+                for bit in [0, 13, 31] {
+                    let mut other = words.clone();
+                    other[at] ^= 1 << bit;
+                    assert_ne!(job_hash(&other), hash, "bit {bit} of word {at} of {length}");
+                }
+                let mut other = words.clone();
+                other.rotate_left(at);
+                assert!(at == 0 || job_hash(&other) != hash, "{length} words, turned by {at}");
+            }
+            assert_ne!(job_hash(&[&words[..], &[0]].concat()), hash, "a zero more than {length} words");
+        }
+    }
+
+    /// Cells, traces and the hashes of recorded states are made of it.
+    #[test]
+    fn the_hash_of_words_has_the_value_that_recordings_have() {
+        let plain = |seed: u64, words: &[u64]| {
+            let mut hash = seed ^ 0xcbf2_9ce4_8422_2325;
+            for word in words {
+                hash = (hash ^ word).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23);
+            }
+            hash
+        };
+        for words in [&[1u64][..], &[u64::MAX, 0, 7, 0x0123_4567_89ab_cdef], &[]] {
+            assert_eq!(fnv_words(9, words.iter().copied()), plain(9, words));
+        }
+    }
 }

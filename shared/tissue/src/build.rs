@@ -131,12 +131,13 @@ fn assemble(
         omega_max_per_s,
         substeps: 0,
     };
-    let (blocks, rest_blocks) = blocks::of_tets(mesh, rest);
+    let (corners, blocks, rest_blocks) = blocks::of_tets(mesh, rest);
     let model = Model {
         rest_m: mesh.positions_m.clone(),
         tets: mesh.tets.clone(),
         inv_mass: node_rows(nodes, |node| if held[node] { 0.0 } else { 1.0 / mass[node] }),
         damping_per_s: node_rows(nodes, |node| if held[node] { 0.0 } else { sums[node][1] / sums[node][0] }),
+        corners,
         blocks,
         rest_blocks,
         mass_kg: mass.iter().map(|&mass| mass as f32).collect(),

@@ -96,6 +96,54 @@ pub fn surface_update(bindings: &[Binding], tets: &[[u32; 4]], position_m: &[[f3
     left
 }
 
+/// A surface that is bound to the volume of a model, with the nodes that each vertex follows beside its weights: what
+/// [`Scratch::move_surface`](crate::Scratch::move_surface) reads in each step.
+#[derive(Debug, Clone, Default)]
+pub struct BoundSurface {
+    vertices: Vec<BoundVertex>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct BoundVertex {
+    /// [`u32::MAX`] where the binding names no tet.
+    nodes: [u32; 4],
+    weights: [f32; 4],
+}
+
+impl BoundSurface {
+    /// Of the vertices with these bindings to a model's tets.
+    pub fn new(bindings: &[Binding], tets: &[[u32; 4]]) -> BoundSurface {
+        let nodes = |tet: u32| tets.get(tet as usize).copied().unwrap_or([u32::MAX; 4]);
+        let vertex = |binding: &Binding| BoundVertex { nodes: nodes(binding.tet), weights: binding.weights };
+        BoundSurface { vertices: bindings.iter().map(vertex).collect() }
+    }
+
+    /// As [`surface_update`], with nodes in rows of (x, y, z, 0): to the same bits.
+    pub(crate) fn update(&self, nodes: &[[f32; 4]], out_m: &mut [[f32; 3]]) -> usize {
+        let mut left = self.vertices.len().abs_diff(out_m.len());
+        for (vertex, out) in self.vertices.iter().zip(out_m) {
+            match vertex.place(nodes) {
+                Some([x, y, z, _]) => *out = [x, y, z],
+                None => left += 1,
+            }
+        }
+        left
+    }
+}
+
+impl BoundVertex {
+    fn place(&self, nodes: &[[f32; 4]]) -> Option<[f32; 4]> {
+        let mut sum = [0.0f32; 4];
+        for (node, weight) in self.nodes.into_iter().zip(self.weights) {
+            let row = nodes.get(node as usize)?;
+            for (sum, part) in sum.iter_mut().zip(row) {
+                *sum += weight * part;
+            }
+        }
+        Some(sum)
+    }
+}
+
 fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }

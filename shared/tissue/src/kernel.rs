@@ -13,7 +13,7 @@
 use pulp::Simd;
 
 use crate::lanes::{F, Lanes, V3};
-use crate::layout::{Block, LANES, RestBlock, Row};
+use crate::layout::{Block, LANES, Nodes, RestBlock, Row};
 
 /// A velocity below this is zero: keeps denormal numbers, which are slow, out of a tissue that has come to rest. m/s.
 const VELOCITY_FLUSH_M_S: f32 = 1e-20;
@@ -64,7 +64,7 @@ impl Frame {
 
 /// The three edges from corner 0: `edges[i]` is the edge to corner i + 1.
 #[inline(always)]
-fn edges<S: Lanes>(simd: S, nodes: &[[f32; 4]], corners: &[[u32; LANES]; 4], half: usize) -> [V3<S>; 3] {
+fn edges<S: Lanes, N: Nodes + ?Sized>(simd: S, nodes: &N, corners: &[[N::Number; LANES]; 4], half: usize) -> [V3<S>; 3] {
     let origin = simd.gather(nodes, &corners[0], half);
     let one = simd.gather(nodes, &corners[1], half);
     let two = simd.gather(nodes, &corners[2], half);
@@ -72,46 +72,61 @@ fn edges<S: Lanes>(simd: S, nodes: &[[f32; 4]], corners: &[[u32; LANES]; 4], hal
     [minus(one, origin), minus(two, origin), minus(three, origin)]
 }
 
-/// Finds the rotation and β of each element at `position` and stores what the substeps need of them.
+/// Finds the rotation and β of each element at `position`, stores what the substeps need of them, and adds the elastic forces there to `force`: those that
+/// [`element_forces`] adds.
 #[inline(always)]
-pub(crate) fn rotations<S: Lanes>(
+pub(crate) fn rotations_and_forces<S: Lanes, N: Nodes + ?Sized>(
     simd: S,
-    blocks: &[Block],
-    rest: &[RestBlock],
-    position: &[[f32; 4]],
-    frames: &mut [Frame],
+    corners: &[[[N::Number; LANES]; 4]],
+    (blocks, rest): (&[Block], &[RestBlock]),
+    position: &N,
+    (frames, force): (&mut [Frame], &mut N),
 ) -> TetSums {
     let mut sums = TetSums { energy_j: Row::ZERO, inverted: Row::ZERO };
-    for ((block, rest), frame) in blocks.iter().zip(rest).zip(frames) {
+    for ((corners, frame), (block, rest)) in corners.iter().zip(frames).zip(blocks.iter().zip(rest)) {
         for half in 0..LANES / S::F32_LANES {
-            let edges = edges(simd, position, &block.nodes, half);
-            let mut inv_edges = [[F::splat(simd, 0.0); 3]; 3];
-            for (index, row) in rest.inv_edges.iter().enumerate() {
-                inv_edges[index / 3][index % 3] = F::load(simd, row, half);
-            }
-            let mut f = [[F::splat(simd, 0.0); 3]; 3];
-            for k in 0..3 {
-                for m in 0..3 {
-                    let last = edges[2][k] * inv_edges[2][m];
-                    f[k][m] = edges[0][k].fma(inv_edges[0][m], edges[1][k].fma(inv_edges[1][m], last));
-                }
-            }
-            let found = crate::polar::rotation(simd, &f);
-            let volume = F::load(simd, &rest.volume, half);
-            let straight = add_sums(simd, block, &f, &found, volume, half, &mut sums);
-            straight.store(&mut frame.straight, half);
-            let turned = (F::splat(simd, 1.0) - straight) * F::load(simd, &block.two_mu, half);
-            (turned * F::load(simd, &block.inv_volume, half)).store(&mut frame.turned, half);
-            for k in 0..3 {
-                for j in 0..3 {
-                    let r = found.matrix[k];
-                    let sum = r[0].fma(inv_edges[j][0], r[1].fma(inv_edges[j][1], r[2] * inv_edges[j][2]));
-                    (volume * sum).store(&mut frame.q[3 * k + j], half);
-                }
-            }
+            let edges = edges(simd, position, corners, half);
+            find_frame(simd, (block, rest), &edges, half, frame, &mut sums);
+            simd.scatter(force, corners, half, &forces_of(simd, block, frame, &edges, half));
         }
     }
     sums
+}
+
+/// Finds the frame of one half block, and adds it to the sums.
+#[inline(always)]
+fn find_frame<S: Lanes>(
+    simd: S,
+    (block, rest): (&Block, &RestBlock),
+    edges: &[V3<S>; 3],
+    half: usize,
+    frame: &mut Frame,
+    sums: &mut TetSums,
+) {
+    let mut inv_edges = [[F::splat(simd, 0.0); 3]; 3];
+    for (index, row) in rest.inv_edges.iter().enumerate() {
+        inv_edges[index / 3][index % 3] = F::load(simd, row, half);
+    }
+    let mut f = [[F::splat(simd, 0.0); 3]; 3];
+    for k in 0..3 {
+        for m in 0..3 {
+            let last = edges[2][k] * inv_edges[2][m];
+            f[k][m] = edges[0][k].fma(inv_edges[0][m], edges[1][k].fma(inv_edges[1][m], last));
+        }
+    }
+    let found = crate::polar::rotation(simd, &f);
+    let volume = F::load(simd, &rest.volume, half);
+    let straight = add_sums(simd, block, &f, &found, volume, half, sums);
+    straight.store(&mut frame.straight, half);
+    let turned = (F::splat(simd, 1.0) - straight) * F::load(simd, &block.two_mu, half);
+    (turned * F::load(simd, &block.inv_volume, half)).store(&mut frame.turned, half);
+    for k in 0..3 {
+        for j in 0..3 {
+            let r = found.matrix[k];
+            let sum = r[0].fma(inv_edges[j][0], r[1].fma(inv_edges[j][1], r[2] * inv_edges[j][2]));
+            (volume * sum).store(&mut frame.q[3 * k + j], half);
+        }
+    }
 }
 
 /// Adds energy and inversions of one half block to its lanes of `sums`; returns (1 + β)/2.
@@ -159,54 +174,60 @@ fn add_sums<S: Lanes>(
 
 /// Adds the elastic forces at `position` to `force`.
 #[inline(always)]
-pub(crate) fn element_forces<S: Lanes>(
+pub(crate) fn element_forces<S: Lanes, N: Nodes + ?Sized>(
     simd: S,
-    blocks: &[Block],
-    frames: &[Frame],
-    position: &[[f32; 4]],
-    force: &mut [[f32; 4]],
+    corners: &[[[N::Number; LANES]; 4]],
+    (blocks, frames): (&[Block], &[Frame]),
+    position: &N,
+    force: &mut N,
 ) {
-    let three = F::splat(simd, 3.0);
-    for (block, frame) in blocks.iter().zip(frames) {
+    for (corners, (block, frame)) in corners.iter().zip(blocks.iter().zip(frames)) {
         for half in 0..LANES / S::F32_LANES {
-            let edges = edges(simd, position, &block.nodes, half);
-            let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
-            let mut q = [[lambda; 3]; 3];
-            for (index, row) in frame.q.iter().enumerate() {
-                q[index / 3][index % 3] = F::load(simd, row, half);
-            }
-            // turned[i][j] = edge i · column j of Q; its trace is V·tr S.
-            let mut turned = [[three; 3]; 3];
-            for i in 0..3 {
-                for j in 0..3 {
-                    turned[i][j] = edges[i][0].fma(q[0][j], edges[i][1].fma(q[1][j], edges[i][2] * q[2][j]));
-                }
-            }
-            let trace = (turned[0][0] + turned[1][1] + turned[2][2]) * F::load(simd, &block.inv_volume, half);
-            let pressure = (lambda * (trace - three)).min(two_mu) - two_mu;
-            let factor = F::load(simd, &frame.turned, half);
-            for i in 0..3 {
-                for j in 0..3 {
-                    turned[i][j] = if i == j { factor.fma(turned[i][j], pressure) } else { factor * turned[i][j] };
-                }
-            }
-            let straight = F::load(simd, &frame.straight, half);
-            let metric = &block.metric;
-            let mut forces = [[three; 3]; 4];
-            for k in 0..3 {
-                let d = [straight * edges[0][k], straight * edges[1][k], straight * edges[2][k]];
-                for j in 0..3 {
-                    let [a, b, c] = METRIC_COLUMNS[j];
-                    let turn = q[k][0].fma(turned[0][j], q[k][1].fma(turned[1][j], q[k][2] * turned[2][j]));
-                    let last = d[2].fma(F::load(simd, &metric[c], half), turn);
-                    let sum = d[0].fma(F::load(simd, &metric[a], half), d[1].fma(F::load(simd, &metric[b], half), last));
-                    forces[j + 1][k] = -sum;
-                }
-                forces[0][k] = -(forces[1][k] + forces[2][k] + forces[3][k]);
-            }
-            simd.scatter(force, &block.nodes, half, &forces);
+            let edges = edges(simd, position, corners, half);
+            simd.scatter(force, corners, half, &forces_of(simd, block, frame, &edges, half));
         }
     }
+}
+
+/// The elastic forces on the four corners of one half block.
+#[inline(always)]
+fn forces_of<S: Lanes>(simd: S, block: &Block, frame: &Frame, edges: &[V3<S>; 3], half: usize) -> [V3<S>; 4] {
+    let three = F::splat(simd, 3.0);
+    let (lambda, two_mu) = (F::load(simd, &block.lambda, half), F::load(simd, &block.two_mu, half));
+    let mut q = [[lambda; 3]; 3];
+    for (index, row) in frame.q.iter().enumerate() {
+        q[index / 3][index % 3] = F::load(simd, row, half);
+    }
+    // turned[i][j] = edge i · column j of Q; its trace is V·tr S.
+    let mut turned = [[three; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            turned[i][j] = edges[i][0].fma(q[0][j], edges[i][1].fma(q[1][j], edges[i][2] * q[2][j]));
+        }
+    }
+    let trace = (turned[0][0] + turned[1][1] + turned[2][2]) * F::load(simd, &block.inv_volume, half);
+    let pressure = (lambda * (trace - three)).min(two_mu) - two_mu;
+    let factor = F::load(simd, &frame.turned, half);
+    for i in 0..3 {
+        for j in 0..3 {
+            turned[i][j] = if i == j { factor.fma(turned[i][j], pressure) } else { factor * turned[i][j] };
+        }
+    }
+    let straight = F::load(simd, &frame.straight, half);
+    let metric = &block.metric;
+    let mut forces = [[three; 3]; 4];
+    for k in 0..3 {
+        let d = [straight * edges[0][k], straight * edges[1][k], straight * edges[2][k]];
+        for j in 0..3 {
+            let [a, b, c] = METRIC_COLUMNS[j];
+            let turn = q[k][0].fma(turned[0][j], q[k][1].fma(turned[1][j], q[k][2] * turned[2][j]));
+            let last = d[2].fma(F::load(simd, &metric[c], half), turn);
+            let sum = d[0].fma(F::load(simd, &metric[a], half), d[1].fma(F::load(simd, &metric[b], half), last));
+            forces[j + 1][k] = -sum;
+        }
+        forces[0][k] = -(forces[1][k] + forces[2][k] + forces[3][k]);
+    }
+    forces
 }
 
 /// Rows that the motion of the nodes works on, all of one length.

@@ -6,7 +6,7 @@
 use pulp::Simd;
 use std::ops::{Add, Mul, Neg, Sub};
 
-use crate::layout::{LANES, Row};
+use crate::layout::{LANES, Nodes, Row};
 
 /// One register of lanes, with the token that allows its use.
 #[derive(Clone, Copy)]
@@ -115,22 +115,22 @@ impl<S: Simd> F<S> {
 /// What differs between the widths. `half` counts parts of a block of 16 lanes; nodes are rows of (x, y, z, 0).
 pub(crate) trait Lanes: Simd {
     /// The nodes of one corner of this half's tets, as lanes of x, y, z.
-    fn gather(self, nodes: &[[f32; 4]], corner: &[u32; LANES], half: usize) -> V3<Self>;
+    fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> V3<Self>;
     /// Adds the forces on the four corners of this half's tets to their nodes, corner by corner, lane by lane, in groups of 8.
-    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], half: usize, forces: &[V3<Self>; 4]);
+    fn scatter<N: Nodes + ?Sized>(self, nodes: &mut N, corners: &[[N::Number; LANES]; 4], half: usize, forces: &[V3<Self>; 4]);
 }
 
 impl Lanes for pulp::Scalar {
     #[inline(always)]
-    fn gather(self, nodes: &[[f32; 4]], corner: &[u32; LANES], half: usize) -> V3<Self> {
-        let node = nodes[corner[half] as usize];
+    fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> V3<Self> {
+        let node = nodes.node(corner[half]);
         [F { simd: self, value: node[0] }, F { simd: self, value: node[1] }, F { simd: self, value: node[2] }]
     }
 
     #[inline(always)]
-    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], half: usize, forces: &[V3<Self>; 4]) {
+    fn scatter<N: Nodes + ?Sized>(self, nodes: &mut N, corners: &[[N::Number; LANES]; 4], half: usize, forces: &[V3<Self>; 4]) {
         for (corner, force) in corners.iter().zip(forces) {
-            let node = &mut nodes[corner[half] as usize];
+            let node = nodes.node_mut(corner[half]);
             for axis in 0..3 {
                 node[axis] += force[axis].value;
             }

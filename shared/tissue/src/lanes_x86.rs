@@ -3,25 +3,25 @@
 //! Promise: as in [`lanes`](crate::lanes); both add to the nodes in the same order.
 
 use crate::lanes::{F, Lanes, V3 as Vector};
-use crate::layout::LANES;
+use crate::layout::{LANES, Nodes};
 use bytemuck::cast;
 use pulp::x86::{V3, V4};
 use std::arch::x86_64::{__m128, __m256, __m256d, __m512, __m512d};
 
 #[inline(always)]
-fn row(nodes: &[[f32; 4]], node: u32) -> __m128 {
-    cast(nodes[node as usize])
+fn row<N: Nodes + ?Sized>(nodes: &N, node: N::Number) -> __m128 {
+    cast(*nodes.node(node))
 }
 
 #[inline(always)]
-fn add_row(simd: V3, nodes: &mut [[f32; 4]], node: u32, force: __m128) {
-    let sum = &mut nodes[node as usize];
+fn add_row<N: Nodes + ?Sized>(simd: V3, nodes: &mut N, node: N::Number, force: __m128) {
+    let sum = nodes.node_mut(node);
     *sum = cast(simd.sse._mm_add_ps(cast(*sum), force));
 }
 
 impl Lanes for V3 {
     #[inline(always)]
-    fn gather(self, nodes: &[[f32; 4]], corner: &[u32; LANES], half: usize) -> Vector<Self> {
+    fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], half: usize) -> Vector<Self> {
         let avx = self.avx;
         let mut rows: [__m256; 4] = [cast([0.0f32; 8]); 4];
         for (lane, pair) in rows.iter_mut().enumerate() {
@@ -40,7 +40,13 @@ impl Lanes for V3 {
     }
 
     #[inline(always)]
-    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], half: usize, forces: &[Vector<Self>; 4]) {
+    fn scatter<N: Nodes + ?Sized>(
+        self,
+        nodes: &mut N,
+        corners: &[[N::Number; LANES]; 4],
+        half: usize,
+        forces: &[Vector<Self>; 4],
+    ) {
         let avx = self.avx;
         let zero: __m256 = cast([0.0f32; 8]);
         for corner in 0..4 {
@@ -68,7 +74,7 @@ impl Lanes for V3 {
 
 impl Lanes for V4 {
     #[inline(always)]
-    fn gather(self, nodes: &[[f32; 4]], corner: &[u32; LANES], _half: usize) -> Vector<Self> {
+    fn gather<N: Nodes + ?Sized>(self, nodes: &N, corner: &[N::Number; LANES], _half: usize) -> Vector<Self> {
         let avx = self.avx512f;
         let mut rows: [__m512; 4] = [cast([0.0f32; 16]); 4];
         for (lane, quad) in rows.iter_mut().enumerate() {
@@ -89,7 +95,13 @@ impl Lanes for V4 {
     }
 
     #[inline(always)]
-    fn scatter(self, nodes: &mut [[f32; 4]], corners: &[[u32; LANES]; 4], _half: usize, forces: &[Vector<Self>; 4]) {
+    fn scatter<N: Nodes + ?Sized>(
+        self,
+        nodes: &mut N,
+        corners: &[[N::Number; LANES]; 4],
+        _half: usize,
+        forces: &[Vector<Self>; 4],
+    ) {
         let avx = self.avx512f;
         let zero: __m512 = cast([0.0f32; 16]);
         let mut rows = [[zero; 4]; 4];

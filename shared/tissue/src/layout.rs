@@ -18,12 +18,88 @@ impl Row {
     pub const ZERO: Row = Row([0.0; LANES]);
 }
 
-/// What a substep reads of 16 tets.
+/// Nodes that 16 bits can name, the spare one included.
+pub(crate) const SHORT_NODES: usize = 1 << 16;
+/// The rows of the nodes where 16 bits name them: as many as there are such numbers, so that no number has to be compared with their count. What lies
+/// behind the model's own is never touched.
+pub(crate) type ShortNodes = [[f32; 4]; SHORT_NODES];
+
+/// Rows of nodes as (x, y, z, 0), and the numbers that name them.
+pub(crate) trait Nodes {
+    /// Number of a node.
+    type Number: Copy;
+
+    /// The nodes in these rows.
+    fn of(rows: &[Row]) -> &Self;
+    /// The same, to be written.
+    fn of_mut(rows: &mut [Row]) -> &mut Self;
+    fn node(&self, number: Self::Number) -> &[f32; 4];
+    fn node_mut(&mut self, number: Self::Number) -> &mut [f32; 4];
+}
+
+impl Nodes for ShortNodes {
+    type Number = u16;
+
+    #[inline(always)]
+    fn of(rows: &[Row]) -> &Self {
+        let nodes: &[[f32; 4]] = bytemuck::cast_slice(rows);
+        nodes.first_chunk().expect("rows for every number of 16 bits")
+    }
+
+    #[inline(always)]
+    fn of_mut(rows: &mut [Row]) -> &mut Self {
+        let nodes: &mut [[f32; 4]] = bytemuck::cast_slice_mut(rows);
+        nodes.first_chunk_mut().expect("rows for every number of 16 bits")
+    }
+
+    #[inline(always)]
+    fn node(&self, number: u16) -> &[f32; 4] {
+        &self[usize::from(number)]
+    }
+
+    #[inline(always)]
+    fn node_mut(&mut self, number: u16) -> &mut [f32; 4] {
+        &mut self[usize::from(number)]
+    }
+}
+
+impl Nodes for [[f32; 4]] {
+    type Number = u32;
+
+    #[inline(always)]
+    fn of(rows: &[Row]) -> &Self {
+        bytemuck::cast_slice(rows)
+    }
+
+    #[inline(always)]
+    fn of_mut(rows: &mut [Row]) -> &mut Self {
+        bytemuck::cast_slice_mut(rows)
+    }
+
+    #[inline(always)]
+    fn node(&self, number: u32) -> &[f32; 4] {
+        &self[number as usize]
+    }
+
+    #[inline(always)]
+    fn node_mut(&mut self, number: u32) -> &mut [f32; 4] {
+        &mut self[number as usize]
+    }
+}
+
+/// The nodes of the tets, for each block that of corner c in lane l. Padding lanes name the spare node behind the last one.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Corners {
+    /// Of a model with nodes that 16 bits can name.
+    Short(Vec<[[u16; LANES]; 4]>),
+    /// Of any.
+    Long(Vec<[[u32; LANES]; 4]>),
+}
+
+/// What a substep reads of 16 tets beside their nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(C, align(64))]
 pub(crate) struct Block {
-    /// Node of corner c in lane l. Padding lanes name the spare node behind the last one.
-    pub nodes: [[u32; LANES]; 4],
     /// 2μV·B·Bᵀ (xx, yy, zz, xy, xz, yz), B the inverse of the rest edges; N/m.
     pub metric: [Row; 6],
     /// 1/V, 1/m³; 0 in padding lanes.
@@ -46,6 +122,14 @@ pub(crate) struct RestBlock {
 /// Number of rows for `nodes` nodes and one spare.
 pub(crate) fn node_rows(nodes: usize) -> usize {
     (nodes + 1).div_ceil(4)
+}
+
+/// Number of rows in which the tets look their nodes up, of which those of [`node_rows`] are in use.
+pub(crate) fn looked_up_rows(nodes: usize, corners: &Corners) -> usize {
+    match corners {
+        Corners::Short(_) => SHORT_NODES / 4,
+        Corners::Long(_) => node_rows(nodes),
+    }
 }
 
 /// Order of the tets, `u32::MAX` for a padding lane; the length is a multiple of [`LANES`].

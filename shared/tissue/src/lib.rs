@@ -35,7 +35,7 @@ mod step;
 
 pub use build::ModelMaker;
 pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
-pub use forces::{gather, join, pressure_forces, scatter, surface_update};
+pub use forces::{BoundSurface, gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring, Push};
 pub use material::{Material, MaterialError, POISSON_RATIO_MAX};

@@ -12,11 +12,15 @@
 #![allow(clippy::needless_range_loop)] // indices are those of the formulas
 
 mod hold;
+mod ready;
 
 use crate::model::Model;
 use crate::step::EXTERNAL_FORCE_MAX_N;
+use ready::known;
 
 pub use hold::Hold;
+pub(crate) use hold::of_hold;
+pub(crate) use ready::{Grip, READY_MAX, Ready};
 
 /// How far a spring's normal may be from unit length.
 const NORMAL_TOLERANCE: f32 = 1e-3;
@@ -202,94 +206,46 @@ impl PairSpring {
     }
 }
 
-/// Most of a node's damping over its mass times the substep: half of a speed is taken in a substep, or the speed would change its sign again and again.
-const DAMPING_PHASE: f32 = 0.5;
-/// Share that is taken of the damping with which explicit integration is just stable.
-const STABLE_SHARE: f32 = 0.95;
-
-/// How the springs of a step hold on to the nodes of a model.
-#[derive(Clone, Copy)]
-pub(crate) struct Grip<'a> {
-    pub model: &'a Model,
-    /// Sum of spring stiffness per node, N/m.
-    pub load_n_m: &'a [f32],
-    pub substep_s: f32,
+/// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side.
+fn push(law: &ContactLaw, normal: &[f32; 3], ready: &Ready, depth_m: f32, apart_m_s: [f32; 3]) -> Push {
+    if depth_m <= 0.0 {
+        return Push::default();
+    }
+    let Ready { stiffness_n_m, most_n_s_m, .. } = *ready;
+    let leaving_m_s = normal[0] * apart_m_s[0] + normal[1] * apart_m_s[1] + normal[2] * apart_m_s[2];
+    let normal_n = (stiffness_n_m * depth_m).min(law.most_n);
+    let damping_n_s_m = (stiffness_n_m * law.damping_s).min(most_n_s_m);
+    let damped_n = (normal_n - damping_n_s_m * leaving_m_s).clamp(0.0, law.most_n);
+    let slip = [0, 1, 2].map(|axis| apart_m_s[axis] - leaving_m_s * normal[axis]);
+    let slip_m_s = (slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]).sqrt();
+    let drag_n_s_m = (law.friction * damped_n / slip_m_s.max(law.slip_m_s)).min(most_n_s_m);
+    let force_n = [0, 1, 2].map(|axis| damped_n * normal[axis] - drag_n_s_m * slip[axis]);
+    if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
 }
 
-impl Grip<'_> {
-    /// Factor that keeps the sum of the springs at each free node within the model's contact stiffness.
-    fn softening(&self, loads: &[(u32, f32)]) -> f32 {
-        let limit = self.model.options.contact_stiffness_n_m as f32;
-        let mut factor = 1.0f32;
-        for &(node, share) in loads {
-            let node = node as usize;
-            if share > 0.0 && !self.model.held[node] && self.load_n_m[node] > limit {
-                factor = factor.min(limit / self.load_n_m[node]);
-            }
-        }
-        factor
-    }
+/// What a usable spring does.
+pub(crate) fn of_plane<const N: usize>(
+    law: &ContactLaw,
+    spring: &PlaneSpring,
+    ready: &Ready,
+    position: &[[f32; N]],
+    velocity: &[[f32; N]],
+) -> Push {
+    let (at, speed) = (point(&spring.weights, &spring.nodes, position), point(&spring.weights, &spring.nodes, velocity));
+    let depth_m = spring.offset_m - (spring.normal[0] * at[0] + spring.normal[1] * at[1] + spring.normal[2] * at[2]);
+    let apart_m_s = [0, 1, 2].map(|axis| speed[axis] - spring.velocity_m_s[axis]);
+    push(law, &spring.normal, ready, depth_m, apart_m_s)
+}
 
-    /// Most damping of a spring over its stiffness, s. With rates that lag by half a substep h, explicit integration is stable while
-    /// 4M − 2hC − h²K is positive; K and C are below the diagonal matrices of κ (the model's bound) and of the sums of damping at the nodes.
-    fn most_damping_s(&self, loads: &[(u32, f32)]) -> f32 {
-        let (h, limit) = (self.substep_s, self.model.options.contact_stiffness_n_m as f32);
-        let mut most_s = EXTERNAL_FORCE_MAX_N;
-        for &(node, share) in loads {
-            let node = node as usize;
-            if share > 0.0 && !self.model.held[node] {
-                let (mass, bound) = (self.model.mass_kg[node], self.model.bound_n_m[node]);
-                let stable = STABLE_SHARE * (4.0 * mass - h * h * bound) / (2.0 * h);
-                let room_n_s_m = stable.min(DAMPING_PHASE * mass / h).max(0.0);
-                most_s = most_s.min(room_n_s_m / self.load_n_m[node].min(limit));
-            }
-        }
-        most_s
-    }
-
-    /// What a contact does that is `depth_m` deep: `apart_m_s` is the velocity of what is pushed along the normal, against the other side.
-    fn push(&self, law: &ContactLaw, spring: (&[f32; 3], f32), loads: &[(u32, f32)], depth_m: f32, apart_m_s: [f32; 3]) -> Push {
-        let (normal, stiffness_n_m) = spring;
-        if depth_m <= 0.0 {
-            return Push::default();
-        }
-        let stiffness_n_m = stiffness_n_m * self.softening(loads);
-        let most_n_s_m = stiffness_n_m * self.most_damping_s(loads);
-        let leaving_m_s = normal[0] * apart_m_s[0] + normal[1] * apart_m_s[1] + normal[2] * apart_m_s[2];
-        let normal_n = (stiffness_n_m * depth_m).min(law.most_n);
-        let damping_n_s_m = (stiffness_n_m * law.damping_s).min(most_n_s_m);
-        let damped_n = (normal_n - damping_n_s_m * leaving_m_s).clamp(0.0, law.most_n);
-        let slip = [0, 1, 2].map(|axis| apart_m_s[axis] - leaving_m_s * normal[axis]);
-        let slip_m_s = (slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]).sqrt();
-        let drag_n_s_m = (law.friction * damped_n / slip_m_s.max(law.slip_m_s)).min(most_n_s_m);
-        let force_n = [0, 1, 2].map(|axis| damped_n * normal[axis] - drag_n_s_m * slip[axis]);
-        if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
-    }
-
-    /// What a usable spring does.
-    pub fn of_plane<const N: usize>(
-        &self,
-        law: &ContactLaw,
-        spring: &PlaneSpring,
-        position: &[[f32; N]],
-        velocity: &[[f32; N]],
-    ) -> Push {
-        let (at, speed) = (point(&spring.weights, &spring.nodes, position), point(&spring.weights, &spring.nodes, velocity));
-        let depth_m = spring.offset_m - (spring.normal[0] * at[0] + spring.normal[1] * at[1] + spring.normal[2] * at[2]);
-        let apart_m_s = [0, 1, 2].map(|axis| speed[axis] - spring.velocity_m_s[axis]);
-        self.push(law, (&spring.normal, spring.stiffness_n_m), &spring.loads(), depth_m, apart_m_s)
-    }
-
-    /// What a usable pair does to its node; the tet takes the opposite.
-    fn of_pair(&self, law: &ContactLaw, pair: &PairSpring, position: &[[f32; 4]], velocity: &[[f32; 4]]) -> Push {
-        let apart = |rows: &[[f32; 4]]| {
-            let (node, point) = (rows[pair.node as usize], point(&pair.weights, &pair.tet, rows));
-            [0, 1, 2].map(|axis| node[axis] - point[axis])
-        };
-        let away = apart(position);
-        let depth_m = pair.depth_m - (pair.normal[0] * away[0] + pair.normal[1] * away[1] + pair.normal[2] * away[2]);
-        self.push(law, (&pair.normal, pair.stiffness_n_m), &pair.loads(), depth_m, apart(velocity))
-    }
+/// What a usable pair does to its node; the tet takes the opposite.
+fn of_pair(law: &ContactLaw, pair: &PairSpring, ready: &Ready, position: &[[f32; 4]], velocity: &[[f32; 4]]) -> Push {
+    let apart = |rows: &[[f32; 4]]| {
+        let (node, point) = (rows[pair.node as usize], point(&pair.weights, &pair.tet, rows));
+        [0, 1, 2].map(|axis| node[axis] - point[axis])
+    };
+    let away = apart(position);
+    let depth_m = pair.depth_m - (pair.normal[0] * away[0] + pair.normal[1] * away[1] + pair.normal[2] * away[2]);
+    push(law, &pair.normal, ready, depth_m, apart(velocity))
 }
 
 /// Σ wᵢ·rowᵢ.
@@ -315,11 +271,11 @@ fn add_at_point(nodes: &[u32; 4], weights: &[f32; 4], force_n: [f32; 3], force: 
 }
 
 impl Links<'_> {
-    /// Sums the stiffness at each node into `load_n_m`; returns how many springs are softened and how many ignored.
-    pub fn weigh(&self, model: &Model, load_n_m: &mut [f32]) -> (u32, u32) {
-        let (mut softened, mut ignored) = (0, 0);
+    /// Sums the stiffness at each node into `load_n_m`, and weighs as many springs as `ready` has room for, in the order of the fields; returns how many
+    /// springs are softened and how many ignored.
+    pub fn weigh(&self, model: &Model, load_n_m: &mut [f32], ready: &mut [Option<Ready>]) -> (u32, u32) {
         if self.springs.is_empty() && self.pairs.is_empty() && self.holds.is_empty() && self.attachments.is_empty() {
-            return (softened, ignored);
+            return (0, 0);
         }
         let count = load_n_m.len();
         load_n_m.fill(0.0);
@@ -336,44 +292,41 @@ impl Links<'_> {
             attachment.loads().into_iter().for_each(|(node, share)| load_n_m[node as usize] += share);
         }
         let grip = Grip { model, load_n_m, substep_s: self.substep_s };
-        for spring in self.springs {
-            let usable = spring.usable(count);
-            ignored += u32::from(!usable);
-            softened += u32::from(usable && grip.softening(&spring.loads()) < 1.0);
-        }
-        for pair in self.pairs {
-            let usable = pair.usable(count);
-            ignored += u32::from(!usable);
-            softened += u32::from(usable && grip.softening(&pair.loads()) < 1.0);
-        }
-        for hold in self.holds {
-            let usable = hold.usable(count);
-            ignored += u32::from(!usable);
-            softened += u32::from(usable && grip.softening(&hold.loads()) < 1.0);
-        }
-        for attachment in self.attachments {
-            let usable = attachment.usable(count);
-            ignored += u32::from(!usable);
-            softened += u32::from(usable && grip.softening(&attachment.loads()) < 1.0);
-        }
+        let (mut softened, mut ignored, mut next) = (0, 0, 0usize);
+        let mut note = |found: Option<Ready>| {
+            softened += u32::from(found.is_some_and(|found| found.is_softened));
+            ignored += u32::from(found.is_none());
+            if let Some(place) = ready.get_mut(next) {
+                *place = found;
+            }
+            next += 1;
+        };
+        self.springs.iter().for_each(|spring| note(spring.ready(&grip)));
+        self.pairs.iter().for_each(|pair| note(pair.ready(&grip)));
+        self.holds.iter().for_each(|hold| note(hold.ready(&grip)));
+        self.attachments.iter().for_each(|attachment| note(attachment.ready(&grip)));
         (softened, ignored)
     }
 
-    /// Adds the forces at `position` and `velocity` to `force`.
+    /// Adds the forces at `position` and `velocity` to `force`. `ready` is what was weighed with this grip.
     pub fn add_forces(
         &self,
-        model: &Model,
-        load_n_m: &[f32],
+        grip: &Grip<'_>,
+        ready: &[Option<Ready>],
         (position, velocity): (&[[f32; 4]], &[[f32; 4]]),
         force: &mut [[f32; 4]],
     ) {
-        let (count, grip) = (load_n_m.len(), Grip { model, load_n_m, substep_s: self.substep_s });
-        for spring in self.springs.iter().filter(|spring| spring.usable(count)) {
-            let push = grip.of_plane(&self.law, spring, position, velocity);
+        let pairs_from = self.springs.len();
+        let holds_from = pairs_from + self.pairs.len();
+        let attachments_from = holds_from + self.holds.len();
+        for (number, spring) in self.springs.iter().enumerate() {
+            let Some(own) = known(ready, number, || spring.ready(grip)) else { continue };
+            let push = of_plane(&self.law, spring, &own, position, velocity);
             add_at_point(&spring.nodes, &spring.weights, push.force_n, force);
         }
-        for pair in self.pairs.iter().filter(|pair| pair.usable(count)) {
-            let push = grip.of_pair(&self.law, pair, position, velocity);
+        for (number, pair) in self.pairs.iter().enumerate() {
+            let Some(own) = known(ready, pairs_from + number, || pair.ready(grip)) else { continue };
+            let push = of_pair(&self.law, pair, &own, position, velocity);
             for axis in 0..3 {
                 force[pair.node as usize][axis] += push.force_n[axis];
                 for (&node, weight) in pair.tet.iter().zip(pair.weights) {
@@ -381,15 +334,16 @@ impl Links<'_> {
                 }
             }
         }
-        for hold in self.holds.iter().filter(|hold| hold.usable(count)) {
-            let pull = grip.of_hold(&self.law, hold, position, velocity);
+        for (number, hold) in self.holds.iter().enumerate() {
+            let Some(own) = known(ready, holds_from + number, || hold.ready(grip)) else { continue };
+            let pull = of_hold(&self.law, hold, &own, position, velocity);
             add_at_point(&hold.nodes, &hold.weights, pull.force_n, force);
         }
-        for attachment in self.attachments.iter().filter(|attachment| attachment.usable(count)) {
-            let stiffness = attachment.stiffness_n_m * grip.softening(&attachment.loads());
+        for (number, attachment) in self.attachments.iter().enumerate() {
+            let Some(own) = known(ready, attachments_from + number, || attachment.ready(grip)) else { continue };
             for axis in 0..3 {
                 let place = dot(&attachment.weights, &attachment.tet, position, axis);
-                let pull_n = stiffness * (place - position[attachment.node as usize][axis]);
+                let pull_n = own.stiffness_n_m * (place - position[attachment.node as usize][axis]);
                 force[attachment.node as usize][axis] += pull_n;
                 for (&node, weight) in attachment.tet.iter().zip(attachment.weights) {
                     force[node as usize][axis] -= weight * pull_n;

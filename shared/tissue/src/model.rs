@@ -5,7 +5,7 @@
 
 use crate::build::{Materials, ModelMaker};
 use crate::isa::Isa;
-use crate::layout::{Block, RestBlock, Row};
+use crate::layout::{Block, Corners, RestBlock, Row};
 use crate::material::Material;
 use hyst_mesh::TetMesh;
 
@@ -185,6 +185,7 @@ pub struct Model {
     pub(crate) inv_mass: Vec<Row>,
     /// Per node row: damping, 0 for held nodes; 1/s.
     pub(crate) damping_per_s: Vec<Row>,
+    pub(crate) corners: Corners,
     pub(crate) blocks: Vec<Block>,
     pub(crate) rest_blocks: Vec<RestBlock>,
     pub(crate) options: Options,

@@ -64,8 +64,6 @@ pub struct StepReport {
     pub substeps: u32,
     /// Elastic energy of the state read, J.
     pub elastic_energy_j: f64,
-    /// Kinetic energy of the state written, J.
-    pub kinetic_energy_j: f64,
     /// Tets that are inverted in the state read.
     pub inverted_tets: u32,
     /// Positions, velocities, forces or targets that were not finite or out of reach, and were replaced.

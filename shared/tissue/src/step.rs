@@ -3,11 +3,12 @@
 //! Promises: no allocation, no panic, no NaN in the output whatever the input holds; every correction is counted.
 //! Rotations are sought once, at the positions of t, and kept for all substeps.
 
+use crate::forces::BoundSurface;
 use crate::isa::Isa;
 use crate::kernel::{self, Constants, Frame, NodeRows, TetSums};
 use crate::lanes::Lanes;
-use crate::layout::{self, LANES, Row};
-use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push};
+use crate::layout::{self, Corners, LANES, Nodes, Row, ShortNodes};
+use crate::links::{ContactLaw, Grip, Hold, Links, PlaneSpring, Push, READY_MAX, Ready, of_hold, of_plane};
 use crate::model::{Model, SUBSTEPS_MAX};
 use crate::state::{StateMut, StateRef, StepError, StepInput, StepReport};
 
@@ -26,6 +27,8 @@ pub struct Scratch {
     frames: Vec<Frame>,
     /// Sum of spring stiffness per node, N/m.
     load_n_m: Vec<f32>,
+    /// What was weighed of the springs of the last step, of as many as there is room for.
+    ready: Vec<Option<Ready>>,
     /// Substep of the last step, s.
     substep_s: f32,
 }
@@ -33,29 +36,55 @@ pub struct Scratch {
 impl Scratch {
     /// Working memory for `model`.
     pub fn new(model: &Model) -> Self {
-        let rows = || vec![Row::ZERO; layout::node_rows(model.node_count())];
-        Scratch {
-            position: rows(),
-            velocity: rows(),
-            force: rows(),
-            external: rows(),
-            frames: vec![Frame::ZERO; model.blocks.len()],
-            load_n_m: vec![0.0; model.node_count()],
+        let mut scratch = Scratch {
+            position: Vec::new(),
+            velocity: Vec::new(),
+            force: Vec::new(),
+            external: Vec::new(),
+            frames: Vec::new(),
+            load_n_m: Vec::new(),
+            ready: vec![None; READY_MAX],
             substep_s: 0.0,
+        };
+        scratch.fit(model);
+        scratch
+    }
+
+    /// Goes on as working memory for another model, with what memory there is: what tets are looked up in is 1 MiB twice, whatever of it a model uses.
+    pub fn fit(&mut self, model: &Model) {
+        let nodes = model.node_count();
+        let (rows, looked_up) = (layout::node_rows(nodes), layout::looked_up_rows(nodes, &model.corners));
+        let Scratch { position, velocity, force, external, .. } = self;
+        for (part, length) in [(position, looked_up), (velocity, rows), (force, looked_up), (external, rows)] {
+            part.resize(length, Row::ZERO);
+            part[..rows].fill(Row::ZERO);
         }
+        self.frames.clear();
+        self.frames.resize(model.blocks.len(), Frame::ZERO);
+        self.load_n_m.clear();
+        self.load_n_m.resize(nodes, 0.0);
+        self.ready.fill(None);
+        self.substep_s = 0.0;
     }
 
     /// What a contact that was in the last step does at the state that the step wrote: what the tissue feels of it there, and so what the other side
     /// is to feel. Nothing if the step ignored it.
     pub fn push(&self, model: &Model, law: &ContactLaw, spring: &PlaneSpring, at: &StateRef<'_>) -> Push {
-        let grip = self.grip(model, at).filter(|_| spring.usable(self.load_n_m.len()));
-        grip.map_or(Push::default(), |grip| grip.of_plane(&law.sane(), spring, at.position_m, at.velocity_m_s))
+        let ready = self.grip(model, at).and_then(|grip| spring.ready(&grip));
+        ready.map_or(Push::default(), |ready| of_plane(&law.sane(), spring, &ready, at.position_m, at.velocity_m_s))
     }
 
     /// The same for what was held in the last step.
     pub fn pull(&self, model: &Model, law: &ContactLaw, hold: &Hold, at: &StateRef<'_>) -> Push {
-        let grip = self.grip(model, at).filter(|_| hold.usable(self.load_n_m.len()));
-        grip.map_or(Push::default(), |grip| grip.of_hold(&law.sane(), hold, at.position_m, at.velocity_m_s))
+        let ready = self.grip(model, at).and_then(|grip| hold.ready(&grip));
+        ready.map_or(Push::default(), |ready| of_hold(&law.sane(), hold, &ready, at.position_m, at.velocity_m_s))
+    }
+
+    /// Moves a surface that is bound to the model to where the last step has put the nodes, as [`surface_update`](crate::surface_update) does with the state
+    /// that it wrote. Returns how many vertices were left as they are.
+    pub fn move_surface(&self, surface: &BoundSurface, out_m: &mut [[f32; 3]]) -> usize {
+        let nodes: &[[f32; 4]] = bytemuck::cast_slice(&self.position);
+        surface.update(&nodes[..self.load_n_m.len()], out_m)
     }
 
     /// How the springs of the last step held on to a model; `None` if this is not its scratch, or the state is of another one.
@@ -86,7 +115,7 @@ pub fn step(
     scratch.substep_s = substep_s;
     let StepInput { springs, pairs, holds, attachments, law, .. } = *input;
     let links = Links { springs, pairs, holds, attachments, law: law.sane(), substep_s };
-    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m);
+    (report.softened_springs, report.ignored_springs) = links.weigh(model, &mut scratch.load_n_m, &mut scratch.ready);
     let job = Job { model, scratch, links, substep_s, substeps };
     let sums = match model.options.isa {
         Isa::Baseline => run(pulp::Scalar::new(), job),
@@ -181,7 +210,8 @@ fn read(model: &Model, scratch: &mut Scratch, now: &StateRef<'_>, input: &StepIn
         external[node] = [force[0], force[1], force[2], 0.0];
         report.neutralised_inputs += u32::from(!good);
     }
-    scratch.force.copy_from_slice(&scratch.external);
+    let rows = scratch.external.len();
+    scratch.force[..rows].copy_from_slice(&scratch.external);
 }
 
 /// The part of a step that runs in the chosen instruction set.
@@ -206,43 +236,58 @@ impl<S: Lanes> pulp::NullaryFnOnce for Run<'_, S> {
     }
 }
 
+/// The step with the numbers that the model's blocks name nodes by.
+#[inline(always)]
+fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
+    let model = job.model;
+    match &model.corners {
+        Corners::Short(corners) => integrate::<S, ShortNodes>(simd, job, corners),
+        Corners::Long(corners) => integrate::<S, [[f32; 4]]>(simd, job, corners),
+    }
+}
+
 /// Velocity Verlet with the rotations of the start: half a kick, then drifts and kicks in turn, and half a kick with the same
 /// rotations at the end. So positions and velocities belong to one time when the rotations change, and the change cannot feed
 /// the fast modes; one more evaluation of the forces per step is its price.
 #[inline(always)]
-fn run<S: Lanes>(simd: S, job: Job<'_>) -> TetSums {
+fn integrate<S: Lanes, N: Nodes + ?Sized>(simd: S, job: Job<'_>, corners: &[[[N::Number; LANES]; 4]]) -> TetSums {
     let Job { model, scratch, links, substep_s, substeps } = job;
-    let Scratch { position, velocity, force, external, frames, load_n_m, .. } = scratch;
-    let seen: &[[f32; 4]] = bytemuck::cast_slice(position);
-    let sums = kernel::rotations(simd, &model.blocks, &model.rest_blocks, seen, frames);
+    let Scratch { position, velocity, force, external, frames, load_n_m, ready, .. } = scratch;
+    let (grip, rows) = (Grip { model, load_n_m, substep_s }, external.len());
+    let (blocks, rest) = (&model.blocks[..], &model.rest_blocks[..]);
+    let sums = kernel::rotations_and_forces(simd, corners, (blocks, rest), N::of(position), (&mut frames[..], N::of_mut(force)));
     for substep in 0..=substeps {
+        // Those of the first came with the rotations.
+        if substep > 0 {
+            kernel::element_forces(simd, corners, (blocks, &frames[..]), N::of(position), N::of_mut(force));
+        }
         let (at, rate): (&[[f32; 4]], &[[f32; 4]]) = (bytemuck::cast_slice(position), bytemuck::cast_slice(velocity));
         let sum: &mut [[f32; 4]] = bytemuck::cast_slice_mut(force);
-        kernel::element_forces(simd, &model.blocks, frames, at, sum);
-        links.add_forces(model, load_n_m, (at, rate), sum);
+        links.add_forces(&grip, ready, (at, rate), sum);
         let constants = Constants {
             kick_s: if substep == 0 || substep == substeps { 0.5 * substep_s } else { substep_s },
             drift_s: if substep == substeps { 0.0 } else { substep_s },
             velocity_cap_m_s: model.options.velocity_cap_m_s as f32,
         };
         let (inv_mass, damping_per_s) = (&model.inv_mass, &model.damping_per_s);
-        let mut rows = NodeRows { inv_mass, damping_per_s, external, position, velocity, force };
-        kernel::move_nodes(simd, &constants, &mut rows);
+        let (position, force) = (&mut position[..rows], &mut force[..rows]);
+        let mut moving = NodeRows { inv_mass, damping_per_s, external, position, velocity, force };
+        kernel::move_nodes(simd, &constants, &mut moving);
     }
     sums
 }
 
-/// Writes the next state; what is not finite or out of reach goes back to where it was, at rest.
+/// Writes the next state, and its positions into the rows too; what is not finite or out of reach goes back to where it was, at rest.
 fn write(
     model: &Model,
-    scratch: &Scratch,
+    scratch: &mut Scratch,
     now: &StateRef<'_>,
     input: &StepInput<'_>,
     next: StateMut<'_>,
     report: &mut StepReport,
 ) {
     let cap = model.options.velocity_cap_m_s as f32;
-    let position: &[[f32; 4]] = bytemuck::cast_slice(&scratch.position);
+    let position: &mut [[f32; 4]] = bytemuck::cast_slice_mut(&mut scratch.position);
     let velocity: &[[f32; 4]] = bytemuck::cast_slice(&scratch.velocity);
     for node in 0..model.node_count() {
         let ([x, y, z, _], [vx, vy, vz, _]) = (position[node], velocity[node]);
@@ -255,9 +300,11 @@ fn write(
         } else if model.held[node] && in_reach(model, node, input.targets_m.get(node).copied().unwrap_or([f32::NAN; 3])) {
             at = input.targets_m[node]; // free of the rounding of the substeps
         }
-        let squared: f64 = v.iter().map(|&v| f64::from(v) * f64::from(v)).sum();
-        report.kinetic_energy_j += 0.5 * f64::from(model.mass_kg[node]) * squared;
+        position[node] = [at[0], at[1], at[2], 0.0];
         next.position_m[node] = at;
         next.velocity_m_s[node] = v;
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -132,6 +132,8 @@ fn found(station: Station, arguments: &Arguments) -> Result<Founded, Error> {
         scene: arguments.scene.as_deref().map(std::path::absolute).transpose()?,
         headless: true,
         workers: arguments.workers,
+        // As in the arms that it is compared with.
+        set: [("workers".to_string(), "always".to_string())].into(),
         ..Settings::default()
     };
     std::fs::write(founded.station.settings(), toml::to_string(&settings)?)?;

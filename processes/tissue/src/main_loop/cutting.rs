@@ -9,7 +9,7 @@ use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
 use hyst_messages::{CUT_LIMIT, Message};
-use hyst_tissue::Scratch;
+use hyst_tissue::BoundSurface;
 use std::sync::Arc;
 
 /// Up to so far from the pivot the tip is in the cervix, and what the jaws hold is drawn out with it, m.
@@ -96,7 +96,8 @@ impl MainLoop<'_> {
             self.life.say(&longer);
             self.most_substeps = substeps;
         }
-        self.scratch = Scratch::new(&world.model);
+        self.scratch.fit(&world.model);
+        self.surface = BoundSurface::new(&world.body.skin.bindings, world.model.tets());
         self.contacts = Contacts::new(&world);
         self.collision.take_world(&world);
         self.points_m.resize(world.points.len(), [0.0; 3]);

@@ -220,6 +220,24 @@ fn succeeds(successor: &mut MainLoop<'_>, tick: u64, before: &[u8], now: &[u64])
     assert!(!successor.accepts(&spoilt), "a bit of the body flipped at {tick}");
 }
 
+/// Its maker takes a state that he has just made without reading its body again, and not if a number of it is none.
+fn is_taken_by_its_maker(maker: &MainLoop<'_>, tick: u64, now: &[u64]) {
+    assert!(maker.accepts(bytemuck::cast_slice(now)) && maker.accepts_own(bytemuck::cast_slice(now)), "state {tick}");
+    let spoilt = |section: usize, word: u32| {
+        let mut spoilt = now.to_vec();
+        let bytes: &[u8] = bytemuck::cast_slice(now);
+        let part: &[u8] = Message::parse(bytes, Kind::TissueState).unwrap().section(section).unwrap();
+        let at = (part.as_ptr() as usize - bytes.as_ptr() as usize) / 4;
+        bytemuck::cast_slice_mut::<u64, u32>(&mut spoilt)[at] = word;
+        spoilt
+    };
+    for (section, word) in [(1, f32::NAN.to_bits()), (2, f32::INFINITY.to_bits()), (crate::state::BODY, 1)] {
+        let spoilt = spoilt(section, word);
+        let taken = [maker.accepts(bytemuck::cast_slice(&spoilt)), maker.accepts_own(bytemuck::cast_slice(&spoilt))];
+        assert_eq!(taken, [false; 2], "section {section} of state {tick} is spoilt");
+    }
+}
+
 #[test]
 fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
     let (station, pages) = founded("cut", "workers = 0");
@@ -242,6 +260,7 @@ fn who_finds_a_state_of_a_cut_goes_on_with_it_to_the_bit() {
         }
         // One that has seen nothing since some ticks ago.
         if tick % 7 == 0 {
+            is_taken_by_its_maker(&holder, tick, &now);
             succeeds(&mut successor, tick, before, &now);
         }
     }

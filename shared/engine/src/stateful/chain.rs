@@ -93,8 +93,8 @@ impl Chain {
         }
     }
 
-    /// Takes the newest state of all streams: the highest (epoch, tick) that `accepts` agrees to. Who sends what is not, a stamp that does
-    /// not rise or is ahead of its time, or again and again an epoch before the one in which he is the holder, is blamed.
+    /// Takes the newest state of all streams: the highest (epoch, tick) that `accepts` agrees to, which is told whether it is the own. Who sends what is
+    /// not, a stamp that does not rise or is ahead of its time, or again and again an epoch before the one in which he is the holder, is blamed.
     ///
     /// The state before is dropped here if its writer `lives`, as one of the same writer always is; the usher drops those of the dead, whose memory may
     /// be unmapped with them. It must not be asked for more: it is an ordinary thread that sleeps for 20 ms, a reader may hold four messages of a
@@ -105,7 +105,7 @@ impl Chain {
         kind: Kind,
         inbox: &mut Inbox,
         fence: Fence,
-        accepts: impl Fn(&[u8]) -> bool,
+        accepts: impl Fn(&[u8], bool) -> bool,
         blame: impl Fn(u32, Distrust),
         lives: impl Fn(u32) -> bool,
     ) -> Refused {
@@ -124,7 +124,7 @@ impl Chain {
             if header.is_shadow() {
                 // The guest's own is the judge's to read; the elders' is the line.
                 let grows = self.line.as_ref().is_some_and(|line| header.tick > line.tick);
-                if grows && header.incarnation != self.guest && accepts(held.bytes()) {
+                if grows && header.incarnation != self.guest && accepts(held.bytes(), other.is_none()) {
                     self.line = Some(Line { held, tick: header.tick, epoch: header.epoch, writer: header.incarnation });
                 }
                 continue;
@@ -147,7 +147,7 @@ impl Chain {
                 refused.stale += u64::from(header.epoch < self.key.0);
                 continue;
             }
-            if !accepts(held.bytes()) {
+            if !accepts(held.bytes(), other.is_none()) {
                 refused.invalid += 1;
                 blamed(Distrust::Invalid);
                 continue;
@@ -270,7 +270,7 @@ mod tests {
             for tick in 1..=ROUNDS {
                 let writer = (tick % 2) as usize;
                 send(&writers[writer], tick, 1, writer as u32 + 1);
-                chain.receive(KIND, inbox, fence(Tenure::default()), |_| true, |_, why| panic!("{why:?}"), |_| true);
+                chain.receive(KIND, inbox, fence(Tenure::default()), |_, _| true, |_, why| panic!("{why:?}"), |_| true);
                 assert_eq!(chain.key(), (1, tick));
             }
         });
@@ -286,7 +286,7 @@ mod tests {
                     let holder = Tenure { epoch: holds(tick), incarnation: 4 };
                     send(&writers[1], tick, told(tick), holder.incarnation);
                     let blame = |_, _| blamed.set([blamed.take(), vec![tick]].concat());
-                    chain.receive(KIND, inbox, fence(holder), |_| true, blame, |_| true);
+                    chain.receive(KIND, inbox, fence(holder), |_, _| true, blame, |_| true);
                 }
                 blamed.take()
             };
@@ -319,7 +319,7 @@ mod tests {
                     KIND,
                     inbox,
                     Fence { holder: Tenure { epoch: 1, incarnation: 2 }, is_ahead: &is_ahead },
-                    |_| true,
+                    |_, _| true,
                     blame,
                     |_| true,
                 );

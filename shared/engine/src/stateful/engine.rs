@@ -56,6 +56,11 @@ pub trait Stateful {
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure>;
     /// Whether a state of another incarnation can be gone on from.
     fn accepts(&self, state: &[u8]) -> bool;
+    /// The same for a state that this incarnation has made itself and has just sent: what a step copies into it as it knows it need not be looked at again.
+    /// What it computed is looked at, so that nobody goes on from a number that is none.
+    fn accepts_own(&self, state: &[u8]) -> bool {
+        self.accepts(state)
+    }
     /// In lock-step: whether everything that the step from the state of `tick` to `next_tick` reads is there, each of its exact tick. Asked
     /// again and again until it is, or the patience of [`crate::lockstep`] ends.
     fn is_supplied(&mut self, _tick: u64, _next_tick: u64) -> bool {

@@ -1,7 +1,7 @@
 //! Nodes and tets as the kernels read them: rows of 4 nodes, blocks of 16 tets.
 
 use super::rest::Rest;
-use crate::layout::{self, Block, LANES, RestBlock, Row};
+use crate::layout::{self, Block, Corners, LANES, RestBlock, Row, SHORT_NODES};
 use hyst_mesh::TetMesh;
 
 /// Rows of (v, v, v, 0) for each node, 0 for the spare ones.
@@ -14,22 +14,35 @@ pub(super) fn node_rows(nodes: usize, value: impl Fn(usize) -> f64) -> Vec<Row> 
 }
 
 /// The blocks of the tets in an order that is good for the kernels.
-pub(super) fn of_tets(mesh: &TetMesh, rest: &[Rest]) -> (Vec<Block>, Vec<RestBlock>) {
+pub(super) fn of_tets(mesh: &TetMesh, rest: &[Rest]) -> (Corners, Vec<Block>, Vec<RestBlock>) {
     let order = layout::pack(&mesh.tets, mesh.positions_m.len());
     let (orders, _) = order.as_chunks::<LANES>();
-    let blocks = orders.iter().map(|lanes| block_of(lanes, mesh, rest)).collect();
-    (blocks, orders.iter().map(|lanes| rest_block_of(lanes, rest)).collect())
+    let corners = match mesh.positions_m.len() < SHORT_NODES {
+        true => Corners::Short(corners_of(orders, mesh, |node| node as u16)),
+        false => Corners::Long(corners_of(orders, mesh, |node| node)),
+    };
+    let blocks = orders.iter().map(|lanes| block_of(lanes, rest)).collect();
+    (corners, blocks, orders.iter().map(|lanes| rest_block_of(lanes, rest)).collect())
 }
 
-fn block_of(lanes: &[u32; LANES], mesh: &TetMesh, rest: &[Rest]) -> Block {
-    let spare = mesh.positions_m.len() as u32;
-    let mut block =
-        Block { nodes: [[spare; LANES]; 4], metric: [Row::ZERO; 6], inv_volume: Row::ZERO, lambda: Row::ZERO, two_mu: Row::ZERO };
+fn corners_of<N: Copy>(orders: &[[u32; LANES]], mesh: &TetMesh, number: impl Fn(u32) -> N) -> Vec<[[N; LANES]; 4]> {
+    let spare = number(mesh.positions_m.len() as u32);
+    let of_block = |lanes: &[u32; LANES]| {
+        let mut corners = [[spare; LANES]; 4];
+        for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
+            for (corner, &node) in mesh.tets[tet as usize].iter().enumerate() {
+                corners[corner][lane] = number(node);
+            }
+        }
+        corners
+    };
+    orders.iter().map(of_block).collect()
+}
+
+fn block_of(lanes: &[u32; LANES], rest: &[Rest]) -> Block {
+    let mut block = Block { metric: [Row::ZERO; 6], inv_volume: Row::ZERO, lambda: Row::ZERO, two_mu: Row::ZERO };
     for (lane, &tet) in lanes.iter().enumerate().filter(|(_, tet)| **tet != u32::MAX) {
         let data = &rest[tet as usize].lane;
-        for (corner, &node) in mesh.tets[tet as usize].iter().enumerate() {
-            block.nodes[corner][lane] = node;
-        }
         block.metric.iter_mut().zip(data.metric).for_each(|(row, value)| row.0[lane] = value);
         block.inv_volume.0[lane] = data.inv_volume;
         block.lambda.0[lane] = data.lambda;

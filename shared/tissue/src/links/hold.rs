@@ -1,6 +1,6 @@
 //! What is held from outside of the model: jaws that have closed on tissue draw points of it to where they are, whichever side the points are on.
 
-use super::{ContactLaw, Grip, Push, are_weights, in_range, loads_of_point, point};
+use super::{ContactLaw, Push, Ready, are_weights, in_range, loads_of_point, point};
 use crate::step::EXTERNAL_FORCE_MAX_N;
 
 /// A point Σ wᵢ·xᵢ of the tissue that is held at a place outside of the model.
@@ -32,18 +32,21 @@ impl Hold {
     }
 }
 
-impl Grip<'_> {
-    /// What a usable hold does: a spring to its place, which draws with the law's greatest force at most, and a damper.
-    pub fn of_hold<const N: usize>(&self, law: &ContactLaw, hold: &Hold, position: &[[f32; N]], velocity: &[[f32; N]]) -> Push {
-        let (at, speed) = (point(&hold.weights, &hold.nodes, position), point(&hold.weights, &hold.nodes, velocity));
-        let loads = hold.loads();
-        let stiffness_n_m = hold.stiffness_n_m * self.softening(&loads);
-        let damping_n_s_m = (stiffness_n_m * law.damping_s).min(stiffness_n_m * self.most_damping_s(&loads));
-        let away_m = [0, 1, 2].map(|axis| hold.place_m[axis] - at[axis]);
-        let length_m = (away_m[0] * away_m[0] + away_m[1] * away_m[1] + away_m[2] * away_m[2]).sqrt();
-        let normal_n = (stiffness_n_m * length_m).min(law.most_n);
-        let per_m = if length_m > 0.0 { normal_n / length_m } else { 0.0 };
-        let force_n = [0, 1, 2].map(|axis| per_m * away_m[axis] - damping_n_s_m * (speed[axis] - hold.velocity_m_s[axis]));
-        if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
-    }
+/// What a usable hold does: a spring to its place, which draws with the law's greatest force at most, and a damper.
+pub(crate) fn of_hold<const N: usize>(
+    law: &ContactLaw,
+    hold: &Hold,
+    ready: &Ready,
+    position: &[[f32; N]],
+    velocity: &[[f32; N]],
+) -> Push {
+    let (at, speed) = (point(&hold.weights, &hold.nodes, position), point(&hold.weights, &hold.nodes, velocity));
+    let stiffness_n_m = ready.stiffness_n_m;
+    let damping_n_s_m = (stiffness_n_m * law.damping_s).min(ready.most_n_s_m);
+    let away_m = [0, 1, 2].map(|axis| hold.place_m[axis] - at[axis]);
+    let length_m = (away_m[0] * away_m[0] + away_m[1] * away_m[1] + away_m[2] * away_m[2]).sqrt();
+    let normal_n = (stiffness_n_m * length_m).min(law.most_n);
+    let per_m = if length_m > 0.0 { normal_n / length_m } else { 0.0 };
+    let force_n = [0, 1, 2].map(|axis| per_m * away_m[axis] - damping_n_s_m * (speed[axis] - hold.velocity_m_s[axis]));
+    if force_n.iter().all(|force| force.is_finite()) { Push { normal_n, stiffness_n_m, force_n } } else { Push::default() }
 }

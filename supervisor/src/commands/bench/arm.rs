@@ -131,7 +131,10 @@ impl Arm {
         let path: PathBuf = beside(binary)?;
         let mut command = Command::new(&path);
         match self.kind {
-            Kind::Processes => command.args(["--name", name, "run", "--headless", "--quiet"]).args(mesh),
+            // As many as the arm is named for work in each step: what they cost is to be seen.
+            Kind::Processes => {
+                command.args(["--name", name, "run", "--headless", "--quiet", "--set", "workers=always"]).args(mesh)
+            }
             Kind::Threads => {
                 command.args(["--station", name]).args(mesh.map(|mesh| [Path::new("--scene"), mesh]).into_iter().flatten())
             }
