@@ -26,6 +26,8 @@ pub struct StepReport {
     pub wild: u32,
     /// True if the flow was too fast for the sweeps allowed and was slowed in transport.
     pub slowed: bool,
+    /// Ports with an open valve and without a cell: what flows there widens or narrows the cavity and moves nothing.
+    pub blind_ports: u32,
     /// Sweeps of advection.
     pub sweeps: u32,
     /// Sweeps of the dye.

@@ -44,7 +44,7 @@ impl Solver {
                 },
             );
             (sum.a, sum.b) = (0.0, 0.0);
-            for source in plan.sources.iter().filter(|s| s.kk == kk) {
+            for source in plan.sources_of(kk) {
                 let change = plan.dye_dt_s * source.rate_per_s;
                 let cell = &mut out[source.at];
                 if change > 0.0 {

@@ -33,6 +33,7 @@ mod room;
 mod rows;
 mod sample;
 mod solver;
+mod sources;
 mod state;
 mod transport;
 mod walls;

@@ -16,6 +16,8 @@ pub(crate) struct Source {
     pub kk: usize,
     /// Offset in the plane.
     pub at: usize,
+    /// Its place among those of a layer.
+    pub order: u32,
     /// Volume per cell volume, 1/s.
     pub rate_per_s: f32,
     /// Velocity of the jet, m/s.
@@ -56,7 +58,10 @@ pub(crate) struct Plan {
     pub means: [f32; MAX_COMPONENTS],
     /// Component of each cell (only filled when there is more than one).
     pub labels: Vec<u8>,
+    /// By layer.
     pub sources: Vec<Source>,
+    /// Where those of each padded layer begin, and at last where they end.
+    pub layers: Vec<usize>,
     /// What wires do to the faces around them, in the first sweep of Diffuse.
     pub drags: Vec<Drag>,
     /// True in cells where medium leaves.
@@ -80,6 +85,19 @@ pub(crate) struct LayerSums {
 }
 
 impl Plan {
+    /// Orders the sources by layer, so that a layer finds its own.
+    pub fn order_sources(&mut self) {
+        self.sources.sort_unstable_by_key(|source| (source.kk, source.order));
+        let mut next = 0;
+        for (kk, from) in self.layers.iter_mut().enumerate() {
+            next += self.sources[next..].iter().take_while(|source| source.kk < kk).count();
+            *from = next;
+        }
+    }
+    /// The sources in padded layer `kk`.
+    pub fn sources_of(&self, kk: usize) -> &[Source] {
+        &self.sources[self.layers[kk]..self.layers[kk + 1]]
+    }
     /// Sum of a plane's inside by component.
     #[inline(always)]
     pub fn component_sums(&self, layout: &Layout, kk: usize, plane: &[f32], into: &mut [f64; MAX_COMPONENTS]) {

@@ -16,6 +16,7 @@ use crate::model::FlowModel;
 use crate::multigrid::Hierarchy;
 use crate::obstacles::Walls;
 use crate::plan::{LayerSums, Plan, Roles, Share};
+use crate::sources::most_cells;
 use crate::walls::Mirrors;
 use crate::wires::MAX_DRAGS;
 
@@ -94,9 +95,6 @@ pub struct Solver {
     pub(crate) sums: Vec<Mutex<Vec<LayerSums>>>,
 }
 
-/// Cells with sources or sinks at most: eight balls of six cells across.
-pub(crate) const MAX_SOURCE_CELLS: usize = 1_024;
-
 impl Solver {
     /// Fluid at rest in an empty grid (no solid cells, empty cavity), in `bands` groups of layers.
     ///
@@ -127,7 +125,8 @@ impl Solver {
             components: 1,
             means: Default::default(),
             labels: vec![0; cells],
-            sources: Vec::with_capacity(MAX_SOURCE_CELLS),
+            sources: Vec::with_capacity(most_cells(cells)),
+            layers: vec![0; n[2] + 3],
             drags: Vec::with_capacity(MAX_DRAGS),
             sinks: vec![false; cells],
             dye: 0,

@@ -20,7 +20,7 @@ pub mod stream;
 pub mod tolerance;
 
 pub use controls::Switch;
-pub use fluid::{FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES};
+pub use fluid::{FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};

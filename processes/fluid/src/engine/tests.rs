@@ -7,13 +7,13 @@ use super::*;
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
 use hyst_flow::{Alarms, PumpState, StepReport};
-use hyst_messages::{PUMP_ALARMS, Slot};
+use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS, Slot};
 use loans::written;
 
 const STEPS: u64 = 3;
 
 #[test]
-fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
+fn each_alarm_of_the_pump_and_each_flaw_has_the_bit_of_its_name() {
     type Place = fn(&mut Alarms) -> &mut bool;
     let set: [(Place, &str); 5] = [
         (|alarms| &mut alarms.pressure, "pressure"),
@@ -27,6 +27,20 @@ fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
         *alarm(&mut report.pump.alarms) = true;
         let bits = status_of(&report, &PumpState::default()).alarms;
         assert_eq!(PUMP_ALARMS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
+    }
+    type Flaw = fn(&mut StepReport);
+    let flaws: [(Flaw, &str); 5] = [
+        (|report| report.neutralised = 1, "input replaced"),
+        (|report| report.wild = 1, "wild speed"),
+        (|report| report.slowed = true, "slowed"),
+        (|report| report.unconverged = true, "not converged"),
+        (|report| report.blind_ports = 1, "port without cells"),
+    ];
+    for (flaw, name) in flaws {
+        let mut report = StepReport::default();
+        flaw(&mut report);
+        let bits = status_of(&report, &PumpState::default()).flaws;
+        assert_eq!(FLOW_FLAWS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
     }
     let pump = PumpState { in_ml: 7.0, out_ml: 4.0, cavity_ml: 5.0, bled_ml: 2.0, ..PumpState::default() };
     let status = status_of(&StepReport::default(), &pump);
