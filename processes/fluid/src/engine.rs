@@ -10,6 +10,7 @@ use crate::cavity::{Cavity, Tissue};
 use crate::coarse::halved;
 use crate::crew::Crew;
 use crate::gas;
+use crate::heard::Heard;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
 use crate::status::{Head, hash_of, is_of, status_of};
@@ -17,11 +18,11 @@ use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
+use hyst_exchange::{Held, Horizon, Subscriber, system};
 use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, PumpModel, Solver, StateView};
-use hyst_messages::page::{fluid, hardware, header, station};
+use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, StreamHeader};
+use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, SAMPLE_KEPT, StreamHeader};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
@@ -63,7 +64,9 @@ pub struct FlowEngine<'a> {
     holds: Option<(u32, u64, u32)>,
     sources: [TissueSource; TISSUES],
     state: Option<Held>,
-    hardware: Option<ReadPage>,
+    heard: Heard,
+    /// What it mended of walls and sample for the step, bits of [`hyst_messages::FLOW_FLAWS`].
+    flaws: u32,
     /// Of the tissue.
     horizon: Horizon,
     status: FluidStatus,
@@ -132,7 +135,8 @@ impl<'a> FlowEngine<'a> {
             holds: None,
             sources: Default::default(),
             state: None,
-            hardware: None,
+            heard: Heard::new(life.is_lockstep()),
+            flaws: 0,
             horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
@@ -201,8 +205,15 @@ impl<'a> FlowEngine<'a> {
         Ok(state.header().tick)
     }
 
-    fn inputs(&self, dt_s: f32) -> FlowInputs {
-        let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
+    fn inputs(&mut self, dt_s: f32) -> FlowInputs {
+        let sample = self.heard.look(system::now_ns());
+        let refused = self.heard.take_refused();
+        if refused > 0 {
+            self.life.page.add64(header::INVALID, refused);
+        }
+        if self.heard.is_kept() {
+            self.flaws |= SAMPLE_KEPT;
+        }
         let mut inputs =
             sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| self.instrument.inputs(&sample, dt_s));
         inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.instrument.electrode(), &sample));
@@ -306,16 +317,15 @@ impl Stateful for FlowEngine<'_> {
     fn is_supplied(&mut self, _tick: u64, next_tick: u64) -> bool {
         self.receive();
         let tissue_tick = self.life.clock.page().load64(station::TISSUE_TICK);
-        let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE));
         self.state.as_ref().is_some_and(|state| self.has_walls_of(state))
             && self.state.as_ref().and_then(key_of).is_some_and(|(_, tick)| tick >= tissue_tick)
-            && sample.is_some_and(|(_, sample)| sample.hardware_tick == next_tick)
+            && self.heard.newest_tick() == Some(next_tick)
     }
 
     fn is_connected(&mut self) -> bool {
         self.receive();
         let lives = |role: Role| self.life.clock.occupied(role).any(|(slot, _)| !self.life.clock.is_dead(slot));
-        (self.hardware.is_some() || !lives(Role::Hardware))
+        (self.heard.is_connected() || !lives(Role::Hardware))
             && (self.state.as_ref().is_some_and(|state| self.has_walls_of(state)) || !lives(Role::Tissue))
     }
 
@@ -327,11 +337,13 @@ impl Stateful for FlowEngine<'_> {
             self.crew.solver().load(message.section(1)?).map_err(broken)?;
         }
         self.holds = None; // until this step has ended
+        self.flaws = 0;
         let input_tick = self.update_walls(message.header().input_tick)?;
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
-        let status = self.told(context.step_ticks, status_of(&report, &pump));
+        let mut status = self.told(context.step_ticks, status_of(&report, &pump));
+        status.flaws |= self.flaws;
         let header = StreamHeader { input_tick, ..*message.header() };
         self.write(header, FluidStatus { state_tick: context.next_tick, ..status }, next)
     }
@@ -352,7 +364,7 @@ impl Stateful for FlowEngine<'_> {
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
         let index = arrival.slot.index();
         let before = match (arrival.slot.role(), arrival.port) {
-            (Role::Hardware, UsherPort::Page(page)) => self.hardware.replace(page).map(Departure::Page),
+            (Role::Hardware, UsherPort::Page(page)) => self.heard.replace(page).map(Departure::Page),
             (Role::Tissue, UsherPort::Stream(kind, stream)) => self.sources.get_mut(index).and_then(|source| {
                 let place = if kind == Kind::TissueState { &mut source.states } else { &mut source.topologies };
                 place.replace(stream).map(Departure::Stream)

@@ -107,6 +107,7 @@ impl Solver {
         let mut c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         let mut plan = self.plan.try_write().ok_or(FlowError::PhaseConflict)?;
         let (inputs, neutralised) = inputs.neutralised();
+        let neutralised = neutralised + u32::from(self.model.pump.is_asked_for_more(&inputs.pump));
         let dt_s = f64::from(inputs.dt_s);
         plan.inputs = inputs;
         let pressure_pa = self.model.pump.pressure_pa(c.pump.cavity_ml);

@@ -13,6 +13,8 @@ use crate::model::range;
 pub const PA_PER_MMHG: f64 = 133.322;
 /// The longest inner step, s: a tenth of the time in which the outflow empties a cavity of 5 ml.
 const INNER_STEP_S: f64 = 0.005;
+/// A set pressure so little above the range is its upper end, rounded, Pa.
+const ROUNDING_PA: f64 = 1.0;
 /// Bisections per inner step: 2⁻⁵⁰ of the bracket is beyond what f64 volumes show.
 const BISECTIONS: usize = 50;
 
@@ -230,9 +232,19 @@ impl PumpModel {
         parted(volume_ml) + slope * volume_ml
     }
 
+    /// The set pressure that the pump obeys, Pa: none above its range.
+    fn set_pa(&self, input: &PumpInput) -> f64 {
+        f64::from(input.set_pa).min(self.max_set_pa)
+    }
+
+    /// Whether it is asked for more than it obeys.
+    pub(crate) fn is_asked_for_more(&self, input: &PumpInput) -> bool {
+        f64::from(input.set_pa) - self.set_pa(input) > ROUNDING_PA
+    }
+
     fn flows(&self, input: &PumpInput, volume_ml: f64) -> Flows {
         let pressure_pa = self.pressure_pa(volume_ml);
-        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        let set_pa = self.set_pa(input);
         let limit_ml_s = (f64::from(input.flow_limit_ml_min) / 60.0).min(self.max_flow_ml_s);
         let wanted = limit_ml_s * ((set_pa - pressure_pa) / self.band_pa).clamp(0.0, 1.0);
         let tube = f64::from(input.inflow_valve) * self.inflow_ml_s_pa * (self.max_delivery_pa - pressure_pa).max(0.0);
@@ -286,7 +298,7 @@ impl PumpModel {
         lost_ml_s: f64,
         [before_pa, pressure_pa]: [f64; 2],
     ) -> Alarms {
-        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        let set_pa = self.set_pa(input);
         // At the higher pressure of the two, so that a pressure that falls does not make a hole of what went into veins.
         let highest_pa = before_pa.max(pressure_pa);
         let veins_ml_s = self.intravasation_ml_s_pa * (highest_pa - self.venous_pa).max(0.0);

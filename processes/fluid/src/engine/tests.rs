@@ -4,10 +4,13 @@
 mod loans;
 
 use super::*;
+use crate::afford::at_rest;
+use crate::heard::tests::stated;
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
 use hyst_flow::{Alarms, PumpState, StepReport};
-use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS, Slot};
+use hyst_messages::page::hardware;
+use hyst_messages::{FLOW_FLAWS, HardwareSample, PUMP_ALARMS, Slot};
 use loans::written;
 
 const STEPS: u64 = 3;
@@ -146,6 +149,28 @@ fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
         // Longer than any machine needs for the default scene, so that no dry step finds it.
         assert_eq!(chosen(4 * scene.fluid.period_ticks()), 4 * scene.fluid.period_ticks());
         assert_eq!(chosen(7), scene.fluid.period_ticks(), "what is no step of the scene is not taken");
+    });
+}
+
+#[test]
+fn a_sample_that_the_device_refuses_moves_neither_valves_nor_scope_and_is_counted_and_named() {
+    in_a_station("refused", |mut engine| {
+        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
+        let page = life.station.create_slot(slot, 3).unwrap();
+        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
+        page.write(hardware::STATEMENT, &stated());
+        let rest = at_rest(&load_scene(None).unwrap());
+        let sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest };
+        page.write(hardware::SAMPLE, &sample);
+        let good = engine.inputs(0.03);
+        assert!(good.pump.inflow_valve == 1.0 && good.tools[0].radius_m > 0.0, "{good:?}");
+        assert_eq!((life.page.load64(header::INVALID), engine.flaws), (0, 0));
+        let mut bad = HardwareSample { hardware_tick: 2, time_ns: sample.time_ns + 1_000_000, ..sample };
+        (bad.pose.position_m[0], bad.controls.set_pressure_pa) = (f32::NAN, 1e6);
+        page.write(hardware::SAMPLE, &bad);
+        assert_eq!(engine.inputs(0.03), good);
+        assert_eq!(engine.inputs(0.03), good, "and again");
+        assert_eq!((life.page.load64(header::INVALID), engine.flaws), (1, SAMPLE_KEPT));
     });
 }
 
