@@ -19,12 +19,15 @@ const STRIDE_CELLS: f32 = 0.5;
 /// Strides in one step at most: twice the cells that the sweeps of a step can carry the medium. What is faster stays behind.
 const MOST_STRIDES: usize = 4 * MAX_SWEEPS as usize;
 
+/// So many fully open vessels one source stands for at most: with sixteen of them a wound of some 160 cm².
+pub const MOST_OPENING: f32 = 64.0;
+
 /// An open vessel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BloodSource {
     /// Where it opens into the cavity, m, station frame.
     pub position_m: [f32; 3],
-    /// 0 shut to 1 fully open.
+    /// 0 shut to 1 fully open; of several vessels that have one place the sum of theirs, up to [`MOST_OPENING`].
     pub opening: f32,
 }
 
@@ -34,7 +37,7 @@ impl BloodSource {
         for x in &mut self.position_m {
             tame(x, -1e3, 1e3, 0.0, &mut count);
         }
-        tame(&mut self.opening, 0.0, 1.0, 0.0, &mut count);
+        tame(&mut self.opening, 0.0, MOST_OPENING, 0.0, &mut count);
         if count > 0 {
             self.opening = 0.0;
         }

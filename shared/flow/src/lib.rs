@@ -39,7 +39,7 @@ mod transport;
 mod walls;
 mod wires;
 
-pub use blood::{BloodSource, BloodState, Particle};
+pub use blood::{BloodSource, BloodState, MOST_OPENING, Particle};
 pub use bubbles::{BubbleModel, BubbleState, GasSource, MAX_BUBBLES};
 pub use coordinator::{MAX_SWEEPS, StepReport};
 pub use error::FlowError;

@@ -34,6 +34,23 @@ fn vessels_bleed_below_their_pressure_and_stay_dry_above() {
 }
 
 #[test]
+fn a_source_that_stands_for_many_vessels_bleeds_as_all_of_them() {
+    let bled = |openings: &[f32]| {
+        let solver = scene::cavity([16, 16, 10], 1);
+        let mut inputs = bleeding(0);
+        for (source, opening) in inputs.blood.iter_mut().zip(openings) {
+            *source = BloodSource { position_m: [0.012, 0.004, 0.002], opening: *opening };
+        }
+        let report = (0..3).map(|_| solver.step_serial(&inputs).unwrap()).last().unwrap();
+        assert_eq!(report.neutralised, 0);
+        solver.counters().unwrap().0.bled_ml
+    };
+    let (many, one) = (bled(&[1.0, 0.75, 0.75, 1.0, 0.5]), bled(&[4.0, 0.0]));
+    assert!(many > 0.1 && (one / many - 1.0).abs() < 1e-9, "{one} ml of one source, {many} ml of five");
+    assert!(bled(&[64.0, 0.0]) > 4.0 * one, "until the cavity is full of it");
+}
+
+#[test]
 fn first_drop_has_the_volume_that_flowed() {
     // An empty cavity is at 0 Pa: 1e-4 ml/(s·Pa) · 12 000 Pa · 1/60 s = 0.02 ml = 20 units of 1e-3 ml less a rounding:
     // 19 whole units in 16 drops (the bound per step), the rest waits.
