@@ -202,6 +202,7 @@ impl<'a> FlowEngine<'a> {
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
         self.wounds.locate(state.section(3)?);
+        self.holes.locate(state.section(3)?);
         Ok(state.header().tick)
     }
 
@@ -220,6 +221,7 @@ impl<'a> FlowEngine<'a> {
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
         inputs.pump.perforation = self.holes.size();
+        inputs.hole = self.holes.way();
         inputs
     }
 

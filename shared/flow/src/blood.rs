@@ -1,6 +1,6 @@
 //! Blood as massless particles in a ring of fixed capacity (against numerical dissipation, as in Zátonyi et al. 2005).
 //!
-//! Promise: emitted = in particles + dissolved + washed out + buried, in ml; the scatter is a function of the seed and of the
+//! Promise: emitted = in particles + dissolved + washed out + lost + buried, in ml; the scatter is a function of the seed and of the
 //! number of particles emitted so far, so that a spare emits the same ones.
 
 use crate::coordinator::MAX_SWEEPS;
@@ -9,6 +9,7 @@ use crate::field::Read;
 use crate::grid::{Grid, Layout};
 use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
 use crate::model::BloodModel;
+use crate::plan::{Exit, Plan};
 use crate::room::Room;
 use crate::solver::Solver;
 
@@ -69,6 +70,8 @@ pub struct BloodState {
     pub washed_ml: f64,
     /// Blood that a solid closed in and that no fluid cell beside it could take.
     pub buried_ml: f64,
+    /// Dye that left into vessels, and particles and dye that left through a hole or past the sheath.
+    pub lost_ml: f64,
     /// Bled but not yet a whole particle, per source.
     pub pending_ml: [f64; MAX_SOURCES],
 }
@@ -132,7 +135,7 @@ pub(crate) fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]
 }
 
 impl Solver {
-    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one in an outflow cell is marked washed (volume < 0).
+    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one in a cell with an exit is marked (volume < 0).
     pub(crate) fn particles_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
@@ -151,7 +154,7 @@ impl Solver {
             let mut left_s = plan.inputs.dt_s;
             for _ in 0..MOST_STRIDES {
                 let Some(cell) = room.open(p) else { break };
-                if plan.sinks[room.index(cell)] {
+                if plan.exits[room.index(cell)] != Exit::Shut {
                     particle.volume_ml = -particle.volume_ml;
                     break;
                 }
@@ -170,16 +173,17 @@ impl Solver {
         Ok(())
     }
 
-    /// After Particles: counts what was washed out, emits what bled, dissolves what the ring cannot hold, and writes the density.
-    pub(crate) fn settle_blood(&self, inputs: &FlowInputs, dye: usize, state: &mut BloodState) -> Result<(), FlowError> {
-        let capacity = self.model.blood.capacity;
+    /// After Particles: counts what has left, emits what bled, dissolves what the ring cannot hold, and writes the density.
+    pub(crate) fn settle_blood(&self, plan: &Plan, state: &mut BloodState) -> Result<(), FlowError> {
+        let (capacity, dye) = (self.model.blood.capacity, plan.dye);
         let fluid = self.fluid.read()?;
         for band in 0..self.bands {
             let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
             for particle in share.iter_mut().filter(|p| p.volume_ml != 0.0) {
-                let (at, kk, _) = cell_of(&self.model.grid, &self.layout, particle.position_m);
+                let (at, kk, cell) = cell_of(&self.model.grid, &self.layout, particle.position_m);
                 if particle.volume_ml < 0.0 {
-                    state.washed_ml -= f64::from(particle.volume_ml);
+                    let gone_ml = if plan.exits[cell] == Exit::Lost { &mut state.lost_ml } else { &mut state.washed_ml };
+                    *gone_ml -= f64::from(particle.volume_ml);
                 } else if fluid.layer(kk)[at] == 0.0 {
                     state.buried_ml += f64::from(particle.volume_ml);
                 } else {
@@ -188,7 +192,7 @@ impl Solver {
                 *particle = Particle::default();
             }
         }
-        for (n, source) in inputs.blood.iter().enumerate() {
+        for (n, source) in plan.inputs.blood.iter().enumerate() {
             let unit_ml = f64::from(self.model.blood.particle_ml);
             let whole = (state.pending_ml[n] / unit_ml).floor();
             let count = whole.min(EMITTED_PER_STEP as f64);

@@ -112,6 +112,7 @@ impl Solver {
         plan.inputs = inputs;
         let pressure_pa = self.model.pump.pressure_pa(c.pump.cavity_ml);
         let bled_ml = bleed(&self.model.blood, &inputs, pressure_pa, dt_s, &mut c.blood);
+        plan.bled_ml_s = if dt_s > 0.0 { bled_ml / dt_s } else { 0.0 };
         plan.pump = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
         let report = &c.report;
         c.report = StepReport { step: report.step, time_s: report.time_s, neutralised, pump: plan.pump, ..Default::default() };
@@ -204,12 +205,13 @@ impl Solver {
                 let cell_ml = self.model.grid.cell_volume_m3() * 1e6;
                 c.blood.washed_ml += total.a * cell_ml;
                 c.blood.entered_ml += total.b * cell_ml;
+                c.blood.lost_ml += total.c * cell_ml;
                 plan.dye = 1 - plan.dye;
                 c.dye_left -= 1;
                 if c.dye_left > 0 { Phase::Dye } else { Phase::Particles }
             }
             Phase::Particles => {
-                self.settle_blood(&plan.inputs, plan.dye, &mut c.blood)?;
+                self.settle_blood(plan, &mut c.blood)?;
                 self.settle_bubbles(c, plan)?;
                 c.report.step += 1;
                 c.report.time_s += f64::from(plan.inputs.dt_s);
@@ -272,6 +274,7 @@ impl Solver {
             for layer in self.sums(band)?.iter() {
                 total.a += layer.a;
                 total.b += layer.b;
+                total.c += layer.c;
                 total.count = total.count.saturating_add(layer.count);
                 total.top = total.top.max(layer.top);
                 for (t, l) in total.by_component.iter_mut().zip(&layer.by_component) {

@@ -44,7 +44,7 @@ pub use bubbles::{BubbleModel, BubbleState, GasSource, MAX_BUBBLES};
 pub use coordinator::{MAX_SWEEPS, StepReport};
 pub use error::FlowError;
 pub use grid::{Grid, MAX_AXIS, MAX_BANDS, MAX_CELLS};
-pub use inputs::{Capsule, FlowInputs, MAX_PORTS, MAX_SOURCES, MAX_SPEED_M_S, MAX_STEP_S, MAX_TOOLS, MAX_WIRES, Port};
+pub use inputs::{Capsule, FlowInputs, MAX_PORTS, MAX_SOURCES, MAX_SPEED_M_S, MAX_STEP_S, MAX_TOOLS, MAX_WIRES, Port, Way};
 pub use model::{BloodModel, FlowModel, Medium, Wall};
 pub use pump::{Alarms, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
 pub use solver::{Phase, Solver};

@@ -25,6 +25,20 @@ pub(crate) struct Source {
     pub has_jet: bool,
     /// Dye fraction of what enters.
     pub dye: f32,
+    /// What leaves here does not come back through an outflow.
+    pub is_lost: bool,
+}
+
+/// What becomes of a drop or of a parcel of gas in a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Exit {
+    /// It floats on.
+    #[default]
+    Shut,
+    /// It leaves through an outflow.
+    Outflow,
+    /// It leaves through a hole or past the sheath.
+    Lost,
 }
 
 /// Which velocity buffers play which part; a sweep never writes what it reads.
@@ -64,14 +78,16 @@ pub(crate) struct Plan {
     pub layers: Vec<usize>,
     /// What wires do to the faces around them, in the first sweep of Diffuse.
     pub drags: Vec<Drag>,
-    /// True in cells where medium leaves.
-    pub sinks: Vec<bool>,
+    /// Of each cell.
+    pub exits: Vec<Exit>,
     /// Index of the dye field that is read; the other one is written.
     pub dye: usize,
     /// dt/(dye sweeps), s.
     pub dye_dt_s: f32,
     pub particle_sweeps: usize,
     pub pump: PumpReport,
+    /// Blood that comes out of the vessels, ml/s.
+    pub bled_ml_s: f64,
 }
 
 /// Partial results of one layer; the coordinator adds them in the order of the layers, whoever computed them.
@@ -79,6 +95,7 @@ pub(crate) struct Plan {
 pub(crate) struct LayerSums {
     pub a: f64,
     pub b: f64,
+    pub c: f64,
     pub top: f32,
     pub count: u32,
     pub by_component: [f64; MAX_COMPONENTS],

@@ -60,6 +60,29 @@ pub(crate) fn reach_m(
     Some(reach_m)
 }
 
+/// The middle of the open cell that is nearest to a place.
+pub(crate) fn nearest_m(
+    grid: &Grid,
+    layout: &Layout,
+    place_m: [f32; 3],
+    is_open: impl Fn(usize, usize) -> bool,
+) -> Option<[f32; 3]> {
+    let [nx, ny, nz] = layout.n;
+    let mut nearest: Option<(f32, [f32; 3])> = None;
+    for k in 0..nz {
+        for j in 0..ny {
+            for i in (0..nx).filter(|i| is_open(k + 1, layout.row(j) + i)) {
+                let c = grid.centre_m([i, j, k]);
+                let distance2: f32 = (0..3).map(|a| (c[a] - place_m[a]).powi(2)).sum();
+                if nearest.is_none_or(|(least, _)| distance2 < least) {
+                    nearest = Some((distance2, c));
+                }
+            }
+        }
+    }
+    nearest.map(|(_, c)| c)
+}
+
 /// Velocity of the jet of an inflow with a direction: its flow through the port's cross-section, m/s.
 pub(crate) fn jet_m_s(grid: &Grid, port: &Port, flow_m3_s: f64) -> Option<[f32; 3]> {
     let length = port.direction.iter().map(|d| d * d).sum::<f32>().sqrt();

@@ -15,7 +15,7 @@ use crate::inputs::FlowInputs;
 use crate::model::FlowModel;
 use crate::multigrid::Hierarchy;
 use crate::obstacles::Walls;
-use crate::plan::{LayerSums, Plan, Roles, Share};
+use crate::plan::{Exit, LayerSums, Plan, Roles, Share};
 use crate::sources::most_cells;
 use crate::walls::Mirrors;
 use crate::wires::MAX_DRAGS;
@@ -128,11 +128,12 @@ impl Solver {
             sources: Vec::with_capacity(most_cells(cells)),
             layers: vec![0; n[2] + 3],
             drags: Vec::with_capacity(MAX_DRAGS),
-            sinks: vec![false; cells],
+            exits: vec![Exit::Shut; cells],
             dye: 0,
             dye_dt_s: 0.0,
             particle_sweeps: 1,
             pump: Default::default(),
+            bled_ml_s: 0.0,
         };
         let solver = Self {
             bands,
