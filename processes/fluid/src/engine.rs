@@ -22,7 +22,7 @@ use hyst_exchange::{Held, Horizon, Subscriber, system};
 use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, SAMPLE_KEPT, StreamHeader};
+use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, SAMPLE_KEPT, StreamHeader, WALLS_KEPT};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
@@ -176,10 +176,13 @@ impl<'a> FlowEngine<'a> {
         state.is_ok_and(|state| topology_of(&self.sources, &state).is_some())
     }
 
-    /// Makes the walls from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is. Walls move if
-    /// the state is a newer one than that of the step before, `last_tick`.
-    fn update_walls(&mut self, last_tick: u64) -> Result<u64, Failure> {
+    /// Makes the walls from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is, at rest. Walls
+    /// move if the state is a newer one than that of the step before, `last_tick`, of which the fluid's mask was `before`.
+    fn update_walls(&mut self, last_tick: u64, before: &[u8]) -> Result<u64, Failure> {
+        let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         self.receive();
+        // Who has kept his own fields forgets how the walls went, as who has loaded them knows nothing of it.
+        self.crew.solver().set_mask(before).map_err(broken)?;
         let Some(state) = &self.state else { return Ok(0) };
         let state = Message::parse(state.bytes(), Kind::TissueState)?;
         let Some(topology) = topology_of(&self.sources, &state) else { return Ok(0) };
@@ -188,15 +191,17 @@ impl<'a> FlowEngine<'a> {
         let tissue = Tissue { positions_m: state.section(1)?, velocities_m_s, tets: topology.section(1)? };
         self.pieces.set_objects(topology.section(0)?);
         let is_wall = |tet: usize| !owner.get(tet).is_some_and(|object| self.pieces.is_free(*object));
+        self.cavity.go_on_from(before);
         if self.cavity.update(&tissue, is_wall, self.seed_m) {
-            let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
-            set.map_err(|error| Failure::Broken(error.to_string()))?;
+            self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s()).map_err(broken)?;
             if !self.has_said_open && self.cavity.is_open() {
                 self.has_said_open = true;
                 self.life.say(
                     "the tissue does not close the cavity: medium reaches the side of the fluid's box, which is a wall to it",
                 );
             }
+        } else {
+            self.flaws |= WALLS_KEPT;
         }
         self.pieces.locate(&self.cavity, &tissue, owner);
         self.wounds.take(&topology)?;
@@ -340,7 +345,8 @@ impl Stateful for FlowEngine<'_> {
         }
         self.holds = None; // until this step has ended
         self.flaws = 0;
-        let input_tick = self.update_walls(message.header().input_tick)?;
+        let before = StateView::framed(message.section(1)?).map_err(broken)?;
+        let input_tick = self.update_walls(message.header().input_tick, before.mask())?;
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
