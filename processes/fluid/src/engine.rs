@@ -22,7 +22,8 @@ use hyst_exchange::{Held, Horizon, Subscriber, system};
 use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, PumpModel, Solver, StateView};
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
-use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, SAMPLE_KEPT, StreamHeader, WALLS_KEPT};
+use hyst_messages::{FluidStatus, Kind, Message, MessageMut, Role, SAMPLE_KEPT, StreamHeader};
+use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
@@ -193,7 +194,8 @@ impl<'a> FlowEngine<'a> {
         let is_wall = |tet: usize| !owner.get(tet).is_some_and(|object| self.pieces.is_free(*object));
         self.cavity.go_on_from(before);
         if self.cavity.update(&tissue, is_wall, self.seed_m) {
-            self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s()).map_err(broken)?;
+            let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
+            self.flaws |= flaws_of(set.map_err(broken)?, self.cavity.is_open());
             if !self.has_said_open && self.cavity.is_open() {
                 self.has_said_open = true;
                 self.life.say(
@@ -253,6 +255,11 @@ impl<'a> FlowEngine<'a> {
         self.status = status;
         Ok(())
     }
+}
+
+/// The flaws of walls of which so many numbers were replaced.
+fn flaws_of(replaced: u32, is_open: bool) -> u32 {
+    (if replaced > 0 { WALLS_REPLACED } else { 0 }) | (if is_open { WALLS_OPEN } else { 0 })
 }
 
 /// The topology that a state of the tissue is of, from whichever tissue has sent it.

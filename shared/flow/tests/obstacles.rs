@@ -150,7 +150,7 @@ fn walls_that_push_and_draw_carry_the_medium_between_them() {
                 pushes[duct.index(at)] = duct.own([0.02, 0.0, 0.0]);
             }
         }
-        solver.set_walls(&solid, &pushes).unwrap();
+        assert_eq!(solver.set_walls(&solid, &pushes).unwrap(), 0, "what is said of cells of medium counts for nothing");
         let inputs = FlowInputs { dt_s: 1e-2, ..Default::default() };
         for _ in 0..5 {
             let report = solver.step_serial(&inputs).unwrap();
@@ -232,11 +232,15 @@ fn a_wire_outside_of_the_grid_or_at_the_mediums_own_speed_drags_nothing() {
 }
 
 #[test]
-fn walls_of_another_number_of_cells_are_refused() {
+fn walls_of_another_number_of_cells_are_refused_and_what_is_no_speed_of_a_wall_is_counted() {
     let solver = Solver::new(FlowModel::new(Grid::new([4, 4, 4], [1e-3; 3], [0.0; 3]).unwrap()), 1).unwrap();
     assert!(solver.set_walls(&[0; 64], &[[0.0; 3]; 63]).is_err());
     assert!(solver.set_walls(&[0; 63], &[[0.0; 3]; 64]).is_err());
-    solver.set_walls(&[1; 64], &[[f32::INFINITY; 3]; 64]).unwrap();
+    let mut wild = [[0.5, -1.0, 1.0]; 64];
+    assert_eq!(solver.set_walls(&[1; 64], &wild).unwrap(), 0, "as fast as walls may be");
+    (wild[0][1], wild[5][0], wild[63][2], wild[63][0]) = (f32::NAN, 1.1, f32::NEG_INFINITY, -3.0);
+    assert_eq!(solver.set_walls(&[1; 64], &wild).unwrap(), 4);
+    assert_eq!(solver.set_walls(&[1; 64], &[[f32::INFINITY; 3]; 64]).unwrap(), 192);
     let report = solver.step_serial(&FlowInputs { dt_s: 0.01, ..Default::default() }).unwrap();
     assert!(report.wild == 0, "{report:?}");
 }

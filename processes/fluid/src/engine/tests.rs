@@ -45,6 +45,16 @@ fn each_alarm_of_the_pump_and_each_flaw_has_the_bit_of_its_name() {
         let bits = status_of(&report, &PumpState::default()).flaws;
         assert_eq!(FLOW_FLAWS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
     }
+    let of_engine = [
+        (flaws_of(1, false), "input replaced"),
+        (flaws_of(0, true), "walls open"),
+        (WALLS_KEPT, "walls kept"),
+        (SAMPLE_KEPT, "sample kept"),
+    ];
+    for (bits, name) in of_engine {
+        assert_eq!(FLOW_FLAWS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
+    }
+    assert_eq!((flaws_of(0, false), flaws_of(7, true)), (0, WALLS_REPLACED | WALLS_OPEN));
     let pump = PumpState { in_ml: 7.0, out_ml: 4.0, cavity_ml: 5.0, bled_ml: 2.0, ..PumpState::default() };
     let status = status_of(&StepReport::default(), &pump);
     assert_eq!((status.alarms, status.deficit_ml, status.cavity_volume_ml, status.bled_ml), (0, 3.0, 5.0, 2.0));
