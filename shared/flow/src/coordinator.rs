@@ -54,6 +54,8 @@ pub(crate) struct Coordinator {
     pub built: bool,
     /// Solid cells have come or gone, and the pressure's operator is to be made anew.
     pub is_changed: bool,
+    /// Faces in solids show what is mirrored in them.
+    pub is_held: bool,
     pub pump: PumpState,
     pub blood: BloodState,
     pub gas: BubbleState,
@@ -79,6 +81,7 @@ impl Coordinator {
             running: false,
             built: false,
             is_changed: false,
+            is_held: false,
             pump: PumpState::default(),
             blood: BloodState::default(),
             gas: BubbleState::default(),
@@ -190,8 +193,9 @@ impl Solver {
         };
         Ok(Some(match last {
             Phase::Mask => self.after_mask(c, plan)?,
-            Phase::Mirror if std::mem::take(&mut c.is_changed) => Phase::Operator,
-            Phase::Mirror => Phase::Diffuse,
+            Phase::Mirror if !std::mem::replace(&mut c.is_held, true) => Phase::Hold,
+            Phase::Mirror | Phase::Hold if std::mem::take(&mut c.is_changed) => Phase::Operator,
+            Phase::Mirror | Phase::Hold => Phase::Diffuse,
             Phase::Operator => coarsen(1),
             Phase::Coarsen(l) => Phase::CoarsenDiagonal(l),
             Phase::CoarsenDiagonal(l) => coarsen(l + 1),
@@ -213,6 +217,9 @@ impl Solver {
             Phase::Particles => {
                 self.settle_blood(plan, &mut c.blood)?;
                 self.settle_bubbles(c, plan)?;
+                Phase::Rest
+            }
+            Phase::Rest => {
                 c.report.step += 1;
                 c.report.time_s += f64::from(plan.inputs.dt_s);
                 return Ok(None);

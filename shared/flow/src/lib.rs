@@ -18,6 +18,7 @@ mod dye;
 mod error;
 mod field;
 mod grid;
+mod hold;
 mod initial;
 mod inputs;
 mod kernels;

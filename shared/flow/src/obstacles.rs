@@ -1,7 +1,8 @@
 //! Solid cells and how fast they move: the case's walls, and the tools as capsules; and what velocity shows inside of them.
 //!
 //! A face between a solid cell and another carries the solid's velocity. One between two solid cells, beside the fluid, carries the mirrored velocity, so that
-//! half way between them, on the wall, the medium moves with it (no slip); the ghosts of the grid's own walls do the same ([`crate::walls`]).
+//! half way between them, on the wall, the medium moves with it (no slip); the ghosts of the grid's own walls do the same ([`crate::walls`]). Between two steps
+//! it carries the solid's, so that what the solid leaves starts from there and not from what was mirrored ([`crate::hold`]).
 
 use crate::error::FlowError;
 use crate::field::{Read, Write};

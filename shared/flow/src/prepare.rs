@@ -35,6 +35,7 @@ impl Solver {
         let now = plan.roles.now;
         plan.roles = Roles { now, next: (now + 1) % 4, ..Default::default() };
         c.is_changed = changed;
+        c.is_held = false;
         c.report.wires_n = self.place_wires(plan)?;
         Ok(Phase::Mirror)
     }

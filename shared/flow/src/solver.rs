@@ -28,6 +28,8 @@ pub enum Phase {
     Mask,
     /// What the faces in and on solids show, so that the medium sticks to them.
     Mirror,
+    /// They show it.
+    Hold,
     /// Pressure operator of the grid.
     Operator,
     /// Pressure operator of a coarser level.
@@ -66,6 +68,8 @@ pub enum Phase {
     Dye,
     /// Blood particles.
     Particles,
+    /// The faces in and on solids show the solid's own velocity again.
+    Rest,
 }
 
 /// The Flow Engine's mathematics: model and state of one grid.
@@ -192,6 +196,7 @@ impl Solver {
         match phase {
             Phase::Mask => self.mask_band(band),
             Phase::Mirror => self.mirror_band(band),
+            Phase::Hold => self.hold_band(band),
             Phase::Operator => self.operator_band(band),
             Phase::Coarsen(l) => self.coarsen_band(l.into(), band),
             Phase::CoarsenDiagonal(l) => self.coarsen_diagonal_band(l.into(), band),
@@ -211,6 +216,7 @@ impl Solver {
             Phase::Centre => self.centre_band(band),
             Phase::Dye => self.dye_band(band),
             Phase::Particles => self.particles_band(band),
+            Phase::Rest => self.rest_band(band),
         }
     }
 

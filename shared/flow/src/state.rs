@@ -173,7 +173,8 @@ impl<'a> StateView<'a> {
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
-    /// Velocity along x, y or z (0, 1, 2) on the low face of each cell, m/s. The high face of the last cell is on the wall: 0.
+    /// Velocity along x, y or z (0, 1, 2) on the low face of each cell, m/s; where a solid touches it, the solid's. The high face of the last cell is on the
+    /// wall: 0.
     pub fn velocity_m_s(&self, axis: usize) -> &'a [f32] {
         self.field(axis.min(2))
     }
