@@ -10,6 +10,7 @@ use crate::grid::{Grid, Layout};
 use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
 use crate::model::BloodModel;
 use crate::plan::{Exit, Plan};
+use crate::pump::PumpModel;
 use crate::room::Room;
 use crate::solver::Solver;
 
@@ -76,12 +77,24 @@ pub struct BloodState {
     pub pending_ml: [f64; MAX_SOURCES],
 }
 
-/// Blood that flows from all sources during `dt_s` at a cavity pressure, ml; adds it to what waits to become particles.
-pub(crate) fn bleed(model: &BloodModel, inputs: &FlowInputs, pressure_pa: f64, dt_s: f64, state: &mut BloodState) -> f64 {
-    let drive_pa = (model.vessel_pa - pressure_pa).max(0.0);
+/// Blood that flows from all sources during `dt_s` into a cavity of a volume, ml; adds it to what waits to become particles. However wide a wound, it brings the
+/// pressure up to that of the vessels and no further.
+pub(crate) fn bleed(
+    model: &BloodModel,
+    pump: &PumpModel,
+    inputs: &FlowInputs,
+    cavity_ml: f64,
+    dt_s: f64,
+    state: &mut BloodState,
+) -> f64 {
+    let drive_pa = (model.vessel_pa - pump.pressure_pa(cavity_ml)).max(0.0);
+    let of = |source: &BloodSource| f64::from(source.opening) * model.conductance_ml_s_pa * drive_pa * dt_s;
+    let wanted: f64 = inputs.blood.iter().map(of).sum();
+    let room_ml = if wanted > 0.0 { pump.room_ml(cavity_ml, model.vessel_pa) } else { 0.0 };
+    let share = if wanted > room_ml { room_ml / wanted } else { 1.0 };
     let mut total = 0.0;
     for (source, pending) in inputs.blood.iter().zip(&mut state.pending_ml) {
-        let volume = f64::from(source.opening) * model.conductance_ml_s_pa * drive_pa * dt_s;
+        let volume = share * of(source);
         *pending += volume;
         total += volume;
     }

@@ -113,8 +113,7 @@ impl Solver {
         let neutralised = neutralised + u32::from(self.model.pump.is_asked_for_more(&inputs.pump));
         let dt_s = f64::from(inputs.dt_s);
         plan.inputs = inputs;
-        let pressure_pa = self.model.pump.pressure_pa(c.pump.cavity_ml);
-        let bled_ml = bleed(&self.model.blood, &inputs, pressure_pa, dt_s, &mut c.blood);
+        let bled_ml = bleed(&self.model.blood, &self.model.pump, &inputs, c.pump.cavity_ml, dt_s, &mut c.blood);
         plan.bled_ml_s = if dt_s > 0.0 { bled_ml / dt_s } else { 0.0 };
         plan.pump = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
         let report = &c.report;

@@ -32,9 +32,10 @@ impl Solver {
                     let (k_back, back) = step(component, kk, o, layout.stride, false);
                     let before = &fluid.layer(k_back)[back..back + range.len()];
                     // As in phase Mirror: where all is fluid nothing is held, and the grid's own side is at rest.
-                    if !rows::are_fluid(&fluid.layer(kk)[range.clone()]) || component != 0 && !rows::are_fluid(before) {
-                        hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[range]);
+                    if rows::are_fluid(&fluid.layer(kk)[range.clone()]) && (component == 0 || rows::are_fluid(before)) {
+                        continue;
                     }
+                    hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[range]);
                 }
                 self.mirrors.plane(layout, component, plane);
             }

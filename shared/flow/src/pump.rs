@@ -227,9 +227,30 @@ impl PumpModel {
     /// Pressure at a volume, Pa: up to the parting pressure the walls lie on each other and a little medium raises the pressure
     /// much; from there it grows with the volume, to 150 mmHg at the model's volume. Strictly increasing.
     pub fn pressure_pa(&self, volume_ml: f64) -> f64 {
-        let parted = |v: f64| self.parting_pa * (1.0 - (-v / self.parting_ml).exp());
-        let slope = (150.0 * PA_PER_MMHG - parted(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml;
-        parted(volume_ml) + slope * volume_ml
+        self.parted_pa(volume_ml) + self.slope_pa_ml() * volume_ml
+    }
+
+    fn parted_pa(&self, volume_ml: f64) -> f64 {
+        self.parting_pa * (1.0 - (-volume_ml / self.parting_ml).exp())
+    }
+
+    /// By how much the pressure grows with the volume at least.
+    fn slope_pa_ml(&self) -> f64 {
+        (150.0 * PA_PER_MMHG - self.parted_pa(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml
+    }
+
+    /// What a cavity of a volume takes until its pressure is so high, ml: 0 above that.
+    pub(crate) fn room_ml(&self, volume_ml: f64, pressure_pa: f64) -> f64 {
+        let (mut low, mut high) = (0.0, (pressure_pa - self.pressure_pa(volume_ml)).max(0.0) / self.slope_pa_ml());
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if self.pressure_pa(volume_ml + middle) < pressure_pa {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
     }
 
     /// The set pressure that the pump obeys, Pa: none above its range.

@@ -52,6 +52,17 @@ fn a_source_that_stands_for_many_vessels_bleeds_as_all_of_them() {
 }
 
 #[test]
+fn however_wide_a_wound_it_fills_the_cavity_to_the_pressure_of_its_vessels_and_no_further() {
+    let solver = scene::cavity([8, 8, 6], 1);
+    let mut inputs = FlowInputs { dt_s: 0.033, ..Default::default() };
+    inputs.blood = [BloodSource { position_m: [0.0; 3], opening: 64.0 }; 16];
+    for step in 0..30 {
+        let pressure_pa = solver.step_serial(&inputs).unwrap().pump.pressure_pa;
+        assert!(pressure_pa > 11_990.0 && pressure_pa < 12_000.1, "step {step}: {pressure_pa} Pa");
+    }
+}
+
+#[test]
 fn first_drop_has_the_volume_that_flowed() {
     // An empty cavity is at 0 Pa: 1e-4 ml/(s·Pa) · 12 000 Pa · 1/60 s = 0.02 ml = 20 units of 1e-3 ml less a rounding:
     // 19 whole units in 16 drops (the bound per step), the rest waits.
