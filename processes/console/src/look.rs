@@ -128,7 +128,7 @@ pub struct Pump {
 impl Pump {
     /// From what fluid and hardware say; `None` if it makes no sense.
     pub fn new(status: &FluidStatus, sample: Option<&HardwareSample>) -> Option<Pump> {
-        let set_pa = sample.map(|sample| f64::from(sample.controls.set_pressure_pa)).filter(|set_pa| set_pa.is_finite());
+        let set_pa = sample.map(|sample| f64::from(sample.controls.obeyed_pressure_pa())).filter(|set_pa| set_pa.is_finite());
         let pump = Pump {
             pressure_mmhg: f64::from(status.pressure_pa) / MMHG_PA,
             set_mmhg: set_pa.map(|set_pa| set_pa / MMHG_PA),

@@ -57,6 +57,8 @@ impl Tissue<'_> {
 pub struct Cavity {
     grid: Grid,
     mask: Vec<u8>,
+    /// Of the state that is gone on from.
+    before: Vec<u8>,
     velocities_m_s: Vec<[f32; 3]>,
     /// Places of cells: to take an index apart would be most of the work.
     queue: Vec<[u16; 3]>,
@@ -67,8 +69,15 @@ impl Cavity {
     /// For a grid; everything is fluid until the tissue is known.
     pub fn new(grid: Grid) -> Cavity {
         let cells = grid.cell_count();
-        let (mask, velocities_m_s) = (vec![FLUID; cells], vec![[0.0; 3]; cells]);
-        Cavity { mask, velocities_m_s, queue: Vec::with_capacity(cells), is_open: true, grid }
+        let (mask, before, velocities_m_s) = (vec![FLUID; cells], vec![FLUID; cells], vec![[0.0; 3]; cells]);
+        Cavity { mask, before, velocities_m_s, queue: Vec::with_capacity(cells), is_open: true, grid }
+    }
+
+    /// Takes the mask of the state that is gone on from, whoever made it: what was fluid there is the cavity.
+    pub fn go_on_from(&mut self, mask: &[u8]) {
+        if mask.len() == self.before.len() {
+            self.before.copy_from_slice(mask);
+        }
     }
 
     /// The mask, x fastest: nonzero is solid.
@@ -92,7 +101,8 @@ impl Cavity {
     }
 
     /// Cells whose centre lies in a tet that is a wall are solid; so are those that cannot be reached from the seed (outside of the organ). If the seed
-    /// itself lies in tissue, the nearest free cell serves; without any the mask stays as it was, and false is returned.
+    /// itself lies in tissue, or where no cavity was before, the nearest free cell that was fluid before serves; without any the mask stays as it was before,
+    /// at rest, and false is returned.
     pub fn update(&mut self, tissue: &Tissue<'_>, is_wall: impl Fn(usize) -> bool, seed_m: [f32; 3]) -> bool {
         let (mut solid, mut velocities_m_s) = (std::mem::take(&mut self.mask), std::mem::take(&mut self.velocities_m_s));
         solid.fill(FLUID);
@@ -108,6 +118,10 @@ impl Cavity {
             });
         }
         let found = self.flood(&mut solid, seed_m);
+        if !found {
+            solid.copy_from_slice(&self.before);
+            velocities_m_s.fill([0.0; 3]);
+        }
         (self.mask, self.velocities_m_s) = (solid, velocities_m_s);
         found
     }
@@ -158,11 +172,14 @@ impl Cavity {
         }
     }
 
-    /// The free cell that is nearest to a place: mostly the one that it lies in.
+    /// The free cell that is nearest to a place: mostly the one that it lies in. Of those that were fluid before, if any was: a place that tissue has covered
+    /// may be nearer to the outside of the organ than to what is left of its cavity.
     fn nearest_free(&self, solid: &[u8], place_m: [f32; 3]) -> Option<usize> {
-        let own = self.cell_at(Vec3::from(place_m)).filter(|at| solid[*at] == FLUID);
+        let is_known = self.before.contains(&FLUID);
+        let is_free = |at: &usize| solid[*at] == FLUID && (!is_known || self.before[*at] == FLUID);
+        let own = self.cell_at(Vec3::from(place_m)).filter(is_free);
         let distance = |at: usize| Vec3::from(self.grid.centre_m(self.place(at))).distance_squared(Vec3::from(place_m));
-        let free = || (0..solid.len()).filter(|at| solid[*at] == FLUID);
+        let free = || (0..solid.len()).filter(is_free);
         own.or_else(|| free().min_by(|a, b| distance(*a).total_cmp(&distance(*b))))
     }
 
@@ -236,6 +253,35 @@ mod tests {
         }
         assert!(cavity.velocities_m_s().iter().all(|velocity| *velocity == [0.0; 3]));
         assert!(cavity.is_open(), "the box closes what the slab does not");
+    }
+
+    #[test]
+    fn where_tissue_covers_the_seed_the_cavity_stays_what_was_fluid_and_is_never_what_was_outside() {
+        let grid = Grid::new([8, 8, 8], [1.0; 3], [0.0; 3]).unwrap();
+        let mut cavity = Cavity::new(grid);
+        let seed_m = [2.9, 4.0, 4.0];
+        let by = |x_m: f32| SLAB_M.map(|[x, y, z]| [x + x_m, y, z]);
+        let fluid = |cavity: &Cavity| (0..8).filter(|x| cavity.mask()[4 * 64 + 4 * 8 + x] == FLUID).collect::<Vec<usize>>();
+        assert!(cavity.update(&still(&SLAB_M, &SLAB), |_| true, seed_m));
+        assert_eq!(fluid(&cavity), [0, 1, 2]);
+        // The slab comes over the seed: the cells behind it are nearer to that, and were outside.
+        let mask = cavity.mask().to_vec();
+        cavity.go_on_from(&mask);
+        assert!(cavity.update(&still(&by(-2.2), &SLAB), |_| true, seed_m));
+        assert_eq!(fluid(&cavity), [0]);
+        // Over all that was left: that stays as it was.
+        let mask = cavity.mask().to_vec();
+        cavity.go_on_from(&mask);
+        let velocities_m_s = [[0.1; 3]; 6];
+        assert!(!cavity.update(&Tissue { velocities_m_s: &velocities_m_s, ..still(&by(-3.2), &SLAB) }, |_| true, seed_m));
+        assert!(cavity.mask() == mask && cavity.velocities_m_s().iter().all(|velocity| *velocity == [0.0; 3]));
+        // And off again, whoever goes on.
+        let mut other = Cavity::new(grid);
+        other.go_on_from(&mask);
+        assert!(other.update(&still(&SLAB_M, &SLAB), |_| true, seed_m));
+        assert_eq!(fluid(&other), [0, 1, 2]);
+        // Who knows of no cavity takes what is nearest.
+        assert!(Cavity::new(grid).update(&still(&by(-3.2), &SLAB), |_| true, seed_m));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The Flow Engine: Navier–Stokes over the cavity in the paper's order, pump and cavity volume, with walls from the deforming tissue and the
 //! scope as a moving obstacle. Its state is a message like every other engine's, so that a kill loses no millilitre of the deficit.
 
+mod inputs;
 mod pace;
 #[cfg(test)]
 mod tests;
@@ -9,20 +10,21 @@ use crate::afford::is_step;
 use crate::cavity::{Cavity, Tissue};
 use crate::coarse::halved;
 use crate::crew::Crew;
-use crate::gas;
+use crate::heard::Heard;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
 use crate::seals::{self, Seals};
 use crate::status::{Head, hash_of, is_of, status_of};
-use crate::tools::{Instrument, RING};
+use crate::tools::Instrument;
 use crate::wounds::Wounds;
 use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
-use hyst_exchange::{Held, Horizon, ReadPage, Subscriber, system};
+use hyst_exchange::{Held, Horizon, Subscriber, system};
 use hyst_flow::{FlowInputs, FlowModel, Grid, Medium, PumpModel, Solver, StateView};
-use hyst_messages::page::{fluid, hardware, header, station};
+use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Role, SealRecord, StreamHeader};
+use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
@@ -66,7 +68,9 @@ pub struct FlowEngine<'a> {
     holds: Option<(u32, u64, u32)>,
     sources: [TissueSource; TISSUES],
     state: Option<Held>,
-    hardware: Option<ReadPage>,
+    heard: Heard,
+    /// What it mended of walls and sample for the step, bits of [`hyst_messages::FLOW_FLAWS`].
+    flaws: u32,
     /// Of the tissue.
     horizon: Horizon,
     status: FluidStatus,
@@ -136,7 +140,8 @@ impl<'a> FlowEngine<'a> {
             holds: None,
             sources: Default::default(),
             state: None,
-            hardware: None,
+            heard: Heard::new(life.is_lockstep()),
+            flaws: 0,
             horizon: Horizon::open(&life.station, Role::Tissue)?,
             status: FluidStatus::default(),
             lies: Lies::new(life, size_of::<FluidStatus>()),
@@ -177,10 +182,13 @@ impl<'a> FlowEngine<'a> {
         state.is_ok_and(|state| topology_of(&self.sources, &state).is_some())
     }
 
-    /// Makes the walls from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is. Walls move if
-    /// the state is a newer one than that of the step before, `last_tick`.
-    fn update_walls(&mut self, last_tick: u64) -> Result<u64, Failure> {
+    /// Makes the walls from the tissue's newest state, and finds what floats; without one, and until its topology is there, all stays as it is, at rest. Walls
+    /// move if the state is a newer one than that of the step before, `last_tick`, of which the fluid's mask was `before`.
+    fn update_walls(&mut self, last_tick: u64, before: &[u8]) -> Result<u64, Failure> {
+        let broken = |error: hyst_flow::FlowError| Failure::Broken(error.to_string());
         self.receive();
+        // Who has kept his own fields forgets how the walls went, as who has loaded them knows nothing of it.
+        self.crew.solver().set_mask(before).map_err(broken)?;
         let Some(state) = &self.state else { return Ok(0) };
         let state = Message::parse(state.bytes(), Kind::TissueState)?;
         let Some(topology) = topology_of(&self.sources, &state) else { return Ok(0) };
@@ -189,38 +197,26 @@ impl<'a> FlowEngine<'a> {
         let tissue = Tissue { positions_m: state.section(1)?, velocities_m_s, tets: topology.section(1)? };
         self.pieces.set_objects(topology.section(0)?);
         let is_wall = |tet: usize| !owner.get(tet).is_some_and(|object| self.pieces.is_free(*object));
+        self.cavity.go_on_from(before);
         if self.cavity.update(&tissue, is_wall, self.seed_m) {
             let set = self.crew.solver().set_walls(self.cavity.mask(), self.cavity.velocities_m_s());
-            set.map_err(|error| Failure::Broken(error.to_string()))?;
+            self.flaws |= flaws_of(set.map_err(broken)?, self.cavity.is_open());
             if !self.has_said_open && self.cavity.is_open() {
                 self.has_said_open = true;
                 self.life.say(
                     "the tissue does not close the cavity: medium reaches the side of the fluid's box, which is a wall to it",
                 );
             }
+        } else {
+            self.flaws |= WALLS_KEPT;
         }
         self.pieces.locate(&self.cavity, &tissue, owner);
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
         self.wounds.locate(state.section(3)?);
+        self.holes.locate(state.section(3)?);
         self.seals.settle(self.wounds.vessels());
         Ok(state.header().tick)
-    }
-
-    /// What the step is told; what the loop touches under the current that coagulates is shut by so much more.
-    fn inputs(&mut self, dt_s: f32) -> FlowInputs {
-        let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE)).map(|(_, sample)| sample);
-        let mut inputs =
-            sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| self.instrument.inputs(&sample, dt_s));
-        inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.instrument.electrode(), &sample));
-        if sample.is_some_and(|sample| sample.controls.coagulates()) {
-            self.seals.touch(self.wounds.vessels(), &inputs.wires[..RING], dt_s);
-        }
-        self.wounds.shut(|cube| self.seals.share(cube));
-        inputs.blood = self.wounds.sources();
-        inputs.pump.open_veins = self.wounds.open_veins();
-        inputs.pump.perforation = self.holes.size();
-        inputs
     }
 
     /// A status that also says the step and the grid.
@@ -248,6 +244,11 @@ impl<'a> FlowEngine<'a> {
         self.status = status;
         Ok(())
     }
+}
+
+/// The flaws of walls of which so many numbers were replaced.
+fn flaws_of(replaced: u32, is_open: bool) -> u32 {
+    (if replaced > 0 { WALLS_REPLACED } else { 0 }) | (if is_open { WALLS_OPEN } else { 0 })
 }
 
 /// The topology that a state of the tissue is of, from whichever tissue has sent it.
@@ -322,16 +323,15 @@ impl Stateful for FlowEngine<'_> {
     fn is_supplied(&mut self, _tick: u64, next_tick: u64) -> bool {
         self.receive();
         let tissue_tick = self.life.clock.page().load64(station::TISSUE_TICK);
-        let sample = self.hardware.as_ref().and_then(|page| page.cell(hardware::SAMPLE));
         self.state.as_ref().is_some_and(|state| self.has_walls_of(state))
             && self.state.as_ref().and_then(key_of).is_some_and(|(_, tick)| tick >= tissue_tick)
-            && sample.is_some_and(|(_, sample)| sample.hardware_tick == next_tick)
+            && self.heard.newest_tick() == Some(next_tick)
     }
 
     fn is_connected(&mut self) -> bool {
         self.receive();
         let lives = |role: Role| self.life.clock.occupied(role).any(|(slot, _)| !self.life.clock.is_dead(slot));
-        (self.hardware.is_some() || !lives(Role::Hardware))
+        (self.heard.is_connected() || !lives(Role::Hardware))
             && (self.state.as_ref().is_some_and(|state| self.has_walls_of(state)) || !lives(Role::Tissue))
     }
 
@@ -344,11 +344,14 @@ impl Stateful for FlowEngine<'_> {
         }
         self.seals.load(&message)?;
         self.holds = None; // until this step has ended
-        let input_tick = self.update_walls(message.header().input_tick)?;
+        self.flaws = 0;
+        let before = StateView::framed(message.section(1)?).map_err(broken)?;
+        let input_tick = self.update_walls(message.header().input_tick, before.mask())?;
         let inputs = self.inputs(context.step_ticks as f32 * 1e-3);
         let report = self.crew.step(&inputs)?;
         let (pump, _) = self.crew.solver().counters().map_err(broken)?;
-        let status = self.told(context.step_ticks, status_of(&report, &pump));
+        let mut status = self.told(context.step_ticks, status_of(&report, &pump));
+        status.flaws |= self.flaws;
         let on_scope_n = self.instrument.felt_n(&inputs, &report);
         let header = StreamHeader { input_tick, ..*message.header() };
         self.write(header, FluidStatus { state_tick: context.next_tick, on_scope_n, ..status }, next)
@@ -370,7 +373,7 @@ impl Stateful for FlowEngine<'_> {
     fn arrival(&mut self, arrival: Arrival, inbox: &mut Inbox) {
         let index = arrival.slot.index();
         let before = match (arrival.slot.role(), arrival.port) {
-            (Role::Hardware, UsherPort::Page(page)) => self.hardware.replace(page).map(Departure::Page),
+            (Role::Hardware, UsherPort::Page(page)) => self.heard.replace(page).map(Departure::Page),
             (Role::Tissue, UsherPort::Stream(kind, stream)) => self.sources.get_mut(index).and_then(|source| {
                 let place = if kind == Kind::TissueState { &mut source.states } else { &mut source.topologies };
                 place.replace(stream).map(Departure::Stream)

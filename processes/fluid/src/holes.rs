@@ -4,6 +4,7 @@
 //! organ was whole. Promise: the same topology has the same holes, whoever looks; an organ without a cavity has none.
 
 use glam::{Quat, Vec3};
+use hyst_flow::Way;
 use hyst_messages::{Message, WireError};
 use hyst_scene::LoadedScene;
 use std::collections::BTreeMap;
@@ -33,6 +34,9 @@ pub struct Holes {
     seen: BTreeMap<[u32; 3], bool>,
     version: Option<u32>,
     size: f32,
+    /// The points of wounds that lie on the outside.
+    through: Vec<u32>,
+    middle_m: Option<Vec3>,
 }
 
 impl Holes {
@@ -47,7 +51,8 @@ impl Holes {
     }
 
     fn through(surface: Vec<Triangle>) -> Holes {
-        Holes { is_outside: vec![None; surface.len()], surface, seen: BTreeMap::new(), version: None, size: 0.0 }
+        let (seen, through) = (BTreeMap::new(), Vec::new());
+        Holes { is_outside: vec![None; surface.len()], surface, seen, version: None, size: 0.0, through, middle_m: None }
     }
 
     /// Takes a topology, if it is another one than that before.
@@ -65,10 +70,24 @@ impl Holes {
         self.size
     }
 
+    /// Finds where the holes are in a state, by its surface vertices.
+    pub fn locate(&mut self, surface_m: &[[f32; 3]]) {
+        let known = self.through.iter().filter_map(|point| surface_m.get(*point as usize));
+        let (count, sum) = known.fold((0u32, Vec3::ZERO), |(count, sum), point| (count + 1, sum + Vec3::from(*point)));
+        self.middle_m = (count > 0).then(|| sum / count as f32);
+    }
+
+    /// The way through them, of several from their middle; none without a hole.
+    pub fn way(&self) -> Way {
+        let Some(middle_m) = self.middle_m.filter(|_| self.size > 0.0) else { return Way::default() };
+        Way { centre_m: middle_m.to_array(), radius_m: 0.5 * FULL_M * self.size.sqrt() }
+    }
+
     /// Finds the points of wounds that lie on the outside.
     fn find(&mut self, rest_m: &[[f32; 3]], is_raw: &[u32]) {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for (point, _) in rest_m.iter().zip(is_raw).filter(|(_, raw)| **raw != 0) {
+        self.through.clear();
+        for (index, (point, _)) in rest_m.iter().zip(is_raw).enumerate().filter(|(_, (_, raw))| **raw != 0) {
             let key = point.map(f32::to_bits);
             let place = Vec3::from(*point);
             let known = self.seen.get(&key).copied();
@@ -78,6 +97,7 @@ impl Holes {
             }
             if is_through {
                 (low, high) = (low.min(place), high.max(place));
+                self.through.push(index as u32);
             }
         }
         let width_m = (high - low).max_element().max(LEAST_M);
@@ -172,9 +192,17 @@ mod tests {
         // A cut from the cavity's wall at x = 10 mm towards the outside at 20 mm, its points 1.5 mm apart along y.
         let cut = |to_m: f32| [[0.01, 0.0, 0.0], [0.01, 0.0015, 0.0], [to_m, 0.0, 0.0], [to_m, 0.0015, 0.0]];
         holes.find(&cut(0.0199), &[1; 4]);
-        assert_eq!(holes.size(), 0.0, "0.1 mm are left of the wall");
+        holes.locate(&cut(0.0199));
+        assert_eq!((holes.size(), holes.way()), (0.0, Way::default()), "0.1 mm are left of the wall");
         holes.find(&cut(0.02), &[1; 4]);
         assert!((holes.size() - 0.25).abs() < 1e-5, "half as wide as a hole of size 1: {}", holes.size());
+        // Where the tissue has moved to since, as wide as it is.
+        holes.locate(&cut(0.023));
+        let Way { centre_m, radius_m } = holes.way();
+        assert!(Vec3::from(centre_m).distance(Vec3::new(0.023, 0.00075, 0.0)) < 1e-6, "{centre_m:?}");
+        assert!((radius_m - 0.00075).abs() < 1e-6, "{radius_m}");
+        holes.locate(&cut(0.023)[..1]);
+        assert_eq!(holes.way(), Way::default(), "a state of another surface");
         holes.find(&cut(0.02), &[1, 1, 1, 0]);
         assert!((holes.size() - 1.0 / 36.0).abs() < 1e-6, "one point is 0.5 mm: {}", holes.size());
         holes.find(&cut(0.02), &[1, 1, 0, 0]);

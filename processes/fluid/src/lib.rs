@@ -7,6 +7,7 @@ mod coarse;
 mod crew;
 mod engine;
 mod gas;
+mod heard;
 mod holes;
 mod pieces;
 mod seals;

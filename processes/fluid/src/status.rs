@@ -30,7 +30,9 @@ impl Head {
 
 /// What the page says of a step.
 pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
-    let is_flawed = [report.neutralised > 0, report.wild > 0, report.slowed, report.unconverged];
+    // What is kept of walls and sample, and whether the walls are open, the engine knows.
+    let mended = [report.neutralised > 0, report.wild > 0, false, false];
+    let as_they_were = [report.slowed, report.unconverged, report.blind_ports > 0, false];
     let alarms = &report.pump.alarms;
     let is_on = [alarms.pressure, alarms.deficit, alarms.abnormal_loss, alarms.perforation, alarms.container];
     FluidStatus {
@@ -41,7 +43,7 @@ pub fn status_of(report: &StepReport, pump: &PumpState) -> FluidStatus {
         inflow_ml_min: (report.pump.in_ml_s * 60.0) as f32,
         outflow_ml_min: (report.pump.out_ml_s * 60.0) as f32,
         alarms: bits(&PUMP_ALARMS, &is_on),
-        flaws: bits(&FLOW_FLAWS, &is_flawed),
+        flaws: bits(&FLOW_FLAWS[..4], &mended) | bits(&FLOW_FLAWS[4..], &as_they_were),
         ..FluidStatus::default()
     }
 }

@@ -1,7 +1,7 @@
 //! The instrument in the medium: the scope as a solid, its loop as wires, its ports and the pump.
 
 use glam::{Quat, Vec3};
-use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput, StepReport};
+use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput, StepReport, Way};
 use hyst_messages::{BUTTON_EXTENDED, Controls, HardwareSample, MAX_ON_SCOPE_N};
 use hyst_scene::{LoadedLoop, LoadedScene, OUTFLOW_RADII};
 
@@ -53,6 +53,8 @@ impl Instrument {
         inputs.ports[0] = Port { centre_m: along(PORT_M), radius_m: PORT_M, direction: axis, share: 1.0, inflow: true, dye: 0.0 };
         let [behind_m, out_m] = OUTFLOW_RADII.map(|radii| radii * radius_m);
         inputs.ports[1] = Port { centre_m: along(-behind_m), radius_m: out_m, share: 1.0, ..Port::default() };
+        // What leaks goes along the sheath through the cervix.
+        inputs.leak = Way { centre_m: self.pivot_m.to_array(), radius_m };
         inputs.pump = PumpInput {
             inflow_valve: sample.controls.inflow_valve,
             outflow_valve: sample.controls.outflow_valve,

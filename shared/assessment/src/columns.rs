@@ -129,7 +129,8 @@ impl Column {
             || NONE.to_string(),
             |step| format!("{} N at {:.3} s", number(step.value), seconds(conduct.since_start(step.tick))),
         );
-        let [mended, as_they_were] = counts_in_words(&FLOW_FLAWS, &measured.medium.flaws);
+        let of_flow = |flaws: std::ops::Range<usize>| counts_in_words(&FLOW_FLAWS[flaws.clone()], &measured.medium.flaws[flaws]);
+        let ([mended, kept], [as_they_were, of_walls]) = (of_flow(0..4), of_flow(4..8));
         vec![
             ("ticks in the recording", conduct.ticks.to_string()),
             ("ticks missing", format!("{} in {} gaps{longest}", conduct.missing, conduct.gaps)),
@@ -146,7 +147,9 @@ impl Column {
             ("changes of the servo that is followed", conduct.servo_changes.to_string()),
             ("events: warnings, errors", format!("{}, {}", conduct.warnings, conduct.errors)),
             ("flaws of the flow, mended", mended),
+            ("flaws of the flow, as before", kept),
             ("flaws of the flow, as they were", as_they_were),
+            ("flaws of the flow, of ports and walls", of_walls),
         ]
     }
 

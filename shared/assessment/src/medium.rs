@@ -193,7 +193,7 @@ mod tests {
         {
             medium.status(&FluidStatus { flaws: alarms & 5, ..status(tick, pressure_mmhg, 0.0, alarms) });
         }
-        assert_eq!(medium.flaws, [1, 0, 1, 0]);
+        assert_eq!(medium.flaws, [1, 0, 0, 0, 1, 0, 0, 0]);
         // 20, 38 and 120 mmHg for 500 ticks each, 70 for 1 000 of 7 500.
         let known = (medium.known_ticks, medium.low_ticks, medium.high_ticks, medium.parted_ticks, medium.alarm_ticks);
         assert_eq!(known, (2_500, 500, 500, 1_500, 2_000));

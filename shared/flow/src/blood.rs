@@ -1,6 +1,6 @@
 //! Blood as massless particles in a ring of fixed capacity (against numerical dissipation, as in Zátonyi et al. 2005).
 //!
-//! Promise: emitted = in particles + dissolved + washed out + buried, in ml; the scatter is a function of the seed and of the
+//! Promise: emitted = in particles + dissolved + washed out + lost + buried, in ml; the scatter is a function of the seed and of the
 //! number of particles emitted so far, so that a spare emits the same ones.
 
 use crate::coordinator::MAX_SWEEPS;
@@ -9,6 +9,8 @@ use crate::field::Read;
 use crate::grid::{Grid, Layout};
 use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
 use crate::model::BloodModel;
+use crate::plan::{Exit, Plan};
+use crate::pump::PumpModel;
 use crate::room::Room;
 use crate::solver::Solver;
 
@@ -19,12 +21,15 @@ const STRIDE_CELLS: f32 = 0.5;
 /// Strides in one step at most: twice the cells that the sweeps of a step can carry the medium. What is faster stays behind.
 const MOST_STRIDES: usize = 4 * MAX_SWEEPS as usize;
 
+/// So many fully open vessels one source stands for at most: with sixteen of them a wound of some 160 cm².
+pub const MOST_OPENING: f32 = 64.0;
+
 /// An open vessel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct BloodSource {
     /// Where it opens into the cavity, m, station frame.
     pub position_m: [f32; 3],
-    /// 0 shut to 1 fully open.
+    /// 0 shut to 1 fully open; of several vessels that have one place the sum of theirs, up to [`MOST_OPENING`].
     pub opening: f32,
 }
 
@@ -34,7 +39,7 @@ impl BloodSource {
         for x in &mut self.position_m {
             tame(x, -1e3, 1e3, 0.0, &mut count);
         }
-        tame(&mut self.opening, 0.0, 1.0, 0.0, &mut count);
+        tame(&mut self.opening, 0.0, MOST_OPENING, 0.0, &mut count);
         if count > 0 {
             self.opening = 0.0;
         }
@@ -66,16 +71,30 @@ pub struct BloodState {
     pub washed_ml: f64,
     /// Blood that a solid closed in and that no fluid cell beside it could take.
     pub buried_ml: f64,
+    /// Dye that left into vessels, and particles and dye that left through a hole or past the sheath.
+    pub lost_ml: f64,
     /// Bled but not yet a whole particle, per source.
     pub pending_ml: [f64; MAX_SOURCES],
 }
 
-/// Blood that flows from all sources during `dt_s` at a cavity pressure, ml; adds it to what waits to become particles.
-pub(crate) fn bleed(model: &BloodModel, inputs: &FlowInputs, pressure_pa: f64, dt_s: f64, state: &mut BloodState) -> f64 {
-    let drive_pa = (model.vessel_pa - pressure_pa).max(0.0);
+/// Blood that flows from all sources during `dt_s` into a cavity of a volume, ml; adds it to what waits to become particles. However wide a wound, it brings the
+/// pressure up to that of the vessels and no further.
+pub(crate) fn bleed(
+    model: &BloodModel,
+    pump: &PumpModel,
+    inputs: &FlowInputs,
+    cavity_ml: f64,
+    dt_s: f64,
+    state: &mut BloodState,
+) -> f64 {
+    let drive_pa = (model.vessel_pa - pump.pressure_pa(cavity_ml)).max(0.0);
+    let of = |source: &BloodSource| f64::from(source.opening) * model.conductance_ml_s_pa * drive_pa * dt_s;
+    let wanted: f64 = inputs.blood.iter().map(of).sum();
+    let room_ml = if wanted > 0.0 { pump.room_ml(cavity_ml, model.vessel_pa) } else { 0.0 };
+    let share = if wanted > room_ml { room_ml / wanted } else { 1.0 };
     let mut total = 0.0;
     for (source, pending) in inputs.blood.iter().zip(&mut state.pending_ml) {
-        let volume = f64::from(source.opening) * model.conductance_ml_s_pa * drive_pa * dt_s;
+        let volume = share * of(source);
         *pending += volume;
         total += volume;
     }
@@ -129,7 +148,7 @@ pub(crate) fn velocity_at(velocity: &[Read<'_>; 3], layout: &Layout, p: [f32; 3]
 }
 
 impl Solver {
-    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one in an outflow cell is marked washed (volume < 0).
+    /// Phase Particles: carries this band's share of the ring (midpoint rule), half a cell at a time; one in a cell with an exit is marked (volume < 0).
     pub(crate) fn particles_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
@@ -148,7 +167,7 @@ impl Solver {
             let mut left_s = plan.inputs.dt_s;
             for _ in 0..MOST_STRIDES {
                 let Some(cell) = room.open(p) else { break };
-                if plan.sinks[room.index(cell)] {
+                if plan.exits[room.index(cell)] != Exit::Shut {
                     particle.volume_ml = -particle.volume_ml;
                     break;
                 }
@@ -167,16 +186,17 @@ impl Solver {
         Ok(())
     }
 
-    /// After Particles: counts what was washed out, emits what bled, dissolves what the ring cannot hold, and writes the density.
-    pub(crate) fn settle_blood(&self, inputs: &FlowInputs, dye: usize, state: &mut BloodState) -> Result<(), FlowError> {
-        let capacity = self.model.blood.capacity;
+    /// After Particles: counts what has left, emits what bled, dissolves what the ring cannot hold, and writes the density.
+    pub(crate) fn settle_blood(&self, plan: &Plan, state: &mut BloodState) -> Result<(), FlowError> {
+        let (capacity, dye) = (self.model.blood.capacity, plan.dye);
         let fluid = self.fluid.read()?;
         for band in 0..self.bands {
             let mut share = self.particles[band].try_write().ok_or(FlowError::PhaseConflict)?;
             for particle in share.iter_mut().filter(|p| p.volume_ml != 0.0) {
-                let (at, kk, _) = cell_of(&self.model.grid, &self.layout, particle.position_m);
+                let (at, kk, cell) = cell_of(&self.model.grid, &self.layout, particle.position_m);
                 if particle.volume_ml < 0.0 {
-                    state.washed_ml -= f64::from(particle.volume_ml);
+                    let gone_ml = if plan.exits[cell] == Exit::Lost { &mut state.lost_ml } else { &mut state.washed_ml };
+                    *gone_ml -= f64::from(particle.volume_ml);
                 } else if fluid.layer(kk)[at] == 0.0 {
                     state.buried_ml += f64::from(particle.volume_ml);
                 } else {
@@ -185,7 +205,7 @@ impl Solver {
                 *particle = Particle::default();
             }
         }
-        for (n, source) in inputs.blood.iter().enumerate() {
+        for (n, source) in plan.inputs.blood.iter().enumerate() {
             let unit_ml = f64::from(self.model.blood.particle_ml);
             let whole = (state.pending_ml[n] / unit_ml).floor();
             let count = whole.min(EMITTED_PER_STEP as f64);

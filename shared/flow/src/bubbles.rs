@@ -9,7 +9,7 @@ use crate::coordinator::{Coordinator, MAX_SWEEPS};
 use crate::error::FlowError;
 use crate::inputs::{FlowInputs, tame};
 use crate::model::range;
-use crate::plan::Plan;
+use crate::plan::{Exit, Plan};
 use crate::room::{LEAP_CELLS, Room};
 use crate::solver::Solver;
 
@@ -96,7 +96,7 @@ pub struct BubbleState {
     pub containers: u64,
     /// Gas that came into the cavity as parcels, ml.
     pub made_ml: f64,
-    /// Gas that left through outflow ports, ml.
+    /// Gas that left through outflow ports, a hole or past the sheath, ml.
     pub vented_ml: f64,
     /// Gas that the ring could not hold, ml.
     pub dissolved_ml: f64,
@@ -170,7 +170,7 @@ impl Solver {
             let mut place = room.freed(grid.to_cells(bubble.position_m));
             for _ in 0..sweeps {
                 let Some(cell) = room.open(place) else { break };
-                if plan.sinks[room.index(cell)] {
+                if plan.exits[room.index(cell)] != Exit::Shut {
                     c.gas.vented_ml += f64::from(bubble.volume_ml);
                     *bubble = Particle::default();
                     break;

@@ -27,6 +27,8 @@ pub struct StepReport {
     pub wild: u32,
     /// True if the flow was too fast for the sweeps allowed and was slowed in transport.
     pub slowed: bool,
+    /// Ports with an open valve and without a cell: what flows there widens or narrows the cavity and moves nothing.
+    pub blind_ports: u32,
     /// Sweeps of advection.
     pub sweeps: u32,
     /// Sweeps of the dye.
@@ -55,6 +57,8 @@ pub(crate) struct Coordinator {
     pub built: bool,
     /// Solid cells have come or gone, and the pressure's operator is to be made anew.
     pub is_changed: bool,
+    /// Faces in solids show what is mirrored in them.
+    pub is_held: bool,
     pub pump: PumpState,
     pub blood: BloodState,
     pub gas: BubbleState,
@@ -80,6 +84,7 @@ impl Coordinator {
             running: false,
             built: false,
             is_changed: false,
+            is_held: false,
             pump: PumpState::default(),
             blood: BloodState::default(),
             gas: BubbleState::default(),
@@ -108,10 +113,11 @@ impl Solver {
         let mut c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
         let mut plan = self.plan.try_write().ok_or(FlowError::PhaseConflict)?;
         let (inputs, neutralised) = inputs.neutralised();
+        let neutralised = neutralised + u32::from(self.model.pump.is_asked_for_more(&inputs.pump));
         let dt_s = f64::from(inputs.dt_s);
         plan.inputs = inputs;
-        let pressure_pa = self.model.pump.pressure_pa(c.pump.cavity_ml);
-        let bled_ml = bleed(&self.model.blood, &inputs, pressure_pa, dt_s, &mut c.blood);
+        let bled_ml = bleed(&self.model.blood, &self.model.pump, &inputs, c.pump.cavity_ml, dt_s, &mut c.blood);
+        plan.bled_ml_s = if dt_s > 0.0 { bled_ml / dt_s } else { 0.0 };
         plan.pump = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
         let report = &c.report;
         c.report = StepReport { step: report.step, time_s: report.time_s, neutralised, pump: plan.pump, ..Default::default() };
@@ -189,8 +195,9 @@ impl Solver {
         };
         Ok(Some(match last {
             Phase::Mask => self.after_mask(c, plan)?,
-            Phase::Mirror if std::mem::take(&mut c.is_changed) => Phase::Operator,
-            Phase::Mirror => Phase::Diffuse,
+            Phase::Mirror if !std::mem::replace(&mut c.is_held, true) => Phase::Hold,
+            Phase::Mirror | Phase::Hold if std::mem::take(&mut c.is_changed) => Phase::Operator,
+            Phase::Mirror | Phase::Hold => Phase::Diffuse,
             Phase::Operator => coarsen(1),
             Phase::Coarsen(l) => Phase::CoarsenDiagonal(l),
             Phase::CoarsenDiagonal(l) => coarsen(l + 1),
@@ -207,14 +214,18 @@ impl Solver {
                 let cell_ml = self.model.grid.cell_volume_m3() * 1e6;
                 c.blood.washed_ml += total.a * cell_ml;
                 c.blood.entered_ml += total.b * cell_ml;
+                c.blood.lost_ml += total.c * cell_ml;
                 plan.dye = 1 - plan.dye;
                 c.dye_left -= 1;
                 if c.dye_left > 0 { Phase::Dye } else { Phase::Particles }
             }
             Phase::Particles => {
-                self.settle_blood(&plan.inputs, plan.dye, &mut c.blood)?;
+                self.settle_blood(plan, &mut c.blood)?;
                 self.settle_bubbles(c, plan)?;
                 c.report.tools = self.loads(plan)?;
+                Phase::Rest
+            }
+            Phase::Rest => {
                 c.report.step += 1;
                 c.report.time_s += f64::from(plan.inputs.dt_s);
                 return Ok(None);
@@ -276,6 +287,7 @@ impl Solver {
             for layer in self.sums(band)?.iter() {
                 total.a += layer.a;
                 total.b += layer.b;
+                total.c += layer.c;
                 total.count = total.count.saturating_add(layer.count);
                 total.top = total.top.max(layer.top);
                 for (t, l) in total.by_component.iter_mut().zip(&layer.by_component) {

@@ -10,7 +10,7 @@ use crate::solver::Solver;
 const CLEAR: f32 = 1e-20;
 
 impl Solver {
-    /// Phase Dye: one sweep; partial sums of the amount washed out (a) and brought in (b), in cell volumes.
+    /// Phase Dye: one sweep; partial sums of the amount washed out (a), brought in (b) and lost (c), in cell volumes.
     pub(crate) fn dye_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
@@ -43,17 +43,17 @@ impl Solver {
                     }
                 },
             );
-            (sum.a, sum.b) = (0.0, 0.0);
-            for source in plan.sources.iter().filter(|s| s.kk == kk) {
+            (sum.a, sum.b, sum.c) = (0.0, 0.0, 0.0);
+            for source in plan.sources_of(kk) {
                 let change = plan.dye_dt_s * source.rate_per_s;
                 let cell = &mut out[source.at];
                 if change > 0.0 {
                     *cell += change * source.dye;
                     sum.b += f64::from(change * source.dye);
                 } else {
-                    let washed = smaller(-change, 1.0) * *cell;
-                    *cell -= washed;
-                    sum.a += f64::from(washed);
+                    let gone = smaller(-change, 1.0) * *cell;
+                    *cell -= gone;
+                    *(if source.is_lost { &mut sum.c } else { &mut sum.a }) += f64::from(gone);
                 }
             }
         }

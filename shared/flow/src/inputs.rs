@@ -51,6 +51,15 @@ pub struct Port {
     pub dye: f32,
 }
 
+/// A way that medium takes out of the cavity and not back: a hole in the wall, or past the sheath. It leaves from the fluid that is nearest.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Way {
+    /// Its middle, m, station frame.
+    pub centre_m: [f32; 3],
+    /// Fluid cells whose centre is within this distance take part, m; 0: nobody knows where it is, and what leaves by it takes nothing along.
+    pub radius_m: f32,
+}
+
 /// Everything a step is told. Plain data; unused entries are left at their default.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FlowInputs {
@@ -64,6 +73,10 @@ pub struct FlowInputs {
     pub ports: [Port; MAX_PORTS],
     /// Where vessels are open.
     pub blood: [BloodSource; MAX_SOURCES],
+    /// The hole that [`PumpInput::perforation`] is the size of.
+    pub hole: Way,
+    /// Where the medium leaks past the sheath.
+    pub leak: Way,
     /// Where gas comes into being.
     pub gas: GasSource,
     /// Settings of the pump.
@@ -111,8 +124,23 @@ impl FlowInputs {
         for source in &mut inputs.blood {
             count += source.tame();
         }
+        count += inputs.hole.tame() + inputs.leak.tame();
         count += inputs.gas.tame() + inputs.pump.tame();
         (inputs, count)
+    }
+}
+
+impl Way {
+    fn tame(&mut self) -> u32 {
+        let mut count = 0;
+        for x in &mut self.centre_m {
+            tame(x, -1e3, 1e3, 0.0, &mut count);
+        }
+        tame(&mut self.radius_m, 0.0, 1.0, 0.0, &mut count);
+        if count > 0 {
+            self.radius_m = 0.0;
+        }
+        count
     }
 }
 

@@ -1,12 +1,13 @@
 //! Solid cells and how fast they move: the case's walls, and the tools as capsules; and what velocity shows inside of them.
 //!
 //! A face between a solid cell and another carries the solid's velocity. One between two solid cells, beside the fluid, carries the mirrored velocity, so that
-//! half way between them, on the wall, the medium moves with it (no slip); the ghosts of the grid's own walls do the same ([`crate::walls`]).
+//! half way between them, on the wall, the medium moves with it (no slip); the ghosts of the grid's own walls do the same ([`crate::walls`]). Between two steps
+//! it carries the solid's, so that what the solid leaves starts from there and not from what was mirrored ([`crate::hold`]).
 
 use crate::error::FlowError;
 use crate::field::{Read, Write};
 use crate::grid::{Grid, Layout, MAX_AXIS};
-use crate::inputs::{Capsule, MAX_TOOLS};
+use crate::inputs::{Capsule, MAX_TOOLS, tame};
 use crate::kernels::{max_abs, max_abs_where, wide};
 use crate::rows;
 use crate::solver::Solver;
@@ -30,17 +31,21 @@ impl Walls {
         Self { solid: vec![0; cells], velocity_m_s: vec![[0.0; 3]; cells], moves: false }
     }
 
-    fn set(&mut self, solid: &[u8], velocity_m_s: Option<&[[f32; 3]]>) {
+    /// Gives how many numbers were replaced.
+    fn set(&mut self, solid: &[u8], velocity_m_s: Option<&[[f32; 3]]>) -> u32 {
         self.solid.copy_from_slice(solid);
         if self.moves {
             self.velocity_m_s.fill([0.0; 3]);
         }
         self.moves = velocity_m_s.is_some();
+        let mut replaced = 0;
         for ((own, given), _) in
             self.velocity_m_s.iter_mut().zip(velocity_m_s.unwrap_or_default()).zip(solid).filter(|(_, s)| **s != 0)
         {
-            *own = given.map(|v| if v.is_finite() { v.clamp(-MAX_WALL_M_S, MAX_WALL_M_S) } else { 0.0 });
+            *own = *given;
+            own.iter_mut().for_each(|v| tame(v, -MAX_WALL_M_S, MAX_WALL_M_S, 0.0, &mut replaced));
         }
+        replaced
     }
 
     /// The velocity of the faces of padded layer `kk` that touch a wall; those on the sides of the grid stay at rest.
@@ -147,28 +152,25 @@ impl Solver {
     /// # Errors
     /// [`FlowError::Length`] if it is not one byte per cell; [`FlowError::PhaseConflict`] during a phase.
     pub fn set_mask(&self, solid: &[u8]) -> Result<(), FlowError> {
-        self.set(solid, None)
+        self.set(solid, None).map(|_| ())
     }
 
     /// The same with the velocity of each cell, m/s, of which those of solid cells count; what is no number counts as 0, and what is
-    /// faster than 1 m/s as that.
+    /// faster than 1 m/s as that. Returns how many such numbers there were.
     ///
     /// # Errors
     /// As [`Self::set_mask`].
-    pub fn set_walls(&self, solid: &[u8], velocity_m_s: &[[f32; 3]]) -> Result<(), FlowError> {
+    pub fn set_walls(&self, solid: &[u8], velocity_m_s: &[[f32; 3]]) -> Result<u32, FlowError> {
         self.set(solid, Some(velocity_m_s))
     }
 
-    fn set(&self, solid: &[u8], velocity_m_s: Option<&[[f32; 3]]>) -> Result<(), FlowError> {
+    fn set(&self, solid: &[u8], velocity_m_s: Option<&[[f32; 3]]>) -> Result<u32, FlowError> {
         let mut base = self.base.try_write().ok_or(FlowError::PhaseConflict)?;
         let want = base.solid.len();
         let lengths = [Some(("the mask", solid.len())), velocity_m_s.map(|given| ("the walls' velocity", given.len()))];
         match lengths.into_iter().flatten().find(|(_, got)| *got != want) {
             Some((what, got)) => Err(FlowError::Length { what, got, want }),
-            None => {
-                base.set(solid, velocity_m_s);
-                Ok(())
-            }
+            None => Ok(base.set(solid, velocity_m_s)),
         }
     }
 

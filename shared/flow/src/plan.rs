@@ -17,6 +17,8 @@ pub(crate) struct Source {
     pub kk: usize,
     /// Offset in the plane.
     pub at: usize,
+    /// Its place among those of a layer.
+    pub order: u32,
     /// Volume per cell volume, 1/s.
     pub rate_per_s: f32,
     /// Velocity of the jet, m/s.
@@ -24,6 +26,20 @@ pub(crate) struct Source {
     pub has_jet: bool,
     /// Dye fraction of what enters.
     pub dye: f32,
+    /// What leaves here does not come back through an outflow.
+    pub is_lost: bool,
+}
+
+/// What becomes of a drop or of a parcel of gas in a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Exit {
+    /// It floats on.
+    #[default]
+    Shut,
+    /// It leaves through an outflow.
+    Outflow,
+    /// It leaves through a hole or past the sheath.
+    Lost,
 }
 
 /// Which velocity buffers play which part; a sweep never writes what it reads.
@@ -57,17 +73,22 @@ pub(crate) struct Plan {
     pub means: [f32; MAX_COMPONENTS],
     /// Component of each cell (only filled when there is more than one).
     pub labels: Vec<u8>,
+    /// By layer.
     pub sources: Vec<Source>,
+    /// Where those of each padded layer begin, and at last where they end.
+    pub layers: Vec<usize>,
     /// What wires do to the faces around them, in the first sweep of Diffuse.
     pub drags: Vec<Drag>,
-    /// True in cells where medium leaves.
-    pub sinks: Vec<bool>,
+    /// Of each cell.
+    pub exits: Vec<Exit>,
     /// Index of the dye field that is read; the other one is written.
     pub dye: usize,
     /// dt/(dye sweeps), s.
     pub dye_dt_s: f32,
     pub particle_sweeps: usize,
     pub pump: PumpReport,
+    /// Blood that comes out of the vessels, ml/s.
+    pub bled_ml_s: f64,
 }
 
 /// Partial results of one layer; the coordinator adds them in the order of the layers, whoever computed them.
@@ -75,6 +96,7 @@ pub(crate) struct Plan {
 pub(crate) struct LayerSums {
     pub a: f64,
     pub b: f64,
+    pub c: f64,
     pub top: f32,
     pub count: u32,
     pub by_component: [f64; MAX_COMPONENTS],
@@ -83,6 +105,19 @@ pub(crate) struct LayerSums {
 }
 
 impl Plan {
+    /// Orders the sources by layer, so that a layer finds its own.
+    pub fn order_sources(&mut self) {
+        self.sources.sort_unstable_by_key(|source| (source.kk, source.order));
+        let mut next = 0;
+        for (kk, from) in self.layers.iter_mut().enumerate() {
+            next += self.sources[next..].iter().take_while(|source| source.kk < kk).count();
+            *from = next;
+        }
+    }
+    /// The sources in padded layer `kk`.
+    pub fn sources_of(&self, kk: usize) -> &[Source] {
+        &self.sources[self.layers[kk]..self.layers[kk + 1]]
+    }
     /// Sum of a plane's inside by component.
     #[inline(always)]
     pub fn component_sums(&self, layout: &Layout, kk: usize, plane: &[f32], into: &mut [f64; MAX_COMPONENTS]) {

@@ -1,10 +1,9 @@
-//! Between Mask and the first sweep: the connected parts of the fluid, the cells of the ports, and the numbers of sweeps.
+//! Between Mask and the first sweep: the connected parts of the fluid, and the numbers of sweeps.
 
 use crate::coordinator::{Coordinator, MAX_SWEEPS};
 use crate::error::FlowError;
-use crate::inputs::MAX_SPEED_M_S;
-use crate::plan::{Plan, Roles, Source};
-use crate::solver::{MAX_SOURCE_CELLS, Phase, Solver};
+use crate::plan::{Plan, Roles};
+use crate::solver::{Phase, Solver};
 
 impl Solver {
     /// After Mask: connected parts, sources, and how many sweeps the step needs.
@@ -36,6 +35,7 @@ impl Solver {
         let now = plan.roles.now;
         plan.roles = Roles { now, next: (now + 1) % 4, ..Default::default() };
         c.is_changed = changed;
+        c.is_held = false;
         self.place_wires(plan)?;
         Ok(Phase::Mirror)
     }
@@ -63,56 +63,6 @@ impl Solver {
             }
         }
         Ok(())
-    }
-
-    /// Spreads the pump's flow over the cells of the ports. Returns how many cells the fastest jet crosses per second.
-    fn place_sources(&self, c: &mut Coordinator, plan: &mut Plan) -> Result<f32, FlowError> {
-        let layout = &*self.layout;
-        for source in &plan.sources {
-            let flat = (source.kk - 1) * layout.n[0] * layout.n[1];
-            let (j, i) = (source.at / layout.stride - 1, source.at % layout.stride - 1);
-            plan.sinks[flat + j * layout.n[0] + i] = false;
-        }
-        plan.sources.clear();
-        c.largest_rate_per_s = 0.0;
-        let mut fastest = 0.0f32;
-        let fluid = self.fluid.read()?;
-        for port in plan.inputs.ports {
-            let total: f32 = plan.inputs.ports.iter().filter(|p| p.inflow == port.inflow).map(|p| p.share).sum();
-            let flow_ml_s = if port.inflow { plan.pump.in_ml_s } else { plan.pump.out_ml_s };
-            if port.share <= 0.0 || flow_ml_s <= 0.0 {
-                continue;
-            }
-            let flow_m3_s = flow_ml_s * 1e-6 * f64::from(port.share / total);
-            let from = plan.sources.len();
-            crate::ports::cells(&self.model.grid, layout, &port, |kk, at| {
-                if fluid.layer(kk)[at] > 0.0 && plan.sources.len() < MAX_SOURCE_CELLS {
-                    plan.sources.push(Source { kk, at, ..Default::default() });
-                }
-                plan.sources.len() > from
-            });
-            let cells = plan.sources.len() - from;
-            if cells == 0 {
-                continue; // the port lies in a solid: its flow widens or narrows the cavity but drives nothing
-            }
-            let rate = (flow_m3_s / (self.model.grid.cell_volume_m3() * cells as f64)) as f32;
-            let jet = crate::ports::jet_m_s(&self.model.grid, &port, flow_m3_s)
-                .map(|j| j.map(|v| v.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S)));
-            for (v, h) in jet.iter().flatten().zip(self.model.grid.spacing_m()) {
-                fastest = fastest.max(v.abs() / h);
-            }
-            if !port.inflow {
-                c.largest_rate_per_s = c.largest_rate_per_s.max(rate);
-            }
-            for source in &mut plan.sources[from..] {
-                source.rate_per_s = if port.inflow { rate } else { -rate };
-                source.dye = port.dye;
-                (source.has_jet, source.jet_m_s) = (jet.is_some(), jet.unwrap_or_default());
-                let (j, i) = (source.at / layout.stride - 1, source.at % layout.stride - 1);
-                plan.sinks[((source.kk - 1) * layout.n[1] + j) * layout.n[0] + i] = !port.inflow;
-            }
-        }
-        Ok(fastest)
     }
 
     /// Below this the residual is what single precision leaves of the speeds at hand.

@@ -40,7 +40,7 @@ impl Solver {
                     }
                 },
             );
-            for source in plan.sources.iter().filter(|s| s.kk == kk) {
+            for source in plan.sources_of(kk) {
                 out[source.at] += source.rate_per_s;
             }
             sum.by_component = Default::default();

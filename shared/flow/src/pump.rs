@@ -13,6 +13,8 @@ use crate::model::range;
 pub const PA_PER_MMHG: f64 = 133.322;
 /// The longest inner step, s: a tenth of the time in which the outflow empties a cavity of 5 ml.
 const INNER_STEP_S: f64 = 0.005;
+/// A set pressure so little above the range is its upper end, rounded, Pa.
+const ROUNDING_PA: f64 = 1.0;
 /// Bisections per inner step: 2⁻⁵⁰ of the bracket is beyond what f64 volumes show.
 const BISECTIONS: usize = 50;
 
@@ -225,14 +227,45 @@ impl PumpModel {
     /// Pressure at a volume, Pa: up to the parting pressure the walls lie on each other and a little medium raises the pressure
     /// much; from there it grows with the volume, to 150 mmHg at the model's volume. Strictly increasing.
     pub fn pressure_pa(&self, volume_ml: f64) -> f64 {
-        let parted = |v: f64| self.parting_pa * (1.0 - (-v / self.parting_ml).exp());
-        let slope = (150.0 * PA_PER_MMHG - parted(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml;
-        parted(volume_ml) + slope * volume_ml
+        self.parted_pa(volume_ml) + self.slope_pa_ml() * volume_ml
+    }
+
+    fn parted_pa(&self, volume_ml: f64) -> f64 {
+        self.parting_pa * (1.0 - (-volume_ml / self.parting_ml).exp())
+    }
+
+    /// By how much the pressure grows with the volume at least.
+    fn slope_pa_ml(&self) -> f64 {
+        (150.0 * PA_PER_MMHG - self.parted_pa(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml
+    }
+
+    /// What a cavity of a volume takes until its pressure is so high, ml: 0 above that.
+    pub(crate) fn room_ml(&self, volume_ml: f64, pressure_pa: f64) -> f64 {
+        let (mut low, mut high) = (0.0, (pressure_pa - self.pressure_pa(volume_ml)).max(0.0) / self.slope_pa_ml());
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if self.pressure_pa(volume_ml + middle) < pressure_pa {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
+    /// The set pressure that the pump obeys, Pa: none above its range.
+    fn set_pa(&self, input: &PumpInput) -> f64 {
+        f64::from(input.set_pa).min(self.max_set_pa)
+    }
+
+    /// Whether it is asked for more than it obeys.
+    pub(crate) fn is_asked_for_more(&self, input: &PumpInput) -> bool {
+        f64::from(input.set_pa) - self.set_pa(input) > ROUNDING_PA
     }
 
     fn flows(&self, input: &PumpInput, volume_ml: f64) -> Flows {
         let pressure_pa = self.pressure_pa(volume_ml);
-        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        let set_pa = self.set_pa(input);
         let limit_ml_s = (f64::from(input.flow_limit_ml_min) / 60.0).min(self.max_flow_ml_s);
         let wanted = limit_ml_s * ((set_pa - pressure_pa) / self.band_pa).clamp(0.0, 1.0);
         let tube = f64::from(input.inflow_valve) * self.inflow_ml_s_pa * (self.max_delivery_pa - pressure_pa).max(0.0);
@@ -286,7 +319,7 @@ impl PumpModel {
         lost_ml_s: f64,
         [before_pa, pressure_pa]: [f64; 2],
     ) -> Alarms {
-        let set_pa = f64::from(input.set_pa).min(self.max_set_pa);
+        let set_pa = self.set_pa(input);
         // At the higher pressure of the two, so that a pressure that falls does not make a hole of what went into veins.
         let highest_pa = before_pa.max(pressure_pa);
         let veins_ml_s = self.intravasation_ml_s_pa * (highest_pa - self.venous_pa).max(0.0);

@@ -15,7 +15,8 @@ use crate::inputs::FlowInputs;
 use crate::model::FlowModel;
 use crate::multigrid::Hierarchy;
 use crate::obstacles::Walls;
-use crate::plan::{LayerSums, Plan, Roles, Share};
+use crate::plan::{Exit, LayerSums, Plan, Roles, Share};
+use crate::sources::most_cells;
 use crate::walls::Mirrors;
 use crate::wires::MAX_DRAGS;
 
@@ -27,6 +28,8 @@ pub enum Phase {
     Mask,
     /// What the faces in and on solids show, so that the medium sticks to them.
     Mirror,
+    /// They show it.
+    Hold,
     /// Pressure operator of the grid.
     Operator,
     /// Pressure operator of a coarser level.
@@ -65,6 +68,8 @@ pub enum Phase {
     Dye,
     /// Blood particles.
     Particles,
+    /// The faces in and on solids show the solid's own velocity again.
+    Rest,
 }
 
 /// The Flow Engine's mathematics: model and state of one grid.
@@ -93,9 +98,6 @@ pub struct Solver {
     pub(crate) coordinator: Mutex<Coordinator>,
     pub(crate) sums: Vec<Mutex<Vec<LayerSums>>>,
 }
-
-/// Cells with sources or sinks at most: eight balls of six cells across.
-pub(crate) const MAX_SOURCE_CELLS: usize = 1_024;
 
 impl Solver {
     /// Fluid at rest in an empty grid (no solid cells, empty cavity), in `bands` groups of layers.
@@ -127,13 +129,15 @@ impl Solver {
             components: 1,
             means: Default::default(),
             labels: vec![0; cells],
-            sources: Vec::with_capacity(MAX_SOURCE_CELLS),
+            sources: Vec::with_capacity(most_cells(cells)),
+            layers: vec![0; n[2] + 3],
             drags: Vec::with_capacity(MAX_DRAGS),
-            sinks: vec![false; cells],
+            exits: vec![Exit::Shut; cells],
             dye: 0,
             dye_dt_s: 0.0,
             particle_sweeps: 1,
             pump: Default::default(),
+            bled_ml_s: 0.0,
         };
         let solver = Self {
             bands,
@@ -192,6 +196,7 @@ impl Solver {
         match phase {
             Phase::Mask => self.mask_band(band),
             Phase::Mirror => self.mirror_band(band),
+            Phase::Hold => self.hold_band(band),
             Phase::Operator => self.operator_band(band),
             Phase::Coarsen(l) => self.coarsen_band(l.into(), band),
             Phase::CoarsenDiagonal(l) => self.coarsen_diagonal_band(l.into(), band),
@@ -211,6 +216,7 @@ impl Solver {
             Phase::Centre => self.centre_band(band),
             Phase::Dye => self.dye_band(band),
             Phase::Particles => self.particles_band(band),
+            Phase::Rest => self.rest_band(band),
         }
     }
 

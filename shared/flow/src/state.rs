@@ -17,7 +17,7 @@ use crate::pump::PumpState;
 use crate::solver::Solver;
 
 const MAGIC: u64 = 0x6879_7374_666c_6f77; // "hystflow"
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Fields of f32 per cell.
 const FIELDS: usize = 6;
 const NAMES: [&str; FIELDS] = ["u", "v", "w", "pressure", "dye", "density"];
@@ -152,9 +152,11 @@ impl<'a> StateView<'a> {
         }
         let (p, b, g) = (&self.header.pump, &self.header.blood, &self.header.gas);
         let pump = [p.cavity_ml, p.in_ml, p.out_ml, p.intravasated_ml, p.leaked_ml, p.perforated_ml, p.bled_ml];
-        let blood = [b.emitted_ml, b.entered_ml, b.washed_ml, b.buried_ml, self.header.time_s, self.header.pressure_pa.abs()];
+        let blood = [b.emitted_ml, b.entered_ml, b.washed_ml, b.buried_ml, b.lost_ml];
+        let clock = [self.header.time_s, self.header.pressure_pa.abs()];
         let gas = [g.made_ml, g.vented_ml, g.dissolved_ml];
-        for (index, x) in pump.into_iter().chain(blood).chain(gas).chain(b.pending_ml).chain(g.pending_ml).enumerate() {
+        let counters = pump.into_iter().chain(blood).chain(clock).chain(gas).chain(b.pending_ml).chain(g.pending_ml);
+        for (index, x) in counters.enumerate() {
             // A counter of what waits may be a rounding error below 0.
             if !(-1e-3..=1e15).contains(&x) {
                 return Err(FlowError::StateValue { field: "counters", index });
@@ -171,7 +173,8 @@ impl<'a> StateView<'a> {
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
-    /// Velocity along x, y or z (0, 1, 2) on the low face of each cell, m/s. The high face of the last cell is on the wall: 0.
+    /// Velocity along x, y or z (0, 1, 2) on the low face of each cell, m/s; where a solid touches it, the solid's. The high face of the last cell is on the
+    /// wall: 0.
     pub fn velocity_m_s(&self, axis: usize) -> &'a [f32] {
         self.field(axis.min(2))
     }

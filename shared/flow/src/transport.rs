@@ -184,17 +184,17 @@ pub(crate) fn hold_solid(
 
 /// Sets the faces of inflow cells to the velocity of the jet.
 fn jets(plan: &Plan, component: usize, kk: usize, stride: usize, plane: &mut [f32]) {
-    for source in plan.sources.iter().filter(|s| s.has_jet) {
+    for source in plan.sources_of(kk).iter().filter(|source| source.has_jet) {
         let v = source.jet_m_s[component];
-        if source.kk == kk {
-            plane[source.at] = v;
-            match component {
-                0 => plane[source.at + 1] = v,
-                1 => plane[source.at + stride] = v,
-                _ => {}
-            }
-        } else if component == 2 && source.kk + 1 == kk {
-            plane[source.at] = v;
+        plane[source.at] = v;
+        match component {
+            0 => plane[source.at + 1] = v,
+            1 => plane[source.at + stride] = v,
+            _ => {}
         }
+    }
+    // The upper face of a cell lies in the layer above.
+    for source in plan.sources_of(kk - 1).iter().filter(|source| component == 2 && source.has_jet) {
+        plane[source.at] = source.jet_m_s[component];
     }
 }

@@ -34,6 +34,35 @@ fn vessels_bleed_below_their_pressure_and_stay_dry_above() {
 }
 
 #[test]
+fn a_source_that_stands_for_many_vessels_bleeds_as_all_of_them() {
+    let bled = |openings: &[f32]| {
+        let solver = scene::cavity([16, 16, 10], 1);
+        let mut inputs = bleeding(0);
+        for (source, opening) in inputs.blood.iter_mut().zip(openings) {
+            *source = BloodSource { position_m: [0.012, 0.004, 0.002], opening: *opening };
+        }
+        for _ in 0..3 {
+            assert_eq!(solver.step_serial(&inputs).unwrap().neutralised, 0);
+        }
+        solver.counters().unwrap().0.bled_ml
+    };
+    let (many, one) = (bled(&[1.0, 0.75, 0.75, 1.0, 0.5]), bled(&[4.0, 0.0]));
+    assert!(many > 0.1 && (one / many - 1.0).abs() < 1e-9, "{one} ml of one source, {many} ml of five");
+    assert!(bled(&[64.0, 0.0]) > 4.0 * one, "until the cavity is full of it");
+}
+
+#[test]
+fn however_wide_a_wound_it_fills_the_cavity_to_the_pressure_of_its_vessels_and_no_further() {
+    let solver = scene::cavity([8, 8, 6], 1);
+    let mut inputs = FlowInputs { dt_s: 0.033, ..Default::default() };
+    inputs.blood = [BloodSource { position_m: [0.0; 3], opening: 64.0 }; 16];
+    for step in 0..30 {
+        let pressure_pa = solver.step_serial(&inputs).unwrap().pump.pressure_pa;
+        assert!(pressure_pa > 11_990.0 && pressure_pa < 12_000.1, "step {step}: {pressure_pa} Pa");
+    }
+}
+
+#[test]
 fn first_drop_has_the_volume_that_flowed() {
     // An empty cavity is at 0 Pa: 1e-4 ml/(s·Pa) · 12 000 Pa · 1/60 s = 0.02 ml = 20 units of 1e-3 ml less a rounding:
     // 19 whole units in 16 drops (the bound per step), the rest waits.

@@ -1,6 +1,8 @@
 //! Pump and cavity against steady states worked out by hand.
 
-use hyst_flow::{PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
+mod scene;
+
+use hyst_flow::{FlowInputs, PA_PER_MMHG, PumpInput, PumpModel, PumpReport, PumpState};
 
 fn run(model: &PumpModel, input: &PumpInput, seconds: f64) -> (PumpState, PumpReport) {
     let mut state = PumpState::default();
@@ -59,6 +61,16 @@ fn valves_and_limits_bind() {
     assert!(report.pressure_pa <= 150.0 * PA_PER_MMHG, "never above 150 mmHg");
     let first = run(&model, &PumpInput { flow_limit_ml_min: 60.0, ..open(8_000.0) }, 0.05).1;
     assert!((first.in_ml_s - 1.0).abs() < 1e-9, "60 ml/min is 1 ml/s: {first:?}");
+}
+
+#[test]
+fn a_set_pressure_above_the_pumps_range_is_counted_as_replaced() {
+    let solver = scene::cavity([8, 8, 6], 1);
+    let end_pa = (150.0 * PA_PER_MMHG) as f32;
+    for (set_pa, replaced) in [(0.0, 0), (9_000.0, 0), (end_pa, 0), (end_pa.next_up(), 0), (20_100.0, 1), (1e5, 1)] {
+        let inputs = FlowInputs { dt_s: 0.01, pump: open(set_pa), ..Default::default() };
+        assert_eq!(solver.step_serial(&inputs).unwrap().neutralised, replaced, "{set_pa} Pa");
+    }
 }
 
 #[test]

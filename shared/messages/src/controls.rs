@@ -128,6 +128,11 @@ impl Controls {
         }
     }
 
+    /// The set pressure as a pump obeys it, Pa: none above its range; what is no number stays none.
+    pub fn obeyed_pressure_pa(&self) -> f32 {
+        if self.set_pressure_pa > PRESSURE_PA[1] { PRESSURE_PA[1] } else { self.set_pressure_pa }
+    }
+
     fn press_by(&mut self, step_pa: f32) {
         if self.set_pressure_pa.is_finite() {
             self.set_pressure_pa = (self.set_pressure_pa + step_pa).clamp(PRESSURE_PA[0], PRESSURE_PA[1]);
@@ -169,6 +174,13 @@ mod tests {
         controls.focus_m = f32::NAN;
         controls.turn(Switch::FocusNear);
         assert!(controls.focus_m.is_nan(), "what is no number is not made one: the device refuses it");
+    }
+
+    #[test]
+    fn no_pump_obeys_a_set_pressure_above_its_range() {
+        let obeyed = |set_pressure_pa: f32| Controls { set_pressure_pa, ..Controls::default() }.obeyed_pressure_pa();
+        assert_eq!([0.0, 9_333.0, 50_000.0, f32::INFINITY].map(obeyed), [0.0, 9_333.0, PRESSURE_PA[1], PRESSURE_PA[1]]);
+        assert!(obeyed(f32::NAN).is_nan());
     }
 
     #[test]

@@ -10,9 +10,28 @@ pub const PUMP_ALARMS: [(u32, &str); 5] =
 /// Bits of [`PUMP_ALARMS`] that ask for nothing: of a container that is to be changed another one hangs beside it, and nobody has done anything wrong.
 pub const PUMP_NOTICES: u32 = 16;
 
-/// Bits of [`FluidStatus::flaws`] and what was done about them: walls or inputs that are no numbers or beyond any organ were replaced, speeds beyond any real
-/// one were set to 0, a flow too fast for the sweeps of a step was slowed in transport, the pressure was taken before it had converged.
-pub const FLOW_FLAWS: [(u32, &str); 4] = [(1, "input replaced"), (2, "wild speed"), (4, "slowed"), (8, "not converged")];
+/// Bits of [`FluidStatus::flaws`] and what was done about them. Mended: walls or inputs that are no numbers or beyond any organ were replaced, speeds beyond any
+/// real one were set to 0, the walls of before were kept where the tissue left nothing of the cavity, a sample of before where the newest cannot be. As they
+/// were: a flow too fast for the sweeps of a step was slowed in transport, the pressure was taken before it had converged, what flows through a port that lies
+/// in a solid moved nothing, the box closed the cavity where the tissue does not.
+pub const FLOW_FLAWS: [(u32, &str); 8] = [
+    (1, "input replaced"),
+    (2, "wild speed"),
+    (WALLS_KEPT, "walls kept"),
+    (SAMPLE_KEPT, "sample kept"),
+    (4, "slowed"),
+    (8, "not converged"),
+    (16, "port without cells"),
+    (WALLS_OPEN, "walls open"),
+];
+/// Bit of [`FLOW_FLAWS`]: walls that are no numbers or faster than any organ were replaced.
+pub const WALLS_REPLACED: u32 = 1;
+/// Bit of [`FLOW_FLAWS`]: the tissue does not close the cavity.
+pub const WALLS_OPEN: u32 = 32;
+/// Bit of [`FLOW_FLAWS`]: the tissue left nothing of the cavity.
+pub const WALLS_KEPT: u32 = 64;
+/// Bit of [`FLOW_FLAWS`]: the hardware's newest sample cannot be.
+pub const SAMPLE_KEPT: u32 = 128;
 
 /// Most vessels that a state says to be coagulated, in whole or in part: one in each cube of 4 mm of 10 cm² of wounds.
 pub const MAX_SEALS: usize = 64;

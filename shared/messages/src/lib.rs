@@ -20,7 +20,8 @@ pub mod stream;
 pub mod tolerance;
 
 pub use controls::Switch;
-pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SealRecord};
+pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
+pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
 pub use latency::{LATENCY_BUCKETS, bucket_of_ns, counted_since, percentile_ns};
 pub use record::*;
 pub use replay::{ReplayRecord, StepRecord};

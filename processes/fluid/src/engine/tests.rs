@@ -4,18 +4,21 @@
 mod loans;
 
 use super::*;
+use crate::afford::at_rest;
+use crate::heard::tests::stated;
 use crate::wounds::Vessel;
 use glam::{IVec3, Vec3};
 use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
 use hyst_flow::{Alarms, BloodSource, Capsule, PumpState, StepReport};
-use hyst_messages::{PUMP_ALARMS, Slot};
+use hyst_messages::page::hardware;
+use hyst_messages::{FLOW_FLAWS, HardwareSample, PUMP_ALARMS, Slot};
 use loans::written;
 
 const STEPS: u64 = 3;
 
 #[test]
-fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
+fn each_alarm_of_the_pump_and_each_flaw_has_the_bit_of_its_name() {
     type Place = fn(&mut Alarms) -> &mut bool;
     let set: [(Place, &str); 5] = [
         (|alarms| &mut alarms.pressure, "pressure"),
@@ -30,6 +33,30 @@ fn each_alarm_of_the_pump_has_the_bit_of_its_name() {
         let bits = status_of(&report, &PumpState::default()).alarms;
         assert_eq!(PUMP_ALARMS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
     }
+    type Flaw = fn(&mut StepReport);
+    let flaws: [(Flaw, &str); 5] = [
+        (|report| report.neutralised = 1, "input replaced"),
+        (|report| report.wild = 1, "wild speed"),
+        (|report| report.slowed = true, "slowed"),
+        (|report| report.unconverged = true, "not converged"),
+        (|report| report.blind_ports = 1, "port without cells"),
+    ];
+    for (flaw, name) in flaws {
+        let mut report = StepReport::default();
+        flaw(&mut report);
+        let bits = status_of(&report, &PumpState::default()).flaws;
+        assert_eq!(FLOW_FLAWS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
+    }
+    let of_engine = [
+        (flaws_of(1, false), "input replaced"),
+        (flaws_of(0, true), "walls open"),
+        (WALLS_KEPT, "walls kept"),
+        (SAMPLE_KEPT, "sample kept"),
+    ];
+    for (bits, name) in of_engine {
+        assert_eq!(FLOW_FLAWS.iter().find(|(_, known)| *known == name), Some(&(bits, name)));
+    }
+    assert_eq!((flaws_of(0, false), flaws_of(7, true)), (0, WALLS_REPLACED | WALLS_OPEN));
     let pump = PumpState { in_ml: 7.0, out_ml: 4.0, cavity_ml: 5.0, bled_ml: 2.0, ..PumpState::default() };
     let status = status_of(&StepReport::default(), &pump);
     assert_eq!((status.alarms, status.deficit_ml, status.cavity_volume_ml, status.bled_ml), (0, 3.0, 5.0, 2.0));
@@ -158,6 +185,28 @@ fn whoever_comes_to_a_role_that_goes_on_takes_its_step_without_a_dry_one() {
         // Longer than any machine needs for the default scene, so that no dry step finds it.
         assert_eq!(chosen(4 * scene.fluid.period_ticks()), 4 * scene.fluid.period_ticks());
         assert_eq!(chosen(7), scene.fluid.period_ticks(), "what is no step of the scene is not taken");
+    });
+}
+
+#[test]
+fn a_sample_that_the_device_refuses_moves_neither_valves_nor_scope_and_is_counted_and_named() {
+    in_a_station("refused", |mut engine| {
+        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
+        let page = life.station.create_slot(slot, 3).unwrap();
+        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
+        page.write(hardware::STATEMENT, &stated());
+        let rest = at_rest(&load_scene(None).unwrap());
+        let sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest };
+        page.write(hardware::SAMPLE, &sample);
+        let good = engine.inputs(0.03);
+        assert!(good.pump.inflow_valve == 1.0 && good.tools[0].radius_m > 0.0, "{good:?}");
+        assert_eq!((life.page.load64(header::INVALID), engine.flaws), (0, 0));
+        let mut bad = HardwareSample { hardware_tick: 2, time_ns: sample.time_ns + 1_000_000, ..sample };
+        (bad.pose.position_m[0], bad.controls.set_pressure_pa) = (f32::NAN, 1e6);
+        page.write(hardware::SAMPLE, &bad);
+        assert_eq!(engine.inputs(0.03), good);
+        assert_eq!(engine.inputs(0.03), good, "and again");
+        assert_eq!((life.page.load64(header::INVALID), engine.flaws), (1, SAMPLE_KEPT));
     });
 }
 

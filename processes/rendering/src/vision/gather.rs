@@ -33,7 +33,7 @@ impl Vision<'_> {
     pub(super) fn write(&mut self, sources: &Sources, tick: u64, sample: Option<&HardwareSample>, has_window: bool) {
         let felt = self.mark(sources);
         let given = sample.map_or(0, |sample| sample.from_window);
-        let set_pa = sample.filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.set_pressure_pa);
+        let set_pa = sample.filter(|_| given & WINDOW_PRESSURE != 0).map(|sample| sample.controls.obeyed_pressure_pa());
         self.strip.look(&self.life.clock, tick);
         self.strip.hear(self.life, tick);
         self.strip.heed(sources.cut_limits(), tick);
