@@ -6,6 +6,8 @@
 //! deformation). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
 mod felt;
+#[cfg(test)]
+mod hertz;
 mod knife;
 mod linear;
 mod paper;
