@@ -78,6 +78,22 @@ impl Record {
     }
 }
 
+/// What a run has in another way than the station.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Steps in each tick of the hand; of more than one none has mass added.
+    pub finer: u32,
+    /// How many times as stiff the contacts of the tool are.
+    pub stiffer: f32,
+}
+
+impl Default for Settings {
+    /// The station's.
+    fn default() -> Settings {
+        Settings { finer: 1, stiffer: 1.0 }
+    }
+}
+
 /// Model, state and buffers of a run.
 pub struct Press {
     /// Steps of a tick.
@@ -108,14 +124,15 @@ pub fn text(error: impl std::fmt::Display) -> String {
 impl Press {
     /// At rest; the intersection test is shared among `threads` threads, the caller's included.
     pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
-        Press::finer(scene, isa, threads, 1)
+        Press::with(scene, isa, threads, Settings::default())
     }
 
-    /// The same with so many steps in each tick of the hand, of which none has mass added.
-    pub fn finer(scene: &LoadedScene, isa: Isa, threads: usize, finer: u32) -> Result<Press, String> {
-        let (_, world) = Workshop::open_finer(scene, isa, finer).map_err(text)?;
+    /// The same with settings that are not the station's.
+    pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, settings: Settings) -> Result<Press, String> {
+        let Settings { finer, stiffer } = settings;
+        let (_, world) = Workshop::open_finer(scene, isa, finer, stiffer).map_err(text)?;
         let (points, nodes) = (world.points.len(), world.model.node_count());
-        let contacts = Contacts::new(&world);
+        let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
         let sizes = world.points.table_sizes();
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
