@@ -7,6 +7,8 @@
 
 mod felt;
 #[cfg(test)]
+mod foreign;
+#[cfg(test)]
 mod hertz;
 mod knife;
 mod linear;

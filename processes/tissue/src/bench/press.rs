@@ -63,6 +63,9 @@ pub struct Record {
     pub contacts: usize,
     /// What the tool felt after the last step, N.
     pub force_n: [f32; 3],
+    /// Elastic energy before the last step and kinetic energy after it, J.
+    #[cfg(test)]
+    pub energy_j: f64,
 }
 
 impl Record {
@@ -277,6 +280,10 @@ impl Press {
         laps.record.force_n = force_n;
         drop(input);
         record.substeps = report.substeps;
+        #[cfg(test)]
+        {
+            record.energy_j = report.elastic_energy_j + report.kinetic_energy_j;
+        }
         record.contacts = record.contacts.max(self.contacts.count());
         std::mem::swap(&mut shared.input.write().positions_m, &mut self.next_m);
         std::mem::swap(&mut self.velocities_m_s, &mut self.next_m_s);
