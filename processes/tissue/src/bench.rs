@@ -6,6 +6,10 @@
 //! deformation); of the deformation `arithmetic` has the same for its operations ([`limit`]). `speedup` has the intersection test on two threads, and beside it what two independent copies reach on this machine.
 
 mod felt;
+#[cfg(test)]
+mod foreign;
+#[cfg(test)]
+mod hertz;
 mod knife;
 mod limit;
 mod linear;
@@ -31,8 +35,9 @@ const US: f64 = 1e3;
 const MOST_APART: f64 = 0.05;
 /// How many times as fast as a peer's bounding volumes the test is to be.
 const LEAST_RATIO: f64 = 3.0;
-/// How many times as fine the converged solution is, and ticks of the hand in it.
+/// How many times as fine the converged solution is, how many times as stiff the contacts beside which it is seen what they give way, and ticks of the hand.
 const FINER: u32 = 4;
+const STIFFER: f32 = 10.0;
 const TRUTH_TICKS: usize = 1_000;
 /// Longest cut with all that is made anew for it, ms: a tick.
 const MOST_CUT_MS: f64 = 1.0;
@@ -105,18 +110,32 @@ fn tissue(scene: &LoadedScene) -> Result<Vec<Value>, String> {
         targets.push(target(&name, truth[key].as_f64().unwrap_or(f64::NAN), MOST_APART, false));
     }
     rows.push(truth);
+    rows.push(softness(scene)?);
     rows.extend(targets);
     Ok(rows)
 }
 
 /// A row for how far the settings are from the solution that is converged in time.
 fn truth(scene: &LoadedScene) -> Result<Value, String> {
+    let method = format!("beside steps {FINER} times as short, without added mass");
+    apart(scene, &method, || felt::apart(scene, [1, FINER], TRUTH_TICKS))
+}
+
+/// A row for what the contact gives way by itself: how far the force is from that of a contact which gives way next to nothing. It has no target: what is
+/// said of convergence is said of the tissue, with the contact as it is.
+fn softness(scene: &LoadedScene) -> Result<Value, String> {
+    let method = format!("contacts beside such as are {STIFFER} times as stiff, both in steps {FINER} times as short");
+    apart(scene, &method, || felt::softness(scene, FINER, STIFFER, TRUTH_TICKS))
+}
+
+/// A row for how far two runs are apart.
+fn apart(scene: &LoadedScene, method: &str, runs: impl Fn() -> Result<felt::Apart, String>) -> Result<Value, String> {
     let begun_ns = hyst_exchange::system::now_ns();
-    let apart = felt::apart(scene, [1, FINER], TRUTH_TICKS)?;
+    let apart = runs()?;
     let step_ns = (hyst_exchange::system::now_ns() - begun_ns) / TRUTH_TICKS as u64;
     Ok(json!({
         "scene": scene.scene.name,
-        "method": format!("beside steps {FINER} times as short, without added mass"),
+        "method": method,
         "steps": TRUTH_TICKS,
         "step_us": spread(&mut [step_ns], US),
         "force_apart": apart.force,

@@ -39,6 +39,8 @@ pub const LAW: ContactLaw = ContactLaw {
 
 /// Buffers of the contact part of a step, sized once.
 pub struct Contacts {
+    /// Of the tool's contacts, per area, N/m³: [`STIFFNESS_N_M3`], or many times that for who asks what the contact itself gives way.
+    stiffness_n_m3: f32,
     work: Workspace,
     /// The tool's is part of the state; that of tissue is forgotten after each step.
     memory: Vec<Memory>,
@@ -92,10 +94,16 @@ fn way_out(world: &World, tissue: &Tissue<'_>, found: &Penetration, point_m: [f3
 impl Contacts {
     /// Buffers for a world.
     pub fn new(world: &World) -> Contacts {
+        Contacts::stiffer(world, 1.0)
+    }
+
+    /// The same with contacts of the tool that are so many times as stiff.
+    pub fn stiffer(world: &World, stiffer: f32) -> Contacts {
         let points = world.points.len();
         let hits = max_hits(world);
         let contacts = hits + world.points.tool;
         Contacts {
+            stiffness_n_m3: stiffer * STIFFNESS_N_M3,
             work: Workspace::new(points, hits, world.model.node_count()),
             memory: vec![Memory::default(); points],
             found: vec![Penetration::default(); contacts],
@@ -165,7 +173,7 @@ impl Contacts {
                     false => MAX_DEPTH_M,
                 };
                 let depth_m = found.depth_m.min(most_m);
-                let (offset_m, stiffness_n_m) = (along + depth_m, STIFFNESS_N_M3 * area_m2);
+                let (offset_m, stiffness_n_m) = (along + depth_m, self.stiffness_n_m3 * area_m2);
                 let velocity_m_s = tool.velocity_m_s;
                 self.springs.push(PlaneSpring { nodes: *nodes, weights, normal, offset_m, velocity_m_s, stiffness_n_m });
                 let direction = found.direction;
@@ -248,7 +256,7 @@ impl Contacts {
             tip_m: tool.tip_m,
             tool: TOOL_ID,
         };
-        let params = PlaneParams { range_m: ANTICIPATION_M, stiffness_n_m3: STIFFNESS_N_M3 };
+        let params = PlaneParams { range_m: ANTICIPATION_M, stiffness_n_m3: self.stiffness_n_m3 };
         Ok((planes(&input, &params), total))
     }
 }

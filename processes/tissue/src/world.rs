@@ -132,18 +132,18 @@ impl Workshop {
 
     /// The world of a scene, and where others are made of it.
     pub fn open(scene: &LoadedScene, isa: Isa) -> Result<(Workshop, World), Failure> {
-        Workshop::open_finer(scene, isa, 1)
+        Workshop::open_finer(scene, isa, 1, 1.0)
     }
 
-    /// The same for steps that are so many times as short; with more than one no mass is added.
-    pub fn open_finer(scene: &LoadedScene, isa: Isa, finer: u32) -> Result<(Workshop, World), Failure> {
+    /// The same for steps that are so many times as short, with more than one no mass is added, and contacts that are so many times as stiff.
+    pub fn open_finer(scene: &LoadedScene, isa: Isa, finer: u32, stiffer: f32) -> Result<(Workshop, World), Failure> {
         let meshes: Vec<_> = scene.objects.iter().map(|object| &object.mesh).collect();
         let (rest, starts) = join(&meshes).ok_or_else(|| Failure::Input("the scene has too many nodes".into()))?;
         let body = Body::of(scene, rest)?;
         let options = Options {
             step_s: 1e-3 / f64::from(finer.max(1)),
             max_added_mass_ratio: if finer > 1 { 0.0 } else { MAX_ADDED_MASS_RATIO },
-            contact_stiffness_n_m: CONTACT_STIFFNESS_N_M,
+            contact_stiffness_n_m: f64::from(stiffer) * CONTACT_STIFFNESS_N_M,
             isa,
             ..Options::default()
         };

@@ -209,10 +209,15 @@ fn bad_meshes_are_typed_errors() {
     assert!(matches!(make(&|mesh| mesh.scale_to_m(1e-12)), Err(ModelError::BadTet { .. })));
     let unused = make(&|mesh| mesh.positions_m.push([1.0, 1.0, 1.0])).unwrap();
     assert_eq!(unused.unused_nodes, 1);
-    for (young, nu, density, damping) in
-        [(f64::NAN, 0.4, 1e3, 1.0), (1e4, 0.5, 1e3, 1.0), (1e4, 0.4, 0.0, 1.0), (1e4, 0.4, 1e3, -1.0)]
-    {
-        assert!(Material::new(young, nu, density, damping).is_err());
+    for (young, nu, density, damping) in [
+        (f64::NAN, 0.4, 1e3, 1.0),
+        (0.0, 0.4, 1e3, 1.0),
+        (1e12, 0.4, 1e3, 1.0),
+        (1e4, 0.5, 1e3, 1.0),
+        (1e4, 0.4, 0.0, 1.0),
+        (1e4, 0.4, 1e3, -1.0),
+    ] {
+        assert!(Material::new(young, nu, density, damping).is_err(), "{young} Pa, {nu}, {density} kg/m³, {damping}/s");
     }
 }
 

@@ -3,25 +3,11 @@
 
 mod common;
 
-use common::cuts::{assert_sound, bar, corners, parts, shipped, straight};
+use common::cuts::{assert_sound, bar, corners, dressed, in_its_boundary, parts, shipped, straight};
 use glam::{DVec3, Vec3};
-use hyst_mesh::{TriangleMesh, bind, boundary, component_of_each_tet, read_triangles, signed_volume};
+use hyst_mesh::{component_of_each_tet, read_triangles, signed_volume};
 use hyst_tissue::{CutError, CutOptions, CutReport, Cuttable, Skin, cut};
 use std::path::Path;
-
-/// Binds a surface.
-fn dressed(mut tissue: Cuttable, surface: &TriangleMesh) -> Cuttable {
-    let (bindings, _) = bind(surface, &tissue.rest).unwrap();
-    let raw = vec![false; bindings.len()];
-    tissue.skin = Skin { rest_m: surface.positions_m.clone(), triangles: surface.triangles.clone(), bindings, raw };
-    tissue
-}
-
-/// Under its own boundary.
-fn in_its_boundary(tissue: Cuttable) -> Cuttable {
-    let (surface, _) = boundary(&tissue.rest).to_mesh(&tissue.rest.positions_m);
-    dressed(tissue, &surface)
-}
 
 /// The default scene's polyp with its finer surface.
 fn polyp() -> Cuttable {
@@ -35,20 +21,9 @@ fn point(points: &[[f32; 3]], index: u32) -> DVec3 {
     DVec3::from_array(points[index as usize].map(f64::from))
 }
 
-/// What must hold after each sweep.
+/// What must hold after each sweep beside what [`assert_sound`] says.
 fn assert_skin(tissue: &Cuttable) {
-    let (skin, tets) = (&tissue.skin, tissue.rest.tets.len());
-    assert_eq!(skin.rest_m.len(), skin.bindings.len());
-    for binding in &skin.bindings {
-        assert!((binding.tet as usize) < tets, "bound to a tet that is not there");
-        let sum: f32 = binding.weights.iter().sum();
-        assert!((sum - 1.0).abs() < 1e-3, "weights {:?}", binding.weights);
-    }
-    for triangle in &skin.triangles {
-        let [a, b, c] = *triangle;
-        assert!(a != b && b != c && c != a, "a triangle has a vertex twice");
-        assert!(triangle.iter().all(|vertex| (*vertex as usize) < skin.rest_m.len()));
-    }
+    let skin = &tissue.skin;
     // Where the tissue is at rest the surface is where it was bound.
     let placed = skin.place(&tissue.rest.tets, &tissue.rest.positions_m);
     for (vertex, rest) in placed.iter().zip(&skin.rest_m) {

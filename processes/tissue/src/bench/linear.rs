@@ -20,8 +20,8 @@ const RUN_NS: u64 = 1_200_000_000;
 /// block as in all others; the largest does not fit into a core's own cache.
 const MOST_RATIO: f64 = 1.5;
 
-/// A block whose near face is before the tip, less how deep that is pressed in.
-fn block(cells: [usize; 3], tip_m: [f32; 3]) -> TetMesh {
+/// A block whose near face is before the tip, less how deep that is pressed in. Its nodes go along x first, then y, then z.
+pub fn block(cells: [usize; 3], tip_m: [f32; 3]) -> TetMesh {
     let [nx, ny, _] = cells.map(|count| count + 1);
     let number = |[x, y, z]: [usize; 3]| ((z * ny + y) * nx + x) as u32;
     let in_order = |[x, y, z]: [usize; 3]| (0..z).flat_map(move |k| (0..y).flat_map(move |j| (0..x).map(move |i| [i, j, k])));
@@ -50,6 +50,12 @@ fn block(cells: [usize; 3], tip_m: [f32; 3]) -> TetMesh {
 /// The scene with a block as its only object, held at its far face, and no hand: the tool rests.
 fn with_block(scene: &LoadedScene, cells: [usize; 3]) -> Option<LoadedScene> {
     let mesh = block(cells, scene.rest.tip_m(scene.workspace.pivot_m));
+    let far_m = mesh.positions_m.iter().map(|place| place[2]).fold(f32::MIN, f32::max) - 0.5 * EDGE_M;
+    with_mesh(scene, mesh, |place| place[2] > far_m)
+}
+
+/// The scene with a mesh as its only object, of the material of its first one, held where it is said, and no hand.
+pub fn with_mesh(scene: &LoadedScene, mesh: TetMesh, is_held: impl Fn(&[f32; 3]) -> bool) -> Option<LoadedScene> {
     let (surface, nodes) = boundary(&mesh).to_mesh(&mesh.positions_m);
     let mut bound = vec![None; mesh.positions_m.len()];
     for (index, tet) in mesh.tets.iter().enumerate() {
@@ -58,13 +64,12 @@ fn with_block(scene: &LoadedScene, cells: [usize; 3]) -> Option<LoadedScene> {
             bound[*node as usize] = Some(Binding { tet: index as u32, weights });
         }
     }
-    let far_m = mesh.positions_m.iter().map(|place| place[2]).fold(f32::MIN, f32::max) - 0.5 * EDGE_M;
     let object = LoadedDeformable {
         name: "block".to_owned(),
         kind: DeformableKind::Organ,
         surface,
         bindings: nodes.iter().map(|node| bound[*node as usize]).collect::<Option<Vec<Binding>>>()?,
-        fixed: mesh.positions_m.iter().map(|place| place[2] > far_m).collect(),
+        fixed: mesh.positions_m.iter().map(is_held).collect(),
         material: scene.objects.first()?.material.clone(),
         attach: None,
         look: None,

@@ -63,6 +63,9 @@ pub struct Record {
     pub contacts: usize,
     /// What the tool felt after the last step, N.
     pub force_n: [f32; 3],
+    /// Elastic energy before the last step and kinetic energy after it, J.
+    #[cfg(test)]
+    pub energy_j: f64,
 }
 
 impl Record {
@@ -75,6 +78,22 @@ impl Record {
     /// Time of a phase in all steps, ns.
     pub fn total_ns(&self, phase: usize) -> u64 {
         self.phases_ns[phase].iter().sum()
+    }
+}
+
+/// What a run has in another way than the station.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Steps in each tick of the hand; of more than one none has mass added.
+    pub finer: u32,
+    /// How many times as stiff the contacts of the tool are.
+    pub stiffer: f32,
+}
+
+impl Default for Settings {
+    /// The station's.
+    fn default() -> Settings {
+        Settings { finer: 1, stiffer: 1.0 }
     }
 }
 
@@ -108,14 +127,15 @@ pub fn text(error: impl std::fmt::Display) -> String {
 impl Press {
     /// At rest; the intersection test is shared among `threads` threads, the caller's included.
     pub fn new(scene: &LoadedScene, isa: Isa, threads: usize) -> Result<Press, String> {
-        Press::finer(scene, isa, threads, 1)
+        Press::with(scene, isa, threads, Settings::default())
     }
 
-    /// The same with so many steps in each tick of the hand, of which none has mass added.
-    pub fn finer(scene: &LoadedScene, isa: Isa, threads: usize, finer: u32) -> Result<Press, String> {
-        let (_, world) = Workshop::open_finer(scene, isa, finer).map_err(text)?;
+    /// The same with settings that are not the station's.
+    pub fn with(scene: &LoadedScene, isa: Isa, threads: usize, settings: Settings) -> Result<Press, String> {
+        let Settings { finer, stiffer } = settings;
+        let (_, world) = Workshop::open_finer(scene, isa, finer, stiffer).map_err(text)?;
         let (points, nodes) = (world.points.len(), world.model.node_count());
-        let contacts = Contacts::new(&world);
+        let contacts = Contacts::stiffer(&world, stiffer);
         let room = contacts::max_hits(&world);
         let sizes = world.points.table_sizes();
         let input = Input { positions_m: world.model.rest_m().to_vec(), table: vec![0; sizes.words()] };
@@ -260,6 +280,10 @@ impl Press {
         laps.record.force_n = force_n;
         drop(input);
         record.substeps = report.substeps;
+        #[cfg(test)]
+        {
+            record.energy_j = report.elastic_energy_j + report.kinetic_energy_j;
+        }
         record.contacts = record.contacts.max(self.contacts.count());
         std::mem::swap(&mut shared.input.write().positions_m, &mut self.next_m);
         std::mem::swap(&mut self.velocities_m_s, &mut self.next_m_s);

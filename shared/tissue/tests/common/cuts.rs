@@ -2,8 +2,8 @@
 
 use super::block;
 use glam::{DVec3, Vec3};
-use hyst_mesh::{TetMesh, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
-use hyst_tissue::{CutOptions, CutReport, Cuttable, cut};
+use hyst_mesh::{TetMesh, TriangleMesh, bind, boundary, check, component_of_each_tet, quality, read_tets, repair, signed_volume};
+use hyst_tissue::{CutOptions, CutReport, Cuttable, Skin, cut};
 use std::path::Path;
 
 pub fn shipped(name: &str) -> TetMesh {
@@ -23,6 +23,26 @@ pub fn corners(mesh: &TetMesh, tet: &[u32; 4]) -> [DVec3; 4] {
 pub fn shape(mesh: &TetMesh) -> (Vec<f64>, f64) {
     let volumes = mesh.tets.iter().map(|tet| signed_volume(corners(mesh, tet))).collect();
     (volumes, mesh.tets.iter().map(|tet| quality(corners(mesh, tet))).fold(1.0, f64::min))
+}
+
+/// Volume of each tet where it is now, m³.
+pub fn volumes_now(tissue: &Cuttable) -> Vec<f64> {
+    let place = |node: u32| DVec3::from_array(tissue.position_m[node as usize].map(f64::from));
+    tissue.rest.tets.iter().map(|tet| signed_volume(tet.map(place))).collect()
+}
+
+/// Binds a surface.
+pub fn dressed(mut tissue: Cuttable, surface: &TriangleMesh) -> Cuttable {
+    let (bindings, _) = bind(surface, &tissue.rest).unwrap();
+    let raw = vec![false; bindings.len()];
+    tissue.skin = Skin { rest_m: surface.positions_m.clone(), triangles: surface.triangles.clone(), bindings, raw };
+    tissue
+}
+
+/// Under its own boundary.
+pub fn in_its_boundary(tissue: Cuttable) -> Cuttable {
+    let (surface, _) = boundary(&tissue.rest).to_mesh(&tissue.rest.positions_m);
+    dressed(tissue, &surface)
 }
 
 /// Momentum over the density, m⁴/s: a quarter of each tet belongs to each of its nodes.
@@ -69,6 +89,40 @@ pub fn assert_sound(before: &Cuttable, after: &Cuttable, report: &CutReport, opt
     if !report.has_changed_mesh() {
         assert_eq!((&before.rest, &before.position_m), (&after.rest, &after.position_m));
     }
+    assert_sound_now(before, after, report);
+    assert_bound(before, after, options);
+}
+
+/// What must hold where the tissue is now, bent as it may be: nodes lie on edges and are moved along edges in both shapes alike. So nothing turns inside out that
+/// was not, and what is filled stays as much. (Mass and momentum know the shape at rest alone.)
+fn assert_sound_now(before: &Cuttable, after: &Cuttable, report: &CutReport) {
+    let (old, new) = (volumes_now(before), volumes_now(after));
+    if old.iter().any(|volume| *volume <= 0.0) {
+        return;
+    }
+    assert!(new.iter().all(|volume| *volume > 0.0), "a tet has turned inside out where it is now");
+    let (old, new): (f64, f64) = (old.iter().sum(), new.iter().sum());
+    let is_kept = if report.burnt_tets == 0 { (new - old).abs() <= 2e-6 * old } else { new <= old * (1.0 + 2e-6) };
+    assert!(is_kept, "{old} m³ where it is now became {new}, {} tets burnt", report.burnt_tets);
+}
+
+/// The surface for the eye follows tets that are there, and has no more than there is room for.
+fn assert_bound(before: &Cuttable, after: &Cuttable, options: &CutOptions) {
+    let (skin, tets) = (&after.skin, after.rest.tets.len());
+    assert_eq!((skin.bindings.len(), skin.raw.len()), (skin.rest_m.len(), skin.rest_m.len()));
+    for binding in &skin.bindings {
+        let sum: f32 = binding.weights.iter().sum();
+        assert!((binding.tet as usize) < tets && (sum - 1.0).abs() < 1e-3, "{binding:?}, {tets} tets");
+    }
+    for triangle in &skin.triangles {
+        let [a, b, c] = *triangle;
+        assert!(a != b && b != c && c != a, "a triangle has a vertex twice");
+        assert!(triangle.iter().all(|vertex| (*vertex as usize) < skin.rest_m.len()));
+    }
+    assert!(
+        skin.rest_m.len() <= options.max_vertices.max(before.skin.rest_m.len())
+            && skin.triangles.len() <= options.max_triangles.max(before.skin.triangles.len())
+    );
 }
 
 /// Sweeps a wire along its places and asserts after each.

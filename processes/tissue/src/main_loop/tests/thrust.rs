@@ -61,3 +61,47 @@ fn a_tool_that_is_thrust_in_is_met_and_the_tissue_comes_back() {
     assert!(most_m > 0.5e-3 && most_m < FAR_M, "a node went {most_m} m");
     assert!(left_m < BACK_M, "{left_m} m from its place at the end");
 }
+
+/// Ticks in which the tip goes in, in which it is nowhere, and in which it is back.
+const IN: u64 = 80;
+const NOWHERE: u64 = 12;
+const BACK: u64 = 120;
+
+/// The device lets no such sample through; whoever did would harm nothing but himself.
+#[test]
+fn a_tool_whose_place_is_no_number_moves_no_node_anywhere_cuts_nothing_and_is_felt_again() {
+    const CUTS: u32 = hyst_messages::BUTTON_ENERGIZED | hyst_messages::BUTTON_EXTENDED;
+    let (station, pages) = founded("no-place", "workers = 0");
+    let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
+    let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
+    let mut main = engine(&station, &life, &mut inbox);
+    let scene = hyst_scene::load_embedded().unwrap();
+    let (hand, pivot_m) = (scene.hand("press").unwrap(), main.world.case.pivot_m);
+    let mut now = first_state(&mut main);
+    for tick in 1..=IN + NOWHERE + BACK {
+        let at = hand.pose_at(0.5 * hand.period_s * tick.min(IN) as f64 / IN as f64);
+        let (position_m, orientation) = (at.tip_m(pivot_m), at.orientation());
+        let pose = Pose { position_m, orientation, insertion_m: at.insertion_m, ..Pose::default() };
+        let mut record = InputRecord { tick, pressure_pa: main.world.case.rest_pressure_pa, ..InputRecord::default() };
+        record.sample.pose = pose;
+        if (IN + 1..=IN + NOWHERE).contains(&tick) {
+            record.sample.pose = match tick % 4 {
+                0 => Pose { position_m: [f32::NAN; 3], ..pose },
+                1 => Pose { orientation: [f32::NAN; 4], ..pose },
+                2 => Pose { position_m: [f32::INFINITY, 0.0, f32::NEG_INFINITY], ..pose },
+                _ => Pose { position_m: [f32::MAX; 3], orientation: [f32::MAX; 4], ..pose },
+            };
+            record.sample.velocity_m_s = [f32::NAN; 3];
+            record.sample.controls.buttons = if tick.is_multiple_of(2) { CUTS } else { 0 };
+            record.sample.controls.loop_extension_m = 0.005;
+        }
+        now = fed(&mut main, &pages[1], &now, &record);
+        let core = core_of(&now);
+        assert!(Vec3::from(core.force_n).is_finite() && core.is_sane(), "{:?} N at tick {tick}", core.force_n);
+        assert!(displaced_m(&main, &now) < FAR_M, "tick {tick}");
+        assert!(positions(&now).as_flattened().iter().all(|coordinate| coordinate.is_finite()), "tick {tick}");
+    }
+    let core = core_of(&now);
+    assert!(main.accepts(bytemuck::cast_slice(&now)) && core.cuts == 0, "{} cuts", core.cuts);
+    assert!(Vec3::from(core.force_n).length() > 0.05, "the tool is back, and {:?} N are felt", core.force_n);
+}
