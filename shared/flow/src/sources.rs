@@ -79,7 +79,7 @@ impl Solver {
             if valve <= 0.0 && mouth.flow_m3_s == 0.0 {
                 continue;
             }
-            if !self.place(&mouth, fluid, c, plan) {
+            if !self.place_mouth(&mouth, fluid, c, plan) {
                 c.report.blind_ports += 1; // it lies in a solid: its flow widens or narrows the cavity but drives nothing
                 continue;
             }
@@ -119,7 +119,7 @@ impl Solver {
                     is_lost: true,
                     ..Mouth::default()
                 };
-                self.place(&mouth, fluid, c, plan);
+                self.place_mouth(&mouth, fluid, c, plan);
             }
         }
     }
@@ -138,18 +138,18 @@ impl Solver {
             exit: Exit::Lost,
             ..Mouth::default()
         };
-        if self.place(&mouth, fluid, c, plan) {
+        if self.place_mouth(&mouth, fluid, c, plan) {
             return;
         }
         let nearest_m = ports::nearest_m(&self.model.grid, &self.layout, way.centre_m, |kk, at| fluid.layer(kk)[at] > 0.0);
         if let Some(centre_m) = nearest_m {
             mouth.centre_m = centre_m;
-            self.place(&mouth, fluid, c, plan);
+            self.place_mouth(&mouth, fluid, c, plan);
         }
     }
 
     /// Puts a mouth's cells into the list, if something flows. Whether it has any.
-    fn place(&self, mouth: &Mouth, fluid: &Read<'_>, c: &mut Coordinator, plan: &mut Plan) -> bool {
+    fn place_mouth(&self, mouth: &Mouth, fluid: &Read<'_>, c: &mut Coordinator, plan: &mut Plan) -> bool {
         let (grid, layout) = (&self.model.grid, &*self.layout);
         let is_fluid = |kk: usize, at: usize| fluid.layer(kk)[at] > 0.0;
         let reach_m = ports::reach_m(grid, layout, mouth.centre_m, mouth.radius_m, mouth.most, is_fluid);
