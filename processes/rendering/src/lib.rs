@@ -44,7 +44,7 @@ pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
 pub use error::RenderError;
 pub use flow::FlowField;
 pub use fluid::{CLEAR, FluidField, MAX_CELLS};
-pub use gpu::{Gpu, Prefer};
+pub use gpu::{Gpu, Prefer, Without};
 pub use help::{help, help_hint};
 pub use input::{Key, PointerInput};
 pub use marks::{Arrow, Marks};
