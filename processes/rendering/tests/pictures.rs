@@ -345,6 +345,10 @@ fn a_smaller_inner_picture_shows_the_same_scene() {
     let half = r.read_rgba().unwrap();
     let apart: u64 = full.iter().zip(half).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
     assert!(apart / (full.len() as u64) < 8, "mean difference {}", apart / full.len() as u64);
+    // One that is blurred is no farther apart in the mean, but has a tenth of the steps.
+    let [all, left] = [&full[..], half].map(|shot| steps(shot, middle([40, 40]))[1]);
+    println!("{left} of {all} of what is steep from pixel to pixel is left");
+    assert!(left > 0.3 * all, "{left} of {all}");
 }
 
 #[test]
