@@ -1,7 +1,7 @@
-//! How surfaces are drawn: what sticks to them.
+//! How surfaces are drawn: what sticks to them, and the lobes of growths.
 mod stand;
 
-use rendering::{Material, Without};
+use rendering::{Camera, External, Material, Without, shapes};
 use stand::*;
 
 /// Colour and vessels alone, under a light that nothing bends.
@@ -36,4 +36,46 @@ fn what_is_drawn_on_a_wall_that_is_stretched_goes_with_its_vertices() {
     assert!(sticks > 0.8 && slides < 0.75 && sticks > slides + 0.15, "{sticks} {slides}");
     let (darkest, depth) = drawn.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).expect("there are places");
     assert!(*depth < -8.0 && gone[darkest] < 0.4 * depth, "the darkest spot, of {depth}, is {} there", gone[darkest]);
+}
+
+/// Radii of what is redder than the background behind it, px, all around the middle of the picture.
+fn silhouette_px(shot: &[u8]) -> Vec<f32> {
+    let redder = |x: u32, y: u32| {
+        let [red, _, blue] = pixel(shot, x, y);
+        (red - blue) as f32
+    };
+    let between = |x: f32, y: f32| {
+        let (left, top) = (x.floor() as u32, y.floor() as u32);
+        let [along, down] = [x.fract(), y.fract()];
+        let row = |y: u32| (1.0 - along) * redder(left, y) + along * redder(left + 1, y);
+        (1.0 - down) * row(top) + down * row(top + 1)
+    };
+    let radius = |angle: f32| {
+        let is_inside = |radius: &f32| {
+            let [x, y] = [0.5 * WIDTH as f32 + radius * angle.cos(), 0.5 * HEIGHT as f32 + radius * angle.sin()];
+            between(x - 0.5, y - 0.5) > 20.0
+        };
+        (0..580).map(|tenth| 58.0 - 0.1 * tenth as f32).find(is_inside).unwrap_or(0.0)
+    };
+    (0..120).map(|part| radius(part as f32 / 120.0 * std::f32::consts::TAU)).collect()
+}
+
+#[test]
+fn a_growth_has_lobes_of_some_tenths_of_a_millimetre_and_the_lining_has_none() {
+    let Some(mut r) = renderer() else { return };
+    let (far_m, field_of_view_rad) = (0.060, 0.175);
+    let outside = External { eye_m: [far_m, 0.0, 0.0], target_m: [0.0; 3], field_of_view_rad, clip: None, ..External::default() };
+    let mut view = straight();
+    view.camera = Camera::External(outside);
+    let mm_per_px = 1e3 * 2.0 * far_m * (0.5 * field_of_view_rad).tan() / HEIGHT as f32;
+    let [lobed, round] = [Material::Polyp, Material::MucosaTissue].map(|material| {
+        put(&mut r, TOOL, &shapes::ball([0.0; 3], 0.004, 64, 96), material);
+        let radii = silhouette_px(&picture(&mut r, &view));
+        let mean = radii.iter().sum::<f32>() / radii.len() as f32;
+        let most = radii.iter().map(|radius| (radius - mean).abs()).fold(0.0, f32::max);
+        [mean, most].map(|px| px * mm_per_px)
+    });
+    println!("a ball of 4 mm: mean radius and most beside it {lobed:?} mm with lobes, {round:?} mm without");
+    assert!((round[0] - 4.0).abs() < 0.1 && round[1] < 0.07, "{round:?}");
+    assert!((0.1..0.4).contains(&lobed[1]) && (lobed[0] - 4.0).abs() < 0.35, "{lobed:?}");
 }
