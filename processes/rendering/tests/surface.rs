@@ -1,4 +1,4 @@
-//! How surfaces are drawn: what sticks to them, and the lobes of growths.
+//! How surfaces are drawn: what sticks to them, what is finer than a pixel, and the lobes of growths.
 mod stand;
 
 use rendering::{Camera, External, Material, Without, shapes};
@@ -36,6 +36,34 @@ fn what_is_drawn_on_a_wall_that_is_stretched_goes_with_its_vertices() {
     assert!(sticks > 0.8 && slides < 0.75 && sticks > slides + 0.15, "{sticks} {slides}");
     let (darkest, depth) = drawn.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).expect("there are places");
     assert!(*depth < -8.0 && gone[darkest] < 0.4 * depth, "the darkest spot, of {depth}, is {} there", gone[darkest]);
+}
+
+/// A picture of four times the size on each side, as one of whose pixels each is the mean of 16.
+fn shrunk(large: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(large.len() / 16);
+    for (y, x) in (0..HEIGHT as usize).flat_map(|y| (0..WIDTH as usize).map(move |x| (y, x))) {
+        for channel in 0..4 {
+            let texel = |k: usize| u32::from(large[4 * ((4 * y + k / 4) * 4 * WIDTH as usize + 4 * x + k % 4) + channel]);
+            out.push(((0..16).map(texel).sum::<u32>() / 16) as u8);
+        }
+    }
+    out
+}
+
+#[test]
+fn what_is_finer_than_a_pixel_is_drawn_as_its_mean_and_not_as_grain() {
+    let Some(mut r) = renderer() else { return };
+    // How steep a picture is from pixel to pixel, as a share of its brightness.
+    let roughness = |shot: &[u8]| steps(shot, middle([28, 28]))[0] / mean(shot, 1, middle([28, 28]));
+    put(&mut r, CAVITY, &wall(0.006, 0.010), Material::MucosaTissue);
+    let near = roughness(&picture(&mut r, &straight()));
+    put(&mut r, CAVITY, &wall(0.030, 0.040), Material::MucosaTissue);
+    let far = roughness(&picture(&mut r, &straight()));
+    r.resize(4 * WIDTH, 4 * HEIGHT);
+    let truth = roughness(&shrunk(&picture(&mut r, &straight())));
+    println!("from pixel to pixel {near} at 6 mm, {far} at 30 mm, where 16 samples of each pixel make {truth}");
+    assert!(far < 1.3 * truth && far > 0.25 * truth, "{far} {truth}");
+    assert!(far < 1.4 * near, "{far} {near}");
 }
 
 /// Radii of what is redder than the background behind it, px, all around the middle of the picture.
