@@ -130,6 +130,11 @@ impl Gpu {
         is_software(&self.adapter)
     }
 
+    /// Whether it draws the lines of meshes, which a view may ask for.
+    pub fn draws_lines(&self) -> bool {
+        self.device.features().contains(crate::pipelines::LINES)
+    }
+
     /// The first error that was reported since the last call.
     ///
     /// # Errors

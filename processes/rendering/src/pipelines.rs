@@ -106,7 +106,7 @@ impl Pipelines {
             scene: variants().map(|v| (v, late(&parts, move |parts| scene_pipeline(parts, v)))).collect(),
             shadow: late(&parts, shadow_pipeline),
             mask: late(&parts, mask_pipeline),
-            lines: d.features().contains(LINES).then(|| late(&parts, line_pipeline)),
+            lines: gpu.draws_lines().then(|| late(&parts, line_pipeline)),
             normals: late(&parts, |parts| compute_pipeline(&parts.device, &parts.shape, "main")),
             field: late(&parts, |parts| compute_pipeline(&parts.device, &parts.field, "main")),
             defocus: screen("defocus", LIGHT),

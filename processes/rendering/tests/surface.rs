@@ -1,7 +1,7 @@
-//! How surfaces are drawn: what sticks to them, what is finer than a pixel, and the lobes of growths.
+//! How surfaces are drawn: what sticks to them, what is finer than a pixel, the lobes of growths, and the lines of their meshes.
 mod stand;
 
-use rendering::{Camera, External, Material, Without, shapes};
+use rendering::{Appearance, Camera, External, Material, Without, shapes};
 use stand::*;
 
 /// Colour and vessels alone, under a light that nothing bends.
@@ -106,4 +106,29 @@ fn a_growth_has_lobes_of_some_tenths_of_a_millimetre_and_the_lining_has_none() {
     println!("a ball of 4 mm: mean radius and most beside it {lobed:?} mm with lobes, {round:?} mm without");
     assert!((round[0] - 4.0).abs() < 0.1 && round[1] < 0.07, "{round:?}");
     assert!((0.1..0.4).contains(&lobed[1]) && (lobed[0] - 4.0).abs() < 0.35, "{lobed:?}");
+}
+
+#[test]
+fn the_lines_of_a_mesh_are_drawn_from_outside_where_the_device_draws_lines() {
+    let Some(mut r) = renderer() else { return };
+    let ball = shapes::ball([0.0, 0.0, 0.022], 0.012, 9, 12);
+    put_plain(&mut r, CAVITY, &ball, Appearance::of(Material::MucosaTissue));
+    let mut view = from_outside();
+    let plain = picture(&mut r, &view);
+    view.has_lines = true;
+    let lined = picture(&mut r, &view);
+    let all = changed(&plain, &lined);
+    if !r.gpu().draws_lines() {
+        assert_eq!(all, 0);
+        eprintln!("not tested: {} draws no lines", r.gpu().name());
+        return;
+    }
+    let pixels = plain.chunks_exact(4).zip(lined.chunks_exact(4));
+    let darker = pixels.filter(|(plain, lined)| i32::from(lined[0]) + 12 < i32::from(plain[0])).count();
+    println!("{all} pixels of lines, {darker} of them darker");
+    assert!((60..2_000).contains(&all) && 10 * darker > 7 * all, "{all} {darker}");
+    let mut inside = straight();
+    let plain = picture(&mut r, &inside);
+    inside.has_lines = true;
+    assert_eq!(changed(&plain, &picture(&mut r, &inside)), 0, "they are not for the surgeon");
 }
