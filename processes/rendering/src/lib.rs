@@ -40,7 +40,7 @@ mod window;
 pub use bubbles::Bubbles;
 pub use camera::{Camera, Endoscope, External, USUAL_PERIPHERY_RATIO, View, distortion};
 pub use caught::spare_caught_panics;
-pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks};
+pub use effort::{Effort, FASTEST_TICKS, SLOWEST_TICKS, fastest_ticks, in_step};
 pub use error::RenderError;
 pub use flow::FlowField;
 pub use fluid::{CLEAR, FluidField, MAX_CELLS};
