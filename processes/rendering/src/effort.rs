@@ -35,6 +35,14 @@ pub fn fastest_ticks(asked_hz: Option<u32>, is_software: bool, cores: usize, ref
     ((1.0e3 / hz) as u64).clamp(FASTEST_TICKS, SLOWEST_TICKS)
 }
 
+/// The least ticks between two pictures that wait for a display of this rate, if `fastest_ticks` is that rate, cut off to whole ticks, or less. There are no
+/// more of them than the display shows: one that waited in vain for its turn would be taken for slow.
+pub fn in_step(fastest_ticks: u64, refresh_hz: Option<f32>) -> Option<u64> {
+    let period_ms = 1.0e3 / refresh_hz.filter(|hz| hz.is_finite() && *hz > 0.0)?;
+    let ticks = fastest_ticks.max(period_ms.ceil() as u64);
+    (fastest_ticks as f32 > period_ms - 1.0 && ticks <= SLOWEST_TICKS).then_some(ticks)
+}
+
 /// What the next picture is drawn with.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
@@ -149,6 +157,19 @@ mod tests {
         for (asked_hz, ticks) in [(0, 33), (30, 33), (60, 16), (120, 8), (240, 4), (u32::MAX, 4)] {
             assert_eq!(fastest_ticks(Some(asked_hz), true, 1, Some(60.0)), ticks, "asked for {asked_hz}");
         }
+    }
+
+    #[test]
+    fn pictures_that_wait_for_the_display_are_no_more_than_it_shows_and_none_wait_for_a_slower_one() {
+        for (refresh_hz, fastest, ticks) in
+            [(60.0, 16, 17), (59.94, 16, 17), (144.0, 6, 7), (250.0, 4, 4), (500.0, 4, 4), (60.0, 33, 33), (75.0, 16, 16)]
+        {
+            assert_eq!(in_step(fastest, Some(refresh_hz)), Some(ticks), "{refresh_hz}");
+        }
+        for (refresh_hz, fastest) in [(60.0, 4), (60.0, 8), (24.0, 33), (0.0, 4), (-60.0, 4), (f32::NAN, 4)] {
+            assert_eq!(in_step(fastest, Some(refresh_hz)), None, "{refresh_hz}");
+        }
+        assert_eq!(in_step(FASTEST_TICKS, None), None);
     }
 
     #[test]

@@ -19,6 +19,26 @@ pub enum Prefer {
     Software,
 }
 
+/// Parts of how tissue looks that are left out, for developers: what one of them does is what a picture without it lacks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Without {
+    /// vessels, and the net of the finest ones
+    pub vessels: bool,
+    /// how uneven the wall is, and the film on it
+    pub bump: bool,
+    /// the wet film: its glints, and what it mirrors at a glance
+    pub wet: bool,
+    /// light that travels in the tissue: around an edge, and out at a limb
+    pub softness: bool,
+}
+
+impl Without {
+    /// By what `scene.wgsl` leaves each of them out.
+    pub(crate) fn named(self) -> [(&'static str, bool); 4] {
+        [("NO_VESSELS", self.vessels), ("NO_BUMP", self.bump), ("NO_WET", self.wet), ("NO_SOFT", self.softness)]
+    }
+}
+
 /// An opened device. Cloning its parts is cheap; they refer to one device.
 pub struct Gpu {
     pub(crate) device: wgpu::Device,
@@ -28,6 +48,8 @@ pub struct Gpu {
     pub(crate) surface: Option<wgpu::Surface<'static>>,
     /// Samples of a texel of the scene, whose edges are smooth with more than one.
     pub(crate) samples: u32,
+    /// What its tissue lacks.
+    pub(crate) without: Without,
     faults: Arc<Mutex<Option<String>>>,
 }
 
@@ -83,12 +105,17 @@ impl Gpu {
         // Whoever takes it away, a picture cannot be made any more; nobody is left to hear of it when this is dropped.
         device.set_device_lost_callback(move |reason, text| note(&lost, format!("device lost, {reason:?} {text}")));
         let samples = if is_software(&adapter) { 1 } else { SAMPLES };
-        Ok(Self { device, queue, adapter, surface, samples, faults })
+        Ok(Self { device, queue, adapter, surface, samples, without: Without::default(), faults })
     }
 
     /// With smooth edges, or without: by itself a GPU draws them smooth, and a software driver, which has no time for it, does not.
     pub fn smooth(self, smooth: bool) -> Self {
         Self { samples: if smooth { SAMPLES } else { 1 }, ..self }
+    }
+
+    /// With tissue that lacks a part of its looks.
+    pub fn without(self, without: Without) -> Self {
+        Self { without, ..self }
     }
 
     /// Name and kind of the adapter, for the log.
@@ -100,6 +127,11 @@ impl Gpu {
     /// Whether pictures come from the processor, so that they compete with the engines.
     pub fn is_software(&self) -> bool {
         is_software(&self.adapter)
+    }
+
+    /// Whether it draws the lines of meshes, which a view may ask for.
+    pub fn draws_lines(&self) -> bool {
+        self.device.features().contains(crate::pipelines::LINES)
     }
 
     /// The first error that was reported since the last call.

@@ -6,7 +6,7 @@ use std::{
 
 use wgpu::{BindingType as Bind, ShaderStages as At, TextureFormat as Format};
 
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, Without};
 
 /// Linear light before the post passes.
 pub(crate) const LIGHT: Format = Format::Rgba16Float;
@@ -38,6 +38,7 @@ pub(crate) type Late<T> = LazyLock<T, Box<dyn FnOnce() -> T + Send>>;
 struct Parts {
     device: wgpu::Device,
     samples: u32,
+    without: Without,
     scene: Part,
     shape: Part,
     post: Part,
@@ -92,6 +93,7 @@ impl Pipelines {
         let parts = Arc::new(Parts {
             device: d.clone(),
             samples: gpu.samples,
+            without: gpu.without,
             scene: part(&[&scene_layout, &object_layout], wgpu::include_wgsl!("shaders/scene.wgsl")),
             shape: part(&[&shape_layout], wgpu::include_wgsl!("shaders/normals.wgsl")),
             post: part(&[&post_layout], wgpu::include_wgsl!("shaders/post.wgsl")),
@@ -104,7 +106,7 @@ impl Pipelines {
             scene: variants().map(|v| (v, late(&parts, move |parts| scene_pipeline(parts, v)))).collect(),
             shadow: late(&parts, shadow_pipeline),
             mask: late(&parts, mask_pipeline),
-            lines: d.features().contains(LINES).then(|| late(&parts, line_pipeline)),
+            lines: gpu.draws_lines().then(|| late(&parts, line_pipeline)),
             normals: late(&parts, |parts| compute_pipeline(&parts.device, &parts.shape, "main")),
             field: late(&parts, |parts| compute_pipeline(&parts.device, &parts.field, "main")),
             defocus: screen("defocus", LIGHT),
@@ -295,8 +297,9 @@ fn light_target(blend: Option<wgpu::BlendState>) -> [Option<wgpu::ColorTargetSta
 }
 
 fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
-    let constants =
-        [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)].map(|(name, is)| (name, f64::from(u8::from(is))));
+    let kinds = [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)];
+    let all = kinds.into_iter().chain(parts.without.named());
+    let constants: Vec<(&str, f64)> = all.map(|(name, is)| (name, f64::from(u8::from(is)))).collect();
     let targets = light_target(v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING));
     let primitive = wgpu::PrimitiveState { cull_mode: v.hidden, ..Default::default() };
     let fragment = shaded(parts, "fragment", &constants, &targets);

@@ -64,6 +64,17 @@ impl Renderer {
         save_png(path, size_px, self.read_rgba()?)
     }
 
+    /// Offers to present no more pictures than the display shows, before any is; gives whether that is asked for, because each waits for its turn there.
+    pub fn keep_step(&mut self) -> bool {
+        self.is_in_step = true;
+        self.gpu.surface.as_ref().is_some_and(|surface| self.mode(surface) == wgpu::PresentMode::Fifo)
+    }
+
+    fn mode(&self, surface: &wgpu::Surface<'static>) -> wgpu::PresentMode {
+        let offered = surface.get_capabilities(&self.gpu.adapter).present_modes;
+        present_mode(&offered, self.gpu.is_software(), self.is_in_step)
+    }
+
     /// Shows the last picture on the window that the device was opened with, as large as fits `width_px` × `height_px`.
     ///
     /// # Errors
@@ -122,7 +133,7 @@ impl Renderer {
     fn configure(&self, surface: &wgpu::Surface<'static>, format: wgpu::TextureFormat, width: u32, height: u32) {
         if let Some(mut wanted) = surface.get_default_config(&self.gpu.adapter, width, height) {
             wanted.format = format;
-            wanted.present_mode = wgpu::PresentMode::AutoNoVsync; // the process paces itself
+            wanted.present_mode = self.mode(surface);
             wanted.desired_maximum_frame_latency = 1;
             surface.configure(&self.gpu.device, &wanted);
         }
@@ -167,4 +178,33 @@ pub(crate) fn format(surface: &wgpu::Surface<'static>, adapter: &wgpu::Adapter) 
     let formats = surface.get_capabilities(adapter).formats;
     let plain = formats.iter().find(|f| **f == PICTURE || **f == wgpu::TextureFormat::Bgra8Unorm);
     plain.or_else(|| formats.iter().find(|f| !f.is_srgb())).or(formats.first()).copied()
+}
+
+/// How pictures come onto the window. On a GPU whole ones: the newest at each of the display's, where that is offered, else each in its turn, if they are in
+/// step with the display, for then nobody waits. Else, as those that the processor draws, at once, for the process paces itself.
+fn present_mode(offered: &[wgpu::PresentMode], is_software: bool, is_in_step: bool) -> wgpu::PresentMode {
+    match is_software {
+        false if offered.contains(&wgpu::PresentMode::Mailbox) => wgpu::PresentMode::Mailbox,
+        false if is_in_step => wgpu::PresentMode::Fifo,
+        _ => wgpu::PresentMode::AutoNoVsync,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wgpu::PresentMode::{AutoNoVsync, Fifo, Immediate, Mailbox};
+
+    #[test]
+    fn a_gpus_pictures_are_not_torn_where_that_makes_nobody_wait_and_a_processors_come_at_once() {
+        for offered in [&[Immediate, Mailbox, Fifo][..], &[Fifo, Mailbox]] {
+            assert_eq!([false, true].map(|in_step| present_mode(offered, false, in_step)), [Mailbox; 2], "{offered:?}");
+            assert_eq!([false, true].map(|in_step| present_mode(offered, true, in_step)), [AutoNoVsync; 2], "{offered:?}");
+        }
+        for offered in [&[Immediate, Fifo][..], &[Fifo], &[]] {
+            assert_eq!(present_mode(offered, false, true), Fifo, "{offered:?}");
+            assert_eq!(present_mode(offered, false, false), AutoNoVsync, "{offered:?}: more pictures than the display shows");
+            assert_eq!(present_mode(offered, true, true), AutoNoVsync, "{offered:?}");
+        }
+    }
 }

@@ -73,6 +73,8 @@ pub struct Renderer {
     words: Box<[u32; overlay::WORDS]>,
     written: crate::Overlay,
     pub(crate) rgba: Vec<u8>,
+    /// No more pictures are presented than the display shows.
+    pub(crate) is_in_step: bool,
 }
 
 impl std::fmt::Debug for Renderer {
@@ -122,6 +124,7 @@ impl Renderer {
             words,
             written: crate::Overlay::default(),
             rgba: Vec::new(),
+            is_in_step: false,
             pipelines,
             gpu,
         })

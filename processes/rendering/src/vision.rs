@@ -20,7 +20,7 @@ use hyst_messages::stream::ScopeRecord;
 use hyst_messages::{HardwareSample, Pose, RenderingStatus};
 use rendering::{
     Bubbles, Camera, Effort, Endoscope, FrameStats, Gpu, MIN_SCALE, Marks, Motes, Pane, Prefer, RenderError, Renderer, Shown,
-    View, distortion, fastest_ticks,
+    View, distortion, fastest_ticks, in_step,
 };
 
 /// Period of a process without pictures, ticks: it only shows that it lives.
@@ -181,6 +181,10 @@ impl<'a> Vision<'a> {
         let fastest_ticks = fastest_ticks(asked.hz, gpu.is_software(), system::cores(), refresh_hz);
         display.fit([width, height])?;
         let mut renderer = Renderer::new(gpu, width, height)?;
+        let fastest_ticks = match in_step(fastest_ticks, refresh_hz) {
+            Some(ticks) if renderer.keep_step() => ticks,
+            _ => fastest_ticks,
+        };
         let effort = Effort::at_start(renderer.gpu().is_software());
         let scenery = Scenery::new(renderer.stage())?;
         let mut vision = Vision {

@@ -12,7 +12,7 @@ use hyst_exchange::Station;
 use hyst_exchange::roster::Tenure;
 use hyst_flow::{Alarms, BloodSource, Capsule, PumpState, StepReport};
 use hyst_messages::page::hardware;
-use hyst_messages::{FLOW_FLAWS, HardwareSample, PUMP_ALARMS, Slot};
+use hyst_messages::{FLOW_FLAWS, HardwareSample, PUMP_ALARMS, SAMPLE_KEPT, Slot};
 use loans::written;
 
 const STEPS: u64 = 3;

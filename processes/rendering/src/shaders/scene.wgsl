@@ -3,6 +3,11 @@
 override METAL: bool = false;
 override FLUID: bool = false;
 override OUTSIDE: bool = false;
+// For developers: each leaves out a part of how tissue looks.
+override NO_VESSELS: bool = false;
+override NO_BUMP: bool = false;
+override NO_WET: bool = false;
+override NO_SOFT: bool = false;
 
 struct Globals {
     view_proj: mat4x4<f32>,
@@ -160,7 +165,9 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let b1 = textureSampleLevel(bump, tiled, warped, max(level, 0.0));
     let b2 = textureSampleLevel(bump, tiled, warped * 3.7, max(level + 1.9, 0.0));
     let slope = b1.xyz * 0.34 + b2.xyz * 0.26;
-    var n = normalize(n0 - (slope - n0 * dot(slope, n0)) * o.surface.w);
+    var uneven = o.surface.w;
+    if NO_BUMP { uneven = 0.0; }
+    var n = normalize(n0 - (slope - n0 * dot(slope, n0)) * uneven);
     let tube = mouth_of_tube(in.rest, fine.w);
     n = normalize(n + 0.8 * tube.fall);
 
@@ -174,7 +181,8 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let blurred_fine = smoothstep(0.8, 3.0, level_fine);
     let trunk = mix(1.0 - smoothstep(0.006, 0.030 + 0.03 * max(fine.z, 0.0), abs(a.x)), 0.06, blurred);
     let net = mix(1.0 - smoothstep(0.01, 0.13, abs(fine.y)), 0.20, blurred_fine);
-    let vessel = clamp((0.55 * trunk * smoothstep(-0.30, 0.25, a.w) + 0.40 * net * spread) * o.surface.z, 0.0, 1.0);
+    var vessel = clamp((0.55 * trunk * smoothstep(-0.30, 0.25, a.w) + 0.40 * net * spread) * o.surface.z, 0.0, 1.0);
+    if NO_VESSELS { vessel = 0.0; }
     albedo = mix(albedo, vec3<f32>(0.46, 0.065, 0.055) * (0.6 + 0.4 * o.colour.r), vessel * (1.0 - in.raw));
     let mouth = smoothstep(0.46, 0.80, fine.w) * (1.0 - 0.5 * spread) * o.extra.w;
     albedo = mix(albedo, vec3<f32>(0.93, 0.64, 0.53), 0.50 * mouth * (1.0 - in.raw));
@@ -200,21 +208,24 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
 
     // light: soft wrap (light travels in the tissue, red the furthest), then the light the cavity gives itself
     let nl = dot(n, l);
-    let soft = max(vec3<f32>(nl) + vec3<f32>(0.42, 0.18, 0.14), vec3<f32>(0.0)) / vec3<f32>(1.42, 1.18, 1.14);
+    var around = vec3<f32>(0.42, 0.18, 0.14);
+    if NO_SOFT { around = vec3<f32>(0.0); }
+    let soft = max(vec3<f32>(nl) + around, vec3<f32>(0.0)) / (vec3<f32>(1.0) + around);
     let mutual = albedo * albedo * (0.26 + 0.14 * n.y) * g.cone.y;
     var c = albedo * soft * (0.30 + 0.70 * soft) * e + mutual * (0.18 + 0.82 * min(full, 1.0));
     // A growth is thin at its limb: light that went in beside comes out there, red.
     let limb = 1.0 - max(dot(n0, v), 0.0);
-    c += albedo * vec3<f32>(0.20, 0.05, 0.035) * (o.extra.x * limb * limb * min(e, 1.0) * (1.0 - in.raw));
+    if !NO_SOFT { c += albedo * vec3<f32>(0.20, 0.05, 0.035) * (o.extra.x * limb * limb * min(e, 1.0) * (1.0 - in.raw)); }
     // wet film: a narrow and a broad lobe, and Fresnel towards the rim
     // Far off a pixel holds many ripples, whose glints are one broad shine and no grains of salt.
     let calm = smoothstep(0.006, 0.024, distance(in.world, g.eye.xyz));
     let ripple = (slope * 1.1 + fine.xyz * 0.60 - a.yzw * 0.30) * (1.0 - 0.65 * calm);
-    let film_n = normalize(n0 - (ripple - n0 * dot(ripple, n0)) * o.surface.w);
+    let film_n = normalize(n0 - (ripple - n0 * dot(ripple, n0)) * uneven);
     let h = normalize(l + v);
     let nh = max(dot(film_n, h), 0.0);
     let nv = max(dot(n, v), 0.0);
-    let wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
+    var wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
+    if NO_WET { wet = 0.0; }
     // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens, and none of the walls behind.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's

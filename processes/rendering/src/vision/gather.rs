@@ -15,6 +15,13 @@ const FORCE_M_PER_N: f32 = 0.012;
 /// Length of the arrow of a plane of the contact model that the tip lies behind, and of one that it does not touch, m.
 const PLANE_M: [f32; 2] = [0.004, 0.0015];
 
+/// What is said where lines of meshes are wanted and the device draws none.
+const NO_LINES: &str = "this device draws no lines of meshes";
+
+fn without_lines(are_wanted: bool, are_drawn: bool) -> Option<String> {
+    (are_wanted && !are_drawn).then(|| NO_LINES.to_string())
+}
+
 /// The planes of the contact model as arrows along their normals, and the force on the hand as one from the tip.
 fn arrows(input: &InputRecord) -> (Vec<Arrow>, Arrow) {
     let Pose { position_m, .. } = input.sample.pose;
@@ -29,7 +36,7 @@ fn arrows(input: &InputRecord) -> (Vec<Arrow>, Arrow) {
 }
 
 impl Vision<'_> {
-    /// Writes over the picture: the strip, the keys of a window, the case, what the hand feels.
+    /// Writes over the picture: the strip, the keys of a window, the case, what the hand feels, what cannot be drawn.
     pub(super) fn write(&mut self, sources: &Sources, tick: u64, sample: Option<&HardwareSample>, has_window: bool) {
         let felt = self.mark(sources);
         let given = sample.map_or(0, |sample| sample.from_window);
@@ -43,6 +50,7 @@ impl Vision<'_> {
         }
         overlay.lines.extend(self.strip.case());
         overlay.lines.extend(felt);
+        overlay.lines.extend(without_lines(self.view.has_lines, self.renderer.gpu().draws_lines()));
         self.view.overlay = overlay;
     }
 
@@ -161,6 +169,13 @@ impl Vision<'_> {
 mod tests {
     use super::*;
     use hyst_messages::ContactPlane;
+
+    #[test]
+    fn lines_of_meshes_that_cannot_be_drawn_are_missed_in_words_while_they_are_wanted() {
+        let said = [(true, false), (true, true), (false, false)].map(|(wanted, drawn)| without_lines(wanted, drawn));
+        assert_eq!(said, [Some(NO_LINES.to_string()), None, None]);
+        assert!(NO_LINES.len() <= rendering::COLUMNS);
+    }
 
     #[test]
     fn a_plane_that_the_tip_lies_behind_has_a_long_arrow_and_the_force_one_as_long_as_it_is_strong() {

@@ -1,0 +1,146 @@
+//! What each part of the tissue's looks does: the picture of a device that leaves it out lacks just that. Golden pictures, whose blocks
+//! hold sixteen pixels, would not miss it.
+mod stand;
+
+use glam::Vec3;
+use rendering::{Material, Renderer, View, Without, shapes};
+use stand::*;
+
+/// Nothing but colour and light.
+const PLAIN: Without = Without { vessels: true, bump: true, wet: true, softness: false };
+/// Light of the lamp of `close_up(0.020)` with which a ball at 10 mm gets about as much as it lights at its own distance.
+const ASIDE: f32 = 0.33;
+const BALL_M: Vec3 = Vec3::new(0.0, 0.0, 0.010);
+const BALL_RADIUS_M: f32 = 0.003;
+
+/// The picture of what `set` puts up, by a device with these looks.
+fn shot(without: Without, view: &View, set: impl Fn(&mut Renderer)) -> Option<Vec<u8>> {
+    let mut r = lacking(without)?;
+    set(&mut r);
+    Some(picture(&mut r, view))
+}
+
+fn lining(r: &mut Renderer) {
+    put(r, CAVITY, &wall(0.008, 0.010), Material::MucosaTissue);
+}
+
+#[test]
+fn vessels_are_lines_redder_and_darker_than_what_lies_about_them() {
+    let bare = Without { vessels: false, ..PLAIN };
+    let view = close_up(0.008);
+    let Some(with) = shot(bare, &view, lining) else { return };
+    let Some(without) = shot(PLAIN, &view, lining) else { return };
+    let inner = middle([70, 50]);
+    let all = inner.clone().count() as f32;
+    let is_dark = |shot: &[u8], at: [u32; 2]| detail(shot, 1, at, [8, 8]) < -12.0;
+    let [dark, spared] = [&with, &without].map(|shot| inner.clone().filter(|at| is_dark(shot, *at)).count() as f32 / all);
+    let fall = |[x, y]: [u32; 2], channel: usize| pixel(&without, x, y)[channel] - pixel(&with, x, y)[channel];
+    let vessels: Vec<[u32; 2]> = inner.clone().filter(|at| fall(*at, 1) > 12).collect();
+    let share = vessels.len() as f32 / all;
+    let [red, green] = [0, 1].map(|channel| vessels.iter().map(|at| fall(*at, channel)).sum::<i32>());
+    println!("dark beside others: {dark}, without vessels {spared}; {share} of the pixels are vessels, fallen by {red}, {green}");
+    assert!(dark > 0.012 && spared < 0.3 * dark, "{dark} {spared}");
+    assert!((0.01..0.5).contains(&share) && 3 * red < 2 * green, "{share}: red falls by {red}, green by {green}");
+    assert!(middle([70, 50]).all(|at| fall(at, 1) > -4), "a vessel lightens nothing");
+}
+
+#[test]
+fn the_wall_is_uneven_where_light_grazes_it() {
+    // The lamp stands as for what is at 20 mm, so that its light comes from aside.
+    let view = View { light: 0.5 * ASIDE, ..close_up(0.020) };
+    let Some(with) = shot(Without { bump: false, ..PLAIN }, &view, lining) else { return };
+    let Some(without) = shot(PLAIN, &view, lining) else { return };
+    // Red, of which the colours differ least from place to place.
+    let uneven = |shot: &[u8]| {
+        let squares = middle([70, 50]).map(|at| detail(shot, 0, at, [4, 4]).powi(2));
+        squares.sum::<f32>() / middle([70, 50]).count() as f32
+    };
+    let (with, without) = (uneven(&with), uneven(&without));
+    println!("{with} of unevenness, {without} without");
+    assert!(with > 3.0 && with > 2.0 * without, "{with} {without}");
+}
+
+#[test]
+fn a_wet_wall_has_glints_and_is_no_lighter_beside_them() {
+    let dry = Without { wet: true, ..Without::default() };
+    let view = close_up(0.008);
+    let Some(with) = shot(Without::default(), &view, lining) else { return };
+    let Some(without) = shot(dry, &view, lining) else { return };
+    // Blue, of which tissue gives back least.
+    let sorted = |shot: &[u8]| {
+        let mut all: Vec<i32> = middle([40, 40]).map(|[x, y]| pixel(shot, x, y)[2]).collect();
+        all.sort_unstable();
+        all
+    };
+    let (wet, dry) = (sorted(&with), sorted(&without));
+    let count = wet.len();
+    let brightest = |all: &[i32]| all[count - count / 100..].iter().sum::<i32>() as f32 / (count / 100) as f32;
+    let rise = brightest(&wet) - brightest(&dry);
+    let usual = wet[count / 2] - dry[count / 2];
+    println!("the brightest hundredth is {rise} brighter, the median {usual}");
+    assert!(rise > 12.0 && (usual as f32) < 0.5 * rise, "{rise} {usual}");
+}
+
+/// The pixels of the ball for which this holds of its normal.
+fn on_ball(is_meant: impl Fn(Vec3, Vec3) -> bool) -> Vec<[u32; 2]> {
+    let meant = |at: &[u32; 2]| {
+        let ray = ray(*at);
+        let along = ray.dot(BALL_M);
+        let square = along * along - BALL_M.length_squared() + BALL_RADIUS_M * BALL_RADIUS_M;
+        // A little inside of the rim, where polygon and ball differ.
+        square > 1.0e-7 && {
+            let place = ray * (along - square.sqrt());
+            is_meant(place, (place - BALL_M).normalize())
+        }
+    };
+    middle([60, 58]).filter(meant).collect()
+}
+
+fn ball_of(material: Material) -> impl Fn(&mut Renderer) {
+    move |r: &mut Renderer| put(r, TOOL, &shapes::ball(BALL_M.to_array(), BALL_RADIUS_M, 64, 96), material)
+}
+
+/// By how much red and green are brighter in one picture than in the other.
+fn rises([with, without]: [&[u8]; 2], places: &[[u32; 2]]) -> [f32; 2] {
+    let places = || places.iter().copied();
+    [0, 1].map(|channel| mean(with, channel, places()) - mean(without, channel, places()))
+}
+
+#[test]
+fn a_wet_ball_mirrors_the_light_at_its_rim() {
+    let view = close_up(0.010);
+    let wet = Without { wet: false, ..PLAIN };
+    let Some(with) = shot(wet, &view, ball_of(Material::MucosaTissue)) else { return };
+    let Some(without) = shot(PLAIN, &view, ball_of(Material::MucosaTissue)) else { return };
+    // Where it is seen at a glance, and where it looks half away, with no glint in either: those lie towards the lamp.
+    let facing = |place: Vec3, normal: Vec3| -place.normalize().dot(normal);
+    let rim = on_ball(|place, normal| facing(place, normal) < 0.30);
+    let inner = on_ball(|place, normal| (0.45..0.6).contains(&facing(place, normal)));
+    let [rim, inner] = [rim, inner].map(|places| (places.len(), rises([&with, &without], &places)[1]));
+    println!("at the rim {rim:?} greener, inside {inner:?}");
+    assert!(rim.0 > 60 && inner.0 > 200 && rim.1 > 2.0 && rim.1 > 2.0 * inner.1, "{rim:?} {inner:?}");
+}
+
+#[test]
+fn light_goes_around_an_edge_in_the_tissue_red_the_farthest_and_a_growths_limb_glows() {
+    let far_m = 0.020;
+    let view = View { light: ASIDE, ..close_up(far_m) };
+    let lamp = far_m * Vec3::new(0.35, 0.45, 0.0);
+    let lit = |place: Vec3, normal: Vec3| (lamp - place).normalize().dot(normal);
+    let edge = on_ball(|place, normal| (-0.3..0.0).contains(&lit(place, normal)));
+    let day = on_ball(|place, normal| lit(place, normal) > 0.9);
+    let night = on_ball(|place, normal| lit(place, normal) < -0.44);
+    assert!(edge.len() > 200 && day.len() > 100 && night.len() > 15, "{} {} {}", edge.len(), day.len(), night.len());
+    let hard = Without { softness: true, ..PLAIN };
+    // Flakes are shaped by no relief, and else shaded as growths are.
+    for (material, glows) in [(Material::MucosaTissue, false), (Material::Flake, true)] {
+        let Some(soft) = shot(PLAIN, &view, ball_of(material)) else { return };
+        let Some(hard) = shot(hard, &view, ball_of(material)) else { return };
+        let [edge, day, night] = [&edge, &day, &night].map(|places| rises([&soft, &hard], places));
+        println!("{material:?}: soft is brighter by {edge:?} at the edge of the shadow, {day:?} in the light, {night:?} behind");
+        assert!(edge[0] > 12.0 && edge[0] > 2.0 * edge[1], "{material:?}: {edge:?}");
+        assert!(day.iter().all(|rise| rise.abs() < 4.0), "{material:?}: {day:?}");
+        assert_eq!(night[0] > 12.0, glows, "{material:?}: {night:?}");
+        assert!(glows || night[0].abs() < 2.0, "{material:?}: {night:?}");
+    }
+}
