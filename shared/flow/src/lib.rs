@@ -33,6 +33,7 @@ mod room;
 mod rows;
 mod sample;
 mod solver;
+mod spans;
 mod state;
 mod transport;
 mod walls;

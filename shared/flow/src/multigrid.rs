@@ -7,6 +7,8 @@
 
 use std::sync::Arc;
 
+use parking_lot::{RwLock, RwLockReadGuard};
+
 use crate::coarsest::Coarsest;
 use crate::error::FlowError;
 use crate::field::{Field, Read};
@@ -14,6 +16,7 @@ use crate::grid::{Layout, MAX_AXIS};
 use crate::kernels::{Star, dot, wide};
 use crate::rows;
 use crate::solver::Solver;
+use crate::spans::Spans;
 
 /// Damping of the Jacobi smoother. On the scope's poses in the default cavity, boxes, sheets, pockets and random masks 0.8 needs a few
 /// tenths of an iteration more.
@@ -41,6 +44,8 @@ pub(crate) struct Level {
     pub diagonal: Field,
     pub inverse: Field,
     pub faces: Option<[Field; 3]>,
+    /// What has to be computed.
+    pub spans: RwLock<Spans>,
 }
 
 impl Level {
@@ -49,7 +54,12 @@ impl Level {
         let coarse = halved.contains(&true);
         let faces = coarse.then(|| [field(), field(), field()]);
         let (r, z, y, diagonal, inverse) = (field(), field(), field(), field(), field());
-        Self { layout, halved, r, z, y, diagonal, inverse, faces }
+        let spans = RwLock::new(Spans::new(&layout));
+        Self { layout, halved, r, z, y, diagonal, inverse, faces, spans }
+    }
+
+    pub fn spans(&self) -> Result<RwLockReadGuard<'_, Spans>, FlowError> {
+        self.spans.try_read().ok_or(FlowError::PhaseConflict)
     }
 }
 

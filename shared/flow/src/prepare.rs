@@ -62,7 +62,7 @@ impl Solver {
                 }
             }
         }
-        Ok(())
+        self.mark(&c.components, c.skips)
     }
 
     /// Spreads the pump's flow over the cells of the ports. Returns how many cells the fastest jet crosses per second.
