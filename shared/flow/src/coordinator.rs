@@ -233,7 +233,7 @@ impl Solver {
             Phase::Residual => {
                 let total = self.total()?;
                 c.bb = total.a;
-                plan.first_direction = true;
+                (plan.first_direction, plan.is_unsigned) = (true, false);
                 self.after_residual(c, total.b, down(0))
             }
             Phase::Restrict(l) => down(l + 1),
@@ -253,6 +253,7 @@ impl Solver {
             Phase::Update => {
                 c.report.iterations += 1;
                 plan.first_direction = false;
+                plan.is_unsigned |= plan.alpha.is_sign_positive();
                 self.after_residual(c, self.total()?.b, down(0))
             }
             Phase::Project => {

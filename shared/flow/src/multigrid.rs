@@ -13,7 +13,7 @@ use crate::coarsest::Coarsest;
 use crate::error::FlowError;
 use crate::field::{Field, Read};
 use crate::grid::{Layout, MAX_AXIS};
-use crate::kernels::{Star, dot, wide};
+use crate::kernels::{Dot, Star, wide};
 use crate::rows;
 use crate::solver::Solver;
 use crate::spans::Spans;
@@ -56,6 +56,17 @@ impl Level {
         let (r, z, y, diagonal, inverse) = (field(), field(), field(), field(), field());
         let spans = RwLock::new(Spans::new(&layout));
         Self { layout, halved, r, z, y, diagonal, inverse, faces, spans }
+    }
+
+    /// Makes what the cycle computes 0, where it computes nothing from now on.
+    pub fn clear(&self, band: usize) -> Result<(), FlowError> {
+        for field in [&self.r, &self.z, &self.y] {
+            let mut field = field.write(band)?;
+            for kk in self.layout.own(band) {
+                field.layer(kk).fill(0.0);
+            }
+        }
+        Ok(())
     }
 
     pub fn spans(&self) -> Result<RwLockReadGuard<'_, Spans>, FlowError> {
@@ -128,13 +139,14 @@ impl<'a> Operator<'a> {
 }
 
 impl Solver {
-    /// Phase Operator: diagonal and damped inverse of level 0 from the mask.
+    /// Phase Operator: diagonal and damped inverse of level 0 from the mask. What solids have taken holds 0 from here on: no iteration writes there.
     pub(crate) fn operator_band(&self, band: usize) -> Result<(), FlowError> {
         let level = &self.hierarchy.levels[0];
         let layout = &*level.layout;
         let fluid = self.fluid.read()?;
         let (mut diagonal, mut inverse) = (level.diagonal.write(band)?, level.inverse.write(band)?);
         let n = layout.n[0];
+        level.clear(band)?;
         for kk in layout.own(band) {
             let (d, v) = (diagonal.layer(kk), inverse.layer(kk));
             wide(
@@ -160,13 +172,11 @@ impl Solver {
         let (fine, coarse) = (&self.hierarchy.levels[l], &self.hierarchy.levels[l + 1]);
         let op = Operator::new(fine, self.weights)?;
         let (z, r) = (fine.z.read()?, fine.r.read()?);
-        let inverse = coarse.inverse.read()?;
+        let (inverse, spans) = (coarse.inverse.read()?, coarse.spans()?);
         let (mut r_out, mut z_out) = (coarse.r.write(band)?, coarse.z.write(band)?);
         let (fl, cl) = (&*fine.layout, &*coarse.layout);
-        let n = fl.n[0];
         for kk in cl.own(band) {
             let (rc, zc, vc) = (r_out.layer(kk), z_out.layer(kk), inverse.layer(kk));
-            rc.fill(0.0);
             let low = children(kk - 1, fl.n[2], coarse.halved[2]);
             wide(
                 #[inline(always)]
@@ -174,9 +184,15 @@ impl Solver {
                     let mut sum = [0.0f32; MOST_FINE];
                     let mut t = [0.0f32; MOST_FINE];
                     for jc in 0..cl.n[1] {
+                        let span = spans.row(kk, jc);
+                        if span.is_empty() {
+                            continue;
+                        }
                         let fine_rows = children(jc, fl.n[1], coarse.halved[1]);
-                        // Both rows and the ghosts between them.
-                        let (o, m) = (fl.row(fine_rows.start), (fine_rows.len() - 1) * fl.stride + n);
+                        let from = children(span.start, fl.n[0], coarse.halved[0]).start;
+                        let n = children(span.end - 1, fl.n[0], coarse.halved[0]).end - from;
+                        // Both rows and what lies between them.
+                        let (o, m) = (fl.row(fine_rows.start) + from, (fine_rows.len() - 1) * fl.stride + n);
                         let (sum, t) = (&mut sum[..m], &mut t[..m]);
                         sum.fill(0.0);
                         for k in low.clone() {
@@ -187,9 +203,9 @@ impl Solver {
                             let (first, second) = sum.split_at_mut(fl.stride);
                             rows::add_scaled(&mut first[..n], second, 1.0);
                         }
-                        let oc = cl.row(jc);
-                        gather(&sum[..n], &mut rc[oc..oc + cl.n[0]], coarse.halved[0]);
-                        for at in oc..oc + cl.n[0] {
+                        let oc = cl.row(jc) + span.start;
+                        gather(&sum[..n], &mut rc[oc..oc + span.len()], coarse.halved[0]);
+                        for at in oc..oc + span.len() {
                             zc[at] = vc[at] * rc[at];
                         }
                     }
@@ -205,7 +221,7 @@ impl Solver {
         let (z, diagonal, e) = (fine.z.read()?, fine.diagonal.read()?, coarse.z.read()?);
         let mut y = fine.y.write(band)?;
         let (fl, cl) = (&*fine.layout, &*coarse.layout);
-        let n = fl.n[0];
+        let spans = fine.spans()?;
         for kk in fl.own(band) {
             let (out, z, d) = (y.layer(kk), z.layer(kk), diagonal.layer(kk));
             let e = e.layer(parent(kk - 1, coarse.halved[2]) + 1);
@@ -214,10 +230,15 @@ impl Solver {
                 || {
                     let mut wide_row = [0.0f32; MAX_AXIS + 1];
                     for j in 0..fl.n[1] {
+                        let span = spans.row(kk, j);
+                        if span.is_empty() {
+                            continue;
+                        }
                         let oc = cl.row(parent(j, coarse.halved[1]));
-                        spread(&e[oc..oc + cl.n[0]], &mut wide_row, n, coarse.halved[0]);
+                        spread(&e[oc..oc + cl.n[0]], &mut wide_row, span.end, coarse.halved[0]);
                         let o = fl.row(j);
-                        rows::correct(&mut out[o..o + n], &z[o..o + n], &wide_row[..n], &d[o..o + n]);
+                        let range = o + span.start..o + span.end;
+                        rows::correct(&mut out[range.clone()], &z[range.clone()], &wide_row[span], &d[range]);
                     }
                 },
             );
@@ -231,7 +252,8 @@ impl Solver {
         let op = Operator::new(level, self.weights)?;
         let (y, r, inverse) = (level.y.read()?, level.r.read()?, level.inverse.read()?);
         let mut z = level.z.write(band)?;
-        let layout = &*level.layout;
+        let (layout, spans) = (&*level.layout, level.spans()?);
+        let parts = if l == 0 { &spans.lanes } else { &spans.open };
         let mut sums = self.sums(band)?;
         for (index, kk) in layout.own(band).enumerate() {
             let (out, v) = (z.layer(kk), inverse.layer(kk));
@@ -239,16 +261,16 @@ impl Solver {
                 #[inline(always)]
                 || {
                     let mut t = [0.0f32; MAX_AXIS];
-                    let mut rz = 0.0;
-                    for (o, n) in layout.runs() {
+                    let mut rz = Dot::default();
+                    for (o, n) in parts.of(kk) {
                         op.apply(y.three(kk), kk, o, &mut t[..n]);
                         let (row, r) = (&mut out[o..o + n], &r.layer(kk)[o..o + n]);
                         rows::smooth(row, &y.layer(kk)[o..o + n], &v[o..o + n], r, &t[..n]);
                         if l == 0 {
-                            rz += dot(r, row);
+                            rz.add(layout.run_of(o), r, row);
                         }
                     }
-                    rz
+                    rz.total()
                 },
             );
             if l == 0 {
@@ -304,11 +326,11 @@ pub(crate) fn gather(row: &[f32], out: &mut [f32], halved: bool) {
     }
 }
 
-/// Spreads a coarse row to the `n` fine cells.
+/// Spreads a coarse row to the first `n` fine cells.
 #[inline(always)]
 fn spread(row: &[f32], out: &mut [f32; MAX_AXIS + 1], n: usize, halved: bool) {
     if !halved {
-        out[..n].copy_from_slice(row);
+        out[..n].copy_from_slice(&row[..n]);
         return;
     }
     for (x, pair) in row.iter().zip(out[..n + n % 2].chunks_exact_mut(2)) {

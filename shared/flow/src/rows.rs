@@ -118,6 +118,14 @@ pub(crate) fn centre(phi: &mut [f32], m: &[f32], mean: &[f32], scale: f32) {
     }
 }
 
+/// What is −0 in solid cells becomes +0.
+#[inline(always)]
+pub(crate) fn unsign(phi: &mut [f32], m: &[f32]) {
+    for (phi, m) in phi.iter_mut().zip(m) {
+        *phi = if *m > 0.0 { *phi } else { *phi + 0.0 };
+    }
+}
+
 /// r −= m·mean
 #[inline(always)]
 pub(crate) fn subtract_masked(r: &mut [f32], m: &[f32], mean: &[f32]) {

@@ -124,6 +124,7 @@ impl Solver {
             alpha: 0.0,
             beta: 0.0,
             first_direction: true,
+            is_unsigned: false,
             components: 1,
             means: Default::default(),
             labels: vec![0; cells],

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use crate::components::Components;
 use crate::error::FlowError;
 use crate::grid::{Layout, MAX_AXIS};
+use crate::kernels::LANES;
 use crate::multigrid::children;
 use crate::rows::are_fluid;
 use crate::solver::Solver;
@@ -117,6 +118,33 @@ impl Parts {
         }
         self.push(from, inside.end);
     }
+
+    /// Adds the cells of a plane's rows in whole blocks of [`LANES`] from the begin of their run on, so that each product of a sum stays in its lane.
+    fn cover(&mut self, layout: &Layout, rows: &[Span]) {
+        for (o, n) in layout.runs() {
+            let row_of = |at: usize| (at - layout.row(0)) / layout.stride;
+            let mut live = 0u64;
+            for (j, span) in rows.iter().enumerate().take(row_of(o + n - 1) + 1).skip(row_of(o)) {
+                let range = span.range();
+                let (from, to) = ((layout.row(j) + range.start).max(o), (layout.row(j) + range.end).min(o + n));
+                if from < to {
+                    let (first, last) = ((from - o) / LANES, (to - 1 - o) / LANES);
+                    live |= ((2u64 << (last - first)) - 1) << first;
+                }
+            }
+            // A single block that is left out costs more than it saves.
+            live |= (live << 1) & (live >> 1);
+            let (tail, rest) = (n / LANES, n % LANES);
+            // A sum takes the rest behind its last whole block first.
+            if rest > 0 && live >> tail & 1 == 1 && stretches(live).count() > 1 {
+                self.push(o + LANES * tail, o + n);
+                live &= !(1u64 << tail);
+            }
+            for (first, count) in stretches(live) {
+                self.push(o + LANES * first, (o + LANES * (first + count)).min(o + n));
+            }
+        }
+    }
 }
 
 /// The inside of a plane, with the ghosts between its rows.
@@ -124,7 +152,24 @@ fn inside(layout: &Layout) -> Range<usize> {
     layout.row(0)..layout.row(layout.n[1] - 1) + layout.n[0]
 }
 
-/// What has to be computed of one level. `near` and `gaps` are those of the grid itself alone.
+/// The stretches of ones in a number below 2³³, lowest first: which bit is the first, and how many they are.
+fn stretches(mut bits: u64) -> impl Iterator<Item = (usize, usize)> {
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        if bits == 0 {
+            return None;
+        }
+        let zeros = bits.trailing_zeros();
+        bits >>= zeros;
+        let ones = bits.trailing_ones();
+        bits >>= ones;
+        let first = at + zeros as usize;
+        at = first + ones as usize;
+        Some((first, ones as usize))
+    })
+}
+
+/// What has to be computed of one level. `near`, `gaps` and `lanes` are those of the grid itself alone.
 pub(crate) struct Spans {
     layout: Arc<Layout>,
     rows: Vec<Span>,
@@ -140,6 +185,8 @@ pub(crate) struct Spans {
     pub gaps: Parts,
     /// All fluid cells and those beside them.
     pub near: Parts,
+    /// All fluid cells, for sums.
+    pub lanes: Parts,
 }
 
 impl Spans {
@@ -154,6 +201,7 @@ impl Spans {
             open: Parts::new(layout),
             gaps: Parts::new(layout),
             near: Parts::new(layout),
+            lanes: Parts::new(layout),
         }
     }
 
@@ -180,7 +228,7 @@ impl Spans {
             }
             self.near_rows[k * ny + j] = span.widened(nx);
         }
-        for parts in [&mut self.open, &mut self.gaps, &mut self.near] {
+        for parts in [&mut self.open, &mut self.gaps, &mut self.near, &mut self.lanes] {
             parts.all.clear();
         }
         for kk in 1..=nz {
@@ -189,8 +237,10 @@ impl Spans {
             self.open.end_layer(kk);
             self.gaps.complement(&layout, &self.open, kk);
             self.gaps.end_layer(kk);
-            self.near.join(&layout, &self.near_rows[rows]);
+            self.near.join(&layout, &self.near_rows[rows.clone()]);
             self.near.end_layer(kk);
+            self.lanes.cover(&layout, &self.rows[rows]);
+            self.lanes.end_layer(kk);
         }
     }
 
@@ -217,7 +267,12 @@ impl Spans {
     fn index(&self, kk: usize, j: usize) -> usize {
         (kk - 1) * self.layout.n[1] + j
     }
-    /// The cells of row `j` of padded layer `kk` that have a fluid cell beside them, or are one, and those between.
+    /// The cells of row `j` of padded layer `kk` from its first fluid one to its last.
+    #[inline(always)]
+    pub fn row(&self, kk: usize, j: usize) -> Range<usize> {
+        self.rows[self.index(kk, j)].range()
+    }
+    /// The cells of a row that have a fluid cell beside them, or are one, and those between.
     #[inline(always)]
     pub fn near_row(&self, kk: usize, j: usize) -> Range<usize> {
         self.near_rows[self.index(kk, j)].range()

@@ -5,6 +5,7 @@ use crate::blood::BloodSource;
 use crate::coordinator::StepReport;
 use crate::grid::Grid;
 use crate::inputs::{Capsule, FlowInputs, Port};
+use crate::kernels::{Dot, dot};
 use crate::model::FlowModel;
 use crate::pump::PumpInput;
 
@@ -52,7 +53,7 @@ fn a_grid_without_solids_is_computed_in_the_runs_of_its_planes() {
         let (layout, spans, _) = of_mask(n, &vec![0; n[0] * n[1] * n[2]]);
         let runs: Vec<_> = layout.runs().collect();
         for kk in 1..=n[2] {
-            for parts in [&spans.open, &spans.near] {
+            for parts in [&spans.open, &spans.near, &spans.lanes] {
                 assert_eq!(parts.of(kk).collect::<Vec<_>>(), runs, "{n:?}");
             }
             assert_eq!(spans.gaps.of(kk).count(), 0);
@@ -74,18 +75,38 @@ fn every_fluid_cell_is_in_one_part_and_what_is_in_none_is_solid() {
                 }
                 marks
             };
-            let (open, gaps, near) = (marks(&spans.open), marks(&spans.gaps), marks(&spans.near));
+            let (open, gaps, near, lanes) = (marks(&spans.open), marks(&spans.gaps), marks(&spans.near), marks(&spans.lanes));
             for at in inside(&layout) {
                 assert_eq!(open[at] + gaps[at], 1, "{n:?} {kk} {at}");
-                assert!(near[at] <= 1);
+                assert!(near[at] <= 1 && lanes[at] <= 1);
             }
             for at in (0..n[1]).flat_map(|j| layout.row(j)..layout.row(j) + n[0]) {
                 let is_beside = planes[kk - 1..=kk + 1]
                     .iter()
                     .any(|plane| [at - s, at, at + s].into_iter().any(|at| plane[at - 1..=at + 1].contains(&1.0)));
-                assert!(planes[kk][at] == 0.0 || open[at] == 1, "{n:?} {kk} {at}");
+                assert!(planes[kk][at] == 0.0 || (open[at], lanes[at]) == (1, 1), "{n:?} {kk} {at}");
                 assert!(!is_beside || near[at] == 1, "{n:?} {kk} {at}");
             }
+        }
+    }
+}
+
+#[test]
+fn a_sum_without_its_zeros_has_the_bits_of_the_whole() {
+    let mut random = Random(3);
+    for (n, solid) in scattered() {
+        let (layout, spans, planes) = of_mask(n, &solid);
+        for kk in 1..=n[2] {
+            let mut field = || -> Vec<f32> { planes[kk].iter().map(|m| m * (random.number() - 0.5)).collect() };
+            let (a, b) = (field(), field());
+            let (mut parts, mut whole) = (Dot::default(), 0.0f64);
+            for (o, len) in spans.lanes.of(kk) {
+                parts.add(layout.run_of(o), &a[o..o + len], &b[o..o + len]);
+            }
+            for (o, len) in layout.runs() {
+                whole += dot(&a[o..o + len], &b[o..o + len]);
+            }
+            assert_eq!(parts.total().to_bits(), whole.to_bits(), "{n:?} {kk}");
         }
     }
 }
