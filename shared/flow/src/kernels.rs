@@ -1,4 +1,4 @@
-//! The inner loops, row by row: unit stride in x, no branches, no gathers; dispatched at run time to AVX2 where it exists.
+//! The inner loops, row by row: unit stride in x, no branches, no gathers; dispatched at run time to AVX2 or AVX-512 where it exists.
 //!
 //! Promise: the same bits on every instruction set, because sums keep explicit lanes and no product is fused into a sum.
 
