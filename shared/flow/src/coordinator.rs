@@ -237,15 +237,14 @@ impl Solver {
                 self.after_residual(c, total.b, down(0))
             }
             Phase::Restrict(l) => down(l + 1),
-            Phase::Coarse => Phase::Prolong(serial_from - 1),
-            Phase::Prolong(l) => Phase::Smooth(l),
+            Phase::Coarse => Phase::Smooth(serial_from - 1),
             Phase::Smooth(0) => {
                 let rz = self.total()?.a;
                 plan.beta = if plan.first_direction { 0.0 } else { finite(rz / c.rz) };
                 c.rz = rz;
                 Phase::Direction
             }
-            Phase::Smooth(l) => Phase::Prolong(l - 1),
+            Phase::Smooth(l) => Phase::Smooth(l - 1),
             Phase::Direction => {
                 plan.alpha = finite(c.rz / self.total()?.a);
                 Phase::Update

@@ -25,6 +25,7 @@ mod model;
 mod multigrid;
 mod obstacles;
 mod plan;
+mod planes;
 mod ports;
 mod prepare;
 mod pressure;

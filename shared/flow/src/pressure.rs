@@ -56,19 +56,18 @@ impl Solver {
         Ok(())
     }
 
-    /// Phase Residual: b = r − mean, r = b − A·φ, z = damped r; partial sums b·b and r·r.
+    /// Phase Residual: b = r − mean, r = b − A·φ; partial sums b·b and r·r.
     pub(crate) fn residual_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
         let spans = level.spans()?;
-        let (phi, diagonal, inverse) = (self.pressure.read()?, level.diagonal.read()?, level.inverse.read()?);
-        let fluid = self.fluid.read()?;
-        let (mut r, mut z) = (level.r.write(band)?, level.z.write(band)?);
+        let (phi, diagonal, fluid) = (self.pressure.read()?, level.diagonal.read()?, self.fluid.read()?);
+        let mut r = level.r.write(band)?;
         let n = layout.n[0];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
-            let (r, z) = (r.layer(kk), z.layer(kk));
+            let r = r.layer(kk);
             (sum.a, sum.b) = wide(
                 #[inline(always)]
                 || {
@@ -90,8 +89,7 @@ impl Solver {
                         // The whole row, so that each cell stays in its lane.
                         let row = o..o + n;
                         bb += dot(&r[row.clone()], &r[row.clone()]);
-                        let (own, z, v) = (&mut r[cells.clone()], &mut z[cells.clone()], &inverse.layer(kk)[cells]);
-                        rows::reduce(own, z, t, v, 1.0);
+                        rows::reduce(&mut r[cells], t, 1.0);
                         rr += dot(&r[row.clone()], &r[row]);
                     }
                     (bb, rr)
@@ -137,26 +135,25 @@ impl Solver {
         Ok(())
     }
 
-    /// Phase Update: φ += α·d, r −= α·q, z = damped r; partial sums r·r.
+    /// Phase Update: φ += α·d, r −= α·q; partial sums r·r.
     pub(crate) fn update_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
         let spans = level.spans()?;
-        let (d, q, inverse) = (self.direction.read()?, self.image.read()?, level.inverse.read()?);
-        let (mut phi, mut r, mut z) = (self.pressure.write(band)?, level.r.write(band)?, level.z.write(band)?);
+        let (d, q) = (self.direction.read()?, self.image.read()?);
+        let (mut phi, mut r) = (self.pressure.write(band)?, level.r.write(band)?);
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
-            let (phi, r, z) = (phi.layer(kk), r.layer(kk), z.layer(kk));
+            let (phi, r) = (phi.layer(kk), r.layer(kk));
             sum.b = wide(
                 #[inline(always)]
                 || {
                     let mut rr = Dot::default();
                     for (o, n) in spans.lanes.of(kk) {
-                        let (d, q, v) = (&d.layer(kk)[o..o + n], &q.layer(kk)[o..o + n], &inverse.layer(kk)[o..o + n]);
-                        let (r, z) = (&mut r[o..o + n], &mut z[o..o + n]);
+                        let (d, q, r) = (&d.layer(kk)[o..o + n], &q.layer(kk)[o..o + n], &mut r[o..o + n]);
                         rows::add_scaled(&mut phi[o..o + n], d, plan.alpha);
-                        rows::reduce(r, z, q, v, plan.alpha);
+                        rows::reduce(r, q, plan.alpha);
                         rr.add(layout.run_of(o), r, r);
                     }
                     rr.total()

@@ -54,11 +54,10 @@ fn fields_of(phase: Phase) -> (f64, u8) {
         Phase::RightSide => (4.0, 0),                      // velocity read, divergence written
         Phase::Residual | Phase::Direction => (7.0, 0),    // operator and two fields read, one written
         Phase::Smooth(level) | Phase::Restrict(level) => (7.0, level),
-        Phase::Prolong(level) => (2.0, level), // correction read and written; the coarser one is smaller
-        Phase::Update => (6.0, 0),             // pressure and residual along direction and image
-        Phase::Project => (7.0, 0),            // velocity and pressure read, velocity written
-        Phase::Centre => (5.0, 0),             // pressure and velocity read, pressure written
-        Phase::Dye => (5.0, 0),                // velocity and dye read, dye written
-        _ => (0.0, 0),                         // what is left has no field of the grid's size
+        Phase::Update => (6.0, 0),  // pressure and residual along direction and image
+        Phase::Project => (7.0, 0), // velocity and pressure read, velocity written
+        Phase::Centre => (5.0, 0),  // pressure and velocity read, pressure written
+        Phase::Dye => (5.0, 0),     // velocity and dye read, dye written
+        _ => (0.0, 0),              // what is left has no field of the grid's size
     }
 }
