@@ -8,6 +8,7 @@ use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::{Grid, Layout};
 use crate::inputs::{FlowInputs, MAX_SOURCES, tame};
+use crate::kernels::wide;
 use crate::model::BloodModel;
 use crate::plan::{Exit, Plan};
 use crate::pump::PumpModel;
@@ -108,6 +109,12 @@ fn scatter(seed: u64, counter: u64, axis: u64) -> f32 {
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     x ^= x >> 31;
     (x >> 40) as f32 / (1u64 << 24) as f32 - 0.5
+}
+
+/// Whether a solid cell of a plane holds dye; without a branch, for there is none in most steps.
+#[inline(always)]
+fn holds_in_solid(dye: &[f32], fluid: &[f32]) -> bool {
+    dye.iter().zip(fluid).fold(false, |any, (dye, fluid)| any | ((*dye > 0.0) & (*fluid == 0.0)))
 }
 
 /// The cell of a position, clamped into the grid: offset in the plane and padded layer, and the index without ghosts.
@@ -307,8 +314,13 @@ impl Solver {
         let fluid = self.fluid.read()?;
         let s = layout.stride;
         for kk in 1..=layout.n[2] {
-            let closed_in = self.dye[dye].read()?.layer(kk).iter().zip(fluid.layer(kk)).any(|(d, m)| *d > 0.0 && *m == 0.0);
-            if !closed_in {
+            let dye_now = self.dye[dye].read()?;
+            let is_closed_in = wide(
+                #[inline(always)]
+                || holds_in_solid(dye_now.layer(kk), fluid.layer(kk)),
+            );
+            drop(dye_now);
+            if !is_closed_in {
                 continue;
             }
             for j in 0..layout.n[1] {

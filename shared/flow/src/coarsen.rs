@@ -72,6 +72,7 @@ impl Solver {
         };
         let (fx, fy, fz) = (fx.read()?, fy.read()?, fz.read()?);
         let layout = &*level.layout;
+        level.clear(band)?;
         let (mut diagonal, mut inverse) = (level.diagonal.write(band)?, level.inverse.write(band)?);
         for kk in layout.own(band) {
             let (d, v) = (diagonal.layer(kk), inverse.layer(kk));

@@ -2,6 +2,7 @@
 
 use crate::grid::Layout;
 use crate::plan::MAX_COMPONENTS;
+use crate::spans::Span;
 
 /// A run of fluid cells in a row.
 #[derive(Clone, Copy, Default)]
@@ -56,6 +57,15 @@ impl Components {
             }
         }
         self.number(count, ny * nz, nx, labels)
+    }
+
+    /// The cells of row `row` (y first, then z) from its first fluid one to its last.
+    pub fn span(&self, row: usize) -> Span {
+        let runs = &self.runs[self.row_start[row] as usize..self.row_start[row + 1] as usize];
+        match (runs.first(), runs.last()) {
+            (Some(first), Some(last)) => Span::new(first.start as usize, last.end as usize),
+            _ => Span::NONE,
+        }
     }
 
     fn scan(&mut self, row: &[f32], mut count: usize) -> usize {

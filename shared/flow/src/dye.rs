@@ -14,6 +14,7 @@ impl Solver {
     pub(crate) fn dye_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let [u, v, w] = self.read_velocity(plan.roles.now)?;
         let (dye, fluid) = (self.dye[plan.dye].read()?, self.fluid.read()?);
         let mut to = self.dye[1 - plan.dye].write(band)?;
@@ -25,7 +26,16 @@ impl Solver {
             wide(
                 #[inline(always)]
                 || {
-                    for (o, n) in layout.runs() {
+                    if dye.three(kk).into_iter().all(is_zero) {
+                        return out.fill(0.0);
+                    }
+                    // What a solid took keeps what nobody has taken over from it.
+                    for (o, n) in spans.gaps.of(kk) {
+                        for (out, here) in out[o..o + n].iter_mut().zip(&dye.layer(kk)[o..o + n]) {
+                            *out = if *here > CLEAR { *here } else { 0.0 };
+                        }
+                    }
+                    for (o, n) in spans.open.of(kk) {
                         let c = Star::new(dye.three(kk), o, s, n);
                         let m = Star::new(fluid.three(kk), o, s, n);
                         let (ul, vl) = (u.layer(kk), v.layer(kk));
@@ -59,6 +69,12 @@ impl Solver {
         }
         Ok(())
     }
+}
+
+/// Whether a plane holds nothing but +0. Bits, unlike numbers, are combined in any order.
+#[inline(always)]
+fn is_zero(plane: &[f32]) -> bool {
+    plane.iter().fold(0, |all, x| all | x.to_bits()) == 0
 }
 
 /// What a face carries: the value of the cell that the flow comes from.

@@ -114,6 +114,11 @@ impl Layout {
         let end = self.row(self.n[1] - 1) + self.n[0];
         (self.row(0)..end).step_by(MAX_AXIS).map(move |o| (o, MAX_AXIS.min(end - o)))
     }
+    /// In which run a cell of a plane is.
+    #[inline(always)]
+    pub fn run_of(&self, at: usize) -> usize {
+        (at - self.row(0)) / MAX_AXIS
+    }
     /// Offset of cell (0, j) in a plane.
     #[inline(always)]
     pub fn row(&self, j: usize) -> usize {

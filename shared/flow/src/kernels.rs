@@ -1,9 +1,9 @@
-//! The inner loops, row by row: unit stride in x, no branches, no gathers; dispatched at run time to AVX2 where it exists.
+//! The inner loops, row by row: unit stride in x, no branches, no gathers; dispatched at run time to AVX2 or AVX-512 where it exists.
 //!
 //! Promise: the same bits on every instruction set, because sums keep explicit lanes and no product is fused into a sum.
 
 /// Lanes of a sum: fixed, so that the order of additions does not depend on the machine.
-const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Runs `work` compiled for the widest instruction set at hand. Callers pass an `#[inline(always)]` closure.
 #[inline(always)]
@@ -14,7 +14,12 @@ pub(crate) fn wide<R>(work: impl FnOnce() -> R) -> R {
 /// Σ aᵢ·bᵢ of a row.
 #[inline(always)]
 pub(crate) fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let mut lanes = [0.0f32; LANES];
+    total(&add_products([0.0; LANES], a, b))
+}
+
+/// The lanes with the products of a row, those behind its last whole block first.
+#[inline(always)]
+fn add_products(mut lanes: [f32; LANES], a: &[f32], b: &[f32]) -> [f32; LANES] {
     let (a16, b16) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     for (x, y) in a16.remainder().iter().zip(b16.remainder()) {
         lanes[0] += x * y;
@@ -24,7 +29,38 @@ pub(crate) fn dot(a: &[f32], b: &[f32]) -> f64 {
             lanes[l] += x[l] * y[l];
         }
     }
+    lanes
+}
+
+#[inline(always)]
+fn total(lanes: &[f32; LANES]) -> f64 {
     lanes.iter().map(|&l| f64::from(l)).sum()
+}
+
+/// Σ aᵢ·bᵢ of the runs of a plane, of each as [`dot`] sums it. Whole blocks of zeros may be left out: no lane is ever −0, so that adding ±0 changes none. What
+/// is behind a run's last whole block comes before its blocks.
+#[derive(Default)]
+pub(crate) struct Dot {
+    lanes: [f32; LANES],
+    run: usize,
+    sum: f64,
+}
+
+impl Dot {
+    /// Adds a part of a run; the runs come in their order.
+    #[inline(always)]
+    pub fn add(&mut self, run: usize, a: &[f32], b: &[f32]) {
+        if run != self.run {
+            self.sum += total(&self.lanes);
+            (self.lanes, self.run) = ([0.0; LANES], run);
+        }
+        self.lanes = add_products(self.lanes, a, b);
+    }
+    /// The sum of all runs.
+    #[inline(always)]
+    pub fn total(&self) -> f64 {
+        self.sum + total(&self.lanes)
+    }
 }
 
 /// Σ aᵢ of a row.

@@ -7,13 +7,20 @@
 
 use std::sync::Arc;
 
+use parking_lot::{Mutex, RwLock, RwLockReadGuard};
+
 use crate::coarsest::Coarsest;
 use crate::error::FlowError;
 use crate::field::{Field, Read};
 use crate::grid::{Layout, MAX_AXIS};
-use crate::kernels::{Star, dot, wide};
+use crate::kernels::{Dot, Star, wide};
+use crate::planes::{Correction, Damped, Planes};
 use crate::rows;
 use crate::solver::Solver;
+use crate::spans::Spans;
+
+#[cfg(test)]
+mod tests;
 
 /// Damping of the Jacobi smoother. On the scope's poses in the default cavity, boxes, sheets, pockets and random masks 0.8 needs a few
 /// tenths of an iteration more.
@@ -30,17 +37,20 @@ const PARALLEL_CELLS: usize = 512;
 /// Two rows of the longest axis with the ghosts between them.
 const MOST_FINE: usize = 2 * MAX_AXIS + 2;
 
-/// One level: residual, correction and its second buffer, diagonal, damped inverse, and (not on level 0) face coefficients.
+/// One level: residual, correction, diagonal, damped inverse, and (not on level 0) face coefficients.
 pub(crate) struct Level {
     pub layout: Arc<Layout>,
     /// Axes along which two cells of the level above make one of this.
     pub halved: [bool; 3],
     pub r: Field,
     pub z: Field,
-    pub y: Field,
     pub diagonal: Field,
     pub inverse: Field,
     pub faces: Option<[Field; 3]>,
+    /// Of each band the planes that a phase makes as it goes.
+    pub planes: Vec<Mutex<Planes>>,
+    /// What has to be computed.
+    pub spans: RwLock<Spans>,
 }
 
 impl Level {
@@ -48,8 +58,25 @@ impl Level {
         let field = || Field::new(&layout);
         let coarse = halved.contains(&true);
         let faces = coarse.then(|| [field(), field(), field()]);
-        let (r, z, y, diagonal, inverse) = (field(), field(), field(), field(), field());
-        Self { layout, halved, r, z, y, diagonal, inverse, faces }
+        let (r, z, diagonal, inverse) = (field(), field(), field(), field());
+        let planes = (0..layout.bands).map(|_| Mutex::new(Planes::new(&layout))).collect();
+        let spans = RwLock::new(Spans::new(&layout));
+        Self { layout, halved, r, z, diagonal, inverse, faces, planes, spans }
+    }
+
+    /// Makes what the cycle computes 0, where it computes nothing from now on.
+    pub fn clear(&self, band: usize) -> Result<(), FlowError> {
+        for field in [&self.r, &self.z] {
+            let mut field = field.write(band)?;
+            for kk in self.layout.own(band) {
+                field.layer(kk).fill(0.0);
+            }
+        }
+        Ok(())
+    }
+
+    pub fn spans(&self) -> Result<RwLockReadGuard<'_, Spans>, FlowError> {
+        self.spans.try_read().ok_or(FlowError::PhaseConflict)
     }
 }
 
@@ -118,13 +145,14 @@ impl<'a> Operator<'a> {
 }
 
 impl Solver {
-    /// Phase Operator: diagonal and damped inverse of level 0 from the mask.
+    /// Phase Operator: diagonal and damped inverse of level 0 from the mask. What solids have taken holds 0 from here on: no iteration writes there.
     pub(crate) fn operator_band(&self, band: usize) -> Result<(), FlowError> {
         let level = &self.hierarchy.levels[0];
         let layout = &*level.layout;
         let fluid = self.fluid.read()?;
         let (mut diagonal, mut inverse) = (level.diagonal.write(band)?, level.inverse.write(band)?);
         let n = layout.n[0];
+        level.clear(band)?;
         for kk in layout.own(band) {
             let (d, v) = (diagonal.layer(kk), inverse.layer(kk));
             wide(
@@ -145,28 +173,41 @@ impl Solver {
         Ok(())
     }
 
-    /// Residual of level `l` after its first smoothing (z = damped r), summed into level `l + 1`, which is smoothed at once.
+    /// Residual of level `l` after its first smoothing (z = v·r), summed into level `l + 1`.
     pub(crate) fn restrict_band(&self, l: usize, band: usize) -> Result<(), FlowError> {
         let (fine, coarse) = (&self.hierarchy.levels[l], &self.hierarchy.levels[l + 1]);
         let op = Operator::new(fine, self.weights)?;
-        let (z, r) = (fine.z.read()?, fine.r.read()?);
-        let inverse = coarse.inverse.read()?;
-        let (mut r_out, mut z_out) = (coarse.r.write(band)?, coarse.z.write(band)?);
+        let (r, inverse) = (fine.r.read()?, fine.inverse.read()?);
+        let (fine_spans, spans) = (fine.spans()?, coarse.spans()?);
+        let mut planes = fine.planes[band].try_lock().ok_or(FlowError::PhaseConflict)?;
+        let mut r_out = coarse.r.write(band)?;
         let (fl, cl) = (&*fine.layout, &*coarse.layout);
-        let n = fl.n[0];
-        for kk in cl.own(band) {
-            let (rc, zc, vc) = (r_out.layer(kk), z_out.layer(kk), inverse.layer(kk));
-            rc.fill(0.0);
+        let damped = Damped { layout: fl, spans: &fine_spans, r: &r, inverse: &inverse };
+        let own = cl.own(band);
+        let mut next = children(own.start - 1, fl.n[2], coarse.halved[2]).start;
+        for kk in own {
+            let rc = r_out.layer(kk);
             let low = children(kk - 1, fl.n[2], coarse.halved[2]);
+            while next <= low.end + 1 {
+                damped.plane(next, planes.at_mut(next));
+                next += 1;
+            }
+            let z = &*planes;
             wide(
                 #[inline(always)]
                 || {
                     let mut sum = [0.0f32; MOST_FINE];
                     let mut t = [0.0f32; MOST_FINE];
                     for jc in 0..cl.n[1] {
+                        let span = spans.row(kk, jc);
+                        if span.is_empty() {
+                            continue;
+                        }
                         let fine_rows = children(jc, fl.n[1], coarse.halved[1]);
-                        // Both rows and the ghosts between them.
-                        let (o, m) = (fl.row(fine_rows.start), (fine_rows.len() - 1) * fl.stride + n);
+                        let from = children(span.start, fl.n[0], coarse.halved[0]).start;
+                        let n = children(span.end - 1, fl.n[0], coarse.halved[0]).end - from;
+                        // Both rows and what lies between them.
+                        let (o, m) = (fl.row(fine_rows.start) + from, (fine_rows.len() - 1) * fl.stride + n);
                         let (sum, t) = (&mut sum[..m], &mut t[..m]);
                         sum.fill(0.0);
                         for k in low.clone() {
@@ -177,11 +218,8 @@ impl Solver {
                             let (first, second) = sum.split_at_mut(fl.stride);
                             rows::add_scaled(&mut first[..n], second, 1.0);
                         }
-                        let oc = cl.row(jc);
-                        gather(&sum[..n], &mut rc[oc..oc + cl.n[0]], coarse.halved[0]);
-                        for at in oc..oc + cl.n[0] {
-                            zc[at] = vc[at] * rc[at];
-                        }
+                        let oc = cl.row(jc) + span.start;
+                        gather(&sum[..n], &mut rc[oc..oc + span.len()], coarse.halved[0]);
                     }
                 },
             );
@@ -189,56 +227,41 @@ impl Solver {
         Ok(())
     }
 
-    /// y = z + the correction of the level below, in fluid cells.
-    pub(crate) fn prolong_band(&self, l: usize, band: usize) -> Result<(), FlowError> {
-        let (fine, coarse) = (&self.hierarchy.levels[l], &self.hierarchy.levels[l + 1]);
-        let (z, diagonal, e) = (fine.z.read()?, fine.diagonal.read()?, coarse.z.read()?);
-        let mut y = fine.y.write(band)?;
-        let (fl, cl) = (&*fine.layout, &*coarse.layout);
-        let n = fl.n[0];
-        for kk in fl.own(band) {
-            let (out, z, d) = (y.layer(kk), z.layer(kk), diagonal.layer(kk));
-            let e = e.layer(parent(kk - 1, coarse.halved[2]) + 1);
-            wide(
-                #[inline(always)]
-                || {
-                    let mut wide_row = [0.0f32; MAX_AXIS + 1];
-                    for j in 0..fl.n[1] {
-                        let oc = cl.row(parent(j, coarse.halved[1]));
-                        spread(&e[oc..oc + cl.n[0]], &mut wide_row, n, coarse.halved[0]);
-                        let o = fl.row(j);
-                        rows::correct(&mut out[o..o + n], &z[o..o + n], &wide_row[..n], &d[o..o + n]);
-                    }
-                },
-            );
-        }
-        Ok(())
-    }
-
-    /// z = y + damped residual of y; on level 0 also the partial sums of r·z.
+    /// y = v·r + the correction of the level below, in fluid cells, and z = y + damped residual of y; on level 0 also the partial sums of r·z.
     pub(crate) fn smooth_band(&self, l: usize, band: usize) -> Result<(), FlowError> {
-        let level = &self.hierarchy.levels[l];
+        let (level, coarse) = (&self.hierarchy.levels[l], &self.hierarchy.levels[l + 1]);
         let op = Operator::new(level, self.weights)?;
-        let (y, r, inverse) = (level.y.read()?, level.r.read()?, level.inverse.read()?);
+        let (r, inverse, e) = (level.r.read()?, level.inverse.read()?, coarse.z.read()?);
         let mut z = level.z.write(band)?;
-        let layout = &*level.layout;
+        let mut planes = level.planes[band].try_lock().ok_or(FlowError::PhaseConflict)?;
+        let (layout, spans) = (&*level.layout, level.spans()?);
+        let parts = if l == 0 { &spans.lanes } else { &spans.open };
         let mut sums = self.sums(band)?;
-        for (index, kk) in layout.own(band).enumerate() {
+        let damped = Damped { layout, spans: &spans, r: &r, inverse: &inverse };
+        let correction = Correction { damped, diagonal: &op.diagonal, e: &e, coarse };
+        let own = layout.own(band);
+        let mut next = own.start - 1;
+        for (index, kk) in own.enumerate() {
+            while next <= kk + 1 {
+                correction.plane(next, planes.at_mut(next));
+                next += 1;
+            }
+            let y = planes.three(kk);
             let (out, v) = (z.layer(kk), inverse.layer(kk));
             let rz = wide(
                 #[inline(always)]
                 || {
                     let mut t = [0.0f32; MAX_AXIS];
-                    let mut rz = 0.0;
-                    for (o, n) in layout.runs() {
-                        op.apply(y.three(kk), kk, o, &mut t[..n]);
+                    let mut rz = Dot::default();
+                    for (o, n) in parts.of(kk) {
+                        op.apply(y, kk, o, &mut t[..n]);
                         let (row, r) = (&mut out[o..o + n], &r.layer(kk)[o..o + n]);
-                        rows::smooth(row, &y.layer(kk)[o..o + n], &v[o..o + n], r, &t[..n]);
+                        rows::smooth(row, &y[1][o..o + n], &v[o..o + n], r, &t[..n]);
                         if l == 0 {
-                            rz += dot(r, row);
+                            rz.add(layout.run_of(o), r, row);
                         }
                     }
-                    rz
+                    rz.total()
                 },
             );
             if l == 0 {
@@ -256,7 +279,6 @@ impl Solver {
         }
         self.hierarchy.coarsest.solve(&self.hierarchy.levels[last])?;
         for l in (self.hierarchy.serial_from..last).rev() {
-            self.prolong_band(l, 0)?;
             self.smooth_band(l, 0)?;
         }
         Ok(())
@@ -276,12 +298,6 @@ pub(crate) fn children(c: usize, n: usize, halved: bool) -> std::ops::Range<usiz
     if halved { 2 * c..(2 * c + 2).min(n) } else { c..c + 1 }
 }
 
-/// Coarse index that fine index `i` belongs to.
-#[inline(always)]
-fn parent(i: usize, halved: bool) -> usize {
-    if halved { i / 2 } else { i }
-}
-
 /// Sums what belongs to each coarse cell of a row.
 #[inline(always)]
 pub(crate) fn gather(row: &[f32], out: &mut [f32], halved: bool) {
@@ -291,17 +307,5 @@ pub(crate) fn gather(row: &[f32], out: &mut [f32], halved: bool) {
     }
     for (o, pair) in out.iter_mut().zip(row.chunks(2)) {
         *o = pair.iter().sum();
-    }
-}
-
-/// Spreads a coarse row to the `n` fine cells.
-#[inline(always)]
-fn spread(row: &[f32], out: &mut [f32; MAX_AXIS + 1], n: usize, halved: bool) {
-    if !halved {
-        out[..n].copy_from_slice(row);
-        return;
-    }
-    for (x, pair) in row.iter().zip(out[..n + n % 2].chunks_exact_mut(2)) {
-        pair.fill(*x);
     }
 }

@@ -227,6 +227,7 @@ impl Solver {
     pub(crate) fn mirror_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let fluid = self.fluid.read()?;
         for component in 0..3 {
             let (now, face) = (self.velocity[plan.roles.now][component].read()?, self.face[component].read()?);
@@ -237,14 +238,19 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        for o in (0..layout.n[1]).map(|j| layout.row(j)) {
-                            let range = o..o + layout.n[0];
-                            let own = planes.own.map(|(plane, at)| &plane[o - at..o - at + range.len()]);
+                        for j in 0..layout.n[1] {
                             // Where all is fluid nothing is held; before the first cell along x is the grid's side, and that is at rest.
-                            if rows::are_fluid(own[0]) && (component == 0 || rows::are_fluid(own[1])) {
+                            if spans.is_free_row(component, kk, j) {
                                 continue;
                             }
-                            let around = planes.around(o, range.len());
+                            let (o, near) = (layout.row(j), spans.near_row(kk, j));
+                            let range = o + near.start..o + near.end;
+                            // Far from the fluid no face is beside one that the medium goes through.
+                            for far in [o..range.start, range.end..o + layout.n[0]] {
+                                out[far.clone()].copy_from_slice(&face[far]);
+                            }
+                            let own = planes.own.map(|(plane, at)| &plane[range.start - at..range.end - at]);
+                            let around = planes.around(range.start, range.len());
                             rows::mirror(&mut out[range.clone()], &face[range], own, &around);
                         }
                     },

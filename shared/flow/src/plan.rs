@@ -4,6 +4,7 @@ use crate::blood::Particle;
 use crate::grid::Layout;
 use crate::inputs::FlowInputs;
 use crate::pump::PumpReport;
+use crate::spans::Spans;
 use crate::traction::Pull;
 use crate::wires::Drag;
 
@@ -69,6 +70,8 @@ pub(crate) struct Plan {
     pub alpha: f32,
     pub beta: f32,
     pub first_direction: bool,
+    /// An iteration has added +0 to the pressure of the solid cells, so that −0 is there no more.
+    pub is_unsigned: bool,
     pub components: usize,
     pub means: [f32; MAX_COMPONENTS],
     /// Component of each cell (only filled when there is more than one).
@@ -118,17 +121,20 @@ impl Plan {
     pub fn sources_of(&self, kk: usize) -> &[Source] {
         &self.sources[self.layers[kk]..self.layers[kk + 1]]
     }
-    /// Sum of a plane's inside by component.
+    /// Sum of a plane's inside by component; solid cells hold ±0, which adds nothing.
     #[inline(always)]
-    pub fn component_sums(&self, layout: &Layout, kk: usize, plane: &[f32], into: &mut [f64; MAX_COMPONENTS]) {
+    pub fn component_sums(&self, layout: &Layout, spans: &Spans, kk: usize, plane: &[f32], into: &mut [f64; MAX_COMPONENTS]) {
         for j in 0..layout.n[1] {
-            let o = layout.row(j);
-            let row = &plane[o..o + layout.n[0]];
+            let (o, span) = (layout.row(j), spans.row(kk, j));
+            if span.is_empty() {
+                continue;
+            }
             if self.components <= 1 {
-                into[0] += crate::kernels::sum(row);
+                // The whole row, so that each cell stays in its lane.
+                into[0] += crate::kernels::sum(&plane[o..o + layout.n[0]]);
             } else {
-                let first = ((kk - 1) * layout.n[1] + j) * layout.n[0];
-                for (x, &label) in row.iter().zip(&self.labels[first..]) {
+                let first = ((kk - 1) * layout.n[1] + j) * layout.n[0] + span.start;
+                for (x, &label) in plane[o + span.start..o + span.end].iter().zip(&self.labels[first..]) {
                     into[usize::from(label)] += f64::from(*x);
                 }
             }

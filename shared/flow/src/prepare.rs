@@ -62,7 +62,7 @@ impl Solver {
                 }
             }
         }
-        Ok(())
+        self.mark(&c.components, c.skips)
     }
 
     /// Below this the residual is what single precision leaves of the speeds at hand.

@@ -7,7 +7,7 @@ use crate::error::FlowError;
 use crate::field::Read;
 use crate::grid::MAX_AXIS;
 use crate::inputs::MAX_SPEED_M_S;
-use crate::kernels::{Star, dot, larger, max_abs, max_abs_where, wide};
+use crate::kernels::{Dot, Star, dot, larger, max_abs, max_abs_where, wide};
 use crate::rows;
 use crate::solver::Solver;
 use crate::transport::hold_solid;
@@ -23,6 +23,7 @@ impl Solver {
         let velocity = self.read_velocity(plan.roles.now)?;
         let fluid = self.fluid.read()?;
         let level = &self.hierarchy.levels[0];
+        let spans = level.spans()?;
         let (mut r, mut pressure) = (level.r.write(band)?, self.pressure.write(band)?);
         let per_m = self.model.grid.spacing_m().map(|h| 1.0 / h);
         let n = layout.n[0];
@@ -35,8 +36,11 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         let m = &fluid.layer(kk)[o..o + n];
-                        rows::convergence(&mut out[o..o + n], m, faces(&velocity, kk, o, layout.stride), per_m);
                         rows::scale_masked(&mut phi[o..o + n], m, plan.dt_by_density);
+                        // Without fluid r is 0 since the operator was made.
+                        if !spans.row(kk, j).is_empty() {
+                            rows::convergence(&mut out[o..o + n], m, faces(&velocity, kk, o, layout.stride), per_m);
+                        }
                     }
                 },
             );
@@ -46,24 +50,24 @@ impl Solver {
             sum.by_component = Default::default();
             wide(
                 #[inline(always)]
-                || plan.component_sums(layout, kk, out, &mut sum.by_component),
+                || plan.component_sums(layout, &spans, kk, out, &mut sum.by_component),
             );
         }
         Ok(())
     }
 
-    /// Phase Residual: b = r − mean, r = b − A·φ, z = damped r; partial sums b·b and r·r.
+    /// Phase Residual: b = r − mean, r = b − A·φ; partial sums b·b and r·r.
     pub(crate) fn residual_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
-        let (phi, diagonal, inverse) = (self.pressure.read()?, level.diagonal.read()?, level.inverse.read()?);
-        let fluid = self.fluid.read()?;
-        let (mut r, mut z) = (level.r.write(band)?, level.z.write(band)?);
+        let spans = level.spans()?;
+        let (phi, diagonal, fluid) = (self.pressure.read()?, level.diagonal.read()?, self.fluid.read()?);
+        let mut r = level.r.write(band)?;
         let n = layout.n[0];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
-            let (r, z) = (r.layer(kk), z.layer(kk));
+            let r = r.layer(kk);
             (sum.a, sum.b) = wide(
                 #[inline(always)]
                 || {
@@ -71,15 +75,22 @@ impl Solver {
                     let mut t = [0.0f32; MAX_AXIS];
                     let mut mean = [0.0f32; MAX_AXIS];
                     for j in 0..layout.n[1] {
+                        let span = spans.row(kk, j);
+                        if span.is_empty() {
+                            continue;
+                        }
                         let o = layout.row(j);
-                        let star = Star::new(phi.three(kk), o, layout.stride, n);
-                        rows::fine_operator(&mut t[..n], &diagonal.layer(kk)[o..o + n], &star, self.weights);
+                        let cells = o + span.start..o + span.end;
+                        let t = &mut t[..span.len()];
+                        let star = Star::new(phi.three(kk), cells.start, layout.stride, span.len());
+                        rows::fine_operator(t, &diagonal.layer(kk)[cells.clone()], &star, self.weights);
                         plan.fill_means(layout, kk, j, &mut mean[..n]);
-                        let (r, z, v) = (&mut r[o..o + n], &mut z[o..o + n], &inverse.layer(kk)[o..o + n]);
-                        rows::subtract_masked(r, &fluid.layer(kk)[o..o + n], &mean[..n]);
-                        bb += dot(r, r);
-                        rows::reduce(r, z, &t[..n], v, 1.0);
-                        rr += dot(r, r);
+                        rows::subtract_masked(&mut r[cells.clone()], &fluid.layer(kk)[cells.clone()], &mean[span]);
+                        // The whole row, so that each cell stays in its lane.
+                        let row = o..o + n;
+                        bb += dot(&r[row.clone()], &r[row.clone()]);
+                        rows::reduce(&mut r[cells], t, 1.0);
+                        rr += dot(&r[row.clone()], &r[row]);
                     }
                     (bb, rr)
                 },
@@ -93,6 +104,7 @@ impl Solver {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
+        let spans = level.spans()?;
         let (z, diagonal) = (level.z.read()?, level.diagonal.read()?);
         let (mut d, mut q) = (self.direction.write(band)?, self.image.write(band)?);
         let mut sums = self.sums(band)?;
@@ -101,9 +113,9 @@ impl Solver {
             sum.a = wide(
                 #[inline(always)]
                 || {
-                    let mut dq = 0.0;
+                    let mut dq = Dot::default();
                     let mut t = [0.0f32; MAX_AXIS];
-                    for (o, n) in layout.runs() {
+                    for (o, n) in spans.lanes.of(kk) {
                         let star = Star::new(z.three(kk), o, layout.stride, n);
                         rows::fine_operator(&mut t[..n], &diagonal.layer(kk)[o..o + n], &star, self.weights);
                         let (d, q, t) = (&mut d[o..o + n], &mut q[o..o + n], &t[..n]);
@@ -114,37 +126,37 @@ impl Solver {
                             rows::scale_and_add(d, star.c, plan.beta);
                             rows::scale_and_add(q, t, plan.beta);
                         }
-                        dq += dot(d, q);
+                        dq.add(layout.run_of(o), d, q);
                     }
-                    dq
+                    dq.total()
                 },
             );
         }
         Ok(())
     }
 
-    /// Phase Update: φ += α·d, r −= α·q, z = damped r; partial sums r·r.
+    /// Phase Update: φ += α·d, r −= α·q; partial sums r·r.
     pub(crate) fn update_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
         let level = &self.hierarchy.levels[0];
-        let (d, q, inverse) = (self.direction.read()?, self.image.read()?, level.inverse.read()?);
-        let (mut phi, mut r, mut z) = (self.pressure.write(band)?, level.r.write(band)?, level.z.write(band)?);
+        let spans = level.spans()?;
+        let (d, q) = (self.direction.read()?, self.image.read()?);
+        let (mut phi, mut r) = (self.pressure.write(band)?, level.r.write(band)?);
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
-            let (phi, r, z) = (phi.layer(kk), r.layer(kk), z.layer(kk));
+            let (phi, r) = (phi.layer(kk), r.layer(kk));
             sum.b = wide(
                 #[inline(always)]
                 || {
-                    let mut rr = 0.0;
-                    for (o, n) in layout.runs() {
-                        let (d, q, v) = (&d.layer(kk)[o..o + n], &q.layer(kk)[o..o + n], &inverse.layer(kk)[o..o + n]);
-                        let (r, z) = (&mut r[o..o + n], &mut z[o..o + n]);
+                    let mut rr = Dot::default();
+                    for (o, n) in spans.lanes.of(kk) {
+                        let (d, q, r) = (&d.layer(kk)[o..o + n], &q.layer(kk)[o..o + n], &mut r[o..o + n]);
                         rows::add_scaled(&mut phi[o..o + n], d, plan.alpha);
-                        rows::reduce(r, z, q, v, plan.alpha);
-                        rr += dot(r, r);
+                        rows::reduce(r, q, plan.alpha);
+                        rr.add(layout.run_of(o), r, r);
                     }
-                    rr
+                    rr.total()
                 },
             );
         }
@@ -155,15 +167,15 @@ impl Solver {
     pub(crate) fn project_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let (phi, fluid) = (self.pressure.read()?, self.fluid.read()?);
-        let n = layout.n[0];
         let mut sums = self.sums(band)?;
         for (sum, kk) in sums.iter_mut().zip(layout.own(band)) {
             (sum.count, sum.top) = (0, 0.0);
             sum.by_component = Default::default();
             wide(
                 #[inline(always)]
-                || plan.component_sums(layout, kk, phi.layer(kk), &mut sum.by_component),
+                || plan.component_sums(layout, &spans, kk, phi.layer(kk), &mut sum.by_component),
             );
         }
         for component in 0..3 {
@@ -176,7 +188,12 @@ impl Solver {
                     #[inline(always)]
                     || {
                         for j in 0..layout.n[1] {
-                            let o = layout.row(j);
+                            // Far from the fluid there is no pressure, and the faces are held since AdvectBack.
+                            let near = spans.near_row(kk, j);
+                            if near.is_empty() {
+                                continue;
+                            }
+                            let (o, n) = (layout.row(j) + near.start, near.len());
                             let star = Star::new(phi.three(kk), o, layout.stride, n);
                             let back = [star.xm, star.ym, star.zm][component];
                             let row = &mut plane[o..o + n];
@@ -197,6 +214,7 @@ impl Solver {
     pub(crate) fn centre_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let velocity = self.read_velocity(plan.roles.now)?;
         let fluid = self.fluid.read()?;
         let mut pressure = self.pressure.write(band)?;
@@ -215,10 +233,14 @@ impl Solver {
                     for j in 0..layout.n[1] {
                         let o = layout.row(j);
                         plan.fill_means(layout, kk, j, &mut mean[..n]);
-                        let m = &fluid.layer(kk)[o..o + n];
-                        rows::centre(&mut phi[o..o + n], m, &mean[..n], scale);
-                        let out = &mut out[..n];
-                        rows::outflow(out, m, faces(&velocity, kk, o, layout.stride), per_m);
+                        let (row, m) = (&mut phi[o..o + n], &fluid.layer(kk)[o..o + n]);
+                        if plan.is_unsigned {
+                            rows::unsign(row, m);
+                        }
+                        rows::centre(row, m, &mean[..n], scale);
+                        let span = spans.row(kk, j);
+                        let out = &mut out[..span.len()];
+                        rows::outflow(out, &m[span.clone()], faces(&velocity, kk, o + span.start, layout.stride), per_m);
                         top = larger(top, max_abs(out));
                     }
                     top

@@ -118,6 +118,14 @@ pub(crate) fn centre(phi: &mut [f32], m: &[f32], mean: &[f32], scale: f32) {
     }
 }
 
+/// What is −0 in solid cells becomes +0.
+#[inline(always)]
+pub(crate) fn unsign(phi: &mut [f32], m: &[f32]) {
+    for (phi, m) in phi.iter_mut().zip(m) {
+        *phi = if *m > 0.0 { *phi } else { *phi + 0.0 };
+    }
+}
+
 /// r −= m·mean
 #[inline(always)]
 pub(crate) fn subtract_masked(r: &mut [f32], m: &[f32], mean: &[f32]) {
@@ -128,14 +136,21 @@ pub(crate) fn subtract_masked(r: &mut [f32], m: &[f32], mean: &[f32]) {
     }
 }
 
-/// r −= t·a, z = v·r
+/// r −= a·t
 #[inline(always)]
-pub(crate) fn reduce(r: &mut [f32], z: &mut [f32], t: &[f32], v: &[f32], a: f32) {
-    let n = r.len();
-    let (z, t, v) = (&mut z[..n], &t[..n], &v[..n]);
+pub(crate) fn reduce(r: &mut [f32], t: &[f32], a: f32) {
+    for (r, t) in r.iter_mut().zip(t) {
+        *r -= a * t;
+    }
+}
+
+/// out = v·r
+#[inline(always)]
+pub(crate) fn multiply(out: &mut [f32], v: &[f32], r: &[f32]) {
+    let n = out.len();
+    let (v, r) = (&v[..n], &r[..n]);
     for i in 0..n {
-        r[i] -= a * t[i];
-        z[i] = v[i] * r[i];
+        out[i] = v[i] * r[i];
     }
 }
 
@@ -226,13 +241,14 @@ pub(crate) fn add_residual(sum: &mut [f32], r: &[f32], az: &[f32]) {
     }
 }
 
-/// out = z + w where the diagonal is not 0, else 0.
+/// out = v·r + w where the diagonal is not 0, else 0.
 #[inline(always)]
-pub(crate) fn correct(out: &mut [f32], z: &[f32], w: &[f32], diagonal: &[f32]) {
+pub(crate) fn correct(out: &mut [f32], r: &[f32], v: &[f32], w: &[f32], diagonal: &[f32]) {
     let n = out.len();
-    let (z, w, diagonal) = (&z[..n], &w[..n], &diagonal[..n]);
+    let (r, v, w, diagonal) = (&r[..n], &v[..n], &w[..n], &diagonal[..n]);
     for i in 0..n {
-        out[i] = if diagonal[i] > 0.0 { z[i] + w[i] } else { 0.0 };
+        let corrected = v[i] * r[i] + w[i];
+        out[i] = if diagonal[i] > 0.0 { corrected } else { 0.0 };
     }
 }
 

@@ -52,9 +52,7 @@ pub enum Phase {
     Restrict(u8),
     /// The cycle on all smaller levels (band 0 alone).
     Coarse,
-    /// Correction to the next finer level.
-    Prolong(u8),
-    /// Smoothing of a level.
+    /// Correction of a level by the next coarser one, and its smoothing.
     Smooth(u8),
     /// Search direction and its image.
     Direction,
@@ -126,6 +124,7 @@ impl Solver {
             alpha: 0.0,
             beta: 0.0,
             first_direction: true,
+            is_unsigned: false,
             components: 1,
             means: Default::default(),
             labels: vec![0; cells],
@@ -208,7 +207,6 @@ impl Solver {
             Phase::Residual => self.residual_band(band),
             Phase::Restrict(l) => self.restrict_band(l.into(), band),
             Phase::Coarse => self.coarse_cycle(),
-            Phase::Prolong(l) => self.prolong_band(l.into(), band),
             Phase::Smooth(l) => self.smooth_band(l.into(), band),
             Phase::Direction => self.direction_band(band),
             Phase::Update => self.update_band(band),

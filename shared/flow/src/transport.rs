@@ -11,12 +11,14 @@ use crate::plan::Plan;
 use crate::rows;
 use crate::sample::{backward, forward, nine};
 use crate::solver::Solver;
+use crate::spans::Spans;
 
 impl Solver {
     /// Phase Diffuse: v + ν·dt·∇²v + dt·force, then the jets of the inflow and the drag of wires.
     pub(crate) fn diffuse_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let fluid = self.fluid.read()?;
         let weights = plan.diffusion;
         let keep = 1.0 - 2.0 * (weights[0] + weights[1] + weights[2]);
@@ -32,7 +34,7 @@ impl Solver {
                 wide(
                     #[inline(always)]
                     || {
-                        for (o, n) in layout.runs() {
+                        for (o, n) in spans.open.of(kk) {
                             let star = Star::new(from.three(kk), o, layout.stride, n);
                             rows::diffuse(&mut out[o..o + n], &star, keep, weights, push);
                         }
@@ -44,9 +46,7 @@ impl Solver {
                     drag.pull(&mut out[drag.at]);
                     self.give(&mut sum.given, drag, out[drag.at] - before_m_s, &fluid);
                 }
-                for (o, n) in layout.runs() {
-                    hold_solid(&fluid, &held, component, kk, o, layout.stride, &mut out[o..o + n]);
-                }
+                hold_plane(&spans, &fluid, &held, component, kk, layout.stride, out);
                 self.mirrors.plane(layout, component, out);
             }
             self.mirrors.layers(layout, component, band, &mut to);
@@ -54,10 +54,11 @@ impl Solver {
         Ok(())
     }
 
-    /// Phase AdvectForward: the value at each face's departure point.
+    /// Phase AdvectForward: the value at the departure point of each face that the way back reads.
     pub(crate) fn advect_forward_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let carrier = self.read_velocity(plan.roles.carrier)?;
         for component in 0..3 {
             let from = self.velocity[plan.roles.now][component].read()?;
@@ -68,7 +69,7 @@ impl Solver {
                     #[inline(always)]
                     || {
                         let mut shift = [[0.0f32; MAX_AXIS]; 3];
-                        for (o, n) in layout.runs() {
+                        for (o, n) in spans.near.of(kk) {
                             displacement(&carrier, component, kk, o, layout.stride, n, plan.courant, &mut shift);
                             let rows = nine(from.three(kk), o, layout.stride, n);
                             forward(&mut out[o..o + n], &rows, shift.each_ref().map(|s| &s[..n]));
@@ -86,6 +87,7 @@ impl Solver {
     pub(crate) fn advect_back_band(&self, band: usize) -> Result<(), FlowError> {
         let plan = self.plan()?;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let carrier = self.read_velocity(plan.roles.carrier)?;
         let fluid = self.fluid.read()?;
         for component in 0..3 {
@@ -95,20 +97,24 @@ impl Solver {
             let mut to = self.velocity[plan.roles.next][component].write(band)?;
             for kk in layout.own(band) {
                 let out = to.layer(kk);
+                let is_free = spans.is_free_layer(component, kk);
                 wide(
                     #[inline(always)]
                     || {
                         let mut shift = [[0.0f32; MAX_AXIS]; 3];
-                        for (o, n) in layout.runs() {
+                        for (o, n) in spans.open.of(kk) {
                             displacement(&carrier, component, kk, o, layout.stride, n, plan.courant, &mut shift);
                             let before = nine(from.three(kk), o, layout.stride, n);
                             let after = nine(half.three(kk), o, layout.stride, n);
                             let row = &mut out[o..o + n];
                             backward(row, &before, &after, shift.each_ref().map(|s| &s[..n]));
-                            hold_solid(&fluid, &held, component, kk, o, layout.stride, row);
+                            if !is_free {
+                                hold_solid(&fluid, &held, component, kk, o, layout.stride, row);
+                            }
                         }
                     },
                 );
+                hold_gaps(&spans, &held, kk, out);
                 self.mirrors.plane(layout, component, out);
             }
             self.mirrors.layers(layout, component, band, &mut to);
@@ -161,6 +167,28 @@ pub(crate) fn step(axis: usize, kk: usize, at: usize, stride: usize, up: bool) -
         (1, false) => (kk, at - stride),
         (_, true) => (kk + 1, at),
         (_, false) => (kk - 1, at),
+    }
+}
+
+/// Holds the faces of a plane that touch a solid cell.
+fn hold_plane(spans: &Spans, fluid: &Read<'_>, held: &Read<'_>, component: usize, kk: usize, stride: usize, out: &mut [f32]) {
+    if !spans.is_free_layer(component, kk) {
+        wide(
+            #[inline(always)]
+            || {
+                for (o, n) in spans.open.of(kk) {
+                    hold_solid(fluid, held, component, kk, o, stride, &mut out[o..o + n]);
+                }
+            },
+        );
+        hold_gaps(spans, held, kk, out);
+    }
+}
+
+/// Holds the faces between the parts that are computed: each touches a solid cell.
+fn hold_gaps(spans: &Spans, held: &Read<'_>, kk: usize, out: &mut [f32]) {
+    for (o, n) in spans.gaps.of(kk) {
+        out[o..o + n].copy_from_slice(&held.layer(kk)[o..o + n]);
     }
 }
 
