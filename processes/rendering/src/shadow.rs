@@ -73,7 +73,9 @@ pub(crate) fn lamp_view(eye: &Eye) -> Mat4 {
 /// Whether an object throws a shadow through the lens. Gas lets the light through, and what drifts is too small.
 fn is_solid(object: &Object) -> bool {
     let look = &object.appearance;
-    object.indices > 0 && !look.external_only && !matches!(look.material, Material::MucosaTissue | Material::Gas | Material::Flake)
+    object.indices > 0
+        && !look.external_only
+        && !matches!(look.material, Material::MucosaTissue | Material::Gas | Material::Flake)
 }
 
 impl Renderer {

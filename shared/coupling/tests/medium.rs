@@ -2,7 +2,9 @@
 //! beside it as ever.
 
 use glam::Vec3;
-use hyst_coupling::{ContactModel, EnergyParams, EnergyState, Plane, ServoInput, ServoParams, ServoState, energy_step, servo_step};
+use hyst_coupling::{
+    ContactModel, EnergyParams, EnergyState, Plane, ServoInput, ServoParams, ServoState, energy_step, servo_step,
+};
 
 /// One tick of a servo whose tip is on its way along z, in the medium.
 fn tick(state: &ServoState, tick: u64, (z_m, speed_m_s): (f32, f32), model: &ContactModel, medium_n: [f32; 3]) -> ServoState {

@@ -303,7 +303,8 @@ impl Solver {
             if l == 0 {
                 spans.set_fine(components, |kk| fluid.layer(kk), skips);
             } else {
-                spans.set_coarse(&levels[l - 1].spans()?, level.halved);
+                let finer = levels[l - 1].spans()?;
+                spans.set_coarse(&finer, level.halved);
             }
         }
         Ok(())

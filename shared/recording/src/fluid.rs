@@ -92,7 +92,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_blood_and_the_force_on_the_scope_of_a_recording_from_before_they_were_recorded_are_no_numbers_and_no_vessel_was_sealed_then() {
+    fn the_blood_and_the_force_on_the_scope_of_a_recording_from_before_they_were_recorded_are_no_numbers_and_no_vessel_was_sealed_then()
+     {
         let status = FluidStatus {
             state_tick: 33,
             deficit_ml: 12.5,

@@ -28,11 +28,13 @@ fn told<R: Read + Seek>(source: R, read: impl FnOnce(&mut Reader<R>, &mut Vec<Bl
 }
 
 fn one_by_one(source: impl Read + Seek) -> Told {
-    told(source, |reader, blocks| loop {
-        match reader.next_block() {
-            Ok(Some(block)) => blocks.push(block),
-            Ok(None) => return None,
-            Err(error) => return Some(error.to_string()),
+    told(source, |reader, blocks| {
+        loop {
+            match reader.next_block() {
+                Ok(Some(block)) => blocks.push(block),
+                Ok(None) => return None,
+                Err(error) => return Some(error.to_string()),
+            }
         }
     })
 }

@@ -43,7 +43,12 @@ pub(crate) fn alone(case: &Case) -> Checked {
     }
     case.vary.iter().enumerate().try_for_each(|(index, vary)| variation(vary, &format!("vary[{index}]")))?;
     if let Some((index, _)) = case.vary.iter().enumerate().filter(|(_, vary)| vary.object.is_none()).nth(1) {
-        return wrong(Kind::Name, format!("vary[{index}]"), "is the second without an object", "put both into one [[vary]] table");
+        return wrong(
+            Kind::Name,
+            format!("vary[{index}]"),
+            "is the second without an object",
+            "put both into one [[vary]] table",
+        );
     }
     rules(&case.rules)?;
     end(case)?;
