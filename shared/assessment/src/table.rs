@@ -196,7 +196,7 @@ pub static METRICS: [Definition; 36] = [
     Definition {
         group: Group::Safety,
         key: "coagulated",
-        name: "time with the current that coagulates in the loop",
+        name: "time with the coagulating current",
         unit: "s",
         scale: None,
         value: |m| (m.conduct.ticks > 0).then_some(m.electrode.coagulating_ticks as f64 * 1e-3),

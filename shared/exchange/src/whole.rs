@@ -77,7 +77,7 @@ mod tests {
         write(&folder.join("told.toml"), b"").unwrap();
         write_for_own_user(&folder.join("token"), b"secret").unwrap();
         assert_eq!(std::fs::metadata(folder.join("token")).unwrap().permissions().mode() & 0o777, OWN_USER);
-        assert_eq!(names(&folder), ["told.json", "told.toml", "token"]);
+        assert_eq!(names(&folder), ["token", "told.json", "told.toml"]);
         assert_eq!(beside(&path), folder.join("told.json.next"));
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -195,7 +195,8 @@ mod tests {
             let mut bad = whole.clone();
             bad[at] ^= 1 << (at % 8);
             refused += usize::from(!is_the_same(&bad, &format!("byte {at}")));
-            if at % 16 == 0 {
+            // Nothing at all is a chunk without messages.
+            if at % 16 == 0 && at > 0 {
                 assert!(!is_the_same(&whole[..at], &format!("cut at {at}")));
             }
         }

@@ -11,7 +11,7 @@ const THROWN_M: f32 = 0.1;
 
 #[test]
 fn a_press_needs_no_correction_and_what_a_state_that_bursts_takes_is_counted_and_carried_on() {
-    let (station, pages) = founded("corrections", "workers = 0");
+    let (station, pages) = founded("mended", "workers = 0");
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
