@@ -278,8 +278,7 @@ impl Collision {
             *part = &share[..*count];
         }
         let merged = merge(&parts[..count], &tissue, &mut self.hits);
-        self.found = merged.count;
-        self.dropped = self.dropped.saturating_add(merged.dropped as u32);
+        (self.found, self.dropped) = (merged.count, self.dropped.saturating_add(merged.dropped as u32));
         if context.holding {
             self.asking.note(was_shared, system::now_ns().saturating_sub(begun_ns));
         }

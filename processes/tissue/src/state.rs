@@ -166,7 +166,8 @@ mod tests {
     #[test]
     fn a_core_with_a_number_that_is_none_is_not_sane_wherever_it_is() {
         assert!(Core::default().is_sane());
-        let spoilt: [(&str, fn(&mut Core)); 15] = [
+        type Spoil = fn(&mut Core);
+        let spoilt: [(&str, Spoil); 15] = [
             ("position", |core| core.pose.position_m[2] = f32::NAN),
             ("orientation", |core| core.pose.orientation[3] = f32::INFINITY),
             ("insertion", |core| core.pose.insertion_m = f32::NAN),

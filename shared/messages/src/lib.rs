@@ -17,6 +17,7 @@ pub mod role;
 pub mod statement;
 pub mod status;
 pub mod stream;
+mod tissue;
 pub mod tolerance;
 
 pub use controls::Switch;
@@ -29,6 +30,7 @@ pub use role::{MAX_WORKERS, Role, SLOTS, Slot};
 pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_text};
 pub use status::*;
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
+pub use tissue::{CUT_LIMIT, TissueStatus};
 
 /// One tick of the station, 1 ms, in nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;

@@ -10,6 +10,7 @@ use crate::record::*;
 use crate::replay::{ReplayRecord, StepRecord};
 use crate::statement::DeviceStatement;
 use crate::status::{RecorderStatus, RenderingStatus};
+use crate::tissue::TissueStatus;
 use crate::{LATENCY_BUCKETS, SLOTS};
 use bytemuck::Pod;
 use std::marker::PhantomData;

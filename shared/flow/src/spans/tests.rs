@@ -96,8 +96,8 @@ fn a_sum_without_its_zeros_has_the_bits_of_the_whole() {
     let mut random = Random(3);
     for (n, solid) in scattered() {
         let (layout, spans, planes) = of_mask(n, &solid);
-        for kk in 1..=n[2] {
-            let mut field = || -> Vec<f32> { planes[kk].iter().map(|m| m * (random.number() - 0.5)).collect() };
+        for (kk, plane) in planes.iter().enumerate().take(n[2] + 1).skip(1) {
+            let mut field = || -> Vec<f32> { plane.iter().map(|m| m * (random.number() - 0.5)).collect() };
             let (a, b) = (field(), field());
             let (mut parts, mut whole) = (Dot::default(), 0.0f64);
             for (o, len) in spans.lanes.of(kk) {

@@ -16,7 +16,8 @@ fn a_tool_that_is_nowhere_stays_where_it_was_and_its_state_is_gone_on_from() {
     let mut now = first_state(&mut main);
     now = fed(&mut main, &pages[1], &now, &fit);
     assert_eq!(core_of(&now).pose, fit.sample.pose);
-    let spoilt: [(&str, fn(&mut InputRecord)); 6] = [
+    type Spoil = fn(&mut InputRecord);
+    let spoilt: [(&str, Spoil); 6] = [
         ("a place", |record| record.sample.pose.position_m[1] = f32::NAN),
         ("an angle", |record| record.sample.pose.roll_rad = f32::INFINITY),
         ("no rotation", |record| record.sample.pose.orientation = [0.0, 3.0, 0.0, 3.0]),
