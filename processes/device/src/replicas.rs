@@ -2,7 +2,8 @@
 
 use crate::hop;
 use hyst_coupling::{
-    ForceFault, ForceLimits, LastHopParams, WatchInput, WatchParams, WatchState, WatchVerdict, choose, valid_force, watch_step,
+    ForceFault, ForceLimits, LastHopParams, ServoState, WatchInput, WatchParams, WatchState, WatchVerdict, choose, valid_force,
+    watch_step,
 };
 use hyst_engine::{Life, lockstep};
 use hyst_exchange::{ReadPage, StationPage, system};
@@ -32,6 +33,13 @@ impl Replica {
     fn repeats(&self, force_n: [f32; 3]) -> bool {
         self.watch.force_n.map(f32::to_bits) == force_n.map(f32::to_bits)
     }
+}
+
+/// The force of a record, if tissue is in it: none where all of it is the medium's, as the servo's state says. That does not follow the tip, so it may stay what
+/// it was while the tip goes on.
+fn touch_n(record: &ForceRecord) -> [f32; 3] {
+    let state = ServoState::of_words(&record.servo_state);
+    if state.medium_n.map(f32::to_bits) == record.force_n.map(f32::to_bits) { [0.0; 3] } else { record.force_n }
 }
 
 /// What a servo says of a tick, before any is taken.
@@ -278,7 +286,7 @@ impl Replicas {
         let (_, record) = replica.page.cell(haptic::FORCE)?;
         let watched = WatchInput {
             record_tick: record.tick,
-            force_n: record.force_n,
+            force_n: touch_n(&record),
             position_m: input.sample.pose.position_m,
             digest: record.input_hash,
             expected_digest: if record.tick == input.tick { hash } else { record.input_hash },

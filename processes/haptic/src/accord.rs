@@ -46,7 +46,7 @@ pub struct Origin {
 
 /// The servo's state in a record.
 pub fn state_of(record: &ForceRecord) -> ServoState {
-    bytemuck::pod_read_unaligned(&bytemuck::cast_slice::<u64, u8>(&record.servo_state)[..size_of::<ServoState>()])
+    ServoState::of_words(&record.servo_state)
 }
 
 /// Whether two records of one tick say the same, force and state, to the bit.

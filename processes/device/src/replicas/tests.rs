@@ -173,3 +173,21 @@ fn while_force_is_withheld_who_goes_on_from_what_was_chosen_is_followed_and_not_
     drop(replicas);
     station.wipe();
 }
+
+#[test]
+fn a_force_that_is_the_mediums_alone_is_no_touch_that_stands_still() {
+    let mut record = ForceRecord { force_n: [0.003, 0.0, -0.001], ..Default::default() };
+    assert_eq!(touch_n(&record), record.force_n, "the servo says of no medium");
+    let words = record.servo_state.len();
+    // The servo's state, of which the medium's force is the one that the record has.
+    let at = (0..4 * words).find(|at| {
+        let mut halves: Vec<u32> = vec![0; 2 * words];
+        let Some(place) = halves.get_mut(*at..*at + 3) else { return false };
+        place.copy_from_slice(&record.force_n.map(f32::to_bits));
+        record.servo_state = std::array::from_fn(|word| u64::from(halves[2 * word]) | u64::from(halves[2 * word + 1]) << 32);
+        ServoState::of_words(&record.servo_state).medium_n == record.force_n
+    });
+    assert!(at.is_some() && touch_n(&record) == [0.0; 3], "{at:?}");
+    record.force_n[1] = 1e-6;
+    assert_eq!(touch_n(&record), record.force_n, "and what is more is felt of tissue");
+}

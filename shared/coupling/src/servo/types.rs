@@ -190,6 +190,12 @@ pub struct ServoState {
 }
 
 impl ServoState {
+    /// From the words in which a force record carries it; of too few of them a state that is none.
+    pub fn of_words(words: &[u64]) -> ServoState {
+        let bytes = bytemuck::cast_slice::<u64, u8>(words).get(..size_of::<ServoState>());
+        bytes.map(bytemuck::pod_read_unaligned).unwrap_or_default()
+    }
+
     /// Whether a step for a tick after the state's can go on from it: every number is finite and in its range.
     pub fn is_sound(&self, params: &ServoParams) -> bool {
         self.running == 1 && self.repaired(&params.checked(), u64::MAX).1 == 0
