@@ -179,7 +179,7 @@ impl Servo<'_> {
             model: &model,
             model_age_ticks: if input.model.epoch == 0 { u32::MAX } else { age },
             applied_n: Some(input.applied_n),
-            medium_n: input.on_scope_n,
+            medium_n: hyst_coupling::felt_of_medium_n(input.on_scope_n),
         };
         let limits = &input.limits;
         let params = self.params.for_device(limits.max_force_n, limits.max_stiffness_n_m, limits.max_damping_n_s_m);

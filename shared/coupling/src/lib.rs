@@ -42,7 +42,7 @@ pub use hardware::{HardwareParams, HardwareState, hardware_step};
 pub use lasthop::{AppliedKind, LastHopParams, LastHopState, last_hop_step};
 pub use pose::{DofLimits, Pose4, dof_from_pose, pose_from_dof};
 pub use script::{BUTTON_COAGULATING, BUTTON_ENERGIZED, BUTTON_EXTENDED, Hand, HandPose, HandScript, Leg, hand_along, hand_pose};
-pub use servo::{SERVO_PASSIVITY, ServoInput, ServoOutput, ServoParams, ServoState, servo_step};
+pub use servo::{SERVO_PASSIVITY, ServoInput, ServoOutput, ServoParams, ServoState, felt_of_medium_n, servo_step};
 pub use validity::{
     ForceFault, ForceLimits, WatchInput, WatchParams, WatchState, WatchVerdict, input_digest, valid_force, watch_step,
 };

@@ -20,6 +20,7 @@
 //! solves this for K, and no surface is ever felt stiffer.
 
 mod medium;
+pub use medium::felt_of_medium_n;
 mod types;
 
 use glam::{DVec3, Vec3};

@@ -3,7 +3,8 @@
 
 use glam::Vec3;
 use hyst_coupling::{
-    ContactModel, EnergyParams, EnergyState, Plane, ServoInput, ServoParams, ServoState, energy_step, servo_step,
+    ContactModel, EnergyParams, EnergyState, Plane, ServoInput, ServoParams, ServoState, energy_step, felt_of_medium_n,
+    servo_step,
 };
 
 /// One tick of a servo whose tip is on its way along z, in the medium.
@@ -109,4 +110,25 @@ fn after_missing_ticks_the_medium_comes_back_from_nothing() {
     // A hundred ticks are missing: the last hop has let the force go, and none jumps back.
     let back = at(&state, 401);
     assert!(back.medium_n[0] > 0.0 && back.force_n[0] < 0.002, "{back:?}");
+}
+
+#[test]
+fn what_no_hand_feels_is_no_force_and_there_is_no_step_where_it_begins() {
+    assert_eq!([felt_of_medium_n([0.0; 3]), felt_of_medium_n([0.001, -0.001, 0.001])], [[0.0; 3]; 2]);
+    let felt_n = felt_of_medium_n([0.0, 0.003, -0.004]);
+    assert!(Vec3::from(felt_n).distance(Vec3::new(0.0, 0.0018, -0.0024)) < 1e-8, "3 mN of 5: {felt_n:?}");
+    assert!(Vec3::from(felt_of_medium_n([0.002_000_1, 0.0, 0.0])).length() < 2e-7);
+    assert!(felt_of_medium_n([f32::NAN, 0.0, 0.0])[0].is_nan(), "the step takes it for nothing");
+}
+
+/// Whoever watches takes a force that stays for one that stands still.
+#[test]
+fn a_force_of_the_medium_does_not_stay_what_it_was_within_ten_periods_of_the_fluid() {
+    let free = ContactModel::new(&[]);
+    let mut state = ServoState::default();
+    for now in 1..=330 {
+        let next = tick(&state, now, (0.05, 0.0), &free, [0.0, 0.004, -0.003]);
+        assert_ne!(next.force_n, state.force_n, "tick {now}");
+        state = next;
+    }
 }

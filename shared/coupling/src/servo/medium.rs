@@ -3,7 +3,8 @@
 //! The fluid says some thirty times a second what it did to the scope a period ago. Each tick goes a 32nd of the way there, so that a change is felt over some
 //! 32 ms, and by 2 mN at most. What comes late can drive a hand: a force against its acceleration of a period ago pushes it on. So the medium gives the hand no
 //! more than it took from it (at most 1 mJ of that), and 1 mJ, of which a debt is forgotten in half a second: a tenth of what the last hop lets pass
-//! ([`crate::energy`]).
+//! ([`crate::energy`]). Less than 2 mN is no force, and of more it is what is beyond: no hand feels it, and a force that stays what it was for a period while
+//! the tip goes on is taken for one that stands still by whoever watches. So what is felt is always on its way.
 
 use glam::Vec3;
 
@@ -18,10 +19,19 @@ pub(super) const RESERVE_J: f32 = 1e-3;
 const PART: f32 = 1.0 / 32.0;
 /// Largest change of the force in a tick, N: a twentieth of what a contact model may cause.
 const MOST_STEP_N: f32 = 0.002;
-/// A force so near to the one that is wanted is that, N: one that goes to nothing is nothing in the end.
+/// A force that goes to nothing is nothing where it is so small, N.
 const NEAR_N: f32 = 1e-6;
 /// What is left of a debt after a tick.
 const LEFT: f32 = 1.0 - 1.0 / 500.0;
+
+/// Less is not felt, N.
+const LEAST_FELT_N: f32 = 0.002;
+
+/// What a servo is to make of the force that the fluid says: what of it is beyond the least that is felt. No number stays none.
+pub fn felt_of_medium_n(on_scope_n: [f32; 3]) -> [f32; 3] {
+    let length_n = Vec3::from_array(on_scope_n).length();
+    if length_n <= LEAST_FELT_N { [0.0; 3] } else { on_scope_n.map(|newton| newton * (1.0 - LEAST_FELT_N / length_n)) }
+}
 
 /// One tick: books what the force of the tick before has done while the tip went by `moved_m`, and gives the force of this one, N.
 pub(super) fn medium_step(next: &mut ServoState, wanted_n: [f32; 3], moved_m: Vec3) -> Vec3 {
@@ -31,7 +41,11 @@ pub(super) fn medium_step(next: &mut ServoState, wanted_n: [f32; 3], moved_m: Ve
     let share = (1.0 + next.medium_j / RESERVE_J).clamp(0.0, 1.0);
     let wanted_n = Vec3::from_array(wanted_n.map(|newton| sane(newton, -MAX_MEDIUM_N, MAX_MEDIUM_N, 0.0))) * share;
     let way_n = wanted_n - last_n;
-    let force_n = if way_n.length() <= NEAR_N { wanted_n } else { last_n + clamp_length(way_n * PART, MOST_STEP_N) };
+    let force_n = if wanted_n == Vec3::ZERO && way_n.length() <= NEAR_N {
+        wanted_n
+    } else {
+        last_n + clamp_length(way_n * PART, MOST_STEP_N)
+    };
     next.medium_n = force_n.to_array();
     force_n
 }
