@@ -178,7 +178,7 @@ fn a_good_driver_conforms_and_of_each_bad_one_its_flaw_is_said() {
     let flaws = [
         (1, "states what it can do: max_force_n is NaN"),
         (2, "  that can be: sample"),
-        (3, "gives samples at its rate: 500 Hz, stated are 1000"),
+        (3, "gives samples at its rate: "), // 500 Hz, or what a busy machine leaves of them, in place of 1000
         (4, "  stamped when they were taken: "),
         (5, "makes the force it is told: told to make"),
         (6, "makes the force it is told: told to make"),
