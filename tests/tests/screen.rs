@@ -175,7 +175,8 @@ fn mouse_and_keys_in_the_window_move_the_hand_also_in_the_window_of_a_successor(
     // Nobody has touched anything: the hand stands.
     let began = pose();
     station.run_ticks(300);
-    assert_eq!(pose().position_m, began.position_m, "the hand goes by itself");
+    let drift_m = far(pose().position_m, began.position_m);
+    assert!(drift_m < 1e-9, "the hand goes by itself: {drift_m} m");
     let pull = || {
         display.xdotool(&["keydown", "Next", "sleep", "0.3", "keyup", "Next"]);
     };
