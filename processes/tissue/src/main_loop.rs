@@ -220,10 +220,7 @@ impl Stateful for MainLoop<'_> {
 
     fn accepts_own(&self, state: &[u8]) -> bool {
         let Ok(message) = Message::parse(state, Kind::TissueState) else { return false };
-        // What it was founded with may be of another mesh than the scene's: of that nothing is known yet.
-        let is_of_world = message.header().topology_version == self.world.version;
-        let is_sound = if is_of_world { is_sound_own(&message, &self.world) } else { is_sound(&message, &self.world) };
-        is_sound && self.takes(&message)
+        is_sound_own(&message, &self.world) && self.takes(&message)
     }
 
     /// The input record of the tick before, or the one that a replay names, if the device made it.

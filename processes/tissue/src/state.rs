@@ -129,12 +129,13 @@ pub fn is_sound(message: &Message<'_>, world: &World) -> bool {
 }
 
 /// The same for a state of the world that this thread has just written itself. Of the body only the counts are looked at: the rest, most of the state, was
-/// copied from the world, and by that alone this thread goes on.
+/// copied from the world, and by that alone this thread goes on. One that the role was founded with may be of another mesh: of that nothing is known.
 pub fn is_sound_own(message: &Message<'_>, world: &World) -> bool {
+    if message.header().topology_version != world.version {
+        return is_sound(message, world);
+    }
     let (Ok(words), Ok(stroke)) = (message.section::<u32>(BODY), message.section::<u8>(STROKE)) else { return false };
-    let is_of_world = message.header().topology_version == world.version
-        && words.len() == world.words.len()
-        && words.get(..COUNTS) == world.words.get(..COUNTS);
+    let is_of_world = words.len() == world.words.len() && words.get(..COUNTS) == world.words.get(..COUNTS);
     is_of_world && has_sound_parts(message, world, words, stroke)
 }
 

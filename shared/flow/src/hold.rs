@@ -3,9 +3,8 @@
 
 use crate::error::FlowError;
 use crate::field::Field;
-use crate::rows;
 use crate::solver::Solver;
-use crate::transport::{hold_solid, step};
+use crate::transport::hold_solid;
 
 impl Solver {
     /// Phase Hold: faces that touch a solid take what phase Mirror made for them, before the first sweep of Diffuse.
@@ -21,21 +20,17 @@ impl Solver {
     fn show_in_solids(&self, band: usize, shown: &[Field; 3]) -> Result<(), FlowError> {
         let now = self.plan()?.roles.now;
         let layout = &*self.layout;
+        let spans = self.hierarchy.levels[0].spans()?;
         let fluid = self.fluid.read()?;
         for (component, shown) in shown.iter().enumerate() {
             let shown = shown.read()?;
             let mut velocity = self.velocity[now][component].write(band)?;
             for kk in layout.own(band) {
                 let plane = velocity.layer(kk);
-                for o in (0..layout.n[1]).map(|j| layout.row(j)) {
-                    let range = o..o + layout.n[0];
-                    let (k_back, back) = step(component, kk, o, layout.stride, false);
-                    let before = &fluid.layer(k_back)[back..back + range.len()];
-                    // As in phase Mirror: where all is fluid nothing is held, and the grid's own side is at rest.
-                    if rows::are_fluid(&fluid.layer(kk)[range.clone()]) && (component == 0 || rows::are_fluid(before)) {
-                        continue;
-                    }
-                    hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[range]);
+                // As in phase Mirror: where all is fluid nothing is held.
+                for j in (0..layout.n[1]).filter(|j| !spans.is_free_row(component, kk, *j)) {
+                    let o = layout.row(j);
+                    hold_solid(&fluid, &shown, component, kk, o, layout.stride, &mut plane[o..o + layout.n[0]]);
                 }
                 self.mirrors.plane(layout, component, plane);
             }

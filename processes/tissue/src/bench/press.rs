@@ -10,7 +10,7 @@ use hyst_exchange::synchronized::{SharedWork, SynchronizedThreads};
 use hyst_exchange::system;
 use hyst_messages::Pose;
 use hyst_scene::{LoadedHand, LoadedScene};
-use hyst_tissue::{Isa, Scratch, StateMut, StateRef, StepInput, pressure_forces, step, surface_update};
+use hyst_tissue::{BoundSurface, Isa, Scratch, StateMut, StateRef, StepInput, pressure_forces, step};
 use parking_lot::{Mutex, RwLock};
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ pub struct Record {
     pub contacts: usize,
     /// What the tool felt after the last step, N.
     pub force_n: [f32; 3],
-    /// Elastic energy before the last step and kinetic energy after it, J.
+    /// Elastic energy before the last step, J.
     #[cfg(test)]
     pub energy_j: f64,
 }
@@ -107,6 +107,7 @@ pub struct Press {
     /// Where the tool was in the last step.
     last: Pose,
     scratch: Scratch,
+    surface: BoundSurface,
     contacts: Contacts,
     sizes: HashSizes,
     hits: Vec<Hit>,
@@ -150,6 +151,7 @@ impl Press {
             threads: SynchronizedThreads::new(Arc::clone(&shared), threads, "share").map_err(text)?,
             hand: scene.hand("press").cloned(),
             scratch: Scratch::new(&shared.world.model),
+            surface: BoundSurface::new(&shared.world.body.skin.bindings, shared.world.model.tets()),
             contacts,
             sizes,
             hits: vec![Hit::default(); room],
@@ -271,7 +273,7 @@ impl Press {
         let report = step(&world.model, &mut self.scratch, from, &forces, to).map_err(text)?;
         laps.lap();
 
-        surface_update(&world.body.skin.bindings, world.model.tets(), &self.next_m, &mut self.surface_m);
+        self.scratch.move_surface(&self.surface, &mut self.surface_m);
         laps.lap();
 
         let after = StateRef { position_m: &self.next_m, velocity_m_s: &self.next_m_s };
