@@ -7,7 +7,7 @@
 pub mod compare;
 
 use crate::corrupt::{Flip, Remains};
-use crate::ledger::{Ledger, Tick, Window};
+use crate::ledger::{Ledger, SETTLING_TICKS, Tick, Window};
 use crate::shortage::Lowered;
 use compare::{excess, tells};
 use hyst_messages::{Role, TICK_NS};
@@ -102,6 +102,12 @@ pub struct Fault {
     /// nothing.
     #[serde(default)]
     pub control_unlike: bool,
+    /// The control lies in the station's first seconds, because none later was free: it tells of the start, and of no fault.
+    #[serde(default)]
+    pub control_early: bool,
+    /// The ticks right after its window, in which no control lies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub aftermath: Option<Window>,
     /// `corrupt`: what became of the bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remains: Option<Remains>,
@@ -250,7 +256,7 @@ pub(crate) fn judge(fault: &mut Fault, seen: Seen, control: Option<Window>) {
 /// Largest force step in the fault-free windows before a fault that began as its own did, in contact or not: what is made at the wall excuses no kick in the
 /// open.
 fn quiet_step_max_n(ledger: &Ledger, before_tick: u64, contact: Option<bool>, taken: &[(u64, u64)]) -> f64 {
-    let Some(settled) = ledger.settled_tick() else {
+    let Some(settled) = ledger.since_start(SETTLING_TICKS) else {
         return 0.0;
     };
     let mut quiet_n: f64 = 0.0;

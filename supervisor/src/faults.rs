@@ -3,6 +3,7 @@
 //!
 //! A fault is closed when the hardware's ledger covers its window and a control for it was found.
 
+mod control;
 mod inject;
 mod over;
 mod swaps;
@@ -13,10 +14,11 @@ mod tests;
 use crate::active::ActiveLog;
 use crate::fault::{Death, Fault, LATCH, PIDFD, Seen, bounds, judge, look, us};
 use crate::faultfile::{FaultKind, Injection};
-use crate::ledger::{Counted, HISTORY_TICKS, Ledger, control_for};
+use crate::ledger::{Counted, HISTORY_TICKS, Ledger};
 use crate::policy::Exit;
 use crate::view::Viewer;
 use crate::{corrupt, mischief, shortage};
+use control::Search;
 use hyst_exchange::{OwnedPage, Roster, Station, StationError, StationPage, system, whole};
 use hyst_messages::{Role, Slot, TICK_NS};
 use serde::{Deserialize, Serialize};
@@ -30,8 +32,6 @@ const GIVE_UP_NS: u64 = 40_000_000_000;
 const GIVE_UP_START_NS: u64 = 240_000_000_000;
 /// Faults of the schedule that did not come about and are named.
 const MOST_NAMED: usize = 100;
-/// How long a window, or the swap that it lies in, is over when it waits no longer for a control of its own, ticks; then it shares another fault's.
-const CONTROL_WAIT_TICKS: u64 = 3_000;
 
 /// A fault of the schedule that did not come about, and why.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -84,11 +84,6 @@ pub struct Faults {
 fn begin_ns(beat_ns: u64, seen_ns: u64) -> u64 {
     let oldest_ns = seen_ns.saturating_sub(HISTORY_TICKS as u64 * TICK_NS);
     if beat_ns == 0 { seen_ns } else { beat_ns.clamp(oldest_ns, seen_ns) }
-}
-
-/// A long window has a long control.
-fn patience_ticks(length: u64) -> u64 {
-    CONTROL_WAIT_TICKS.max(length + CONTROL_WAIT_TICKS / 3)
 }
 
 fn path(station: &Station, name: &str) -> PathBuf {
@@ -299,32 +294,25 @@ impl Faults {
         let swaps = self.swaps(newest_tick);
         let taken: Vec<(u64, u64)> = self.all().map(bounds).chain(swaps.iter().copied()).collect();
         let used = |fault: &Fault| fault.control.map(|control| (control.from_tick, control.to_tick));
-        let mut spent: Vec<(u64, u64)> = taken.iter().copied().chain(self.closed.iter().filter_map(used)).collect();
+        let mut spent: Vec<(u64, u64)> = self.closed.iter().filter_map(used).collect();
         let mut has_news = false;
         let mut still_open = Vec::new();
         for mut fault in std::mem::take(&mut self.open.faults) {
-            let (from_tick, to_tick) = bounds(&fault);
-            let whole = swaps::around((from_tick, to_tick), &swaps);
-            let is_through = newest_tick >= to_tick;
-            if fault.seen.is_none() && is_through && fault.recovered_us.is_some() {
+            let window = bounds(&fault);
+            let whole = swaps::around(window, &swaps);
+            if fault.seen.is_none() && newest_tick >= window.1 && fault.recovered_us.is_some() {
                 fault.seen = look(&fault, &self.ledger, &taken);
                 has_news = true;
             }
-            let contact = fault.seen.as_ref().map_or_else(|| self.ledger.in_contact(from_tick), Seen::contact);
-            let find = |taken: &[(u64, u64)]| {
-                let length = to_tick - from_tick;
-                if is_through { control_for(&self.ledger, length, whole, contact, taken) } else { None }
-            };
-            let mut control = find(&spent);
-            let has_waited = newest_tick >= whole.1 + patience_ticks(to_tick - from_tick);
-            if !is_due(&fault, is_through, control.is_some() || has_waited) {
+            let contact = fault.seen.as_ref().map_or_else(|| self.ledger.in_contact(window.0), Seen::contact);
+            let search = Search { ledger: &self.ledger, hurt: &taken, window, whole, contact };
+            let own = search.own(&spent);
+            if !is_due(&fault, search.is_over(), own.is_some() || search.has_waited()) {
                 still_open.push(fault);
                 continue;
             }
-            if control.is_none() {
-                control = find(&taken);
-                fault.control_shared = control.is_some();
-            }
+            let control = own.or_else(|| search.any(&spent, &mut fault));
+            fault.aftermath = search.aftermath();
             if let Some((ballast, _)) = fault.ballast.take() {
                 shortage::relieve(&ballast);
             }

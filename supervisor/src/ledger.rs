@@ -2,6 +2,10 @@
 //!
 //! A *miss* is a tick at which the hardware did not get a fresh force, unless the canaries saw the host itself stall (void).
 
+mod control;
+
+pub use control::{AFTERMATH_TICKS, Controls, Wanted};
+
 use hyst_exchange::ReadPage;
 use hyst_messages::page::hardware as layout;
 use hyst_messages::{Applied, LedgerEntry};
@@ -12,6 +16,9 @@ use std::collections::VecDeque;
 pub const HISTORY_TICKS: usize = 40_000;
 /// Ticks after the first fresh one that are still start-up.
 pub const SETTLING_TICKS: u64 = 500;
+/// Ticks after the first fresh one until the station is what it stays: its processes have come, its memory is mapped, its pictures are compiled. Nobody was
+/// hurt before by a campaign, so that what is lost there is no control of what a fault costs.
+pub const STEADY_TICKS: u64 = 5_000;
 /// Ticks before a large change of the force, and after it, that are kept with a fault that broke its promise by it; of those that missed their force
 /// twice as many.
 const AROUND: usize = 8;
@@ -178,9 +185,9 @@ impl Ledger {
         self.ticks.back().map(|tick| tick.station_tick)
     }
 
-    /// The first tick at which a control window may begin; `None` while nothing fresh has been applied.
-    pub fn settled_tick(&self) -> Option<u64> {
-        let first = self.first_fresh_tick? + SETTLING_TICKS;
+    /// The first tick of the history that lies so long after the first fresh one; `None` while nothing fresh has been applied.
+    pub fn since_start(&self, ticks: u64) -> Option<u64> {
+        let first = self.first_fresh_tick? + ticks;
         self.ticks.front().map(|tick| tick.station_tick.max(first))
     }
 
@@ -270,36 +277,12 @@ fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]])
 }
 
-/// Between two tries for a control window, ticks.
-const CONTROL_STEP_TICKS: u64 = 20;
-/// How far from the fault, or from the swap that it fell into, its control may lie, ticks: the same breath of the scripted hand, and the same load of the machine.
-const CONTROL_REACH_TICKS: u64 = 8_000;
-
-/// The control of a fault window of this length: in the same state (contact or none at its start), overlapping nothing that is taken by a fault or a swap, as
-/// close before the fault, or the swap that it fell into, as there is one, else as close after it. `None` if there is none yet.
-pub fn control_for(
-    ledger: &Ledger,
-    length: u64,
-    (from_tick, to_tick): (u64, u64),
-    contact: bool,
-    taken: &[(u64, u64)],
-) -> Option<Window> {
-    let (settled, newest) = (ledger.settled_tick()?, ledger.newest_tick()?);
-    let free = |start: u64| taken.iter().all(|(from, to)| start + length <= *from || start >= *to);
-    let before =
-        (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map_while(|step| from_tick.checked_sub(length + step * CONTROL_STEP_TICKS));
-    let after = (0..CONTROL_REACH_TICKS / CONTROL_STEP_TICKS).map(|step| to_tick + step * CONTROL_STEP_TICKS);
-    let candidates =
-        || before.clone().chain(after.clone()).filter(|start| *start >= settled && start + length <= newest && free(*start));
-    let start = candidates().find(|start| ledger.in_contact(*start) == contact).or_else(|| candidates().next())?;
-    Some(ledger.window(start, start + length))
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    fn ledger(ticks: u64, missed: &[u64], void: &[u64]) -> Ledger {
+    /// A ledger in which every other half second is in contact.
+    pub(super) fn ledger(ticks: u64, missed: &[u64], void: &[u64]) -> Ledger {
         let mut ledger = Ledger::default();
         for tick in 0..ticks {
             let kind = if missed.contains(&tick) { Applied::Held } else { Applied::Fresh } as u32;
@@ -337,18 +320,6 @@ mod tests {
             [last(0, u64::MAX), last(0, 1_500), last(0, 1_000), last(1_501, 9_000)],
             [Some(1_500), Some(1_000), None, None]
         );
-    }
-
-    #[test]
-    fn a_control_has_the_same_length_and_state_and_meets_no_fault() {
-        let ledger = ledger(6_000, &[], &[]);
-        let control = control_for(&ledger, 200, (3_600, 3_800), true, &[(3_600, 3_800)]).unwrap();
-        assert_eq!((control.to_tick - control.from_tick, control.to_tick <= 3_600), (200, true));
-        assert!(ledger.in_contact(control.from_tick) && ledger.in_contact(3_600));
-        let taken = [(3_600, 3_800), (1_000, 3_600)];
-        let control = control_for(&ledger, 200, (3_600, 3_800), true, &taken).unwrap();
-        assert!(control.to_tick <= 1_000 || control.from_tick >= 3_800, "{control:?}");
-        assert_eq!(control_for(&ledger, 200, (3_600, 3_800), true, &[(0, 6_000)]), None);
     }
 
     #[test]

@@ -7,10 +7,17 @@
 //! limits", Biometrika 1934).
 
 mod paired;
+mod spread;
+
+pub use spread::{mean_upper95, together};
 
 use crate::faultfile::MOST_FAULTS;
 use serde::{Deserialize, Serialize};
 
+/// Chance of being wrong of the bounds that are shown.
+const DOUBT: f64 = 0.05;
+/// The same of what one cell of a pool says beyond doubt: a file has up to a hundred of them.
+const DOUBT_OF_CELL: f64 = 0.001;
 /// Halvings of [0, 1]: to the last bit.
 const HALVINGS: usize = 60;
 
@@ -39,9 +46,14 @@ impl Excess {
             worse,
             better,
             mean: (worse as f64 - better as f64) / faults.max(1) as f64,
-            lower95: -paired::upper(faults, better, worse),
-            upper95: paired::upper(faults, worse, better),
+            lower95: -paired::upper(faults, better, worse, DOUBT),
+            upper95: paired::upper(faults, worse, better, DOUBT),
         }
+    }
+
+    /// Whether the truth lies above this with at most a thousandth of doubt.
+    pub fn is_far_above(&self, limit: f64) -> bool {
+        self.lower95 > limit && -paired::upper(self.faults, self.better, self.worse, DOUBT_OF_CELL) > limit
     }
 }
 
@@ -68,7 +80,7 @@ impl Sides {
 
 /// Fewest faults that can show a limit of the upper end: so many without an excess miss. `None` for a limit of 0 or less, which nothing can show.
 pub fn least_faults(limit_upper95: f64) -> Option<usize> {
-    let within = |faults: &usize| paired::upper(*faults, 0, 0) <= limit_upper95;
+    let within = |faults: &usize| paired::upper(*faults, 0, 0, DOUBT) <= limit_upper95;
     let (mut too_few, mut enough) = (0, 1);
     while !within(&enough) {
         (too_few, enough) = (enough, enough * 2);
@@ -159,6 +171,13 @@ mod tests {
         assert!(Excess::of(300, 60, 3).lower95 > 0.1);
         // More faults, narrower.
         assert!(Excess::of(3_000, 10, 10).upper95 < Excess::of(300, 1, 1).upper95);
+    }
+
+    /// A cell of 10 in a pool of 200: 4 of its faults are no chance, 4 of 200 are.
+    #[test]
+    fn few_of_few_are_beyond_doubt_and_few_of_many_are_not() {
+        let far = |faults, worse, better| Excess::of(faults, worse, better).is_far_above(0.05);
+        assert_eq!([far(10, 6, 0), far(200, 6, 0), far(10, 1, 0), far(24, 3, 2)], [true, false, false, false]);
     }
 
     #[test]

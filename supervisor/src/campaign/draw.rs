@@ -8,11 +8,13 @@ use super::cell::Cell;
 use super::file::Campaign;
 use super::stage::Place;
 use crate::faultfile::Injection;
+use crate::ledger::STEADY_TICKS;
 use hyst_messages::Role;
 use serde::{Deserialize, Serialize};
 
-/// First tick at which a fresh station may be hurt: it is whole after some 2 s, and the ledger's start-up is over.
-pub(super) const FIRST_TICK: u64 = 6_000;
+/// First tick at which a fresh station may be hurt: it is whole after some 2 s, and from its first fresh force [`STEADY_TICKS`] have passed, and as many more as
+/// hold a control for its first fault.
+pub(super) const FIRST_TICK: u64 = STEADY_TICKS + 3_000;
 /// Longest wait between the other fault, once it can have come about, and the one that falls into its recovery, ticks.
 const MOST_WITH_TICKS: u64 = 40;
 /// The same if the other is a servo's, whose successor is warm after 12 ticks where it takes the least; one that comes late has no verdict.

@@ -4,7 +4,7 @@ use super::judge::{Figures, Judgement, Verdict};
 use super::outcome::Outcome;
 use super::plots;
 use super::station::StationOutcome;
-use super::text::{besides, counts, first_not_shown, not_shown, percentile, segments, target_of, unnoticed};
+use super::text::{self, besides, counts, first_not_shown, not_shown, percentile, segments, target_of, unnoticed};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -115,7 +115,7 @@ fn arm(page: &mut String, judgement: &Judgement, arm: &str) {
 fn table(judgement: &Judgement, arm: &str) -> String {
     let mut text = String::from(
         "<div class=\"wide\"><table><tr><th>cell</th><th>verdict</th><th>injected</th><th>shown</th><th>no verdict</th><th>found by</th><th>found ms<br>median / largest</th>\
-         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>one-sided<br>95 % bounds</th><th>limit</th><th>excess misses<br>mean</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th>\
+         <th>contained ms<br>median / largest</th><th>recovered ms<br>median / largest</th><th>worse / better<br>(with void ticks)</th><th>excess</th><th>one-sided<br>95 % bounds</th><th>limit</th><th>excess misses<br>mean &lt; 95 %</th><th>allowed<br>each</th><th>missed ticks<br>fault / control</th><th>of ticks right<br>after, missed</th>\
          <th>largest force step N<br>fault / control</th><th>invalid or stale<br>applied, ticks</th><th>void ticks<br>fault / control</th><th>data lost<br>ticks</th><th>left over</th><th>who else<br>died or hung</th><th>what else<br>came of it</th></tr>\n",
     );
     for (is_pool, figures) in judgement.cells.iter().map(|f| (false, f)).chain(judgement.pools.iter().map(|f| (true, f))) {
@@ -159,9 +159,10 @@ fn row(is_pool: bool, figures: &Figures) -> String {
         excess[1].clone(),
         excess[2].clone(),
         figures.limit_upper95.map_or("–".into(), |limit| limit.to_string()),
-        figures.mean_excess_misses.map_or("–".into(), |mean| format!("{mean:.3}")),
+        text::mean(figures, " < "),
         figures.allowed_misses.to_string(),
         format!("{} / {}", figures.missed[0], figures.missed[1]),
+        format!("{} / {}", figures.aftermath[1], figures.aftermath[0]),
         format!("{:.3} / {:.3}", figures.step_max_n[0], figures.step_max_n[1]),
         figures.wrong.to_string(),
         format!("{} / {}", figures.window_ticks[1], figures.control_ticks[1]),

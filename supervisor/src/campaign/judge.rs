@@ -5,14 +5,17 @@
 //! nobody found, a force step that no fault-free tick in the same state makes + 0.05 N, a fault that cost more ticks than the hardware's own ramp bridges and than
 //! any control window lost, a state that began anew or a counter that went back, a stale value, ticks that the recording lost, anything left over), unless its
 //! cell says that it may. It is *held* when the upper bound is within the limit, and that with the
-//! void ticks too where they are more than chance makes. Between the two, when none of a cell's faults showed, or when too
-//! many faults have no verdict because the host stalled, nothing can be said, and the campaign says so.
+//! void ticks too where they are more than chance makes; a cell of a pool breaks it by itself where its own lower bound lies above the pool's limit with a doubt of
+//! one in a thousand. Between the two, when none of a cell's faults showed, when too many faults have no verdict because the host stalled, or most of a cell,
+//! when the controls lost more than the windows with a fault, when those in the same state tell otherwise, or when those that differ lie together in one station,
+//! nothing can be said, and the campaign says so.
 
 mod blame;
 mod figures;
 mod notice;
 mod shown;
 mod take;
+mod verdict;
 
 pub use figures::{Figures, Verdict};
 
@@ -23,8 +26,9 @@ use super::origin::{Batch, batches};
 use super::outcome::Outcome;
 use super::station::StationOutcome;
 use blame::Blame;
-use figures::{Known, conclude, enough, gather, most_missed_without, quiet_steps_n};
+use figures::{Known, gather, most_missed_without, quiet_steps_n};
 use serde::Serialize;
+use verdict::{conclude, enough};
 
 /// All that is known of a campaign.
 #[derive(Clone, Debug, Serialize)]
@@ -165,3 +169,7 @@ mod seen_tests;
 #[cfg(test)]
 #[path = "judge_known_tests.rs"]
 mod known_tests;
+
+#[cfg(test)]
+#[path = "judge_alike_tests.rs"]
+mod alike_tests;

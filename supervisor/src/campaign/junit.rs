@@ -1,7 +1,7 @@
 //! A campaign's report for a build server: a test case for each cell and pool, and one for the stations as a whole.
 
 use super::judge::{Figures, Judgement, Verdict};
-use super::text::{counts, times};
+use super::text::{self, counts, times};
 use hyst_assessment::escape;
 use std::fmt::Write;
 
@@ -65,9 +65,10 @@ impl Mark {
     }
 }
 
-/// A cell that its pool judges passes if nothing speaks against it alone.
+/// A cell that its pool judges passes if some of its faults could be judged, and nothing speaks against it alone.
 fn result(figures: &Figures) -> Mark {
-    let passes = figures.verdict == Verdict::Figures && figures.judged && figures.injected > 0 && figures.reasons.is_empty();
+    let is_known = figures.excess.or(figures.excess_unnoticed).is_some();
+    let passes = figures.verdict == Verdict::Figures && figures.judged && is_known && figures.reasons.is_empty();
     if passes { Mark::Passed } else { Mark::of(figures.verdict) }
 }
 
@@ -107,7 +108,8 @@ fn columns(figures: &Figures) -> Vec<(&'static str, String)> {
         ("recovered_ms_median_and_largest", times(&figures.recovered_ms)),
         ("faults_with_excess_misses_per_fault", mean),
         ("faults_with_excess_misses_per_fault_95", bounds),
-        ("excess_misses_mean", figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}"))),
+        ("excess_misses_mean", text::mean(figures, " below ")),
+        ("missed_right_after", figures.aftermath[1].to_string()),
         ("allowed_misses", figures.allowed_misses.to_string()),
         ("force_step_max_n", format!("{step_n:.3}")),
         ("force_step_max_control_n", format!("{control_step_n:.3}")),

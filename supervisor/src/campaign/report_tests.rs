@@ -25,6 +25,8 @@ fn judgement() -> Judgement {
         recovered_ms: vec![150.3, 310.7],
         excess: Some(Excess { faults: 66, worse: 7, better: 3, mean: 0.0606, lower95: 0.0123, upper95: 0.1357 }),
         mean_excess_misses: Some(6.1),
+        mean_excess_misses_upper95: Some(7.25),
+        aftermath: [300, 13],
         allowed_misses: 17,
         step_max_n: [0.213, 0.087],
         wrong: 29,
@@ -67,7 +69,7 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     let text = text::text(&judgement);
     let row = text.lines().find(|line| line.starts_with("kill fluid:active")).unwrap();
     let words: Vec<&str> = row.split_whitespace().collect();
-    let expected = "kill fluid:active 71/83 67 5 4.7/4.7 8.9/8.9 310.7/310.7 7-3 0.0606 0.1357 - 6.100 17 - 0.0/0.0 0.213/0.087 29 43 37 held latch 59";
+    let expected = "kill fluid:active 71/83 67 5 4.7/4.7 8.9/8.9 310.7/310.7 7-3 0.0606 0.1357 - 6.100<7.25 17 - 0.0/0.0 0.213/0.087 29 43 37 held latch 59, 13 of 300 ticks right after the windows missed";
     assert_eq!(words.join(" "), expected);
 
     let json = serde_json::to_value(&judgement.cells[0]).unwrap();
@@ -90,7 +92,8 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
         ("recovered_ms_median_and_largest", "310.7/310.7"),
         ("faults_with_excess_misses_per_fault", "0.0606"),
         ("faults_with_excess_misses_per_fault_95", "0.0123 to 0.1357"),
-        ("excess_misses_mean", "6.100"),
+        ("excess_misses_mean", "6.100 below 7.25"),
+        ("missed_right_after", "13"),
         ("allowed_misses", "17"),
         ("force_step_max_n", "0.213"),
         ("force_step_max_control_n", "0.087"),
@@ -105,7 +108,7 @@ fn every_report_has_what_was_injected_what_came_of_it_and_what_it_cost() {
     let row = page.lines().find(|line| line.contains("<td>kill fluid:active</td>")).unwrap();
     let cells =
         ["71 / 83", "67", "latch 59", "4.7 / 4.7", "8.9 / 8.9", "310.7 / 310.7", "0.0606", "0.0123 … 0.1357", "0.213 / 0.087"];
-    cells.into_iter().chain(["6.100", "17", "29", "43", "37"]).for_each(|cell| assert_has(row, &[&format!("<td>{cell}</td>")]));
+    cells.into_iter().chain(["6.100 < 7.25", "13 / 300", "17", "29", "43", "37"]).for_each(|cell| assert_has(row, &[&format!("<td>{cell}</td>")]));
     let table = &page[..page.find(row).unwrap()];
     let head = &table[table.rfind("<tr><th>").unwrap()..];
     assert_eq!(head.matches("<th>").count(), row.matches("<td").count(), "a heading for each column");

@@ -13,6 +13,7 @@ use super::file::{Arm, Campaign};
 use super::outcome::{Ending, Outcome};
 use crate::control::{self, Request};
 use crate::faultfile::{Injection, Keepers};
+use crate::ledger::AFTERMATH_TICKS;
 use crate::plan::Plan;
 use crate::remains;
 use crate::view::Viewer;
@@ -37,8 +38,8 @@ const AHEAD_TICKS: u64 = 35;
 const EARLY_TICKS: u64 = 15;
 /// A station that was whole for this long has settled (the policy's SETTLED_NS, and a margin).
 const SETTLED_TICKS: u64 = 150;
-/// Ticks between the end of a fault's window, and of a swap, and the next fault or its swap: room for a control window.
-const QUIET_TICKS: u64 = 320;
+/// Ticks between the end of a fault's window, and of a swap, and the next fault or its swap: what it may do to the hand later, and room for a control window.
+const QUIET_TICKS: u64 = AFTERMATH_TICKS + 320;
 /// Longest run of a station beyond what its faults should take, s: it ends by itself if the campaign was killed.
 const SPARE_TIME_S: u64 = 1_800;
 

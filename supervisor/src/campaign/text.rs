@@ -65,9 +65,22 @@ pub fn times(list: &[f64]) -> String {
     }
 }
 
+/// The mean of the excess misses with its bound; a dash of none.
+pub fn mean(figures: &Figures, below: &str) -> String {
+    let bound = figures.mean_excess_misses_upper95.map_or(String::new(), |bound| format!("{below}{bound:.2}"));
+    figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}{bound}"))
+}
+
+/// Ticks right after the windows that missed their force, in words.
+pub fn aftermath(figures: &Figures) -> Option<String> {
+    let [ticks, missed] = figures.aftermath;
+    (missed > 0).then(|| format!("{missed} of {ticks} ticks right after the windows missed"))
+}
+
 fn row(figures: &Figures) -> String {
     let mut remarks: Vec<String> = figures.detected_by.iter().map(|(by, count)| format!("{by} {count}")).collect();
     remarks.extend(besides(figures));
+    remarks.extend(aftermath(figures));
     let excess = figures.excess.map_or(("-".into(), "-".into(), "-".into()), |excess| {
         (sides(&excess), format!("{:.4}", excess.mean), format!("{:.4}", excess.upper95))
     });
@@ -76,7 +89,7 @@ fn row(figures: &Figures) -> String {
     let [step, control_step] = figures.step_max_n;
     let limit = figures.limit_upper95.map_or("-".into(), |limit| limit.to_string());
     format!(
-        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
+        "{:<42} {:>4}/{:<4} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>13} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} {}\n",
         figures.name,
         figures.injected,
         figures.planned,
@@ -89,7 +102,7 @@ fn row(figures: &Figures) -> String {
         excess.1,
         excess.2,
         limit,
-        figures.mean_excess_misses.map_or("-".into(), |mean| format!("{mean:.3}")),
+        mean(figures, "<"),
         figures.allowed_misses,
         with_void,
         format!("{}/{}", void(figures.window_ticks), void(figures.control_ticks)),
@@ -209,7 +222,7 @@ pub fn text(judgement: &Judgement) -> String {
     for arm in arms {
         let _ = write!(
             text,
-            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>7} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
+            "\narm {arm}\n{:<42} {:>9} {:>5} {:>4} {:>14} {:>15} {:>15} {:>9} {:>8} {:>8} {:>6} {:>13} {:>7} {:>9} {:>9} {:>12} {:>5} {:>5} {:>4}  {:<8} found by, and what else came of it\n",
             "cell: times are median/largest in ms; none: no verdict",
             "injected",
             "shown",
@@ -221,7 +234,7 @@ pub fn text(judgement: &Judgement) -> String {
             "excess",
             "upper95",
             "limit",
-            "misses",
+            "misses<95 %",
             "allowed",
             "+/- void",
             "void %",

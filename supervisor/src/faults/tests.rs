@@ -58,7 +58,7 @@ fn a_long_fault_is_judged_on_its_whole_window_whenever_its_control_ends() {
     tell(&mut successor, 0..64_000);
     let (window, control) = successor.closed[0].window.zip(successor.closed[0].control).unwrap();
     assert_eq!((window.ticks, window.missed, control.ticks, control.missed), (30_092, 1, 30_092, 0));
-    assert!(control.from_tick >= window.to_tick && successor.ledger.window(2_000, 32_092).ticks < 30_092);
+    assert!(control.from_tick >= window.to_tick + 300 && successor.ledger.window(2_000, 32_092).ticks < 30_092);
     assert_eq!((successor.closed[0].promise_held, successor.closed[0].late.len()), (Some(false), 1));
 }
 
@@ -95,24 +95,44 @@ fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
         faults.close(false, |_, is_through, has_waited| is_through && has_waited);
         faults.closed.iter().filter_map(|fault| fault.control).map(|it| (it.from_tick, it.to_tick)).collect::<Vec<_>>()
     };
-    assert_eq!(tell(&mut faults, 0..1_000), []);
-    faults.swap_begun(page.start_of(1_000)); // the first 500 ticks are start-up: two windows fit before it, and 100 ticks
-    for tick in [2_000, 2_300, 2_600] {
+    assert_eq!(tell(&mut faults, 0..6_000), []);
+    faults.swap_begun(page.start_of(6_000)); // the first 5 000 ticks are start-up: five windows fit before it
+    for tick in [7_000, 7_300, 7_600] {
         hurt(&mut faults, tick);
     }
-    assert_eq!(tell(&mut faults, 1_000..9_000), [(800, 1_000), (600, 800)]);
-    assert_eq!(faults.open.faults.len(), 1, "for longer than a control is waited for: the swap goes on");
+    assert_eq!(tell(&mut faults, 6_000..14_000), [(5_800, 6_000), (5_600, 5_800), (5_400, 5_600)]);
+    hurt(&mut faults, 13_900);
+    assert_eq!(tell(&mut faults, 14_000..14_300).len(), 3, "the swap goes on, and with it what it may do to the hand");
     let mut successor = Faults::new(&station, &[]).unwrap();
-    successor.swap_begun(page.start_of(1_000));
-    successor.swap_ended(page.start_of(9_000));
+    successor.swap_begun(page.start_of(6_000));
+    successor.swap_ended(page.start_of(14_400));
     assert_eq!(successor.open.swaps.len(), 1, "the same one");
-    hurt(&mut successor, 9_210);
-    let controls = tell(&mut successor, 0..9_700);
+    hurt(&mut successor, 15_300);
+    let controls = tell(&mut successor, 0..16_700);
     assert_eq!(
-        controls[2..],
-        [(9_001, 9_201), (9_410, 9_610)],
-        "after the swap, and the first that meets neither it nor the other"
+        controls[3..],
+        [(14_721, 14_921), (14_921, 15_121)],
+        "300 ticks after the swap, and the next that meets neither it nor the other"
     );
+}
+
+/// A control that began where a fault's window ended took the harm that came later for what is lost without any.
+#[test]
+fn what_a_fault_does_to_the_hand_later_is_in_no_control() {
+    let (_station, mut faults) = book("later");
+    let fault = faults.start("kill", Slot::first(Role::Fluid), 7, 1_000);
+    (fault.tick, fault.recovered_us) = (5_200, Some(100_000.0));
+    for tick in 0..6_500u64 {
+        let kind = if (5_450..5_490).contains(&tick) { Applied::Held } else { Applied::Fresh } as u32;
+        faults.ledger.push(&LedgerEntry { station_tick: tick, force_tick: tick, kind, ..LedgerEntry::default() }, true);
+        faults.close(false, |fault, is_over, has_control| fault.recovered_us.is_some() && is_over && has_control);
+        assert!(faults.closed.is_empty() || tick >= 5_699, "closed at {tick}");
+    }
+    let fault = &faults.closed[0];
+    let (window, control, after) = (fault.window.unwrap(), fault.control.unwrap(), fault.aftermath.unwrap());
+    assert_eq!((window.from_tick, window.to_tick, window.missed), (5_200, 5_400, 0));
+    assert_eq!((after.from_tick, after.to_tick, after.missed), (5_400, 5_700, 40));
+    assert_eq!((control.from_tick, control.to_tick, control.missed, fault.control_early), (5_000, 5_200, 0, false));
 }
 
 #[test]

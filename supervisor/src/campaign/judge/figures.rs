@@ -2,12 +2,13 @@
 
 use super::blame::Blame;
 use super::take::Taken;
-use crate::campaign::bounds::{Excess, Sides};
+use crate::campaign::bounds::{Excess, Sides, mean_upper95, together};
 use crate::campaign::cell::Cell;
 use crate::campaign::draw::Plan;
-use crate::campaign::file::{Arm, Campaign};
+use crate::campaign::file::Arm;
 use crate::campaign::outcome::{Ending, Outcome};
 use crate::campaign::station::StationOutcome;
+use crate::fault::compare::tells;
 use crate::ledger::Window;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -71,6 +72,13 @@ pub struct Figures {
     /// Of faults that nobody noticed, those with excess misses, per fault: no promise is held by them, but one can be broken.
     #[serde(default)]
     pub excess_unnoticed: Option<Excess>,
+    /// [`Figures::excess`] of those whose controls began in the same state, contact or none, where some did not.
+    #[serde(default)]
+    pub excess_alike: Option<Excess>,
+    /// The station in which those that differ from their controls lie together, more than chance has it: then the bounds, which take faults as independent,
+    /// are too narrow.
+    #[serde(default)]
+    pub together_in: Option<usize>,
     /// Excess misses of each judged fault, in the plan's order, those that it may cost among them.
     pub excess_misses: Vec<i64>,
     /// The same beyond what it may cost, by which the bound is made.
@@ -79,6 +87,12 @@ pub struct Figures {
     pub allowed_misses: u64,
     /// The mean of the excess misses: one stall of the host that falls into a window weighs there as much as it is long.
     pub mean_excess_misses: Option<f64>,
+    /// Below this it lies with some 95 %, station by station.
+    #[serde(default)]
+    pub mean_excess_misses_upper95: Option<f64>,
+    /// Ticks right after the windows of the judged faults, in which no control lies, and how many of them missed their force.
+    #[serde(default)]
+    pub aftermath: [u64; 2],
     /// Faults that were to hurt whoever does the role's work, and came when another had taken over already; they have no verdict.
     pub astray: usize,
     /// Largest force step in a fault window, and in a control window, N.
@@ -116,9 +130,6 @@ pub struct Figures {
     pub reasons: Vec<String>,
 }
 
-/// Most reasons that are listed for a cell.
-const MOST_REASONS: usize = 8;
-
 /// What the figures are made from.
 pub(super) struct Known<'a> {
     pub plan: &'a Plan,
@@ -136,7 +147,8 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     let allowed_misses = cells.iter().map(|cell| cell.allowed_misses).max().unwrap_or(0);
     let (arm_name, judged) = (arm.name.clone(), arm.judged);
     let mut figures = Figures { arm: arm_name, name: name.into(), judged, planned, allowed_misses, ..Figures::default() };
-    let (mut missed, mut late, mut silent) = (Sides::default(), Sides::default(), Sides::default());
+    let mut sums = Sums::default();
+    let mut silent = Sides::default();
     for outcome in known.outcomes.iter().filter(|outcome| outcome.arm == arm.name) {
         let Some(cell) = cell_of(&outcome.cell) else { continue };
         figures.take_sequel(cell, outcome, known.blame);
@@ -150,10 +162,13 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
         };
         match taken {
             Taken::NoVerdict => figures.without_verdict += 1,
+            Taken::Stalled(with_void) => {
+                sums.late.add(with_void);
+                figures.without_verdict += 1;
+            }
             Taken::Unnoticed(excess) => excess.into_iter().for_each(|excess| silent.add(excess)),
-            Taken::Excess { lost, beyond: [excess, with_void] } => {
-                missed.add(excess);
-                late.add(with_void);
+            Taken::Excess { lost, beyond: [excess, with_void], is_alike } => {
+                sums.add(outcome.station, lost, [excess, with_void], is_alike);
                 figures.excess_misses.push(lost);
                 figures.beyond_misses.push(excess);
             }
@@ -163,16 +178,50 @@ pub(super) fn gather(name: &str, arm: &Arm, cells: &[&Cell], known: &Known) -> F
     for list in lists {
         list.sort_by(f64::total_cmp);
     }
-    if !figures.excess_misses.is_empty() {
-        figures.mean_excess_misses = Some(figures.excess_misses.iter().sum::<i64>() as f64 / figures.excess_misses.len() as f64);
-        figures.excess = Some(missed.excess());
-        figures.excess_with_void = Some(late.excess());
-    }
+    sums.close(&mut figures);
     figures.excess_unnoticed = Some(silent.excess()).filter(|excess| excess.faults > 0);
     if figures.data_lost_ticks > 0 {
         figures.reasons.push(format!("the recording lost {} ticks", figures.data_lost_ticks));
     }
     figures
+}
+
+/// What the faults with a verdict add up to.
+#[derive(Default)]
+struct Sums {
+    missed: Sides,
+    late: Sides,
+    alike: Sides,
+    /// By station: what its faults cost, and how many of them differ from their controls.
+    stations: BTreeMap<usize, (Vec<i64>, usize)>,
+}
+
+impl Sums {
+    fn add(&mut self, station: usize, lost: i64, [excess, with_void]: [i64; 2], is_alike: bool) {
+        self.missed.add(excess);
+        self.late.add(with_void);
+        if is_alike {
+            self.alike.add(excess);
+        }
+        let (costs, differ) = self.stations.entry(station).or_default();
+        costs.push(lost);
+        *differ += usize::from(excess != 0);
+    }
+
+    fn close(self, figures: &mut Figures) {
+        figures.excess_with_void = Some(self.late.excess()).filter(|excess| excess.faults > 0);
+        let judged = figures.excess_misses.len();
+        if judged == 0 {
+            return;
+        }
+        figures.mean_excess_misses = Some(figures.excess_misses.iter().sum::<i64>() as f64 / judged as f64);
+        figures.excess = Some(self.missed.excess());
+        figures.excess_alike = Some(self.alike.excess()).filter(|alike| alike.faults < judged);
+        let spread: Vec<(usize, usize)> = self.stations.values().map(|(costs, differ)| (costs.len(), *differ)).collect();
+        figures.together_in = together(&spread).and_then(|at| self.stations.keys().nth(at).copied());
+        let costs: Vec<Vec<i64>> = self.stations.into_values().map(|(costs, _)| costs).collect();
+        figures.mean_excess_misses_upper95 = mean_upper95(&costs);
+    }
 }
 
 impl Figures {
@@ -191,7 +240,8 @@ const MANY: usize = 100;
 pub(super) fn quiet_steps_n(arm: &Arm, outcomes: &[Outcome], stations: &[StationOutcome]) -> [f64; 2] {
     [false, true].map(|in_contact| {
         let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
-        let controls = here.filter_map(|outcome| Some((outcome.fault.as_ref()?.control?, outcome)));
+        let later = |outcome: &&Outcome| outcome.fault.as_ref().is_some_and(|fault| !fault.control_early);
+        let controls = here.filter(later).filter_map(|outcome| Some((outcome.fault.as_ref()?.control?, outcome)));
         let alike = controls.filter(|(control, outcome)| touches(Some(control), outcome) == in_contact);
         let mut steps: Vec<f64> = alike.map(|(control, _)| control.force_step_max_n).collect();
         steps.sort_by(f64::total_cmp);
@@ -209,72 +259,12 @@ pub(super) fn touches(window: Option<&Window>, outcome: &Outcome) -> bool {
     window.and_then(|window| window.contact).unwrap_or(outcome.before.contacts > 0)
 }
 
-/// Most ticks that a control window of an arm lost: what the host takes by itself is no fault's doing.
+/// Most ticks that a control window of an arm lost: what the host takes by itself is no fault's doing. Of many the hundredth part that lost most does not count,
+/// so that a single bad one does not excuse every fault.
 pub(super) fn most_missed_without(arm: &Arm, outcomes: &[Outcome]) -> u64 {
-    let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name);
-    here.filter_map(|outcome| Some(outcome.fault.as_ref()?.control?.missed)).max().unwrap_or(0)
-}
-
-/// A pool with fewer judged faults than it was to have proves nothing.
-pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
-    let judged = figures.excess_misses.len();
-    if arm.judged && judged < least && figures.verdict == Verdict::Held {
-        figures.verdict = Verdict::Unknown;
-        figures.reasons.push(format!("{judged} faults have a verdict, at least {least} are to have one"));
-    }
-    figures
-}
-
-/// Whether the faults make ticks late in which the host seems to stall, beyond chance and maybe beyond the limit: a kind that stalls the kernel is not held by
-/// leaving out what it stalls.
-fn stalls_beyond(figures: &Figures, limit: f64) -> bool {
-    figures.excess_with_void.is_some_and(|excess| excess.lower95 > 0.0 && excess.upper95 > limit)
-}
-
-fn said(of: &str, excess: &Excess) -> String {
-    format!("{of}: {:.4}, one-sided 95 % bounds {:.4} and {:.4}", excess.mean, excess.lower95, excess.upper95)
-}
-
-/// Gives the verdict. What never may happen is judged in the cells, once.
-pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
-    figures.limit_upper95 = limit;
-    let is_wrong = is_cell && !figures.reasons.is_empty();
-    // What is only done from outside need not be noticed; that it was not is said.
-    let is_silent = is_cell && figures.done() > figures.unnoticed.len() && figures.manifested == 0;
-    let done = figures.done();
-    let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
-    figures.verdict = match (limit, figures.excess) {
-        _ if !arm.judged => Verdict::Figures,
-        _ if is_wrong => Verdict::Broken,
-        _ if is_silent => Verdict::Unknown,
-        (None, _) => Verdict::Figures,
-        (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
-        (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
-        (Some(limit), _) if figures.excess_unnoticed.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
-        _ if is_void => Verdict::Unknown,
-        (Some(limit), Some(excess)) if excess.upper95 <= limit && !stalls_beyond(&figures, limit) => Verdict::Held,
-        _ => Verdict::Unknown,
-    };
-    if let (Some(limit), Some(excess), true) =
-        (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
-    {
-        let said_of_all = said("faults with excess misses, per fault", &excess);
-        figures.reasons.push(format!("{said_of_all}, limit {limit}"));
-        figures.reasons.extend(figures.excess_with_void.map(|excess| said("with void ticks", &excess)));
-    }
-    if let Some(excess) = figures.excess_unnoticed.filter(|_| limit.is_some() && figures.verdict != Verdict::Figures) {
-        figures.reasons.push(said(&format!("of {} that nobody noticed", excess.faults), &excess));
-    }
-    if is_silent {
-        figures.reasons.push("none of its faults showed: it proves nothing".into());
-    } else if is_cell && done > 0 && figures.manifested == 0 && arm.judged {
-        // It breaks nothing, and passes for nothing either.
-        figures.reasons.push(format!("nobody noticed any of its {done} faults: it proves nothing"));
-    }
-    let surplus = figures.reasons.len().saturating_sub(MOST_REASONS);
-    if surplus > 0 {
-        figures.reasons.truncate(MOST_REASONS);
-        figures.reasons.push(format!("… and {surplus} more"));
-    }
-    figures
+    let here = outcomes.iter().filter(|outcome| outcome.arm == arm.name).filter_map(|outcome| outcome.fault.as_ref());
+    let controls = here.filter(|fault| !fault.control_early).filter_map(|fault| fault.control);
+    let mut missed: Vec<u64> = controls.filter(tells).map(|control| control.missed).collect();
+    missed.sort_unstable();
+    missed.len().checked_sub(1 + missed.len() / MANY).and_then(|at| missed.get(at)).copied().unwrap_or(0)
 }

@@ -17,6 +17,8 @@ const MOST_LOST: u64 = 20;
 pub(super) enum Taken {
     /// Nothing: it did not show, or could not be judged.
     NoVerdict,
+    /// The host stalled for so long that only all ticks together, the void ones too, can be compared; its excess with them.
+    Stalled(i64),
     /// It was done, and nobody noticed; what it cost the hand beyond its control and what it may cost, if that is known.
     Unnoticed(Option<i64>),
     /// Its misses, in two ways.
@@ -25,6 +27,8 @@ pub(super) enum Taken {
         lost: i64,
         /// Beyond that and what it may cost, without and with void ticks.
         beyond: [i64; 2],
+        /// Whether the control began in the same state.
+        is_alike: bool,
     },
 }
 
@@ -130,21 +134,24 @@ impl Figures {
         }
         let Some((window, control)) = fault.window.zip(fault.control) else { return Taken::NoVerdict };
         self.take_windows(fault, outcome, window, control, known.steps_n);
-        if !shows || is_astray || has_no_first || is_beside(outcome, fault) || ![window, control].iter().all(tells) {
-            self.astray += usize::from(is_astray);
-            return Taken::NoVerdict;
-        }
         // With the void ticks both are of the same length.
         let excess = [excess(&window, &control), window.late as i64 - control.late as i64];
         let (lost, beyond) = (excess[0], excess.map(|excess| beyond(excess, cell.allowed_misses as i64)));
-        if was_noticed { Taken::Excess { lost, beyond } } else { Taken::Unnoticed(Some(beyond[0])) }
+        let is_other = !shows || is_astray || has_no_first || is_beside(outcome, fault) || fault.control_early;
+        self.astray += usize::from(is_astray);
+        match () {
+            () if is_other || !(window.is_whole() && control.is_whole()) => Taken::NoVerdict,
+            () if !was_noticed => Taken::Unnoticed(Some(beyond[0]).filter(|_| tells(&window) && tells(&control))),
+            () if !(tells(&window) && tells(&control)) => Taken::Stalled(beyond[1]),
+            () => Taken::Excess { lost, beyond, is_alike: !fault.control_unlike },
+        }
     }
 
-    /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than any control window lost,
-    /// is a broken promise by itself.
+    /// One fault counts once in the bound, however many ticks it costs. What costs more than the device's own death may, and more than the control windows lost,
+    /// in its window and right after it, is a broken promise by itself.
     fn take_gap(&mut self, fault: &Fault, outcome: &Outcome, cell: &Cell, most_missed: u64) {
         let missed = |window: Option<Window>| window.map_or(0, |window| window.missed);
-        let (lost, most) = (missed(fault.window), most_missed.max(MOST_LOST + cell.allowed_misses));
+        let (lost, most) = (missed(fault.window) + missed(fault.aftermath), most_missed.max(MOST_LOST + cell.allowed_misses));
         if lost.saturating_sub(missed(fault.control)) > most {
             self.reasons
                 .push(format!("fault {}: the hand lost {lost} ticks, {most_missed} at most without a fault", outcome.index));
@@ -189,6 +196,11 @@ impl Figures {
         if fault.control_unlike {
             *self.seen.entry("control in another state").or_default() += 1;
         }
+        if fault.control_early {
+            *self.seen.entry("control in the first seconds").or_default() += 1;
+        }
+        let after = fault.aftermath.unwrap_or_default();
+        self.aftermath = [self.aftermath[0] + after.ticks, self.aftermath[1] + after.missed];
         let step_n = steps_n[usize::from(touches(Some(&window), outcome))];
         // Whatever the supervisor said of it: that knows the last ten seconds, and this all that was ever made in this state.
         if window.force_step_max_n > fault.most_step_n(step_n) {

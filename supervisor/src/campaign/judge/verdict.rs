@@ -1,0 +1,108 @@
+//! The verdict that the figures of a cell or a pool give.
+
+use super::figures::{Figures, Verdict};
+use crate::campaign::bounds::{Excess, least_faults};
+use crate::campaign::file::{Arm, Campaign};
+
+/// Most reasons that are listed for a cell.
+const MOST_REASONS: usize = 8;
+/// Fewest faults of a cell of which one says that most have no verdict.
+const LEAST_DONE: usize = 4;
+
+/// A pool with fewer judged faults than it was to have proves nothing.
+pub(super) fn enough(mut figures: Figures, least: usize, arm: &Arm) -> Figures {
+    let judged = figures.excess_misses.len();
+    if arm.judged && judged < least && figures.verdict == Verdict::Held {
+        figures.verdict = Verdict::Unknown;
+        figures.reasons.push(format!("{judged} faults have a verdict, at least {least} are to have one"));
+    }
+    figures
+}
+
+/// Why a bound within the limit holds nothing: the faults and their controls are not alike but for the fault, or the faults not independent.
+fn unlike(figures: &Figures, limit: f64) -> Option<String> {
+    // A kind that stalls the kernel is not held by leaving out what it stalls.
+    let stalls = figures.excess_with_void.is_some_and(|excess| excess.lower95 > 0.0 && excess.upper95 > limit);
+    let alike = figures.excess_alike.filter(|alike| least_faults(limit).is_some_and(|least| alike.faults >= least));
+    match () {
+        () if stalls => Some("more void ticks are late in the faults' windows than in their controls".into()),
+        () if figures.excess.is_some_and(|excess| excess.upper95 < 0.0) => {
+            Some("the controls lose more than the windows with a fault: they are not alike".into())
+        }
+        () if alike.is_some_and(|alike| alike.upper95 > limit) => {
+            Some("those whose controls began in the same state do not hold the limit alone".into())
+        }
+        () => figures
+            .together_in
+            .map(|station| format!("those that differ from their controls lie together, most of them in station {station}")),
+    }
+}
+
+/// The limit of the pool that judges a cell.
+fn pool_limit(figures: &Figures, campaign: &Campaign) -> Option<f64> {
+    let cell = campaign.cells.iter().find(|cell| cell.name == figures.name)?;
+    campaign.pools.iter().find(|pool| cell.pool.as_ref() == Some(&pool.name)).map(|pool| pool.limit_upper95)
+}
+
+fn said(of: &str, excess: &Excess) -> String {
+    format!("{of}: {:.4}, one-sided 95 % bounds {:.4} and {:.4}", excess.mean, excess.lower95, excess.upper95)
+}
+
+/// Gives the verdict. What never may happen is judged in the cells, once.
+pub(super) fn conclude(mut figures: Figures, limit: Option<f64>, arm: &Arm, is_cell: bool, campaign: &Campaign) -> Figures {
+    figures.limit_upper95 = limit;
+    let is_wrong = is_cell && !figures.reasons.is_empty();
+    // What is only done from outside need not be noticed; that it was not is said.
+    let is_silent = is_cell && figures.done() > figures.unnoticed.len() && figures.manifested == 0;
+    let done = figures.done();
+    let is_void = figures.without_verdict as f64 > campaign.most_void * done as f64;
+    let is_half_judged = is_cell && done >= LEAST_DONE && 2 * figures.without_verdict > done;
+    figures.verdict = match (limit, figures.excess) {
+        _ if !arm.judged => Verdict::Figures,
+        _ if is_wrong => Verdict::Broken,
+        _ if is_cell
+            && pool_limit(&figures, campaign).zip(figures.excess).is_some_and(|(limit, excess)| excess.is_far_above(limit)) =>
+        {
+            Verdict::Broken
+        }
+        _ if is_silent || is_half_judged => Verdict::Unknown,
+        (None, _) => Verdict::Figures,
+        (Some(limit), Some(excess)) if excess.lower95 > limit => Verdict::Broken,
+        (Some(limit), _) if figures.excess_with_void.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
+        (Some(limit), _) if figures.excess_unnoticed.is_some_and(|excess| excess.lower95 > limit) => Verdict::Broken,
+        _ if is_void => Verdict::Unknown,
+        (Some(limit), Some(excess)) if excess.upper95 <= limit && unlike(&figures, limit).is_none() => Verdict::Held,
+        _ => Verdict::Unknown,
+    };
+    if let (Some(limit), Some(excess), true) =
+        (limit, figures.excess, figures.verdict != Verdict::Held && figures.verdict != Verdict::Figures)
+    {
+        let said_of_all = said("faults with excess misses, per fault", &excess);
+        figures.reasons.push(format!("{said_of_all}, limit {limit}"));
+        figures.reasons.extend(figures.excess_with_void.map(|excess| said("with void ticks", &excess)));
+        figures.reasons.extend(figures.excess_alike.map(|excess| said("of those with a control in the same state", &excess)));
+        figures.reasons.extend(unlike(&figures, limit));
+    }
+    if let (None, Verdict::Broken, Some(excess)) = (limit, figures.verdict, figures.excess.filter(|_| !is_wrong)) {
+        figures.reasons.push(said("beyond doubt above its pool's limit, faults with excess misses, per fault", &excess));
+    }
+    if is_half_judged {
+        let silent = figures.without_verdict;
+        figures.reasons.push(format!("{silent} of its {done} faults have no verdict"));
+    }
+    if let Some(excess) = figures.excess_unnoticed.filter(|_| limit.is_some() && figures.verdict != Verdict::Figures) {
+        figures.reasons.push(said(&format!("of {} that nobody noticed", excess.faults), &excess));
+    }
+    if is_silent {
+        figures.reasons.push("none of its faults showed: it proves nothing".into());
+    } else if is_cell && done > 0 && figures.manifested == 0 && arm.judged {
+        // It breaks nothing, and passes for nothing either.
+        figures.reasons.push(format!("nobody noticed any of its {done} faults: it proves nothing"));
+    }
+    let surplus = figures.reasons.len().saturating_sub(MOST_REASONS);
+    if surplus > 0 {
+        figures.reasons.truncate(MOST_REASONS);
+        figures.reasons.push(format!("… and {surplus} more"));
+    }
+    figures
+}

@@ -1,0 +1,120 @@
+//! Where faults and controls are not alike but for the fault, or cells hide in their pools, nothing is held.
+
+use super::tests::{all_of, setup};
+use super::*;
+
+const TEXT: &str = "[[pool]]\nname = \"all\"\nlimit_upper95 = 0.1\n[[cell]]\nkinds = [\"kill\"]\ntargets = [\"haptic:active\"]\ncount = 190\npool = \"all\"\n\
+                    [[cell]]\nkinds = [\"kill\"]\ntargets = [\"fluid:active\"]\ncount = 10\npool = \"all\"\n";
+
+/// The judgement of a pool of 200 faults after something was done to those of some numbers within their cell.
+fn judged(change: impl Fn(&str, usize, &mut Outcome)) -> Judgement {
+    let (campaign, plan, mut outcomes) = setup(TEXT);
+    for cell in ["kill haptic:active", "kill fluid:active"] {
+        let here = outcomes.iter_mut().filter(|outcome| outcome.cell == cell);
+        here.enumerate().for_each(|(at, outcome)| change(cell, at, outcome));
+    }
+    let station = all_of(&campaign, &outcomes);
+    judge(&campaign, &plan, &outcomes, &[station], None)
+}
+
+fn missed(outcome: &mut Outcome, in_window: u64, in_control: u64) {
+    let fault = outcome.fault.as_mut().unwrap();
+    fault.window.as_mut().unwrap().missed = in_window;
+    fault.control.as_mut().unwrap().missed = in_control;
+}
+
+#[test]
+fn a_cell_that_is_bad_by_itself_does_not_hide_in_its_pool() {
+    let judgement = judged(|cell, at, outcome| {
+        if cell == "kill fluid:active" && at < 7 {
+            missed(outcome, 2, 0);
+        }
+    });
+    let verdicts = [judgement.pools[0].verdict, judgement.cells[0].verdict, judgement.cells[1].verdict];
+    assert_eq!(verdicts, [Verdict::Held, Verdict::Figures, Verdict::Broken], "{judgement:?}");
+    assert_eq!(judgement.exit_code, 1);
+    let said = &judgement.cells[1].reasons;
+    assert!(said.iter().any(|reason| reason.contains("beyond doubt above its pool's limit")), "{said:?}");
+}
+
+#[test]
+fn controls_that_lose_more_than_the_windows_with_a_fault_hold_nothing() {
+    let judgement = judged(|_, at, outcome| missed(outcome, 0, u64::from(at % 8 == 0)));
+    let pool = &judgement.pools[0];
+    assert!(pool.excess.unwrap().upper95 < 0.0 && pool.verdict == Verdict::Unknown, "{pool:?}");
+    assert!(pool.reasons.iter().any(|reason| reason.contains("not alike")), "{:?}", pool.reasons);
+}
+
+#[test]
+fn those_with_a_control_in_the_same_state_must_hold_the_limit_too() {
+    let unlike = |among_the_alike: bool| {
+        judged(|_, at, outcome| {
+            let is_unlike = at % 2 == 0;
+            outcome.fault.as_mut().unwrap().control_unlike = is_unlike;
+            if is_unlike != among_the_alike && at % 20 < 2 {
+                missed(outcome, 1, 0);
+            }
+        })
+    };
+    assert_eq!([true, false].map(|among_the_alike| unlike(among_the_alike).pools[0].verdict), [Verdict::Unknown, Verdict::Held]);
+    let alike = unlike(true).pools[0].excess_alike.unwrap();
+    assert_eq!((alike.faults, alike.worse), (100, 10));
+}
+
+#[test]
+fn a_cell_of_which_most_faults_have_no_verdict_is_not_known() {
+    let judgement = judged(|cell, at, outcome| {
+        if cell == "kill fluid:active" && at < 6 {
+            outcome.fault.as_mut().unwrap().control_early = true;
+        }
+    });
+    let cell = &judgement.cells[1];
+    assert_eq!((cell.verdict, cell.without_verdict, cell.seen["control in the first seconds"]), (Verdict::Unknown, 6, 6));
+    assert_eq!(judgement.exit_code, 3);
+}
+
+#[test]
+fn faults_that_differ_together_in_one_station_hold_nothing() {
+    let spread = |bad: usize| {
+        judged(|_, at, outcome| {
+            outcome.station = at % 5;
+            let is_bad = if bad < 5 { at % 5 == bad && at < 100 } else { at < 20 };
+            if is_bad {
+                missed(outcome, u64::from(at % 2 == 0), u64::from(at % 2 == 1));
+            }
+        })
+    };
+    let together = spread(3);
+    assert_eq!(
+        (together.pools[0].together_in, together.pools[0].verdict),
+        (Some(3), Verdict::Unknown),
+        "{:?}",
+        together.pools[0]
+    );
+    assert_eq!((spread(5).pools[0].together_in, spread(5).pools[0].verdict), (None, Verdict::Held));
+}
+
+#[test]
+fn what_is_lost_right_after_a_window_is_the_faults() {
+    let lost = |ticks: u64| {
+        judged(|_, at, outcome| {
+            let fault = outcome.fault.as_mut().unwrap();
+            fault.aftermath =
+                Some(crate::ledger::Window { ticks: 300, missed: if at == 4 { ticks } else { 0 }, ..Default::default() });
+        })
+    };
+    assert_eq!([lost(20).exit_code, lost(21).exit_code], [0, 1]);
+    assert_eq!(lost(21).pools[0].aftermath, [60_000, 42], "one of each cell");
+}
+
+#[test]
+fn a_window_that_is_mostly_void_is_in_the_bound_with_the_void_ticks() {
+    let judgement = judged(|_, _, outcome| {
+        let fault = outcome.fault.as_mut().unwrap();
+        let window = fault.window.as_mut().unwrap();
+        (window.ticks, window.voided, window.late) = (100, 100, 90);
+    });
+    let pool = &judgement.pools[0];
+    assert_eq!((pool.without_verdict, pool.excess_with_void.unwrap().worse), (200, 200));
+    assert_eq!((pool.verdict, judgement.exit_code), (Verdict::Broken, 1));
+}
