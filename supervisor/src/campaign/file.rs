@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 /// Longest pause between two faults that may be asked for, ticks: a minute.
 const MOST_GAP_TICKS: u64 = 60_000;
-/// Shortest: a fault's window and a control window fit in between.
+/// Shortest: a fault's window and a control window fit in between; what a fault may do later is waited for beyond it.
 const LEAST_GAP_TICKS: u64 = 450;
 /// Largest file, bytes: a campaign is some dozens of lines.
 const MOST_BYTES: u64 = 1 << 20;
