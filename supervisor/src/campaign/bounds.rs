@@ -14,8 +14,6 @@ pub use spread::{mean_upper95, together};
 use crate::faultfile::MOST_FAULTS;
 use serde::{Deserialize, Serialize};
 
-/// Chance of being wrong of the bounds that are shown.
-const DOUBT: f64 = 0.05;
 /// The same of what one cell of a pool says beyond doubt: a file has up to a hundred of them.
 const DOUBT_OF_CELL: f64 = 0.001;
 /// Halvings of [0, 1]: to the last bit.
@@ -46,14 +44,15 @@ impl Excess {
             worse,
             better,
             mean: (worse as f64 - better as f64) / faults.max(1) as f64,
-            lower95: -paired::upper(faults, better, worse, DOUBT),
-            upper95: paired::upper(faults, worse, better, DOUBT),
+            lower95: -paired::upper(faults, better, worse),
+            upper95: paired::upper(faults, worse, better),
         }
     }
 
-    /// Whether the truth lies above this with at most a thousandth of doubt.
+    /// Whether so many are worse that, with a thousandth of doubt, more are than this share beside the noise that falls on both sides alike, of which the better
+    /// tell. For a cell of few faults [`Excess::lower95`] says little: of ten of which seven are worse it knows no more than that some are.
     pub fn is_far_above(&self, limit: f64) -> bool {
-        self.lower95 > limit && -paired::upper(self.faults, self.better, self.worse, DOUBT_OF_CELL) > limit
+        lower(self.worse, self.faults, DOUBT_OF_CELL) > limit + upper(self.better, self.faults, 0.5)
     }
 }
 
@@ -80,7 +79,7 @@ impl Sides {
 
 /// Fewest faults that can show a limit of the upper end: so many without an excess miss. `None` for a limit of 0 or less, which nothing can show.
 pub fn least_faults(limit_upper95: f64) -> Option<usize> {
-    let within = |faults: &usize| paired::upper(*faults, 0, 0, DOUBT) <= limit_upper95;
+    let within = |faults: &usize| paired::upper(*faults, 0, 0) <= limit_upper95;
     let (mut too_few, mut enough) = (0, 1);
     while !within(&enough) {
         (too_few, enough) = (enough, enough * 2);
@@ -173,11 +172,14 @@ mod tests {
         assert!(Excess::of(3_000, 10, 10).upper95 < Excess::of(300, 1, 1).upper95);
     }
 
-    /// A cell of 10 in a pool of 200: 4 of its faults are no chance, 4 of 200 are.
+    /// By hand, of 10: P(6 or more worse) = 0.001 at 0.13, and half of such cells without a better one have a chance of 0.067 for it.
     #[test]
     fn few_of_few_are_beyond_doubt_and_few_of_many_are_not() {
         let far = |faults, worse, better| Excess::of(faults, worse, better).is_far_above(0.05);
-        assert_eq!([far(10, 6, 0), far(200, 6, 0), far(10, 1, 0), far(24, 3, 2)], [true, false, false, false]);
+        assert_eq!(
+            [far(10, 6, 0), far(10, 4, 0), far(200, 12, 0), far(24, 14, 10), far(0, 0, 0)],
+            [true, false, false, false, false]
+        );
     }
 
     #[test]

@@ -155,6 +155,7 @@ impl Case<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::bounds::Excess;
 
     #[test]
     fn a_broken_cell_is_a_failure_and_nothing_breaks_the_markup() {
@@ -165,6 +166,7 @@ mod tests {
             reasons: vec!["1 < 2 & \"3\"\u{1b}".into()],
             ..Figures::default()
         };
+        let excess = Some(Excess::of(1, 0, 0));
         let judgement = Judgement {
             campaign: "c<>".into(),
             seed: 1,
@@ -175,9 +177,9 @@ mod tests {
                 figures("good", Verdict::Held),
                 figures("bad", Verdict::Broken),
                 figures("dim", Verdict::Unknown),
-                Figures { reasons: vec![], judged: true, injected: 1, ..figures("pooled", Verdict::Figures) },
+                Figures { reasons: vec![], judged: true, excess, ..figures("pooled", Verdict::Figures) },
                 Figures { reasons: vec![], judged: true, ..figures("not yet", Verdict::Figures) },
-                Figures { reasons: vec![], injected: 1, ..figures("beside", Verdict::Figures) },
+                Figures { reasons: vec![], excess, ..figures("beside", Verdict::Figures) },
             ],
             pools: vec![],
             few: vec![],

@@ -111,8 +111,8 @@ fn no_control_lies_in_a_swap_and_a_fault_in_one_waits_for_its_end() {
     let controls = tell(&mut successor, 0..16_700);
     assert_eq!(
         controls[3..],
-        [(14_721, 14_921), (14_921, 15_121)],
-        "300 ticks after the swap, and the next that meets neither it nor the other"
+        [(14_701, 14_901), (15_100, 15_300)],
+        "300 ticks after the swap, and the nearest to the other"
     );
 }
 

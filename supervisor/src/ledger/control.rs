@@ -78,11 +78,11 @@ mod tests {
         let own = [(8_600, 8_800)];
         assert_eq!(
             nearest(&ledger, WANTED, &own, &[]),
-            Some((7_980, 8_180)),
-            "the last that begins in contact, which ends at 8 000"
+            Some((9_500, 9_700)),
+            "the first that begins in contact, 400 ticks from the earliest"
         );
+        assert_eq!(nearest(&ledger, WANTED, &own, &[(9_500, 9_700)]), Some((7_980, 8_180)), "another's control is its own");
         assert_eq!(nearest(&ledger, Wanted { contact: None, ..WANTED }, &own, &[]), Some((8_400, 8_600)));
-        assert_eq!(nearest(&ledger, WANTED, &own, &[(7_980, 8_180)]), Some((7_780, 7_980)), "another's control is its own");
         let others = [(8_600, 8_800), (5_000, 8_600)];
         assert_eq!(nearest(&ledger, WANTED, &others, &[]), Some((9_500, 9_700)), "after it");
         assert_eq!(nearest(&ledger, WANTED, &[(0, 12_000)], &[]), None);

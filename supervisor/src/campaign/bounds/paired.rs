@@ -4,16 +4,17 @@
 //!
 //! Of `n` pairs, `worse` fell on one side and `better` on the other. With the chances p and q of these, the figure is Δ = p − q, and what else is
 //! unknown is how many pairs differ at all, ψ = p + q. A Δ is refused if, for every ψ that the count of differing pairs allows but for one doubt in a
-//! thousand, an outcome that speaks for a smaller Δ at least as much as the one seen has a chance of less than 4.9 %: that doubt and this chance are the 5 %, and so in
-//! proportion for a smaller doubt.
+//! thousand, an outcome that speaks for a smaller Δ at least as much as the one seen has a chance of less than 4.9 %: that doubt and this chance are the 5 %.
 //!
 //! Promise: the truth lies above `upper` in at most 5 of 100 campaigns, whatever p and q are (a test adds up the chances). Two intervals side by side, one
 //! for each proportion, keep that promise too, and are half as wide again where noise falls on both sides.
 
 use super::{lower, upper as upper_of_one};
 
-/// The part of the doubt that is spent on how many pairs differ.
-const PART_PSI: f64 = 0.02;
+/// Chance of being wrong.
+const DOUBT: f64 = 0.05;
+/// The part of it that is spent on how many pairs differ.
+const DOUBT_PSI: f64 = 0.001;
 /// Values of ψ that are tried: the chance changes slowly and smoothly with it.
 const PSI_STEPS: usize = 24;
 /// Values of Δ that are tried from above.
@@ -27,17 +28,16 @@ const CERTAIN: f64 = 1e18;
 /// Scores that differ by less are the same: rounding.
 const SAME: f64 = 1e-9;
 
-/// Above this Δ lies the truth with at most this doubt.
-pub fn upper(n: usize, worse: usize, better: usize, doubt: f64) -> f64 {
+/// Above this Δ lies the truth with at most 5 % doubt.
+pub fn upper(n: usize, worse: usize, better: usize) -> f64 {
     if n == 0 {
         return 1.0;
     }
     let differ = worse + better;
-    let doubt_psi = PART_PSI * doubt;
-    let psi = [lower(differ, n, 0.5 * doubt_psi), upper_of_one(differ, n, 0.5 * doubt_psi)];
+    let psi = [lower(differ, n, 0.5 * DOUBT_PSI), upper_of_one(differ, n, 0.5 * DOUBT_PSI)];
     let seen = (worse as f64 - better as f64) / n as f64;
     let ln_factorials = ln_factorials(n);
-    let is_refused = |delta: f64| largest_chance(n, [worse, better], delta, psi, &ln_factorials) + doubt_psi <= doubt;
+    let is_refused = |delta: f64| largest_chance(n, [worse, better], delta, psi, &ln_factorials) + DOUBT_PSI <= DOUBT;
     // Δ is never more than ψ, so above ψ's own bound all are refused.
     let step = (psi[1] - seen) / DELTA_STEPS as f64;
     let at = (1..DELTA_STEPS).find(|at| !is_refused(psi[1] - *at as f64 * step)).unwrap_or(DELTA_STEPS); // the last is what was seen
@@ -125,8 +125,6 @@ fn chance(n: usize, borders: &[usize], delta: f64, psi: f64, ln_factorials: &[f6
 mod tests {
     use super::*;
 
-    const DOUBT: f64 = 0.05;
-
     #[test]
     fn the_score_by_hand() {
         // 3 worse, 1 better of 10 against 0: q = 0.2 = (3 + 1) / 20, deviation √(10 · 0.4).
@@ -165,14 +163,14 @@ mod tests {
     fn without_any_difference_the_bound_is_that_of_one_proportion() {
         for n in [50, 300] {
             let alone = 1.0 - 0.049f64.powf(1.0 / n as f64);
-            let found = upper(n, 0, 0, DOUBT);
+            let found = upper(n, 0, 0);
             assert!(found >= alone - 1e-4 && found < 1.15 * alone, "{n}: {found} beside {alone}");
         }
-        assert_eq!(upper(0, 0, 0, DOUBT), 1.0);
-        assert_eq!(upper(5, 5, 0, DOUBT), 1.0);
+        assert_eq!(upper(0, 0, 0), 1.0);
+        assert_eq!(upper(5, 5, 0), 1.0);
         // All five better: q⁵ = 0.049 with p = 1 − q, so Δ = 1 − 2q.
         let all_better = 1.0 - 2.0 * 0.049f64.powf(0.2);
-        assert!((upper(5, 0, 5, DOUBT) - all_better).abs() < 1e-4, "{} is not {all_better}", upper(5, 0, 5, DOUBT));
+        assert!((upper(5, 0, 5) - all_better).abs() < 1e-4, "{} is not {all_better}", upper(5, 0, 5));
     }
 
     #[test]
@@ -181,7 +179,7 @@ mod tests {
         let table = ln_factorials(n);
         let most = 24; // outcomes with more are less than 1e-6 of all
         let outcomes = (0..=most).flat_map(|worse| (0..=most - worse).map(move |better| (worse, better)));
-        let bounds: Vec<_> = outcomes.map(|(worse, better)| (worse, better, upper(n, worse, better, DOUBT))).collect();
+        let bounds: Vec<_> = outcomes.map(|(worse, better)| (worse, better, upper(n, worse, better))).collect();
         for (p, q) in [(0.01, 0.01), (0.05, 0.0), (0.08, 0.02), (0.1, 0.1), (0.02, 0.08), (0.12, 0.05), (0.03, 0.0), (0.07, 0.0)]
         {
             let mut wrong = 0.0;
@@ -198,7 +196,7 @@ mod tests {
     #[test]
     fn noise_on_both_sides_is_bounded_closer_than_by_two_intervals() {
         // The kills of other roles of a campaign: 20 and 17 of 940.
-        let found = upper(940, 20, 17, DOUBT);
+        let found = upper(940, 20, 17);
         let apart = upper_of_one(20, 940, 0.025) - lower(17, 940, 0.025);
         assert!((0.012..0.02).contains(&found) && apart > 0.02, "{found} beside {apart}");
     }
