@@ -1,4 +1,4 @@
-//! What a fluid's page says for the look at a station: the steps of its flow, and what the medium does to the scope.
+//! What a fluid's page says for the look at a station: the steps of its flow, what the medium does to the scope, and how clear the view is through it.
 
 use hyst_exchange::ReadPage;
 use hyst_messages::FluidStatus;
@@ -25,6 +25,11 @@ fn status_of(page: &ReadPage) -> Option<FluidStatus> {
 pub(super) fn steps_of(page: &ReadPage) -> Option<StepView> {
     let status = status_of(page)?;
     Some(StepView { ms: status.step_ticks, scene_ms: status.scene_step_ticks, halvings: status.halvings })
+}
+
+/// The share of the light that comes through the blood before the lens.
+pub(super) fn transmittance_of(page: &ReadPage) -> Option<f32> {
+    status_of(page)?.told_transmittance()
 }
 
 /// What the medium does to scope and loop, mN.
