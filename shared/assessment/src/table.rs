@@ -70,7 +70,7 @@ pub static METRICS: [Definition; 40] = [
     },
     Definition {
         group: Group::Visualisation,
-        key: "light",
+        key: "transmittance",
         name: "light that comes through the blood, mean",
         unit: "%",
         scale: None,

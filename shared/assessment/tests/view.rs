@@ -40,7 +40,7 @@ fn the_report_tells_how_long_the_view_was_clear_how_long_it_was_lost_and_what_wa
     let value = |key: &str| metric(&assessment, key).value.unwrap_or_else(|| panic!("{key}"));
     // Nine seconds have an end, one of them is not known: four are clear, four are not.
     assert!((value("clear_view") - 50.0).abs() < 1e-9 && (value("view_lost") - 4.0).abs() < 1e-9);
-    assert!((value("light") - 100.0 * 4.625 / 8.0).abs() < 1e-9, "{}", value("light"));
+    assert!((value("transmittance") - 100.0 * 4.625 / 8.0).abs() < 1e-9, "{}", value("transmittance"));
     assert_eq!((value("healthy_removed"), metric(&assessment, "healthy_removed").score), (0.25, None));
     assert_eq!(metric(&assessment, "clear_view").score, Some(0.0), "half of the time is where its scale ends");
     let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
@@ -84,7 +84,7 @@ fn a_case_weighs_the_view_and_what_was_taken_off_the_wall() {
 fn a_recording_that_says_nothing_of_view_and_healthy_tissue_has_no_value_no_score_and_no_curve_of_them() {
     let old = seconds([f32::NAN; 10], [f64::NAN; 10]);
     let (assessment, csv) = assessed(&bytes("view-old", &old), 1);
-    for key in ["clear_view", "view_lost", "light", "healthy_removed"] {
+    for key in ["clear_view", "view_lost", "transmittance", "healthy_removed"] {
         let metric = metric(&assessment, key);
         assert_eq!((metric.value, metric.score), (None, None), "{key}");
     }

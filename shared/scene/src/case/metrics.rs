@@ -9,7 +9,7 @@ pub const METRIC_KEYS: [(&str, bool); 40] = [
     ("bleeding", true),
     ("clear_view", true),
     ("view_lost", false),
-    ("light", false),
+    ("transmittance", false),
     ("landmarks", true),
     ("in_view", true),
     ("time", true),
