@@ -18,7 +18,7 @@ const STEPS: usize = 80;
 /// and `solid` have an entry for each cell, x fastest, the first as a volume fraction; what is no number or below 0 there counts as clear. `None` where no ray
 /// goes through the medium: the eye is in a solid or outside of the grid.
 pub fn transmittance(grid: &Grid, (density, solid): (&[f32], &[u8]), eye_m: [f32; 3], rays: &[[f32; 3]]) -> Option<f32> {
-    let (mut sum, mut is_in_medium) = (0.0, false);
+    let (mut sum, mut is_in_medium) = (0.0_f32, false);
     for ray in rays {
         let depth = optical_depth(grid, density, solid, eye_m, *ray);
         is_in_medium |= depth.is_some();
@@ -37,7 +37,7 @@ impl StateView<'_> {
 /// What blood does to the light along a ray, as a power of e, 0 or more; `None` if it begins in no medium.
 fn optical_depth(grid: &Grid, density: &[f32], solid: &[u8], eye_m: [f32; 3], ray: [f32; 3]) -> Option<f32> {
     let step_m = SIGHT_M / STEPS as f32;
-    let mut found = None;
+    let mut found: Option<f32> = None;
     for step in 0..STEPS {
         let far_m = (step as f32 + 0.5) * step_m;
         let cell = cell_at(grid, std::array::from_fn(|axis| eye_m[axis] + far_m * ray[axis]));
