@@ -95,6 +95,7 @@ pub fn build(viewer: &mut Viewer, accounts: &Accounts, faults: &Faults, policy: 
         "fluid_open_vessels": status.open_vessels,
         "fluid_sealed_vessels": status.sealed_vessels,
         "removed_volume_ml": status.removed_volume_ml,
+        "healthy_removed_ml": status.healthy_removed_ml,
         "washed_out": status.washed_out,
         "washed_out_ml": status.washed_out_ml,
         "taken_out": status.taken_out,
@@ -240,6 +241,7 @@ struct Statuses {
     state_hash: u64,
     fluid_hash: u64,
     removed_volume_ml: f64,
+    healthy_removed_ml: f64,
     cuts: u32,
     cut_limits: u32,
     corrections: u32,
@@ -265,6 +267,7 @@ impl Statuses {
                 tissue_tick = status.state_tick;
                 found.state_hash = status.state_hash;
                 (found.removed_volume_ml, found.cuts) = (status.removed_volume_ml, status.cuts);
+                found.healthy_removed_ml = status.healthy_removed_ml;
                 (found.cut_limits, found.corrections) = (status.cut_limits, status.corrections);
                 (found.washed_out, found.washed_out_ml) = (status.washed_out, status.washed_out_ml);
                 (found.taken_out, found.taken_out_ml) = (status.taken_out, status.taken_out_ml);

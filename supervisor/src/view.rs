@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use flow::{on_scope_mn_of, steps_of};
+use flow::{on_scope_mn_of, steps_of, transmittance_of};
 
 pub use flow::StepView;
 pub use told::{CuttingView, RegisterView};
@@ -59,6 +59,9 @@ pub struct ProcessView {
     /// What the medium does to scope and loop, as a force at the tip, mN along x, y, z; of a fluid only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub on_scope_mn: Option<[f32; 3]>,
+    /// Share of the light that comes through the blood before the lens, above 0 to 1; of a fluid that says it only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transmittance: Option<f32>,
     /// Length of its steps, ms; of a tissue only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_ms: Option<u32>,
@@ -251,6 +254,7 @@ impl Viewer {
         }
         view.steps = if slot.role() == Role::Fluid { steps_of(page) } else { None };
         view.on_scope_mn = if slot.role() == Role::Fluid { on_scope_mn_of(page) } else { None };
+        view.transmittance = if slot.role() == Role::Fluid { transmittance_of(page) } else { None };
         view.epoch = Tenure::from_word(page.load64(header::TENURE)).epoch;
         view.tick = page.load64(header::TICK);
         if alive {

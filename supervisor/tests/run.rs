@@ -44,6 +44,7 @@ fn a_killed_engine_comes_back_and_the_report_says_so_and_nothing_is_left() {
         "fluid_open_vessels",
         "fluid_sealed_vessels",
         "removed_volume_ml",
+        "healthy_removed_ml",
         "cuts",
         "cut_limits",
         "corrections",

@@ -78,6 +78,7 @@ fn kills_in_the_middle_of_a_cut_leave_no_trace() {
         "cut_limits",
         "corrections",
         "removed_volume_ml",
+        "healthy_removed_ml",
         "state_hash",
         "force_trace_hash",
         "fluid_state_hash",

@@ -41,10 +41,13 @@ fn a_scripted_trainee_resects_the_polyp_and_the_report_says_so() {
     // The way is found so that the shaft touches nothing; what was cut off has sunk from it.
     assert!((0.0..0.1).contains(&value(&report, "force_peak")), "{} N", value(&report, "force_peak"));
     assert!(value(&report, "pressure_peak") > 35.0 && value(&report, "inflow") > 0.0);
+    assert!((0.0..=100.0).contains(&value(&report, "clear_view")) && value(&report, "transmittance") > 0.0, "{report}");
+    let healthy_ml = ledger["healthy_removed_ml"].as_f64().unwrap();
+    assert!((0.0..=healthy_ml).contains(&value(&report, "healthy_removed")), "of {healthy_ml} ml: {report}");
     for group in ["Visualisation", "Ergonomics", "Safety", "Fluid handling"] {
         assert!(report["groups"][group].as_f64().is_some_and(|score| (0.0..=100.0).contains(&score)), "{group}: {report}");
     }
-    assert_eq!(folder.read("session.html").matches("class=\"curve ").count(), 5);
+    assert_eq!(folder.read("session.html").matches("class=\"curve ").count(), 6);
     let (_, second, _) = run(hystation().args(["report", &session, "--json", "-"]));
     assert!(first == second, "not the same bytes");
 }

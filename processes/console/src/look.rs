@@ -109,6 +109,8 @@ pub struct Pump {
     pub cavity_ml: f64,
     /// Blood that has come into it, ml.
     pub bled_ml: f64,
+    /// Share of the light that comes through it before the lens, above 0 to 1; `None` if that is not said.
+    pub transmittance: Option<f64>,
     /// Vessels that bleed into it, or take medium in.
     pub open_vessels: u32,
     /// Vessels that are coagulated.
@@ -137,6 +139,7 @@ impl Pump {
             deficit_ml: status.deficit_ml,
             cavity_ml: status.cavity_volume_ml,
             bled_ml: status.bled_ml,
+            transmittance: status.told_transmittance().map(f64::from),
             open_vessels: status.open_vessels,
             sealed_vessels: status.sealed_vessels,
             alarms: names(status.alarms & !PUMP_NOTICES),
@@ -331,6 +334,8 @@ mod tests {
         let mut sample = HardwareSample::default();
         sample.controls.set_pressure_pa = 13_332.2;
         let pump = Pump::new(&status, Some(&sample)).unwrap();
+        assert_eq!(pump.transmittance, None, "nothing is said of the view");
+        assert_eq!(Pump::new(&FluidStatus { transmittance: 0.25, ..status }, None).unwrap().transmittance, Some(0.25));
         assert!((pump.pressure_mmhg - 70.0).abs() < 1e-3 && (pump.set_mmhg.unwrap() - 100.0).abs() < 1e-3, "{pump:?}");
         assert_eq!(
             (pump.deficit_ml, pump.bled_ml, pump.alarms.join(", ")),

@@ -109,6 +109,9 @@ fn pump(look: &Look, registry: &mut Registry) {
     figure(registry, "pump_bled_milliliters", "Blood that has come into the cavity since the start", pump.bled_ml);
     figure(registry, "pump_open_vessels", "Vessels that wounds have opened and nothing has shut", pump.open_vessels.into());
     figure(registry, "pump_sealed_vessels", "Vessels that are coagulated", pump.sealed_vessels.into());
+    if let Some(share) = pump.transmittance {
+        figure(registry, "view_transmittance_ratio", "Share of the light that comes through the blood before the lens", share);
+    }
     let alarms = Figures::default();
     for (_, name) in PUMP_ALARMS {
         let is_on = pump.alarms.iter().chain(&pump.notices).any(|alarm| alarm == name);
@@ -183,7 +186,7 @@ mod tests {
         let recording = Some(Recording::default());
         let status = Status { tick: 1_234, state: "running".into(), processes: vec![process], recording, ..Status::default() };
         let (alarms, notices) = (vec!["deficit".into()], vec!["container change".into()]);
-        let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, alarms, notices, ..Pump::default() };
+        let pump = Pump { deficit_ml: 12.5, bled_ml: 1.5, transmittance: Some(0.25), alarms, notices, ..Pump::default() };
         let pictures = Pictures {
             count: 9_000,
             age_s: 0.25,
@@ -203,6 +206,7 @@ mod tests {
             "hystation_process_restarts_total{process=\"haptic:1\",role=\"haptic\"} 3",
             "hystation_pump_deficit_milliliters 12.5",
             "hystation_pump_bled_milliliters 1.5",
+            "hystation_view_transmittance_ratio 0.25",
             "hystation_pump_alarm{alarm=\"deficit\"} 1.0",
             "hystation_pump_alarm{alarm=\"pressure\"} 0.0",
             "hystation_pump_alarm{alarm=\"container change\"} 1.0",

@@ -12,6 +12,7 @@ use crate::coarse::halved;
 use crate::crew::Crew;
 use crate::heard::Heard;
 use crate::holes::Holes;
+use crate::lens::Gaze;
 use crate::pieces::Pieces;
 use crate::seals::{self, Seals};
 use crate::status::{Head, hash_of, is_of, status_of};
@@ -55,6 +56,8 @@ pub struct FlowEngine<'a> {
     seals: Seals,
     holes: Holes,
     instrument: Instrument,
+    /// Where its lens looks in the step.
+    gaze: Option<Gaze>,
     /// It was said that the tissue does not close the cavity.
     has_said_open: bool,
     seed_m: [f32; 3],
@@ -132,6 +135,7 @@ impl<'a> FlowEngine<'a> {
             seals: Seals::new(),
             holes: Holes::new(scene),
             instrument: Instrument::of(scene),
+            gaze: None,
             has_said_open: false,
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
             scene_ticks: figures.period_ticks(),
@@ -239,7 +243,8 @@ impl<'a> FlowEngine<'a> {
         gas.copy_from_slice(bytemuck::cast_slice(view.bubbles()));
         self.seals.store(seals);
         let (open_vessels, sealed_vessels) = (self.wounds.open_count(), self.seals.sealed());
-        let status = FluidStatus { pieces: self.pieces.flows(&view), open_vessels, sealed_vessels, ..status };
+        let transmittance = self.gaze.map_or(0.0, |gaze| gaze.told(&view));
+        let status = FluidStatus { pieces: self.pieces.flows(&view), open_vessels, sealed_vessels, transmittance, ..status };
         head.copy_from_slice(bytemuck::bytes_of(&Head::of(status, &solver.model().grid)));
         self.status = status;
         Ok(())
@@ -299,6 +304,7 @@ impl Stateful for FlowEngine<'_> {
 
     fn initial(&mut self, header: StreamHeader, state: &mut [u8]) -> Result<(), Failure> {
         self.seals.clear();
+        self.gaze = None;
         self.write(header, self.told(self.step_ticks.get(), FluidStatus::default()), state)
     }
 

@@ -9,6 +9,7 @@ mod engine;
 mod gas;
 mod heard;
 mod holes;
+mod lens;
 mod pieces;
 mod seals;
 mod status;

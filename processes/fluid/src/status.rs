@@ -65,5 +65,9 @@ pub(crate) fn hash_of(state: &[u8]) -> u64 {
 pub(crate) fn is_of(status: &FluidStatus, header: &StreamHeader) -> bool {
     let numbers = [status.deficit_ml, status.cavity_volume_ml, status.bled_ml, status.pressure_pa as f64];
     let of_tick = status.state_tick == header.tick || header.step_ticks == 0;
-    of_tick && numbers.iter().all(|value| value.is_finite()) && status.on_scope_n.iter().all(|force| force.is_finite())
+    let is_share = (0.0..=1.0).contains(&status.transmittance);
+    of_tick
+        && is_share
+        && numbers.iter().all(|value| value.is_finite())
+        && status.on_scope_n.iter().all(|force| force.is_finite())
 }

@@ -1,5 +1,6 @@
 //! The instrument in the medium: the scope as a solid, its loop as wires, its ports and the pump.
 
+use crate::lens::{Gaze, Lens};
 use glam::{Quat, Vec3};
 use hyst_flow::{Capsule, FlowInputs, MAX_WIRES, Port, PumpInput, StepReport, Way};
 use hyst_messages::{BUTTON_EXTENDED, Controls, HardwareSample, MAX_ON_SCOPE_N};
@@ -22,6 +23,7 @@ pub struct Instrument {
     electrode: Option<LoadedLoop>,
     pivot_m: Vec3,
     max_flow_ml_min: f32,
+    lens: Lens,
 }
 
 impl Instrument {
@@ -33,12 +35,18 @@ impl Instrument {
             electrode: rigid.and_then(|rigid| rigid.electrode.clone()),
             pivot_m: Vec3::from(scene.workspace.pivot_m),
             max_flow_ml_min: scene.fluid.pump.max_flow_ml_min as f32,
+            lens: Lens::of(scene),
         }
     }
 
     /// Its loop, if it has one.
     pub fn electrode(&self) -> Option<&LoadedLoop> {
         self.electrode.as_ref()
+    }
+
+    /// Where its lens looks; `None` if the hardware says nothing of it.
+    pub fn gaze(&self, sample: &HardwareSample) -> Option<Gaze> {
+        self.lens.gaze(sample)
     }
 
     /// What a step gets from the hardware: the scope and its loop as obstacles, the ports, valves and pump.

@@ -176,7 +176,20 @@ pub fn register_parts(case: &Case, body: &mut Body) -> Vec<Piece> {
 /// it, and what had come free before has been counted then, so cutting or burning it again counts nothing. Not below 0: the volume of a mesh that is
 /// divided anew is the same but for its rounding.
 pub fn removed_m3(before: &World, after: &World) -> f64 {
-    let held_m3 = |world: &World| pathology_m3(world, |_, record| !record.is_free_piece());
+    lost_m3(before, after, true)
+}
+
+/// What a cut has taken off other tissue than pathology, m³, by the same count: what nothing holds any more, and what is burnt. A wound that takes nothing off
+/// is none of it, however deep it is.
+pub fn healthy_removed_m3(before: &World, after: &World) -> f64 {
+    lost_m3(before, after, false)
+}
+
+/// How much less is held after a cut, of pathology or of all else, m³.
+fn lost_m3(before: &World, after: &World, of_pathology: bool) -> f64 {
+    let held_m3 = |world: &World| {
+        volume_m3(world, |object, record| world.case.is_pathology(&world.body, object) == of_pathology && !record.is_free_piece())
+    };
     (held_m3(before) - held_m3(after)).max(0.0)
 }
 
@@ -187,14 +200,12 @@ pub fn freed_m3(before: &World, after: &World, parted: &[Piece]) -> f64 {
     let was = |object: u32| parted.iter().find(|piece| piece.object == object).map_or(object, |piece| piece.of);
     let was_free = |object: u32| before.objects.get(was(object) as usize).is_some_and(ObjectRecord::is_free_piece);
     // The sum of nothing is -0, of which and 0 the greater has no bits that are sure; it becomes part of the state.
-    0.0 + pathology_m3(after, |object, record| record.is_free_piece() && !was_free(object))
+    let is_freed = |object: u32, record: &ObjectRecord| record.is_free_piece() && !was_free(object);
+    0.0 + volume_m3(after, |object, record| after.case.is_pathology(&after.body, object) && is_freed(object, record))
 }
 
-/// Volume of the pathology whose objects are counted, m³.
-fn pathology_m3(world: &World, is_counted: impl Fn(u32, &ObjectRecord) -> bool) -> f64 {
-    let is_counted: Vec<bool> = (0..)
-        .zip(&world.objects)
-        .map(|(object, record)| world.case.is_pathology(&world.body, object) && is_counted(object, record))
-        .collect();
+/// Volume of the objects that are counted, m³.
+fn volume_m3(world: &World, is_counted: impl Fn(u32, &ObjectRecord) -> bool) -> f64 {
+    let is_counted: Vec<bool> = (0..).zip(&world.objects).map(|(object, record)| is_counted(object, record)).collect();
     world.body.volume_where_m3(|object| is_counted.get(object as usize).is_some_and(|is_counted| *is_counted))
 }

@@ -29,6 +29,8 @@ pub struct Core {
     pub removed_volume_ml: f64,
     /// The largest piece of it that came free by one cut so far, ml.
     pub largest_piece_ml: f64,
+    /// Taken off other tissue so far, ml.
+    pub healthy_removed_ml: f64,
     /// What has left through the outflow so far, ml.
     pub washed_out_ml: f64,
     /// What was taken out in the jaws so far, ml.
@@ -65,7 +67,8 @@ impl Core {
     /// Whether what counts and what the next step uses of it are numbers that can be.
     pub fn is_sane(&self) -> bool {
         let mut speeds = self.pieces.iter().flat_map(|flow| flow.velocity_m_s);
-        let volumes_ml = [self.removed_volume_ml, self.largest_piece_ml, self.washed_out_ml, self.taken_out_ml];
+        let [removed_ml, healthy_ml] = [self.removed_volume_ml, self.healthy_removed_ml];
+        let volumes_ml = [removed_ml, self.largest_piece_ml, healthy_ml, self.washed_out_ml, self.taken_out_ml];
         let volumes_ml = volumes_ml.map(|volume_ml| volume_ml as f32);
         let numbers = [self.pressure_pa, self.loop_m, self.hold_m];
         let mut all = self.velocity_m_s.iter().chain(&self.force_n).chain(&numbers).chain(&volumes_ml);
@@ -168,7 +171,7 @@ mod tests {
     fn a_core_with_a_number_that_is_none_is_not_sane_wherever_it_is() {
         assert!(Core::default().is_sane());
         type Spoil = fn(&mut Core);
-        let spoilt: [(&str, Spoil); 15] = [
+        let spoilt: [(&str, Spoil); 16] = [
             ("position", |core| core.pose.position_m[2] = f32::NAN),
             ("orientation", |core| core.pose.orientation[3] = f32::INFINITY),
             ("insertion", |core| core.pose.insertion_m = f32::NAN),
@@ -177,6 +180,7 @@ mod tests {
             ("force", |core| core.force_n[1] = f32::NEG_INFINITY),
             ("removed", |core| core.removed_volume_ml = f64::NAN),
             ("largest", |core| core.largest_piece_ml = f64::NAN),
+            ("healthy", |core| core.healthy_removed_ml = f64::INFINITY),
             ("washed out", |core| core.washed_out_ml = f64::NAN),
             ("taken out", |core| core.taken_out_ml = f64::INFINITY),
             ("pressure", |core| core.pressure_pa = f32::NAN),

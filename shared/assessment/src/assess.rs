@@ -242,6 +242,7 @@ impl Measured {
         }
         self.curves.pressure_pa.add(since_ticks, f64::from(status.pressure_pa));
         self.curves.deficit_ml.add(since_ticks, status.deficit_ml);
+        self.curves.transmittance.add(since_ticks, status.told_transmittance().map_or(f64::NAN, f64::from));
         if self.is_over() {
             return;
         }

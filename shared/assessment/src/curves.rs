@@ -101,6 +101,8 @@ pub struct Curves {
     pub deficit_ml: Series,
     /// Volume removed, ml.
     pub removed_ml: Series,
+    /// Share of the light that comes through the blood, 0 to 1.
+    pub transmittance: Series,
     /// Where there is a value there was current in the loop.
     pub current: Series,
     /// Way of the tip.

@@ -1,11 +1,12 @@
 //! The report for programs. Numbers are not rounded; what is not recorded is `null`.
 
+use crate::absent::ABSENT;
 use crate::columns::{Column, Sessions, seconds, word};
 use crate::judge::Judge;
 use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
-use crate::table::{ABSENT, OF_THE_TASK};
+use crate::table::OF_THE_TASK;
 use hyst_messages::{FLOW_FLAWS, PUMP_ALARMS};
 use hyst_recording::{Event, Picture};
 use serde_json::{Map, Value, json};

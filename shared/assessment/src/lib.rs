@@ -5,11 +5,13 @@
 //! Promise: the same recording gives the same bytes, whatever the number of threads; memory does not grow with the recording's length; what the
 //! recording does not hold is called absent and not invented; a raw value stands beside each score. Nothing in a recording causes a panic.
 
+mod absent;
 mod anatomy;
 mod assess;
 mod begin;
 mod bleeding;
 mod case;
+mod clarity;
 mod columns;
 mod conduct;
 mod curves;
@@ -34,8 +36,10 @@ mod table;
 mod text;
 mod way;
 
+pub use absent::ABSENT;
 pub use anatomy::Anatomy;
 pub use assess::{Assessment, Measured, assess, judge_until};
+pub use clarity::{CLEAR_SHARE, Clarity};
 pub use columns::{Column, Sessions};
 pub use conduct::{Conduct, Peak};
 pub use curves::{Curves, Series, Trace};
@@ -52,5 +56,5 @@ pub use motion::Motion;
 pub use page::html;
 pub use processes::{ProcessSum, Processes};
 pub use row::{CSV_HEAD, Row};
-pub use table::{ABSENT, METRICS, OF_THE_TASK};
+pub use table::{METRICS, OF_THE_TASK};
 pub use text::text;

@@ -2,6 +2,7 @@
 //! second; and the valves and the light, from the records of the ticks.
 
 use crate::bleeding::Bleeding;
+use crate::clarity::Clarity;
 use crate::conduct::Peak;
 use hyst_messages::{Controls, FLOW_FLAWS, FluidStatus, PUMP_ALARMS, PUMP_NOTICES};
 use std::collections::VecDeque;
@@ -50,6 +51,8 @@ pub struct Medium {
     pub bled_known_ticks: u64,
     /// Of them those in which it does so faster than 1 ml/min.
     pub bleeding_ticks: u64,
+    /// How clear the view was through it.
+    pub clarity: Clarity,
     /// Steepest rise of the deficit over 10 s or more, ml/min; the tick is its end.
     pub steepest: Option<Peak>,
     /// Medium that flowed in, ml.
@@ -86,6 +89,7 @@ impl Medium {
     pub(crate) fn begin(&mut self, tick: u64) {
         (self.known_ticks, self.low_ticks, self.high_ticks, self.parted_ticks, self.alarm_ticks) = (0, 0, 0, 0, 0);
         (self.bled_known_ticks, self.bleeding_ticks) = (0, 0);
+        self.clarity = Clarity::default();
         (self.valve_ticks, self.shut_ticks, self.dark_ticks) = (0, 0, 0);
         self.began_tick = tick;
     }
@@ -150,6 +154,9 @@ impl Medium {
         if let Some(rate_ml_min) = self.bled.rate_ml_min().filter(|_| status.bled_ml.is_finite()) {
             self.bled_known_ticks += ticks;
             self.bleeding_ticks += if rate_ml_min > BLEEDS_ML_MIN { ticks } else { 0 };
+        }
+        if let Some(share) = status.told_transmittance() {
+            self.clarity.hold(f64::from(share), ticks);
         }
     }
 
@@ -224,6 +231,23 @@ mod tests {
         }
         // Known from half a second on; over a second before 2 900 it bled at 1.14 ml/min in the mean, before 3 000 at 0.6.
         assert_eq!((medium.bled_known_ticks, medium.bleeding_ticks), (4_500, 2_500));
+    }
+
+    #[test]
+    fn the_view_is_what_each_status_says_of_it_since_the_session_began_and_unknown_where_none_does() {
+        let mut medium = Medium::default();
+        // Clear for a second, then a quarter of the light for one, then nothing is said for one, then a quarter again for half of one.
+        let story = [(0, 1.0), (1_000, 0.25), (2_000, 0.0), (2_500, f32::NAN), (3_000, 0.25), (3_500, 1.0)];
+        for (tick, transmittance) in story {
+            medium.status(&FluidStatus { transmittance, ..status(tick, 70.0, 0.0, 0) });
+        }
+        let clarity = medium.clarity;
+        assert_eq!((clarity.known_ticks, clarity.clear_ticks, clarity.longest_known_ticks()), (2_500, 1_000, Some(1_500)));
+        assert_eq!(clarity.mean_share(), Some(0.55));
+        medium.begin(4_000);
+        assert_eq!(medium.clarity, Clarity::default(), "what was before counts no more");
+        medium.status(&FluidStatus { transmittance: 0.25, ..status(4_250, 70.0, 0.0, 0) });
+        assert_eq!((medium.clarity.known_ticks, medium.clarity.clear_ticks), (250, 250));
     }
 
     #[test]

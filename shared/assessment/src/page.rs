@@ -1,5 +1,6 @@
 //! The report as one page that needs nothing beside it: no script, no network, curves as SVG; for light and dark screens and for paper.
 
+use crate::absent::ABSENT;
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::judge::Judge;
@@ -7,7 +8,6 @@ use crate::markup::{escape, plain};
 use crate::metric::{Group, Metric};
 use crate::plots::curves;
 use crate::style::STYLE;
-use crate::table::ABSENT;
 use crate::way::{Side, way};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
@@ -33,7 +33,7 @@ pub fn html(sessions: &Sessions) -> String {
     metrics(&mut page, sessions);
     facts(&mut page, &reported.pump_facts());
     page.push_str("</section>\n<section><h2>Over time</h2>\n<p class=\"note\">Each curve spans from the least to the largest value at its time. The dashed level \
-         is the force to stay below, the shaded range the working pressure. Upright and solid are goals that were reached (green), and faults and takeovers of \
+         is the force to stay below, the shaded ranges are the working pressure and the light of a clear view. Upright and solid are goals that were reached (green), and faults and takeovers of \
          the station, as in the table below; dashed are warnings of the case (amber) and alarms and notices of the pump (red); the bars on the axis \
          of the time are current in the loop. Each says what it is to a pointer that rests on it.</p>\n");
     page.push_str(&curves(reported));

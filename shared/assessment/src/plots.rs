@@ -2,6 +2,7 @@
 //! tenth of a pixel; what is drawn has a bound, whatever the length of the recording.
 
 use crate::assess::Measured;
+use crate::clarity::CLEAR_SHARE;
 use crate::columns::{Column, seconds, word};
 use crate::curves::{Curves, Series};
 use crate::force::LIMIT_N;
@@ -62,7 +63,7 @@ pub(crate) fn curves(column: &Column) -> String {
     format!("<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"curves over time\">{svg}</svg>\n")
 }
 
-fn all(curves: &Curves) -> [Curve<'_>; 5] {
+fn all(curves: &Curves) -> [Curve<'_>; 6] {
     let plain = |title, class, series| Curve {
         title,
         class,
@@ -81,6 +82,11 @@ fn all(curves: &Curves) -> [Curve<'_>; 5] {
             factor: to_mmhg,
             band: Some([LOW_PA * to_mmhg, HIGH_PA * to_mmhg]),
             ..plain("pressure in the cavity, mmHg", "pressure", &curves.pressure_pa)
+        },
+        Curve {
+            factor: 100.0,
+            band: Some([100.0 * CLEAR_SHARE, 100.0]),
+            ..plain("light that comes through the blood, %", "light", &curves.transmittance)
         },
         plain("deficit, ml", "deficit", &curves.deficit_ml),
         plain("volume removed, ml", "removed", &curves.removed_ml),

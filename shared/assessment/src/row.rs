@@ -12,7 +12,7 @@ const ROW_TICKS: u64 = 100;
 /// The first line.
 pub const CSV_HEAD: &str = "tick,time_s,ticks,x_m,y_m,z_m,pitch_rad,yaw_rad,roll_rad,insertion_m,camera_roll_rad,speed_m_s,force_mean_n,force_max_n,worst_kind,\
     buttons,loop_extension_m,inflow_valve,outflow_valve,set_pressure_pa,light,pressure_pa,cavity_volume_ml,deficit_ml,inflow_ml_min,outflow_ml_min,alarms,\
-    removed_volume_ml,cuts,bled_ml,focus_m";
+    removed_volume_ml,cuts,bled_ml,focus_m,transmittance,healthy_removed_ml";
 
 /// A tenth of a second.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,6 +72,9 @@ impl Row {
         number(&mut line, self.fluid.map_or(f64::NAN, |fluid| fluid.bled_ml), None);
         let focus_m = controls.focus_or(f32::NAN); // 0 is none
         number(&mut line, f64::from(focus_m), Some(focus_m));
+        let transmittance = self.fluid.and_then(|fluid| fluid.told_transmittance()).unwrap_or(f32::NAN);
+        number(&mut line, f64::from(transmittance), Some(transmittance));
+        number(&mut line, self.tissue.map_or(f64::NAN, |tissue| tissue.healthy_removed_ml), None);
         line
     }
 }
@@ -133,17 +136,20 @@ mod tests {
             record.command.kind = u32::from(tick == 120);
             record.sample.pose.position_m = [0.1, f32::NAN, 0.0];
             record.sample.controls.focus_m = if tick < 200 { 0.008 } else { 0.0 };
-            let tissue = TissueStatus { cuts: 3, removed_volume_ml: 0.25, ..TissueStatus::default() };
-            done.extend(rows.tick(&record, tick, (Some(tissue), None)));
+            let healthy_removed_ml = if tick < 200 { 0.125 } else { f64::NAN };
+            let tissue = TissueStatus { cuts: 3, removed_volume_ml: 0.25, healthy_removed_ml, ..TissueStatus::default() };
+            let told = FluidStatus { transmittance: 0.75, ..FluidStatus::default() };
+            done.extend(rows.tick(&record, tick, (Some(tissue), Some(told).filter(|_| tick < 100))));
         }
         done.extend(rows.finish());
         assert!(rows.finish().is_none());
         let shape: Vec<_> = done.iter().map(|row| (row.record.tick, row.ticks, row.worst_kind)).collect();
         assert_eq!(shape, [(106, 100, 0), (206, 100, 1), (256, 50, 0)]);
         let line = done[1].csv();
-        assert!(line.starts_with("206,0.199,100,0.1,,0,0,") && line.ends_with(",,,,,,,0.25,3,,0.008"), "{line}");
+        assert!(line.starts_with("206,0.199,100,0.1,,0,0,") && line.ends_with(",,,,,,,0.25,3,,0.008,,0.125"), "{line}");
         assert!(line.contains(",149.5,199,1,"), "{line}");
-        assert!(done[2].csv().ends_with(",0.25,3,,"), "no focus is stated");
+        assert!(done[0].csv().ends_with(",0.25,3,0,0.008,0.75,0.125"), "{}", done[0].csv());
+        assert!(done[2].csv().ends_with(",0.25,3,,,,"), "no focus is stated, and neither view nor wall is recorded");
         for row in &done {
             assert_eq!(row.csv().split(',').count(), CSV_HEAD.split(',').count());
         }

@@ -3,11 +3,11 @@
 /// The style sheet.
 pub(crate) const STYLE: &str = "\
 :root{color-scheme:light dark;--paper:#fff;--panel:#f8fafc;--ink:#0f172a;--soft:#57606f;--line:#dfe4ea;--good:#15803d;--bad:#b91c1c;--warn:#b45309;\
---force:#b91c1c;--insertion:#1d4ed8;--pressure:#0f766e;--deficit:#7c3aed;--removed:#a16207;--band:#0f766e22}\
+--force:#b91c1c;--insertion:#1d4ed8;--pressure:#0f766e;--deficit:#7c3aed;--removed:#a16207;--light:#475569;--band:#0f766e22}\
 @media (prefers-color-scheme:dark){:root{--paper:#0f141b;--panel:#182029;--ink:#e6eaf0;--soft:#9aa5b4;--line:#2c3643;--good:#4ade80;--bad:#f87171;--warn:#fbbf24;\
---force:#f87171;--insertion:#60a5fa;--pressure:#2dd4bf;--deficit:#c4b5fd;--removed:#facc15;--band:#2dd4bf22}}\
+--force:#f87171;--insertion:#60a5fa;--pressure:#2dd4bf;--deficit:#c4b5fd;--removed:#facc15;--light:#cbd5e1;--band:#2dd4bf22}}\
 @media print{:root{color-scheme:light;--paper:#fff;--panel:#fff;--ink:#000;--soft:#333;--line:#bbb;--good:#15803d;--bad:#b91c1c;--warn:#b45309;\
---force:#b91c1c;--insertion:#1d4ed8;--pressure:#0f766e;--deficit:#7c3aed;--removed:#a16207;--band:#0f766e22}\
+--force:#b91c1c;--insertion:#1d4ed8;--pressure:#0f766e;--deficit:#7c3aed;--removed:#a16207;--light:#475569;--band:#0f766e22}\
 body{margin:0;max-width:none;font-size:11px}section{break-inside:avoid}.bar i{print-color-adjust:exact;-webkit-print-color-adjust:exact}}\
 *{box-sizing:border-box}body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:1120px;margin:2rem auto;padding:0 1rem}\
 h1{font-size:1.6rem;margin:0 0 .6rem}h2{font-size:1.15rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line);padding-bottom:.2rem}\
@@ -25,7 +25,7 @@ th:first-child,td:first-child,td.text,th.text{text-align:left}td.text{white-spac
 svg text{font:11.5px system-ui,sans-serif;fill:var(--soft)}svg text.title{fill:var(--ink);font-weight:600}.grid{stroke:var(--line)}.frame{fill:none;stroke:var(--line)}\
 .band{fill:var(--band)}.limit{stroke:var(--soft);stroke-dasharray:5 4}.curve{stroke-width:1.3;stroke-linejoin:round;fill-opacity:.35}\
 .force{fill:var(--force);stroke:var(--force)}.insertion{fill:var(--insertion);stroke:var(--insertion)}.pressure{fill:var(--pressure);stroke:var(--pressure)}\
-.deficit{fill:var(--deficit);stroke:var(--deficit)}.removed{fill:var(--removed);stroke:var(--removed)}.mark{stroke-width:1.2;opacity:.75}\
+.deficit{fill:var(--deficit);stroke:var(--deficit)}.removed{fill:var(--removed);stroke:var(--removed)}.light{fill:var(--light);stroke:var(--light)}.mark{stroke-width:1.2;opacity:.75}\
 .mark.error{stroke:var(--bad)}.mark.warning{stroke:var(--warn)}.mark.takeover{stroke:var(--insertion)}\
 .mark.goal{stroke:var(--good);stroke-width:2}.mark.warned{stroke:var(--warn);stroke-dasharray:3 3}.mark.alarm{stroke:var(--bad);stroke-dasharray:3 3}.current{fill:var(--ink);opacity:.6}.way{fill:none;stroke:var(--insertion);stroke-width:1;stroke-linejoin:round;opacity:.8}\
 .organ{fill:none;stroke:var(--soft);stroke-width:1.2;opacity:.7}.pathology{fill:var(--removed);opacity:.25}\

@@ -1,5 +1,6 @@
 //! The table of the metrics: what is shown and scored where no case says otherwise, and where that comes from.
 
+use crate::clarity::CLEAR_SHARE;
 use crate::force::LIMIT_N;
 use crate::judge::Judge;
 use crate::medium::{BLEEDS_ML_MIN, HIGH_PA, LOW_PA, PA_PER_MMHG, PARTED_PA};
@@ -12,7 +13,7 @@ const SHOWN: &str = "shown, not scored: it depends on the case";
 /// The pressures are those of `medium` (WOM's manual; ACOG Committee Opinion 800), the limit of the deficit is ACOG's for hypotonic media, which is
 /// the strictest (1 000 ml; 2 500 ml for isotonic saline), the loss of 300 ml/min is the pump's alarm, 3.3 N is what the device makes. What is
 /// marked as assumed has no published figure: it is this station's guess at a short diagnostic or polyp case, and a course will want its own.
-pub static METRICS: [Definition; 36] = [
+pub static METRICS: [Definition; 40] = [
     Definition {
         group: Group::Visualisation,
         key: "distended",
@@ -48,6 +49,33 @@ pub static METRICS: [Definition; 36] = [
         scale: scale(5.0, 50.0, 1.0),
         value: |m| share(m.medium.bleeding_ticks, m.medium.bled_known_ticks),
         source: "1 ml/min: the case of a bleeding; shares assumed",
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "clear_view",
+        name: "time with a clear view (half of the light)",
+        unit: "%",
+        scale: scale(95.0, 50.0, 1.0),
+        value: |m| share(m.medium.clarity.clear_ticks, m.medium.clarity.known_ticks),
+        source: "light through the blood, over 20 mm or to the wall; shares assumed",
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "view_lost",
+        name: "longest time without a clear view",
+        unit: "s",
+        scale: None,
+        value: |m| m.medium.clarity.longest_known_ticks().map(|ticks| ticks as f64 * 1e-3),
+        source: SHOWN,
+    },
+    Definition {
+        group: Group::Visualisation,
+        key: "transmittance",
+        name: "light that comes through the blood, mean",
+        unit: "%",
+        scale: None,
+        value: |m| m.medium.clarity.mean_share().map(|share| 100.0 * share),
+        source: SHOWN,
     },
     Definition {
         group: Group::Visualisation,
@@ -221,6 +249,15 @@ pub static METRICS: [Definition; 36] = [
         source: SHOWN,
     },
     Definition {
+        group: Group::Safety,
+        key: "healthy_removed",
+        name: "volume of healthy tissue taken off",
+        unit: "ml",
+        scale: None,
+        value: |m| m.tissue.map(|status| status.healthy_removed_ml),
+        source: SHOWN,
+    },
+    Definition {
         group: Group::Fluid,
         key: "pressure_low",
         name: "time below 35 mmHg",
@@ -342,18 +379,10 @@ pub static METRICS: [Definition; 36] = [
 /// What is good only where the task is done, by the keys of its metrics: who does nothing is quick, and has a short way.
 pub const OF_THE_TASK: [&str; 4] = ["time", "path", "economy", "camera_turned"];
 
-/// What trainees are scored on and no recording holds: group, what, why.
-pub const ABSENT: [(Group, &str, &str); 4] = [
-    (Group::Visualisation, "how cloudy the view was", "single pictures are recorded"),
-    (Group::Visualisation, "what hid a landmark", "no shapes are recorded"),
-    (Group::Safety, "healthy tissue that was burnt", "only removed pathology is recorded"),
-    (Group::Safety, "where a force was applied", "contacts are recorded by number alone"),
-];
-
 // The names in the table say these numbers.
 const _: () = assert!(LOW_PA == 35.0 * PA_PER_MMHG && PARTED_PA == 40.0 * PA_PER_MMHG);
 const _: () = assert!(HIGH_PA == 100.0 * PA_PER_MMHG && LIMIT_N == 1.65);
-const _: () = assert!(BLEEDS_ML_MIN == 1.0);
+const _: () = assert!(BLEEDS_ML_MIN == 1.0 && CLEAR_SHARE == 0.5);
 
 const fn scale(full: f64, none: f64, weight: f64) -> Option<Scale> {
     Some(Scale { full, none, weight })

@@ -1,11 +1,11 @@
 //! The report for a terminal of 100 columns; each session beyond three to compare with makes it wider.
 
+use crate::absent::ABSENT;
 use crate::case;
 use crate::columns::{Column, NONE, Sessions, letter, number, percent, seconds, word};
 use crate::markup::plain;
 use crate::metric::{Group, Metric};
 use crate::processes::ProcessSum;
-use crate::table::ABSENT;
 use hyst_recording::{Event, Picture};
 use std::fmt::Write;
 

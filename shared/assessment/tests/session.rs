@@ -24,7 +24,10 @@ fn a_square_has_its_length_its_time_and_no_score_for_what_is_not_recorded() {
     let assessment = of_blocks("square", &[Block { applied: square(1_000), ..Block::default() }]);
     assert!(is_near(&assessment, "path", 0.04) && is_near(&assessment, "time", 0.041));
     assert!(is_near(&assessment, "economy", 100.0 * 2f64.sqrt() / 4.0));
-    for key in ["distended", "pressure_low", "deficit", "inflow", "bled", "bleeding", "cuts", "removed", "energised_free"] {
+    let of_medium = ["distended", "pressure_low", "deficit", "inflow", "bled", "bleeding"];
+    let of_view = ["clear_view", "view_lost", "transmittance"];
+    let of_loop = ["cuts", "removed", "healthy_removed", "energised_free"];
+    for key in of_medium.into_iter().chain(of_view).chain(of_loop) {
         assert_eq!(value(&assessment, key), None, "{key}");
     }
     let scores = scores(&assessment.measured);

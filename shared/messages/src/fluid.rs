@@ -94,6 +94,28 @@ pub struct FluidStatus {
     /// What the medium does to scope and loop beyond the cavity's mean pressure, as a force at the tip, N, within
     /// [`MAX_ON_SCOPE_N`](crate::record::MAX_ON_SCOPE_N) along each axis.
     pub on_scope_n: [f32; 3],
-    /// Zero.
-    pub reserved: u32,
+    /// Share of the light that comes through the blood before the lens, over 20 mm or to the wall, in the mean over the field of view: above 0, and 1 where
+    /// there is none. 0 where nothing is said of it, as while the lens is in tissue; no number in a recording of before it was told. See
+    /// [`told_transmittance`](FluidStatus::told_transmittance).
+    pub transmittance: f32,
+}
+
+impl FluidStatus {
+    /// What it says of the light before the lens; `None` if it says nothing, or what cannot be.
+    pub fn told_transmittance(&self) -> Option<f32> {
+        Some(self.transmittance).filter(|share| *share > 0.0 && *share <= 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_status_that_says_nothing_of_the_view_or_what_cannot_be_tells_of_none() {
+        let told = |transmittance| FluidStatus { transmittance, ..FluidStatus::default() }.told_transmittance();
+        assert_eq!([1e-6, 0.25, 1.0].map(told), [Some(1e-6), Some(0.25), Some(1.0)]);
+        assert_eq!([0.0, -0.0, -0.5, 1.5, f32::NAN, f32::INFINITY].map(told), [None; 6]);
+        assert_eq!(FluidStatus::default().told_transmittance(), None);
+    }
 }

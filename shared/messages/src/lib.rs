@@ -36,7 +36,7 @@ pub use tissue::{CUT_LIMIT, TissueStatus};
 pub const TICK_NS: u64 = 1_000_000;
 
 /// Version of every layout in this crate. It is part of each page's magic and of each stream's name.
-pub const LAYOUT_VERSION: u32 = 20;
+pub const LAYOUT_VERSION: u32 = 21;
 
 /// Version of what an engine does beside its layouts: its command line, its life, when it reads and writes what. Raised by hand.
 pub const INTERFACE_VERSION: u32 = 2;

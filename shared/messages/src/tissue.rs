@@ -18,6 +18,9 @@ pub struct TissueStatus {
     /// Volume of the largest piece of it that has come free so far, ml; of those that the same cut parted the sum. No number in a recording of before it
     /// was told.
     pub largest_piece_ml: f64,
+    /// Volume of other tissue that was taken off so far, ml: what of the organ nothing holds any more, and what was burnt of it. No number in a recording of
+    /// before it was told.
+    pub healthy_removed_ml: f64,
     /// Volume of the cavity's distension, Pa, as used in the step.
     pub cavity_pressure_pa: f32,
     /// Contacts found in the step.

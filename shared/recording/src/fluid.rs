@@ -41,6 +41,9 @@ pub(crate) struct Fluid {
     /// Older recordings do not have it: no numbers then.
     #[serde(default)]
     on_scope_n: Xyz,
+    /// Likewise: no number then.
+    #[serde(default, skip_serializing_if = "Number::is_none")]
+    transmittance: Number,
 }
 
 impl Fluid {
@@ -62,6 +65,7 @@ impl Fluid {
             open_vessels: status.open_vessels,
             sealed_vessels: status.sealed_vessels,
             on_scope_n: Xyz::of(status.on_scope_n),
+            transmittance: Number(status.transmittance),
         }
     }
     pub(crate) fn status(&self) -> FluidStatus {
@@ -82,6 +86,7 @@ impl Fluid {
             open_vessels: self.open_vessels,
             sealed_vessels: self.sealed_vessels,
             on_scope_n: self.on_scope_n.array(),
+            transmittance: self.transmittance.0,
             ..FluidStatus::default()
         }
     }
@@ -92,8 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_blood_and_the_force_on_the_scope_of_a_recording_from_before_they_were_recorded_are_no_numbers_and_no_vessel_was_sealed_then()
-     {
+    fn what_a_recording_from_before_it_was_recorded_says_of_blood_scope_and_view_is_no_number_and_no_vessel_was_sealed_then() {
         let status = FluidStatus {
             state_tick: 33,
             deficit_ml: 12.5,
@@ -101,16 +105,18 @@ mod tests {
             open_vessels: 5,
             sealed_vessels: 2,
             on_scope_n: [0.02, -0.0, 1.0 / 3.0],
+            transmittance: 1.0 / 3.0,
             ..FluidStatus::default()
         };
         let mut json = serde_json::to_value(Fluid::of(&status)).unwrap();
         let read = |json: &serde_json::Value| serde_json::from_value::<Fluid>(json.clone()).unwrap().status();
         assert_eq!(read(&json), status);
-        for name in ["bled_ml", "open_vessels", "sealed_vessels", "on_scope_n"] {
+        for name in ["bled_ml", "open_vessels", "sealed_vessels", "on_scope_n", "transmittance"] {
             json.as_object_mut().unwrap().remove(name).unwrap();
         }
         let old = read(&json);
         assert!(old.bled_ml.is_nan() && old.deficit_ml == 12.5 && old.sealed_vessels == 0, "{old:?}");
         assert!(old.on_scope_n.iter().all(|force| force.is_nan()), "{old:?}");
+        assert!(old.transmittance.is_nan() && old.told_transmittance().is_none(), "{old:?}");
     }
 }

@@ -98,7 +98,7 @@ fn tissue_properties() -> Value {
     add(&mut fields, "integer", &["cuts", "topology_version", "washed_out", "held", "taken_out", "cut_limits", "substeps"]);
     add(&mut fields, "integer", &["corrections", "hits_dropped"]);
     add(&mut fields, "number", &["removed_volume_ml", "washed_out_ml", "taken_out_ml"]);
-    add(&mut fields, "number", &["hold_m", "cavity_pressure_pa", "largest_piece_ml"]);
+    add(&mut fields, "number", &["hold_m", "cavity_pressure_pa", "largest_piece_ml", "healthy_removed_ml"]);
     fields
 }
 
@@ -108,7 +108,7 @@ fn fluid_properties() -> Value {
     fields["on_scope_n"] = vector_schema(&["x", "y", "z"]);
     add(&mut fields, "integer", &["tick", "step_ticks", "scene_step_ticks", "halvings", "open_vessels", "sealed_vessels"]);
     add(&mut fields, "number", &["deficit_ml", "cavity_volume_ml", "bled_ml", "pressure_pa"]);
-    add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min"]);
+    add(&mut fields, "number", &["inflow_ml_min", "outflow_ml_min", "transmittance"]);
     fields
 }
 
@@ -205,6 +205,7 @@ mod tests {
         let tissue = TissueStatus {
             removed_volume_ml: wide,
             largest_piece_ml: wide,
+            healthy_removed_ml: wide,
             cavity_pressure_pa: x,
             tool_force_n: [x; 3],
             phase_us: [x; 4],
@@ -221,6 +222,7 @@ mod tests {
             inflow_ml_min: x,
             outflow_ml_min: x,
             on_scope_n: [x; 3],
+            transmittance: x,
             ..FluidStatus::default()
         };
         let spell = ProcessSpell {

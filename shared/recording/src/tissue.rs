@@ -28,6 +28,9 @@ pub(crate) struct Tissue {
     /// Older recordings do not have it: no number then.
     #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
     largest_piece_ml: f64,
+    /// Likewise.
+    #[serde(default = "unknown", skip_serializing_if = "is_unknown", deserialize_with = "number")]
+    healthy_removed_ml: f64,
     #[serde(default, skip_serializing_if = "Number::is_none")]
     cavity_pressure_pa: Number,
     contact_count: u32,
@@ -80,6 +83,7 @@ impl Tissue {
             state_hash: format!("{:016x}", status.state_hash),
             removed_volume_ml: status.removed_volume_ml,
             largest_piece_ml: status.largest_piece_ml,
+            healthy_removed_ml: status.healthy_removed_ml,
             cavity_pressure_pa: Number(status.cavity_pressure_pa),
             contact_count: status.contact_count,
             tool_force_n: Xyz::of(status.tool_force_n),
@@ -110,6 +114,7 @@ impl Tissue {
             state_hash: u64::from_str_radix(&self.state_hash, 16).unwrap_or(0),
             removed_volume_ml: self.removed_volume_ml,
             largest_piece_ml: self.largest_piece_ml,
+            healthy_removed_ml: self.healthy_removed_ml,
             cavity_pressure_pa: self.cavity_pressure_pa.0,
             contact_count: self.contact_count,
             tool_force_n: self.tool_force_n.array(),
@@ -150,5 +155,16 @@ mod tests {
             assert!(message.as_object_mut().unwrap().remove(key).is_some(), "{key}");
         }
         assert_eq!(read(&message), known);
+    }
+
+    #[test]
+    fn healthy_tissue_that_an_older_recorder_knew_nothing_of_is_no_number() {
+        let status = TissueStatus { healthy_removed_ml: 0.125, ..TissueStatus::default() };
+        let mut message = serde_json::to_value(Tissue::of(&status)).unwrap();
+        let read = |message: &serde_json::Value| serde_json::from_value::<Tissue>(message.clone()).unwrap().status();
+        assert_eq!(read(&message), status);
+        assert!(message.as_object_mut().unwrap().remove("healthy_removed_ml").is_some());
+        let old = read(&message);
+        assert!(old.healthy_removed_ml.is_nan() && old.removed_volume_ml == 0.0, "{old:?}");
     }
 }

@@ -9,7 +9,7 @@ use hyst_messages::SAMPLE_KEPT;
 use hyst_messages::page::header;
 
 impl FlowEngine<'_> {
-    /// What the step is told; what the loop touches under the current that coagulates is shut by so much more.
+    /// What the step is told, and where the lens looks in it; what the loop touches under the current that coagulates is shut by so much more.
     pub(super) fn inputs(&mut self, dt_s: f32) -> FlowInputs {
         let sample = self.heard.look(system::now_ns());
         let refused = self.heard.take_refused();
@@ -19,6 +19,7 @@ impl FlowEngine<'_> {
         if self.heard.is_kept() {
             self.flaws |= SAMPLE_KEPT;
         }
+        self.gaze = sample.and_then(|sample| self.instrument.gaze(&sample));
         let mut inputs =
             sample.map_or(FlowInputs { dt_s, ..FlowInputs::default() }, |sample| self.instrument.inputs(&sample, dt_s));
         inputs.gas = sample.map_or_else(Default::default, |sample| gas::source(self.instrument.electrode(), &sample));

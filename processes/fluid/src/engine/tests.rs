@@ -211,6 +211,29 @@ fn a_sample_that_the_device_refuses_moves_neither_valves_nor_scope_and_is_counte
 }
 
 #[test]
+fn a_state_says_how_much_light_comes_through_before_the_lens_and_one_that_founds_the_role_says_nothing() {
+    in_a_station("sight", |mut engine| {
+        let (life, slot) = (engine.life, Slot::first(Role::Hardware));
+        let page = life.station.create_slot(slot, 3).unwrap();
+        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
+        page.write(hardware::STATEMENT, &stated());
+        let rest = at_rest(&load_scene(None).unwrap());
+        page.write(hardware::SAMPLE, &HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..rest });
+        let bytes = engine.message_bytes();
+        let told = |state: &[u64]| {
+            let message = Message::parse(bytemuck::cast_slice(state), Kind::FluidState).unwrap();
+            message.record::<Head>(0).unwrap().status.transmittance
+        };
+        let (mut now, mut next) = (vec![0u64; bytes / 8], vec![0u64; bytes / 8]);
+        engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut now)).unwrap();
+        engine.step(&context(33, 33), bytemuck::cast_slice(&now), bytemuck::cast_slice_mut(&mut next)).unwrap();
+        assert_eq!((told(&now), told(&next), engine.status.transmittance), (0.0, 1.0, 1.0), "there is no blood");
+        engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut next)).unwrap();
+        assert_eq!(told(&next), 0.0);
+    });
+}
+
+#[test]
 fn states_have_the_same_bytes_whatever_lay_in_the_loan() {
     in_a_station("loans", |mut engine| {
         let bytes = engine.message_bytes();

@@ -4,7 +4,7 @@ use super::MainLoop;
 use super::hand::Hand;
 use crate::body::Body;
 use crate::contacts::Contacts;
-use crate::knife::{Stroke, freed_m3, removed_m3};
+use crate::knife::{Stroke, freed_m3, healthy_removed_m3, removed_m3};
 use crate::state::{BODY, STROKE};
 use crate::world::World;
 use hyst_engine::Failure;
@@ -32,6 +32,8 @@ pub(super) struct Change {
     pub(super) removed_ml: f64,
     /// What of that came free by the cut, ml, and is not burnt.
     pub(super) freed_ml: f64,
+    /// What the cut took off other tissue, ml.
+    pub(super) healthy_ml: f64,
     /// Volume of a piece that has left through the outflow, ml.
     pub(super) washed_out_ml: Option<f64>,
     /// Volume of a piece that was taken out in the jaws, ml.
@@ -137,8 +139,10 @@ impl MainLoop<'_> {
                 Ok(world) => {
                     let removed_ml = 1e6 * removed_m3(&self.world, &world);
                     let freed_ml = 1e6 * freed_m3(&self.world, &world, &parted);
+                    let healthy_ml = 1e6 * healthy_removed_m3(&self.world, &world);
                     self.take_world(world);
-                    return Ok(self.limited(Change { is_cut: true, removed_ml, freed_ml, ..Change::default() }, is_limited));
+                    let change = Change { is_cut: true, removed_ml, freed_ml, healthy_ml, ..Change::default() };
+                    return Ok(self.limited(change, is_limited));
                 }
                 Err(error) => error.to_string(),
             },

@@ -55,6 +55,7 @@ impl Hand {
             force_n,
             removed_volume_ml: before.removed_volume_ml + change.removed_ml,
             largest_piece_ml: before.largest_piece_ml.max(change.freed_ml),
+            healthy_removed_ml: before.healthy_removed_ml + change.healthy_ml,
             washed_out_ml: before.washed_out_ml + change.washed_out_ml.unwrap_or(0.0),
             pressure_pa: self.next_medium.pressure_pa,
             contact_count: contacts as u32,

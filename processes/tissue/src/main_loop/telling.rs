@@ -44,6 +44,7 @@ pub(super) fn status_of(
     TissueStatus {
         removed_volume_ml: core.removed_volume_ml,
         largest_piece_ml: core.largest_piece_ml,
+        healthy_removed_ml: core.healthy_removed_ml,
         cuts: core.cuts,
         is_cutting: core.is_cutting,
         washed_out: core.washed_out,

@@ -2,11 +2,14 @@
 
 /// The keys of the metrics that a report scores, and whether each has a scale by default; one without is scored where a case gives it weight and scale.
 /// A test of the report's keeps them in step.
-pub const METRIC_KEYS: [(&str, bool); 36] = [
+pub const METRIC_KEYS: [(&str, bool); 40] = [
     ("distended", true),
     ("dark", true),
     ("outflow_shut", true),
     ("bleeding", true),
+    ("clear_view", true),
+    ("view_lost", false),
+    ("transmittance", false),
     ("landmarks", true),
     ("in_view", true),
     ("time", true),
@@ -26,6 +29,7 @@ pub const METRIC_KEYS: [(&str, bool); 36] = [
     ("coagulated", false),
     ("cuts", false),
     ("removed", false),
+    ("healthy_removed", false),
     ("pressure_low", true),
     ("pressure_high", true),
     ("pressure_peak", true),

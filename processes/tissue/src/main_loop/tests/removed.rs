@@ -1,10 +1,10 @@
 //! Promise of the Main Loop about what is removed: pathology that nothing holds any more, whether it is burnt or has come free, and that once. Of the wall
-//! nothing is. A piece is what of it comes free, also as a whole, and nothing that is burnt.
+//! nothing is: what is taken off that is counted for itself. A piece is what of pathology comes free, also as a whole, and nothing that is burnt.
 
 use super::pieces::{middle_m, part, parted};
 use super::*;
 use crate::body::{Body, Piece};
-use crate::knife::{freed_m3, register_parts, removed_m3};
+use crate::knife::{freed_m3, healthy_removed_m3, register_parts, removed_m3};
 
 /// How far the ring goes through the wall, m, and how deep in it its end begins.
 const THROUGH_M: f32 = 6e-3;
@@ -57,12 +57,17 @@ fn what_is_burnt_of_the_wall_is_not_removed_and_what_is_burnt_of_the_polyp_or_co
     after.body = only(body, |tet| is_polyp(tet) || tet % 3 > 0);
     assert!(after.body.rest.tets.len() < body.rest.tets.len(), "a third of the wall is burnt");
     assert_eq!(removed_m3(&world, &after), 0.0, "and none of the polyp");
+    let of_wall_m3 = only(body, |tet| !is_polyp(tet) && tet % 3 == 0).volume_where_m3(|_| true);
+    let healthy_m3 = healthy_removed_m3(&world, &after);
+    assert!(is_near(healthy_m3, of_wall_m3), "{healthy_m3} of {of_wall_m3} m³ of the wall");
     after.body = only(body, |tet| tet % 3 > 0);
     let burnt_m3 = only(body, |tet| tet % 3 == 0).volume_of_m3(polyp);
     assert!(is_near(removed_m3(&world, &after), burnt_m3), "{} of {burnt_m3} m³", removed_m3(&world, &after));
+    assert_eq!(healthy_removed_m3(&world, &after), healthy_m3, "what is burnt of the polyp is none of the wall");
 
     let (halved, piece, _) = parted(&world, 0.0);
     let freed = made(halved);
+    assert_eq!(healthy_removed_m3(&world, &freed), 0.0, "the wall is whole");
     let free_m3 = freed.body.volume_of_m3(piece);
     let chip = [Piece { object: piece, of: polyp, volume_m3: free_m3, is_held: false }];
     assert!(is_near(freed_m3(&world, &freed, &chip), free_m3), "{} of {free_m3} m³", freed_m3(&world, &freed, &chip));
@@ -141,6 +146,10 @@ fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() 
     let burnt_m3 = body.volume_of_m3(polyp) - after.body.volume_of_m3(polyp);
     assert!(is_near(removed_m3(&world, &after), burnt_m3), "{} of {burnt_m3} m³", removed_m3(&world, &after));
     assert_eq!(freed_m3(&world, &after, &parts), 0.0, "a chip of the wall is no piece of the polyp, nor is what is burnt");
+    let is_free = |piece: &&Piece| after.objects[piece.object as usize].is_free_piece();
+    let chip_m3: f64 = parts.iter().filter(is_free).map(|piece| piece.volume_m3).sum();
+    let healthy_m3 = healthy_removed_m3(&world, &after);
+    assert!(is_near(healthy_m3, chip_m3), "{healthy_m3} of {chip_m3} m³ came free of the wall");
 
     // A part of the polyp, and some of what stays is burnt.
     let (halved, piece, _) = parted(&world, 0.0);
@@ -154,13 +163,13 @@ fn what_is_burnt_of_the_polyp_is_no_piece_whatever_comes_free_by_the_same_cut() 
 
 /// A piece is told of by its state, so who looks less often, or takes over, knows of the same.
 #[test]
-fn the_largest_piece_stays_the_largest_whoever_goes_on_from_the_state() {
+fn the_largest_piece_and_what_was_taken_off_the_wall_stay_whoever_goes_on_from_the_state() {
     let (station, pages) = founded("largest", "workers = 0");
     let life = Life::begin(station.name(), Slot::first(Role::Tissue), 1).unwrap();
     let mut inbox = usher(&station, None, 1, Vec::new()).unwrap();
     let [mut main, mut successor] = [(); 2].map(|()| engine(&station, &life, &mut inbox));
     let mut now = first_state(&mut main);
-    let core = Core { largest_piece_ml: 0.25, ..core_of(&now) };
+    let core = Core { largest_piece_ml: 0.25, healthy_removed_ml: 0.5, ..core_of(&now) };
     let section: &[u8] = Message::parse(bytemuck::cast_slice(&now), Kind::TissueState).unwrap().section(0).unwrap();
     let at = section.as_ptr() as usize - now.as_ptr() as usize;
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut now);
@@ -169,6 +178,8 @@ fn the_largest_piece_stays_the_largest_whoever_goes_on_from_the_state() {
     let after = fed(&mut successor, &pages[1], &next, &InputRecord { tick: 2, ..InputRecord::default() });
     assert_eq!([&next, &after].map(|state| core_of(state).largest_piece_ml), [0.25; 2]);
     assert_eq!([&main, &successor].map(|engine| engine.status.largest_piece_ml), [0.25; 2]);
+    assert_eq!([&next, &after].map(|state| core_of(state).healthy_removed_ml), [0.5; 2]);
+    assert_eq!([&main, &successor].map(|engine| engine.status.healthy_removed_ml), [0.5; 2]);
     assert!(!Core { largest_piece_ml: f64::NAN, ..core }.is_sane());
     drop((main, successor));
 }
@@ -196,5 +207,9 @@ fn a_cut_into_the_wall_removes_nothing() {
     let core = core_of(&now);
     assert!(core.cuts > 0, "the ring went through nothing");
     assert_eq!(core.removed_volume_ml, 0.0, "{} cuts into the wall", core.cuts);
+    // Cut by cut it is what is missing in the end, but for the rounding of the nodes that they made.
+    let missing_ml = 1e6 * healthy_removed_m3(&world, &main.world);
+    assert!((core.healthy_removed_ml - missing_ml).abs() < 1e-4, "{} of {missing_ml} ml", core.healthy_removed_ml);
+    assert_eq!(main.status.healthy_removed_ml, core.healthy_removed_ml);
     drop(main);
 }
