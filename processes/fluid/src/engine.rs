@@ -13,6 +13,7 @@ use crate::crew::Crew;
 use crate::heard::Heard;
 use crate::holes::Holes;
 use crate::pieces::Pieces;
+use crate::removed::Removed;
 use crate::seals::{self, Seals};
 use crate::status::{Head, hash_of, is_of, status_of};
 use crate::tools::Instrument;
@@ -54,6 +55,7 @@ pub struct FlowEngine<'a> {
     /// Of the state that a step goes on from, and then of the one that it makes.
     seals: Seals,
     holes: Holes,
+    removed: Removed,
     instrument: Instrument,
     /// It was said that the tissue does not close the cavity.
     has_said_open: bool,
@@ -131,6 +133,7 @@ impl<'a> FlowEngine<'a> {
             wounds: Wounds::new(&figures.vessels),
             seals: Seals::new(),
             holes: Holes::new(scene),
+            removed: Removed::new(scene),
             instrument: Instrument::of(scene),
             has_said_open: false,
             seed_m: scene.rest.tip_m(scene.workspace.pivot_m),
@@ -213,6 +216,7 @@ impl<'a> FlowEngine<'a> {
         self.pieces.locate(&self.cavity, &tissue, owner);
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
+        self.removed.take(&topology);
         self.wounds.locate(state.section(3)?);
         self.holes.locate(state.section(3)?);
         self.seals.settle(self.wounds.vessels());

@@ -10,6 +10,7 @@ mod gas;
 mod heard;
 mod holes;
 mod pieces;
+mod removed;
 mod seals;
 mod status;
 mod tools;
