@@ -14,6 +14,7 @@ use crate::heard::Heard;
 use crate::holes::Holes;
 use crate::lens::Gaze;
 use crate::pieces::Pieces;
+use crate::removed::Removed;
 use crate::seals::{self, Seals};
 use crate::status::{Head, hash_of, is_of, status_of};
 use crate::tools::Instrument;
@@ -55,6 +56,7 @@ pub struct FlowEngine<'a> {
     /// Of the state that a step goes on from, and then of the one that it makes.
     seals: Seals,
     holes: Holes,
+    removed: Removed,
     instrument: Instrument,
     /// Where its lens looks in the step.
     gaze: Option<Gaze>,
@@ -134,6 +136,7 @@ impl<'a> FlowEngine<'a> {
             wounds: Wounds::new(&figures.vessels),
             seals: Seals::new(),
             holes: Holes::new(scene),
+            removed: Removed::new(scene),
             instrument: Instrument::of(scene),
             gaze: None,
             has_said_open: false,
@@ -217,6 +220,7 @@ impl<'a> FlowEngine<'a> {
         self.pieces.locate(&self.cavity, &tissue, owner);
         self.wounds.take(&topology)?;
         self.holes.take(&topology)?;
+        self.removed.take(&topology);
         self.wounds.locate(state.section(3)?);
         self.holes.locate(state.section(3)?);
         self.seals.settle(self.wounds.vessels());

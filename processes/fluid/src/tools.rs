@@ -68,6 +68,7 @@ impl Instrument {
             outflow_valve: sample.controls.outflow_valve,
             set_pa: sample.controls.set_pressure_pa,
             flow_limit_ml_min: self.max_flow_ml_min,
+            displaced_ml: room_ml(radius_m, body.lever_m),
             ..PumpInput::default()
         };
         inputs
@@ -99,6 +100,15 @@ impl Instrument {
             *wire = body.capsule(a, b, electrode.wire_radius_m);
         }
     }
+}
+
+/// What a scope with a round tip takes of the cavity's room, which begins at the pivot, when its tip is so far beyond that, ml.
+fn room_ml(radius_m: f32, beyond_m: f32) -> f32 {
+    let depth_m = beyond_m.clamp(0.0, SHAFT_M);
+    // Of the tip's half ball as much as has come through, and then the shaft.
+    let cap_m = depth_m.min(radius_m);
+    let tip_m3 = cap_m * cap_m * (radius_m - cap_m / 3.0);
+    1e6 * std::f32::consts::PI * (tip_m3 + radius_m * radius_m * (depth_m - cap_m))
 }
 
 /// How far a loop is out, if it is, m.
@@ -227,6 +237,22 @@ mod tests {
         assert_eq!(felt_n(at(0.04, [f32::NAN, 0.0, 0.0]), none), [0.0; 3]);
         let still = instrument.felt_n(&FlowInputs::default(), &StepReport::default());
         assert_eq!(still, [0.0; 3], "before there is a scope");
+    }
+
+    #[test]
+    fn what_of_the_scope_is_beyond_the_pivot_takes_of_the_cavitys_room() {
+        // By hand, for a radius of 2.5 mm: the half ball 2/3·π·2.5³ = 32.725 mm³, and 37.5 mm of shaft of π·2.5² = 19.635 mm² each: 0.76904 ml.
+        let instrument = instrument();
+        assert_eq!(instrument.radius_m, 0.0025);
+        let displaced_ml = |z_m: f32| {
+            let mut sample = sample();
+            sample.pose.position_m[2] = z_m;
+            instrument.inputs(&sample, 0.01).pump.displaced_ml
+        };
+        // A cap of 1 mm: π·1²·(2.5 − 1/3) = 6.8068 mm³.
+        for (z_m, expected_ml) in [(-0.01, 0.0), (0.0, 0.0), (0.001, 0.006_806_8), (0.0025, 0.032_725), (0.04, 0.769_04)] {
+            assert!((displaced_ml(z_m) - expected_ml).abs() < 2e-5, "{} ml at {z_m} m", displaced_ml(z_m));
+        }
     }
 
     #[test]

@@ -88,10 +88,11 @@ pub(crate) fn bleed(
     dt_s: f64,
     state: &mut BloodState,
 ) -> f64 {
-    let drive_pa = (model.vessel_pa - pump.pressure_pa(cavity_ml)).max(0.0);
+    let displaced_ml = inputs.pump.displaced_ml;
+    let drive_pa = (model.vessel_pa - pump.distended_pa(cavity_ml, displaced_ml)).max(0.0);
     let of = |source: &BloodSource| f64::from(source.opening) * model.conductance_ml_s_pa * drive_pa * dt_s;
     let wanted: f64 = inputs.blood.iter().map(of).sum();
-    let room_ml = if wanted > 0.0 { pump.room_ml(cavity_ml, model.vessel_pa) } else { 0.0 };
+    let room_ml = if wanted > 0.0 { pump.room_ml(cavity_ml, displaced_ml, model.vessel_pa) } else { 0.0 };
     let share = if wanted > room_ml { room_ml / wanted } else { 1.0 };
     let mut total = 0.0;
     for (source, pending) in inputs.blood.iter().zip(&mut state.pending_ml) {

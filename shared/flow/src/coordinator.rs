@@ -7,7 +7,7 @@ use crate::error::FlowError;
 use crate::grid::Layout;
 use crate::inputs::{FlowInputs, MAX_TOOLS};
 use crate::plan::{LayerSums, MAX_COMPONENTS, Plan, Roles};
-use crate::pump::{PumpReport, PumpState};
+use crate::pump::{MOST_PA, PumpReport, PumpState};
 use crate::solver::{Phase, Solver};
 use crate::traction::Load;
 
@@ -62,6 +62,8 @@ pub(crate) struct Coordinator {
     /// Faces in solids show what is mirrored in them.
     pub is_held: bool,
     pub pump: PumpState,
+    /// What the cavity holds beyond that, ml: the roller's beat.
+    pub beat_ml: f32,
     pub blood: BloodState,
     pub gas: BubbleState,
     /// The ring of parcels of gas.
@@ -89,6 +91,7 @@ impl Coordinator {
             is_changed: false,
             is_held: false,
             pump: PumpState::default(),
+            beat_ml: 0.0,
             blood: BloodState::default(),
             gas: BubbleState::default(),
             bubbles: vec![Particle::default(); MAX_BUBBLES],
@@ -113,7 +116,8 @@ impl Solver {
     /// # Errors
     /// [`FlowError::PhaseConflict`] during a phase.
     pub fn begin(&self, inputs: &FlowInputs) -> Result<(), FlowError> {
-        let mut c = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
+        let mut guard = self.coordinator.try_lock().ok_or(FlowError::PhaseConflict)?;
+        let c = &mut *guard;
         let mut plan = self.plan.try_write().ok_or(FlowError::PhaseConflict)?;
         let (inputs, neutralised) = inputs.neutralised();
         let neutralised = neutralised + u32::from(self.model.pump.is_asked_for_more(&inputs.pump));
@@ -121,7 +125,10 @@ impl Solver {
         plan.inputs = inputs;
         let bled_ml = bleed(&self.model.blood, &self.model.pump, &inputs, c.pump.cavity_ml, dt_s, &mut c.blood);
         plan.bled_ml_s = if dt_s > 0.0 { bled_ml / dt_s } else { 0.0 };
-        plan.pump = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
+        let from_in_ml = c.pump.in_ml;
+        let mean = self.model.pump.step(&mut c.pump, &inputs.pump, self.model.medium.isotonic, bled_ml, dt_s);
+        let beat = self.model.pump.beat(&mut c.beat_ml, &inputs.pump, from_in_ml, &c.pump, dt_s);
+        plan.pump = PumpReport { pressure_pa: (mean.pressure_pa + beat.pressure_pa).clamp(0.0, MOST_PA), beat, ..mean };
         let report = &c.report;
         c.report = StepReport { step: report.step, time_s: report.time_s, neutralised, pump: plan.pump, ..Default::default() };
         c.last = None;

@@ -1,6 +1,7 @@
 //! Pump and hydrometra: how much medium is in the cavity, at which pressure, and where the rest went.
 //!
-//! One compartment: dV/t = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume.
+//! One compartment: dV/t = inflow − outflow − intravasation − leak − perforation + bleeding, with the pressure given by the volume ([`crate::curve`]). All of
+//! it is the mean over a beat of the roller, which comes on top ([`crate::roller`]): by the mean the pump regulates, counts and gives alarm.
 //! Promise: implicit Euler, unconditionally stable; the balance of the counters holds to rounding whatever the inputs; counters are f64.
 //! Figures: Zátonyi et al. 2005 (hydrometra), WOM's manual, ACOG Committee Opinion 800. The conductances, the leak
 //! and the shape of the curve between its two published points are this model's assumptions, to be set per case.
@@ -8,15 +9,20 @@
 use crate::error::FlowError;
 use crate::inputs::tame;
 use crate::model::range;
+use crate::roller::Beat;
 
 /// Pascal per millimetre of mercury.
 pub const PA_PER_MMHG: f64 = 133.322;
 /// The longest inner step, s: a tenth of the time in which the outflow empties a cavity of 5 ml.
 const INNER_STEP_S: f64 = 0.005;
+/// No instrument takes more room in a cavity, and no more tissue comes out of it, ml.
+const MOST_DISPLACED_ML: f32 = 100.0;
+/// No pressure above this goes to the tissue, Pa (300 mmHg): an instrument that comes into a shut cavity meets a way past it, or through the tubes, before.
+pub(crate) const MOST_PA: f64 = 40_000.0;
 /// A set pressure so little above the range is its upper end, rounded, Pa.
 const ROUNDING_PA: f64 = 1.0;
 /// Bisections per inner step: 2⁻⁵⁰ of the bracket is beyond what f64 volumes show.
-const BISECTIONS: usize = 50;
+pub(crate) const BISECTIONS: usize = 50;
 
 /// Cavity, pump, tubes and vessels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,6 +35,13 @@ pub struct PumpModel {
     pub parting_ml: f64,
     /// The roller pump's largest flow, ml/s (800 ml/min).
     pub max_flow_ml_s: f64,
+    /// What it delivers from one roller to the next, ml. 4: assumed a tube of 7 mm bore (38.5 mm²) and three rollers on a radius of 50 mm (105 mm apart).
+    pub stroke_ml: f64,
+    /// By how much less it delivers while a roller leaves the tube, ml, at most half a stroke; 0: it does not beat. 0.34: half of what the tube above holds
+    /// along the chord of 17.6 mm in which a roller of 9 mm radius flattens it (assumed).
+    pub lift_ml: f64,
+    /// Compliance of the tube from the roller to the sheath, ml/Pa. 1e-4: assumed 2.5 m of the tube above, 1.6 mm of soft PVC (6 MPa) thick, by Lamé.
+    pub tube_ml_pa: f64,
     /// The pump runs at full flow when the pressure is this far below the set pressure, Pa.
     pub band_pa: f64,
     /// Largest pressure that the pump obeys, Pa (150 mmHg).
@@ -68,6 +81,9 @@ impl Default for PumpModel {
             parting_pa: 40.0 * PA_PER_MMHG,
             parting_ml: 0.5,
             max_flow_ml_s: 800.0 / 60.0,
+            stroke_ml: 4.0,
+            lift_ml: 0.34,
+            tube_ml_pa: 1e-4,
             band_pa: 1_000.0,
             max_set_pa: 150.0 * PA_PER_MMHG,
             max_delivery_pa: 40_000.0,
@@ -102,6 +118,8 @@ pub struct PumpInput {
     pub open_veins: f32,
     /// Perforation, 0 none to 1.
     pub perforation: f32,
+    /// What takes room in the cavity beside the medium, ml, more than when its curve was taken: an instrument. Negative: tissue that was there is gone.
+    pub displaced_ml: f32,
 }
 
 impl PumpInput {
@@ -112,17 +130,18 @@ impl PumpInput {
         for part in [&mut self.inflow_valve, &mut self.outflow_valve, &mut self.open_veins, &mut self.perforation] {
             tame(part, 0.0, 1.0, 0.0, &mut count);
         }
+        tame(&mut self.displaced_ml, -MOST_DISPLACED_ML, MOST_DISPLACED_ML, 0.0, &mut count);
         count
     }
 }
 
-/// Integrators of pump and cavity, ml. What a power loss must not lose.
+/// Integrators of pump and cavity, ml, each the mean over a beat. What a power loss must not lose.
 #[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct PumpState {
     /// Medium (and blood) in the cavity.
     pub cavity_ml: f64,
-    /// Medium that the pump delivered.
+    /// Medium that the pump delivered: how far its roller head has turned, too.
     pub in_ml: f64,
     /// What came back through the outflow.
     pub out_ml: f64,
@@ -169,7 +188,8 @@ pub struct Alarms {
 /// Flows and pressure at the end of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PumpReport {
-    /// Pressure in the cavity above the atmosphere, Pa: what distends the tissue.
+    /// Pressure in the cavity above the atmosphere, Pa: what distends the tissue. In the report of a solver's step it has the beat in it, and is no more than
+    /// 40 kPa.
     pub pressure_pa: f64,
     /// Mean flow in during the step, ml/s.
     pub in_ml_s: f64,
@@ -181,6 +201,8 @@ pub struct PumpReport {
     pub leak_ml_s: f64,
     /// Mean loss through a perforation, ml/s.
     pub perforation_ml_s: f64,
+    /// What the roller's beat adds to the flows, and has added to the pressure; nothing in the report of [`PumpModel::step`].
+    pub beat: Beat,
     /// Alarms.
     pub alarms: Alarms,
 }
@@ -207,6 +229,9 @@ impl PumpModel {
         range("pump.parting_pa", self.parting_pa, 0.0, 140.0 * PA_PER_MMHG, "0 to 18665")?;
         range("pump.parting_ml", self.parting_ml, 1e-3, 1e2, "1e-3 to 100")?;
         range("pump.max_flow_ml_s", self.max_flow_ml_s, 0.0, 100.0, "0 to 100")?;
+        range("pump.stroke_ml", self.stroke_ml, 0.1, 100.0, "0.1 to 100")?;
+        range("pump.lift_ml", self.lift_ml, 0.0, 0.5 * self.stroke_ml, "0 to half of stroke_ml")?;
+        range("pump.tube_ml_pa", self.tube_ml_pa, 0.0, 1.0, "0 to 1")?;
         range("pump.band_pa", self.band_pa, 1.0, 1e5, "1 to 1e5")?;
         range("pump.max_set_pa", self.max_set_pa, 0.0, 1e5, "0 to 1e5")?;
         range("pump.max_delivery_pa", self.max_delivery_pa, 0.0, 1e6, "0 to 1e6")?;
@@ -224,35 +249,6 @@ impl PumpModel {
         Ok(())
     }
 
-    /// Pressure at a volume, Pa: up to the parting pressure the walls lie on each other and a little medium raises the pressure
-    /// much; from there it grows with the volume, to 150 mmHg at the model's volume. Strictly increasing.
-    pub fn pressure_pa(&self, volume_ml: f64) -> f64 {
-        self.parted_pa(volume_ml) + self.slope_pa_ml() * volume_ml
-    }
-
-    fn parted_pa(&self, volume_ml: f64) -> f64 {
-        self.parting_pa * (1.0 - (-volume_ml / self.parting_ml).exp())
-    }
-
-    /// By how much the pressure grows with the volume at least.
-    fn slope_pa_ml(&self) -> f64 {
-        (150.0 * PA_PER_MMHG - self.parted_pa(self.volume_150_mmhg_ml)) / self.volume_150_mmhg_ml
-    }
-
-    /// What a cavity of a volume takes until its pressure is so high, ml: 0 above that.
-    pub(crate) fn room_ml(&self, volume_ml: f64, pressure_pa: f64) -> f64 {
-        let (mut low, mut high) = (0.0, (pressure_pa - self.pressure_pa(volume_ml)).max(0.0) / self.slope_pa_ml());
-        for _ in 0..BISECTIONS {
-            let middle = 0.5 * (low + high);
-            if self.pressure_pa(volume_ml + middle) < pressure_pa {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        low
-    }
-
     /// The set pressure that the pump obeys, Pa: none above its range.
     fn set_pa(&self, input: &PumpInput) -> f64 {
         f64::from(input.set_pa).min(self.max_set_pa)
@@ -264,7 +260,7 @@ impl PumpModel {
     }
 
     fn flows(&self, input: &PumpInput, volume_ml: f64) -> Flows {
-        let pressure_pa = self.pressure_pa(volume_ml);
+        let pressure_pa = self.distended_pa(volume_ml, input.displaced_ml);
         let set_pa = self.set_pa(input);
         let limit_ml_s = (f64::from(input.flow_limit_ml_min) / 60.0).min(self.max_flow_ml_s);
         let wanted = limit_ml_s * ((set_pa - pressure_pa) / self.band_pa).clamp(0.0, 1.0);
@@ -280,10 +276,10 @@ impl PumpModel {
         }
     }
 
-    /// One step of `dt_s` with neutralised input; `bled_ml` is the blood that entered during the step.
+    /// One step of `dt_s` of the mean, with neutralised input; `bled_ml` is the blood that entered during the step.
     pub fn step(&self, state: &mut PumpState, input: &PumpInput, isotonic: bool, bled_ml: f64, dt_s: f64) -> PumpReport {
         let before = *state;
-        let before_pa = self.pressure_pa(state.cavity_ml);
+        let before_pa = self.distended_pa(state.cavity_ml, input.displaced_ml);
         state.cavity_ml += bled_ml;
         state.bled_ml += bled_ml;
         let parts = (dt_s / INNER_STEP_S).ceil().max(1.0);
@@ -298,7 +294,7 @@ impl PumpModel {
             state.perforated_ml += h_s * flows.hole;
         }
         let per_s = if dt_s > 0.0 { 1.0 / dt_s } else { 0.0 };
-        let pressure_pa = self.pressure_pa(state.cavity_ml);
+        let pressure_pa = self.distended_pa(state.cavity_ml, input.displaced_ml);
         PumpReport {
             pressure_pa,
             in_ml_s: (state.in_ml - before.in_ml) * per_s,
@@ -306,6 +302,7 @@ impl PumpModel {
             intravasation_ml_s: (state.intravasated_ml - before.intravasated_ml) * per_s,
             leak_ml_s: (state.leaked_ml - before.leaked_ml) * per_s,
             perforation_ml_s: (state.perforated_ml - before.perforated_ml) * per_s,
+            beat: Beat::default(),
             alarms: self.alarms(state, input, isotonic, (state.lost_ml() - before.lost_ml()) * per_s, [before_pa, pressure_pa]),
         }
     }

@@ -93,7 +93,10 @@ impl Solver {
     /// A port with what the pump moves through it.
     fn mouth_of(&self, port: &Port, plan: &Plan) -> Mouth {
         let total: f32 = plan.inputs.ports.iter().filter(|other| other.inflow == port.inflow).map(|other| other.share).sum();
-        let flow_ml_s = if port.inflow { plan.pump.in_ml_s } else { -plan.pump.out_ml_s };
+        // With the roller's beat; a flow that would turn for it stands still, and the walls take what is left of it.
+        let (pump, beat) = (&plan.pump, &plan.pump.beat);
+        let (in_ml_s, out_ml_s) = ((pump.in_ml_s + beat.in_ml_s).max(0.0), (pump.out_ml_s + beat.out_ml_s).max(0.0));
+        let flow_ml_s = if port.inflow { in_ml_s } else { -out_ml_s };
         let flow_m3_s = flow_ml_s * 1e-6 * f64::from(port.share / total);
         let jet_m_s = if flow_m3_s > 0.0 { ports::jet_m_s(&self.model.grid, port, flow_m3_s) } else { None };
         let jet_m_s = jet_m_s.map(|jet_m_s| jet_m_s.map(|v| v.clamp(-MAX_SPEED_M_S, MAX_SPEED_M_S)));

@@ -18,6 +18,8 @@ use crate::solver::Solver;
 
 const MAGIC: u64 = 0x6879_7374_666c_6f77; // "hystflow"
 const VERSION: u32 = 3;
+/// No beat is larger, ml: a stroke is at most 100 ml, and a beat half of that.
+const MOST_BEAT_ML: f32 = 50.0;
 /// Fields of f32 per cell.
 const FIELDS: usize = 6;
 const NAMES: [&str; FIELDS] = ["u", "v", "w", "pressure", "dye", "density"];
@@ -33,7 +35,8 @@ struct Header {
     cells: [u32; 3],
     spacing_m: [f32; 3],
     origin_m: [f32; 3],
-    reserved: u32,
+    /// The roller's beat, ml; 0 in a state of an engine that knew of none.
+    beat_ml: f32,
     step: u64,
     time_s: f64,
     pressure_pa: f64,
@@ -150,6 +153,9 @@ impl<'a> StateView<'a> {
         if let Some(index) = self.bubbles().iter().position(|p| !good(p)) {
             return Err(FlowError::StateValue { field: "bubbles", index });
         }
+        if !(-MOST_BEAT_ML..=MOST_BEAT_ML).contains(&self.header.beat_ml) {
+            return Err(FlowError::StateValue { field: "beat", index: 0 });
+        }
         let (p, b, g) = (&self.header.pump, &self.header.blood, &self.header.gas);
         let pump = [p.cavity_ml, p.in_ml, p.out_ml, p.intravasated_ml, p.leaked_ml, p.perforated_ml, p.bled_ml];
         let blood = [b.emitted_ml, b.entered_ml, b.washed_ml, b.buried_ml, b.lost_ml];
@@ -208,6 +214,10 @@ impl<'a> StateView<'a> {
     /// Counters of the pump, ml.
     pub fn pump(&self) -> &'a PumpState {
         &self.header.pump
+    }
+    /// What the cavity holds beyond its counter by the roller's beat, ml.
+    pub fn beat_ml(&self) -> f32 {
+        self.header.beat_ml
     }
     /// Counters of the blood, ml.
     pub fn blood(&self) -> &'a BloodState {
@@ -274,6 +284,7 @@ impl Solver {
             step: c.report.step,
             time_s: c.report.time_s,
             pressure_pa: c.report.pump.pressure_pa,
+            beat_ml: c.beat_ml,
             pump: c.pump,
             blood: c.blood,
             gas: c.gas,
@@ -309,6 +320,7 @@ impl Solver {
         }
         self.set_mask(view.mask())?;
         (c.pump, c.blood, c.gas) = (view.header.pump, view.header.blood, view.header.gas);
+        c.beat_ml = view.header.beat_ml;
         c.bubbles.copy_from_slice(view.bubbles());
         c.report = Default::default();
         (c.report.step, c.report.time_s) = view.time();

@@ -42,6 +42,10 @@ fn absurd_models_are_refused_and_the_error_names_the_parameter() {
     refused(&|m| m.pump.container_ml = 0.0, "container_ml");
     refused(&|m| m.pump.container_ml = f64::INFINITY, "container_ml");
     refused(&|m| m.pump.hole_alarm_ml_s = -1.0, "hole_alarm_ml_s");
+    refused(&|m| m.pump.stroke_ml = 0.0, "stroke_ml");
+    refused(&|m| m.pump.lift_ml = 0.51 * m.pump.stroke_ml, "lift_ml");
+    refused(&|m| m.pump.lift_ml = f64::NAN, "lift_ml");
+    refused(&|m| m.pump.tube_ml_pa = -1e-4, "tube_ml_pa");
     refused(&|m| m.walls[0] = Wall::NoSlip([f32::INFINITY, 0.0, 0.0]), "walls");
     assert!(matches!(Solver::new(good, 0), Err(FlowError::Bands { .. })));
     assert!(matches!(Solver::new(good, 7), Err(FlowError::Bands { most: 6, .. })));
@@ -144,6 +148,7 @@ fn wild_inputs(step: u32, next: &mut impl Iterator<Item = f32>) -> FlowInputs {
     let pump = &mut inputs.pump;
     [pump.set_pa, pump.flow_limit_ml_min] = take(next);
     [pump.inflow_valve, pump.outflow_valve, pump.open_veins, pump.perforation] = take(next);
+    [pump.displaced_ml] = take(next);
     inputs
 }
 

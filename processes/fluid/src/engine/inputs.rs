@@ -1,4 +1,4 @@
-//! What a step of the Flow Engine is told by the hand and by the wounds.
+//! What a step of the Flow Engine is told by the hand, by the wounds, and by what is gone.
 
 use super::FlowEngine;
 use crate::gas;
@@ -30,6 +30,7 @@ impl FlowEngine<'_> {
         inputs.blood = self.wounds.sources();
         inputs.pump.open_veins = self.wounds.open_veins();
         inputs.pump.perforation = self.holes.size();
+        inputs.pump.displaced_ml -= self.removed.gone_ml();
         inputs.hole = self.holes.way();
         inputs
     }

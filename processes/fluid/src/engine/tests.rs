@@ -4,8 +4,9 @@
 mod loans;
 
 use super::*;
-use crate::afford::at_rest;
+use crate::afford::{at_rest, tissue_at_rest};
 use crate::heard::tests::stated;
+use crate::removed::tests::gone_ml;
 use crate::wounds::Vessel;
 use glam::{IVec3, Vec3};
 use hyst_exchange::Station;
@@ -230,6 +231,26 @@ fn a_state_says_how_much_light_comes_through_before_the_lens_and_one_that_founds
         assert_eq!((told(&now), told(&next), engine.status.transmittance), (0.0, 1.0, 1.0), "there is no blood");
         engine.initial(StreamHeader::default(), bytemuck::cast_slice_mut(&mut next)).unwrap();
         assert_eq!(told(&next), 0.0);
+    });
+}
+
+#[test]
+fn what_the_scope_takes_of_the_cavitys_room_and_what_is_gone_leaves_of_it_is_told_to_the_pump() {
+    in_a_station("room", |mut engine| {
+        let (life, slot, scene) = (engine.life, Slot::first(Role::Hardware), load_scene(None).unwrap());
+        let page = life.station.create_slot(slot, 3).unwrap();
+        assert!(engine.heard.replace(life.station.read_slot(slot, 3).unwrap()).is_none());
+        page.write(hardware::STATEMENT, &stated());
+        let sample = HardwareSample { hardware_tick: 1, time_ns: system::now_ns(), ..at_rest(&scene) };
+        page.write(hardware::SAMPLE, &sample);
+        let scope_ml = engine.inputs(0.03).pump.displaced_ml;
+        assert!(scope_ml > 0.0 && scope_ml == Instrument::of(&scene).inputs(&sample, 0.03).pump.displaced_ml, "{scope_ml} ml");
+        // Without the polyp, the scene's last object.
+        let (rest_m, tets) = tissue_at_rest(&scene);
+        let left = tets.len() - scene.objects.last().unwrap().mesh.tets.len();
+        let polyp_ml = gone_ml(&mut engine.removed, 1, &tets[..left], Some(&rest_m[..]));
+        assert!(polyp_ml > 0.3, "{polyp_ml} ml");
+        assert_eq!(engine.inputs(0.03).pump.displaced_ml, scope_ml - polyp_ml);
     });
 }
 
