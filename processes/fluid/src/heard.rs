@@ -108,29 +108,15 @@ impl Heard {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+#[path = "../../../shared/messages/tests/support/stated.rs"]
+pub(crate) mod stated;
+
+#[cfg(test)]
+mod tests {
+    use super::stated::stated;
     use super::*;
     use hyst_exchange::{OwnedPage, Station};
-    use hyst_messages::{DeviceLimits, Pose, Role, STATEMENT_VERSION, Slot, TICK_NS, statement_text};
-
-    /// What a device states of itself.
-    pub fn stated() -> DeviceStatement {
-        DeviceStatement {
-            version: STATEMENT_VERSION,
-            measured_dof: 4,
-            driven_dof: 3,
-            rate_hz: 1_000.0,
-            limits: DeviceLimits { max_force_n: 3.3, max_stiffness_n_m: 1_200.0, max_damping_n_s_m: 2.0 },
-            continuous_force_n: 0.9,
-            pitch_rad: [-0.6, 0.6],
-            yaw_rad: [-0.6, 0.6],
-            roll_rad: [-3.0, 3.0],
-            insertion_m: [0.0, 0.1],
-            maker: statement_text("Nobody"),
-            name: statement_text("Nothing"),
-            ..DeviceStatement::default()
-        }
-    }
+    use hyst_messages::{Pose, Role, Slot, TICK_NS};
 
     /// So deep, and on its way in.
     fn at(tick: u64, insertion_m: f32) -> HardwareSample {

@@ -32,6 +32,9 @@ pub use status::*;
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub use tissue::{CUT_LIMIT, TissueStatus};
 
+#[cfg(test)]
+extern crate self as hyst_messages; // so do the tests of other crates name what they have in common with those here
+
 /// One tick of the station, 1 ms, in nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;
 
