@@ -4,6 +4,7 @@
 //! Promise: what is read is checked. A record from another version, of another length or with an offset out of range gives
 //! a [`WireError`], never a panic and never a value.
 
+mod admission;
 pub mod controls;
 mod fluid;
 pub mod latency;
@@ -20,6 +21,7 @@ pub mod stream;
 mod tissue;
 pub mod tolerance;
 
+pub use admission::Admission;
 pub use controls::Switch;
 pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
 pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
