@@ -309,25 +309,27 @@ fn newton(record: &AppliedRecord) -> String {
     format!("({x}, {y}, {z}) N{kind}")
 }
 
-/// Compares a recording with what was recorded of its replay; of one that `is_cut`, because an engine did not go on or something of it was lost, what comes
-/// before the first tick that was not made again.
+/// Compares a recording with what was recorded of its replay; of one that `is_cut`, because an engine did not go on or something of it was lost, or that somebody
+/// has stopped, what comes before the first state that was not made again.
 fn compare(recorded: &Path, again: &Path, end_tick: u64, is_cut: bool) -> Result<u8, Refusal> {
     let open = |path: &Path| super::report::open(path).map(Playback::new);
     let unread = |error: hyst_recording::ReadError| Refusal::input(error.to_string());
     let mut was = open(recorded)?;
     let mut is = match open(again) {
-        Err(_) if is_cut => {
-            println!("nothing was made again");
+        Ok(is) => is,
+        Err(refusal) => {
+            println!("nothing was made again: {}", refusal.message);
             return Ok(NOT_WHOLE);
         }
-        opened => opened?,
     };
+    let ends_early = hyst_recording::outline(again).ok().flatten().is_some_and(|outline| outline.last_tick < end_tick);
+    let is_cut = is_cut || ends_early;
     let settings = was.session().get("settings").and_then(|text| toml::from_str::<Settings>(text).ok());
     let is_lockstep = settings.is_some_and(|settings| settings.lockstep);
     let (mut verdict, mut unmade_tick) = (Verdict::default(), None);
     for tick in 0..=end_tick {
         let moments = (was.at(tick).map_err(unread)?, is.at(tick).map_err(unread)?);
-        if is_cut && !is_made(&moments) {
+        if moments.1.is_none() || is_cut && is_unmade(&moments) {
             unmade_tick = Some(tick);
             break;
         }
@@ -341,13 +343,13 @@ fn compare(recorded: &Path, again: &Path, end_tick: u64, is_cut: bool) -> Result
     if code == 1 {
         origin::other_build(was.session(), is.session()).iter().for_each(|words| println!("{words}"));
     }
-    Ok(if code == 0 && is_cut { NOT_WHOLE } else { code })
+    Ok(if code == 0 && (is_cut || unmade_tick.is_some()) { NOT_WHOLE } else { code })
 }
 
-/// Whether what was recorded of a tick was made again: the device's part of it or of a later one, and its state, if it had one.
-fn is_made((was, is): &(Option<Moment>, Option<Moment>)) -> bool {
+/// Whether a tick has a state in the recording, and none in that of its replay.
+fn is_unmade((was, is): &(Option<Moment>, Option<Moment>)) -> bool {
     let has_state = |moment: &Option<Moment>| moment.as_ref().is_some_and(|moment| moment.step.is_some());
-    is.is_some() && (!has_state(was) || has_state(is))
+    has_state(was) && !has_state(is)
 }
 
 #[cfg(test)]
