@@ -272,7 +272,8 @@ pub fn ask_once(station: &Station, request: &Request) -> Result<serde_json::Valu
     let path = station.control_socket();
     let name = station.name();
     let gone = |error: std::io::Error| {
-        NoAnswer::Refused(format!("station {name}: no supervisor answers at {}: {error}", path.display()))
+        let cure = format!("`hystation --name {name} status` says whether it runs");
+        NoAnswer::Refused(format!("station {name}: no supervisor answers at {}: {error}; {cure}", path.display()))
     };
     let mut stream = UnixStream::connect(&path).map_err(gone)?;
     stream.set_read_timeout(Some(2 * ANSWER_WITHIN)).map_err(gone)?;

@@ -113,15 +113,25 @@ pub fn last_line(station: &Station, slot: Slot) -> String {
     if line.starts_with(BIRTH) { String::new() } else { line.chars().take(MOST_QUOTED).collect() }
 }
 
+/// The last line that any incarnation of a slot has printed, shortened; empty if none printed anything.
+pub fn last_line_of_any(station: &Station, slot: Slot) -> String {
+    let is_said = |line: &str| !line.is_empty() && !line.starts_with(BIRTH);
+    last_line_that(&station.log(slot), is_said).unwrap_or_default().chars().take(MOST_QUOTED).collect()
+}
+
 /// The last line of a log that is not empty.
 pub fn last_line_of(path: &Path) -> std::io::Result<String> {
+    last_line_that(path, |line| !line.is_empty())
+}
+
+fn last_line_that(path: &Path, is_it: impl Fn(&str) -> bool) -> std::io::Result<String> {
     let mut file = std::fs::File::open(path)?;
     let length = file.metadata()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(MOST_BYTES as u64)))?;
     let mut tail = Vec::new();
     file.take(MOST_BYTES as u64).read_to_end(&mut tail)?;
     let text = String::from_utf8_lossy(&tail);
-    Ok(text.lines().rev().map(str::trim).find(|line| !line.is_empty()).unwrap_or_default().to_string())
+    Ok(text.lines().rev().map(str::trim).find(|line| is_it(line)).unwrap_or_default().to_string())
 }
 
 /// How the station ended by itself.

@@ -24,7 +24,11 @@ pub fn at<T: Send>(moment_ns: u64, act: impl FnOnce() -> T + Send) -> Result<(u6
         (system::now_ns(), act())
     };
     // The class of a thread cannot be taken back here, so the wait has a thread of its own.
-    std::thread::scope(|scope| scope.spawn(wait).join()).map_err(|_| "the thread that waited for its tick died".into())
+    std::thread::scope(|scope| {
+        let waits = std::thread::Builder::new().name("moment".into()).spawn_scoped(scope, wait);
+        let waits = waits.map_err(|error| format!("a thread to wait for its tick: {error}; look at the limit of processes"))?;
+        waits.join().map_err(|_| "the thread that waited for its tick died".to_string())
+    })
 }
 
 #[cfg(test)]

@@ -15,10 +15,18 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Whether the processes of a station that was founded are to be real time, as far as its settings can be read.
-pub fn is_real_time(station: &hyst_exchange::Station) -> bool {
-    let text = std::fs::read_to_string(station.settings()).ok();
-    let settings = text.and_then(|text| toml::from_str::<hyst_engine::Settings>(&text).ok());
-    settings.is_none_or(|settings| settings.switch("realtime", true).unwrap_or(true))
+pub fn is_real_time(station: &Station) -> bool {
+    of_founded(station).is_none_or(|settings| settings.switch("realtime", true).unwrap_or(true))
+}
+
+/// Whether a station that was founded does a recording again, as far as its settings can be read.
+pub fn is_replay(station: &Station) -> bool {
+    of_founded(station).is_some_and(|settings| settings.replay.is_some())
+}
+
+fn of_founded(station: &Station) -> Option<Settings> {
+    let text = std::fs::read_to_string(station.settings()).ok()?;
+    toml::from_str(&text).ok()
 }
 
 /// A command that is not done, with its exit code and a message that names the cure.

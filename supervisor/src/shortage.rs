@@ -11,6 +11,7 @@ use rustix::fs::FallocateFlags;
 use rustix::io::Errno;
 use rustix::process::{Resource, Rlimit};
 use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// A file system with more room than this is not filled, bytes: it is somebody's disk, and filling it would take the machine with it.
@@ -137,7 +138,10 @@ pub fn is_full(ballast: &Path) -> bool {
 
 /// Begins to fill; goes on until the ballast is removed.
 pub fn fill(ballast: &Path) -> Result<(), String> {
-    let failed = |error: std::io::Error| format!("{}: {error}", ballast.display());
+    let failed = |error: std::io::Error| match error.kind() {
+        ErrorKind::AlreadyExists => format!("{} fills it already; undo that fault, or wait for its end", ballast.display()),
+        _ => format!("{}: {error}", ballast.display()),
+    };
     let file = std::fs::OpenOptions::new().write(true).create_new(true).open(ballast).map_err(failed)?;
     let path = ballast.to_path_buf();
     let body = move || {
@@ -147,8 +151,11 @@ pub fn fill(ballast: &Path) -> Result<(), String> {
             system::sleep_ns(HELPING_NS);
         }
     };
-    std::thread::Builder::new().name("ballast".into()).spawn(body).map_err(failed)?;
-    Ok(())
+    let filling = std::thread::Builder::new().name("ballast".into()).spawn(body);
+    filling.map(drop).map_err(|error| {
+        relieve(ballast); // else it would fill nothing, and stand in the way of the next
+        failed(error)
+    })
 }
 
 /// Makes the file as long as it can be; gives its length.
@@ -227,6 +234,10 @@ mod tests {
         assert_eq!(file.metadata().unwrap().len(), 0, "it takes no room, though it is open still");
         assert_eq!(helping(&file, &path, 1 << 20), 1 << 20, "its name is gone");
         assert!(!is_full(&path));
+        std::fs::write(&path, "").unwrap();
+        let refused = fill(&path).unwrap_err();
+        assert!(refused.contains("fills it already") && path.is_file(), "{refused}");
+        relieve(&path);
     }
 
     #[test]

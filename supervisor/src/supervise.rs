@@ -9,6 +9,7 @@ mod kept;
 mod resume;
 mod rights;
 mod roles;
+mod standstill;
 pub mod trial;
 
 use crate::accounts::Accounts;
@@ -23,6 +24,7 @@ use crate::oom::OutOfMemory;
 use crate::plan::{Plan, PlanError};
 use crate::policy::{self, Event, Exit, State};
 use crate::spawn::{self, Spawner};
+use crate::standstill::Progress;
 use crate::swap::judge::Seen;
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
@@ -90,6 +92,7 @@ struct Supervisor {
     accounts: Accounts,
     faults: Faults,
     permit: Option<Permit>,
+    progress: Progress,
     holders: roles::Holders,
     kept: kept::Kept,
     complaint: complaint::Complaint,
@@ -162,6 +165,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         accounts: Accounts::read(station),
         faults: Faults::new(station, &plan.faults)?,
         permit: Permit::new(&page, plan.end_tick),
+        progress: Progress::new(crate::settings::is_replay(station), begun_ns),
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),
         complaint: complaint::Complaint::default(),
@@ -250,6 +254,7 @@ impl Supervisor {
         if now_ns >= self.next_ledger_ns {
             self.next_ledger_ns = now_ns + LEDGER_NS;
             self.faults.read_ledger(&mut self.viewer);
+            self.heed_standstill(now_ns);
         }
         if now_ns >= self.next_accounts_ns {
             self.next_accounts_ns = now_ns + ACCOUNTS_NS;

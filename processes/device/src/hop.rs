@@ -219,7 +219,15 @@ impl Hop<'_> {
             let reached = self.models.has_reached(tick_of(station::TISSUE_TICK), tick_of(station::FLUID_TICK));
             (reached && self.replicas.are_all_seated(&life.clock)).then_some(found)
         });
-        found.unwrap_or_else(|| self.newest_model(tick))
+        found.unwrap_or_else(|| {
+            if !life.clock.stop_requested() {
+                let [model, medium] = [station::TISSUE_TICK, station::FLUID_TICK].map(tick_of);
+                let within_s = lockstep::PATIENCE_NS / 1_000_000_000;
+                let what = format!("a contact model of tick {model}, a medium of tick {medium} or a servo's page");
+                life.say(&format!("{what} has not come within {within_s} s"));
+            }
+            self.newest_model(tick)
+        })
     }
 
     /// What is known of the tick before the servos are asked; `None` if the recording of a replay says that the device made none.

@@ -1,18 +1,15 @@
-//! What is plugged in: the hardware's page, what it states of itself, and which of its samples count. A sample that is not finite, beyond what the
-//! device states, or farther from the one before than a hand can move in the time is refused, and the one before stays. When none has come that counts
-//! for [`MOST_OLD_TICKS`], nobody knows where the tip is, and the force is let go: held for 2 ticks, then ramped to zero.
+//! What is plugged in: the hardware's page, what it states of itself, and its newest sample that counts ([`Admission`]). When none has come that does for
+//! [`MOST_OLD_TICKS`], nobody knows where the tip is, and the force is let go: held for 2 ticks, then ramped to zero.
 
 use hyst_coupling::ServoParams;
 use hyst_engine::{Failure, Life};
 use hyst_exchange::{ReadPage, system};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::hardware;
-use hyst_messages::{DeviceLimits, DeviceStatement, HardwareSample, Role, TICK_NS};
+use hyst_messages::{Admission, DeviceLimits, DeviceStatement, HardwareSample, Role, TICK_NS};
 
 /// Ticks without a new sample that counts, after which the force is let go. A device on USB is late by some ticks now and then.
 const MOST_OLD_TICKS: u32 = 10;
-/// Samples in a row that go on from each other and not from the last that counted, after which the hand is believed to be there: by then the force is gone.
-const MOVED_SAMPLES: u32 = 40;
 /// How long a device that was started waits for what the hardware states, ns: as long as a start may take.
 const PATIENCE_NS: u64 = 25_000_000_000;
 /// Between two looks for it, ns.
@@ -26,14 +23,11 @@ pub struct Plugged {
     trusts: bool,
     /// Number of the newest sample that was looked at.
     number: u64,
+    /// The newest that counted, of this life of the hardware or of one before.
     sample: HardwareSample,
-    /// Stamp of the newest sample, whether it counted or not, ns.
-    heard_ns: u64,
-    counted: bool,
+    /// By which those of this life count.
+    admission: Admission,
     old_ticks: u32,
-    /// The newest sample that was refused, and how many in a row went on from each other.
-    strayed: HardwareSample,
-    strayed_count: u32,
 }
 
 impl Plugged {
@@ -58,8 +52,7 @@ impl Plugged {
 
     fn new(page: ReadPage, trusts: bool) -> Plugged {
         let (stated, sample) = (DeviceStatement::default(), HardwareSample::default());
-        let (counted, old_ticks, strayed, strayed_count) = (false, 0, sample, 0);
-        Plugged { page, stated, trusts, number: 0, sample, heard_ns: 0, counted, old_ticks, strayed, strayed_count }
+        Plugged { page, stated, trusts, number: 0, sample, admission: Admission::default(), old_ticks: 0 }
     }
 
     /// Another life of the hardware: gives back the page of the one before. What it says counts when it has stated what it is.
@@ -109,22 +102,10 @@ impl Plugged {
     }
 
     fn take(&mut self, sample: HardwareSample) -> Result<(), Distrust> {
-        if !self.trusts {
-            // A hand has the time since the device spoke last: one that jumps and speaks on is not believed because time passes.
-            let before = HardwareSample { time_ns: std::mem::replace(&mut self.heard_ns, sample.time_ns), ..self.sample };
-            if self.stated.admits(&sample).is_err() {
-                self.strayed_count = 0;
-                return Err(Distrust::Invalid);
-            }
-            if self.counted && !sample.goes_on_from(&before) {
-                self.strayed_count = if sample.goes_on_from(&self.strayed) { self.strayed_count + 1 } else { 0 };
-                self.strayed = sample;
-                if self.strayed_count < MOVED_SAMPLES {
-                    return Err(Distrust::Invalid);
-                }
-            }
+        if !self.trusts && !self.admission.admit(&self.stated, &sample) {
+            return Err(Distrust::Invalid);
         }
-        (self.sample, self.counted, self.old_ticks, self.strayed_count) = (sample, true, 0, 0);
+        (self.sample, self.old_ticks) = (sample, 0);
         Ok(())
     }
 }
@@ -147,28 +128,15 @@ fn carried(stated: &DeviceStatement) -> DeviceLimits {
 }
 
 #[cfg(test)]
+#[path = "../../../shared/messages/tests/support/stated.rs"]
+mod stated;
+
+#[cfg(test)]
 mod tests {
+    use super::stated::stated;
     use super::*;
     use hyst_exchange::Station;
-    use hyst_messages::{Pose, STATEMENT_VERSION, Slot, statement_text};
-
-    fn stated() -> DeviceStatement {
-        DeviceStatement {
-            version: STATEMENT_VERSION,
-            measured_dof: 4,
-            driven_dof: 3,
-            rate_hz: 1_000.0,
-            limits: DeviceLimits { max_force_n: 3.3, max_stiffness_n_m: 1_200.0, max_damping_n_s_m: 2.0 },
-            continuous_force_n: 0.9,
-            pitch_rad: [-0.6, 0.6],
-            yaw_rad: [-0.6, 0.6],
-            roll_rad: [-3.0, 3.0],
-            insertion_m: [0.0, 0.1],
-            maker: statement_text("Nobody"),
-            name: statement_text("Nothing"),
-            ..DeviceStatement::default()
-        }
-    }
+    use hyst_messages::{Pose, Slot};
 
     /// At rest, so deep.
     fn at(tick: u64, insertion_m: f32) -> HardwareSample {

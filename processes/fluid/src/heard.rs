@@ -1,15 +1,13 @@
-//! What is heard of the hand: the newest sample of the hardware that counts. One that cannot be of the device that was stated, or that is farther from the one
-//! before than a hand can have moved the tip, is refused by the rules of `device`, and the one before stays. Of a tip of which nobody has heard for a while
-//! nobody knows how fast it goes: its scope stands still, and the valves stay as they were. On a virtual clock each sample is as it was computed or recorded.
+//! What is heard of the hand: the newest sample of the hardware that counts, by the rule of `device` ([`Admission`]); for one that does not, the one before
+//! stays. Of a tip of which nobody has heard for a while nobody knows how fast it goes: its scope stands still, and the valves stay as they were. On a virtual
+//! clock each sample is as it was computed or recorded.
 
 use hyst_exchange::ReadPage;
 use hyst_messages::page::hardware;
-use hyst_messages::{DeviceStatement, HardwareSample};
+use hyst_messages::{Admission, DeviceStatement, HardwareSample};
 
 /// Older than so much is a sample of which nothing further was heard, ns: as old as `device` lets it become.
 const MOST_OLD_NS: u64 = 10_000_000;
-/// Samples that go on from each other and not from the last that counted are believed after so many ticks of the hardware, as `device` believes them.
-const MOVED_TICKS: u64 = 40;
 
 /// The hardware as the fluid hears it.
 pub struct Heard {
@@ -18,13 +16,10 @@ pub struct Heard {
     stated: Option<DeviceStatement>,
     /// Number of the newest sample that was looked at.
     number: u64,
-    /// The newest that counted, and whether it was of this life of the hardware.
+    /// The newest that counted, of this life of the hardware or of one before.
     sample: Option<HardwareSample>,
-    has_counted: bool,
-    /// Stamp of the newest sample, whether it counted or not, ns.
-    heard_ns: u64,
-    /// The newest that was refused for where it was, and the tick since which such ones go on from each other.
-    strayed: Option<(HardwareSample, u64)>,
+    /// By which those of this life count.
+    admission: Admission,
     is_kept: bool,
     refused: u64,
 }
@@ -32,8 +27,8 @@ pub struct Heard {
 impl Heard {
     /// Nothing yet; on a virtual clock it `trusts` what it hears.
     pub fn new(trusts: bool) -> Heard {
-        let (page, stated, sample, strayed) = (None, None, None, None);
-        Heard { page, trusts, stated, number: 0, sample, has_counted: false, heard_ns: 0, strayed, is_kept: false, refused: 0 }
+        let (page, stated, sample, admission) = (None, None, None, Admission::default());
+        Heard { page, trusts, stated, number: 0, sample, admission, is_kept: false, refused: 0 }
     }
 
     /// Another life of the hardware: gives back the page of the one before. Its samples count when it has stated what it is.
@@ -67,8 +62,9 @@ impl Heard {
         let newest = newest.filter(|(number, _)| *number != self.number);
         if let (Some(stated), Some((number, sample))) = (self.stated, newest) {
             self.number = number;
-            self.is_kept = !self.take(&stated, sample);
+            self.is_kept = !self.admission.admit(&stated, &sample);
             self.refused += u64::from(self.is_kept);
+            self.sample = if self.is_kept { self.sample } else { Some(sample) };
         }
         let sample = self.sample?;
         let is_old = now_ns.saturating_sub(sample.time_ns) > MOST_OLD_NS;
@@ -84,53 +80,18 @@ impl Heard {
     pub fn take_refused(&mut self) -> u64 {
         std::mem::take(&mut self.refused)
     }
-
-    /// Takes a sample, if it counts.
-    fn take(&mut self, stated: &DeviceStatement, sample: HardwareSample) -> bool {
-        // A hand has the time since the device spoke last: one that jumps and speaks on is not believed because time passes.
-        let heard_ns = std::mem::replace(&mut self.heard_ns, sample.time_ns);
-        if stated.admits(&sample).is_err() {
-            self.strayed = None;
-            return false;
-        }
-        let before = self.sample.filter(|_| self.has_counted).map(|before| HardwareSample { time_ns: heard_ns, ..before });
-        if before.is_some_and(|before| !sample.goes_on_from(&before)) {
-            let strayed = self.strayed.filter(|(strayed, _)| sample.goes_on_from(strayed));
-            let since = strayed.map_or(sample.hardware_tick, |(_, since)| since);
-            self.strayed = Some((sample, since));
-            if sample.hardware_tick - since < MOVED_TICKS {
-                return false;
-            }
-        }
-        (self.sample, self.has_counted, self.strayed) = (Some(sample), true, None);
-        true
-    }
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+#[path = "../../../shared/messages/tests/support/stated.rs"]
+pub(crate) mod stated;
+
+#[cfg(test)]
+mod tests {
+    use super::stated::stated;
     use super::*;
     use hyst_exchange::{OwnedPage, Station};
-    use hyst_messages::{DeviceLimits, Pose, Role, STATEMENT_VERSION, Slot, TICK_NS, statement_text};
-
-    /// What a device states of itself.
-    pub fn stated() -> DeviceStatement {
-        DeviceStatement {
-            version: STATEMENT_VERSION,
-            measured_dof: 4,
-            driven_dof: 3,
-            rate_hz: 1_000.0,
-            limits: DeviceLimits { max_force_n: 3.3, max_stiffness_n_m: 1_200.0, max_damping_n_s_m: 2.0 },
-            continuous_force_n: 0.9,
-            pitch_rad: [-0.6, 0.6],
-            yaw_rad: [-0.6, 0.6],
-            roll_rad: [-3.0, 3.0],
-            insertion_m: [0.0, 0.1],
-            maker: statement_text("Nobody"),
-            name: statement_text("Nothing"),
-            ..DeviceStatement::default()
-        }
-    }
+    use hyst_messages::{Pose, Role, Slot, TICK_NS};
 
     /// So deep, and on its way in.
     fn at(tick: u64, insertion_m: f32) -> HardwareSample {
@@ -179,20 +140,6 @@ pub(crate) mod tests {
             assert_eq!(heard.look(ns(12)), Some(still));
             page.write(hardware::SAMPLE, &at(13, 0.051));
             assert_eq!((heard.look(ns(13)), heard.is_kept()), (Some(at(13, 0.051)), false));
-        });
-    }
-
-    #[test]
-    fn a_tip_that_has_jumped_is_believed_when_it_has_stayed_there() {
-        with_a_page("jumps", false, |page, mut heard| {
-            page.write(hardware::STATEMENT, &stated());
-            let mut look = |tick: u64, insertion_m: f32| {
-                page.write(hardware::SAMPLE, &at(tick, insertion_m));
-                heard.look(tick * TICK_NS).unwrap().pose.insertion_m
-            };
-            assert_eq!(look(1, 0.02), 0.02);
-            let found = [2, 12, 22, 32, 42].map(|tick| look(tick, 0.09));
-            assert_eq!(found, [0.02, 0.02, 0.02, 0.02, 0.09]);
         });
     }
 

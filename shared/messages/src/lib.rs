@@ -4,6 +4,7 @@
 //! Promise: what is read is checked. A record from another version, of another length or with an offset out of range gives
 //! a [`WireError`], never a panic and never a value.
 
+mod admission;
 pub mod controls;
 mod fluid;
 pub mod latency;
@@ -20,6 +21,7 @@ pub mod stream;
 mod tissue;
 pub mod tolerance;
 
+pub use admission::Admission;
 pub use controls::Switch;
 pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
 pub use fluid::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
@@ -31,6 +33,9 @@ pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_
 pub use status::*;
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub use tissue::{CUT_LIMIT, TissueStatus};
+
+#[cfg(test)]
+extern crate self as hyst_messages; // so do the tests of other crates name what they have in common with those here
 
 /// One tick of the station, 1 ms, in nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;

@@ -257,7 +257,7 @@ pub mod station {
     pub const BEGUN_TICK: usize = 8;
     /// The tick that was last ended; the station's present tick.
     pub const ENDED_TICK: usize = 9;
-    /// Tick of the newest tissue state, fluid state and input record whose makers have joined.
+    /// Tick of the newest tissue state, fluid state and input record whose makers have joined; what is held still is made by nobody.
     pub const TISSUE_TICK: usize = 10;
     /// See [`TISSUE_TICK`].
     pub const FLUID_TICK: usize = 11;

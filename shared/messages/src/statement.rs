@@ -179,34 +179,21 @@ impl HardwareSample {
 }
 
 #[cfg(test)]
+#[path = "../tests/support/stated.rs"]
+pub(crate) mod stated;
+
+#[cfg(test)]
 mod tests {
+    use super::stated::stated;
     use super::*;
     use crate::{Pose, TICK_NS};
 
-    fn good() -> DeviceStatement {
-        DeviceStatement {
-            version: STATEMENT_VERSION,
-            measured_dof: 4,
-            driven_dof: 3,
-            rate_hz: 1_000.0,
-            limits: DeviceLimits { max_force_n: 3.3, max_stiffness_n_m: 1_200.0, max_damping_n_s_m: 2.0 },
-            continuous_force_n: 0.9,
-            pitch_rad: [-0.6, 0.6],
-            yaw_rad: [-0.6, 0.6],
-            roll_rad: [-3.0, 3.0],
-            insertion_m: [0.0, 0.1],
-            maker: statement_text("Nobody"),
-            name: statement_text("Nothing"),
-            ..DeviceStatement::default()
-        }
-    }
-
     #[test]
     fn a_statement_with_a_number_that_is_none_zero_or_absurd_is_refused_and_the_number_named() {
-        assert_eq!((good().check(), good().title().as_str()), (Ok(()), "Nobody Nothing"));
+        assert_eq!((stated().check(), stated().title().as_str()), (Ok(()), "Nobody Nothing"));
         type Change = fn(&mut DeviceStatement);
         for damping_n_s_m in [0.0, 0.05, 3.0, 100.0] {
-            assert_eq!(DeviceStatement { device_damping_n_s_m: damping_n_s_m, ..good() }.check(), Ok(()), "{damping_n_s_m}");
+            assert_eq!(DeviceStatement { device_damping_n_s_m: damping_n_s_m, ..stated() }.check(), Ok(()), "{damping_n_s_m}");
         }
         let changes: [(Change, &str); 16] = [
             (|it| it.version = 2, "version"),
@@ -227,7 +214,7 @@ mod tests {
             (|it| it.name = [0; STATEMENT_TEXT], "name"),
         ];
         for (change, what) in changes {
-            let mut bad = good();
+            let mut bad = stated();
             change(&mut bad);
             let said = bad.check().unwrap_err();
             assert!(said.starts_with(what), "{what}: {said}");
@@ -252,7 +239,7 @@ mod tests {
     fn a_sample_that_cannot_be_is_refused() {
         let mut focused = at(1, 0.05);
         focused.controls.focus_m = 0.008;
-        assert_eq!((good().admits(&at(1, 0.05)), good().admits(&focused)), (Ok(()), Ok(())), "a focus need not be stated");
+        assert_eq!((stated().admits(&at(1, 0.05)), stated().admits(&focused)), (Ok(()), Ok(())), "a focus need not be stated");
         type Change = fn(&mut HardwareSample);
         let changes: [(Change, &str); 12] = [
             (|sample| sample.pose.position_m[1] = f32::NAN, "position_m"),
@@ -271,7 +258,7 @@ mod tests {
         for (change, what) in changes {
             let mut bad = at(1, 0.05);
             change(&mut bad);
-            assert_eq!(good().admits(&bad), Err(what), "{bad:?}");
+            assert_eq!(stated().admits(&bad), Err(what), "{bad:?}");
         }
     }
 

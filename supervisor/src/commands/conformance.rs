@@ -32,6 +32,8 @@ const NO_TIME: &str = "gets time to show what it is";
 const COMES_BACK: &str = "comes back after its death";
 /// How long an engine may take to refuse arguments: a loader on a busy machine.
 const REFUSES_WITHIN_NS: u64 = 10_000_000_000;
+/// How long the private station's guardian may take to end after `stop`, which has waited for it.
+const ENDS_WITHIN_NS: u64 = 5_000_000_000;
 
 /// One check.
 #[derive(Debug, Serialize)]
@@ -123,7 +125,7 @@ struct Private {
 impl Drop for Private {
     fn drop(&mut self) {
         let _ = super::stop::stop(&self.station); // gone is as good
-        let _ = self.child.wait();
+        let _ = crate::proc::wait_within(&mut self.child, ENDS_WITHIN_NS); // one that does not end is killed
     }
 }
 

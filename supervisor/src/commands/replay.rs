@@ -21,8 +21,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const LINE: usize = 1_024;
 /// Differences that are named one by one.
 const MOST_TOLD: usize = 5;
-/// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing, or up to where
-/// the file was cut.
+/// The exit code of a run that lost something, or that ended before its end, and of a replay that did not come to the end of its recording.
+const NOT_WHOLE: u8 = 3;
+
+/// Shows or verifies; exit code 1 if something differs, 2 if the file cannot be replayed, 3 if it could be only up to something that is missing, up to where
+/// the file was cut, or up to where an engine did not go on.
 pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
     let from_tick = args.from_s.map_or(0, |from_s| (from_s * 1e3) as u64);
     let (begin_tick, states) = states_before(args, from_tick)?;
@@ -48,7 +51,7 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         (whole.missing, whole.end_tick) = (Some(missing), end_tick);
     }
     let verdict = match (&beside, ended) {
-        (Some(again), Ok(0)) => compare(&args.file, again, whole.end_tick),
+        (Some(again), Ok(code @ (0 | NOT_WHOLE))) => compare(&args.file, again, whole.end_tick, code == NOT_WHOLE),
         (_, ended) => ended,
     };
     if let Some(path) = &beside {
@@ -64,7 +67,7 @@ pub fn replay(station: &Station, args: &ReplayArgs) -> Result<u8, Refusal> {
         eprintln!("hystation: {}: {missing}; what is after tick {} was not done again", args.file.display(), whole.end_tick);
     }
     let is_whole = whole.missing.is_none() && whole.cut_at.is_none();
-    Ok(if code == 0 && !is_whole { 3 } else { code })
+    Ok(if code == 0 && !is_whole { NOT_WHOLE } else { code })
 }
 
 /// What ended the run, and what of the recording was found to be missing meanwhile, with the last tick before it.
@@ -273,6 +276,31 @@ impl Verdict {
             }
         }
     }
+
+    /// Tells what came of it; gives the exit code.
+    fn tell(self, is_lockstep: bool) -> u8 {
+        let Verdict { forces, states, pumps, unmade, first_unmade, orphans, different, told, .. } = self;
+        let forces = forces - orphans - unmade;
+        if let Some(tick) = first_unmade {
+            println!(
+                "{unmade} forces were not made again, the first of tick {tick}: this machine did not let the device run for two seconds; \
+                 verify once more"
+            );
+        }
+        if orphans > 0 {
+            println!(
+                "{orphans} forces are not compared: the states of their contact models were made and nobody went on from them"
+            );
+        }
+        let pumps = if is_lockstep { format!(", {pumps} figures of the pump") } else { String::new() };
+        if different == 0 {
+            println!("the same to the bit: {forces} forces, {states} states{pumps}");
+            return if unmade > 0 { NOT_WHOLE } else { 0 };
+        }
+        println!("{different} differ of all that was compared ({forces} forces, {states} states{pumps}):");
+        told.iter().for_each(|line| println!("  {line}"));
+        1
+    }
 }
 
 fn newton(record: &AppliedRecord) -> String {
@@ -281,37 +309,48 @@ fn newton(record: &AppliedRecord) -> String {
     format!("({x}, {y}, {z}) N{kind}")
 }
 
-/// Compares a recording with what was recorded of its replay.
-fn compare(recorded: &Path, again: &Path, end_tick: u64) -> Result<u8, Refusal> {
+/// Compares a recording with what was recorded of its replay; of one that `is_cut`, because an engine did not go on or something of it was lost, or that somebody
+/// has stopped, what comes before the first state that was not made again.
+fn compare(recorded: &Path, again: &Path, end_tick: u64, is_cut: bool) -> Result<u8, Refusal> {
     let open = |path: &Path| super::report::open(path).map(Playback::new);
     let unread = |error: hyst_recording::ReadError| Refusal::input(error.to_string());
-    let (mut was, mut is) = (open(recorded)?, open(again)?);
+    let mut was = open(recorded)?;
+    let mut is = match open(again) {
+        Ok(is) => is,
+        Err(refusal) => {
+            println!("nothing was made again: {}", refusal.message);
+            return Ok(NOT_WHOLE);
+        }
+    };
+    let ends_early = hyst_recording::outline(again).ok().flatten().is_some_and(|outline| outline.last_tick < end_tick);
+    let is_cut = is_cut || ends_early;
     let settings = was.session().get("settings").and_then(|text| toml::from_str::<Settings>(text).ok());
     let is_lockstep = settings.is_some_and(|settings| settings.lockstep);
-    let mut verdict = Verdict::default();
+    let (mut verdict, mut unmade_tick) = (Verdict::default(), None);
     for tick in 0..=end_tick {
         let moments = (was.at(tick).map_err(unread)?, is.at(tick).map_err(unread)?);
+        if moments.1.is_none() || is_cut && is_unmade(&moments) {
+            unmade_tick = Some(tick);
+            break;
+        }
         verdict.note_line(&was.due(tick));
         verdict.tick(tick, &moments.0.unwrap_or_default(), &moments.1.unwrap_or_default(), is_lockstep);
     }
-    let Verdict { forces, states, pumps, unmade, first_unmade, orphans, different, told, .. } = verdict;
-    let forces = forces - orphans - unmade;
-    if let Some(tick) = first_unmade {
-        println!(
-            "{unmade} forces were not made again, the first of tick {tick}: this machine did not let the device run for two seconds; \
-             verify once more"
-        );
+    let code = verdict.tell(is_lockstep);
+    if let Some(tick) = unmade_tick {
+        println!("tick {tick} and what comes after it were not made again");
     }
-    if orphans > 0 {
-        println!("{orphans} forces are not compared: the states of their contact models were made and nobody went on from them");
+    if code == 1 {
+        origin::other_build(was.session(), is.session()).iter().for_each(|words| println!("{words}"));
     }
-    let pumps = if is_lockstep { format!(", {pumps} figures of the pump") } else { String::new() };
-    if different == 0 {
-        println!("the same to the bit: {forces} forces, {states} states{pumps}");
-        return Ok(if unmade > 0 { 3 } else { 0 });
-    }
-    println!("{different} differ of all that was compared ({forces} forces, {states} states{pumps}):");
-    told.iter().for_each(|line| println!("  {line}"));
-    origin::other_build(was.session(), is.session()).iter().for_each(|words| println!("{words}"));
-    Ok(1)
+    Ok(if code == 0 && (is_cut || unmade_tick.is_some()) { NOT_WHOLE } else { code })
 }
+
+/// Whether a tick has a state in the recording, and none in that of its replay.
+fn is_unmade((was, is): &(Option<Moment>, Option<Moment>)) -> bool {
+    let has_state = |moment: &Option<Moment>| moment.as_ref().is_some_and(|moment| moment.step.is_some());
+    has_state(was) && !has_state(is)
+}
+
+#[cfg(test)]
+mod tests;

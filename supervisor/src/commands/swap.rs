@@ -54,11 +54,15 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
     loop {
         match Record::read(station).filter(|record| record.number == number) {
             Some(record) if record.promoted.is_some() => return Ok(record),
-            None => return Err(Refusal::failed("the station has ended; how the swap ended is not known")),
+            None => {
+                return Err(Refusal::failed("the station has ended, how the swap ended is not known; start it and swap again"));
+            }
             Some(_) if system::now_ns() >= deadline_ns => {
                 return Err(Refusal::failed("the swap does not end; `hystation logs` says how far it is"));
             }
-            Some(_) if remains::living(station).is_empty() => return Err(Refusal::failed("the station died during the swap")),
+            Some(_) if remains::living(station).is_empty() => {
+                return Err(Refusal::failed("the station died during the swap; start it and swap again"));
+            }
             Some(_) => system::sleep_ns(LOOK_NS),
         }
     }

@@ -91,8 +91,8 @@ impl Trial {
 impl Drop for Trial {
     fn drop(&mut self) {
         if let Some(mut judge) = self.judge.take() {
-            let _ = judge.kill(); // gone is as good
-            let _ = judge.wait();
+            let _ = judge.kill(); // gone is as good; one that waits for a recording's disk ends when that answers, and nobody waits for it
+            let _ = std::thread::Builder::new().name("judged".into()).spawn(move || judge.wait());
         }
     }
 }

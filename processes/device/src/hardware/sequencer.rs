@@ -146,7 +146,8 @@ impl<'a> Sequencer<'a> {
             joined = self.release_group(rest);
             rest = 0;
         }
-        if joined != 0 {
+        // One that is held still passes its state on, and no contact model or medium of this tick comes with it: nobody is to wait for that.
+        if joined != 0 && !self.life.clock.is_held(role) {
             self.station.store64(word, tick);
         }
         rest

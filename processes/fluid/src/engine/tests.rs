@@ -5,7 +5,7 @@ mod loans;
 
 use super::*;
 use crate::afford::{at_rest, tissue_at_rest};
-use crate::heard::tests::stated;
+use crate::heard::stated::stated;
 use crate::removed::tests::gone_ml;
 use crate::wounds::Vessel;
 use glam::{IVec3, Vec3};

@@ -69,7 +69,12 @@ impl<S: Stateful> Loop<'_, S> {
             } else if holder.incarnation == self.me() {
                 // The recording of a replay may say that ticks were lost.
                 let follows = self.life.is_replay() || newest_tick + self.engine.step_ticks() >= tick;
-                if late || (follows && self.engine.is_supplied(newest_tick, tick)) {
+                let is_supplied = follows && self.engine.is_supplied(newest_tick, tick);
+                if late && !is_supplied {
+                    let within_s = PATIENCE_NS / 1_000_000_000;
+                    self.life.say(&format!("what the state of tick {tick} is made from has not come within {within_s} s"));
+                }
+                if late || is_supplied {
                     self.make(tick, holder)?;
                     if self.roster.holder(self.role) == holder {
                         return Ok(());
