@@ -126,7 +126,7 @@ fn through_the_lens_the_rim_of_a_wet_ball_mirrors_the_walls_about_it_and_no_whit
     let shot = |without: Without| {
         let mut r = lacking(without)?;
         // What is empty for the most part is exposed as long as can be.
-        let mut view = View { gain: 0.2, ..straight() };
+        let mut view = View { gain: 0.06, ..straight() };
         ball_of(Material::Metal)(&mut r);
         picture(&mut r, &view); // which sets the exposure
         view.adaptation = 0.0;
@@ -144,7 +144,7 @@ fn through_the_lens_the_rim_of_a_wet_ball_mirrors_the_walls_about_it_and_no_whit
     };
     let [red, blue] = [0, 2].map(|channel| light(&wet, channel) - light(&dry, channel));
     println!("red light is {red} more at the rim, blue {blue}");
-    assert!(red > 0.003 && red > 1.4 * blue, "{red} {blue}");
+    assert!(red > 0.002 && red > 1.9 * blue, "{red} {blue}");
 }
 
 #[test]

@@ -120,18 +120,20 @@ fn spot(to_light: vec3<f32>, distance: f32) -> f32 {
     return g.light.w * cone * 1.0e-4 / (distance * distance + 2.5e-5);
 }
 
-// What a mirror at a point shows in one direction: the wall across a cavity, lit by the lamp with its fall-off, or from outside a light room.
+// What a mirror at a point shows in one direction: the wall across a cavity, lit by the lamp with its fall-off, or outside a room.
 const ACROSS_M: f32 = 0.015;    // how far off that wall is, m: less than half of a cavity's width of 4 cm
 const ACROSS: vec3<f32> = vec3<f32>(0.75, 0.34, 0.30);  // its colour, linear
 const ROOM: vec3<f32> = vec3<f32>(0.85, 0.88, 0.95);    // the room's, linear
 const ACROSS_DARK: f32 = 0.04;  // light on it that the lamp does not give: what a cavity mirrors to and fro
 const ACROSS_MOST: f32 = 1.5;   // most light on it
+const ROOM_LIT: f32 = 0.13;     // light in the room, of that which the lamp outside gives at its target
 fn across(at: vec3<f32>, way: vec3<f32>) -> vec3<f32> {
+    if OUTSIDE { return ROOM * ROOM_LIT; }
     let to_light = g.light.xyz - (at + way * ACROSS_M);
     let distance = length(to_light);
     let l = to_light / max(distance, 1.0e-6);
     let lit = spot(l, distance) * max(-dot(way, l), 0.0) + ACROSS_DARK * g.cone.y;
-    return mix(ACROSS, ROOM, f32(OUTSIDE)) * min(lit, ACROSS_MOST);
+    return ACROSS * min(lit, ACROSS_MOST);
 }
 
 fn lobe(n_dot_h: f32, power: f32) -> f32 {
