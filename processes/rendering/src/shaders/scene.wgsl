@@ -311,8 +311,8 @@ fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f3
 // Blood between the lens and a point: what each colour loses along the ray, and the light that it scatters back. A cell of the flow is wider than the
 // threads that blood draws in saline: where its density changes, and only there, it is looked up a little aside, so that its edge frays. How far aside
 // is looked up once for some steps: what counts is how many looks into a solid there are, twelve in all.
-const MURK_LOOKS: i32 = 3;      // into the noise
-const MURK_STEPS: i32 = 3;      // into the density for each of them
+const MURK_LOOKS: i32 = 2;      // into the noise
+const MURK_STEPS: i32 = 5;      // into the density for each of them
 const MURK_JITTER: f32 = 0.8;   // share of a step by which neighbouring pixels differ
 const MURK_LIGHT: f32 = 0.8;    // most light on it: close before the lens its distance says too much, for the lamp is beside it
 const FRAY_M: f32 = 0.0022;     // how far aside at most
