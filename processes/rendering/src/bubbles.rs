@@ -70,7 +70,8 @@ impl Bubbles {
             self.ball.triangles.iter().map(move |triangle| triangle.map(|corner| first + corner))
         };
         let triangles: Vec<[u32; 3]> = (0..room).flat_map(of).collect();
-        let rest_m = vec![NOWHERE_M; room * corners];
+        // By them the shader knows which way a bubble's skin looks, rounder than its corners are.
+        let rest_m = self.ball.positions_m.repeat(room);
         let appearance = Appearance::of(Material::Gas);
         stage.set_object(self.id, SurfaceMesh { triangles: &triangles, rest_m: &rest_m, raw: &[], appearance })?;
         self.room = room;

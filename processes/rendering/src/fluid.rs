@@ -20,16 +20,19 @@ pub struct FluidField<'a> {
     pub max_m: [f32; 3],
     /// density per cell, x fastest, 0 is clear; values that are not finite count as clear
     pub density: &'a [f32],
-    /// extinction at density 1, 1/m
+    /// extinction of green light at density 1, 1/m; that of red and blue is to it as in blood
     pub extinction_per_m: f32,
 }
 
-/// Density under which the medium is clear: it takes a fortieth of the light over 5 cm.
-pub const CLEAR: f32 = 1e-3;
+/// Density under which the medium is clear: with the extinction of blood as it is drawn a fiftieth of green light is lost over 2 cm, there and back.
+pub const CLEAR: f32 = 2e-4;
+/// How far from its middle a cell's density reaches, in cells, beside half of its own width: smoothing gives of it to the next one (`field.wgsl`), from
+/// which it is interpolated to the one after that.
+const REACH_CELLS: f32 = 1.5;
 /// A box in which nothing lies.
 const NOWHERE: [[f32; 4]; 2] = [[1.0; 4], [0.0; 4]];
 
-/// Corners of the box about all cells in which there is blood, m, one cell wider than they are: between cells density is interpolated.
+/// Corners of the box about all cells in which there is blood, m, and as far as their density reaches.
 fn where_any(field: &FluidField<'_>) -> [[f32; 4]; 2] {
     let [nx, ny, _] = field.dims.map(|cells| cells as usize);
     let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
@@ -46,7 +49,7 @@ fn where_any(field: &FluidField<'_>) -> [[f32; 4]; 2] {
         field.min_m[axis] + cells * edge_m
     };
     let corner = |cells: [f32; 3]| [place_m(0, cells[0]), place_m(1, cells[1]), place_m(2, cells[2]), 0.0];
-    [corner(low.map(|index| index as f32 - 1.0)), corner(high.map(|index| index as f32 + 2.0))]
+    [corner(low.map(|index| index as f32 - REACH_CELLS)), corner(high.map(|index| index as f32 + 1.0 + REACH_CELLS))]
 }
 
 /// The field on the device.
@@ -57,6 +60,8 @@ pub(crate) struct Fluid {
     pub view: wgpu::TextureView,
     pub min: [f32; 4],
     pub max: [f32; 4],
+    /// Of green light at density 1, 1/m.
+    pub extinction_per_m: f32,
     /// Corners of the box in which there is blood, m; of none the second lies before the first.
     pub where_any: [[f32; 4]; 2],
     pub changed: bool,
@@ -80,7 +85,17 @@ impl Fluid {
         });
         let resources = [density.as_entire_binding(), wgpu::BindingResource::TextureView(&view)];
         let convert = group(&gpu.device, &pipelines.field_layout, &resources);
-        Self { dims, density, convert, view, min: [0.0; 4], max: [0.0; 4], where_any: NOWHERE, changed: false }
+        Self {
+            dims,
+            density,
+            convert,
+            view,
+            min: [0.0; 4],
+            max: [0.0; 4],
+            extinction_per_m: 0.0,
+            where_any: NOWHERE,
+            changed: false,
+        }
     }
 
     /// Takes a new field; says whether the texture is another one, so that it must be bound anew.
@@ -100,8 +115,9 @@ impl Fluid {
         }
         gpu.queue.write_buffer(&self.density, 0, bytemuck::cast_slice(field.density));
         let ([x, y, z], [u, v, w]) = (field.min_m, field.max_m);
-        self.min = [x, y, z, field.extinction_per_m.clamp(0.0, 1.0e5)];
+        self.min = [x, y, z, 0.0];
         self.max = [u, v, w, 0.0];
+        self.extinction_per_m = field.extinction_per_m.clamp(0.0, 1.0e5);
         self.where_any = where_any(field);
         self.changed = true;
         Ok(renewed)
@@ -122,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_box_of_blood_is_a_cell_wider_than_its_cells_and_that_of_none_is_none() {
+    fn the_box_of_blood_is_one_cell_and_a_half_wider_than_its_cells_and_that_of_none_is_none() {
         let mut density = [0.0; 60];
         let of = |density: &[f32]| {
             where_any(&FluidField { dims: [5, 4, 3], min_m: [0.0; 3], max_m: [0.05, 0.08, 0.09], density, extinction_per_m: 1.0 })
@@ -133,6 +149,6 @@ mod tests {
         let [low, high] = of(&density);
         let close =
             |found: [f32; 4], wanted: [f32; 3]| found.iter().zip(wanted).all(|(found, wanted)| (found - wanted).abs() < 1e-6);
-        assert!(close(low, [0.01, 0.0, 0.0]) && close(high, [0.04, 0.06, 0.09]), "{low:?} {high:?}");
+        assert!(close(low, [0.005, -0.01, -0.015]) && close(high, [0.045, 0.07, 0.105]), "{low:?} {high:?}");
     }
 }

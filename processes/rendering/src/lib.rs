@@ -6,6 +6,7 @@
 //!
 //! Technique: forward shading with solid noise at rest positions (Perlin 2002), smooth normals by a gather over incident triangles,
 //! inverse-square spotlight, thin-lens focus gathered over discs, a filmic curve, and a radial lens polynomial of degree 4.
+mod blood;
 mod bubbles;
 mod camera;
 mod caught;
@@ -18,6 +19,7 @@ mod gpu;
 mod hash;
 mod help;
 mod input;
+mod layouts;
 mod marks;
 mod motes;
 #[cfg(test)]
@@ -37,6 +39,7 @@ mod timing;
 mod uniforms;
 mod window;
 
+pub use blood::EXTINCTION_PER_M;
 pub use bubbles::Bubbles;
 pub use camera::{Camera, Endoscope, External, USUAL_PERIPHERY_RATIO, View, distortion};
 pub use caught::spare_caught_panics;

@@ -6,7 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 use hyst_flow::StateView;
 use hyst_messages::{FluidStatus, Kind, Message, SealRecord, WireError};
-use rendering::{CLEAR, FlowField, FluidField};
+use rendering::{CLEAR, EXTINCTION_PER_M, FlowField, FluidField};
 
 /// Section of the solver's block in a fluid state.
 const BLOCK: usize = 1;
@@ -16,8 +16,6 @@ const DENSITIES: usize = 2;
 const GAS: usize = 3;
 /// Section of the vessels that are coagulated.
 const SEALS: usize = 4;
-/// Extinction of undiluted blood as drawn, 1/m: opaque over the width of a cavity, with what lies before it still to be seen.
-const EXTINCTION_PER_M: f32 = 320.0;
 
 /// First section of a fluid state.
 #[repr(C)]

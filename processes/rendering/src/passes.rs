@@ -2,7 +2,7 @@
 use crate::{
     camera::Eye,
     overlay::{COLUMNS, EDGE_PX},
-    pipelines::Variant,
+    pipelines::{Class, Variant},
     renderer::Renderer,
     stage::{Material, Object},
     uniforms::glyph_px,
@@ -12,9 +12,49 @@ use crate::{
 const GROUP: u32 = 64;
 /// Vertices of the frame around the round field, as `scene.wgsl` makes them.
 const MASK_VERTICES: u32 = 6 * 32;
-/// The rounds of the scene pass: whether what is translucent is drawn, and which side of a face is left out.
-const ROUNDS: [(bool, Option<wgpu::Face>); 4] =
-    [(false, None), (false, Some(wgpu::Face::Back)), (false, Some(wgpu::Face::Front)), (true, None)];
+/// When in the scene pass an object is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Round {
+    /// What is opaque and seen as a whole.
+    Whole,
+    /// What is opaque and seen in halves.
+    Halved,
+    /// What all of that is seen through.
+    Gas,
+    /// Tissue through which all else is seen.
+    Glass,
+}
+
+/// The rounds of the scene pass, and which side of a face is left out in each. What is not seen as a whole is seen in halves: what looks at the lens first,
+/// so that the organ's outside is not coloured behind its inside.
+const ROUNDS: [(Round, Option<wgpu::Face>); 5] = [
+    (Round::Whole, None),
+    (Round::Halved, Some(wgpu::Face::Back)),
+    (Round::Halved, Some(wgpu::Face::Front)),
+    (Round::Gas, Some(wgpu::Face::Back)),
+    (Round::Glass, None),
+];
+
+impl Round {
+    fn of(object: &Object, eye: &Eye) -> Self {
+        match object.appearance.material {
+            Material::Gas => Self::Gas,
+            Material::Metal => Self::Whole,
+            Material::MucosaTissue if eye.tissue_alpha < 0.999 => Self::Glass,
+            _ if eye.round => Self::Halved,
+            _ => Self::Whole,
+        }
+    }
+}
+
+fn class(object: &Object) -> Class {
+    match object.appearance.material {
+        Material::Metal => Class::Metal,
+        Material::Gas => Class::Gas,
+        _ => Class::Tissue,
+    }
+}
+
 /// Workgroups per row of a dispatch.
 const GROUPS_PER_ROW: u32 = 32_768;
 
@@ -60,16 +100,13 @@ impl Renderer {
             pass.set_pipeline(&self.pipelines.mask);
             pass.draw(0..MASK_VERTICES, 0..1);
         }
-        let is_metal = |o: &Object| matches!(o.appearance.material, Material::Metal | Material::Gas);
-        let is_translucent = |o: &Object| o.appearance.material == Material::MucosaTissue && eye.tissue_alpha < 0.999;
-        let is_halved = |o: &Object| eye.round && !is_metal(o);
-        for (translucent, hidden) in ROUNDS {
-            // What is not seen as a whole is seen in halves: what looks at the lens first, so that the organ's outside is not coloured behind its
-            // inside. Pathology and tools, which have the higher numbers, lie before the organ.
-            let due = |o: &&Object| is_translucent(o) == translucent && is_halved(o) == hidden.is_some();
+        for (round, hidden) in ROUNDS {
+            // Pathology and tools, which have the higher numbers, lie before the organ.
+            let due = |o: &&Object| Round::of(o, eye) == round;
             for object in self.stage.objects.values().rev().filter(seen).filter(due) {
+                let translucent = round == Round::Glass;
                 let fluid = self.fluid_shown && !translucent;
-                let variant = Variant { metal: is_metal(object), fluid, outside: !eye.round, translucent, hidden };
+                let variant = Variant { class: class(object), fluid, outside: !eye.round, translucent, hidden };
                 pass.set_pipeline(self.pipelines.scene(variant));
                 object.draw(&mut pass);
                 // The halves of an object are its faces once.
@@ -78,7 +115,12 @@ impl Renderer {
         }
         if let Some(lines) = self.pipelines.lines.as_ref().filter(|_| has_lines && !eye.round) {
             pass.set_pipeline(lines);
-            self.stage.objects.values().filter(seen).filter(|o| !is_metal(o)).for_each(|object| object.draw(&mut pass));
+            self.stage
+                .objects
+                .values()
+                .filter(seen)
+                .filter(|o| class(o) == Class::Tissue)
+                .for_each(|object| object.draw(&mut pass));
         }
         triangles
     }

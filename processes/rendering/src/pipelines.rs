@@ -6,7 +6,10 @@ use std::{
 
 use wgpu::{BindingType as Bind, ShaderStages as At, TextureFormat as Format};
 
-use crate::gpu::{Gpu, Without};
+use crate::{
+    gpu::{Gpu, Without},
+    layouts::{field_entries, object_entries, post_entries, scene_entries, shape_entries},
+};
 
 /// Linear light before the post passes.
 pub(crate) const LIGHT: Format = Format::Rgba16Float;
@@ -21,10 +24,18 @@ const REST: u32 = 4;
 /// What a device must have to draw the lines of meshes.
 pub(crate) const LINES: wgpu::Features = wgpu::Features::POLYGON_MODE_LINE;
 
-/// Scene pipelines by material class, fluid, camera, translucency, and the side of a face that is left out.
+/// What a scene pipeline colours: `scene.wgsl` has a function for each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Class {
+    Tissue,
+    Metal,
+    Gas,
+}
+
+/// Scene pipelines by class, fluid, camera, translucency, and the side of a face that is left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Variant {
-    pub metal: bool,
+    pub class: Class,
     pub fluid: bool,
     pub outside: bool,
     pub translucent: bool,
@@ -82,7 +93,7 @@ impl Pipelines {
     pub(crate) fn new(gpu: &Gpu, shown: Option<Format>) -> Self {
         let d = &gpu.device;
         let scene_layout = layout(d, "scene", &scene_entries());
-        let object_layout = layout(d, "object", &[(At::VERTEX_FRAGMENT, uniform())]);
+        let object_layout = layout(d, "object", &object_entries());
         let shape_layout = layout(d, "shape", &shape_entries());
         let post_layout = layout(d, "post", &post_entries());
         let field_layout = layout(d, "field", &field_entries());
@@ -168,58 +179,20 @@ pub(crate) fn group(
 }
 
 fn variants() -> impl Iterator<Item = Variant> {
-    let bools = [false, true];
-    let pairs = bools.into_iter().flat_map(move |metal| bools.map(|fluid| (metal, fluid)));
-    let opaque = |metal, fluid, outside, hidden| Variant { metal, fluid, outside, translucent: false, hidden };
-    let whole = pairs.clone().flat_map(move |(metal, fluid)| bools.map(|outside| opaque(metal, fluid, outside, None)));
-    let sides = [wgpu::Face::Back, wgpu::Face::Front].into_iter();
-    let halves = sides.flat_map(move |hidden| bools.map(|fluid| opaque(false, fluid, false, Some(hidden))));
-    whole.chain(halves).chain([Variant { translucent: true, ..opaque(false, false, true, None) }])
-}
-
-fn uniform() -> Bind {
-    Bind::Buffer { ty: wgpu::BufferBindingType::Uniform, has_dynamic_offset: false, min_binding_size: None }
-}
-
-fn storage(read_only: bool) -> Bind {
-    Bind::Buffer { ty: wgpu::BufferBindingType::Storage { read_only }, has_dynamic_offset: false, min_binding_size: None }
-}
-
-fn texture(view_dimension: wgpu::TextureViewDimension) -> Bind {
-    Bind::Texture { sample_type: wgpu::TextureSampleType::Float { filterable: true }, view_dimension, multisampled: false }
-}
-
-fn scene_entries() -> [(At, Bind); 8] {
-    let solid = (At::FRAGMENT, texture(wgpu::TextureViewDimension::D3));
-    let sampler = (At::FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    let view_dimension = wgpu::TextureViewDimension::D2;
-    let depth = Bind::Texture { sample_type: wgpu::TextureSampleType::Depth, view_dimension, multisampled: false };
-    let compared = (At::FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Comparison));
-    // The relief shapes growths, too.
-    let relief = (At::VERTEX_FRAGMENT, texture(wgpu::TextureViewDimension::D3));
-    let tiled = (At::VERTEX_FRAGMENT, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    [(At::VERTEX_FRAGMENT, uniform()), solid, relief, solid, tiled, sampler, (At::FRAGMENT, depth), compared]
-}
-
-fn shape_entries() -> [(At, Bind); 6] {
-    let read = (At::COMPUTE, storage(true));
-    [read, read, read, read, read, (At::COMPUTE, storage(false))]
-}
-
-fn post_entries() -> [(At, Bind); 7] {
-    let both = At::FRAGMENT | At::COMPUTE;
-    let flat = (both, texture(wgpu::TextureViewDimension::D2));
-    let sampler = (both, Bind::Sampler(wgpu::SamplerBindingType::Filtering));
-    [(both | At::VERTEX, uniform()), flat, flat, sampler, (both, storage(false)), (both, storage(true)), flat]
-}
-
-fn field_entries() -> [(At, Bind); 2] {
-    let solid = Bind::StorageTexture {
-        access: wgpu::StorageTextureAccess::WriteOnly,
-        format: LIGHT,
-        view_dimension: wgpu::TextureViewDimension::D3,
-    };
-    [(At::COMPUTE, storage(true)), (At::COMPUTE, solid)]
+    let (back, front) = (Some(wgpu::Face::Back), Some(wgpu::Face::Front));
+    // Tissue is seen through the lens in halves, from outside as a whole; of a bubble its nearer half is seen.
+    let seen = [
+        (Class::Tissue, true, None),
+        (Class::Tissue, false, back),
+        (Class::Tissue, false, front),
+        (Class::Metal, true, None),
+        (Class::Metal, false, None),
+        (Class::Gas, true, back),
+        (Class::Gas, false, back),
+    ];
+    let opaque = |(class, outside, hidden), fluid| Variant { class, fluid, outside, translucent: false, hidden };
+    let glass = Variant { translucent: true, ..opaque((Class::Tissue, true, None), false) };
+    seen.into_iter().flat_map(move |of| [false, true].map(|fluid| opaque(of, fluid))).chain([glass])
 }
 
 fn layout(d: &wgpu::Device, label: &str, bindings: &[(At, Bind)]) -> wgpu::BindGroupLayout {
@@ -292,15 +265,30 @@ fn shaded<'a>(
     Some(wgpu::FragmentState { module: &parts.scene.module, entry_point: Some(entry), compilation_options, targets })
 }
 
+/// Over what lies behind, whose alpha stays: by that the focus knows how far off it is.
+const SEEN_THROUGH: wgpu::BlendState = wgpu::BlendState {
+    color: wgpu::BlendState::ALPHA_BLENDING.color,
+    alpha: wgpu::BlendComponent {
+        src_factor: wgpu::BlendFactor::Zero,
+        dst_factor: wgpu::BlendFactor::One,
+        operation: wgpu::BlendOperation::Add,
+    },
+};
+
 fn light_target(blend: Option<wgpu::BlendState>) -> [Option<wgpu::ColorTargetState>; 1] {
     [Some(wgpu::ColorTargetState { format: LIGHT, blend, write_mask: wgpu::ColorWrites::ALL })]
 }
 
 fn scene_pipeline(parts: &Parts, v: Variant) -> wgpu::RenderPipeline {
-    let kinds = [("METAL", v.metal), ("FLUID", v.fluid), ("OUTSIDE", v.outside)];
-    let all = kinds.into_iter().chain(parts.without.named());
+    let classes = [("METAL", v.class == Class::Metal), ("GAS", v.class == Class::Gas)];
+    let kinds = classes.into_iter().chain([("FLUID", v.fluid), ("OUTSIDE", v.outside)]);
+    let all = kinds.chain(parts.without.named());
     let constants: Vec<(&str, f64)> = all.map(|(name, is)| (name, f64::from(u8::from(is)))).collect();
-    let targets = light_target(v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING));
+    let blend = match v.class {
+        Class::Gas => Some(SEEN_THROUGH),
+        _ => v.translucent.then_some(wgpu::BlendState::ALPHA_BLENDING),
+    };
+    let targets = light_target(blend);
     let primitive = wgpu::PrimitiveState { cull_mode: v.hidden, ..Default::default() };
     let fragment = shaded(parts, "fragment", &constants, &targets);
     mesh_pipeline(parts, primitive, depth(!v.translucent), parts.samples, fragment)

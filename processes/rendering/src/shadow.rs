@@ -1,7 +1,9 @@
 //! What the lamp at the scope's tip does not reach: a map of how far its light goes, drawn from the lamp, and looked into by what is lit.
 //!
 //! The lamp lies a millimetre beside the lens, so that a shadow is seen where something stands off the wall behind it: the wire of a loop, a polyp, a
-//! chip. What throws one is whatever is not the lining; the folds of that shade themselves by their slope. Outside the lamp is the room's.
+//! chip. What throws one is whatever is not the lining; the folds of that shade themselves by their slope. In the map its facets, which are flat, 2 to 3 mm
+//! wide and lit as if they were round, would shade themselves where they turn away from the lamp, and what a fold throws a millimetre beside the lens is
+//! a sliver. Outside the lamp is the room's.
 use glam::Mat4;
 
 use crate::{

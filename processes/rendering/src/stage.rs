@@ -35,7 +35,7 @@ pub enum Material {
     Coagulated,
     /// scope, sheath, loop
     Metal,
-    /// bubbles
+    /// bubbles: balls whose vertices have as places at rest their directions from the middle
     Gas,
     /// what drifts in the medium: it throws no shadow
     Flake,
@@ -257,7 +257,7 @@ impl Stage {
             Material::Polyp => (1.0, 0.24, 80.0, 0.25),
             Material::Coagulated => (0.1, 0.8, 90.0, 0.0),
             Material::Metal => (0.0, 0.0, 60.0, 0.0),
-            Material::Gas => (0.0, 0.0, 60.0, 1.0),
+            Material::Gas => (0.0, 0.0, 60.0, 0.0),
             Material::Flake => (0.0, 0.24, 80.0, 0.0),
         };
         let shape = match look.material {

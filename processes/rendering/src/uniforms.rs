@@ -2,6 +2,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::{
+    blood::{LIT, SPECTRUM},
     camera::{Eye, NEAR_M, View},
     fluid::Fluid,
     overlay::COLUMNS,
@@ -21,6 +22,7 @@ pub(crate) struct Globals {
     fluid_min: [f32; 4],
     fluid_max: [f32; 4],
     blood: [f32; 4],
+    murk: [f32; 4],
     blood_min: [f32; 4],
     blood_max: [f32; 4],
     lamp: [[f32; 4]; 4],
@@ -62,7 +64,9 @@ pub(crate) fn globals(eye: &Eye, light: f32, fluid: &Fluid, has_shadows: bool) -
         clip: eye.clip,
         fluid_min: fluid.min,
         fluid_max: fluid.max,
-        blood: [0.30, 0.007, 0.006, 1.0],
+        blood: glam::Vec3::from(LIT).extend(1.0).to_array(),
+        // The light of the lamp, which is beside the lens, goes there and comes back.
+        murk: (2.0 * fluid.extinction_per_m * glam::Vec3::from(SPECTRUM)).extend(0.0).to_array(),
         blood_min: fluid.where_any[0],
         blood_max: fluid.where_any[1],
         lamp: lamp_view(eye).to_cols_array_2d(),

@@ -1,10 +1,7 @@
 //! Statements about pictures: what a trainee would miss at once if it were broken.
 mod stand;
 
-use rendering::{
-    Appearance, Bubbles, Camera, FluidField, Gpu, MAX_SPOTS, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh,
-    shapes,
-};
+use rendering::{Appearance, Camera, Gpu, MAX_SPOTS, Material, Overlay, Prefer, RenderError, Renderer, SurfaceMesh, shapes};
 use stand::*;
 
 #[test]
@@ -210,35 +207,6 @@ fn a_coagulated_spot_is_pale_where_it_lies_and_nowhere_else() {
     assert!(matches!(r.stage().set_spots(99, &[spot]), Err(RenderError::UnknownObject(99))));
 }
 
-#[test]
-fn blood_hides_the_view_and_a_clear_medium_does_not() {
-    let Some((mut r, _)) = in_cavity() else {
-        return;
-    };
-    let mut view = through_scope();
-    view.adaptation = 0.0; // the exposure of the first frame stays
-    let clear = picture(&mut r, &view);
-    let field = |density| FluidField {
-        dims: [8, 8, 6],
-        min_m: [-0.02, -0.02, 0.0],
-        max_m: [0.02, 0.02, 0.06],
-        density,
-        extinction_per_m: 600.0,
-    };
-    r.set_fluid(Some(field(&[0.0; 384]))).unwrap();
-    assert_eq!(changed(&clear, &picture(&mut r, &view)), 0);
-    r.set_fluid(Some(field(&[1.0; 384]))).unwrap();
-    let bloody = picture(&mut r, &view);
-    let [inside, _] = round_field();
-    let green = |p: &[u8]| inside.iter().map(|&(x, y)| pixel(p, x, y)[1]).sum::<i32>();
-    assert!(2 * green(&bloody) < green(&clear), "{} {}", green(&bloody), green(&clear));
-    assert!(matches!(r.set_fluid(Some(field(&[1.0; 383]))), Err(RenderError::BadField { .. })));
-    r.set_fluid(Some(field(&[f32::NAN; 384]))).unwrap();
-    assert_eq!(changed(&clear, &picture(&mut r, &view)), 0);
-    r.set_fluid(None).unwrap();
-    assert_eq!(changed(&clear, &picture(&mut r, &view)), 0);
-}
-
 /// How sharp a picture of 640 × 480 is between two distances from its middle, px: the mean square of its steps in green from one pixel to the next.
 fn sharpness(shot: &[u8], from_px: f32, to_px: f32) -> f32 {
     let (mut sum, mut count) = (0.0, 0);
@@ -363,33 +331,4 @@ fn the_first_picture_is_not_overexposed_by_the_empty_stage_before_it() {
     view.adaptation = 1.0;
     let metered = picture(&mut r, &view);
     assert_eq!(changed(&first, &metered), 0);
-}
-
-#[test]
-fn a_bubble_is_seen_where_it_is_and_nonsense_is_not() {
-    let Some((mut r, _)) = in_cavity() else { return };
-    let view = through_scope();
-    let before = picture(&mut r, &view);
-    let mut bubbles = Bubbles::new(77);
-    // 1e-3 ml is a ball of 1.24 mm, here 8 mm before the lens: some 12 of the 120 pixels of 90°, so an area of about a hundred.
-    let parcels =
-        [[0.0, 0.0, 0.023, 1e-3], [0.0; 4], [f32::NAN, 0.0, 0.02, 1e-3], [0.0, 0.0, 0.023, 1e9], [0.0, 0.0, 0.02, -1.0]];
-    assert!(bubbles.show(r.stage(), &parcels).unwrap() > 0);
-    let with = picture(&mut r, &view);
-    let seen = changed(&before, &with);
-    assert!((30..1_000).contains(&seen), "{seen} pixels");
-    let about = |x: u32, y: u32| {
-        pixel(&before, WIDTH / 2 + x - 10, HEIGHT / 2 + y - 10) != pixel(&with, WIDTH / 2 + x - 10, HEIGHT / 2 + y - 10)
-    };
-    let there = (0..20).flat_map(|x| (0..20).map(move |y| (x, y))).filter(|(x, y)| about(*x, *y)).count();
-    assert!(there > seen / 2, "{there} of {seen} pixels are where it is");
-    // More than there was room for, then more than are ever drawn, then none: nothing is left of them.
-    for count in [100, 5_000] {
-        bubbles.show(r.stage(), &vec![[0.0, 0.0, 0.023, 1e-3]; count]).unwrap();
-        assert_eq!(changed(&with, &picture(&mut r, &view)), 0, "{count} in one place");
-    }
-    assert_eq!(bubbles.show(r.stage(), &parcels[1..]).unwrap(), 0);
-    assert!(!r.stage().ids().any(|id| id == 77));
-    picture(&mut r, &view); // the exposure comes back
-    assert_eq!(changed(&before, &picture(&mut r, &view)), 0);
 }

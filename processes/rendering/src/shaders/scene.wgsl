@@ -1,6 +1,7 @@
-// The scene as the lens sees it, in linear light: wet tissue, metal, the spotlight at the scope's tip, blood along the ray.
+// The scene as the lens sees it, in linear light: wet tissue, metal, bubbles, the spotlight at the scope's tip, blood along the ray.
 // Textures are solid noise looked up at the rest position, so that vessels and glands move with the tissue and need no unwrapping.
 override METAL: bool = false;
+override GAS: bool = false;
 override FLUID: bool = false;
 override OUTSIDE: bool = false;
 // For developers: each leaves out a part of how tissue looks.
@@ -16,9 +17,10 @@ struct Globals {
     light_axis: vec4<f32>,   // unit, cosine of the cone's edge
     cone: vec4<f32>,         // cosine of the full-light cone, ambient, nearest distance drawn m, width of a texel of the shadow at a distance of one; 0 if nothing throws any
     clip: vec4<f32>,         // tissue with dot(n, p) > d is cut away; n = 0: no cut
-    fluid_min: vec4<f32>,    // corner of the fluid's box m, extinction 1/m at density 1
+    fluid_min: vec4<f32>,    // corner of the fluid's box m
     fluid_max: vec4<f32>,    // opposite corner m
-    blood: vec4<f32>,        // linear colour of blood that is lit
+    blood: vec4<f32>,        // linear colour of much blood that is lit
+    murk: vec4<f32>,         // what each colour loses on a metre of density 1, there and back: twice the extinction 1/m
     blood_min: vec4<f32>,    // corner of the box in which there is any m
     blood_max: vec4<f32>,    // opposite corner m
     lamp: mat4x4<f32>,       // into the map of what the light meets first
@@ -27,7 +29,7 @@ struct Object {
     model: mat4x4<f32>,
     colour: vec4<f32>,       // linear, alpha
     surface: vec4<f32>,      // roughness, texture frequency 1/m, vessels 0..1, bump 0..1
-    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1 or, with metal, 1 of gas
+    extra: vec4<f32>,        // 1 if the cut away half shows (never clipped), char 0..1, glow 0..1, mouths of glands 0..1
     mouths: array<vec4<f32>, 2>, // of the tubes: rest position m, radius m, 0 where there is none
     shape: vec4<f32>,        // height of its lobes m, their frequency 1/m, most light that it shows or 0
     spots: array<vec4<f32>, 64>, // blanched by coagulation: rest position m, radius m, 0 behind the last
@@ -118,6 +120,22 @@ fn spot(to_light: vec3<f32>, distance: f32) -> f32 {
     return g.light.w * cone * 1.0e-4 / (distance * distance + 2.5e-5);
 }
 
+// What a mirror at a point shows in one direction: the wall across a cavity, lit by the lamp with its fall-off, or outside a room.
+const ACROSS_M: f32 = 0.015;    // how far off that wall is, m: less than half of a cavity's width of 4 cm
+const ACROSS: vec3<f32> = vec3<f32>(0.75, 0.34, 0.30);  // its colour, linear
+const ROOM: vec3<f32> = vec3<f32>(0.85, 0.88, 0.95);    // the room's, linear
+const ACROSS_DARK: f32 = 0.04;  // light on it that the lamp does not give: what a cavity mirrors to and fro
+const ACROSS_MOST: f32 = 1.5;   // most light on it
+const ROOM_LIT: f32 = 0.13;     // light in the room, of that which the lamp outside gives at its target
+fn across(at: vec3<f32>, way: vec3<f32>) -> vec3<f32> {
+    if OUTSIDE { return ROOM * ROOM_LIT; }
+    let to_light = g.light.xyz - (at + way * ACROSS_M);
+    let distance = length(to_light);
+    let l = to_light / max(distance, 1.0e-6);
+    let lit = spot(l, distance) * max(-dot(way, l), 0.0) + ACROSS_DARK * g.cone.y;
+    return ACROSS * min(lit, ACROSS_MOST);
+}
+
 fn lobe(n_dot_h: f32, power: f32) -> f32 {
     return (power + 8.0) * 0.04 * pow(max(n_dot_h, 0.0), power);
 }
@@ -151,6 +169,11 @@ fn blanched(rest: vec3<f32>, ragged: f32) -> f32 {
     }
     return found;
 }
+
+// How much a wet film in saline mirrors (refractive indices 1.40 and 1.33, Fresnel): of what falls squarely upon it hardly anything, and of what grazes it
+// this part times the eighth power of one less the cosine: 0.12 at 80 degrees, 0.02 at 70, as the formulas have it.
+const FILM_SQUARE: f32 = 0.0007;
+const FILM_GLANCE: f32 = 0.55;
 
 // `full` is the light that would reach it, `e` what of it does.
 // `grain` is how much of the rest position a pixel covers, m: what is finer is looked up as its mean, or a wall far off would be of sand.
@@ -226,23 +249,23 @@ fn tissue(in: Varying, n0: vec3<f32>, v: vec3<f32>, l: vec3<f32>, full: f32, e: 
     let nv = max(dot(n, v), 0.0);
     var wet = (1.0 - o.surface.x) * (1.0 - 0.85 * burn) * (1.0 - 0.6 * white) * (1.0 - 0.5 * in.raw) * (1.0 - 0.9 * tube.pit);
     if NO_WET { wet = 0.0; }
-    // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens, and none of the walls behind.
+    // In saline a wet wall mirrors a fortieth of what it does in air (n = 1.40 and 1.33): a few small glints near the lens.
     let film = (0.052 * lobe(nh, mix(260.0, 60.0, calm)) + 0.018 * lobe(nh, 30.0)) * (1.0 - 0.8 * calm) * wet * smoothstep(-0.05, 0.2, nl);
     // folds catch the light at a glance too: the film pools, so its slope lies between the wall's and the ripple's
     let glance = 1.0 - nv;
     let pooled = pow(max(dot(film_n, normalize(h + n0 * 0.8)), 0.0), 120.0) * smoothstep(0.0, 0.5, b2.w) * glance * 0.3 * wet;
-    let rim = glance * glance * glance * glance * 0.04 * wet;
-    c += vec3<f32>(1.0, 0.96, 0.93) * (film * e + (rim + pooled) * min(e, 1.0));
-    return c;
+    c += vec3<f32>(1.0, 0.96, 0.93) * (film * e + pooled * min(e, 1.0));
+    // beside the lamp's own image it mirrors the walls about it: in a canal and on the flank of a fold one sees that it is wet
+    let steep = glance * glance * glance * glance;
+    return c + across(in.world, reflect(-v, film_n)) * ((FILM_SQUARE + FILM_GLANCE * steep * steep) * wet);
 }
 
 // Brushed steel in a pink room: no diffuse light to speak of, a bright band where the room's light part mirrors. With current in it a wire glows
-// in the orange of sodium, as it does in saline. A bubble of gas is no metal, but drawn with it: it shows the wall behind, small and turned about, in
-// its middle, is dark where light from behind is mirrored away, and bright again at its rim.
+// in the orange of sodium, as it does in saline.
 fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<f32> {
     let r = reflect(-v, n);
     let band = 0.30 + 0.70 * smoothstep(-0.25, 0.35, r.y) * (1.0 - 0.55 * smoothstep(0.45, 0.9, r.y));
-    let room = mix(vec3<f32>(0.75, 0.34, 0.30), vec3<f32>(0.85, 0.88, 0.95), f32(OUTSIDE));
+    let room = mix(ACROSS, ROOM, f32(OUTSIDE));
     let h = normalize(l + v);
     let sharp = 1.0 - o.surface.x;
     let glint = lobe(dot(n, h), mix(12.0, 160.0, sharp)) * 0.12;
@@ -250,17 +273,50 @@ fn metal(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec3<
     let lit = min(e, 1.5);
     let facing = max(dot(n, l), 0.0);
     let steel = o.colour.rgb * (room * band * fresnel * (0.10 + 0.24 * lit) * (1.0 + f32(OUTSIDE)) + facing * facing * 0.10 * lit) + vec3<f32>(glint * lit);
-    let edge = 1.0 - max(dot(n, v), 0.0);
-    let clear = room * (0.90 + 0.25 * r.y) * (0.30 + 0.52 * lit) * (1.0 - 0.78 * smoothstep(0.42, 0.74, edge));
-    let gas = clear + vec3<f32>(0.45) * lit * smoothstep(0.84, 0.97, edge) + vec3<f32>(4.0 * glint * lit);
-    return mix(steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z, gas, o.extra.w);
+    return steel + vec3<f32>(1.8, 0.62, 0.10) * o.extra.z;
 }
 
-// Blood between the lens and a point: extinction along the ray in six steps, and the light that it scatters back. A cell of the flow is wider than the
-// threads that blood draws in saline: where its density changes, and only there, it is looked up a little aside, so that its edge frays.
-const MURK_STEPS: i32 = 6;
-const FRAY_M: f32 = 0.0022;  // how far aside at most
-const FRAYS: f32 = 45.0;     // tiles of the noise in a metre: threads of some 2 to 5 mm
+// A bubble of gas in saline: its colour, and how much of what lies behind it that covers. Its middle is clear. Farther out what is behind is seen bent aside,
+// and beyond the critical angle, at three quarters of its radius, its skin mirrors all of what lies to the sides (Fresnel, unpolarised). That is darker than
+// what lies ahead: a dark ring. The lamp shows twice, on the skin before and, turned about, on the one behind.
+const GAS_RATIO: f32 = 0.752;                                 // refractive index of gas over saline's, 1.00 and 1.33
+const GAS_BENT: vec2<f32> = vec2<f32>(0.30, 0.70);            // from where to where, in shares of its radius, the view straight through gives way to the bent one
+const GAS_RING: vec4<f32> = vec4<f32>(0.62, 0.74, 0.84, 0.98); // where in its radius the ring begins, is darkest from and to, and ends
+const GAS_DARK: f32 = 0.7;                                    // share of the light that the ring lacks beside what the cavity's shape takes from it
+const GAS_EDGE: f32 = 0.93;                                   // from here to the edge it fades, or that would be drawn in steps
+const GAS_GLINTS: vec2<f32> = vec2<f32>(0.35, 0.12);          // strength of the lamp's two images
+const GAS_SHARP: f32 = 220.0;                                 // their sharpness, as a lobe's power
+fn gas(in: Varying, n: vec3<f32>, v: vec3<f32>, l: vec3<f32>, e: f32) -> vec4<f32> {
+    let facing = max(dot(n, v), 1.0e-3);
+    let off = sqrt(max(1.0 - facing * facing, 0.0));
+    let within = sqrt(max(1.0 - off * off / (GAS_RATIO * GAS_RATIO), 0.0));
+    let across_plane = (facing - GAS_RATIO * within) / (facing + GAS_RATIO * within);
+    let in_plane = (GAS_RATIO * facing - within) / (GAS_RATIO * facing + within);
+    let mirrored = 0.5 * (across_plane * across_plane + in_plane * in_plane);
+    let bent = (1.0 - mirrored) * smoothstep(GAS_BENT.x, GAS_BENT.y, off);
+    // through the skin, across, and out of it on the other side
+    let inner = refract(-v, n, 1.0 / GAS_RATIO);
+    let far_n = n - 2.0 * dot(n, inner) * inner;
+    let outer = refract(inner, -far_n, GAS_RATIO);
+    let ring = smoothstep(GAS_RING.x, GAS_RING.y, off) * (1.0 - smoothstep(GAS_RING.z, GAS_RING.w, off));
+    let fading = 1.0 - smoothstep(GAS_EDGE, 1.0, off);
+    let shown = (mirrored * across(in.world, reflect(-v, n)) + bent * across(in.world, outer)) * ((1.0 - GAS_DARK * ring) * fading);
+    let h = normalize(l + v);
+    let glints = GAS_GLINTS.x * lobe(dot(n, h), GAS_SHARP) + GAS_GLINTS.y * lobe(dot(2.0 * facing * v - n, h), GAS_SHARP);
+    let glint = glints * min(e, 1.5);
+    let cover = max((mirrored + bent) * fading, min(glint, 1.0));
+    return vec4<f32>((shown + o.colour.rgb * glint) / max(cover, 1.0e-3), cover);
+}
+
+// Blood between the lens and a point: what each colour loses along the ray, and the light that it scatters back. A cell of the flow is wider than the
+// threads that blood draws in saline: where its density changes, and only there, it is looked up a little aside, so that its edge frays. How far aside
+// is looked up once for some steps: what counts is how many looks into a solid there are, twelve in all.
+const MURK_LOOKS: i32 = 2;      // into the noise
+const MURK_STEPS: i32 = 5;      // into the density for each of them
+const MURK_JITTER: f32 = 0.8;   // share of a step by which neighbouring pixels differ
+const MURK_LIGHT: f32 = 0.8;    // most light on it: close before the lens its distance says too much, for the lamp is beside it
+const FRAY_M: f32 = 0.0022;     // how far aside at most
+const FRAYS: f32 = 45.0;        // tiles of the noise in a metre: threads of some 2 to 5 mm
 fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let ray = world - g.eye.xyz;
     // Only the part of the ray that goes through the box in which there is blood.
@@ -275,22 +331,26 @@ fn murk(c: vec3<f32>, world: vec3<f32>, pixel: vec2<f32>) -> vec3<f32> {
     let size = g.fluid_max.xyz - g.fluid_min.xyz;
     // Interleaved gradient noise (Jimenez 2014): neighbours differ as evenly as can be, and no lattice shows.
     let jitter = fract(52.9829189 * fract(dot(pixel, vec2<f32>(0.06711056, 0.00583715))));
-    let reach = g.fluid_min.w * length(ray) * (far - near) / f32(MURK_STEPS);
-    var through = 1.0; // share of the light that comes so far
-    var glow = 0.0;
-    for (var k = 0; k < MURK_STEPS; k++) {
-        let at = g.eye.xyz + ray * mix(near, far, (f32(k) + 0.25 + 0.5 * jitter) / f32(MURK_STEPS));
-        let aside = textureSampleLevel(noise, tiled, at * FRAYS, 0.0).xzw * FRAY_M;
-        let u = (at + aside - g.fluid_min.xyz) / size;
-        let is_inside = all(u >= vec3<f32>(0.0)) && all(u <= vec3<f32>(1.0));
-        let density = select(0.0, max(textureSampleLevel(fluid, clamped, u, 0.0).x, 0.0), is_inside);
-        let clear = exp(-density * reach);
-        let to = g.light.xyz - at;
-        // The lamp is beside the lens: its light goes in through the same blood and comes back.
-        glow += through * through * (1.0 - clear * clear) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), 2.0);
-        through *= clear;
+    let first = 0.5 + MURK_JITTER * (jitter - 0.5);
+    let step_m = length(ray) * (far - near) / f32(MURK_LOOKS * MURK_STEPS);
+    var column_m = 0.0;            // as long as the blood so far would be undiluted
+    var through = vec3<f32>(1.0);  // share of the light that comes so far and back: the lamp is beside the lens
+    var glow = vec3<f32>(0.0);
+    for (var look = 0; look < MURK_LOOKS; look++) {
+        let amid = g.eye.xyz + ray * mix(near, far, (f32(look) + 0.5) / f32(MURK_LOOKS));
+        let aside = textureSampleLevel(noise, tiled, amid * FRAYS, 0.0).xzw * FRAY_M;
+        for (var part = 0; part < MURK_STEPS; part++) {
+            let at = g.eye.xyz + ray * mix(near, far, (f32(look * MURK_STEPS + part) + first) / f32(MURK_LOOKS * MURK_STEPS));
+            let u = (at + aside - g.fluid_min.xyz) / size;
+            let is_inside = all(u >= vec3<f32>(0.0)) && all(u <= vec3<f32>(1.0));
+            column_m += step_m * select(0.0, max(textureSampleLevel(fluid, clamped, u, 0.0).x, 0.0), is_inside);
+            let left = exp(-column_m * g.murk.rgb);
+            let to = g.light.xyz - at;
+            glow += (through - left) * min(g.light.w * 1.0e-4 / (dot(to, to) + 2.5e-5), MURK_LIGHT);
+            through = left;
+        }
     }
-    return c * vec3<f32>(pow(through, 0.9), through * through, through * through) + g.blood.rgb * glow;
+    return c * through + g.blood.rgb * glow;
 }
 
 @fragment
@@ -302,16 +362,20 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
     let to_eye = g.eye.xyz - in.world;
     let v = normalize(to_eye);
     var n = normalize(in.normal);
-    if dot(n, v) < 0.0 && !(cut && !METAL) { n = -n; }
+    if GAS { n = normalize(in.rest); }
+    if dot(n, v) < 0.0 && !(cut && !METAL && !GAS) { n = -n; }
     let to_light = g.light.xyz - in.world;
     let distance = length(to_light);
     let l = to_light / max(distance, 1.0e-6);
     var e = spot(l, distance);
     if o.shape.z > 0.0 { e = min(e, o.shape.z); }
     var c: vec3<f32>;
-    if METAL {
-        // The middle of a bubble is clear: the wall behind is seen through it, but for the lamp's own image.
-        if o.extra.w * dot(n, v) > 0.80 && lobe(dot(n, normalize(l + v)), 120.0) < 0.6 { discard; }
+    var cover = o.colour.a;
+    if GAS {
+        let bubble = gas(in, n, v, l, e);
+        c = bubble.rgb;
+        cover = bubble.a;
+    } else if METAL {
         c = metal(in, n, v, l, e);
     } else if cut && !front && o.extra.x < 0.5 {
         // the inside of a wall that was cut open reads as its section: flat, matte
@@ -323,6 +387,7 @@ fn fragment(in: Varying, @builtin(front_facing) front: bool) -> @location(0) vec
         c = tissue(in, n, v, l, e, e * unshaded(in.world + off), grain);
     }
     if FLUID { c = murk(c, in.world, in.clip.xy); }
-    // Through the lens everything is opaque, and alpha is the nearest distance over this one, by which the focus blurs; 0 is where nothing is.
-    return vec4<f32>(min(c, vec3<f32>(60.0)), select(in.clip.w * g.cone.z, o.colour.a, OUTSIDE));
+    // Through the lens everything but gas is opaque, and alpha is the nearest distance over this one, by which the focus blurs; 0 is where nothing is. Gas
+    // leaves there what it finds: what is seen through it is as sharp as without it.
+    return vec4<f32>(min(c, vec3<f32>(60.0)), select(in.clip.w * g.cone.z, cover, OUTSIDE || GAS));
 }
