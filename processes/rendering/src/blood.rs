@@ -14,7 +14,7 @@ const WHOLE_PER_M: [f32; 3] = [2_500.0, 21_500.0, 26_600.0];
 /// of a microlitre, the least that a vessel gives and less than a cell, would hide all behind the eight cells that it is spread over.
 const DRAWN: f32 = 0.125;
 
-/// Extinction of green light by undiluted blood as it is drawn, 1/m.
+/// Extinction of green light by undiluted blood as it is drawn, 1/m; [`hyst_flow::EXTINCTION_PER_M`], by which the view is judged, is the same.
 pub const EXTINCTION_PER_M: f32 = DRAWN * WHOLE_PER_M[1];
 
 /// Extinction of red, green and blue light, of that of green.
@@ -74,6 +74,11 @@ mod tests {
             if passes(layer_mm) > (-1.0_f64).exp() { thin = layer_mm } else { thick = layer_mm }
         }
         1.0 / thin
+    }
+
+    #[test]
+    fn what_is_drawn_is_what_the_view_is_judged_by() {
+        assert_eq!(EXTINCTION_PER_M, hyst_flow::EXTINCTION_PER_M);
     }
 
     #[test]

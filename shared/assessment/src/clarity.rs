@@ -1,7 +1,7 @@
 //! How clear the view was: from what the fluid's statuses say of the light that comes through the blood before the lens. Who says nothing of it, an older
 //! recording or a lens that is in tissue, is left out.
 
-/// From this share of the light on the view is clear: half of it, assumed. Over 20 mm that is a medium of which a ninth is blood.
+/// From this share of the light on the view is clear: half of it, assumed. Over 20 mm that is a medium of which an eightieth is blood.
 pub const CLEAR_SHARE: f64 = 0.5;
 
 /// The view so far.

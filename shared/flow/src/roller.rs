@@ -68,6 +68,7 @@ impl PumpModel {
         let way_ml_s_pa = f64::from(input.inflow_valve) * self.inflow_ml_s_pa;
         let tube_ml_s_pa = TAU * flow_ml_s / self.stroke_ml * self.tube_ml_pa;
         let both_ml_s_pa = (way_ml_s_pa * way_ml_s_pa + tube_ml_s_pa * tube_ml_s_pa).sqrt();
-        if way_ml_s_pa > 0.0 { way_ml_s_pa / both_ml_s_pa } else { 0.0 }
+        // Both are 0 where nothing can come through, or so little that its square is.
+        if both_ml_s_pa > 0.0 { way_ml_s_pa / both_ml_s_pa } else { 0.0 }
     }
 }

@@ -1,4 +1,4 @@
-//! How far one sees through the medium: the light that blood takes on its way along straight rays (Beer–Lambert), on the solver's grid.
+//! How far one sees through the medium: the green light that blood takes on its way along straight rays (Beer–Lambert), on the solver's grid.
 //!
 //! Promise: a pure function of its arguments, with the same bits on the same machine; whatever numbers come in, what comes out is a share from 0 to 1 or
 //! nothing, and no ray takes more than eighty looks at the grid.
@@ -6,8 +6,9 @@
 use crate::grid::Grid;
 use crate::state::StateView;
 
-/// Extinction of undiluted blood, 1/m: that with which the Vision Engine draws it, one for all colours.
-pub const EXTINCTION_PER_M: f32 = 320.0;
+/// Extinction of green light by undiluted blood, 1/m: that with which the Vision Engine draws it, which says why and has a test that both are the same
+/// (`processes/rendering/src/blood.rs`).
+pub const EXTINCTION_PER_M: f32 = 2_687.5;
 /// So far is looked, m: across a uterine cavity, and where a lens is focused that is not set (20 mm).
 pub const SIGHT_M: f32 = 0.02;
 /// Looks along a ray, a quarter of a millimetre apart: a quarter of the shortest edge of a cell of the scenes' grids.
