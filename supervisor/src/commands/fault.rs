@@ -1,5 +1,7 @@
 //! `hystation fault`: faults on purpose, in a station in test mode.
 
+#[cfg(test)]
+mod documented;
 mod state;
 
 use crate::cli::{FaultCommand, InjectArgs};
@@ -9,7 +11,7 @@ use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::swap::Record;
 use crate::{keepers, shortage};
-use hyst_exchange::{Station, system};
+use hyst_exchange::{Station, StationPage, system};
 
 /// Lists the kinds, injects one, or many by a campaign.
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
@@ -64,11 +66,13 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     }
     if let Some(words) = &args.tick {
         injection.tick = wait_for_tick(station, words)?;
-        injection.phase_us = args.phase_us.unwrap_or(0);
     }
     if let Some(word) = &args.state {
+        let page = args.phase_us.map(|_| page_of(station, "--phase")).transpose()?;
         state::wait_for(station, word)?;
+        injection.tick = page.map_or(0, |page| first_to_ask_for(&page, system::now_ns()));
     }
+    injection.phase_us = args.phase_us.unwrap_or(0);
     if let Aim::Engines(Target { role, which: Which::Newcomer }) = aim
         && Record::under_way(station, role).is_none()
     {
@@ -88,12 +92,23 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     Err(Refusal { code: INTERRUPTED, message })
 }
 
-/// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
-fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
+/// The page of a station whose ticks can be waited for.
+fn page_of(station: &Station, option: &str) -> Result<StationPage, Refusal> {
     let page = station.open().map_err(|error| Refusal::failed(error.to_string()))?;
     if page.is_lockstep() {
-        return Err(Refusal::input("--tick: a station in lock-step takes faults with a tick from its --faults FILE"));
+        return Err(Refusal::input(format!("{option}: a station in lock-step takes faults with a tick from its --faults FILE")));
     }
+    Ok(page)
+}
+
+/// The first tick of which each phase can still be asked for.
+fn first_to_ask_for(page: &StationPage, now_ns: u64) -> u64 {
+    page.tick_at(now_ns + ASK_AHEAD_NS) + 1
+}
+
+/// Waits until shortly before the tick that the words name, in the station's own time; gives the tick.
+fn wait_for_tick(station: &Station, words: &str) -> Result<u64, Refusal> {
+    let page = page_of(station, "--tick")?;
     let tick = tick_of(words, page.tick_at(system::now_ns())).map_err(|why| Refusal::input(format!("--tick {words}: {why}")))?;
     let ask_ns = page.start_of(tick).saturating_sub(ASK_AHEAD_NS);
     loop {
@@ -136,6 +151,10 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::Cli;
+    use crate::moment::MOST_AHEAD_NS;
+    use clap::Parser;
+    use hyst_messages::TICK_NS;
 
     #[test]
     fn a_tick_is_a_number_that_comes_or_a_distance_and_anything_else_is_refused() {
@@ -148,5 +167,24 @@ mod tests {
             assert!(tick_of(words, 1_000).is_err(), "{words}");
         }
         assert!(tick_of("999", 1_000).unwrap_err().contains("it is 1000 now"));
+    }
+
+    /// `--state cutting --phase 300` was refused: a phase took a tick, and a state took none.
+    #[test]
+    fn a_phase_goes_with_a_tick_or_a_state_and_the_tick_after_a_state_is_neither_too_near_nor_too_far() {
+        let is_taken =
+            |words: &str| Cli::try_parse_from(format!("hystation fault inject kill tissue {words}").split_whitespace()).is_ok();
+        assert!(is_taken("--tick +9 --phase 300") && is_taken("--state cutting --phase 300") && is_taken("--state idle"));
+        assert!(!is_taken("--phase 300") && !is_taken("--tick +9 --state idle") && !is_taken("--state idle --phase 1000"));
+        let station = Station::named(&format!("t{}-phase", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (page, now_ns) = (station.open().unwrap(), system::now_ns());
+        let ahead_ns = page.start_of(first_to_ask_for(&page, now_ns)) - now_ns;
+        assert!(
+            (ASK_AHEAD_NS..ASK_AHEAD_NS + 2 * TICK_NS).contains(&ahead_ns) && ahead_ns + TICK_NS < MOST_AHEAD_NS,
+            "{ahead_ns}"
+        );
+        station.wipe();
     }
 }
