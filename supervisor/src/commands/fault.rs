@@ -1,11 +1,14 @@
 //! `hystation fault`: faults on purpose, in a station in test mode.
+//!
+//! Exit codes of `inject`: 0 it was done, 1 it was begun, or may have been, and not as it was asked for, or the state that it waits for did not come, 2 it was
+//! refused and nobody is hurt, 3 it was interrupted and has ended before its time.
 
 #[cfg(test)]
 mod documented;
 mod state;
 
 use crate::cli::{FaultCommand, InjectArgs};
-use crate::control::{self, Request};
+use crate::control::{self, NoAnswer, Request};
 use crate::faultfile::{Aim, FaultKind, Injection, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
@@ -83,13 +86,21 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     }
     let has_lasted = match aim {
         Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),
-        Aim::Engines(_) => control::ask(station, &Request::Fault(injection)).map(|_| true),
+        Aim::Engines(_) => control::ask_once(station, &Request::Fault(injection)).map(|_| true),
     };
-    if has_lasted.map_err(Refusal::failed)? {
+    if has_lasted.map_err(not_done)? {
         return Ok(0);
     }
     let message = format!("interrupted: {} of {} was ended before its time was over", args.kind, args.target);
     Err(Refusal { code: INTERRUPTED, message })
+}
+
+/// One that was refused hurt nobody, as one that cannot be; of any other it is not known, or it was begun.
+fn not_done(why: NoAnswer) -> Refusal {
+    match why {
+        NoAnswer::Refused(reason) => Refusal::input(reason),
+        NoAnswer::Unanswered(reason) => Refusal::failed(reason),
+    }
 }
 
 /// The page of a station whose ticks can be waited for.
@@ -167,6 +178,14 @@ mod tests {
             assert!(tick_of(words, 1_000).is_err(), "{words}");
         }
         assert!(tick_of("999", 1_000).unwrap_err().contains("it is 1000 now"));
+    }
+
+    /// What the supervisor refuses ended with 1, as what failed.
+    #[test]
+    fn what_is_refused_ends_with_another_code_than_what_is_not_known() {
+        assert_eq!(not_done(NoAnswer::Refused("no such spare".into())).code, 2);
+        let unknown = not_done(NoAnswer::Unanswered("the supervisor is busy".into()));
+        assert_eq!((unknown.code, unknown.message.as_str()), (1, "the supervisor is busy"));
     }
 
     /// `--state cutting --phase 300` was refused: a phase took a tick, and a state took none.
