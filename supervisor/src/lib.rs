@@ -37,6 +37,7 @@ pub mod settings;
 pub mod shipped;
 pub mod shortage;
 pub mod spawn;
+pub mod struck;
 pub mod supervise;
 pub mod suspicion;
 pub mod swap;

@@ -382,7 +382,10 @@ impl Supervisor {
             Request::Fault(_) | Request::Suffered(_) if self.page.load32(layout::TEST_MODE) == 0 => {
                 control::bad(crate::keepers::OUTSIDE_OF_TEST_MODE)
             }
-            Request::Fault(injection) => control::done(self.faults.inject(injection, &mut self.viewer)),
+            Request::Fault(injection) => match self.faults.inject(injection, &mut self.viewer) {
+                Ok(struck) => control::good(serde_json::json!(struck)),
+                Err(reason) => control::bad(&reason),
+            },
             Request::Suffered(suffered) => control::done(self.faults.suffered(suffered)),
         }
     }

@@ -36,9 +36,10 @@ fn a_fault_comes_no_earlier_than_at_its_tick_and_phase_and_one_that_does_not_com
         let tick = clock.tick_at(system::now_ns()) + LATER_TICKS;
         let words = format!("kill tissue:spare --tick {tick} --phase {PHASE_US}");
         let asked = run(hystation().args(["--name", station.name(), "fault", "inject"]).args(words.split(' ')));
-        (asked.0 == Some(0)).then_some(tick)
+        (asked.0 == Some(0)).then_some((tick, asked.1))
     });
-    let later_tick = asked.unwrap_or_else(|| panic!("not injected\n{}", station.said()));
+    let (later_tick, told) = asked.unwrap_or_else(|| panic!("not injected\n{}", station.said()));
+    assert!(told.starts_with("kill: tissue:") && told.contains(" at tick "), "{told}");
     station.run_ticks(1_000);
     station.recover();
     let ended = station.stop();

@@ -8,7 +8,11 @@ use std::path::PathBuf;
 #[derive(Debug, Subcommand)]
 pub enum FaultCommand {
     /// The kinds of faults.
-    List,
+    List {
+        /// As JSON: kinds with whom they can be done to and their options, places and states.
+        #[arg(long)]
+        json: bool,
+    },
     /// Inject a fault.
     Inject(InjectArgs),
     /// Many faults by a plan drawn from a file and a seed, in stations of its own, with a verdict.
@@ -58,6 +62,9 @@ pub struct InjectArgs {
     /// corrupt: what they are drawn from.
     #[arg(long)]
     pub seed: Option<u64>,
+    /// Whom it hit, and when, as JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Arguments of `fault campaign`.

@@ -7,19 +7,26 @@
 mod documented;
 mod state;
 
+use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, NoAnswer, Request};
 use crate::faultfile::{Aim, FaultKind, Injection, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
+use crate::struck::Struck;
 use crate::swap::Record;
 use crate::{keepers, shortage};
 use hyst_exchange::{Station, StationPage, system};
+use serde_json::{Value, json};
 
 /// Lists the kinds, injects one, or many by a campaign.
 pub fn fault(station: &Station, command: FaultCommand) -> Result<u8, Refusal> {
     match command {
-        FaultCommand::List => {
+        FaultCommand::List { json: true } => {
+            println!("{:#}", list_json());
+            Ok(0)
+        }
+        FaultCommand::List { json: false } => {
             print!("{}", list());
             Ok(0)
         }
@@ -39,6 +46,13 @@ fn list() -> String {
         .map(|(name, targets, text)| format!("{name:<11} {targets:<width$}  {text}\n"))
         .collect::<String>();
     lines + KEEPERS
+}
+
+/// The same for programs, with what else a fault can be given.
+fn list_json() -> Value {
+    let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
+    let states: Vec<&str> = State::ALL.iter().map(|(_, name)| *name).collect();
+    json!({ "kinds": FaultKind::described(), "places": places, "states": states })
 }
 
 /// Why those who keep the station take so few.
@@ -84,15 +98,33 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
             role.name()
         )));
     }
-    let has_lasted = match aim {
-        Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection),
-        Aim::Engines(_) => control::ask_once(station, &Request::Fault(injection)).map(|_| true),
+    let done = match aim {
+        Aim::Keepers(keepers) => keepers::inject(station, keepers, &injection).map(|(struck, lasted)| (Some(struck), lasted)),
+        Aim::Engines(_) => {
+            control::ask_once(station, &Request::Fault(injection)).map(|answer| (Struck::of_answer(&answer), true))
+        }
     };
-    if has_lasted.map_err(not_done)? {
+    let (struck, has_lasted) = done.map_err(not_done)?;
+    println!("{}", told(args, struck.as_ref()));
+    if has_lasted {
         return Ok(0);
     }
     let message = format!("interrupted: {} of {} was ended before its time was over", args.kind, args.target);
     Err(Refusal { code: INTERRUPTED, message })
+}
+
+/// What was done, in words or as JSON; of a supervisor of an older build nobody knows more than that it was.
+fn told(args: &InjectArgs, struck: Option<&Struck>) -> String {
+    if args.json {
+        return format!("{:#}", json!({ "kind": args.kind, "target": args.target, "struck": struck }));
+    }
+    let older = || {
+        format!(
+            "{} of {}: it was done; this supervisor is of an older build, and does not say to whom and when",
+            args.kind, args.target
+        )
+    };
+    struck.map_or_else(older, |struck| struck.line(&args.kind))
 }
 
 /// One that was refused hurt nobody, as one that cannot be; of any other it is not known, or it was begun.
@@ -178,6 +210,44 @@ mod tests {
             assert!(tick_of(words, 1_000).is_err(), "{words}");
         }
         assert!(tick_of("999", 1_000).unwrap_err().contains("it is 1000 now"));
+    }
+
+    /// It printed nothing: whom `:active` meant and when it came one found in the events.
+    #[test]
+    fn whom_a_fault_hit_and_when_is_told_in_words_and_as_json() {
+        let args = |words: &str| match Cli::parse_from(words.split_whitespace()).command {
+            crate::cli::Command::Fault { command: FaultCommand::Inject(args) } => args,
+            other => panic!("{other:?}"),
+        };
+        let plain = args("hystation fault inject kill tissue:active");
+        let hit = crate::struck::Hit { process: "tissue:1".into(), incarnation: 9, pid: 77 };
+        let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301 };
+        assert_eq!(told(&plain, Some(&struck)), struck.line("kill"));
+        assert!(told(&plain, None).contains("kill of tissue:active: it was done") && told(&plain, None).contains("older build"));
+        let programs = args("hystation fault inject kill tissue:active --json");
+        let found: Value = serde_json::from_str(&told(&programs, Some(&struck))).unwrap();
+        assert_eq!((&found["struck"]["victims"][0]["process"], &found["struck"]["tick"]), (&json!("tissue:1"), &json!(1_234)));
+        let older: Value = serde_json::from_str(&told(&programs, None)).unwrap();
+        assert!(older["struck"].is_null() && older["target"] == "tissue:active", "{older}");
+    }
+
+    #[test]
+    fn programs_are_told_whom_each_kind_can_be_done_to_and_what_it_takes() {
+        let listed = list_json();
+        let kind = |name: &str| listed["kinds"].as_array().unwrap().iter().find(|kind| kind["name"] == name).cloned().unwrap();
+        assert_eq!(kind("disk-full")["targets"], json!(["recorder"]));
+        assert_eq!(
+            (&kind("slow")["options"], &kind("slow")["needs_for"]),
+            (&json!(["for", "factor", "extra", "jitter"]), &json!(true))
+        );
+        assert_eq!(kind("corrupt")["options"], json!(["where", "bytes", "seed"]));
+        assert!(
+            kind("kill")["targets"]
+                .as_array()
+                .is_some_and(|all| all.contains(&json!("guardian")) && all.contains(&json!("device")))
+        );
+        assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap"]));
+        assert_eq!(listed["places"][0], "page");
     }
 
     /// What the supervisor refuses ended with 1, as what failed.

@@ -5,6 +5,7 @@ use crate::active::active_now;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
 use crate::shortage::{self, FILL_WITHIN_NS, Lowered};
+use crate::struck::{Hit, Struck};
 use crate::swap::Record;
 use crate::view::Viewer;
 use crate::{corrupt, journal, mischief, moment, proc, remains};
@@ -43,8 +44,8 @@ struct Deed {
 }
 
 impl Faults {
-    /// Injects a fault now, or at its tick if that is near.
-    pub fn inject(&mut self, injection: &Injection, viewer: &mut Viewer) -> Result<(), String> {
+    /// Injects a fault now, or at its tick if that is near; gives whom it hit, and when.
+    pub fn inject(&mut self, injection: &Injection, viewer: &mut Viewer) -> Result<Struck, String> {
         let target = injection.engines()?;
         let kind = injection.kind;
         shortage::check(&self.station, kind)?;
@@ -72,15 +73,17 @@ impl Faults {
         if hit < victims.len() {
             return Err(format!("{} is not alive now; wait until it is back", injection.target));
         }
+        let hits = victims.iter().map(|it| Hit { process: it.slot.to_string(), incarnation: it.incarnation, pid: it.pid });
+        let struck = Struck::at(viewer.page(), now_ns, hits.collect());
         if kind == FaultKind::Undo {
-            return self.undo_all(&victims, injection, now_ns);
+            return self.undo_all(&victims, injection, now_ns).map(|()| struck);
         }
         for (index, victim) in victims.iter().enumerate() {
             let deed = if hinders { Deed::default() } else { self.deed(victim, injection, now_ns, index == 0)? };
             self.begin(victim, injection, now_ns, deed).together = target.which == Which::Both;
         }
         self.keep_open();
-        Ok(())
+        Ok(struck)
     }
 
     fn ask(&self, victim: &Victim, injection: &Injection, now_ns: u64) -> Option<u64> {
