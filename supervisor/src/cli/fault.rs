@@ -87,7 +87,7 @@ pub struct CampaignArgs {
     /// At most so many faults in this run; the next run with the same folder goes on.
     #[arg(long, requires = "report")]
     pub batch: Option<usize>,
-    /// The report as JSON on stdout.
+    /// On stdout nothing but JSON: the report; with --plan the plan, with --only what came of that fault.
     #[arg(long)]
     pub json: bool,
 }
