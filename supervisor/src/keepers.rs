@@ -5,6 +5,7 @@
 //! Nobody else would end it, either: whoever did it and is interrupted (Ctrl-C, SIGTERM, SIGHUP) ends it first.
 
 use crate::control::{self, NoAnswer, Request};
+use crate::doing::Doing;
 use crate::faultfile::{FaultKind, Injection, Keepers};
 use crate::remains::{self, Living};
 use crate::shortage::{self, Lowered};
@@ -142,6 +143,6 @@ fn strike_at(station: &Station, keepers: Keepers, injection: &Injection) -> Resu
     let hurt = Hurt::at(station, keepers, injection.kind, moment_ns)?;
     let hit = |(role, (victim, _)): (&Role, &(Living, _))| Hit { process: role.name().into(), incarnation: 0, pid: victim.pid };
     let victims = keepers.roles().iter().zip(&hurt.hit).map(hit).collect();
-    let struck = Struck::at(&page, hurt.struck_ns, victims);
+    let struck = Struck { doing: Doing::now(station), ..Struck::at(&page, hurt.struck_ns, victims) };
     Ok((hurt, struck))
 }

@@ -11,6 +11,7 @@ pub mod cli;
 pub mod commands;
 pub mod control;
 pub mod corrupt;
+pub mod doing;
 pub mod fault;
 pub mod faultfile;
 pub mod faults;

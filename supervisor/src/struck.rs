@@ -1,5 +1,6 @@
 //! What came of asking for a fault: whom it hit, and when. The supervisor's answer, and how the command line says it.
 
+use crate::doing::Doing;
 use hyst_exchange::StationPage;
 use hyst_messages::TICK_NS;
 use serde::{Deserialize, Serialize};
@@ -27,17 +28,19 @@ pub struct Struck {
     pub tick: u64,
     /// How long after the tick had begun, µs, 0 to 999; 0 on a virtual clock.
     pub phase_us: u32,
+    /// What the station was doing.
+    pub doing: Option<Doing>,
 }
 
 impl Struck {
     /// What was done at a time, ns.
     pub fn at(page: &StationPage, at_ns: u64, victims: Vec<Hit>) -> Struck {
         if page.is_lockstep() {
-            return Struck { victims, tick: page.present_tick(), phase_us: 0 };
+            return Struck { victims, tick: page.present_tick(), ..Struck::default() };
         }
         let tick = page.tick_at(at_ns);
         let in_tick_ns = at_ns.saturating_sub(page.start_of(tick)).min(TICK_NS - 1);
-        Struck { victims, tick, phase_us: (in_tick_ns / 1_000) as u32 }
+        Struck { victims, tick, phase_us: (in_tick_ns / 1_000) as u32, doing: None }
     }
 
     /// What a supervisor answers; `None` if it is of a build that says nothing of it.
@@ -68,7 +71,7 @@ mod tests {
 
     #[test]
     fn what_was_done_is_read_from_an_answer_and_an_older_build_that_says_nothing_did_not_hit_nobody_at_tick_0() {
-        let struck = Struck { victims: vec![hit("tissue:1", 9)], tick: 1_234, phase_us: 301 };
+        let struck = Struck { victims: vec![hit("tissue:1", 9)], tick: 1_234, phase_us: 301, doing: Some(Doing::default()) };
         let mut answer = serde_json::to_value(&struck).unwrap();
         answer["weather"] = json!("fine");
         assert_eq!(Struck::of_answer(&answer), Some(struck.clone()), "a newer build says more");

@@ -151,6 +151,8 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let slots = plan.slots();
     let policy = State::new(&slots);
     let guests = [Role::Tissue, Role::Fluid].into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
+    let mut faults = Faults::new(station, &plan.faults)?;
+    faults.slots.clone_from(&slots);
     let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),
@@ -160,7 +162,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         cleaner: Cleaner::new(real_time),
         viewer: Viewer::open(station)?,
         accounts: Accounts::read(station),
-        faults: Faults::new(station, &plan.faults)?,
+        faults,
         permit: Permit::new(&page, plan.end_tick),
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),

@@ -77,8 +77,8 @@ fn a_fault_waits_for_the_state_that_a_tester_names() {
     for (state, touches) in [("contact", true), ("idle", false)] {
         // Between the fault and this look the hand may move on.
         let is_so = || {
-            let (code, _, said) = run(&mut inject("haptic:spare", state));
-            assert_eq!(code, Some(0), "{state}: {said}");
+            let (code, told, said) = run(&mut inject("haptic:spare", state));
+            assert!(code == Some(0) && told.contains(&format!("in state {state}")), "{state}: {code:?} {told} {said}");
             let contacts = station.tissue_status().contact_count;
             station.recover();
             ((contacts > 0) == touches).then_some(())

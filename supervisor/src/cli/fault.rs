@@ -35,9 +35,12 @@ pub struct InjectArgs {
     /// With --tick or --state: so many µs after the tick has begun, 0 to 999; with --state, 40 ticks after the station came into it.
     #[arg(long = "phase", requires = "moment", value_parser = clap::value_parser!(u32).range(0..1_000))]
     pub phase_us: Option<u32>,
-    /// Not now, but when the station is in this state: idle, contact, cutting, recovery or swap; it is waited for a minute.
+    /// Not now, but when the station is in this state: idle, contact, cutting, recovery (somebody died and is not back), swap, or swap:ROLE.
     #[arg(long, group = "moment")]
     pub state: Option<String>,
+    /// With --state: it is waited for so long at most. Default: 1m.
+    #[arg(long = "within", requires = "state", value_parser = seconds)]
+    pub within_s: Option<f64>,
     /// slow: a step takes so many times as long, 1 to 100.
     #[arg(long)]
     pub factor: Option<f64>,

@@ -10,6 +10,7 @@ mod state;
 use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, NoAnswer, Request};
+use crate::doing::Wanted;
 use crate::faultfile::{Aim, FaultKind, Injection, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
@@ -70,6 +71,7 @@ const MOST_AHEAD_TICKS: u64 = 3_600_000;
 
 fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     let mut injection = injection(args)?;
+    let wanted = args.state.as_deref().map(state::named).transpose()?;
     let aim = injection.check().map_err(Refusal::input)?;
     if !station.root().is_dir() {
         return Err(super::no_station(station));
@@ -84,9 +86,9 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
     if let Some(words) = &args.tick {
         injection.tick = wait_for_tick(station, words)?;
     }
-    if let Some(word) = &args.state {
+    if let Some(wanted) = wanted {
         let page = args.phase_us.map(|_| page_of(station, "--phase")).transpose()?;
-        state::wait_for(station, word)?;
+        state::wait_for(station, wanted, args.within_s)?;
         injection.tick = page.map_or(0, |page| first_to_ask_for(&page, system::now_ns()));
     }
     injection.phase_us = args.phase_us.unwrap_or(0);
@@ -105,7 +107,7 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
         }
     };
     let (struck, has_lasted) = done.map_err(not_done)?;
-    println!("{}", told(args, struck.as_ref()));
+    println!("{}", told(args, wanted, struck.as_ref()));
     if has_lasted {
         return Ok(0);
     }
@@ -114,9 +116,11 @@ fn inject(station: &Station, args: &InjectArgs) -> Result<u8, Refusal> {
 }
 
 /// What was done, in words or as JSON; of a supervisor of an older build nobody knows more than that it was.
-fn told(args: &InjectArgs, struck: Option<&Struck>) -> String {
+fn told(args: &InjectArgs, wanted: Option<Wanted>, struck: Option<&Struck>) -> String {
+    let held = wanted.and_then(|wanted| state::held(wanted, struck?.doing.as_ref()));
     if args.json {
-        return format!("{:#}", json!({ "kind": args.kind, "target": args.target, "struck": struck }));
+        let told = json!({ "kind": args.kind, "target": args.target, "struck": struck, "state": args.state, "held": held });
+        return format!("{told:#}");
     }
     let older = || {
         format!(
@@ -124,7 +128,11 @@ fn told(args: &InjectArgs, struck: Option<&Struck>) -> String {
             args.kind, args.target
         )
     };
-    struck.map_or_else(older, |struck| struck.line(&args.kind))
+    let line = struck.map_or_else(older, |struck| struck.line(&args.kind));
+    let state = args.state.as_deref().zip(held).map(|(state, held)| {
+        if held { format!("; in state {state}") } else { format!("; by then the station was no longer in state {state}") }
+    });
+    line + &state.unwrap_or_default()
 }
 
 /// One that was refused hurt nobody, as one that cannot be; of any other it is not known, or it was begun.
@@ -195,6 +203,7 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
 mod tests {
     use super::*;
     use crate::cli::Cli;
+    use crate::doing::Doing;
     use crate::moment::MOST_AHEAD_NS;
     use clap::Parser;
     use hyst_messages::TICK_NS;
@@ -221,14 +230,25 @@ mod tests {
         };
         let plain = args("hystation fault inject kill tissue:active");
         let hit = crate::struck::Hit { process: "tissue:1".into(), incarnation: 9, pid: 77 };
-        let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301 };
-        assert_eq!(told(&plain, Some(&struck)), struck.line("kill"));
-        assert!(told(&plain, None).contains("kill of tissue:active: it was done") && told(&plain, None).contains("older build"));
+        let struck = Struck { victims: vec![hit], tick: 1_234, phase_us: 301, doing: None };
+        assert_eq!(told(&plain, None, Some(&struck)), struck.line("kill"));
+        let older = told(&plain, None, None);
+        assert!(older.contains("kill of tissue:active: it was done") && older.contains("older build"), "{older}");
         let programs = args("hystation fault inject kill tissue:active --json");
-        let found: Value = serde_json::from_str(&told(&programs, Some(&struck))).unwrap();
+        let found: Value = serde_json::from_str(&told(&programs, None, Some(&struck))).unwrap();
         assert_eq!((&found["struck"]["victims"][0]["process"], &found["struck"]["tick"]), (&json!("tissue:1"), &json!(1_234)));
-        let older: Value = serde_json::from_str(&told(&programs, None)).unwrap();
+        let older: Value = serde_json::from_str(&told(&programs, None, None)).unwrap();
         assert!(older["struck"].is_null() && older["target"] == "tissue:active", "{older}");
+        // A state that was waited for may have gone when the fault came.
+        let waits = args("hystation fault inject kill tissue:active --state contact --within 5s");
+        let wanted = waits.state.as_deref().map(|word| state::named(word).unwrap());
+        let came = |contacts: u32| {
+            let doing = Some(Doing { whole: true, contacts: Some(contacts), ..Doing::default() });
+            told(&waits, wanted, Some(&Struck { doing, ..struck.clone() }))
+        };
+        assert!(came(2).ends_with("us into it; in state contact"), "{}", came(2));
+        assert!(came(0).ends_with("no longer in state contact"), "{}", came(0));
+        assert_eq!(told(&waits, wanted, Some(&struck)), struck.line("kill"), "nobody says what the station was doing");
     }
 
     #[test]

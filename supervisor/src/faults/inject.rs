@@ -2,6 +2,7 @@
 
 use super::Faults;
 use crate::active::active_now;
+use crate::doing::Doing;
 use crate::fault::Fault;
 use crate::faultfile::{DEFAULT_TIMES, FaultKind, Injection, Target, Which};
 use crate::shortage::{self, FILL_WITHIN_NS, Lowered};
@@ -83,7 +84,9 @@ impl Faults {
             self.begin(victim, injection, now_ns, deed).together = target.which == Which::Both;
         }
         self.keep_open();
-        Ok(struck)
+        // Nobody's page has changed yet: those who died are marked as dead by whoever asked for this.
+        let doing = Some(Doing::of(&self.station, &self.slots, viewer));
+        Ok(Struck { doing, ..struck })
     }
 
     fn ask(&self, victim: &Victim, injection: &Injection, now_ns: u64) -> Option<u64> {

@@ -1,8 +1,8 @@
 //! What README, handbook and the pages about faults, engines and drivers show of this program is what it takes.
 
 use super::{Place, injection};
-use crate::campaign::cell::State;
 use crate::cli::{Cli, Command, FaultCommand, InjectArgs};
+use crate::doing::Wanted;
 use clap::Parser;
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,7 @@ fn blocks(text: &str) -> Vec<Vec<String>> {
 
 fn is_a_fault(args: &InjectArgs) -> bool {
     let is_place = args.place.as_deref().is_none_or(|place| Place::from_name(place).is_some());
-    let is_state = args.state.as_deref().is_none_or(|word| State::parse(word).is_ok());
+    let is_state = args.state.as_deref().is_none_or(|word| Wanted::parse(word).is_ok());
     is_place && is_state && injection(args).is_ok_and(|injection| injection.check().is_ok())
 }
 
