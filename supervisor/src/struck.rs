@@ -32,6 +32,21 @@ pub struct Struck {
     pub doing: Option<Doing>,
 }
 
+/// Why a fault was not done as it was asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NotDone {
+    /// In words.
+    pub reason: String,
+    /// Some of those whom it was for were hit, and each of these has its fault; else nobody was.
+    pub is_half: bool,
+}
+
+impl From<String> for NotDone {
+    fn from(reason: String) -> NotDone {
+        NotDone { reason, is_half: false }
+    }
+}
+
 impl Struck {
     /// What was done at a time, ns.
     pub fn at(page: &StationPage, at_ns: u64, victims: Vec<Hit>) -> Struck {

@@ -23,6 +23,7 @@ use crate::oom::OutOfMemory;
 use crate::plan::{Plan, PlanError};
 use crate::policy::{self, Event, Exit, State};
 use crate::spawn::{self, Spawner};
+use crate::struck::NotDone;
 use crate::swap::judge::Seen;
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
@@ -386,7 +387,8 @@ impl Supervisor {
             }
             Request::Fault(injection) => match self.faults.inject(injection, &mut self.viewer) {
                 Ok(struck) => control::good(serde_json::json!(struck)),
-                Err(reason) => control::bad(&reason),
+                Err(NotDone { reason, is_half: true }) => control::half(&reason),
+                Err(NotDone { reason, is_half: false }) => control::bad(&reason),
             },
             Request::Suffered(suffered) => control::done(self.faults.suffered(suffered)),
         }

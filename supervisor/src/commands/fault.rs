@@ -139,7 +139,7 @@ fn told(args: &InjectArgs, wanted: Option<Wanted>, struck: Option<&Struck>) -> S
 fn not_done(why: NoAnswer) -> Refusal {
     match why {
         NoAnswer::Refused(reason) => Refusal::input(reason),
-        NoAnswer::Unanswered(reason) => Refusal::failed(reason),
+        NoAnswer::Unanswered(reason) | NoAnswer::Half(reason) => Refusal::failed(reason),
     }
 }
 
@@ -274,6 +274,7 @@ mod tests {
     #[test]
     fn what_is_refused_ends_with_another_code_than_what_is_not_known() {
         assert_eq!(not_done(NoAnswer::Refused("no such spare".into())).code, 2);
+        assert_eq!(not_done(NoAnswer::Half("one of two".into())).code, 1);
         let unknown = not_done(NoAnswer::Unanswered("the supervisor is busy".into()));
         assert_eq!((unknown.code, unknown.message.as_str()), (1, "the supervisor is busy"));
     }

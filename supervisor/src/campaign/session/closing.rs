@@ -45,7 +45,7 @@ impl Done {
     /// By what the supervisor answers now; an error if nothing was done.
     pub(super) fn of_answer(answer: Result<(), NoAnswer>, now_ns: u64) -> Result<Done, String> {
         match answer {
-            Ok(()) => Ok(Done { by_ns: now_ns, struck_ns: None }),
+            Ok(()) | Err(NoAnswer::Half(_)) => Ok(Done { by_ns: now_ns, struck_ns: None }),
             Err(NoAnswer::Unanswered(_)) => Ok(Done { by_ns: now_ns + LATE_NS, struck_ns: None }),
             Err(NoAnswer::Refused(reason)) => Err(reason),
         }
