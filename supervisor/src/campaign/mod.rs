@@ -33,6 +33,8 @@ mod report_tests;
 
 use crate::cli::CampaignArgs;
 use crate::settings::Refusal;
+use draw::Plan;
+use file::Campaign;
 use hyst_exchange::Station;
 use judge::Judgement;
 use runner::Runner;
@@ -61,6 +63,17 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     room::check(&campaign, args.report.as_deref())
         .map_err(|reason| Refusal::input(format!("campaign {}: {reason}", campaign.name)))?;
     let mut store = Store::open(args.report.as_deref(), &plan)?;
+    let code = in_folder(name, args, &campaign, &plan, &mut store);
+    if !matches!(code, Ok(0))
+        && let Some(folder) = store.keep()
+    {
+        eprintln!("hystation: what came of it is kept in {}", folder.display());
+    }
+    code
+}
+
+/// Runs it, its results in a folder.
+fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, store: &mut Store) -> Result<u8, Refusal> {
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&interrupted)).map_err(|e| Refusal::failed(format!("signals: {e}")))?;
@@ -72,15 +85,15 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
             "a station named {name:?} is running; a campaign starts its own: give another --name"
         )));
     }
-    let runner = Runner { campaign: &campaign, plan: &plan, station, interrupted, json: args.json };
+    let runner = Runner { campaign, plan, station, interrupted, json: args.json };
     if let Some(index) = args.only {
-        return runner.repeat(index, &mut store);
+        return runner.repeat(index, store);
     }
     let before = store.outcomes.len();
-    let stopped = runner.run(&mut store, args.batch.unwrap_or(usize::MAX))?;
-    let judged = |outcomes| judge::judge(&campaign, &plan, outcomes, &store.stations, stopped.as_deref());
+    let stopped = runner.run(store, args.batch.unwrap_or(usize::MAX))?;
+    let judged = |outcomes| judge::judge(campaign, plan, outcomes, &store.stations, stopped.as_deref());
     let judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
-    report(&judgement, &store)?;
+    report(&judgement, store)?;
     if args.json {
         say(false, &format!("{:#}\n", serde_json::to_value(&judgement).unwrap_or_default()));
     } else {

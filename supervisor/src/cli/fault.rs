@@ -78,7 +78,8 @@ pub struct CampaignArgs {
     /// Seed of the plan, instead of the file's.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. The same folder again goes on where it ended.
+    /// Folder of the results: results.jsonl, report.json, report.txt, junit.xml, report.html. The same folder again goes on where it ended. Without it they
+    /// are in a folder that is removed at the end, unless the exit code is other than 0.
     #[arg(long)]
     pub report: Option<PathBuf>,
     /// Print the plan, and do nothing else.
