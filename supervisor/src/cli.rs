@@ -259,6 +259,9 @@ pub struct RunArgs {
     /// Stop when the process that started this one has ended, however.
     #[arg(long, hide = true)]
     pub with_parent: bool,
+    /// A folder for what it writes, made with the station and removed with it.
+    #[arg(long, hide = true)]
+    pub passing: Option<PathBuf>,
     /// What it shares with `replay`.
     #[command(flatten)]
     pub station: StationArgs,
