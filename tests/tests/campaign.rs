@@ -192,6 +192,7 @@ fn a_fault_that_has_a_result_is_repeated_where_it_came() {
         assert_repeated(before, code, &found);
     }
     assert_eq!(results(&folder).len(), 2, "a repetition is no result of the campaign");
+    assert!(!folder.as_path().join("out/swapped-collision-worker").exists(), "an engine lies among the results");
     assert_nothing_left();
 }
 

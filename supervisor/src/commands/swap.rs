@@ -30,27 +30,32 @@ pub fn swap(station: &Station, role: &str, binary: &Path, json: bool) -> Result<
     Ok(u8::from(record.promoted != Some(true)))
 }
 
-/// Swaps and waits for the end.
-pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Record, Refusal> {
+/// Asks for a swap to the station's own copy of an engine; gives its number.
+pub fn begin(station: &Station, role: &str, binary: &Path) -> Result<u64, Refusal> {
     let known = role_of(role).map_err(Refusal::input)?;
     // Not resolved: a program may go by the name that it is called by.
     let binary = std::path::absolute(binary).map_err(|e| Refusal::input(format!("{}: {e}", binary.display())))?;
     if !station.root().is_dir() {
         return Err(no_station(station));
     }
+    // To the end of this, when the supervisor has written down what it is for.
     let kept = kept::keep(station, &binary, known).map_err(Refusal::input)?;
     let request = Request::Swap { role: role.to_string(), binary: kept.binary().to_path_buf() };
     let before = Record::read(station).map_or(0, |record| record.number);
-    let number = match ask_once(station, &request) {
-        Ok(answer) => answer["number"].as_u64().unwrap_or(0),
-        Err(NoAnswer::Refused(reason)) => return Err(Refusal::input(format!("swap of {role}: {reason}"))),
-        Err(NoAnswer::Unanswered(reason) | NoAnswer::Half(reason)) => begun_meanwhile(station, before, kept.binary())
-            .ok_or_else(|| {
-                let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
-                Refusal::failed(format!("swap of {role}: {reason}; {cure}"))
-            })?,
-    };
-    drop(kept); // the supervisor has written down what it is for
+    match ask_once(station, &request) {
+        Ok(answer) => Ok(answer["number"].as_u64().unwrap_or(0)),
+        Err(NoAnswer::Refused(reason)) => Err(Refusal::input(format!("swap of {role}: {reason}"))),
+        Err(NoAnswer::Unanswered(reason) | NoAnswer::Half(reason)) => {
+            let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
+            begun_meanwhile(station, before, kept.binary())
+                .ok_or_else(|| Refusal::failed(format!("swap of {role}: {reason}; {cure}")))
+        }
+    }
+}
+
+/// Swaps and waits for the end.
+pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Record, Refusal> {
+    let number = begin(station, role, binary)?;
     let deadline_ns = system::now_ns() + PATIENCE_NS;
     loop {
         match Record::read(station).filter(|record| record.number == number) {
