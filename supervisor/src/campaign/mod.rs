@@ -2,8 +2,8 @@
 //! first. A campaign can be interrupted, run in batches, and one fault of it repeated at its tick and phase.
 //!
 //! Exit codes: 0 every promise held (or the batch is through and the plan is not), 1 a promise was broken, 2 a campaign that cannot be, 3
-//! nothing can be said because too much was void (of a batch: all of it), too few faults came about, or the run stopped before its batch was through (Ctrl-C, stations that do not
-//! come up).
+//! nothing can be said because too much was void (of a batch: all of it), too few faults came about, the plan is through and stalls of the host were not seen, or the run stopped
+//! before its batch was through (Ctrl-C, stations that do not come up).
 
 pub mod bounds;
 pub mod cell;
@@ -56,7 +56,8 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     } else {
         say(args.json, &plan.text());
     }
-    campaign.cannot_show().iter().for_each(|line| eprintln!("hystation: {line}"));
+    let blind = fit::warn_of_blind(&campaign).map(str::to_string);
+    campaign.cannot_show().iter().chain(&blind).for_each(|line| eprintln!("hystation: {line}"));
     if args.plan {
         return Ok(0);
     }
@@ -92,7 +93,8 @@ fn in_folder(name: &str, args: &CampaignArgs, campaign: &Campaign, plan: &Plan, 
     let before = store.outcomes.len();
     let stopped = runner.run(store, args.batch.unwrap_or(usize::MAX))?;
     let judged = |outcomes| judge::judge(campaign, plan, outcomes, &store.stations, stopped.as_deref());
-    let judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
+    let mut judgement = judged(&store.outcomes).after_batch(&judged(&store.outcomes[before..]));
+    fit::note_blind(&mut judgement, campaign, &store.stations);
     report(&judgement, store)?;
     if args.json {
         say(false, &format!("{:#}\n", serde_json::to_value(&judgement).unwrap_or_default()));
