@@ -1,6 +1,7 @@
 //! The command line, as design.md fixes it.
 
 mod again;
+mod codes;
 mod fault;
 mod windows;
 
@@ -13,7 +14,7 @@ pub use windows::WindowArgs;
 
 /// A hysteroscopy training station: every engine is a process, and no single fault stops the hand from feeling the tissue.
 #[derive(Debug, Parser)]
-#[command(name = "hystation", version)]
+#[command(name = "hystation", version, after_help = codes::ALL)]
 pub struct Cli {
     /// Name of the station; several run side by side and never meet.
     #[arg(long, global = true, default_value = "default")]
@@ -81,6 +82,7 @@ pub enum Command {
         json: bool,
     },
     /// Put another engine in the place of a role's while the station runs; rolls back by itself.
+    #[command(after_help = codes::SWAP)]
     Swap {
         /// A role: tissue, fluid, haptic, collision-worker, rendering, recorder, console or device.
         role: String,
@@ -91,6 +93,7 @@ pub enum Command {
         json: bool,
     },
     /// Check an engine before a swap, or a driver before a session, in a private station of its own, and say what is wrong with it.
+    #[command(after_help = codes::CONFORMANCE)]
     Conformance {
         /// A role, as for `swap`; or driver.
         role: String,
@@ -295,6 +298,16 @@ mod tests {
         assert_eq!([seconds("30s"), seconds("2m"), seconds("500ms"), seconds("1.5")], [Ok(30.0), Ok(120.0), Ok(0.5), Ok(1.5)]);
         for bad in ["", "s", "-1s", "nan", "25h", "1d", "ü"] {
             assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn what_the_exit_codes_of_a_verdict_mean_stands_in_the_help() {
+        for line in ["", "swap", "conformance", "fault inject", "fault campaign"] {
+            let words = format!("hystation {line} --help");
+            let help = Cli::try_parse_from(words.split_whitespace()).unwrap_err().to_string();
+            let help = help.split_whitespace().collect::<Vec<_>>().join(" "); // however it is wrapped
+            assert!(["Exit codes: 0 ", "; 1 ", "; 2 ", "; 3 "].iter().all(|code| help.contains(code)), "{line}: {help}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! The arguments of `fault`: one fault by hand, or many by a campaign.
 
-use super::seconds;
+use super::{codes, seconds};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -14,8 +14,10 @@ pub enum FaultCommand {
         json: bool,
     },
     /// Inject a fault.
+    #[command(after_help = codes::INJECT)]
     Inject(InjectArgs),
     /// Many faults by a plan drawn from a file and a seed, in stations of its own, with a verdict.
+    #[command(after_help = codes::CAMPAIGN)]
     Campaign(CampaignArgs),
 }
 
