@@ -1,6 +1,7 @@
 //! `hystation conformance`: a good engine conforms, a bad one is told why not, what is no engine is refused; the private station ends with the command, however that
 //! ends.
 
+use rustix::process::Signal;
 use serde_json::Value;
 use station_tests::shown::not_shown;
 use station_tests::{Folder, RECOVERY_LIMIT, bad_engine, binaries, hystation, run, wait_for};
@@ -93,16 +94,21 @@ fn the_stations_own_engines_conform() {
     }
 }
 
+/// Ctrl-C left the folder with the recording of the private station.
 #[test]
-fn a_conformance_that_is_killed_leaves_no_station_behind() {
-    let mut command = hystation();
-    command.args(["conformance", "fluid"]).arg(binaries().join("fluid")).stdout(Stdio::null()).stderr(Stdio::null());
-    let mut begun = command.spawn().expect("hystation");
-    let name = format!("conformance-{}", begun.id());
-    assert!(wait_for(RECOVERY_LIMIT, || (leftovers(&name).len() > 3).then_some(())).is_some(), "no private station");
-    begun.kill().expect("it is ours");
-    begun.wait().expect("it is ours");
-    let gone = wait_for(RECOVERY_LIMIT, || leftovers(&name).is_empty().then_some(()));
-    assert!(gone.is_some(), "left: {:?}", leftovers(&name));
-    let _ = std::fs::remove_dir_all(std::env::temp_dir().join(&name)); // nobody was left to do it
+fn a_conformance_that_is_ended_leaves_no_station_and_no_folder_behind() {
+    for (role, signal) in [("fluid", Signal::KILL), ("recorder", Signal::INT)] {
+        let mut command = hystation();
+        command.args(["conformance", role]).arg(binaries().join(role)).stdout(Stdio::null()).stderr(Stdio::null());
+        let mut begun = command.spawn().expect("hystation");
+        let name = format!("conformance-{}", begun.id());
+        let folder = std::env::temp_dir().join(&name);
+        let runs = || (leftovers(&name).len() > 3 && folder.is_dir()).then_some(());
+        assert!(wait_for(RECOVERY_LIMIT, runs).is_some(), "no private station");
+        let pid = rustix::process::Pid::from_raw(begun.id() as i32).expect("a process id");
+        rustix::process::kill_process(pid, signal).expect("it is ours");
+        begun.wait().expect("it is ours");
+        let gone = wait_for(RECOVERY_LIMIT, || (leftovers(&name).is_empty() && !folder.exists()).then_some(()));
+        assert!(gone.is_some(), "{signal:?} left: {:?}, {}: {}", leftovers(&name), folder.display(), folder.exists());
+    }
 }

@@ -132,9 +132,9 @@ fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<Vec<Check>, R
     let station = Station::named(&name).map_err(|e| Refusal::failed(e.to_string()))?;
     let program = std::env::current_exe().map_err(|e| Refusal::failed(e.to_string()))?;
     let folder = std::env::temp_dir().join(&name);
-    std::fs::create_dir_all(&folder).map_err(|e| Refusal::failed(format!("{}: {e}", folder.display())))?;
     let mut command = Command::new(program);
     command.args(["--name", &name, "run", "--headless", "--quiet", "--with-parent", "--hand", place.hand]);
+    command.arg("--passing").arg(&folder); // the station's to remove: this command may be interrupted
     if let Some(scene) = place.scene {
         command.arg(scene);
     }
@@ -150,7 +150,6 @@ fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<Vec<Check>, R
     });
     let station = private.station.clone();
     drop(private);
-    let _ = std::fs::remove_dir_all(&folder); // it is in the system's folder for such things
     let mut checks = checks?;
     let left = station.leftovers();
     let nothing = if left.is_empty() { Ok("no process, no shared memory, no file".into()) } else { Err(format!("{left:?}")) };
