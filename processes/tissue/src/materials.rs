@@ -1,24 +1,53 @@
-//! What the scene's objects are made of, as far as plain tets can show it.
+//! What the scene's objects and their regions are made of, as far as plain tets can show it.
 
+use crate::site::MAX_OBJECTS;
 use hyst_engine::Failure;
-use hyst_scene::LoadedScene;
+use hyst_scene::{LoadedScene, Material as Stuff};
 use hyst_tissue::{Material, POISSON_RATIO_MAX};
 
-/// The material of each object; its region is the object's index.
+/// Number of the first region's material: one that no object has.
+pub const FIRST_REGION: u32 = MAX_OBJECTS as u32;
+
+/// What the Main Loop asks of a region beside its elasticity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Region {
+    /// Its density.
+    pub density_kg_m3: f64,
+    /// Whether what is around it holds it.
+    pub is_on_bed: bool,
+}
+
+/// The regions of all objects, in the order of the objects: what a body's tets are made of counts them from 1.
+pub fn regions(scene: &LoadedScene) -> Vec<Region> {
+    let regions = scene.objects.iter().flat_map(|object| &object.regions);
+    regions.map(|of| Region { density_kg_m3: of.material.density_kg_m3, is_on_bed: of.bed_n_m4 > 0.0 }).collect()
+}
+
+/// The numbered material of each object, whose number is its index, and of each region, from [`FIRST_REGION`] on.
 pub fn materials(scene: &LoadedScene) -> Result<Vec<(u32, Material)>, Failure> {
-    let made = scene.objects.iter().enumerate().map(|(index, object)| {
-        let stuff = &object.material;
+    let made = all(scene).map(|(number, name, stuff, bed_n_m4)| {
         let poisson = stuff.poisson_ratio.min(POISSON_RATIO_MAX);
         let material = Material::new(stuff.youngs_modulus_pa, poisson, stuff.density_kg_m3, stuff.damping_per_s);
-        material.map(|material| (index as u32, material)).map_err(|error| Failure::Input(format!("{}: {error}", object.name)))
+        let material = material.and_then(|material| material.on_bed(bed_n_m4));
+        material.map(|material| (number, material)).map_err(|error| Failure::Input(format!("{name}: {error}")))
     });
     made.collect()
 }
 
-/// The objects whose Poisson's ratio is taken lower than the scene says, in one sentence; none if there are none.
+/// What the tets can be made of: number, name, material, and stiffness of the bed that it is on, N/m⁴.
+fn all(scene: &LoadedScene) -> impl Iterator<Item = (u32, String, &Stuff, f64)> {
+    let objects = (0..).zip(&scene.objects).map(|(index, object)| (index, object.name.clone(), &object.material, 0.0));
+    let regions = scene.objects.iter().flat_map(|object| object.regions.iter().map(move |region| (object, region)));
+    let regions = (FIRST_REGION..).zip(regions).map(|(number, (object, region))| {
+        (number, format!("{}, {}", object.name, region.name), &region.material, region.bed_n_m4)
+    });
+    objects.chain(regions)
+}
+
+/// The objects and regions whose Poisson's ratio is taken lower than the scene says, in one sentence; none if there are none.
 pub fn lowered(scene: &LoadedScene) -> Vec<String> {
-    let objects = scene.objects.iter().filter(|object| object.material.poisson_ratio > POISSON_RATIO_MAX);
-    let names: Vec<String> = objects.map(|object| format!("{} ({})", object.name, object.material.poisson_ratio)).collect();
+    let too_high = all(scene).filter(|(_, _, stuff, _)| stuff.poisson_ratio > POISSON_RATIO_MAX);
+    let names: Vec<String> = too_high.map(|(_, name, stuff, _)| format!("{name} ({})", stuff.poisson_ratio)).collect();
     if names.is_empty() {
         return Vec::new();
     }
