@@ -248,7 +248,7 @@ impl Case {
     }
 
     /// The mean density of an object, kg/m³.
-    fn density_of_kg_m3(&self, body: &Body, object: u32) -> f64 {
+    pub fn density_of_kg_m3(&self, body: &Body, object: u32) -> f64 {
         let own_kg_m3 = self.density_kg_m3.get(self.origin(body, object)).copied().unwrap_or(self.bath.density_kg_m3);
         let of_region = |tet: usize| self.region(body, tet).map_or(0.0, |(_, region)| region.density_kg_m3 - own_kg_m3);
         let more_kg = body.weighed(object, of_region);
