@@ -189,6 +189,21 @@ mod tests {
     }
 
     #[test]
+    fn the_shipped_scene_with_regions_has_them_all_in_its_model() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/scenes/regions.toml");
+        let scene = hyst_scene::load(&path).unwrap_or_else(|error| panic!("{error}"));
+        let (_, world) = Workshop::open(&scene, Isa::detect()).unwrap();
+        let names: Vec<String> = all(&scene).map(|(_, name, ..)| name).collect();
+        assert_eq!(names[2..], ["uterus, ligaments", "uterus, endometrium", "uterus, cervix", "myoma, core"]);
+        for (number, name, ..) in all(&scene) {
+            assert!(made_of_m3(&world, number) > 5e-8, "{name}: {} m³", made_of_m3(&world, number));
+        }
+        let held = world.case.held_nodes(&world.body);
+        let bedded = (0..held.len()).filter(|node| held[*node] && !world.model.is_held(*node)).count();
+        assert!(bedded > 200 && !world.wall.is_empty() && !world.objects[0].is_free_piece(), "{bedded} nodes on beds");
+    }
+
+    #[test]
     fn a_poisson_ratio_that_is_taken_lower_is_said_in_one_sentence() {
         let mut scene = hyst_scene::load_embedded().unwrap();
         let said = |scene: &LoadedScene| {

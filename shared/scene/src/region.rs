@@ -23,8 +23,8 @@ const MAX_BED_N_M4: f64 = 1e12;
 /// Most tags of a mesh that an error names.
 const NAMED_TAGS: usize = 12;
 
-/// A part of a deformable object that is made of something else: a myoma's core, the cervix, the lining of a cavity. What it does not say is as the object's
-/// own material has it; where regions overlap, the later one counts.
+/// A part of a deformable object that is made of something else, as the cervix. What it does not say is as the object's own material has it; where
+/// regions overlap, the later one counts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialRegion {
@@ -42,8 +42,8 @@ pub struct MaterialRegion {
     pub damping_per_s: Option<f64>,
     /// Where the figures come from.
     pub source: Option<String>,
-    /// Stiffness with which what is around the organ (ligaments, the vagina) holds the region at its place, N/m for each m³ of it, 0 to 1e12: for a layer the
-    /// stiffness of the bed by area, N/m³, over the layer's thickness. Default: 0, nothing.
+    /// Stiffness with which what is around the organ (ligaments, the vagina) holds the region at its place, N/m for each m³ of it, 0 to 1e12: for a
+    /// layer the stiffness of the bed by area, N/m³, over the layer's thickness. Default: 0, nothing.
     pub bed_n_m4: Option<f64>,
 }
 
@@ -51,7 +51,7 @@ pub struct MaterialRegion {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Part {
-    /// Tets with this number in the file: Gmsh's physical group (without one the volume's own), TetGen's attribute, Medit's reference; a sign is left out.
+    /// Tets with this number in the file: Gmsh's physical group (without one the volume's own), TetGen's attribute, Medit's reference.
     Tag(u32),
     /// Tets within a sphere.
     Sphere {
