@@ -173,7 +173,7 @@ impl Body {
             return Err(Failure::Input(format!("a scene has at most {MAX_OBJECTS} objects")));
         }
         let (mut skin, mut regions) = (Skin::default(), Vec::with_capacity(rest.tets.len()));
-        let (mut material, mut first_region) = (Vec::new(), 0);
+        let (mut material, mut first_region) = (Vec::<u32>::new(), 0u32);
         for (index, object) in scene.objects.iter().enumerate() {
             let (first_vertex, first_tet) = (skin.rest_m.len() as u32, regions.len() as u32);
             skin.rest_m.extend_from_slice(&object.surface.positions_m);

@@ -47,8 +47,8 @@ pub(crate) struct Near<'a> {
     cells: BTreeMap<[i32; 3], Vec<u32>>,
 }
 
-impl Near<'_> {
-    fn new(triangles: &[Triangle], reach_m: f64) -> Near<'_> {
+impl<'a> Near<'a> {
+    fn new(triangles: &'a [Triangle], reach_m: f64) -> Near<'a> {
         let mut cell_m = reach_m.max(LEAST_CELL_M);
         for _ in 0..MAX_DOUBLINGS {
             let cells = |triangle: &Triangle| {
