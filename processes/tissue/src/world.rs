@@ -251,7 +251,7 @@ impl Case {
     pub fn density_of_kg_m3(&self, body: &Body, object: u32) -> f64 {
         let own_kg_m3 = self.density_kg_m3.get(self.origin(body, object)).copied().unwrap_or(self.bath.density_kg_m3);
         let of_region = |tet: usize| self.region(body, tet).map_or(0.0, |(_, region)| region.density_kg_m3 - own_kg_m3);
-        let more_kg = body.weighed(object, of_region);
+        let more_kg = if body.material.is_empty() { 0.0 } else { body.weighed(object, of_region) };
         if more_kg == 0.0 { own_kg_m3 } else { own_kg_m3 + more_kg / body.volume_of_m3(object) }
     }
 

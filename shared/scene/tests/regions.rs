@@ -144,7 +144,7 @@ fn the_numbers_of_three_formats_tell_regions_apart() {
 /// How many tets each region of the block has, where each is of the tets that it names.
 fn counts(folder: &Folder, regions: &str) -> Result<(BTreeMap<u32, usize>, LoadedScene), SceneError> {
     let scene = folder.load(&format!("mesh = \"group.msh\"\nscale_to_m = 1.0\nfixed = [{{ below_z_m = 0.001 }}]\n{regions}"))?;
-    let mut counts = BTreeMap::new();
+    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
     scene.objects[0].mesh.regions.iter().for_each(|region| *counts.entry(*region).or_default() += 1);
     Ok((counts, scene))
 }
