@@ -4,7 +4,7 @@ mod model;
 
 use crate::body::{Body, Room, version_of};
 use crate::drift::{Bath, Drifter};
-use crate::materials::{lowered, materials};
+use crate::materials::{FIRST_REGION, Region, lowered, materials, regions};
 use crate::metal::Metal;
 use crate::outlet::Outlet;
 use crate::points::ContactPoints;
@@ -41,6 +41,8 @@ pub struct Case {
     /// Density of each object of the scene, and what they are in.
     density_kg_m3: Vec<f64>,
     bath: Bath,
+    /// The regions of material of all objects.
+    regions: Vec<Region>,
     /// Instruments by name.
     rigid: Vec<String>,
     /// What holds a pathology in its host: the object and the place at rest of the node that is held, and how.
@@ -87,7 +89,7 @@ pub struct World {
     pub attachments: Vec<Attachment>,
     /// Points of the contact test.
     pub points: ContactPoints,
-    /// Triangles of the cavity's wall: boundary triangles of hollow organs without fixed nodes.
+    /// Triangles of the cavity's wall: boundary triangles of hollow organs without held nodes.
     pub wall: Vec<[u32; 3]>,
     /// All objects, instruments too.
     pub objects: Vec<ObjectRecord>,
@@ -171,6 +173,7 @@ impl Body {
             return Err(Failure::Input(format!("a scene has at most {MAX_OBJECTS} objects")));
         }
         let (mut skin, mut regions) = (Skin::default(), Vec::with_capacity(rest.tets.len()));
+        let (mut material, mut first_region) = (Vec::<u32>::new(), 0u32);
         for (index, object) in scene.objects.iter().enumerate() {
             let (first_vertex, first_tet) = (skin.rest_m.len() as u32, regions.len() as u32);
             skin.rest_m.extend_from_slice(&object.surface.positions_m);
@@ -178,10 +181,15 @@ impl Body {
             skin.raw.extend(object.bindings.iter().map(|_| false));
             skin.triangles.extend(object.surface.triangles.iter().map(|triangle| triangle.map(|vertex| vertex + first_vertex)));
             regions.extend(std::iter::repeat_n(index as u32, object.mesh.tets.len()));
+            material.extend(object.mesh.regions.iter().map(|own| if *own == 0 { 0 } else { first_region + own }));
+            first_region += object.regions.len() as u32;
         }
         rest.regions = regions;
+        if first_region == 0 {
+            material.clear();
+        }
         let fixed = scene.objects.iter().flat_map(|object| object.fixed.iter().copied()).collect();
-        Ok(Body { rest, fixed, skin, origin: (0..scene.objects.len() as u32).collect() })
+        Ok(Body { rest, material, fixed, skin, origin: (0..scene.objects.len() as u32).collect() })
     }
 }
 
@@ -200,15 +208,16 @@ impl Case {
         let roots = roots(scene, body, starts);
         let is_rooted = |index: u32| roots.keys().any(|(object, _)| *object == index);
         Ok(Case {
-            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.fixed.contains(&true) || is_rooted(index)).collect(),
+            rooted: (0..).zip(&scene.objects).map(|(index, object)| object.is_held() || is_rooted(index)).collect(),
             objects: scene.objects.iter().map(|object| (object.name.clone(), kind(object.kind))).collect(),
             hollow: scene.objects.iter().map(|object| object.hollow).collect(),
             density_kg_m3: scene.objects.iter().map(|object| object.material.density_kg_m3).collect(),
             bath: Bath { density_kg_m3: scene.fluid.density_kg_m3.into(), viscosity_pa_s: scene.fluid.viscosity_pa_s.into() },
+            regions: regions(scene),
             rigid: scene.rigid.iter().map(|rigid| rigid.name.clone()).collect(),
             roots,
             cell_m: mean_edge_m(&body.rest.tets, &body.rest.positions_m),
-            room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len()),
+            room: Room::for_body(body, MAX_OBJECTS - scene.rigid.len(), regions(scene).len()),
             tool: Tool::of(rigid),
             electrode: rigid.electrode.clone(),
             outlet: Outlet::of(rigid),
@@ -224,6 +233,36 @@ impl Case {
     /// The object of the scene that an object is, or was a part of.
     pub fn origin(&self, body: &Body, object: u32) -> usize {
         body.origin.get(object as usize).map_or(0, |origin| *origin as usize)
+    }
+
+    /// The region of material that a tet is of; `None` where it is made of what its object is.
+    fn region(&self, body: &Body, tet: usize) -> Option<(u32, &Region)> {
+        let index = body.material.get(tet)?.checked_sub(1)?;
+        self.regions.get(index as usize).map(|region| (index, region))
+    }
+
+    /// What a tet is made of, by the number that [`materials`] gives it.
+    pub fn material(&self, body: &Body, tet: usize) -> u32 {
+        let own = || self.origin(body, body.rest.regions[tet]) as u32;
+        self.region(body, tet).map_or_else(own, |(index, _)| FIRST_REGION + index)
+    }
+
+    /// The mean density of an object, kg/m³.
+    pub fn density_of_kg_m3(&self, body: &Body, object: u32) -> f64 {
+        let own_kg_m3 = self.density_kg_m3.get(self.origin(body, object)).copied().unwrap_or(self.bath.density_kg_m3);
+        let of_region = |tet: usize| self.region(body, tet).map_or(0.0, |(_, region)| region.density_kg_m3 - own_kg_m3);
+        let more_kg = if body.material.is_empty() { 0.0 } else { body.weighed(object, of_region) };
+        if more_kg == 0.0 { own_kg_m3 } else { own_kg_m3 + more_kg / body.volume_of_m3(object) }
+    }
+
+    /// Whether each node of a body is held: it is fixed, or in tissue that what is around it holds.
+    pub fn held_nodes(&self, body: &Body) -> Vec<bool> {
+        let mut is_held = body.fixed.clone();
+        let is_on_bed = |tet: &usize| self.region(body, *tet).is_some_and(|(_, region)| region.is_on_bed);
+        for tet in (0..body.material.len()).filter(is_on_bed) {
+            body.rest.tets[tet].iter().for_each(|node| is_held[*node as usize] = true);
+        }
+        is_held
     }
 
     /// Whether an object is one of the scene, and not one that has come free of such.
@@ -260,8 +299,9 @@ impl World {
         let topology =
             Topology::new(&rest.tets, &rest.regions, &rest.positions_m).map_err(|error| Failure::Input(error.to_string()))?;
         let hollow = |owner: u32| case.hollow.get(case.origin(&body, owner)).is_some_and(|hollow| *hollow);
+        let is_held = case.held_nodes(&body);
         let is_wall =
-            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !body.fixed[*node as usize]);
+            |(triangle, owner): (&[u32; 3], &u32)| hollow(*owner) && triangle.iter().all(|node| !is_held[*node as usize]);
         let faces = topology.boundary.iter().zip(&topology.boundary_owner);
         let wall = faces.filter(|pair| is_wall((pair.0, pair.1))).map(|pair| *pair.0).collect();
         let attachments = case.attachments(&body);
@@ -269,9 +309,7 @@ impl World {
         let points = ContactPoints::of(case, &body, &topology, &objects, &attachments)?;
         Ok(World {
             case: Arc::clone(case),
-            drifters: Drifter::of(&objects, &body, &case.bath, |object| {
-                case.density_kg_m3.get(case.origin(&body, object)).copied().unwrap_or(case.bath.density_kg_m3)
-            }),
+            drifters: Drifter::of(&objects, &body, &case.bath, |object| case.density_of_kg_m3(&body, object)),
             points,
             objects,
             version: version_of(&words),
@@ -288,7 +326,7 @@ impl World {
 
 /// The records of all objects of a body, and of the instruments.
 fn objects(case: &Case, body: &Body, attachments: &[Attachment]) -> Vec<ObjectRecord> {
-    let mut is_rooted = body.fixed.clone();
+    let mut is_rooted = case.held_nodes(body);
     attachments.iter().for_each(|held| is_rooted[held.node as usize] = true);
     let count = body.origin.len();
     let mut held = vec![false; count];

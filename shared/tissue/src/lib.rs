@@ -13,6 +13,7 @@
 //! exceeds its bound. Objects that hold each other ([`Attachment`]) are joined into one model ([`join`]).
 //! Cutting is a function of the same kind: [`cut()`] changes a [`Cuttable`], from which a [`ModelMaker`] makes a new model.
 
+mod bed;
 mod bound;
 mod build;
 mod check;
