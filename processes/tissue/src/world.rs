@@ -3,6 +3,7 @@
 mod model;
 
 use crate::body::{Body, Room, version_of};
+use crate::closing::Closing;
 use crate::drift::{Bath, Drifter};
 use crate::materials::{lowered, materials};
 use crate::metal::Metal;
@@ -19,7 +20,7 @@ use hyst_tissue::{Attachment, Isa, Model, ModelMaker, Options, Skin, join};
 use model::notes;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Stiffness that contacts and attachments may add up to at a node, N/m: a tip of 20 mm² in [`crate::contacts::STIFFNESS_N_M3`].
 pub const CONTACT_STIFFNESS_N_M: f64 = 400.0;
@@ -67,6 +68,8 @@ pub struct Case {
     pub pivot_m: [f32; 3],
     /// Pressure at which the organ has its rest shape, Pa.
     pub rest_pressure_pa: f32,
+    /// How its cavity closes where the pressure is low.
+    pub closing: Closing,
 }
 
 /// The model of everything that the Main Loop computes, made of a body: never changed by a step that cuts nothing.
@@ -93,6 +96,8 @@ pub struct World {
     pub objects: Vec<ObjectRecord>,
     /// Those that nothing holds.
     pub drifters: Vec<Drifter>,
+    /// The forces that hold the cavity shut, once somebody has asked for them.
+    pub shut_n: OnceLock<Vec<[f32; 3]>>,
     /// What making the model took, one sentence each.
     pub notes: Vec<String>,
 }
@@ -153,7 +158,9 @@ impl Workshop {
         // Cuts make no stiffer tissue, and looking for the frequency takes longer than all else.
         workshop.maker.options.omega_rest_per_s = Some(report.omega_rest_per_s);
         let mut world = World::with(&workshop.case, body, model)?;
-        world.notes = [lowered(scene), notes(&report)].concat();
+        world.notes = [&lowered(scene)[..], &notes(&report)[..], world.case.closing.notes()].concat();
+        // Now, so that no step of an organ that is whole has to.
+        world.shut_n();
         Ok((workshop, world))
     }
 
@@ -218,6 +225,7 @@ impl Case {
             rest: scene.rest,
             pivot_m: scene.workspace.pivot_m,
             rest_pressure_pa: scene.fluid.rest_pressure_pa,
+            closing: Closing::of(scene),
         })
     }
 
@@ -275,6 +283,7 @@ impl World {
             points,
             objects,
             version: version_of(&words),
+            shut_n: OnceLock::new(),
             notes: Vec::new(),
             model,
             topology,
@@ -352,7 +361,8 @@ fn roots(scene: &LoadedScene, body: &Body, starts: &[usize]) -> BTreeMap<(u32, [
     all
 }
 
-fn mean_edge_m(tets: &[[u32; 4]], positions_m: &[[f32; 3]]) -> f32 {
+/// Mean edge of some tets, m.
+pub(crate) fn mean_edge_m(tets: &[[u32; 4]], positions_m: &[[f32; 3]]) -> f32 {
     const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
     let at = |node: u32| glam::Vec3::from(positions_m[node as usize]);
     let length = |tet: &[u32; 4]| EDGES.iter().map(|[a, b]| at(tet[*a]).distance(at(tet[*b]))).sum::<f32>();
