@@ -11,7 +11,8 @@ use hyst_tissue::pressure_forces;
 /// wall would need the stress-free shape, which no mesh of a distended cavity holds. A cavity that is closed is held at its own shape.
 const MAX_DISTENSION_PA: f32 = 2_000.0;
 
-/// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, and its flow on what floats.
+/// Adds what the medium exerts: its pressure on the cavity's wall, which `pressure_pa` has room for, what leads the walls together where that is too little, and
+/// its flow on what floats.
 pub(super) fn medium_forces(
     world: &World,
     (before, draw): (&Core, Option<&Draw>),
