@@ -18,6 +18,7 @@ mod bound;
 mod build;
 mod check;
 mod cut;
+mod equilibrium;
 mod forces;
 mod isa;
 mod kernel;
@@ -36,6 +37,7 @@ mod step;
 
 pub use build::ModelMaker;
 pub use cut::{CutError, CutOptions, CutReport, Cuttable, MAX_WIRE_POINTS, Seat, Skin, cut};
+pub use equilibrium::holding_forces;
 pub use forces::{BoundSurface, gather, join, pressure_forces, scatter, surface_update};
 pub use isa::Isa;
 pub use links::{Attachment, ContactLaw, Hold, PairSpring, PlaneSpring, Push};
