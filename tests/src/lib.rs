@@ -312,10 +312,15 @@ impl Station {
         self.sample().force_n.iter().map(|c| (*c as f64).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Deficit of the medium as the fluid says it that spoke last in the newest epoch, ml, and the tick of its state.
+    /// What the fluid says that spoke last in the newest epoch.
+    pub fn fluid_status(&self) -> FluidStatus {
+        self.fluid_statuses().into_iter().max_by_key(|status| (status.epoch, status.state_tick)).unwrap_or_default()
+    }
+
+    /// Deficit of the medium, ml, and the tick of the state that it is of.
     pub fn deficit(&self) -> (f64, u64) {
-        let newest = self.fluid_statuses().into_iter().max_by_key(|status| (status.epoch, status.state_tick));
-        newest.map(|status| (status.deficit_ml, status.state_tick)).unwrap_or_default()
+        let status = self.fluid_status();
+        (status.deficit_ml, status.state_tick)
     }
 
     /// Whether the fluid that holds the role has said something of a step of its own; one that is held still makes none.

@@ -3,7 +3,8 @@
 
 use serde_json::Value;
 use station_tests::shown::not_shown;
-use station_tests::{Folder, RECOVERY_LIMIT, bad_engine, binaries, hystation, run, wait_for};
+use station_tests::swapped::{got_no_time, swap};
+use station_tests::{Folder, RECOVERY_LIMIT, Station, bad_engine, binaries, hystation, run, wait_for};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -126,6 +127,22 @@ fn the_stations_own_engines_conform() {
             assert_eq!(is_tried(what), is_computed_from, "{role}: {what:?}: {told:#}");
         }
     }
+}
+
+/// The example is for scenes in which nothing is cut: it would leave each vessel that is open then without blood, and each that is coagulated open again.
+#[test]
+fn an_engine_that_knows_of_no_vessels_conforms_where_there_is_none_and_is_rolled_back_where_one_is_open() {
+    let station = Station::start("no-vessels", &["--hand", "script:polyp", "--test-mode"]);
+    let open = wait_for(RECOVERY_LIMIT, || (station.fluid_status().open_vessels > 0).then_some(()));
+    assert!(open.is_some(), "the hand has opened no vessel: {}", station.said());
+    let (code, record, said) = swap(&station, "fluid", &binaries().join("example-engine"));
+    if got_no_time(&record) {
+        not_shown("whether an engine that knows of no vessels is rolled back: the machine gave it no time");
+        return;
+    }
+    assert!(code == Some(1) && record["cause"] == "out-of-tolerance", "{code:?} {record:#}\n{said}");
+    assert!(record["reason"].as_str().is_some_and(|reason| reason.contains("vessels")), "{record:#}");
+    station.stop().assert_clean();
 }
 
 #[test]
