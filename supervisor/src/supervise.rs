@@ -23,6 +23,7 @@ use crate::oom::OutOfMemory;
 use crate::plan::{Plan, PlanError};
 use crate::policy::{self, Event, Exit, State};
 use crate::spawn::{self, Spawner};
+use crate::struck::NotDone;
 use crate::swap::judge::Seen;
 use crate::view::Viewer;
 use crate::watch::{Notice, Watch};
@@ -151,6 +152,8 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
     let slots = plan.slots();
     let policy = State::new(&slots);
     let guests = [Role::Tissue, Role::Fluid].into_iter().filter(|role| slots.iter().any(|slot| slot.role() == *role));
+    let mut faults = Faults::new(station, &plan.faults)?;
+    faults.slots.clone_from(&slots);
     let slots: Vec<Slot> = slots.iter().copied().chain(guests.filter_map(Slot::guest)).collect();
     let mut supervisor = Supervisor {
         station: station.clone(),
@@ -160,7 +163,7 @@ pub fn supervise(station: &Station) -> Result<u8, SuperviseError> {
         cleaner: Cleaner::new(real_time),
         viewer: Viewer::open(station)?,
         accounts: Accounts::read(station),
-        faults: Faults::new(station, &plan.faults)?,
+        faults,
         permit: Permit::new(&page, plan.end_tick),
         holders: roles::Holders::open(station)?,
         kept: kept::Kept::default(),
@@ -382,7 +385,11 @@ impl Supervisor {
             Request::Fault(_) | Request::Suffered(_) if self.page.load32(layout::TEST_MODE) == 0 => {
                 control::bad(crate::keepers::OUTSIDE_OF_TEST_MODE)
             }
-            Request::Fault(injection) => control::done(self.faults.inject(injection, &mut self.viewer)),
+            Request::Fault(injection) => match self.faults.inject(injection, &mut self.viewer) {
+                Ok(struck) => control::good(serde_json::json!(struck)),
+                Err(NotDone { reason, is_half: true }) => control::half(&reason),
+                Err(NotDone { reason, is_half: false }) => control::bad(&reason),
+            },
             Request::Suffered(suffered) => control::done(self.faults.suffered(suffered)),
         }
     }

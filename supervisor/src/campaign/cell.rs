@@ -28,17 +28,19 @@ pub enum State {
 }
 
 impl State {
+    /// All of them with their names.
+    pub const ALL: [(State, &'static str); 6] = [
+        (State::Any, "any"),
+        (State::Idle, "idle"),
+        (State::Contact, "contact"),
+        (State::Cutting, "cutting"),
+        (State::Recovery, "recovery"),
+        (State::Swap, "swap"),
+    ];
     /// The state that a word names.
     pub fn parse(text: &str) -> Result<State, String> {
-        match text {
-            "any" => Ok(State::Any),
-            "idle" => Ok(State::Idle),
-            "contact" => Ok(State::Contact),
-            "recovery" => Ok(State::Recovery),
-            "cutting" => Ok(State::Cutting),
-            "swap" => Ok(State::Swap),
-            _ => Err(format!("state {text:?}: there are any, idle, contact, cutting, recovery and swap")),
-        }
+        let found = State::ALL.iter().find(|(_, name)| *name == text).map(|(state, _)| *state);
+        found.ok_or_else(|| format!("state {text:?}: there are any, idle, contact, cutting, recovery and swap"))
     }
     fn suffix(self) -> &'static str {
         match self {

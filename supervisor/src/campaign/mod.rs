@@ -49,7 +49,11 @@ pub fn run(name: &str, args: &CampaignArgs) -> Result<u8, Refusal> {
     if let Some(index) = args.only.filter(|index| *index >= plan.faults.len()) {
         return Err(Refusal::input(format!("--only {index}: the plan has faults 0 to {}", plan.faults.len() - 1)));
     }
-    say(args.json, &plan.text());
+    if args.plan && args.json {
+        say(false, &format!("{:#}\n", serde_json::to_value(&plan).unwrap_or_default()));
+    } else {
+        say(args.json, &plan.text());
+    }
     campaign.cannot_show().iter().for_each(|line| eprintln!("hystation: {line}"));
     if args.plan {
         return Ok(0);

@@ -1,5 +1,6 @@
 //! The folder of a campaign's results. A line of `results.jsonl` is written when its fault is closed, so that a campaign that is interrupted,
-//! or run in batches, goes on where it ended. Results of another file, seed or plan are refused, never mixed; a plan of which nothing came gives way.
+//! or run in batches, goes on where it ended. One campaign at a time has the folder. Results of another file, seed or plan are refused, never mixed; a plan of
+//! which nothing came gives way.
 
 use super::draw::Plan;
 use super::origin::Origin;
@@ -9,6 +10,8 @@ use crate::settings::Refusal;
 use hyst_exchange::whole;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeSet;
+use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -16,6 +19,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Store {
     folder: PathBuf,
+    /// Open, and locked, as long as this campaign has it.
+    _lock: File,
     /// Made for this run alone, and removed at its end.
     passing: bool,
     /// One for each fault that is through.
@@ -35,6 +40,11 @@ impl Store {
         let path = folder.unwrap_or(&passing);
         let path = std::path::absolute(path).map_err(|e| refuse(path, &e.to_string()))?;
         std::fs::create_dir_all(&path).map_err(|e| refuse(&path, &format!("{e}; give a folder that can be made")))?;
+        let lock = File::open(&path).map_err(|e| refuse(&path, &e.to_string()))?;
+        // Where a file system knows no locks, whoever calls has to take care.
+        if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
+            return Err(refuse(&path, "another campaign is at work in it; wait for its end, or give another folder"));
+        }
         let text = serde_json::to_string_pretty(plan).map_err(|e| refuse(&path, &e.to_string()))?;
         let plan_file = path.join("plan.json");
         let is_there = |name: &str| std::fs::metadata(path.join(name)).is_ok_and(|file| file.len() > 0);
@@ -54,9 +64,13 @@ impl Store {
             outcomes: lines(&path, "results.jsonl")?,
             stations: lines(&path, "stations.jsonl")?,
             folder: path,
+            _lock: lock,
             passing: folder.is_none(),
         };
-        store.outcomes.retain(|outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell));
+        // One that two campaigns wrote counts once.
+        let mut known = BTreeSet::new();
+        let is_of_plan = |outcome: &Outcome| plan.faults.get(outcome.index).is_some_and(|entry| entry.cell == outcome.cell);
+        store.outcomes.retain(|outcome| is_of_plan(outcome) && known.insert(outcome.index));
         Ok(store)
     }
 
@@ -152,20 +166,27 @@ mod tests {
         let results = folder.join("results.jsonl");
         let whole = std::fs::read_to_string(&results).unwrap();
         std::fs::write(&results, format!("{whole}{{\"index\":2,\"stat")).unwrap();
-        let again = Store::open(Some(&folder), &plan).unwrap();
+        let refused = Store::open(Some(&folder), &plan).unwrap_err();
+        assert!(refused.code == 2 && refused.message.contains("another campaign is at work"), "{}", refused.message);
+        drop(store);
+        let mut again = Store::open(Some(&folder), &plan).unwrap();
         assert_eq!((again.outcomes.len(), again.has(0), again.has(1), again.has(2)), (2, true, true, false));
         assert_eq!(std::fs::read_to_string(&results).unwrap(), whole);
         let build = |build: &str| Origin { build: build.into(), ..Origin::default() };
         let (own, another) = (build("f00"), build("bad"));
         assert!(again.check_build(&own).is_ok(), "nothing was run yet");
-        store.add_station(StationOutcome { origin: Some(own.clone()), ..StationOutcome::default() }).unwrap();
+        again.add_station(StationOutcome { origin: Some(own.clone()), ..StationOutcome::default() }).unwrap();
+        drop(again);
         let mut again = Store::open(Some(&folder), &plan).unwrap();
         assert!(again.check_build(&own).is_ok());
         let refused = again.check_build(&another).unwrap_err();
         assert!(refused.code == 2 && refused.message.contains("its results are of build f00"), "{}", refused.message);
         again.add_station(StationOutcome::default()).unwrap();
         assert_eq!(again.check_build(&own).unwrap_err().code, 2, "of whom nobody knows");
+        drop(again);
         assert_eq!(Store::open(Some(&folder), &other).unwrap_err().code, 2);
+        std::fs::write(&results, whole.repeat(2)).unwrap();
+        assert_eq!(Store::open(Some(&folder), &plan).unwrap().outcomes.len(), 2, "two campaigns wrote them");
         std::fs::write(&results, "{}\n").unwrap();
         assert!(Store::open(Some(&folder), &plan).unwrap_err().message.contains("line 1"));
         std::fs::remove_dir_all(&folder).unwrap();

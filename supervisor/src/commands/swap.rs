@@ -44,10 +44,11 @@ pub fn swap_and_wait(station: &Station, role: &str, binary: &Path) -> Result<Rec
     let number = match ask_once(station, &request) {
         Ok(answer) => answer["number"].as_u64().unwrap_or(0),
         Err(NoAnswer::Refused(reason)) => return Err(Refusal::input(format!("swap of {role}: {reason}"))),
-        Err(NoAnswer::Unanswered(reason)) => begun_meanwhile(station, before, kept.binary()).ok_or_else(|| {
-            let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
-            Refusal::failed(format!("swap of {role}: {reason}; {cure}"))
-        })?,
+        Err(NoAnswer::Unanswered(reason) | NoAnswer::Half(reason)) => begun_meanwhile(station, before, kept.binary())
+            .ok_or_else(|| {
+                let cure = "no swap was begun within 10 s; `hystation status` says what runs, then swap again";
+                Refusal::failed(format!("swap of {role}: {reason}; {cure}"))
+            })?,
     };
     drop(kept); // the supervisor has written down what it is for
     let deadline_ns = system::now_ns() + PATIENCE_NS;

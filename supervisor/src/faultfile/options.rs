@@ -54,6 +54,21 @@ impl Place {
     }
 }
 
+impl FaultKind {
+    /// The options that it takes, as a file names them; `--` before them on the command line.
+    pub fn options(self) -> Vec<&'static str> {
+        let own: &[&str] = match self {
+            FaultKind::Slow => &["factor", "extra", "jitter"],
+            FaultKind::LeakMemory | FaultKind::LeakFiles => &["rate"],
+            FaultKind::CrashLoop => &["times"],
+            FaultKind::Corrupt => &["where", "bytes", "seed"],
+            _ => &[],
+        };
+        let duration = self.takes_duration().then_some("for");
+        duration.into_iter().chain(own.iter().copied()).collect()
+    }
+}
+
 /// Whether it lies in the range, if it is given.
 fn within<T: PartialOrd>(value: Option<T>, range: std::ops::RangeInclusive<T>) -> bool {
     value.is_none_or(|value| range.contains(&value))
@@ -219,6 +234,30 @@ mod tests {
         assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Stream)).unwrap_err().contains("no stream"));
         assert!(checked("corrupt", "haptic", |it| it.place = Some(Place::Checkpoint)).unwrap_err().contains("no state"));
         assert!(checked("corrupt", "recorder", |it| it.place = Some(Place::Roster)).is_ok());
+    }
+
+    #[test]
+    fn the_options_that_a_kind_is_said_to_take_are_those_that_it_takes() {
+        type Set = fn(&mut Injection);
+        let options: [(&str, Set); 9] = [
+            ("for", |it| it.for_s = Some(1.0)),
+            ("factor", |it| it.factor = Some(2.0)),
+            ("extra", |it| it.extra_s = Some(0.001)),
+            ("jitter", |it| it.jitter = Some(0.5)),
+            ("rate", |it| it.rate = Some(10.0)),
+            ("times", |it| it.times = Some(2)),
+            ("where", |it| it.place = Some(Place::Page)),
+            ("bytes", |it| it.bytes = Some(8)),
+            ("seed", |it| it.seed = Some(3)),
+        ];
+        for (kind, name, _) in FaultKind::ALL {
+            let target = if kind == FaultKind::DiskFull { "recorder" } else { "tissue" };
+            for (option, set) in options {
+                let refused = checked(name, target, set).err().unwrap_or_default();
+                let is_foreign = refused.contains("belong") || refused.contains("takes no duration");
+                assert_eq!(kind.options().contains(&option), !is_foreign, "{name} {option}: {refused}");
+            }
+        }
     }
 
     #[test]
