@@ -2,10 +2,12 @@
 
 mod kind;
 mod options;
+mod output;
 mod target;
 
 pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
+pub use output::Output;
 pub use target::{Aim, Keepers, Target, Which};
 
 use hyst_messages::{Role, Slot};
@@ -46,6 +48,9 @@ pub struct Injection {
     /// `crash-loop`: how many successors die.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<u32>,
+    /// What is a lie: by which output alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output: Option<Output>,
     /// `corrupt`: where.
     #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
@@ -108,6 +113,7 @@ impl Injection {
             jitter: None,
             rate: None,
             times: None,
+            output: None,
             place: None,
             bytes: None,
             seed: None,
@@ -125,7 +131,8 @@ impl Injection {
         }
         match aim {
             Aim::Engines(target) => {
-                if let Some(reason) = self.kind.hindrance(target.role).or_else(|| self.misplaced(target.role)) {
+                let hindrance = self.kind.hindrance(target.role).or_else(|| self.misplaced(target.role));
+                if let Some(reason) = hindrance.or_else(|| self.untold(target.role)) {
                     return Err(format!("{} {}: {reason}", self.kind.name(), self.target));
                 }
                 self.check_options()?;

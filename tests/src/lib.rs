@@ -226,13 +226,13 @@ impl Station {
         wait_for(RECOVERY_LIMIT, of_active).unwrap_or_else(|| panic!("no active {role}: {}", self.status()))
     }
 
-    /// Name and process id of a target as faults name it (`haptic:active`, `collision-worker:0`, `device`). The name is that of the slot: who is
+    /// Name and process id of a target as faults name it (`haptic:active`, `haptic:spare`, `collision-worker:0`, `device`). The name is that of the slot: who is
     /// active may have changed when a fault comes.
     pub fn victim(&self, target: &str) -> (String, i32) {
-        let active = target.strip_suffix(":active");
-        let is_it = |process: &&Value| match active {
-            Some(role) => process["name"].as_str().is_some_and(|name| name.starts_with(role)) && process["active"] == true,
-            None => process["name"] == target,
+        let is_of = |role: &str, process: &Value| process["name"].as_str().is_some_and(|name| name.starts_with(role));
+        let is_it = |process: &&Value| match target.split_once(':') {
+            Some((role, which @ ("active" | "spare"))) => is_of(role, process) && process["active"] == (which == "active"),
+            _ => process["name"] == target,
         };
         let named = || {
             let status = self.status();

@@ -21,10 +21,11 @@ use hyst_engine::{Failure, Lies, Life, Stateful, StepContext};
 use hyst_exchange::usher::{Arrival, Departure, Inbox, Port as UsherPort, Wanted};
 use hyst_exchange::{Held, Horizon, Subscriber, system};
 use hyst_flow::{FlowModel, Grid, Medium, PumpModel, Solver, StateView};
+use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{fluid, header, station};
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{FluidStatus, Kind, MAX_SEALS, Message, MessageMut, Role, SealRecord, StreamHeader};
-use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED};
+use hyst_messages::{WALLS_KEPT, WALLS_OPEN, WALLS_REPLACED, topology_is_sound};
 use hyst_scene::LoadedScene;
 use std::cell::Cell;
 use std::path::Path;
@@ -171,8 +172,14 @@ impl<'a> FlowEngine<'a> {
                     self.life.page.add64(header::INVALID, 1);
                 }
             }
-            if let Some(held) = source.topologies.as_ref().and_then(|stream| stream.newest().ok()?) {
-                source.topology = Some(held);
+            let newest = source.topologies.as_ref().and_then(|stream| Some((stream.incarnation(), stream.newest().ok()??)));
+            if let Some((tissue, held)) = newest {
+                // What is made of one (wounds, holes) stands until its next version.
+                if topology_is_sound(held.bytes()) {
+                    source.topology = Some(held);
+                } else {
+                    self.life.refuse(tissue, Distrust::Invalid);
+                }
             }
         }
     }

@@ -5,7 +5,7 @@ mod lies;
 mod start;
 mod waste;
 
-pub use lies::{Lies, Output};
+pub use lies::{Liar, Lies, Output};
 pub(crate) use waste::attend;
 
 use crate::life::Life;
@@ -202,15 +202,7 @@ mod tests {
 
     #[test]
     fn a_slow_step_takes_its_factor_and_its_extra_and_varies_by_its_jitter() {
-        let request = Request {
-            what: Mischief::Slow,
-            incarnation: 1,
-            until_ns: 0,
-            factor_percent: 400,
-            extra_us: 50,
-            jitter_percent: 0,
-            rate_per_s: 0,
-        };
+        let request = Request { factor_percent: 400, extra_us: 50, ..Request::of(Mischief::Slow, 1) };
         assert_eq!(added_ns(&request, 100_000, 5), 350_000, "four times 0.1 ms is 0.3 ms more");
         assert_eq!(added_ns(&Request { factor_percent: 0, extra_us: 0, ..request }, 100_000, 5), 0);
         let swinging = Request { jitter_percent: 50, ..request };

@@ -56,6 +56,9 @@ pub struct InjectArgs {
     /// crash-loop: how many successors die, 1 to 20.
     #[arg(long)]
     pub times: Option<u32>,
+    /// nan, frozen and the like: by which of its outputs alone: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
+    #[arg(long)]
+    pub output: Option<String>,
     /// corrupt: page, stream, link, checkpoint, station or roster.
     #[arg(long = "where")]
     pub place: Option<String>,

@@ -259,6 +259,11 @@ impl FaultKind {
         !at_once.contains(&self)
     }
 
+    /// Whether it publishes what is not so.
+    pub fn is_lie(self) -> bool {
+        self.mischief().is_some_and(Mischief::is_lie)
+    }
+
     /// Whether it is a limit of its victim that is lowered.
     pub fn is_limit(self) -> bool {
         matches!(self, FaultKind::Oom | FaultKind::NoFiles)
