@@ -4,11 +4,13 @@ mod kind;
 mod options;
 mod output;
 mod target;
+mod thread;
 
 pub use kind::FaultKind;
 pub use options::{DEFAULT_BYTES, DEFAULT_TIMES, Place, default_rate};
 pub use output::Output;
 pub use target::{Aim, Keepers, Target, Which};
+pub use thread::Helper;
 
 use hyst_messages::{Role, Slot};
 use serde::{Deserialize, Serialize};
@@ -51,6 +53,9 @@ pub struct Injection {
     /// What is a lie: by which output alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub output: Option<Output>,
+    /// `block`: which thread beside its steps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thread: Option<Helper>,
     /// `corrupt`: where.
     #[serde(default, rename = "where", skip_serializing_if = "Option::is_none")]
     pub place: Option<Place>,
@@ -114,6 +119,7 @@ impl Injection {
             rate: None,
             times: None,
             output: None,
+            thread: None,
             place: None,
             bytes: None,
             seed: None,
@@ -132,7 +138,7 @@ impl Injection {
         match aim {
             Aim::Engines(target) => {
                 let hindrance = self.kind.hindrance(target.role).or_else(|| self.misplaced(target.role));
-                if let Some(reason) = hindrance.or_else(|| self.untold(target.role)) {
+                if let Some(reason) = hindrance.or_else(|| self.untold(target.role)).or_else(|| self.unhelped(target.role)) {
                     return Err(format!("{} {}: {reason}", self.kind.name(), self.target));
                 }
                 self.check_options()?;

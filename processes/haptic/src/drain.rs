@@ -4,7 +4,7 @@
 use hyst_engine::{Failure, Liar, Life};
 use hyst_exchange::usher::{Departure, Port, Wanted, usher};
 use hyst_exchange::{Links, Publisher, ReadPage, system};
-use hyst_messages::mischief::Outlet;
+use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::page::device as layout;
 use hyst_messages::stream::message_bytes;
 use hyst_messages::{AppliedRecord, Kind, MessageMut, Role, StreamHeader};
@@ -43,11 +43,13 @@ pub fn start(life: &Life, links: Links) -> Result<Drain, Failure> {
     let stopped = Arc::clone(&stop);
     let incarnation = life.incarnation;
     let (loses_a_loan, mut lies) = (life.loan_loser()?, life.liar(Outlet::Force, bytes)?);
+    let stalls = life.staller(Thread::Drain)?;
     let body = move || {
         system::demote(0); // a servo is real time while it starts
         let mut device: Option<ReadPage> = None;
         let (mut next, mut refused) = (0, 0);
         while !stopped.load(Ordering::Acquire) {
+            stalls(&stopped);
             while let Some(arrival) = inbox.take() {
                 let Port::Page(page) = arrival.port else { continue };
                 if let Some(before) = device.replace(page) {

@@ -7,7 +7,7 @@ use crossbeam::queue::ArrayQueue;
 use hyst_engine::{Failure, Liar, Life};
 use hyst_exchange::rendezvous::Server;
 use hyst_exchange::{Links, Publisher, system};
-use hyst_messages::mischief::Outlet;
+use hyst_messages::mischief::{Outlet, Thread};
 use hyst_messages::stream::{AppearanceRecord, ObjectKind, ObjectRecord, message_bytes};
 use hyst_messages::{Kind, MessageMut, Role, StreamHeader};
 use hyst_scene::Look;
@@ -118,7 +118,7 @@ impl Clerk {
         let bytes = most_bytes(&world);
         let publisher = links.publisher(Role::Tissue, life.incarnation, Kind::Topology, bytes)?;
         let (mut lies, mut false_looks) = (life.liar(Outlet::Topology, bytes)?, life.liar(Outlet::Appearance, 0)?);
-        let incarnation = life.incarnation;
+        let (incarnation, stalls) = (life.incarnation, life.staller(Thread::Clerk)?);
         send_topology(&publisher, &world, incarnation, &mut lies)?;
         let mut server = links.server(Role::Tissue, life.incarnation, Kind::Appearance)?;
         let changes: Arc<ArrayQueue<Arc<World>>> = Arc::new(ArrayQueue::new(WAITING));
@@ -128,6 +128,7 @@ impl Clerk {
         let body = move || {
             let (mut sent, mut last) = (Arc::clone(&world), answer(&world));
             while !stopped.load(Ordering::Acquire) {
+                stalls(&stopped);
                 // A link that fails here fails for newcomers alone; their next look asks again.
                 let _ = publisher.announce();
                 let _ = server.serve(&mut |_request| {

@@ -9,12 +9,14 @@ pub use lies::{Liar, Lies, Output};
 pub(crate) use waste::attend;
 
 use crate::life::Life;
+use hyst_exchange::stall::stall;
 use hyst_exchange::{OwnedPage, StationError, StationPage, system};
-use hyst_messages::mischief::{Mischief, Request};
+use hyst_messages::mischief::{Mischief, Request, Thread};
 use hyst_messages::page::device::Distrust;
 use hyst_messages::page::{header, station as layout};
 use hyst_messages::{Slot, StreamHeader, TICK_NS};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// The mark of a flawed state, in the second word of its header, which no role with a state uses.
 pub const FLAWED: u32 = 0x666c_6177;
@@ -64,6 +66,16 @@ impl Life {
     pub fn loan_loser(&self) -> Result<impl Fn() -> bool + Send + 'static, StationError> {
         let (clock, page, slot, incarnation) = (self.station.open()?, Arc::clone(&self.page), self.slot, self.incarnation);
         Ok(move || loses_a_loan(&clock, &page, slot, incarnation))
+    }
+
+    /// What a thread beside the steps calls in each of its rounds: it waits there while it is asked to, and until it is to stop at most.
+    pub fn staller(&self, thread: Thread) -> Result<impl Fn(&AtomicBool) + Send + 'static, StationError> {
+        let (clock, page, slot, incarnation) = (self.station.open()?, Arc::clone(&self.page), self.slot, self.incarnation);
+        Ok(move |stop: &AtomicBool| {
+            stall(&clock, slot, incarnation, thread, stop, || {
+                page.fetch_add64(header::MISCHIEF, 1);
+            });
+        })
     }
 
     /// What the role of this process suffers from, whoever of it was asked.
@@ -117,7 +129,7 @@ impl Life {
 
     /// At the beginning of a step: whatever ends or holds up the thread.
     pub fn misbehave(&self) {
-        let Some(request) = self.mischief() else { return };
+        let Some(request) = self.mischief().filter(|request| request.thread == Thread::Steps) else { return };
         match request.what {
             Mischief::Spin => {
                 self.own_up();
@@ -127,7 +139,7 @@ impl Life {
             }
             Mischief::Block => {
                 self.own_up();
-                while self.mischief().is_some_and(|now| now.what == Mischief::Block) {
+                while self.mischief() == Some(request) {
                     system::sleep_ns(TICK_NS);
                 }
             }

@@ -137,6 +137,28 @@ impl Outlet {
     }
 }
 
+/// A thread of an engine that is asked to wait: that of its steps, or one that helps it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Thread {
+    /// That of its steps.
+    #[default]
+    Steps = 0,
+    /// The one that opens the pages and streams of newcomers.
+    Usher = 1,
+    /// A servo's: it publishes what was applied.
+    Drain = 2,
+    /// Of who has a state: it writes checkpoints.
+    Keeper = 3,
+    /// A tissue's: it sends the topology, and says how the objects look.
+    Clerk = 4,
+}
+
+impl Thread {
+    /// All of them.
+    pub const ALL: [Thread; 5] = [Thread::Steps, Thread::Usher, Thread::Drain, Thread::Keeper, Thread::Clerk];
+}
+
 /// Why one process distrusts another's output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
@@ -172,13 +194,16 @@ pub struct Request {
     pub rate_per_s: u32,
     /// What is a lie: by which output.
     pub outlet: Outlet,
+    /// [`Mischief::Block`]: which thread.
+    pub thread: Thread,
 }
 
 impl Request {
     /// One without an end, and without anything that only some take.
     pub fn of(what: Mischief, incarnation: u32) -> Request {
-        let outlet = Outlet::Steps;
-        Request { what, incarnation, until_ns: 0, factor_percent: 0, extra_us: 0, jitter_percent: 0, rate_per_s: 0, outlet }
+        let (outlet, thread) = (Outlet::Steps, Thread::Steps);
+        let (factor_percent, extra_us, jitter_percent, rate_per_s) = (0, 0, 0, 0);
+        Request { what, incarnation, until_ns: 0, factor_percent, extra_us, jitter_percent, rate_per_s, outlet, thread }
     }
 
     /// The words of a request: [`layout::MISCHIEF`], [`layout::MISCHIEF_UNTIL_NS`], [`layout::MISCHIEF_EXTENT`].
@@ -187,6 +212,7 @@ impl Request {
         let low = match self.what {
             what if what.is_waste() => self.rate_per_s,
             what if what.is_lie() => self.outlet as u32,
+            Mischief::Block => self.thread as u32,
             _ => self.extra_us,
         };
         let extent = low as u64 | (self.factor_percent as u64) << 32 | (self.jitter_percent as u64) << 48;
@@ -214,6 +240,7 @@ impl Request {
         Some(match what {
             _ if what.is_waste() => Request { rate_per_s: low, ..request },
             _ if what.is_lie() => Request { outlet: Outlet::ALL.into_iter().find(|outlet| *outlet as u32 == low)?, ..request },
+            Mischief::Block => Request { thread: Thread::ALL.into_iter().find(|thread| *thread as u32 == low)?, ..request },
             _ => Request { extra_us: low, ..request },
         })
     }
@@ -230,6 +257,7 @@ mod tests {
             let request = match what {
                 _ if what.is_waste() => Request { rate_per_s: 70_000, ..request },
                 _ if what.is_lie() => Request { outlet: Outlet::Appearance, ..request },
+                Mischief::Block => Request { thread: Thread::Clerk, ..request },
                 _ => Request { extra_us: 70_000, ..request },
             };
             assert_eq!(Request::from_words(request.words(), 7), Some(request));

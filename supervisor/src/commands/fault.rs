@@ -11,7 +11,7 @@ use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, NoAnswer, Request};
 use crate::doing::Wanted;
-use crate::faultfile::{Aim, FaultKind, Injection, Output, Place, Target, Which};
+use crate::faultfile::{Aim, FaultKind, Helper, Injection, Output, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::struck::Struck;
@@ -54,7 +54,8 @@ fn list_json() -> Value {
     let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
     let states: Vec<&str> = State::ALL.iter().map(|(_, name)| *name).collect();
     let outputs: Vec<&str> = Output::ALL.iter().map(|(_, name)| *name).collect();
-    json!({ "kinds": FaultKind::described(), "places": places, "outputs": outputs, "states": states })
+    let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
+    json!({ "kinds": FaultKind::described(), "places": places, "outputs": outputs, "threads": threads, "states": states })
 }
 
 /// Why those who keep the station take so few.
@@ -202,8 +203,13 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
         Output::from_name(name).ok_or_else(|| Refusal::input(format!("--output {name}: there are {}", outputs.join(", "))))
     });
     let output = output.transpose()?;
+    let thread = args.thread.as_deref().map(|name| {
+        let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
+        Helper::from_name(name).ok_or_else(|| Refusal::input(format!("--thread {name}: there are {}", threads.join(", "))))
+    });
+    let thread = thread.transpose()?;
     let now = Injection::now(kind, &args.target);
-    Ok(Injection { for_s, factor, extra_s, jitter, rate, times, output, place, bytes, seed, ..now })
+    Ok(Injection { for_s, factor, extra_s, jitter, rate, times, output, thread, place, bytes, seed, ..now })
 }
 
 #[cfg(test)]
