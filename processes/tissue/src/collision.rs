@@ -230,8 +230,7 @@ impl Collision {
         let broken = |error: hyst_contact::ContactError| Failure::Broken(error.to_string());
         let (tissue, points) = (contacts::tissue(world, positions_m), &world.points.view(&world.body.rest.positions_m));
         let hash = HashRef::in_own_words(&self.own_hash).map_err(broken)?;
-        let count = self.shares.len();
-        let (mut done, was_shared, begun_ns) = (0u32, job.loan.is_some(), job.begun_ns);
+        let (count, mut done, was_shared, begun_ns) = (self.shares.len(), 0u32, job.loan.is_some(), job.begun_ns);
         if let Some(mut loan) = job.loan {
             self.lies.tell_message(life, Outlet::Job, loan.bytes_mut());
             loan.send()?;
