@@ -149,7 +149,9 @@ fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<(Vec<Check>, 
     if role == Role::Recorder {
         command.arg("--record").arg(folder.join("session.mcap"));
     }
-    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).process_group(0).spawn();
+    let said = folder.join("said");
+    let lines = std::fs::File::create(&said).map_err(|e| Refusal::failed(format!("{}: {e}", said.display())))?;
+    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(lines).process_group(0).spawn();
     let child = child.map_err(|e| Refusal::failed(format!("cannot start a private station: {e}")))?;
     let mut private = Private { station, child };
     let checks = swap_in(role, binary, &mut private).map_err(|refusal| match refusal.code {
@@ -159,11 +161,12 @@ fn in_a_station(role: Role, binary: &Path, place: Place) -> Result<(Vec<Check>, 
     let station = private.station.clone();
     let (log, ends) = (own::last_lines(&station, role), own::Ends::of(&station, role));
     drop(private);
+    let said = std::fs::read_to_string(&said).unwrap_or_default(); // without it the exit codes are what there is
     let _ = std::fs::remove_dir_all(&folder); // it is in the system's folder for such things
     let mut checks = checks?;
     // Of one that was rolled back nobody is left to end.
     if checks.iter().any(|check| check.what == PASSES && check.good) {
-        checks.push(check("ends with the station", ends.told()));
+        checks.push(check("ends with the station", ends.told(&said)));
     }
     let left = station.leftovers();
     let nothing = if left.is_empty() { Ok("no process, no shared memory, no file".into()) } else { Err(format!("{left:?}")) };

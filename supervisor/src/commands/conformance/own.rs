@@ -36,6 +36,8 @@ const LOOK_NS: u64 = 1_000_000;
 const REST_NS: u64 = 300_000_000;
 /// How often it is asked: the one that was asked first may have been about to end.
 const ASKED: usize = 2;
+/// What supervisor and guardian say of whom they have to kill.
+const NOT_STOPPED: &str = "did not stop";
 /// Lines of its log that are shown, and bytes of each log that are read for them.
 const LOG_LINES: usize = 20;
 const LOG_BYTES: u64 = 64 << 10;
@@ -212,16 +214,24 @@ impl Ends {
         Ends { clock, processes }
     }
 
-    /// How they have ended, once the station has.
-    pub(super) fn told(&self) -> Result<String, String> {
+    /// How they have ended, once the station has, which said so much meanwhile: whom it has to kill it names.
+    pub(super) fn told(&self, said: &str) -> Result<String, String> {
         let Some(clock) = &self.clock else { return Err("the station had ended before".into()) };
         let mut told = Vec::new();
         for (slot, pid) in &self.processes {
+            let name = slot.to_string();
+            if said.lines().any(|line| line.contains(NOT_STOPPED) && line.contains(&name)) {
+                return Err(format!("{name}: {}", killed()));
+            }
             let word = clock.page().load64(layout::SLOT_EXIT + slot.number());
-            told.push(format!("{slot}: {}", end(layout::exit_of(word, *pid)).map_err(|why| format!("{slot}: {why}"))?));
+            told.push(format!("{name}: {}", end(layout::exit_of(word, *pid)).map_err(|why| format!("{name}: {why}"))?));
         }
         if told.is_empty() { Err("nobody of the role lived when the station stopped".into()) } else { Ok(told.join(", ")) }
     }
+}
+
+fn killed() -> String {
+    format!("had to be killed {} s after the station's stop", crate::supervise::STOP_NS / 1_000_000_000)
 }
 
 /// What an end says, as `waitpid` gives it, if it is known.
@@ -229,9 +239,7 @@ fn end(status: Option<i32>) -> Result<&'static str, String> {
     let Some(status) = status.map(ExitStatus::from_raw) else { return Ok("how it ended was not seen") };
     match (status.code(), status.signal().and_then(rustix::process::Signal::from_named_raw)) {
         (Some(0), _) => Ok("exit code 0"),
-        (None, Some(rustix::process::Signal::KILL)) => {
-            Err(format!("had to be killed {} s after the station's stop", crate::supervise::STOP_NS / 1_000_000_000))
-        }
+        (None, Some(rustix::process::Signal::KILL)) => Err(killed()),
         _ => Err(format!("{status}; it must be exit code 0")),
     }
 }
@@ -295,6 +303,26 @@ mod tests {
         assert!(end(Some(9)).is_err_and(|why| why == "had to be killed 2 s after the station's stop"));
         assert!(end(Some(code(3))).is_err_and(|why| why.contains('3')));
         assert!(end(Some(6)).is_err_and(|why| why.contains("must be exit code 0")));
+    }
+
+    #[test]
+    fn who_had_to_be_killed_is_told_by_the_station_and_who_ended_by_its_exit_code() {
+        let station = Station::named(&format!("t{}-ends", std::process::id())).unwrap();
+        station.wipe();
+        station.found().unwrap();
+        let (page, slot) = (station.open_for_keeping().unwrap(), Slot::new(Role::Fluid, 1).unwrap());
+        let ends = Ends { clock: station.open().ok(), processes: vec![(slot, 41)] };
+        page.store64(layout::SLOT_EXIT + slot.number(), layout::exit_word(41, 0));
+        assert_eq!(
+            ends.told("hystation: fluid:0 did not stop within 2000 ms and is killed\n"),
+            Ok("fluid:1: exit code 0".into())
+        );
+        for said in ["fluid:1 did not stop within 2000 ms and is killed", "killed because they did not stop: fluid:0, fluid:1"] {
+            assert!(ends.told(said).is_err_and(|why| why.starts_with("fluid:1: had to be killed")), "{said}");
+        }
+        page.store64(layout::SLOT_EXIT + slot.number(), layout::exit_word(41, 9));
+        assert!(ends.told("").is_err_and(|why| why.contains("had to be killed")));
+        station.wipe();
     }
 
     #[test]
