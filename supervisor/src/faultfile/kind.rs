@@ -89,7 +89,11 @@ impl FaultKind {
         (FaultKind::Segfault, "segfault", "SIGSEGV: a wild access"),
         (FaultKind::Abort, "abort", "SIGABRT: a broken invariant"),
         (FaultKind::Spin, "spin", "the thread of its steps runs on at its own priority"),
-        (FaultKind::Block, "block", "the thread of its steps waits; its heartbeat stands still"),
+        (
+            FaultKind::Block,
+            "block",
+            "the thread of its steps waits; its heartbeat stands still. Or its --thread, which has none: usher, drain, keeper, clerk",
+        ),
         (
             FaultKind::Slow,
             "slow",
