@@ -88,6 +88,7 @@ fn an_engine_that_passes_its_probation_is_told_what_else_is_wrong_with_it() {
     let cases = [
         ("fluid", "wasteful", "allocates nothing in a step"),
         ("fluid", "late", "makes its steps in time"),
+        ("fluid", "honest", "lies when it is asked to"),
         ("fluid", "deaf", "ends with the station"),
         ("rendering", "headstrong", "hangs when it is asked to"),
     ];

@@ -79,6 +79,7 @@ impl<S: Stateful> Bad<'_, S> {
             "late" if !self.life.slot.is_guest() && self.held.is_multiple_of(2) => {
                 system::sleep_ns(LATE_PERIODS * context.step_ticks * TICK_NS)
             }
+            "honest" if self.life.mischief().is_some_and(|request| request.what.is_lie()) => std::process::exit(0), // rather than lie
             "wasteful" => drop(std::hint::black_box(vec![0u8; WASTE_BYTES])),
             _ => {}
         }
