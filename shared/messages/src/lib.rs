@@ -19,6 +19,7 @@ pub mod status;
 pub mod stream;
 mod tissue;
 pub mod tolerance;
+mod topology;
 
 pub use controls::Switch;
 pub use fluid::{FLOW_FLAWS, FluidStatus, MAX_SEALS, PUMP_ALARMS, PUMP_NOTICES, SAMPLE_KEPT, SealRecord};
@@ -31,6 +32,7 @@ pub use statement::{DeviceLimits, DeviceStatement, STATEMENT_VERSION, statement_
 pub use status::*;
 pub use stream::{Kind, Message, MessageMut, StreamHeader, WireError, kinds_of};
 pub use tissue::{CUT_LIMIT, TissueStatus};
+pub use topology::topology_is_sound;
 
 /// One tick of the station, 1 ms, in nanoseconds.
 pub const TICK_NS: u64 = 1_000_000;

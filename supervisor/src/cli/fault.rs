@@ -58,6 +58,12 @@ pub struct InjectArgs {
     /// crash-loop: how many successors die, 1 to 20.
     #[arg(long)]
     pub times: Option<u32>,
+    /// nan, frozen and the like: by which of its outputs alone: state, cell (of its page), topology, job, force or appearance. Default: all that its steps publish.
+    #[arg(long)]
+    pub output: Option<String>,
+    /// block: not the thread of its steps, but usher (who meets newcomers), drain (of a servo), keeper (of checkpoints) or clerk (of a tissue).
+    #[arg(long)]
+    pub thread: Option<String>,
     /// corrupt: page, stream, link, checkpoint, station or roster.
     #[arg(long = "where")]
     pub place: Option<String>,

@@ -11,7 +11,7 @@ use crate::campaign::cell::State;
 use crate::cli::{FaultCommand, InjectArgs};
 use crate::control::{self, NoAnswer, Request};
 use crate::doing::Wanted;
-use crate::faultfile::{Aim, FaultKind, Injection, Place, Target, Which};
+use crate::faultfile::{Aim, FaultKind, Helper, Injection, Output, Place, Target, Which};
 use crate::plan::Plan;
 use crate::settings::Refusal;
 use crate::struck::Struck;
@@ -53,7 +53,9 @@ fn list() -> String {
 fn list_json() -> Value {
     let places: Vec<&str> = Place::ALL.iter().map(|(_, name)| *name).collect();
     let states: Vec<&str> = State::ALL.iter().map(|(_, name)| *name).collect();
-    json!({ "kinds": FaultKind::described(), "places": places, "states": states })
+    let outputs: Vec<&str> = Output::ALL.iter().map(|(_, name)| *name).collect();
+    let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
+    json!({ "kinds": FaultKind::described(), "places": places, "outputs": outputs, "threads": threads, "states": states })
 }
 
 /// Why those who keep the station take so few.
@@ -196,7 +198,18 @@ fn injection(args: &InjectArgs) -> Result<Injection, Refusal> {
         Place::from_name(name).ok_or_else(|| Refusal::input(format!("--where {name}: there are {}", places.join(", "))))
     });
     let place = place.transpose()?;
-    Ok(Injection { for_s, factor, extra_s, jitter, rate, times, place, bytes, seed, ..Injection::now(kind, &args.target) })
+    let output = args.output.as_deref().map(|name| {
+        let outputs: Vec<&str> = Output::ALL.iter().map(|(_, name)| *name).collect();
+        Output::from_name(name).ok_or_else(|| Refusal::input(format!("--output {name}: there are {}", outputs.join(", "))))
+    });
+    let output = output.transpose()?;
+    let thread = args.thread.as_deref().map(|name| {
+        let threads: Vec<&str> = Helper::ALL.iter().map(|(_, name)| *name).collect();
+        Helper::from_name(name).ok_or_else(|| Refusal::input(format!("--thread {name}: there are {}", threads.join(", "))))
+    });
+    let thread = thread.transpose()?;
+    let now = Injection::now(kind, &args.target);
+    Ok(Injection { for_s, factor, extra_s, jitter, rate, times, output, thread, place, bytes, seed, ..now })
 }
 
 #[cfg(test)]
@@ -261,13 +274,14 @@ mod tests {
             (&json!(["for", "factor", "extra", "jitter"]), &json!(true))
         );
         assert_eq!(kind("corrupt")["options"], json!(["where", "bytes", "seed"]));
+        assert_eq!(kind("nan")["options"], json!(["for", "output"]));
         assert!(
             kind("kill")["targets"]
                 .as_array()
                 .is_some_and(|all| all.contains(&json!("guardian")) && all.contains(&json!("device")))
         );
         assert_eq!(listed["states"], json!(["any", "idle", "contact", "cutting", "recovery", "swap"]));
-        assert_eq!(listed["places"][0], "page");
+        assert_eq!((&listed["places"][0], &listed["outputs"][0]), (&json!("page"), &json!("state")));
     }
 
     /// What the supervisor refuses ended with 1, as what failed.

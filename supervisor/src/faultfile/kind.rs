@@ -89,7 +89,11 @@ impl FaultKind {
         (FaultKind::Segfault, "segfault", "SIGSEGV: a wild access"),
         (FaultKind::Abort, "abort", "SIGABRT: a broken invariant"),
         (FaultKind::Spin, "spin", "the thread of its steps runs on at its own priority"),
-        (FaultKind::Block, "block", "the thread of its steps waits; its heartbeat stands still"),
+        (
+            FaultKind::Block,
+            "block",
+            "the thread of its steps waits; its heartbeat stands still. Or its --thread, which has none: usher, drain, keeper, clerk",
+        ),
         (
             FaultKind::Slow,
             "slow",
@@ -257,6 +261,11 @@ impl FaultKind {
         let at_once =
             [FaultKind::Kill, FaultKind::Cont, FaultKind::Segfault, FaultKind::Abort, FaultKind::Corrupt, FaultKind::Undo];
         !at_once.contains(&self)
+    }
+
+    /// Whether it publishes what is not so.
+    pub fn is_lie(self) -> bool {
+        self.mischief().is_some_and(Mischief::is_lie)
     }
 
     /// Whether it is a limit of its victim that is lowered.

@@ -62,6 +62,8 @@ impl FaultKind {
             FaultKind::LeakMemory | FaultKind::LeakFiles => &["rate"],
             FaultKind::CrashLoop => &["times"],
             FaultKind::Corrupt => &["where", "bytes", "seed"],
+            FaultKind::Block => &["thread"],
+            kind if kind.is_lie() => &["output"],
             _ => &[],
         };
         let duration = self.takes_duration().then_some("for");
@@ -99,6 +101,10 @@ impl Injection {
                 refuse("factor, extra and jitter belong to slow")
             }
             () if !is_leak && self.rate.is_some() => refuse("rate belongs to leak-memory and leak-files"),
+            () if !kind.is_lie() && self.output.is_some() => refuse(
+                "output belongs to what is wrong in an output: nan, inf, range, frozen, stamp, replay, epoch, ahead and layout",
+            ),
+            () if kind != FaultKind::Block && self.thread.is_some() => refuse("thread belongs to block"),
             () if kind != FaultKind::CrashLoop && self.times.is_some() => refuse("times belongs to crash-loop"),
             () if !is_corrupt && (self.place, self.bytes, self.seed) != (None, None, None) => {
                 refuse("where, bytes and seed belong to corrupt")
@@ -152,7 +158,7 @@ impl Injection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::faultfile::Aim;
+    use crate::faultfile::{Aim, Helper, Output};
 
     fn checked(kind: &str, target: &str, change: impl FnOnce(&mut Injection)) -> Result<Aim, String> {
         let mut injection = Injection::now(FaultKind::from_name(kind).unwrap(), target);
@@ -239,13 +245,15 @@ mod tests {
     #[test]
     fn the_options_that_a_kind_is_said_to_take_are_those_that_it_takes() {
         type Set = fn(&mut Injection);
-        let options: [(&str, Set); 9] = [
+        let options: [(&str, Set); 11] = [
             ("for", |it| it.for_s = Some(1.0)),
             ("factor", |it| it.factor = Some(2.0)),
             ("extra", |it| it.extra_s = Some(0.001)),
             ("jitter", |it| it.jitter = Some(0.5)),
             ("rate", |it| it.rate = Some(10.0)),
             ("times", |it| it.times = Some(2)),
+            ("output", |it| it.output = Some(Output::Cell)),
+            ("thread", |it| it.thread = Some(Helper::Usher)),
             ("where", |it| it.place = Some(Place::Page)),
             ("bytes", |it| it.bytes = Some(8)),
             ("seed", |it| it.seed = Some(3)),
